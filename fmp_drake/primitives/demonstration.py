@@ -1,0 +1,328 @@
+"""Recorded demonstrations, and their files."""
+
+import csv
+import json
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+from fmp_drake.errors import DemonstrationError, SkillFileError
+
+FORMAT = "fmp-drake-demonstration"
+VERSION = 1
+
+_MAX_GAP_SECONDS = 0.5
+_UNIFORM = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Demonstration:
+    """One recording of one or several channels over time.
+
+    Attributes
+    ----------
+    time : ndarray, shape (N,)
+        Seconds, strictly increasing.
+    values : ndarray, shape (N, D)
+        The channels, by default the position of the end effector in metres.
+    channels : tuple of str
+        Name of each channel.
+    units : tuple of str
+        Unit of each channel.
+    frame : str
+        Name of the frame the values are expressed in; "" where unknown.
+    note : str
+        Where the recording comes from.
+    """
+
+    time: NDArray[np.float64]
+    values: NDArray[np.float64]
+    channels: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    frame: str = ""
+    note: str = field(default="", repr=False)
+
+    def __post_init__(self) -> None:
+        """Check everything once, so that later code may rely on it."""
+        time = np.array(self.time, dtype=float)
+        values = np.array(self.values, dtype=float)
+        if values.ndim == 1:
+            values = values[:, None]
+        if time.ndim != 1 or values.ndim != 2 or len(time) != len(values):
+            raise DemonstrationError(
+                f"time has shape {time.shape} and values {values.shape}; expected "
+                "(N,) and (N, channels)."
+            )
+        if len(time) < 4 or values.shape[1] == 0:
+            raise DemonstrationError(
+                f"the demonstration has {len(time)} samples of {values.shape[1]} "
+                "channels; at least 4 samples of 1 channel are needed."
+            )
+        for name, array in (("time", time), ("values", values)):
+            bad = ~np.isfinite(array)
+            if np.any(bad):
+                row = int(np.argwhere(bad)[0][0])
+                raise DemonstrationError(
+                    f"{name} holds {int(np.sum(bad))} NaN or infinite numbers, the "
+                    f"first in sample {row}; remove or fill them."
+                )
+        steps = np.diff(time)
+        if np.any(steps <= 0):
+            row = int(np.argmax(steps <= 0))
+            raise DemonstrationError(
+                f"time does not increase after sample {row} ({time[row]:g} s, then "
+                f"{time[row + 1]:g} s); it must increase strictly."
+            )
+        d = values.shape[1]
+        default = tuple("xyz"[:d]) if d <= 3 else tuple(f"c{i}" for i in range(d))
+        object.__setattr__(self, "channels", tuple(self.channels) or default)
+        object.__setattr__(self, "units", tuple(self.units) or ("m",) * d)
+        if len(self.channels) != d or len(self.units) != d:
+            raise DemonstrationError(
+                f"{len(self.channels)} channel names and {len(self.units)} units for "
+                f"{d} channels; give one of each per channel."
+            )
+        if len(set(self.channels)) != d:
+            raise DemonstrationError(
+                f"the channel names {self.channels} repeat; make them unique."
+            )
+        time.setflags(write=False)
+        values.setflags(write=False)
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "values", values)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last sample."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def n_channels(self) -> int:
+        """The number of channels D."""
+        return self.values.shape[1]
+
+    def is_uniform(self, rate: float) -> bool:
+        """Tell whether the samples are spaced 1/rate apart, to a thousandth."""
+        return bool(np.all(np.abs(np.diff(self.time) * rate - 1) < _UNIFORM))
+
+    def resample(self, rate: float) -> "Demonstration":
+        """Return the demonstration at a uniform rate.
+
+        Low-pass filtered (zero phase, at 0.4 of the new rate) where the recording
+        is faster, interpolated by a cubic spline.
+
+        Parameters
+        ----------
+        rate : float
+            Samples per second (Hz).
+
+        Raises
+        ------
+        DemonstrationError
+            Where a gap between samples is too long to interpolate.
+        """
+        if not (np.isfinite(rate) and rate > 0):
+            raise DemonstrationError(f"rate is {rate} Hz; it must be positive.")
+        if self.is_uniform(rate):
+            return self
+        steps = np.diff(self.time)
+        widest = int(np.argmax(steps))
+        allowed = max(_MAX_GAP_SECONDS, 2 / rate)
+        if steps[widest] > allowed:
+            raise DemonstrationError(
+                f"there is a gap of {steps[widest]:.3g} s after "
+                f"{self.time[widest]:.3g} s; the longest that can be interpolated is "
+                f"{allowed:g} s. Cut the recording there into two demonstrations."
+            )
+        native = 1 / float(np.median(steps))
+        count = int(np.floor(self.duration * rate * (1 + 1e-9))) + 1
+        if count < 2:
+            raise DemonstrationError(
+                f"the demonstration lasts {self.duration:.3g} s; at {rate:g} Hz that "
+                "is fewer than 2 samples."
+            )
+        values: NDArray[np.float64] = self.values
+        time: NDArray[np.float64] = self.time
+        if native > 2 * rate:
+            uniform = np.arange(time[0], time[-1], 1 / native)
+            values = CubicSpline(time, values)(uniform)
+            time = uniform
+            sos = butter(4, 0.4 * rate, fs=native, output="sos")
+            pad = min(len(values) - 1, 3 * int(np.ceil(native / rate)))
+            values = sosfiltfilt(sos, values, axis=0, padlen=pad)
+        new = self.time[0] + np.arange(count) / rate
+        return Demonstration(
+            time=new - self.time[0],
+            values=CubicSpline(time, values)(new),
+            channels=self.channels,
+            units=self.units,
+            frame=self.frame,
+            note=self.note,
+        )
+
+    def select(self, channels: ArrayLike) -> "Demonstration":
+        """Return the demonstration with only the named channels, in that order."""
+        names = [str(name) for name in np.asarray(channels).ravel()]
+        missing = [name for name in names if name not in self.channels]
+        if missing:
+            raise DemonstrationError(
+                f"there is no channel {missing[0]!r}; the channels are "
+                f"{', '.join(self.channels)}."
+            )
+        index = [self.channels.index(name) for name in names]
+        return Demonstration(
+            time=self.time,
+            values=self.values[:, index],
+            channels=tuple(names),
+            units=tuple(self.units[i] for i in index),
+            frame=self.frame,
+            note=self.note,
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the demonstration to an `.npz` or `.csv` file, by its name."""
+        path = Path(path)
+        if path.suffix == ".csv":
+            with path.open("w", newline="", encoding="utf-8") as stream:
+                writer = csv.writer(stream)
+                writer.writerow(
+                    ["time [s]"]
+                    + [
+                        f"{n} [{u}]"
+                        for n, u in zip(self.channels, self.units, strict=True)
+                    ]
+                )
+                for t, row in zip(self.time, self.values, strict=True):
+                    writer.writerow([repr(float(t)), *(repr(float(v)) for v in row)])
+            return
+        metadata = {
+            "format": FORMAT,
+            "version": VERSION,
+            "channels": self.channels,
+            "units": self.units,
+            "frame": self.frame,
+            "note": self.note,
+        }
+        with path.open("wb") as binary:
+            np.savez_compressed(
+                binary,
+                metadata=np.array(json.dumps(metadata)),
+                time=self.time,
+                values=self.values,
+            )
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Demonstration":
+        """Read a demonstration from an `.npz` or `.csv` file.
+
+        An `.npz` holds `time` (N,) in seconds and `values` (N, D), or `position`
+        (N, 3) in metres. A `.csv` has a header line with `time` and a name
+        for each channel, with an optional unit: `x [m]`.
+
+        Raises
+        ------
+        SkillFileError
+            Where the file is missing, broken or of another kind.
+        DemonstrationError
+            Where its numbers cannot be used.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise SkillFileError(f"there is no demonstration file {path}.")
+        try:
+            if path.suffix == ".csv":
+                return cls(**_read_csv(path))
+            return cls(**_read_npz(path))
+        except DemonstrationError as error:
+            raise DemonstrationError(f"{path}: {error}") from None
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        raise SkillFileError(
+            f"{path} is not a readable .npz file ({error}); a demonstration is an "
+            ".npz with `time` and `values` or `position`, or a .csv."
+        ) from None
+    name = "values" if "values" in arrays else "position"
+    if "time" not in arrays or name not in arrays:
+        raise SkillFileError(
+            f"{path} holds {', '.join(sorted(arrays)) or 'nothing'}; a demonstration "
+            "needs `time` (N,) and `values` (N, D) or `position` (N, 3)."
+        )
+    out: dict[str, Any] = {"time": arrays["time"], "values": arrays[name]}
+    for key in ("time", "values"):
+        if not np.issubdtype(np.asarray(out[key]).dtype, np.number):
+            raise SkillFileError(f"{path}: `{key}` does not hold numbers.")
+    if "metadata" in arrays:
+        metadata = _parse_metadata(path, arrays["metadata"])
+        if metadata.get("version", 0) > VERSION:
+            raise SkillFileError(
+                f"{path} has version {metadata['version']}; this fmp_drake reads up "
+                f"to version {VERSION}. Update fmp_drake."
+            )
+        out.update(
+            channels=tuple(metadata.get("channels", ())),
+            units=tuple(metadata.get("units", ())),
+            frame=metadata.get("frame", ""),
+            note=metadata.get("note", ""),
+        )
+    return out
+
+
+def _parse_metadata(path: Path, array: NDArray[np.generic]) -> dict[str, Any]:
+    try:
+        metadata = json.loads(str(array))
+    except json.JSONDecodeError:
+        metadata = None
+    if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
+        raise SkillFileError(f"{path} is not a demonstration of fmp_drake.")
+    return metadata
+
+
+def _read_csv(path: Path) -> dict[str, Any]:
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            table = [row for row in csv.reader(stream) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise SkillFileError(f"{path} is not a readable .csv file ({error}).") from None
+    if not table:
+        raise SkillFileError(f"{path} is empty.")
+    names, units = [], []
+    for cell in table[0]:
+        name, _, unit = cell.partition("[")
+        names.append(name.strip())
+        units.append(unit.rstrip("] ").strip() or "m")
+    if "time" not in names or len(names) < 2:
+        raise SkillFileError(
+            f"{path} has the columns {', '.join(names)}; a demonstration needs a "
+            "header line with `time` (s) and at least one channel, such as "
+            "`time,x,y,z`."
+        )
+    numbers = np.empty((len(table) - 1, len(names)))
+    for i, row in enumerate(table[1:]):
+        if len(row) != len(names):
+            raise SkillFileError(
+                f"{path}: line {i + 2} has {len(row)} cells; the header has "
+                f"{len(names)}."
+            )
+        try:
+            numbers[i] = [float(cell) for cell in row]
+        except ValueError as error:
+            raise SkillFileError(f"{path}: line {i + 2}: {error}.") from None
+    at = names.index("time")
+    keep = [i for i in range(len(names)) if i != at]
+    return {
+        "time": numbers[:, at],
+        "values": numbers[:, keep],
+        "channels": tuple(names[i] for i in keep),
+        "units": tuple(units[i] for i in keep),
+    }

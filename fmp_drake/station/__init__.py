@@ -1,0 +1,1 @@
+"""The wiping station: Panda, eraser and whiteboard, wired for simulation."""

@@ -1,0 +1,77 @@
+"""Postures of the arm for a wanted pose of the eraser."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.math import RigidTransform
+from pydrake.multibody.inverse_kinematics import InverseKinematics
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame
+from pydrake.solvers import Solve
+
+from fmp_drake.errors import StationError
+
+_POSITION_TOLERANCE = 1e-4
+_ROTATION_TOLERANCE = 1e-3
+_LIMIT_MARGIN = 0.03
+
+
+def SolvePosture(
+    plant: MultibodyPlant,
+    *,
+    frame: Frame,
+    X_WE: RigidTransform,
+    q_preferred: ArrayLike,
+) -> NDArray[np.float64]:
+    """Find joint angles that put a frame at a pose, near preferred ones.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Finalized; its joints are the arm's.
+    frame : Frame
+        E.
+    X_WE : RigidTransform
+        Wanted pose in the world.
+    q_preferred : array_like, shape (n,)
+        rad.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Inside the joint limits by at least 0.03 rad.
+
+    Raises
+    ------
+    StationError
+        Where the arm cannot reach the pose.
+    """
+    preferred = np.asarray(q_preferred, dtype=float)
+    n = plant.num_positions()
+    if preferred.shape != (n,) or not np.all(np.isfinite(preferred)):
+        raise StationError(
+            f"the posture is {preferred}; expected {n} finite joint angles."
+        )
+    ik = InverseKinematics(plant)
+    world = plant.world_frame()
+    p = X_WE.translation()
+    ik.AddPositionConstraint(
+        frame, np.zeros(3), world, p - _POSITION_TOLERANCE, p + _POSITION_TOLERANCE
+    )
+    ik.AddOrientationConstraint(
+        world, X_WE.rotation(), frame, type(X_WE.rotation())(), _ROTATION_TOLERANCE
+    )
+    lower = plant.GetPositionLowerLimits() + _LIMIT_MARGIN
+    upper = plant.GetPositionUpperLimits() - _LIMIT_MARGIN
+    program = ik.prog()
+    program.AddBoundingBoxConstraint(lower, upper, ik.q())
+    program.AddQuadraticErrorCost(np.eye(n), preferred, ik.q())
+    program.SetInitialGuess(ik.q(), np.clip(preferred, lower, upper))
+    result = Solve(program)
+    if not result.is_success():
+        x, y, z = p
+        raise StationError(
+            f"the arm cannot bring the eraser to ({x:.3f}, {y:.3f}, {z:.3f}) m from "
+            "its base with the eraser level on the board; choose a point nearer to "
+            "the middle of the board."
+        )
+    return result.GetSolution(ik.q())

@@ -1,0 +1,103 @@
+"""The station where a person teaches the arm by hand."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+
+from fmp_drake.primitives import Demonstration
+from fmp_drake.station.board_scene import AddArmController, AddBoardScene
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.hand_motion import HandMotion
+from fmp_drake.systems.human_hand import HumanHand
+from fmp_drake.systems.impedance_config import ImpedanceConfig
+
+RATE = 20.0
+
+# Free to move, keeping the eraser level and the elbow where it is.
+GUIDING = ImpedanceConfig(
+    translational_stiffness=[1e-3, 1e-3, 1e-3],
+    rotational_stiffness=[30.0, 30.0, 30.0],
+)
+
+
+def MakeTeachingStation(
+    scenario: Scenario, motion: HandMotion, *, meshcat: Meshcat | None = None
+) -> Diagram:
+    """Build a station where a simulated hand guides the gravity-compensated arm.
+
+    Systems: plant, scene_graph, controller, gravity_compensation, actuation, human_hand, recorder, and
+    meshcat_visualizer where there is a Meshcat. Output ports: position (3,) of the
+    eraser in the board's frame, m, and state of the arm.
+    """
+    builder = DiagramBuilder()
+    first, _ = motion.at(0.0)
+    scene = AddBoardScene(builder, scenario, start=[*first, 0.005])
+    plant = scene.plant
+    controller = AddArmController(builder, scene, GUIDING)
+    rest = builder.AddSystem(ConstantVectorSource(np.zeros(3)))
+    rest.set_name("rest")
+    no_press = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
+    no_press.set_name("no_press")
+    for port in ("desired_position", "desired_velocity", "desired_acceleration"):
+        builder.Connect(rest.get_output_port(), controller.GetInputPort(port))
+    builder.Connect(
+        no_press.get_output_port(), controller.GetInputPort("feedforward_wrench")
+    )
+    hand = builder.AddSystem(
+        HumanHand(
+            plant,
+            grip=scene.tip,
+            X_WB=scene.X_WB,
+            motion=motion,
+            R_BE=scenario.eraser_orientation(),
+        )
+    )
+    for port in ("body_poses", "body_spatial_velocities"):
+        builder.Connect(plant.GetOutputPort(port), hand.GetInputPort(port))
+    builder.Connect(
+        hand.GetOutputPort("spatial_forces"),
+        plant.GetInputPort("applied_spatial_force"),
+    )
+    position = hand.GetOutputPort("position")
+    LogVectorOutput(position, builder, 1 / RATE).set_name("recorder")
+    if meshcat is not None:
+        MeshcatVisualizer.AddToBuilder(builder, scene.scene_graph, meshcat).set_name(
+            "meshcat_visualizer"
+        )
+    builder.ExportOutput(position, "position")
+    builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
+    diagram = builder.Build()
+    diagram.set_name("teaching_station")
+    return diagram
+
+
+def DemonstrationFromRecorder(
+    diagram: Diagram, context: Context, *, skip: float, note: str
+) -> Demonstration:
+    """Return what the recorder of a teaching station has recorded.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        From `MakeTeachingStation`.
+    context : Context
+        Of the diagram, after a simulation.
+    skip : float
+        Seconds to leave out at the beginning.
+    note : str
+    """
+    recorder: Any = diagram.GetSubsystemByName("recorder")
+    log = recorder.FindLog(context)
+    times = log.sample_times()
+    keep = times >= skip - 1e-9
+    return Demonstration(
+        time=np.round(times[keep] - skip, 9),
+        values=np.array(log.data()[:, keep].T),
+        channels=("x", "y", "z"),
+        units=("m", "m", "m"),
+        frame="board",
+        note=note,
+    )

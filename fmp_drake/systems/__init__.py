@@ -1,0 +1,1 @@
+"""Drake systems around `fmp_drake.primitives`, one LeafSystem per file."""

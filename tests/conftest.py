@@ -1,0 +1,87 @@
+"""Shared fixtures: demonstrations of a simulated hand, and skills learned of them.
+
+The skills are shared by all tests of a run: treat them as read-only.
+"""
+
+import os
+
+# Before anything imports pydrake or matplotlib.
+os.environ["DRAKE_ALLOW_NETWORK"] = "meshcat"
+os.environ["MPLBACKEND"] = "Agg"
+
+from pathlib import Path  # noqa: E402
+
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive  # noqa: E402
+from fmp_drake.systems.hand_motion import HandMotion  # noqa: E402
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+def hand_demonstration(task, *, seconds, seed, rate=50):
+    """Return a demonstration (x, y, z) in metres, with a height that wanders."""
+    position = HandMotion.make(task, seconds=seconds, seed=seed).position
+    position = position[:: 200 // rate]
+    time = np.arange(len(position)) / rate
+    height = 0.002 * np.sin(1.3 * time + seed)
+    return Demonstration(
+        time=time, values=np.column_stack([position, height]), frame="board"
+    )
+
+
+@pytest.fixture(scope="session")
+def make_demonstration():
+    """The function that draws demonstrations."""
+    return hand_demonstration
+
+
+@pytest.fixture(scope="session")
+def wiping_demonstration():
+    """90 s of wiping at 50 Hz, three channels."""
+    return hand_demonstration("wiping", seconds=90, seed=1)
+
+
+@pytest.fixture(scope="session")
+def polishing_demonstration():
+    """40 s of polishing at 40 Hz, two channels."""
+    full = hand_demonstration("polishing", seconds=40, seed=2, rate=40)
+    return full.select(["x", "y"])
+
+
+@pytest.fixture(scope="session")
+def wiping_skill(wiping_demonstration):
+    """A skill with the defaults: T = 120, K = 10, M = 10, D = 3, 20 Hz."""
+    return FourierMovementPrimitive().fit(wiping_demonstration)
+
+
+@pytest.fixture(scope="session")
+def small_skill(polishing_demonstration):
+    """A skill that dense matrices can follow: T = 24, K = 4, M = 3, D = 2, 10 Hz."""
+    return FourierMovementPrimitive(
+        n_steps=24, rate=10.0, overlap=4, n_components=3, stride=3
+    ).fit(polishing_demonstration)
+
+
+@pytest.fixture(scope="session")
+def odd_skill(polishing_demonstration):
+    """As `small_skill`, with T = 25: no Nyquist weight."""
+    return FourierMovementPrimitive(
+        n_steps=25, rate=10.0, overlap=5, n_components=2, stride=3
+    ).fit(polishing_demonstration)
+
+
+def _real_demonstration_folder():
+    named = os.environ.get("FMP_REAL_DEMOS")
+    return Path(named) if named else REPOSITORY.parent / "shared" / "real_demos"
+
+
+@pytest.fixture(scope="session")
+def real_demonstration_paths():
+    """Recordings from real robots, which are not part of the repository."""
+    folder = _real_demonstration_folder()
+    paths = sorted(folder.glob("*.npz"))
+    if not paths:
+        pytest.skip(f"no real demonstrations in {folder}; set FMP_REAL_DEMOS")
+    return {path.stem: path for path in paths}

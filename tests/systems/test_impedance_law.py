@@ -1,0 +1,380 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
+from scipy.linalg import eigh
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.impedance_config import ImpedanceConfig
+from fmp_drake.systems.impedance_law import (
+    ArmDynamics,
+    ImpedanceGains,
+    damping_modes,
+    impedance_torque,
+    limit_torque,
+    limit_torque_rate,
+    rotation_vector,
+    shorten,
+    spring_wrench,
+    task_error,
+    task_inertia,
+)
+
+seeds = st.integers(min_value=0, max_value=2**32 - 1)
+unlimited = {
+    "max_rotation_error": 10.0,
+    "max_translation_error": 10.0,
+    "max_posture_error": 100.0,
+    "max_effective_mass": 1e12,
+    "characteristic_length": 0.25,
+}
+
+
+def random_spd(rng: np.random.Generator, size: int) -> np.ndarray:
+    A = rng.normal(size=(size, size))
+    return A @ A.T + 0.1 * np.eye(size)
+
+
+def random_gains(rng: np.random.Generator) -> ImpedanceGains:
+    return ImpedanceGains(
+        stiffness=100 * random_spd(rng, 6),
+        damping_ratio=rng.uniform(0.2, 1.5),
+        posture_frequency=rng.uniform(0, 10),
+        posture_damping_ratio=rng.uniform(0.2, 1.5),
+        **unlimited,
+    )
+
+
+def random_arm(rng: np.random.Generator, n: int) -> ArmDynamics:
+    return ArmDynamics(
+        v=rng.normal(size=n),
+        M=random_spd(rng, n),
+        Cv=rng.normal(size=n),
+        J=rng.normal(size=(6, n)),
+        Jdot_v=rng.normal(size=6),
+    )
+
+
+def dense_torque(gains, arm, e, V_d, A_d, F, posture_error):
+    """The law as printed, with inverses and the generalized eigenproblem."""
+    v, M, Cv, J, Jdot_v = arm
+    Lambda = np.linalg.inv(J @ np.linalg.inv(M) @ J.T)
+    K = gains.stiffness
+    squared, Q = eigh(K, Lambda)  # Qᵀ Λ Q = I, Qᵀ K Q = diag(ω²)
+    Q_inv = np.linalg.inv(Q)
+    D = Q_inv.T @ np.diag(2 * gains.damping_ratio * np.sqrt(squared)) @ Q_inv
+    spring = K @ e
+    theta = np.linalg.norm(e[:3])
+    x, y, z = e[:3]
+    hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    left = (
+        np.eye(3)
+        + (1 - np.cos(theta)) / theta**2 * hat
+        + (theta - np.sin(theta)) / theta**3 * hat @ hat
+    )
+    spring[:3] = np.linalg.inv(left) @ spring[:3]
+    omega = gains.posture_frequency
+    tau_posture = M @ (
+        omega**2 * posture_error - 2 * gains.posture_damping_ratio * omega * v
+    )
+    N_T = np.eye(v.size) - J.T @ Lambda @ J @ np.linalg.inv(M)
+    wrench = Lambda @ (A_d - Jdot_v) + spring + D @ (V_d - J @ v) + F
+    return J.T @ wrench + Cv + N_T @ tau_posture
+
+
+@given(seeds, st.sampled_from([6, 7, 9]))
+def test_the_torque_equals_a_dense_transcription_of_the_law(seed, n):
+    rng = np.random.default_rng(seed)
+    gains, arm = random_gains(rng), random_arm(rng, n)
+    e, V_d, A_d, F = 0.5 * rng.normal(size=(4, 6))
+    posture_error = rng.normal(size=n)
+    torque = impedance_torque(
+        gains,
+        arm,
+        error=e,
+        desired_twist=V_d,
+        desired_acceleration=A_d,
+        feedforward_wrench=F,
+        posture_error=posture_error,
+    )
+    expected = dense_torque(gains, arm, e, V_d, A_d, F, posture_error)
+    scale = np.abs(expected).max() + 1
+    np.testing.assert_allclose(torque / scale, expected / scale, atol=1e-7)
+
+
+def test_inputs_are_left_as_they_were():
+    rng = np.random.default_rng(1)
+    gains, arm = random_gains(rng), random_arm(rng, 7)
+    vectors = dict(
+        zip(
+            ("error", "desired_twist", "desired_acceleration", "feedforward_wrench"),
+            rng.normal(size=(4, 6)),
+            strict=True,
+        ),
+        posture_error=rng.normal(size=7),
+    )
+    for array in (*arm, *vectors.values()):
+        array.setflags(write=False)
+    impedance_torque(gains, arm, **vectors)
+
+
+@given(seeds, st.floats(min_value=0, max_value=np.pi))
+def test_the_rotation_vector_inverts_the_exponential(seed, angle):
+    axis = np.random.default_rng(seed).normal(size=3)
+    phi = angle * axis / np.linalg.norm(axis)
+    R = Rotation.from_rotvec(phi).as_matrix()
+    found = rotation_vector(R)
+    np.testing.assert_allclose(np.linalg.norm(found), angle, atol=1e-7)
+    np.testing.assert_allclose(Rotation.from_rotvec(found).as_matrix(), R, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, np.pi - 1e-9, np.pi])
+@pytest.mark.parametrize("axis", [*np.eye(3), *-np.eye(3), np.full(3, 3**-0.5)])
+def test_the_rotation_vector_is_accurate_at_its_ends(angle, axis):
+    found = rotation_vector(Rotation.from_rotvec(angle * axis).as_matrix())
+    sign = np.sign(found @ axis) if angle > 3 else 1.0
+    np.testing.assert_allclose(sign * found, angle * axis, rtol=1e-9, atol=1e-15)
+
+
+def test_the_error_is_what_turns_and_moves_the_measured_pose_to_the_desired():
+    rng = np.random.default_rng(2)
+    R, R_d = Rotation.random(2, random_state=rng).as_matrix()
+    p, p_d = rng.normal(size=(2, 3))
+    e = task_error(R_TE=R, p_TE=p, R_TE_desired=R_d, p_TE_desired=p_d)
+    turned = Rotation.from_rotvec(e[:3]).as_matrix() @ R
+    np.testing.assert_allclose(turned, R_d, atol=1e-12)
+    np.testing.assert_allclose(p + e[3:], p_d)
+
+
+@given(seeds, st.floats(min_value=1e-6, max_value=3.1))
+def test_the_spring_gives_back_its_energy(seed, angle):
+    """Power on E is the loss of ½ eᵀ K e, for any twist and any error."""
+    rng = np.random.default_rng(seed)
+    gains = random_gains(rng)
+    axis = rng.normal(size=3)
+    R = Rotation.random(random_state=rng).as_matrix()
+    turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
+    p, p_d, twist_w, twist_v = rng.normal(size=(4, 3))
+
+    def error(t):
+        return task_error(
+            R_TE=Rotation.from_rotvec(t * twist_w).as_matrix() @ R,
+            p_TE=p + t * twist_v,
+            R_TE_desired=turn @ R,
+            p_TE_desired=p_d,
+        )
+
+    def energy(t):
+        return 0.5 * error(t) @ gains.stiffness @ error(t)
+
+    h = 1e-6
+    loss = (energy(-h) - energy(h)) / (2 * h)
+    power = spring_wrench(gains, error(0.0)) @ np.r_[twist_w, twist_v]
+    assert power == pytest.approx(loss, rel=1e-4, abs=1e-3)
+
+
+def test_a_small_displacement_feels_exactly_the_stiffness():
+    gains = random_gains(np.random.default_rng(3))
+    e = 1e-7 * np.arange(1, 7)
+    np.testing.assert_allclose(
+        spring_wrench(gains, e), gains.stiffness @ e, rtol=1e-6, atol=1e-9
+    )
+
+
+def test_the_rotational_spring_is_at_full_strength_at_the_antipode():
+    gains = ImpedanceConfig(max_rotation_error=4.0).gains()
+    for axis in np.eye(3):
+        torque = spring_wrench(gains, np.r_[np.pi * axis, 0, 0, 0])[:3]
+        k = axis @ gains.stiffness[:3, :3] @ axis
+        np.testing.assert_allclose(torque, np.pi * k * axis, atol=1e-12)
+
+
+def test_a_large_error_is_shortened_in_its_direction():
+    gains = ImpedanceConfig(
+        translational_stiffness=[100.0, 100.0, 100.0], max_translation_error=0.1
+    ).gains()
+    force = spring_wrench(gains, np.array([0, 0, 0, 3.0, 0, -4.0]))[3:]
+    np.testing.assert_allclose(force, [6.0, 0.0, -8.0])
+    np.testing.assert_array_equal(shorten(np.array([0.3, 0.4]), 0.6), [0.3, 0.4])
+
+
+@given(seeds)
+def test_double_diagonalization_reproduces_inertia_and_stiffness(seed):
+    rng = np.random.default_rng(seed)
+    M, J, K = random_spd(rng, 7), rng.normal(size=(6, 7)), random_spd(rng, 6)
+    inertia = task_inertia(M=M, J=J, max_effective_mass=1e12, characteristic_length=0.3)
+    B, d = damping_modes(inertia=inertia, stiffness=K, damping_ratio=0.7)
+    mobility = J @ np.linalg.solve(M, J.T)
+    np.testing.assert_allclose(B @ B.T @ mobility, np.eye(6), atol=1e-6)
+    np.testing.assert_allclose(B * (d / 1.4) ** 2 @ B.T, K, atol=1e-6 * np.abs(K).max())
+    np.testing.assert_allclose(inertia.W @ inertia.H, np.eye(6), atol=1e-9)
+
+
+@given(seeds, st.floats(min_value=0.1, max_value=0.95))
+def test_every_mode_has_the_chosen_damping_ratio(seed, damping_ratio):
+    rng = np.random.default_rng(seed)
+    M, J, K = random_spd(rng, 7), rng.normal(size=(6, 7)), random_spd(rng, 6)
+    inertia = task_inertia(M=M, J=J, max_effective_mass=1e12, characteristic_length=0.3)
+    B, d = damping_modes(inertia=inertia, stiffness=K, damping_ratio=damping_ratio)
+    mobility = J @ np.linalg.solve(M, J.T)
+    poles = np.linalg.eigvals(
+        np.block(
+            [[np.zeros((6, 6)), np.eye(6)], [-mobility @ K, -mobility @ (B * d @ B.T)]]
+        )
+    )
+    np.testing.assert_allclose(-poles.real / np.abs(poles), damping_ratio, atol=1e-5)
+
+
+@settings(max_examples=30)
+@given(seeds, st.integers(min_value=0, max_value=6))
+def test_the_inertia_is_bounded_at_a_singularity(seed, rank):
+    rng = np.random.default_rng(seed)
+    J = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, 7))
+    length = 0.5
+    W, H = task_inertia(
+        M=random_spd(rng, 7), J=J, max_effective_mass=50.0, characteristic_length=length
+    )
+    scale = np.diag([1 / length] * 3 + [1.0] * 3)
+    assert np.linalg.eigvalsh(scale @ W.T @ W @ scale)[-1] <= 50 * (1 + 1e-9)
+    np.testing.assert_allclose(W @ H, np.eye(6), atol=1e-9)
+
+
+def test_the_posture_does_not_accelerate_the_end_effector():
+    rng = np.random.default_rng(4)
+    gains, arm = random_gains(rng), random_arm(rng, 7)
+    rest = {
+        "error": np.zeros(6),
+        "desired_twist": np.zeros(6),
+        "desired_acceleration": np.zeros(6),
+        "feedforward_wrench": np.zeros(6),
+    }
+    with_posture = impedance_torque(gains, arm, posture_error=np.ones(7), **rest)
+    without = impedance_torque(
+        replace(gains, posture_frequency=0.0), arm, posture_error=np.ones(7), **rest
+    )
+    difference = with_posture - without
+    assert np.linalg.norm(difference) > 1
+    leak = arm.J @ np.linalg.solve(arm.M, difference)
+    np.testing.assert_allclose(leak, 0, atol=1e-8)
+
+
+@given(seeds, st.floats(min_value=0.01, max_value=100))
+def test_limits_keep_the_direction_of_the_torque(seed, size):
+    rng = np.random.default_rng(seed)
+    torque = size * rng.normal(size=7)
+    lower, upper = -rng.uniform(0.5, 2, 7), rng.uniform(0.5, 2, 7)
+    limited = limit_torque(torque, lower=lower, upper=upper)
+    factor = limited[0] / torque[0]
+    assert 0 < factor <= 1
+    np.testing.assert_allclose(limited, factor * torque)
+    assert np.all((lower - 1e-12 <= limited) & (limited <= upper + 1e-12))
+    if factor < 1:
+        assert np.min(np.minimum(upper - limited, limited - lower)) < 1e-12
+
+
+def test_infinite_limits_do_not_limit():
+    torque = np.array([1e6, -1e6])
+    limited = limit_torque(torque, lower=np.full(2, -np.inf), upper=np.full(2, np.inf))
+    np.testing.assert_array_equal(limited, torque)
+
+
+@given(seeds, st.floats(min_value=0.01, max_value=100))
+def test_the_rate_limit_keeps_the_direction_of_the_change(seed, size):
+    rng = np.random.default_rng(seed)
+    previous = rng.normal(size=7)
+    change = size * rng.normal(size=7)
+    limited = limit_torque_rate(previous + change, previous=previous, max_change=1.0)
+    factor = (limited - previous)[0] / change[0]
+    assert 0 < factor <= 1 + 1e-9
+    np.testing.assert_allclose(limited - previous, factor * change, atol=1e-12)
+    assert np.abs(limited - previous).max() <= 1 + 1e-12
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "message"),
+    [
+        (np.eye(3), r"shape \(6, 6\), got shape \(3, 3\)"),
+        (np.diag([1, 1, 1, 1, 1, np.nan]), "finite"),
+        (np.diag([1.0, 1, 1, 1, 1, -2]), "smallest eigenvalue -2"),
+        (np.eye(6) + np.eye(6, k=1), "asymmetry 1"),
+    ],
+)
+def test_a_stiffness_that_is_no_spring_is_refused(stiffness, message):
+    gains = ImpedanceConfig().gains()
+    with pytest.raises(StationError, match=message):
+        replace(gains, stiffness=stiffness)
+
+
+def test_gains_keep_a_read_only_copy_of_the_stiffness():
+    K = np.eye(6)
+    gains = replace(ImpedanceConfig().gains(), stiffness=K)
+    K[0, 0] = 2
+    assert gains.stiffness[0, 0] == 1
+    with pytest.raises(ValueError, match="read-only"):
+        gains.stiffness[0, 0] = 3
+
+
+def test_the_default_orientation_points_the_tool_into_the_board():
+    np.testing.assert_allclose(
+        ImpedanceConfig().desired_rotation(), np.diag([1, -1, -1]), atol=1e-15
+    )
+
+
+def test_the_config_puts_rotations_first():
+    K = ImpedanceConfig(
+        rotational_stiffness=[1.0, 2.0, 3.0], translational_stiffness=[4.0, 5.0, 6.0]
+    ).gains()
+    np.testing.assert_array_equal(K.stiffness, np.diag([1, 2, 3, 4, 5, 6]))
+
+
+def test_the_config_survives_yaml():
+    config = ImpedanceConfig(damping_ratio=0.8, orientation=[3.0, 0.1, 0.2])
+    assert (
+        yaml_load_typed(schema=ImpedanceConfig, data=yaml_dump_typed(config)) == config
+    )
+
+
+def test_yaml_overrides_single_values():
+    config = yaml_load_typed(
+        schema=ImpedanceConfig,
+        data="translational_stiffness: [800, 800, 100]",
+        defaults=ImpedanceConfig(),
+    )
+    assert config == ImpedanceConfig(translational_stiffness=[800.0, 800.0, 100.0])
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (
+            {"translational_stiffness": [1.0, 2.0]},
+            r"translational_stiffness must be 3 finite numbers, got \[1.0, 2.0\]",
+        ),
+        ({"rotational_stiffness": [1.0, math.nan, 1.0]}, "rotational_stiffness.*nan"),
+        ({"rotational_stiffness": [1.0, 0.0, 1.0]}, "rotational_stiffness.*positive"),
+        ({"orientation": [0.0] * 4}, "orientation must be 3"),
+        ({"orientation": [math.inf, 0.0, 0.0]}, "orientation must be 3 finite"),
+        ({"damping_ratio": -1.0}, "damping_ratio .* greater than 0, got -1.0"),
+        ({"damping_ratio": math.nan}, "damping_ratio .* finite .* got nan"),
+        ({"posture_frequency": -1.0}, "posture_frequency .* at least 0, got -1.0"),
+        ({"posture_damping_ratio": -1.0}, "posture_damping_ratio .* got -1.0"),
+        ({"max_translation_error": 0.0}, "max_translation_error .* got 0.0"),
+        ({"max_rotation_error": math.nan}, "max_rotation_error .* got nan"),
+        ({"max_posture_error": -0.1}, "max_posture_error"),
+        ({"max_torque_rate": math.inf}, "max_torque_rate .* got inf"),
+        ({"max_effective_mass": 0.0}, "max_effective_mass"),
+        ({"characteristic_length": 0.0}, "characteristic_length"),
+        ({"control_period": 0.0}, "control_period"),
+    ],
+)
+def test_a_config_that_cannot_be_used_says_what_is_allowed(values, message):
+    config = ImpedanceConfig(**values)
+    with pytest.raises(StationError, match=message):
+        config.gains()
+    with pytest.raises(StationError, match=message):
+        config.desired_rotation()

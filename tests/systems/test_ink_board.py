@@ -1,0 +1,425 @@
+"""Facts about the ink that an eraser wears off a board in simulation.
+
+A box eraser of the size of the felt is pressed on the board by its weight, and
+slides without friction at the velocity it starts with.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    Box,
+    ProximityProperties,
+)
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    CoulombFriction,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    PrismaticJoint,
+    RevoluteJoint,
+    SpatialInertia,
+)
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.ink_board import NEVER, InkBoard
+from fmp_drake.systems.ink_grid import WEAR_CONSTANT, InkGrid, wear
+
+GRID = InkGrid(size=(0.4, 0.3), cell=0.005)
+FELT = (0.12, 0.05)
+MODULUS = 1.25e4
+GRAVITY = 9.81
+X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, 0.5), [0.5, 0.1, 0.2])
+OUTPUTS = ["ink", "erase_time", "cleaned_fraction", "normal_force", "contact_area"]
+INPUTS = ["contact_results", "body_poses", "body_spatial_velocities"]
+AXES = np.eye(3)
+
+
+@dataclass(frozen=True)
+class Scene:
+    diagram: Diagram
+    plant: MultibodyPlant
+    board: InkBoard
+
+    def start(self, *, p=(0.0, 0.0), v=(0.0, 0.0), z=-0.002, spin=0.0, board=0.0):
+        """Make a simulator; p in m, v in m/s and the felt's height z in B."""
+        simulator = Simulator(self.diagram)
+        context = self.plant.GetMyMutableContextFromRoot(
+            simulator.get_mutable_context()
+        )
+        for name, q, rate in (
+            ("slide", 0.0, board),
+            ("x", p[0], v[0]),
+            ("y", p[1], v[1]),
+            ("z", z, 0.0),
+        ):
+            joint = self.plant.GetJointByName(name)
+            joint.set_translation(context, q)
+            joint.set_translation_rate(context, rate)
+        self.plant.GetJointByName("yaw").set_angular_rate(context, spin)
+        return simulator
+
+    def value(self, simulator, name):
+        context = self.board.GetMyContextFromRoot(simulator.get_context())
+        return self.board.GetOutputPort(name).Eval(context)
+
+    def ink(self, simulator):
+        return self.value(simulator, "ink").reshape(self.board.grid.shape)
+
+
+def make_plant(builder, *, force=10.0, eraser_first=False):
+    """Add a board that can slide in the world and an eraser on x, y, z and yaw."""
+    plant, _ = AddMultibodyPlant(
+        MultibodyPlantConfig(
+            time_step=1e-3,
+            discrete_contact_approximation="lagged",
+            contact_model="hydroelastic",
+        ),
+        builder,
+    )
+
+    def add(name, mass, size, properties, X_BodyG):
+        body = plant.AddRigidBody(name, SpatialInertia.SolidBoxWithMass(mass, *size))
+        AddContactMaterial(
+            dissipation=20.0, friction=CoulombFriction(0.0, 0.0), properties=properties
+        )
+        plant.RegisterCollisionGeometry(body, X_BodyG, Box(*size), name, properties)
+        return body
+
+    def add_board():
+        rigid = ProximityProperties()
+        AddRigidHydroelasticProperties(0.1, rigid)
+        size = (0.6, 0.5, 0.02)
+        return add("board", 1.0, size, rigid, RigidTransform([0.1, 0.0, -0.03]))
+
+    def add_eraser():
+        soft = ProximityProperties()
+        AddCompliantHydroelasticProperties(0.1, MODULUS, soft)
+        size = (*FELT, 0.03)
+        return add("eraser", force / GRAVITY, size, soft, RigidTransform([0, 0, 0.015]))
+
+    if eraser_first:
+        eraser, board = add_eraser(), add_board()
+    else:
+        board, eraser = add_board(), add_eraser()
+    # B is off the board's body frame.
+    X_BoardB = RigidTransform([0.1, 0.0, -0.02])
+    surface = plant.AddFrame(FixedOffsetFrame("surface", board.body_frame(), X_BoardB))
+    start = plant.AddFrame(
+        FixedOffsetFrame("start", plant.world_frame(), X_WB @ X_BoardB.inverse())
+    )
+    plant.AddJoint(PrismaticJoint("slide", start, board.body_frame(), AXES[0]))
+    parent = plant.AddFrame(FixedOffsetFrame("parent", plant.world_frame(), X_WB))
+    for name, axis in zip("xyz", AXES, strict=True):
+        light = SpatialInertia.SolidBoxWithMass(1e-6, 0.1, 0.1, 0.1)
+        body = plant.AddRigidBody(f"carriage_{name}", light)
+        plant.AddJoint(PrismaticJoint(name, parent, body.body_frame(), axis))
+        parent = body.body_frame()
+    plant.AddJoint(RevoluteJoint("yaw", parent, eraser.body_frame(), AXES[2]))
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
+    plant.Finalize()
+    return plant, eraser, surface
+
+
+def make_scene(*, force=10.0, eraser_first=False, **options):
+    builder = DiagramBuilder()
+    plant, eraser, surface = make_plant(builder, force=force, eraser_first=eraser_first)
+    board = InkBoard.AddToBuilder(
+        builder, plant=plant, eraser=eraser, surface=surface, grid=GRID, **options
+    )
+    return Scene(builder.Build(), plant, board)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return make_scene()
+
+
+def strip(y_low, y_high):
+    """Cells with centres under the felt's width from y_low to y_high."""
+    x, y = GRID.centres.reshape(*GRID.shape, 2).transpose(2, 0, 1)
+    return (np.abs(x) < 0.06) & (y > y_low) & (y < y_high)
+
+
+def squeeze(scene, simulator):
+    """Depth (m) to which the eraser sinks in and the pressure (Pa) in its middle."""
+    context = scene.plant.GetMyContextFromRoot(simulator.get_context())
+    depth = -scene.plant.GetJointByName("z").get_translation(context)
+    return depth, MODULUS * depth / 0.015
+
+
+def test_ports_have_names_and_sizes(scene):
+    board = scene.board
+    assert board.get_name() == "ink_board"
+    assert [
+        board.get_input_port(i).get_name() for i in range(board.num_input_ports())
+    ] == INPUTS
+    assert [
+        board.get_output_port(i).get_name() for i in range(board.num_output_ports())
+    ] == OUTPUTS
+    sizes = [board.GetOutputPort(name).size() for name in OUTPUTS]
+    assert sizes == [GRID.num_cells, GRID.num_cells, 1, 1, 1]
+
+
+def test_only_force_and_area_feed_through(scene):
+    table = [
+        [scene.board.HasDirectFeedthrough(i, j) for j in range(len(OUTPUTS))]
+        for i in range(len(INPUTS))
+    ]
+    of_contact = [False, False, False, True, True]
+    assert table == [of_contact, of_contact, [False] * 5]
+
+
+@pytest.mark.parametrize("eraser_first", [False, True])
+def test_a_stroke_cleans_the_swept_strip_and_nothing_else(eraser_first):
+    scene = make_scene(eraser_first=eraser_first)
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
+    simulator.AdvanceTo(1.0)
+    ink = scene.ink(simulator)
+    path = np.array([[0.0, -0.1, -0.002], [0.0, 0.1, -0.002]])
+    swept = GRID.swept_area(path, FELT)
+    assert (ink[~swept] == 1.0).all()
+    # The felt has passed over these with its whole length.
+    assert (ink[strip(-0.075, 0.075)] < 0.05).all()
+    assert (ink[strip(-0.12, 0.12)] < 1.0).all()
+    fraction = scene.value(simulator, "cleaned_fraction")[0]
+    assert fraction == np.mean(ink < 0.1)
+    # Two rows at either end have felt the felt for less than half its length.
+    assert fraction == pytest.approx(0.12 * 0.2 / (0.4 * 0.3), rel=0.06)
+
+
+def test_both_orders_of_the_contact_pair_are_met_in_these_tests():
+    orders = set()
+    for eraser_first in (False, True):
+        scene = make_scene(eraser_first=eraser_first)
+        simulator = scene.start()
+        simulator.AdvanceTo(0.01)
+        results = scene.plant.get_contact_results_output_port().Eval(
+            scene.plant.GetMyContextFromRoot(simulator.get_context())
+        )
+        surface = results.hydroelastic_contact_info(0).contact_surface()
+        eraser = scene.plant.GetCollisionGeometriesForBody(
+            scene.plant.GetBodyByName("eraser")
+        )
+        orders.add(surface.id_M() in eraser)
+        assert scene.value(simulator, "normal_force")[0] > 5.0
+    assert orders == {False, True}
+
+
+@pytest.mark.parametrize("speed", [0.05, 1.0])
+def test_a_stroke_leaves_what_the_wear_law_says_at_any_speed(speed):
+    scene = make_scene()
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, speed))
+    simulator.AdvanceTo(0.2 / speed)
+    middle = scene.ink(simulator)[25:35, 30:50]
+    # A compliant box of half height 15 mm that is squeezed by `depth` bears
+    # `pressure`, except within `depth` of its edges, where it falls to zero.
+    depth, pressure = squeeze(scene, simulator)
+    felt = pressure * (FELT[1] - depth)
+    resolution = speed * 0.01 * pressure
+    exposure = -WEAR_CONSTANT * np.log(middle)
+    assert exposure.mean() == pytest.approx(felt, abs=0.02 * felt + 0.5 * resolution)
+    assert np.ptp(exposure) <= 0.02 * felt + 1.01 * resolution
+
+
+def test_no_sliding_wears_nothing(scene):
+    simulator = scene.start()
+    simulator.AdvanceTo(0.3)
+    assert scene.value(simulator, "normal_force")[0] > 9.0
+    assert scene.ink(simulator).min() > 1.0 - 1e-6
+    assert scene.value(simulator, "cleaned_fraction")[0] == 0.0
+
+
+def test_no_contact_wears_nothing(scene):
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, 1.0), z=0.3)
+    simulator.AdvanceTo(0.2)
+    assert (scene.ink(simulator) == 1.0).all()
+    assert scene.value(simulator, "normal_force")[0] == 0.0
+    assert scene.value(simulator, "contact_area")[0] == 0.0
+
+
+def test_moving_along_with_the_board_wears_nothing(scene):
+    simulator = scene.start(v=(0.3, 0.0), board=0.3)
+    simulator.AdvanceTo(0.3)
+    assert scene.value(simulator, "normal_force")[0] > 5.0
+    assert scene.ink(simulator).min() > 1.0 - 1e-6
+
+
+def test_a_sliding_board_is_wiped_by_a_resting_eraser(scene):
+    simulator = scene.start(p=(0.1, 0.0), board=0.3)
+    simulator.AdvanceTo(0.5)
+    ink = scene.ink(simulator)
+    path = np.array([[0.1, 0.0, 0.0], [-0.05, 0.0, 0.0]])
+    swept = GRID.swept_area(path, FELT)
+    assert (ink[~swept] == 1.0).all()
+    assert ink[30, 35] < 0.05
+
+
+def test_spinning_in_place_wears_the_outside_but_not_the_centre(scene):
+    simulator = scene.start(spin=1.0)
+    simulator.AdvanceTo(0.6)
+    ink = scene.ink(simulator)
+    _, pressure = squeeze(scene, simulator)
+    r = np.hypot(*GRID.centres.T).reshape(GRID.shape)
+    under = r < 0.5 * FELT[1] - 0.003
+    exposure = -WEAR_CONSTANT * np.log(ink[under])
+    np.testing.assert_allclose(exposure, pressure * r[under] * 0.6, rtol=0.03)
+    assert (ink[r > 0.5 * np.hypot(*FELT) + 1e-3] == 1.0).all()
+
+
+@pytest.mark.parametrize("force", [3.0, 10.0, 15.0])
+def test_normal_force_is_what_is_pressed(force):
+    scene = make_scene(force=force)
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
+    simulator.AdvanceTo(0.5)
+    assert scene.value(simulator, "normal_force")[0] == pytest.approx(force, rel=0.01)
+    area = scene.value(simulator, "contact_area")[0]
+    assert area == pytest.approx(FELT[0] * FELT[1], rel=0.01)
+
+
+def test_ink_that_is_not_there_is_not_counted():
+    initial = np.zeros(GRID.shape)
+    initial[25:35, 30:50] = 0.5
+    scene = make_scene(initial_ink=initial)
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.4))
+    assert scene.value(simulator, "cleaned_fraction")[0] == 0.0
+    np.testing.assert_array_equal(scene.ink(simulator), initial)
+    simulator.AdvanceTo(0.5)
+    assert scene.value(simulator, "cleaned_fraction")[0] == 1.0
+    assert (scene.ink(simulator)[initial == 0.0] == 0.0).all()
+    never = scene.value(simulator, "erase_time").reshape(GRID.shape) == NEVER
+    np.testing.assert_array_equal(never, initial == 0.0)
+
+
+def test_erase_time_follows_the_eraser(scene):
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
+    assert (scene.value(simulator, "erase_time") == NEVER).all()
+    simulator.AdvanceTo(1.0)
+    time = scene.value(simulator, "erase_time").reshape(GRID.shape)
+    ink = scene.ink(simulator)
+    np.testing.assert_array_equal(time < NEVER, ink < 0.5)
+    # The leading edge gets to y after (y + 0.075) / v; half the ink is gone
+    # once 20 ln 2 = 13.9 Pa m have passed: 8 mm of felt, plus its 2 mm edge.
+    y = GRID.centres.reshape(*GRID.shape, 2)[25:35, 40, 1]
+    expected = (y + 0.075 + 0.01) / 0.2
+    np.testing.assert_allclose(time[25:35, 40], expected, atol=0.015)
+
+
+def test_an_update_is_the_wear_law_on_the_rasterised_patch(scene):
+    simulator = scene.start(v=(0.0, 0.2))
+    simulator.AdvanceTo(0.005)
+    context = scene.board.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    before = scene.board.GetOutputPort("ink").Eval(context).copy()
+    updated = scene.board.EvalUniquePeriodicDiscreteUpdate(context)
+    results = scene.board.GetInputPort("contact_results").Eval(context)
+    surface = results.hydroelastic_contact_info(0).contact_surface()
+    mesh, field = surface.poly_mesh_W(), surface.poly_e_MN()
+    count = range(mesh.num_vertices())
+    p_WV = np.array([mesh.vertex(i) for i in count])
+    pressure = [field.EvaluateAtVertex(i) for i in count]
+    p_BV = (X_WB.inverse() @ p_WV.T)[:2].T - [0.0, 0.2 * 0.005]
+    cells, p = GRID.rasterise(p_BV, pressure, mesh.face_data())
+    expected = np.ones(GRID.num_cells)
+    expected[cells] = wear(1.0, p * 0.2 * 0.01)
+    assert len(cells) > 200
+    np.testing.assert_allclose(updated.value(0), expected, rtol=1e-6)
+    # The event has left its context alone.
+    np.testing.assert_array_equal(before, 1.0)
+    np.testing.assert_array_equal(
+        scene.board.GetOutputPort("ink").Eval(context), before
+    )
+
+
+def test_two_interleaved_simulations_do_not_disturb_each_other(scene):
+    starts = [{"v": (0.0, 0.2)}, {"p": (0.05, 0.0), "v": (0.2, 0.0)}]
+    alone = []
+    for start in starts:
+        simulator = scene.start(**start)
+        simulator.AdvanceTo(0.2)
+        alone.append(scene.ink(simulator).copy())
+    assert not np.array_equal(*alone)
+    simulators = [scene.start(**start) for start in starts]
+    for t in np.arange(1, 21) * 0.01:
+        for simulator in simulators:
+            simulator.AdvanceTo(t)
+    for simulator, expected in zip(simulators, alone, strict=True):
+        np.testing.assert_array_equal(scene.ink(simulator), expected)
+
+
+def test_a_copied_context_carries_on_alone(scene):
+    simulator = scene.start(p=(0.0, -0.05), v=(0.0, 0.2))
+    simulator.AdvanceTo(0.1055)
+    copy = Simulator(scene.diagram, simulator.get_context().Clone())
+    early = scene.ink(simulator).copy()
+    simulator.AdvanceTo(0.2)
+    np.testing.assert_array_equal(scene.ink(copy), early)
+    copy.AdvanceTo(0.2)
+    np.testing.assert_array_equal(scene.ink(copy), scene.ink(simulator))
+    assert not np.array_equal(scene.ink(copy), early)
+
+
+def test_caching_changes_nothing(scene):
+    values = []
+    for caching in (True, False):
+        simulator = scene.start(v=(0.0, 0.2))
+        if not caching:
+            simulator.get_mutable_context().DisableCaching()
+        seen = []
+        for t in (0.0, 0.03, 0.1):
+            simulator.AdvanceTo(t)
+            seen.append(
+                np.concatenate([scene.value(simulator, name) for name in OUTPUTS])
+            )
+        values.append(seen)
+    np.testing.assert_array_equal(*values)
+    assert not np.array_equal(values[0][0], values[0][2])
+
+
+@pytest.mark.parametrize("missing", INPUTS)
+def test_a_forgotten_input_is_named(missing):
+    builder = DiagramBuilder()
+    plant, eraser, surface = make_plant(builder)
+    board = InkBoard(plant=plant, eraser=eraser, surface=surface, grid=GRID)
+    builder.AddSystem(board)
+    for name in INPUTS:
+        if name != missing:
+            builder.Connect(plant.GetOutputPort(name), board.GetInputPort(name))
+    scene = Scene(builder.Build(), plant, board)
+    simulator = scene.start(v=(0.0, 0.2))
+    with pytest.raises((RuntimeError, ValueError), match=f"{missing}.*ink_board"):
+        simulator.AdvanceTo(0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"initial_ink": np.ones((3, 4))}, r"shape \(3, 4\).*\(60, 80\)"),
+        ({"initial_ink": np.full(GRID.shape, 2.0)}, "from 2.0 to 2.0"),
+        ({"initial_ink": np.full(GRID.shape, np.nan)}, "fractions from 0 to 1"),
+        ({"wear_constant": 0.0}, "wear_constant is 0.0"),
+        ({"period": np.nan}, "period is nan"),
+    ],
+)
+def test_bad_parameters_are_refused(options, what):
+    builder = DiagramBuilder()
+    plant, eraser, surface = make_plant(builder)
+    with pytest.raises(StationError, match=what):
+        InkBoard(plant=plant, eraser=eraser, surface=surface, grid=GRID, **options)
+
+
+def test_a_body_that_cannot_touch_is_refused():
+    builder = DiagramBuilder()
+    plant, _, surface = make_plant(builder)
+    ghost = plant.GetBodyByName("carriage_x")
+    with pytest.raises(StationError, match="'carriage_x' has no collision geometry"):
+        InkBoard(plant=plant, eraser=ghost, surface=surface, grid=GRID)

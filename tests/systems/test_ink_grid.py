@@ -1,0 +1,245 @@
+"""Facts about the geometry, the wear and the coverage of ink cells."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.ink_grid import (
+    WEAR_CONSTANT,
+    InkGrid,
+    cleaned_fraction,
+    wear,
+)
+
+GRID = InkGrid(size=(0.4, 0.3), cell=0.005)
+FELT = (0.12, 0.05)
+
+
+def rectangle(centre, size, yaw=0.0):
+    half = 0.5 * np.array(size)
+    corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.asarray(centre) + corners @ np.array([[c, -s], [s, c]]).T
+
+
+def inside_convex(p, polygon):
+    """Test points against a counterclockwise polygon, edge by edge."""
+    inside = np.ones(len(p), dtype=bool)
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        d, e = b - a, p - a
+        inside &= d[0] * e[:, 1] - d[1] * e[:, 0] >= 0.0
+    return inside
+
+
+def test_grid_imports_without_drake():
+    code = "import sys, fmp_drake.systems.ink_grid; assert 'pydrake' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_cells_run_along_x_first_and_fill_the_rectangle():
+    assert GRID.shape == (60, 80)
+    assert GRID.num_cells == 4800
+    centres = GRID.centres.reshape(*GRID.shape, 2)
+    np.testing.assert_allclose(centres[0, 0], [-0.1975, -0.1475])
+    np.testing.assert_allclose(centres[0, 1], [-0.1925, -0.1475])
+    np.testing.assert_allclose(centres[-1, -1], [0.1975, 0.1475])
+    np.testing.assert_allclose(GRID.centres.mean(axis=0), 0.0, atol=1e-12)
+    assert GRID.full().shape == GRID.shape
+    assert (GRID.full() == 1.0).all()
+
+
+def test_pitch_adapts_so_that_the_cells_fill_the_rectangle():
+    grid = InkGrid(size=(0.1, 0.052), cell=0.03)
+    assert grid.shape == (2, 3)
+    np.testing.assert_allclose(grid.pitch, [0.1 / 3, 0.026])
+
+
+def test_grid_is_an_immutable_value():
+    assert InkGrid(size=(0.4, 0.3)) == GRID
+    with pytest.raises(AttributeError):
+        GRID.cell = 0.01
+    for array in (GRID.centres, GRID.pitch, GRID.corner):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("size", "cell", "what"),
+    [
+        ((0.0, 0.3), 0.005, r"size\[0\] is 0\.0"),
+        ((0.4, np.nan), 0.005, r"size\[1\] is nan"),
+        ((0.4, 0.3), -1.0, r"cell is -1\.0"),
+        ((0.4,), 0.005, "1 entries"),
+    ],
+)
+def test_grid_refuses_lengths_that_are_not_positive(size, cell, what):
+    with pytest.raises(StationError, match=what):
+        InkGrid(size=size, cell=cell)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    x=st.floats(-0.25, 0.25),
+    y=st.floats(-0.2, 0.2),
+    yaw=st.floats(-4.0, 4.0),
+    n=st.integers(3, 8),
+    radius=st.floats(0.003, 0.1),
+)
+def test_rasterise_finds_the_centres_inside_a_polygon(x, y, yaw, n, radius):
+    angle = yaw + 2.0 * np.pi * np.arange(n) / n
+    polygon = [x, y] + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    cells, pressure = GRID.rasterise(polygon, np.full(n, 7.0), [n, *range(n)])
+    # Centres on an edge may fall on either side by rounding.
+    shrunk = [x, y] + (1.0 - 1e-6) * (polygon - [x, y])
+    grown = [x, y] + (1.0 + 1e-6) * (polygon - [x, y])
+    surely = np.flatnonzero(inside_convex(GRID.centres, shrunk))
+    maybe = np.flatnonzero(inside_convex(GRID.centres, grown))
+    assert set(surely) <= set(cells) <= set(maybe)
+    np.testing.assert_allclose(pressure, 7.0)
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_rasterise_interpolates_a_linear_pressure_whatever_the_winding(flip):
+    polygon = rectangle([0.03, -0.02], FELT, yaw=0.4)
+    if flip:
+        polygon = polygon[::-1]
+    field = 1000.0 + polygon @ [3000.0, -2000.0]
+    cells, pressure = GRID.rasterise(polygon, field, [4, 0, 1, 2, 3])
+    assert len(cells) > 200
+    expected = 1000.0 + GRID.centres[cells] @ [3000.0, -2000.0]
+    np.testing.assert_allclose(pressure, expected)
+
+
+def test_rasterise_lists_a_cell_on_a_shared_edge_once():
+    vertices = [[-0.0225, 0.0], [0.0025, -0.02], [0.0025, 0.03], [0.04, 0.0]]
+    cells, _ = GRID.rasterise(vertices, np.ones(4), [3, 0, 1, 2, 3, 1, 3, 2])
+    assert len(cells) == len(set(cells))
+    on_edge = np.flatnonzero(np.abs(GRID.centres[:, 0] - 0.0025) < 1e-9)
+    assert np.isin(on_edge, cells).sum() == 10
+
+
+def test_rasterise_leaves_out_what_is_off_the_grid_edge_on_or_without_pressure():
+    off = rectangle([0.5, 0.0], FELT)
+    edge_on = np.array([[0.0, 0.0], [0.1, 0.0], [0.05, 0.0]])
+    on = rectangle([0.0, 0.0], FELT)
+    for polygon, pressure in ((off, 1.0), (edge_on, 1.0), (on, 0.0)):
+        n = len(polygon)
+        cells, values = GRID.rasterise(polygon, np.full(n, pressure), [n, *range(n)])
+        assert len(cells) == len(values) == 0
+    cells, _ = GRID.rasterise(np.zeros((0, 2)), [], [])
+    assert len(cells) == 0
+
+
+def test_rasterise_clips_at_the_edge_of_the_grid():
+    polygon = rectangle([0.2, 0.15], FELT)
+    cells, _ = GRID.rasterise(polygon, np.ones(4), [4, 0, 1, 2, 3])
+    assert len(cells) == 12 * 5
+
+
+def test_rasterise_refuses_pressures_that_do_not_match():
+    with pytest.raises(StationError, match="3 pressures for 4 vertices"):
+        GRID.rasterise(rectangle([0, 0], FELT), np.ones(3), [4, 0, 1, 2, 3])
+
+
+def test_one_stroke_at_10_newton_removes_more_than_95_percent():
+    pressure = 10.0 / (FELT[0] * FELT[1])
+    assert 0.005 < wear(1.0, pressure * FELT[1]) < 0.05
+    assert wear(1.0, 3.0 / (FELT[0] * FELT[1]) * FELT[1]) > 0.25
+
+
+@given(
+    ink=st.floats(0.0, 1.0),
+    one=st.floats(0.0, 200.0),
+    two=st.floats(0.0, 200.0),
+)
+def test_wear_steps_compose_exactly_and_never_add_ink(ink, one, two):
+    twice = wear(wear(ink, one), two)
+    np.testing.assert_allclose(twice, wear(ink, one + two), rtol=1e-12, atol=1e-300)
+    assert 0.0 <= twice <= ink
+
+
+def test_wear_solves_its_differential_equation():
+    h = 1e-6
+    rate = (wear(0.8, 30.0 + h) - wear(0.8, 30.0 - h)) / (2.0 * h)
+    assert rate == pytest.approx(-wear(0.8, 30.0) / WEAR_CONSTANT, rel=1e-6)
+    assert wear(0.8, 0.0) == 0.8
+
+
+@pytest.mark.parametrize("num_points", [2, 11, 400])
+def test_swept_area_of_a_straight_stroke_is_a_rectangle(num_points):
+    path = np.linspace([-0.101, -0.07, -0.002], [-0.101, 0.08, -0.002], num_points)
+    swept = GRID.swept_area(path, FELT)
+    x, y = GRID.centres.reshape(*GRID.shape, 2).transpose(2, 0, 1)
+    expected = (np.abs(x + 0.101) <= 0.06) & (y >= -0.095 - 1e-9) & (y <= 0.105 + 1e-9)
+    np.testing.assert_array_equal(swept, expected)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    x=st.floats(-0.15, 0.15),
+    y=st.floats(-0.1, 0.1),
+    turn=st.floats(-3.0, 3.0),
+    yaw=st.floats(-3.0, 3.0),
+)
+def test_swept_area_is_close_to_a_brute_force_sweep(x, y, turn, yaw):
+    path = np.array([[-0.05, 0.02, 0.0], [x, y, 0.0]])
+    yaws = np.array([yaw, yaw + turn])
+    swept = GRID.swept_area(path, FELT, yaw=yaws).ravel()
+    dense = np.zeros(GRID.num_cells, dtype=bool)
+    for t in np.linspace(0.0, 1.0, 500):
+        p = path[0] + t * (path[1] - path[0])
+        felt = rectangle(p[:2], FELT, yaw=yaw + t * turn)
+        dense |= inside_convex(GRID.centres, felt)
+    grown = np.zeros(GRID.num_cells, dtype=bool)
+    size = np.array(FELT) + 0.005
+    for t in np.linspace(0.0, 1.0, 500):
+        p = path[0] + t * (path[1] - path[0])
+        felt = rectangle(p[:2], size, yaw=yaw + t * turn)
+        grown |= inside_convex(GRID.centres, felt)
+    assert not (swept & ~grown).any()
+    assert (dense & ~swept).sum() <= 0.02 * dense.sum()
+
+
+def test_swept_area_turns_with_the_eraser():
+    path = np.zeros((1, 3))
+    across = GRID.swept_area(path, FELT, yaw=np.pi / 2)
+    np.testing.assert_array_equal(across, GRID.swept_area(path, FELT[::-1]))
+    assert across.sum() == 24 * 10
+
+
+def test_swept_area_counts_only_while_the_eraser_is_down():
+    down = [[-0.1, 0.0, -0.001], [0.0, 0.0, -0.001]]
+    path = np.array([*down, [0.0, 0.0, 0.05], [0.12, 0.1, 0.05]])
+    np.testing.assert_array_equal(
+        GRID.swept_area(path, FELT), GRID.swept_area(np.array(down), FELT)
+    )
+    lifted = path + np.array([0.0, 0.0, 0.1])
+    assert not GRID.swept_area(lifted, FELT).any()
+    assert GRID.swept_area(lifted, FELT, height=0.2).any()
+
+
+def test_swept_area_of_a_long_path_is_worked_off_in_pieces():
+    t = np.linspace(0.0, 20.0 * np.pi, 20_001)
+    path = np.column_stack([0.1 * np.cos(t), 0.08 * np.sin(t), np.zeros_like(t)])
+    once = GRID.swept_area(path[:2001], FELT)
+    np.testing.assert_array_equal(GRID.swept_area(path, FELT), once)
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (3,), (5, 2)])
+def test_swept_area_refuses_a_path_of_another_shape(shape):
+    with pytest.raises(StationError, match="give \\(num_points, 3\\)"):
+        GRID.swept_area(np.zeros(shape), FELT)
+
+
+def test_cleaned_fraction_counts_cells_below_a_tenth():
+    ink = np.array([[0.0, 0.099, 0.1, 1.0]])
+    assert cleaned_fraction(ink) == 0.5
+    assert cleaned_fraction(ink.ravel(), [[True, False, True, True]]) == 1 / 3
+    assert cleaned_fraction(ink, np.zeros(4, dtype=bool)) == 1.0
+    with pytest.raises(StationError, match="3 cells for 4 cells"):
+        cleaned_fraction(ink, [True] * 3)
