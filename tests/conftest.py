@@ -5,17 +5,27 @@ The skills are shared by all tests of a run: treat them as read-only.
 
 import os
 
-# Before anything imports pydrake or matplotlib.
-os.environ["DRAKE_ALLOW_NETWORK"] = "meshcat"
+# Before anything imports pydrake, matplotlib or numpy.
+os.environ["DRAKE_ALLOW_NETWORK"] = "meshcat:package_map"
 os.environ["MPLBACKEND"] = "Agg"
+# The matrices are small: threads that spin beside other work cost ten times the
+# run time of these tests.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from pathlib import Path  # noqa: E402
+from pathlib import Path
 
-import numpy as np  # noqa: E402
-import pytest  # noqa: E402
+import dense_paper
+import numpy as np
+import pytest
+from hypothesis import settings
 
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive  # noqa: E402
-from fmp_drake.systems.hand_motion import HandMotion  # noqa: E402
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.systems.hand_motion import HandMotion
+
+# The same examples in every run: a red test means a changed package.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -85,3 +95,21 @@ def real_demonstration_paths():
     if not paths:
         pytest.skip(f"no real demonstrations in {folder}; set FMP_REAL_DEMOS")
     return {path.stem: path for path in paths}
+
+
+@pytest.fixture(scope="session")
+def paper_mixture():
+    """The function that turns a skill into pi_j, mu_j, Sigma_j of the paper (9)."""
+
+    def of(skill):
+        windows = skill.basis.synthesize
+        gaussians = [
+            dense_paper.gaussian_of(
+                windows(c.mean), windows(c.basis.T), c.variances, c.noise
+            )
+            for c in skill.components_
+        ]
+        mu, sigma = zip(*gaussians, strict=True)
+        return skill.proportions_, mu, sigma
+
+    return of

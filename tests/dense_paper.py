@@ -160,3 +160,20 @@ def algorithm_2(y, pi, mu, sigma, lam, beta, dt):
         values.append(value)
         covariances.append(covariance)
     return np.array(values), np.array(covariances)
+
+
+def gaussian_of(mean, factors, variances, noise):
+    """A Gaussian over 2TD weights, of windows.
+
+    `mean` (T, D) is a window, `factors` (r, T, D) are the directions in which windows
+    vary, with `variances` (r,), and `noise` is the white noise of the samples. Its
+    2TD x 2TD covariance has the regulariser eps = T * noise that EM adds to all
+    weights, among them the half that describes no real signal.
+    """
+    t = mean.shape[0]
+    mu = weights_of(mean)
+    sigma = t * noise * np.eye(len(mu))
+    for factor, variance in zip(factors, variances, strict=True):
+        direction = weights_of(factor)
+        sigma += variance * np.outer(direction, direction)
+    return mu, sigma

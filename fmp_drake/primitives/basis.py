@@ -81,7 +81,8 @@ class FourierBasis:
                 f"the weights have shape {w.shape}; the last axis must be a "
                 f"multiple of n_steps = {self.n_steps}."
             )
-        return w.reshape(*w.shape[:-1], -1, self.n_steps)
+        channels = w.shape[-1] // self.n_steps
+        return w.reshape(*w.shape[:-1], channels, self.n_steps)
 
     def harmonics(self) -> NDArray[np.int64]:
         """Return the harmonic (cycles per window) of each weight, shape (T,)."""

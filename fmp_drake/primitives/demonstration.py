@@ -2,7 +2,6 @@
 
 import csv
 import json
-import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,14 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
+from fmp_drake.primitives.npz_file import read_npz, write_npz
 
 FORMAT = "fmp-drake-demonstration"
 VERSION = 1
 
 _MAX_GAP_SECONDS = 0.5
 _UNIFORM = 1e-3
+_NAMES = ("channels", "units", "frame", "note")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,17 +190,7 @@ class Demonstration:
         """Write the demonstration to an `.npz` or `.csv` file, by its name."""
         path = Path(path)
         if path.suffix == ".csv":
-            with path.open("w", newline="", encoding="utf-8") as stream:
-                writer = csv.writer(stream)
-                writer.writerow(
-                    ["time [s]"]
-                    + [
-                        f"{n} [{u}]"
-                        for n, u in zip(self.channels, self.units, strict=True)
-                    ]
-                )
-                for t, row in zip(self.time, self.values, strict=True):
-                    writer.writerow([repr(float(t)), *(repr(float(v)) for v in row)])
+            self._save_csv(path)
             return
         metadata = {
             "format": FORMAT,
@@ -209,13 +200,19 @@ class Demonstration:
             "frame": self.frame,
             "note": self.note,
         }
-        with path.open("wb") as binary:
-            np.savez_compressed(
-                binary,
-                metadata=np.array(json.dumps(metadata)),
-                time=self.time,
-                values=self.values,
-            )
+        arrays = {"time": self.time, "values": self.values}
+        write_npz(path, {"metadata": np.array(json.dumps(metadata)), **arrays})
+
+    def _save_csv(self, path: Path) -> None:
+        names = zip(self.channels, self.units, strict=True)
+        try:
+            with path.open("w", newline="", encoding="utf-8") as stream:
+                writer = csv.writer(stream)
+                writer.writerow(["time [s]", *(f"{n} [{u}]" for n, u in names)])
+                for t, row in zip(self.time, self.values, strict=True):
+                    writer.writerow([repr(float(t)), *(repr(float(v)) for v in row)])
+        except OSError as error:
+            raise SkillFileError(f"cannot write {path}: {error.strerror}.") from None
 
     @classmethod
     def load(cls, path: str | Path) -> "Demonstration":
@@ -244,14 +241,10 @@ class Demonstration:
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-        raise SkillFileError(
-            f"{path} is not a readable .npz file ({error}); a demonstration is an "
-            ".npz with `time` and `values` or `position`, or a .csv."
-        ) from None
+    arrays = read_npz(
+        path,
+        "a demonstration is an .npz with `time` and `values` or `position`, or a .csv",
+    )
     name = "values" if "values" in arrays else "position"
     if "time" not in arrays or name not in arrays:
         raise SkillFileError(
@@ -260,44 +253,46 @@ def _read_npz(path: Path) -> dict[str, Any]:
         )
     out: dict[str, Any] = {"time": arrays["time"], "values": arrays[name]}
     for key in ("time", "values"):
-        if not np.issubdtype(np.asarray(out[key]).dtype, np.number):
+        if not np.can_cast(np.asarray(out[key]).dtype, float, "same_kind"):
             raise SkillFileError(f"{path}: `{key}` does not hold numbers.")
     if "metadata" in arrays:
         metadata = _parse_metadata(path, arrays["metadata"])
-        if metadata.get("version", 0) > VERSION:
+        if metadata["version"] > VERSION:
             raise SkillFileError(
                 f"{path} has version {metadata['version']}; this fmp_drake reads up "
                 f"to version {VERSION}. Update fmp_drake."
             )
-        out.update(
-            channels=tuple(metadata.get("channels", ())),
-            units=tuple(metadata.get("units", ())),
-            frame=metadata.get("frame", ""),
-            note=metadata.get("note", ""),
-        )
+        out.update({key: metadata[key] for key in _NAMES if key in metadata})
     return out
 
 
 def _parse_metadata(path: Path, array: NDArray[np.generic]) -> dict[str, Any]:
+    foreign = f"{path} is not a demonstration of fmp_drake."
     try:
         metadata = json.loads(str(array))
-    except json.JSONDecodeError:
-        metadata = None
-    if not isinstance(metadata, dict) or metadata.get("format") != FORMAT:
-        raise SkillFileError(f"{path} is not a demonstration of fmp_drake.")
-    return metadata
+        if metadata["format"] != FORMAT:
+            raise SkillFileError(foreign)
+        metadata["version"] = int(metadata["version"])
+        for key in ("channels", "units"):
+            metadata[key] = tuple(metadata.get(key, ()))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise SkillFileError(foreign) from None
+    out: dict[str, Any] = metadata
+    return out
 
 
 def _read_csv(path: Path) -> dict[str, Any]:
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            table = [row for row in csv.reader(stream) if row]
+        # A spreadsheet's file may start with a byte order mark.
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream)
+            table = [(reader.line_num, row) for row in reader if row]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise SkillFileError(f"{path} is not a readable .csv file ({error}).") from None
     if not table:
         raise SkillFileError(f"{path} is empty.")
     names, units = [], []
-    for cell in table[0]:
+    for cell in table[0][1]:
         name, _, unit = cell.partition("[")
         names.append(name.strip())
         units.append(unit.rstrip("] ").strip() or "m")
@@ -308,16 +303,16 @@ def _read_csv(path: Path) -> dict[str, Any]:
             "`time,x,y,z`."
         )
     numbers = np.empty((len(table) - 1, len(names)))
-    for i, row in enumerate(table[1:]):
+    for i, (line, row) in enumerate(table[1:]):
         if len(row) != len(names):
             raise SkillFileError(
-                f"{path}: line {i + 2} has {len(row)} cells; the header has "
+                f"{path}: line {line} has {len(row)} cells; the header has "
                 f"{len(names)}."
             )
         try:
             numbers[i] = [float(cell) for cell in row]
         except ValueError as error:
-            raise SkillFileError(f"{path}: line {i + 2}: {error}.") from None
+            raise SkillFileError(f"{path}: line {line}: {error}.") from None
     at = names.index("time")
     keep = [i for i in range(len(names)) if i != at]
     return {

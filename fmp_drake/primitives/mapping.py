@@ -111,11 +111,11 @@ class MappingPlan:
             raise SkillError(
                 f"the observation has shape {y.shape}; expected ({self.size},)."
             )
+        if not np.all(np.isfinite(y)):
+            raise SkillError("the observation holds NaN or infinite values.")
         z = (self._whitening @ y).reshape(self._whitened.shape) - self._whitened
         costs = np.einsum("ja,ja->j", z, z) + self._offsets
         j = int(np.argmin(costs))
-        if not np.isfinite(costs[j]):
-            raise SkillError("the observation holds NaN or infinite values.")
         return Mapping(
             weights=self._means[j] + self._gains[j] @ (y - self._expected[j]),
             component=j,

@@ -104,7 +104,7 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         SkillError
             Where a parameter is out of range.
         """
-        self._check_parameters()
+        self.check_parameters()
         windows, example = self._windows(X)
         weights = self.basis.analyze(windows)
         self.proportions_, self.components_ = fit_mixture(
@@ -234,7 +234,8 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         """Raise scikit-learn's NotFittedError before `fit`."""
         check_is_fitted(self, "components_")
 
-    def _check_parameters(self) -> None:
+    def check_parameters(self) -> None:
+        """Raise SkillError where a parameter is out of range."""
         k, t = self.overlap, self.n_steps
         for name, allowed, fine in (
             ("n_steps", "at least 8", t >= 8),
@@ -272,7 +273,13 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
                 at_least=at_least,
             )
             return windows, X[0]
-        windows = np.asarray(X, dtype=float)
+        try:
+            windows = np.asarray(X, dtype=float)
+        except (TypeError, ValueError):
+            raise DemonstrationError(
+                f"{type(X).__name__} cannot be learned from; give a Demonstration, a "
+                "list of them, or windows (windows, n_steps, channels)."
+            ) from None
         if windows.ndim != 3 or windows.shape[1] != self.n_steps:
             raise DemonstrationError(
                 f"the windows have shape {windows.shape}; expected (windows, "
@@ -282,6 +289,6 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
             raise DemonstrationError(
                 f"there are {len(windows)} windows; at least {at_least} are needed."
             )
-        flat = windows.reshape(-1, windows.shape[2])
+        flat = windows.reshape(len(windows) * self.n_steps, windows.shape[2])
         time = np.arange(len(flat)) / self.rate
         return windows, Demonstration(time=time, values=flat)

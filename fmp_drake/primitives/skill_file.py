@@ -1,16 +1,15 @@
 """Skill files: one fitted skill in one `.npz`, without pickle."""
 
 import json
-import os
-import zipfile
 from pathlib import Path
-from tempfile import NamedTemporaryFile
+from typing import Any
 
 import numpy as np
 
 from fmp_drake.errors import FmpError, SkillFileError
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.movement_primitive import FourierMovementPrimitive
+from fmp_drake.primitives.npz_file import read_npz, write_npz
 
 FORMAT = "fmp-drake-skill"
 VERSION = 1
@@ -29,24 +28,26 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
         "units": skill.units_,
         "frame": skill.frame_,
     }
-    try:
-        with NamedTemporaryFile(
-            dir=path.parent, prefix=path.name, suffix=".part", delete=False
-        ) as stream:
-            np.savez_compressed(
-                stream,
-                metadata=np.array(json.dumps(metadata)),
-                proportions=skill.proportions_,
-                extent=skill.extent_,
-                means=np.stack([c.mean for c in skill.components_]),
-                ranks=np.array([c.rank for c in skill.components_]),
-                bases=np.concatenate([c.basis for c in skill.components_], axis=1),
-                variances=np.concatenate([c.variances for c in skill.components_]),
-                noise=np.array([c.noise for c in skill.components_]),
-            )
-        os.replace(stream.name, path)
-    except OSError as error:
-        raise SkillFileError(f"cannot write {path}: {error.strerror}.") from None
+    write_npz(
+        path,
+        {
+            "metadata": np.array(json.dumps(metadata, default=_plain)),
+            "proportions": skill.proportions_,
+            "extent": skill.extent_,
+            "means": np.stack([c.mean for c in skill.components_]),
+            "ranks": np.array([c.rank for c in skill.components_]),
+            "bases": np.concatenate([c.basis for c in skill.components_], axis=1),
+            "variances": np.concatenate([c.variances for c in skill.components_]),
+            "noise": np.array([c.noise for c in skill.components_]),
+        },
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Return a NumPy number, as a parameter search sets them, as Python's own."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be written to a skill file.")
 
 
 def load_skill(path: str | Path) -> FourierMovementPrimitive:
@@ -61,14 +62,9 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
     if not path.is_file():
         raise SkillFileError(f"there is no skill file {path}.")
     foreign = f"{path} is not a skill of fmp_drake; write one with `save_skill`."
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError):
-        raise SkillFileError(
-            f"{path} is broken or no .npz file; a skill file is written by "
-            "`save_skill` or `fmp-drake learn`."
-        ) from None
+    arrays = read_npz(
+        path, "a skill file is written by `save_skill` or `fmp-drake learn`"
+    )
     try:
         metadata = json.loads(str(arrays["metadata"]))
         if metadata["format"] != FORMAT:
@@ -104,6 +100,14 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
         skill.channels_ = tuple(metadata["channels"])
         skill.units_ = tuple(metadata["units"])
         skill.frame_ = str(metadata["frame"])
+        skill.check_parameters()
+        d, m = skill.n_channels_, len(skill.components_)
+        if (
+            skill.extent_.shape != (2, d)
+            or skill.proportions_.shape != (m,)
+            or any(c.dim != d * skill.n_steps for c in skill.components_)
+        ):
+            raise SkillFileError("its arrays do not fit together")
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise SkillFileError(f"{path} is an incomplete skill file: {error}.") from None
     return skill

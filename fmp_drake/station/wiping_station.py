@@ -1,9 +1,7 @@
 """The whiteboard station: a learned skill wipes a board with the Panda."""
 
 from numpy.typing import ArrayLike
-from pydrake.common.value import Value
 from pydrake.geometry import Meshcat, MeshcatVisualizer
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from fmp_drake.errors import StationError
@@ -145,8 +143,3 @@ def MakeWipingStation(
     diagram = builder.Build()
     diagram.set_name("wiping_station")
     return diagram
-
-
-def NoSpatialForces() -> Value:
-    """Return an empty list of spatial forces, to fix the port of that name."""
-    return Value[list[ExternallyAppliedSpatialForce]]([])

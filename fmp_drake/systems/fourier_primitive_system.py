@@ -138,17 +138,18 @@ class FourierPrimitiveSystem(LeafSystem):
         return self._player
 
     def playback_state(self, context: Context) -> PlaybackState:
-        """Return the playback's state at the last tick."""
+        """Return a copy of the playback's state at the last tick."""
         values = context.get_discrete_state()
         _, step, component, remaps = values.value(self._book)
         d = self._player.skill.n_channels_
+        # `value` is a view of the context's memory, which a later event overwrites.
         return PlaybackState(
-            weights=values.value(self._weights),
-            target=values.value(self._target),
+            weights=values.value(self._weights).copy(),
+            target=values.value(self._target).copy(),
             component=int(component),
             step=int(step),
-            history=values.value(self._history).reshape(-1, d),
-            offset=values.value(self._offset).reshape(2, d),
+            history=values.value(self._history).reshape(-1, d).copy(),
+            offset=values.value(self._offset).reshape(2, d).copy(),
             remaps=int(remaps),
         )
 

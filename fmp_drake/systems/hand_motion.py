@@ -50,8 +50,8 @@ class HandVariability:
     """
 
     frequency: float = 0.06
-    amplitude: float = 0.08
-    centre: float = 0.008
+    amplitude: float = 0.05
+    centre: float = 0.006
     tremor: float = 0.0002
     slowness: float = 4.0
 

@@ -40,7 +40,8 @@ class ImpedanceConfig:
         Longest errors that the stiffness sees, m, rad and rad. They bound the
         force, and with the damping the speed, of a start far from the target.
     max_torque_rate : float
-        Fastest change of any joint torque, Nm/s. Franka's robots stop above 1000.
+        Fastest change of any joint torque, Nm/s. The default keeps a tenth below the
+        1000 Nm/s at which Franka's robots stop.
     max_effective_mass : float
         Largest inertia that the law ascribes to the end effector, kg: it bounds the
         torque at singularities. The Panda has less than 60 between 0.3 and 0.6 m in
@@ -62,7 +63,7 @@ class ImpedanceConfig:
     max_translation_error: float = 0.1
     max_rotation_error: float = 0.5
     max_posture_error: float = 0.5
-    max_torque_rate: float = 1000.0
+    max_torque_rate: float = 900.0
     max_effective_mass: float = 100.0
     characteristic_length: float = 0.25
     control_period: float = 0.001

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import blas, lapack
 
 from fmp_drake.errors import StationError
 
@@ -278,7 +278,8 @@ def task_inertia(
     """
     scale = np.array((characteristic_length,) * 3 + (1.0,) * 3)
     factor, _ = lapack.dpotrf(M, lower=1)
-    Y, _ = lapack.dtrtrs(factor, (scale[:, None] * J).T, lower=1)
+    # Not dtrtrs: OpenBLAS starts threads for it, and waits milliseconds for them.
+    Y = blas.dtrsm(1.0, factor, (scale[:, None] * J).T, lower=1)
     mobility, U, _ = lapack.dsyev(np.dot(Y.T, Y))
     root = np.sqrt(np.maximum(mobility, 1 / max_effective_mass))
     W = U.T * scale / root[:, None]

@@ -300,11 +300,6 @@ def _check_plant(plant: MultibodyPlant) -> None:
             f"The controller's plant must have one actuator for each of its {n} "
             f"joints, in their order; it has {plant.num_actuators()}."
         )
-    lower, upper = plant.GetEffortLowerLimits(), plant.GetEffortUpperLimits()
-    if not (np.all(lower < 0) and np.all(upper > 0)):
-        raise StationError(
-            f"Effort limits must enclose zero, got lower {lower} and upper {upper}."
-        )
 
 
 def _checked_posture(

@@ -1,0 +1,49 @@
+# `make wipe` and `make test` set up everything they need in .venv.
+ARGS ?=
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+PYTHON ?= $(shell command -v python3.12 || command -v python3)
+
+.PHONY: help wipe test lint bench clean
+
+help:
+	@echo "make wipe   learn from the bundled demonstration and wipe a board"
+	@echo "            (options: make wipe ARGS='--duration 30')"
+	@echo "make test   run the tests          make lint   check style and types"
+	@echo "make bench  measure speed          make clean  remove the environment"
+
+# uv can bring its own Python 3.12; without it, a Python 3.12 must be there.
+$(STAMP): pyproject.toml constraints.txt .python-version
+	@if command -v uv >/dev/null 2>&1; then \
+	    uv venv --quiet --clear --seed $(VENV); \
+	else \
+	    "$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null || { \
+	        echo "fmp-drake needs Python 3.12 or newer, but '$(PYTHON)' is" \
+	            "$$("$(PYTHON)" --version 2>&1)." \
+	            "Install Python 3.12 (or uv, which brings it), or name one:" \
+	            "make PYTHON=/path/to/python3.12" >&2; exit 1; }; \
+	    "$(PYTHON)" -m venv --clear $(VENV); \
+	fi
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt --editable '.[dev]'
+	@touch $(STAMP)
+
+wipe: $(STAMP)
+	@$(BIN)/fmp-drake wipe $(ARGS)
+
+test: $(STAMP)
+	$(BIN)/python -m pytest -n auto --dist loadscope $(ARGS)
+
+lint: $(STAMP)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+bench: $(STAMP)
+	@mkdir -p out
+	$(BIN)/python -m pytest tests/benchmarks --benchmark-only \
+	    --benchmark-json=out/benchmark.json $(ARGS)
+
+clean:
+	rm -rf $(VENV) out dist

@@ -1,0 +1,56 @@
+"""`fmp-drake learn`."""
+
+import time
+from pathlib import Path
+
+import click
+
+from fmp_drake.apps.inputs import PATH, learn_skill, load_on_board, skill_options
+from fmp_drake.apps.page import make_console
+from fmp_drake.apps.plots import plot_skill
+from fmp_drake.errors import FmpError
+from fmp_drake.primitives import save_skill
+
+
+@click.command()
+@click.argument("demonstrations", nargs=-1, required=True, type=PATH)
+@click.option("--out", type=PATH, required=True, help="Skill file (.npz) to write.")
+@click.option("--plot", type=PATH, help="Picture of the skill to write.")
+@skill_options
+def learn(
+    demonstrations: tuple[Path, ...],
+    out: Path,
+    plot: Path | None,
+    transform: tuple[float, ...] | None,
+    stretch: float,
+    window: float,
+    components: int,
+) -> None:
+    """Learn a skill from DEMONSTRATIONS (.npz or .csv) and write it to a file."""
+    console = make_console()
+    for target in (out, plot):
+        check_writable(target)
+    loaded, remarks = load_on_board(
+        demonstrations, transform=transform, stretch=stretch
+    )
+    for remark in remarks:
+        console.print(remark)
+    started = time.perf_counter()
+    skill = learn_skill(loaded, window=window, components=components)
+    console.print(
+        f"learned {len(skill.components_)} components from {skill.n_windows_} windows "
+        f"of {skill.n_steps / skill.rate:g} s in {time.perf_counter() - started:.2f} s"
+    )
+    save_skill(skill, out)
+    console.print(f"wrote {out}")
+    if plot is not None:
+        plot_skill(skill, loaded, plot)
+        console.print(f"wrote {plot}")
+
+
+def check_writable(path: Path | None) -> None:
+    """Refuse an output file whose folder is missing, before any work is done."""
+    if path is not None and not path.absolute().parent.is_dir():
+        raise FmpError(
+            f"there is no folder {path.absolute().parent} to write {path.name} into."
+        )

@@ -1,0 +1,66 @@
+"""`fmp-drake record`."""
+
+import time
+from pathlib import Path
+
+import click
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.apps.inputs import PATH
+from fmp_drake.apps.learn import check_writable
+from fmp_drake.apps.page import advance, make_console, open_page
+from fmp_drake.errors import FmpError
+from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.teaching_station import (
+    DemonstrationFromRecorder,
+    MakeTeachingStation,
+)
+from fmp_drake.systems.hand_motion import TASKS, HandMotion, Task
+
+# The hand settles on the board before the recording begins.
+_SETTLE = 2.0
+
+
+@click.command()
+@click.option("--task", type=click.Choice(TASKS), default="wiping", show_default=True)
+@click.option("--minutes", type=float, default=2.0, show_default=True)
+@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--out", type=PATH, required=True, help="File (.npz or .csv) to write.")
+@click.option("--scenario", default="table_top", show_default=True)
+@click.option(
+    "--page", is_flag=True, help="Show the teaching in Meshcat, in real time."
+)
+def record(
+    task: Task, minutes: float, seed: int, out: Path, scenario: str, page: bool
+) -> None:
+    """Record a demonstration: a simulated person guides the arm over the board."""
+    console = make_console()
+    check_writable(out)
+    if not (np.isfinite(minutes) and minutes > 0):
+        raise FmpError(f"minutes is {minutes}; it must be positive.")
+    if seed < 0:
+        raise FmpError(f"seed is {seed}; it must not be negative.")
+    seconds = 60 * minutes
+    motion = HandMotion.make(task, seconds=_SETTLE + seconds + 1, seed=seed)
+    meshcat = open_page(console) if page else None
+    station = MakeTeachingStation(LoadScenario(scenario), motion, meshcat=meshcat)
+    simulator = Simulator(station)
+    simulator.set_target_realtime_rate(1.0 if page else 0.0)
+    started = time.perf_counter()
+    advance(simulator, _SETTLE + seconds, console=console, label=f"guiding: {task}")
+    demonstration = DemonstrationFromRecorder(
+        station,
+        simulator.get_context(),
+        skip=_SETTLE,
+        note=f"simulated: a modelled hand guides the simulated arm ({task}, seed "
+        f"{seed}); not recorded on a robot",
+    )
+    demonstration.save(out)
+    low, high = demonstration.values.min(axis=0), demonstration.values.max(axis=0)
+    console.print(
+        f"recorded {demonstration.duration:.1f} s at 20 Hz in "
+        f"{time.perf_counter() - started:.0f} s: x {low[0]:.3f} to {high[0]:.3f} m, "
+        f"y {low[1]:.3f} to {high[1]:.3f} m on the board"
+    )
+    console.print(f"wrote {out}")

@@ -1,0 +1,401 @@
+"""Facts about the estimator."""
+
+import pickle
+
+import dense_paper
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+
+from fmp_drake.errors import DemonstrationError, SkillError
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
+
+PARAMETERS = {
+    "n_steps": 120,
+    "stride": 10,
+    "rate": 20.0,
+    "n_components": 10,
+    "overlap": 10,
+    "explained_variance": 0.9999,
+    "regularization": 1e-8,
+    "tolerance": 1e-8,
+    "selection": "cost",
+    "random_state": 0,
+}
+
+
+def tiny(**changes):
+    """Return an estimator of short windows."""
+    options = {"n_steps": 8, "overlap": 2, "stride": 1, "n_components": 1}
+    return FourierMovementPrimitive(**{**options, **changes})
+
+
+def windows(count, t=8, d=2, seed=0):
+    return np.random.default_rng(seed).standard_normal((count, t, d))
+
+
+def dense(g):
+    return (g.basis * g.variances) @ g.basis.T + g.noise * np.eye(g.dim)
+
+
+# Parameters -------------------------------------------------------------
+
+
+def test_defaults_are_the_papers():
+    assert FourierMovementPrimitive().get_params() == PARAMETERS
+
+
+def test_parameters_are_set_read_and_cloned():
+    skill = FourierMovementPrimitive().set_params(n_steps=60, overlap=5)
+    copy = clone(skill)
+    assert copy is not skill
+    assert copy.get_params() == {**PARAMETERS, "n_steps": 60, "overlap": 5}
+    assert copy.basis.n_steps == 60
+
+
+def test_clone_is_not_fitted(small_skill):
+    with pytest.raises(NotFittedError):
+        clone(small_skill).check_fitted()
+
+
+def test_constructor_only_stores():
+    assert FourierMovementPrimitive(n_steps=-3).n_steps == -3
+
+
+def test_basis_follows_n_steps():
+    skill = tiny()
+    assert skill.basis is skill.basis
+    assert skill.basis.n_steps == 8
+    assert skill.set_params(n_steps=9).basis.n_steps == 9
+
+
+def test_copies_by_pickle_play_the_same(small_skill):
+    copy = pickle.loads(pickle.dumps(small_skill))
+    assert np.array_equal(copy.sample(2, seed=1), small_skill.sample(2, seed=1))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("n_steps", 7),
+        ("stride", 0),
+        ("rate", 0.0),
+        ("rate", np.inf),
+        ("rate", np.nan),
+        ("n_components", 0),
+        ("overlap", 1),
+        ("overlap", 5),
+        ("explained_variance", 0.0),
+        ("explained_variance", 1.01),
+        ("regularization", 0.0),
+        ("regularization", np.nan),
+        ("tolerance", 0.0),
+        ("selection", "best"),
+    ],
+)
+def test_parameters_out_of_range_are_named(name, value):
+    with pytest.raises(SkillError, match=f"{name} is {value!r}; it must be"):
+        tiny(**{name: value}).fit(windows(9))
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda s: s.sample(),
+        lambda s: s.score(windows(2)),
+        lambda s: s.score_samples(windows(2)),
+        lambda s: s.map_partial(np.zeros((2, 2))),
+        lambda s: s.observation_rows([0]),
+    ],
+)
+def test_use_before_fit_is_refused(use):
+    with pytest.raises(NotFittedError):
+        use(tiny())
+
+
+# Learning ---------------------------------------------------------------
+
+
+def test_fit_describes_the_demonstrations(wiping_skill, wiping_demonstration):
+    skill = wiping_skill
+    assert skill.n_channels_ == 3
+    assert skill.n_windows_ == (1800 - 120) // 10 + 1
+    assert skill.channels_ == ("x", "y", "z")
+    assert skill.units_ == ("m", "m", "m")
+    assert skill.frame_ == "board"
+    assert len(skill.components_) == 10
+    assert np.all(np.diff(skill.proportions_) <= 0)
+    assert skill.proportions_.sum() == pytest.approx(1)
+    low = wiping_demonstration.values.min(axis=0)
+    high = wiping_demonstration.values.max(axis=0)
+    assert_allclose(skill.extent_, [low, high], atol=2e-3)
+
+
+def test_fit_repeats(small_skill, polishing_demonstration):
+    again = clone(small_skill).fit(polishing_demonstration)
+    for one, two in zip(small_skill.components_, again.components_, strict=True):
+        assert np.array_equal(one.mean, two.mean)
+        assert np.array_equal(one.variances, two.variances)
+
+
+def test_fit_leaves_the_windows_alone():
+    x = windows(9)
+    before = x.copy()
+    tiny().fit(x)
+    assert np.array_equal(x, before)
+    assert x.flags.writeable
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_few_windows_are_enough(count):
+    skill = tiny(n_components=10).fit(windows(count))
+    assert len(skill.components_) == max(1, count // 2)
+    assert np.all(np.isfinite(skill.sample(3)))
+
+
+def test_one_window_is_too_few():
+    with pytest.raises(DemonstrationError, match="1 windows; at least 2"):
+        tiny().fit(windows(1))
+
+
+def test_constant_channels_stay_constant():
+    x = windows(20, d=3)
+    x[..., 1] = 0.25
+    skill = tiny(n_components=3).fit(x)
+    assert_allclose(skill.sample(5, with_noise=False)[..., 1], 0.25, atol=1e-9)
+    assert np.all(np.isfinite(skill.score_samples(x)))
+
+
+@pytest.mark.parametrize("value", [0.0, 0.3])
+def test_a_robot_that_stands_still_is_a_skill(value):
+    still = Demonstration(time=np.arange(60) / 20, values=np.full((60, 3), value))
+    skill = tiny(n_components=4).fit(still)
+    assert_allclose(skill.sample(3, with_noise=False), value, atol=1e-9)
+    mapped = skill.map_partial(np.full((2, 3), value))
+    assert_allclose(skill.basis.synthesize(mapped.weights), value, atol=1e-9)
+
+
+def test_several_demonstrations_of_different_lengths(make_demonstration):
+    demonstrations = [
+        make_demonstration("eight", seconds=seconds, seed=i)
+        for i, seconds in enumerate((13.0, 4.0, 8.5))
+    ]
+    skill = FourierMovementPrimitive(n_steps=60, overlap=6, stride=5, n_components=4)
+    skill.fit(demonstrations)
+    lengths = [len(d.resample(20).time) for d in demonstrations]
+    assert skill.n_windows_ == sum((n - 60) // 5 + 1 for n in lengths)
+    # One of them is the same as a list of one.
+    one = clone(skill).fit(demonstrations[0])
+    other = clone(skill).fit([demonstrations[0]])
+    assert np.array_equal(one.components_[0].mean, other.components_[0].mean)
+
+
+def test_windows_and_demonstrations_teach_the_same(polishing_demonstration):
+    skill = tiny(rate=40.0, n_components=2, stride=8)
+    y = polishing_demonstration.values
+    cut = np.stack([y[i : i + 8] for i in range(0, len(y) - 7, 8)])
+    one, two = clone(skill).fit(polishing_demonstration), clone(skill).fit(cut)
+    assert np.array_equal(one.components_[1].mean, two.components_[1].mean)
+
+
+@pytest.mark.parametrize(
+    ("x", "message"),
+    [
+        (np.zeros((5, 8)), r"shape \(5, 8\); expected \(windows, n_steps = 8"),
+        (np.zeros((5, 9, 2)), "n_steps = 8"),
+        (np.zeros((5, 8, 0)), "of 0 channels"),
+        (np.full((5, 8, 2), np.nan), "values holds 80 NaN"),
+        ([], "at least one"),
+        ("demonstration.npz", "cannot be learned from"),
+        ([1, "two"], "cannot be learned from"),
+        (None, r"shape \(\); expected"),
+    ],
+)
+def test_what_cannot_be_learned_from_is_refused(x, message):
+    with pytest.raises(DemonstrationError, match=message):
+        tiny().fit(x)
+
+
+def test_short_demonstration_says_how_long_it_must_be():
+    short = Demonstration(time=np.arange(8) / 20, values=np.zeros((8, 3)))
+    with pytest.raises(DemonstrationError, match=r"Record at least 0\.4 s"):
+        tiny().fit(short)
+
+
+def test_one_component_has_the_sample_covariance_of_the_samples():
+    x = windows(40)
+    skill = tiny(explained_variance=1.0, regularization=1e-4).fit(x)
+    (g,) = skill.components_
+    phi = skill.basis.synthesize(np.eye(16))  # (weight, T, D)
+    phi = phi.reshape(16, 16).T
+    flat = x.reshape(40, 16)
+    assert_allclose(phi @ g.mean, flat.mean(axis=0), atol=1e-12)
+    expected = np.cov(flat.T, bias=True) + 1e-4 * np.eye(16)
+    assert_allclose(phi @ dense(g) @ phi.T, expected, atol=1e-8)
+
+
+def test_log_likelihood_is_that_of_the_normal_distribution_of_the_samples():
+    x, held_out = windows(40), windows(7, seed=1)
+    skill = tiny(explained_variance=1.0, regularization=1e-2).fit(x)
+    flat = x.reshape(40, 16)
+    normal = multivariate_normal(
+        flat.mean(axis=0), np.cov(flat.T, bias=True) + 1e-2 * np.eye(16)
+    )
+    expected = normal.logpdf(held_out.reshape(7, 16))
+    assert_allclose(skill.score_samples(held_out), expected, rtol=1e-6)
+    assert skill.score(held_out) == pytest.approx(expected.mean() / 8)
+    assert_allclose(skill.score_samples(held_out[:1]), expected[:1], rtol=1e-6)
+
+
+def test_log_likelihood_of_a_mixture_is_the_weighted_sum():
+    x = np.concatenate([windows(30), windows(50, seed=1) + 4])
+    skill = tiny(n_components=2, explained_variance=1.0, regularization=1e-2).fit(x)
+    density = sum(
+        p * multivariate_normal(c.mean, dense(c)).pdf(skill.basis.analyze(x))
+        for p, c in zip(skill.proportions_, skill.components_, strict=True)
+    )
+    assert_allclose(skill.score_samples(x), np.log(density), rtol=1e-6)
+
+
+def test_score_accepts_demonstrations(small_skill, make_demonstration):
+    held_out = make_demonstration("polishing", seconds=20, seed=9).select(["x", "y"])
+    other = make_demonstration("eight", seconds=20, seed=9).select(["x", "y"])
+    assert small_skill.score(held_out) > small_skill.score(other)
+
+
+# Sampling and observing ---------------------------------------------------
+
+
+def test_samples_have_the_moments_of_the_mixture():
+    x = windows(300) @ np.array([[1.0, 0.5], [0.0, 1.0]])
+    skill = tiny(explained_variance=1.0).fit(x)
+    y = skill.sample(20_000, seed=3)
+    assert y.shape == (20_000, 8, 2)
+    assert_allclose(y.mean(axis=0), x.mean(axis=0), atol=0.05)
+    expected = np.cov(x.reshape(300, -1).T)
+    assert_allclose(np.cov(y.reshape(20_000, -1).T), expected, atol=0.07)
+
+
+def test_samples_come_from_components_by_proportion():
+    x = np.concatenate([windows(30), windows(90, seed=1) + 40])
+    y = tiny(n_components=2).fit(x).sample(4000, seed=0)
+    assert np.mean(y.mean(axis=(1, 2)) > 20) == pytest.approx(0.75, abs=0.03)
+    # And not one component after the other.
+    far = y.mean(axis=(1, 2)) > 20
+    assert np.mean(far[:2000]) == pytest.approx(0.75, abs=0.05)
+
+
+def test_samples_repeat_with_the_seed(small_skill):
+    assert np.array_equal(small_skill.sample(3, seed=1), small_skill.sample(3, seed=1))
+    assert not np.array_equal(small_skill.sample(seed=1), small_skill.sample(seed=2))
+    assert small_skill.sample(0).shape == (0, 24, 2)
+
+
+def test_samples_without_noise_are_smooth(small_skill):
+    rough = np.diff(small_skill.sample(50, seed=0), n=4, axis=1)
+    smooth = np.diff(small_skill.sample(50, seed=0, with_noise=False), n=4, axis=1)
+    assert np.std(smooth) < np.std(rough)
+
+
+@pytest.mark.parametrize("fixture", ["small_skill", "odd_skill"])
+def test_observation_rows_are_the_block_diagonal_20(fixture, request):
+    skill = request.getfixturevalue(fixture)
+    y = skill.sample(1, seed=0)[0]
+    w = skill.basis.analyze(y)
+    steps = [0, 5, skill.n_steps - 1]
+    rows = skill.observation_rows(steps)
+    assert_allclose((rows @ w).reshape(3, 2), y[steps], atol=1e-12)
+    # The paper stacks channel by channel, these rows step by step.
+    paper = dense_paper.phi_of(steps, skill.n_steps, 2) @ skill.basis.to_paper(w)
+    assert_allclose((rows @ w).reshape(3, 2).T.ravel(), paper, atol=1e-12)
+
+
+def test_derivatives_of_observation_rows_are_per_second(small_skill):
+    w = small_skill.basis.analyze(small_skill.sample(1, with_noise=False)[0])
+    h = 1e-4  # samples
+    slope = (
+        (small_skill.observation_rows(5 + h) - small_skill.observation_rows(5 - h))
+        @ w
+        / (2 * h / small_skill.rate)
+    )
+    assert_allclose(small_skill.observation_rows(5, derivative=1) @ w, slope, atol=1e-6)
+
+
+def test_covariance_between_samples_is_that_of_the_rows(small_skill):
+    for step in (0.0, 3.4, 23.0):
+        rows = small_skill.observation_rows(step)
+        for j, component in enumerate(small_skill.components_):
+            expected = rows @ dense(component) @ rows.T
+            assert_allclose(small_skill.covariance(j, step), expected, rtol=1e-9)
+
+
+def test_map_partial_is_the_plan(small_skill):
+    y = small_skill.sample(1, seed=5)[0][:4]
+    plan = small_skill.mapping_plan(np.arange(4)).map(y.ravel())
+    mapping = small_skill.map_partial(y)
+    assert np.array_equal(mapping.weights, plan.weights)
+    assert mapping.component == plan.component
+    assert mapping.costs.shape == (3,)
+
+
+def test_whole_window_maps_to_itself(small_skill):
+    y = small_skill.sample(1, seed=5, with_noise=False)[0]
+    mapped = small_skill.basis.synthesize(small_skill.map_partial(y).weights)
+    assert_allclose(mapped, y, atol=1e-4)
+
+
+def test_selection_by_evidence_is_used(small_skill):
+    evidence = clone(small_skill).set_params(selection="evidence")
+    evidence.__dict__.update(
+        {k: v for k, v in vars(small_skill).items() if k.endswith("_")}
+    )
+    y = small_skill.sample(1, seed=5)[0][:4]
+    one, two = small_skill.map_partial(y).costs, evidence.map_partial(y).costs
+    assert not np.allclose(one, two)
+
+
+@pytest.mark.parametrize(
+    ("shape", "first"),
+    [((0, 2), 0), ((25, 2), 0), ((4, 3), 0), ((4,), 0), ((5, 2), 20), ((1, 2), 24)],
+)
+def test_partial_trajectories_that_do_not_fit_are_refused(small_skill, shape, first):
+    with pytest.raises(SkillError, match="the partial trajectory has shape"):
+        small_skill.map_partial(np.zeros(shape), first_step=first)
+
+
+def test_partial_trajectories_before_the_window_are_refused(small_skill):
+    with pytest.raises(SkillError, match="defined from 0 to 23"):
+        small_skill.map_partial(np.zeros((3, 2)), first_step=-1)
+
+
+def test_partial_trajectories_that_are_not_finite_are_refused(small_skill):
+    with pytest.raises(SkillError, match="NaN or infinite"):
+        small_skill.map_partial([[0.0, np.nan]])
+
+
+def test_components_are_low_rank(wiping_skill):
+    for component in wiping_skill.components_:
+        assert isinstance(component, LowRankGaussian)
+        assert component.dim == 360
+        assert component.rank < 40
+
+
+def test_skill_is_learned_from_real_demonstrations(real_demonstration_paths):
+    wiping = [
+        Demonstration.load(path)
+        for name, path in real_demonstration_paths.items()
+        if name.startswith("panda_wiping")
+    ]
+    assert len(wiping) >= 2
+    skill = FourierMovementPrimitive(
+        n_steps=40, overlap=5, stride=4, n_components=5
+    ).fit(wiping)
+    assert skill.n_channels_ == 3
+    y = skill.sample(20, seed=0, with_noise=False)
+    span = np.ptp(skill.extent_, axis=0)
+    assert np.all(y > skill.extent_[0] - span)
+    assert np.all(y < skill.extent_[1] + span)

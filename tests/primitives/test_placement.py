@@ -1,0 +1,135 @@
+"""Facts about laying a demonstration onto a board."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.primitives import Demonstration
+from fmp_drake.primitives.placement import Placement, fit_placement
+
+USABLE = (0.4, 0.3)
+
+
+def strokes(count=600, lift=0.1, noise=0.001, size=1.0):
+    """Return a path (N, 3) that wipes z = 0, and is lifted a third of the time."""
+    t = np.linspace(0, 12, count)
+    rng = np.random.default_rng(0)
+    height = noise * rng.standard_normal(count)
+    height += lift * np.clip(np.sin(2 * np.pi * t / 4) - 0.5, 0, None)
+    return np.column_stack(
+        [0.15 * size * np.sin(3 * t), 0.1 * size * np.cos(2 * t + 0.3), height]
+    )
+
+
+def demonstration(values):
+    return Demonstration(time=np.arange(len(values)) / 50, values=values, frame="base")
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    rotvec=st.tuples(*[st.floats(-1.5, 1.5)] * 3),
+    shift=st.tuples(*[st.floats(-1, 1)] * 3),
+)
+def test_path_in_any_frame_comes_flat_onto_the_middle(rotvec, shift):
+    turn = Rotation.from_rotvec(rotvec).as_matrix()
+    path = strokes() @ turn.T + shift
+    placement = fit_placement(demonstration(path), usable=(0.6, 0.6))
+    laid = placement.apply(demonstration(path))
+    assert laid.frame == "board"
+    assert placement.scale == 1.0
+    x, y, z = laid.values.T
+    assert x.min() + x.max() == pytest.approx(0, abs=1e-9)
+    assert y.min() + y.max() == pytest.approx(0, abs=1e-9)
+    # Lifted a third of the time, by up to 5 cm less the touch of 1 cm, and upwards.
+    assert np.all(z >= 0)
+    assert z.max() == pytest.approx(0.04, abs=0.004)
+    assert np.mean(z == 0) == pytest.approx(placement.touching)
+    assert placement.touching == pytest.approx(0.71, abs=0.06)
+
+
+@settings(deadline=None, max_examples=25)
+@given(rotvec=st.tuples(*[st.floats(-1.5, 1.5)] * 3))
+def test_placement_is_a_rotation_that_keeps_x_in_front(rotvec):
+    path = strokes() @ Rotation.from_rotvec(rotvec).as_matrix().T
+    r = fit_placement(demonstration(path), usable=USABLE).rotation
+    assert_allclose(r @ r.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(r) == pytest.approx(1)
+    forward = 1 if abs(r[2, 0]) > 0.9 else 0
+    assert r[1, forward] == pytest.approx(0, abs=1e-12)
+    assert r[0, forward] > 0
+
+
+def test_flat_path_lies_with_its_normal_up():
+    path = strokes(lift=0, noise=0)
+    r = fit_placement(demonstration(path), usable=USABLE).rotation
+    assert_allclose(r, np.eye(3), atol=1e-9)
+
+
+def test_path_that_is_too_large_is_scaled_down():
+    path = demonstration(strokes(size=2.0))
+    placement = fit_placement(path, usable=USABLE)
+    assert placement.scale == pytest.approx(0.4 / 0.6, rel=0.01)
+    extent = np.ptp(placement.apply(path).values, axis=0)
+    assert extent[0] == pytest.approx(0.4, rel=1e-6)
+    assert extent[1] <= 0.3
+    # The touch shrinks with it.
+    assert placement.touch == pytest.approx(0.01 * placement.scale)
+
+
+def test_apply_is_the_documented_similarity():
+    r = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix()
+    placement = Placement(rotation=r, translation=np.array([0.1, 0.2, 0.3]), scale=0.5)
+    path = demonstration(strokes())
+    laid = placement.apply(path)
+    expected = [0.5 * r @ p + [0.1, 0.2, 0.3] for p in path.values]
+    assert_allclose(laid.values, expected, atol=1e-12)
+    assert np.array_equal(laid.time, path.time)
+
+
+def test_heights_are_kept_without_a_touch():
+    placement = Placement(rotation=np.eye(3), translation=np.zeros(3))
+    path = demonstration(strokes())
+    assert np.array_equal(placement.apply(path).values, path.values)
+
+
+def test_placement_repeats():
+    path = demonstration(strokes())
+    one, two = (fit_placement(path, usable=USABLE) for _ in range(2))
+    assert np.array_equal(one.rotation, two.rotation)
+    assert np.array_equal(one.translation, two.translation)
+
+
+def test_long_recordings_are_placed_in_little_memory_and_time():
+    # Half an hour at 100 Hz.
+    path = demonstration(strokes(count=180_000))
+    placement = fit_placement(path, usable=USABLE)
+    assert_allclose(placement.rotation, np.eye(3), atol=0.01)
+
+
+@pytest.mark.parametrize("channels", [2, 4])
+def test_path_without_3_channels_is_refused(channels):
+    with pytest.raises(DemonstrationError, match=f"has {channels} channels"):
+        fit_placement(demonstration(np.zeros((9, channels))), usable=USABLE)
+
+
+@pytest.mark.parametrize(
+    "path", [np.zeros((9, 3)), np.outer(np.arange(9.0), [1.0, 2.0, 3.0])]
+)
+def test_path_on_a_point_or_a_line_is_refused(path):
+    with pytest.raises(DemonstrationError, match="its plane is not determined"):
+        fit_placement(demonstration(path), usable=USABLE)
+
+
+def test_real_demonstrations_fit_onto_the_board(real_demonstration_paths):
+    for name, path in real_demonstration_paths.items():
+        recorded = Demonstration.load(path)
+        placement = fit_placement(recorded, usable=USABLE)
+        laid = placement.apply(recorded).values
+        assert np.all(np.abs(laid[:, 0]) <= 0.2 + 1e-9), name
+        assert np.all(np.abs(laid[:, 1]) <= 0.15 + 1e-9), name
+        assert np.all(laid[:, 2] >= 0), name
+        assert placement.touching > 0.1, name

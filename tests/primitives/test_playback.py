@@ -1,0 +1,394 @@
+"""Facts about playing a skill."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import chi2
+from sklearn.exceptions import NotFittedError
+
+from fmp_drake.errors import SkillError
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    LqrTracker,
+    Player,
+    ProportionalTracker,
+)
+from fmp_drake.primitives.tracking import paper_precision_diagonal
+
+
+def proportional(skill):
+    """Return the tracker (17) at half the gain at which it diverges."""
+    greatest = max(
+        paper_precision_diagonal(c, n_steps=skill.n_steps).max()
+        for c in skill.components_
+    )
+    return ProportionalTracker(beta=skill.rate / greatest)
+
+
+@pytest.fixture(params=["lqr", "proportional", "samples"])
+def options(request, small_skill):
+    """The ways to play."""
+    return {
+        "lqr": {},
+        "proportional": {"tracker": proportional(small_skill)},
+        "samples": {"sample": True, "seed": 3},
+    }[request.param]
+
+
+@pytest.fixture
+def player(options, small_skill):
+    """A player of each kind."""
+    return Player(small_skill, **options)
+
+
+def outside(skill):
+    """Return a start 10 cm outside what was demonstrated, in every channel."""
+    return skill.extent_[1] + 0.1
+
+
+def ticks(player, state, count):
+    """Yield states, at every tick, re-mapped where the window ends."""
+    for _ in range(count):
+        state = player.tick(state)
+        if state.step == player.skill.n_steps - 1:
+            state = player.remap(state)
+        yield state
+
+
+def assert_states_equal(one, two):
+    for name in ("component", "step", "remaps"):
+        assert getattr(one, name) == getattr(two, name)
+    for name in ("weights", "target", "history", "offset"):
+        assert np.array_equal(getattr(one, name), getattr(two, name)), name
+
+
+# Start --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", [None, 3, 11, 23])
+def test_starts_at_rest_exactly_where_asked(player, step):
+    for position in (player.skill.extent_.mean(axis=0), outside(player.skill)):
+        state = player.start(position, step=step)
+        value, velocity, _ = player.motion(state)
+        assert_allclose(value, position, atol=1e-14)
+        assert_allclose(velocity, 0, atol=1e-12)
+        assert state.step == (3 if step is None else step)
+        assert state.remaps == 0
+        assert_allclose(state.history, np.tile(position, (4, 1)))
+
+
+def test_start_maps_one_sample(small_skill):
+    player = Player(small_skill)
+    position = small_skill.extent_.mean(axis=0) + 0.01
+    state = player.start(position)
+    mapping = small_skill.map_partial(position[None], first_step=3)
+    gaussian = small_skill.components_[mapping.component]
+    assert state.component == mapping.component
+    inside = gaussian.basis @ gaussian.basis.T
+    expected = gaussian.mean + inside @ (mapping.weights - gaussian.mean)
+    assert_allclose(state.weights, expected, atol=1e-12)
+    assert np.array_equal(state.target, gaussian.mean)
+
+
+@pytest.mark.parametrize("step", [-1, 2, 24])
+def test_start_outside_the_window_is_refused(small_skill, step):
+    with pytest.raises(SkillError, match="from 3 to 23"):
+        Player(small_skill).start([0, 0], step=step)
+
+
+@pytest.mark.parametrize(
+    "start", [[0.0], [0, 0, 0], [[0, 0]], [0, np.nan], [0, np.inf]]
+)
+def test_start_that_is_no_position_is_refused(small_skill, start):
+    with pytest.raises(SkillError, match="expected 2 finite numbers"):
+        Player(small_skill).start(start)
+
+
+# Continuity ---------------------------------------------------------------
+
+
+def test_position_and_velocity_continue_at_every_remapping(player):
+    state, remaps = player.start(outside(player.skill)), 0
+    for _ in range(10 * 20):
+        state = player.tick(state)
+        if state.step == player.skill.n_steps - 1:
+            after = player.remap(state)
+            assert_allclose(
+                player.motion(after)[:2], player.motion(state)[:2], atol=1e-12
+            )
+            assert after.step == player.skill.overlap - 1
+            assert np.array_equal(after.history, state.history)
+            state, remaps = after, remaps + 1
+            assert state.remaps == remaps
+    assert remaps == 10
+
+
+def test_motion_at_the_end_of_a_tick_is_that_of_the_next(player, options):
+    state = player.start(outside(player.skill))
+    # (17) moves the weights in Euler steps: its velocity jumps at a tick.
+    exact = 1 if "tracker" in options else 3
+    for _ in range(19):
+        end = player.motion(state, player.tick_seconds)
+        state = player.tick(state)
+        assert_allclose(player.motion(state)[:exact], end[:exact], atol=1e-9)
+
+
+def test_derivatives_of_the_motion_are_finite_differences(player):
+    h = 1e-5
+    for state in ticks(player, player.start(outside(player.skill)), 45):
+        for seconds in (0.02, 0.05, 0.09):
+            after = player.motion(state, seconds + h)
+            before = player.motion(state, seconds - h)
+            slope = (after - before)[:2] / (2 * h)
+            assert_allclose(player.motion(state, seconds)[1:], slope, atol=1e-5)
+
+
+def test_history_holds_the_last_desired_values(player):
+    values = [player.motion(player.start(outside(player.skill)))[0]]
+    for state in ticks(player, player.start(outside(player.skill)), 60):
+        values.append(player.motion(state)[0])
+        count = min(len(values), 4)
+        assert_allclose(state.history[-count:], values[-count:], atol=1e-12)
+
+
+def test_remapping_comes_every_t_minus_k_ticks(player):
+    assert player.ticks_between_remaps == 20
+    remaps = [s.remaps for s in ticks(player, player.start(outside(player.skill)), 65)]
+    assert remaps == [i // 20 for i in range(1, 66)]
+
+
+def test_tick_past_the_end_of_the_window_is_refused(player):
+    state = player.start([0.0, 0.0], step=23)
+    with pytest.raises(SkillError, match="ends at step 23; re-map"):
+        player.tick(state)
+
+
+def test_weights_drift_to_their_target(player):
+    state = player.start(outside(player.skill))
+    state = replace(state, step=3)
+    distances = []
+    for _ in range(20):
+        distances.append(np.linalg.norm(player.weights(state) - state.target))
+        state = player.tick(state)
+    assert np.all(np.diff(distances) < 0)
+
+
+def test_first_values_repeat_what_was_mapped(small_skill):
+    # A re-mapped window follows the last K values of the one before.
+    player = Player(small_skill)
+    state = player.start(small_skill.extent_.mean(axis=0))
+    for _ in range(20):
+        state = player.tick(state)
+    mapping = small_skill.map_partial(state.history)
+    assert player.remap(state).component == mapping.component
+
+
+# Where it goes ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fixture", ["small_skill", "wiping_skill"])
+@pytest.mark.parametrize("sample", [False, True])
+def test_returns_to_the_demonstrations_from_outside(fixture, sample, request):
+    skill = request.getfixturevalue(fixture)
+    player = Player(skill, sample=sample)
+    cycle = player.ticks_between_remaps
+    motion = player.rollout(outside(skill), 8 * cycle / skill.rate)
+    late = motion[3 * cycle :, 0]
+    span = np.ptp(skill.extent_, axis=0)
+    # Samples vary as much as the demonstrations did, around Gaussians' means.
+    margin = (0.35 if sample else 0.1) * span
+    assert np.all(late > skill.extent_[0] - margin)
+    assert np.all(late < skill.extent_[1] + margin)
+    # And does not come to rest there.
+    assert np.all(np.ptp(late, axis=0)[:2] > 0.4 * span[:2])
+
+
+def deviation(skill, state):
+    """Return how many standard deviations the weights are from the mean."""
+    gaussian = skill.components_[state.component]
+    inside = (state.weights - gaussian.mean) @ gaussian.basis
+    return np.linalg.norm(inside / np.sqrt(gaussian.variances + gaussian.noise))
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.99])
+def test_mapped_weights_stay_in_the_ellipsoid_of_the_confidence(
+    wiping_skill, confidence
+):
+    player = Player(wiping_skill, confidence=confidence)
+    state = player.start(outside(wiping_skill))
+    rank = wiping_skill.components_[state.component].rank
+    radius = np.sqrt(chi2.ppf(confidence, rank))
+    assert deviation(wiping_skill, state) == pytest.approx(radius)
+    free = Player(wiping_skill, confidence=1.0).start(outside(wiping_skill))
+    assert deviation(wiping_skill, free) > 1.5 * radius
+    for later in ticks(player, state, 330):
+        assert deviation(wiping_skill, later) <= radius * (1 + 1e-9)
+
+
+def test_return_from_outside_does_not_swing_out(wiping_skill):
+    # Without the ellipsoid: 0.25 m further out along y, and at 1.4 m/s.
+    start = outside(wiping_skill)
+    motion = Player(wiping_skill).rollout(start, 11.0)
+    assert np.all(motion[:, 0] < start + 0.01)
+    assert np.all(np.abs(motion[:, 1]) < 1.0)
+
+
+@pytest.mark.parametrize("confidence", [0.0, -0.1, 1.1, np.nan])
+def test_confidence_that_is_no_share_is_refused(small_skill, confidence):
+    with pytest.raises(SkillError, match=r"confidence is .* in \(0, 1\]"):
+        Player(small_skill, confidence=confidence)
+
+
+def test_start_inside_stays_inside(wiping_skill):
+    skill = wiping_skill
+    span = np.ptp(skill.extent_, axis=0)
+    for window in skill.sample(5, seed=0, with_noise=False):
+        start = np.clip(window[9], *skill.extent_)
+        motion = Player(skill).rollout(start, 30.0)[:, 0]
+        assert np.all(motion > skill.extent_[0] - 0.25 * span)
+        assert np.all(motion < skill.extent_[1] + 0.25 * span)
+
+
+def test_motion_is_as_fast_as_the_demonstrations(wiping_skill, wiping_demonstration):
+    demonstrated = wiping_demonstration.resample(20)
+    fastest = np.abs(np.diff(demonstrated.values, axis=0)).max(axis=0) * 20
+    played = Player(wiping_skill).rollout(outside(wiping_skill), 60)[220:]
+    assert np.all(np.abs(played[:, 1]).max(axis=0) < 1.3 * fastest)
+
+
+# Repeatability ------------------------------------------------------------
+
+
+def test_two_players_are_identical(small_skill, player, options):
+    twin, start = Player(small_skill, **options), outside(small_skill)
+    one, two = player.start(start), twin.start(start)
+    assert_states_equal(one, two)
+    for a, b in zip(ticks(player, one, 50), ticks(twin, two, 50), strict=True):
+        assert_states_equal(a, b)
+
+
+def test_player_keeps_no_state(player):
+    start = outside(player.skill)
+    first = player.rollout(start, 7.0)
+    player.rollout(start - 0.3, 3.0)
+    assert np.array_equal(player.rollout(start, 7.0), first)
+
+
+def test_samples_differ_from_the_mean_and_repeat_with_the_seed(small_skill):
+    start = small_skill.extent_.mean(axis=0)
+    mean = Player(small_skill).rollout(start, 10.0)
+    one, same, other = (
+        Player(small_skill, sample=True, seed=seed).rollout(start, 10.0)
+        for seed in (1, 1, 2)
+    )
+    assert np.array_equal(one, same)
+    assert np.max(np.abs(one[:, 0] - mean[:, 0])) > 0.005
+    assert np.max(np.abs(one[:, 0] - other[:, 0])) > 0.005
+
+
+def test_samples_are_drawn_anew_at_every_remapping(small_skill):
+    player = Player(small_skill, sample=True)
+    state = player.start(small_skill.extent_.mean(axis=0))
+    targets = [s.target for s in ticks(player, state, 60)]
+    assert len({target.tobytes() for target in targets}) == 4
+    assert np.array_equal(targets[0], targets[18])
+
+
+def test_samples_stay_in_the_span_of_the_component(small_skill):
+    player = Player(small_skill, sample=True)
+    state = player.start(small_skill.extent_.mean(axis=0))
+    gaussian = small_skill.components_[state.component]
+    delta = state.target - gaussian.mean
+    assert np.linalg.norm(delta) > 0.01
+    assert_allclose(gaussian.basis @ (gaussian.basis.T @ delta), delta, atol=1e-12)
+
+
+def test_rollout_is_repeated_ticks(player):
+    start = outside(player.skill)
+    state = player.start(start)
+    expected = [player.motion(state)]
+    expected += [player.motion(s) for s in ticks(player, state, 45)]
+    rollout = player.rollout(start, 4.5)
+    assert rollout.shape == (46, 3, 2)
+    assert np.array_equal(rollout, expected)
+
+
+@pytest.mark.parametrize(("duration", "count"), [(0, 1), (0.3, 4), (0.35, 4), (0.7, 8)])
+def test_rollout_has_a_row_per_tick(small_skill, duration, count):
+    assert len(Player(small_skill).rollout([0, 0], duration)) == count
+
+
+@pytest.mark.parametrize("duration", [-1.0, np.nan, np.inf])
+def test_rollout_without_an_end_is_refused(small_skill, duration):
+    with pytest.raises(SkillError, match="must not be negative"):
+        Player(small_skill).rollout([0, 0], duration)
+
+
+# Other outputs ------------------------------------------------------------
+
+
+def test_covariance_is_that_of_the_component_at_the_time(small_skill):
+    player = Player(small_skill)
+    state = player.start([0, 0], step=7)
+    expected = small_skill.covariance(state.component, 7.4)
+    assert_allclose(player.covariance(state, 0.04), expected)
+    assert np.all(np.linalg.eigvalsh(expected) > 0)
+
+
+def test_motion_is_weights_plus_offset(player):
+    start = outside(player.skill)
+    for state in ticks(player, player.start(start), 30):
+        w = player.weights(state)
+        on_path = player.skill.basis.synthesize(w)[state.step]
+        assert_allclose(player.motion(state)[0], on_path + state.offset[0], atol=1e-12)
+
+
+def test_offset_decays_like_a_critically_damped_spring(small_skill):
+    player = Player(small_skill, blend_time=0.3)
+    state = replace(player.start([0, 0]), offset=np.array([[0.1, 0.0], [0.0, 0.2]]))
+    without = replace(state, offset=np.zeros((2, 2)))
+    for t in (0.0, 0.03, 0.1):
+        value, velocity, acceleration = player.motion(state, t) - player.motion(
+            without, t
+        )
+        decay = np.exp(-t / 0.3)
+        assert_allclose(value, [0.1 * (1 + t / 0.3) * decay, 0.2 * t * decay])
+        spring = -value / 0.3**2 - 2 * velocity / 0.3
+        assert_allclose(acceleration, spring, atol=1e-9)
+
+
+@pytest.mark.parametrize("blend_time", [0.0, -1.0, np.nan, np.inf])
+def test_blend_time_that_is_not_positive_is_refused(small_skill, blend_time):
+    with pytest.raises(SkillError, match=r"blend_time is .* must be positive"):
+        Player(small_skill, blend_time=blend_time)
+
+
+def test_unfitted_skill_cannot_be_played():
+    with pytest.raises(NotFittedError):
+        Player(FourierMovementPrimitive())
+
+
+def test_tracker_is_used(small_skill):
+    start = outside(small_skill)
+    slow = Player(small_skill, tracker=LqrTracker(time_constant=20)).rollout(start, 4)
+    fast = Player(small_skill, tracker=LqrTracker(time_constant=0.5)).rollout(start, 4)
+    assert np.max(np.abs(slow - fast)) > 0.01
+
+
+def test_real_demonstrations_are_played_from_outside(real_demonstration_paths):
+    for name, path in real_demonstration_paths.items():
+        demonstration = Demonstration.load(path).resample(20)
+        n_steps = min(60, len(demonstration.time) - 10)
+        skill = FourierMovementPrimitive(
+            n_steps=n_steps, overlap=n_steps // 10, stride=2, n_components=5
+        ).fit(demonstration)
+        span = np.ptp(skill.extent_, axis=0)
+        start = skill.extent_[1] + 0.05
+        motion = Player(skill).rollout(start, 30.0)
+        assert np.all(np.isfinite(motion)), name
+        late = motion[300:, 0]
+        assert np.all(late > skill.extent_[0] - 0.3 * span - 0.01), name
+        assert np.all(late < skill.extent_[1] + 0.3 * span + 0.01), name

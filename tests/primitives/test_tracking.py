@@ -1,0 +1,239 @@
+"""Facts about the trackers: Algorithm 2."""
+
+import dense_paper
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm, solve_continuous_are
+
+from fmp_drake.errors import SkillError
+from fmp_drake.primitives import LowRankGaussian, LqrTracker, ProportionalTracker
+from fmp_drake.primitives.tracking import paper_precision_diagonal
+
+TICK = 0.1
+
+
+def component(noise=1e-3):
+    rng = np.random.default_rng(3)
+    basis, _ = np.linalg.qr(rng.standard_normal((16, 5)))
+    return LowRankGaussian(
+        mean=rng.standard_normal(16),
+        basis=basis,
+        variances=np.array([1.0, 0.3, 0.1, 0.02, 0.004]),
+        noise=noise,
+    )
+
+
+def dense(g):
+    return (g.basis * g.variances) @ g.basis.T + g.noise * np.eye(g.dim)
+
+
+def start(g, scale=1.0):
+    return g.mean + scale * np.random.default_rng(8).standard_normal(g.dim)
+
+
+@pytest.mark.parametrize("fixture", ["small_skill", "odd_skill"])
+def test_precision_diagonal_is_that_of_the_papers_weights(
+    fixture, paper_mixture, request
+):
+    skill = request.getfixturevalue(fixture)
+    t = skill.n_steps
+    _, _, sigmas = paper_mixture(skill)
+    # Which of the paper's weights a weight of ours appears in.
+    used = np.abs(skill.basis.to_paper(np.eye(t))) > 1e-9
+    for gaussian, sigma in zip(skill.components_, sigmas, strict=True):
+        ours = paper_precision_diagonal(gaussian, n_steps=t).reshape(-1, t)
+        theirs = np.diag(np.linalg.inv(sigma)).reshape(-1, 2 * t)
+        for mine, channel in zip(ours, theirs, strict=True):
+            for rate, where in zip(mine, used, strict=True):
+                assert_allclose(channel[where], rate, rtol=1e-6)
+
+
+def test_proportional_tracker_is_17_step_by_step(small_skill, paper_mixture):
+    skill = small_skill
+    _, mu, sigma = paper_mixture(skill)
+    gaussian = skill.components_[1]
+    precision = np.diag(np.linalg.inv(sigma[1]))
+    beta = 1.5 / (TICK * precision.max())
+    drift = ProportionalTracker(beta=beta).drift(
+        gaussian, n_steps=skill.n_steps, tick=TICK
+    )
+    ours = skill.basis.analyze(skill.sample(seed=4)[0])
+    paper = skill.basis.to_paper(ours)
+    for _ in range(60):
+        ours = drift.advance(ours, gaussian.mean, TICK)[0]
+        paper = dense_paper.track(paper, mu[1], sigma[1], beta, TICK)
+        assert_allclose(skill.basis.to_paper(ours), paper, atol=1e-9)
+    assert np.linalg.norm(ours - gaussian.mean) < 1.0
+
+
+def test_algorithm_2_is_the_papers(small_skill, paper_mixture):
+    skill, k = small_skill, small_skill.overlap
+    pi, mu, sigma = paper_mixture(skill)
+    precision = np.max([np.diag(np.linalg.inv(s)).max() for s in sigma])
+    beta = 1 / (TICK * precision)
+    y = skill.sample(seed=6, with_noise=False)[0][:k]
+    values, covariances = dense_paper.algorithm_2(
+        y, pi, mu, sigma, skill.tolerance, beta, TICK
+    )
+    mapping = skill.map_partial(y)
+    gaussian = skill.components_[mapping.component]
+    drift = ProportionalTracker(beta=beta).drift(
+        gaussian, n_steps=skill.n_steps, tick=TICK
+    )
+    w = mapping.weights
+    for i, step in enumerate(range(k, skill.n_steps)):
+        w = drift.advance(w, gaussian.mean, TICK)[0]
+        value = skill.basis.synthesize(w)[step]
+        assert_allclose(value, values[i].real, atol=1e-7)
+        assert_allclose(values[i].imag, 0, atol=1e-9)
+        # Phi is complex: as printed, (18) counts the regulariser twice.
+        twice = skill.covariance(mapping.component, step) + gaussian.noise * np.eye(2)
+        assert_allclose(covariances[i].real, twice, rtol=1e-9, atol=1e-15)
+
+
+def test_covariance_at_a_sample_is_18_over_real_weights(small_skill, paper_mixture):
+    skill = small_skill
+    _, _, sigmas = paper_mixture(skill)
+    for j, sigma in enumerate(sigmas):
+        for step in (0, 3, 23):
+            row = dense_paper.phi_of([step], skill.n_steps, 2).real
+            expected = row @ sigma @ row.T
+            assert_allclose(skill.covariance(j, step), expected, rtol=1e-9, atol=1e-15)
+
+
+def test_proportional_gain_is_refused_exactly_where_17_diverges():
+    g = component()
+    precision = paper_precision_diagonal(g, n_steps=16)
+    largest = 2 / (TICK * precision.max())
+    fine = ProportionalTracker(beta=0.999 * largest)
+    drift = fine.drift(g, n_steps=16, tick=TICK)
+    w = start(g)
+    for _ in range(20_000):
+        w = drift.advance(w, g.mean, TICK)[0]
+    assert_allclose(w, g.mean, atol=1e-3)
+    with pytest.raises(SkillError, match=f"from 0 to {largest:.6g}"):
+        ProportionalTracker(beta=1.001 * largest).drift(g, n_steps=16, tick=TICK)
+
+
+@pytest.mark.parametrize("beta", [0.0, -1.0, np.nan])
+def test_proportional_gain_that_is_not_positive_is_refused(beta):
+    with pytest.raises(SkillError, match="stable for this skill"):
+        ProportionalTracker(beta=beta).drift(component(), n_steps=16, tick=TICK)
+
+
+def test_proportional_tracker_moves_linearly_between_ticks():
+    g = component()
+    drift = ProportionalTracker(beta=1e-3).drift(g, n_steps=16, tick=TICK)
+    w0 = start(g)
+    w1 = drift.advance(w0, g.mean, TICK)[0]
+    half = drift.advance(w0, g.mean, TICK / 2)
+    assert_allclose(half[0], (w0 + w1) / 2)
+    assert_allclose(half[1], (w1 - w0) / TICK)
+    assert_allclose(half[2], 0)
+
+
+def lqr_gain(g, time_constant):
+    """Solve the Riccati equation of the documented cost; return K of dw = -K w."""
+    sigma = dense(g)
+    rho = time_constant**2 / np.linalg.eigvalsh(sigma)[-1]
+    n = g.dim
+    precision = np.linalg.inv(sigma)
+    p = solve_continuous_are(
+        np.zeros((n, n)), np.eye(n), (precision + precision.T) / 2, rho * np.eye(n)
+    )
+    return p / rho
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.05, 0.7, 4.0])
+def test_lqr_tracker_solves_the_riccati_equation(seconds):
+    g = component()
+    tracker = LqrTracker(time_constant=1.5, shortest=1e-9)
+    drift = tracker.drift(g, n_steps=16, tick=TICK)
+    gain = lqr_gain(g, 1.5)
+    w0 = start(g)
+    expected = g.mean + expm(-gain * seconds) @ (w0 - g.mean)
+    w, w_dot, w_ddot = drift.advance(w0, g.mean, seconds)
+    assert_allclose(w, expected, atol=1e-7)
+    assert_allclose(w_dot, -gain @ (expected - g.mean), atol=1e-6)
+    assert_allclose(w_ddot, gain @ gain @ (expected - g.mean), atol=1e-4)
+
+
+def test_lqr_tracker_follows_its_differential_equation_to_any_target():
+    g = component()
+    drift = LqrTracker(shortest=1e-9).drift(g, n_steps=16, tick=TICK)
+    gain, target, w0 = lqr_gain(g, 2.0), g.mean + 0.3, start(g)
+    solution = solve_ivp(
+        lambda _, w: -gain @ (w - target), (0, 1), w0, rtol=1e-9, atol=1e-11
+    )
+    assert_allclose(drift.advance(w0, target, 1.0)[0], solution.y[:, -1], atol=1e-7)
+
+
+def test_lqr_cost_is_least_at_the_closed_form():
+    g = component()
+    sigma, tau = dense(g), 1.5
+    rho = tau**2 / np.linalg.eigvalsh(sigma)[-1]
+    gain, x0 = lqr_gain(g, tau), start(g) - g.mean
+
+    def cost(k):
+        # Lyapunov: the integral over all time of x'(Q + rho K'K)x, with dx = -Kx.
+        values, vectors = np.linalg.eigh(k)
+        weight = vectors.T @ (np.linalg.inv(sigma) + rho * k @ k) @ vectors
+        x = vectors.T @ x0
+        return x @ (weight / (values[:, None] + values[None, :])) @ x
+
+    direction = np.diag(np.random.default_rng(0).uniform(-1, 1, g.dim))
+    for step in (-0.05, 0.05):
+        assert cost(gain + step * direction) > cost(gain)
+
+
+def test_lqr_derivatives_are_finite_differences():
+    g = component(noise=0.01)
+    drift = LqrTracker().drift(g, n_steps=16, tick=TICK)
+    w0, h = start(g), 1e-5
+    for seconds in (0.01, 0.3, 2.0):
+        before = drift.advance(w0, g.mean, seconds - h)
+        after = drift.advance(w0, g.mean, seconds + h)
+        here = drift.advance(w0, g.mean, seconds)
+        assert_allclose(here[1:], (after - before)[:2] / (2 * h), atol=1e-6)
+
+
+def test_lqr_advances_compose():
+    g = component()
+    drift = LqrTracker().drift(g, n_steps=16, tick=TICK)
+    w0 = start(g)
+    twice = drift.advance(drift.advance(w0, g.mean, 0.3)[0], g.mean, 0.5)
+    assert_allclose(twice, drift.advance(w0, g.mean, 0.8), atol=1e-12)
+
+
+def test_lqr_time_constants_follow_the_standard_deviations():
+    g = component(noise=1e-6)
+    tracker = LqrTracker(time_constant=2.0, shortest=0.3)
+    drift = tracker.drift(g, n_steps=16, tick=TICK)
+    eigenvalues = g.variances + g.noise
+    for i, eigenvalue in enumerate(eigenvalues):
+        tau = max(2.0 * np.sqrt(eigenvalue / eigenvalues[0]), 0.3)
+        w = drift.advance(g.mean + g.basis[:, i], g.mean, tau)[0]
+        assert_allclose(w - g.mean, g.basis[:, i] / np.e, atol=1e-12)
+    # What no demonstration showed returns in the shortest time.
+    rest = start(g) - g.mean
+    rest -= g.basis @ (g.basis.T @ rest)
+    w = drift.advance(g.mean + rest, g.mean, 0.3)[0]
+    assert_allclose(w - g.mean, rest / np.e, atol=1e-12)
+
+
+def test_lqr_tracks_a_component_without_a_factor():
+    g = LowRankGaussian(
+        mean=np.zeros(8), basis=np.zeros((8, 0)), variances=np.zeros(0), noise=0.1
+    )
+    drift = LqrTracker(time_constant=2.0).drift(g, n_steps=8, tick=TICK)
+    w = drift.advance(np.ones(8), g.mean, 2.0)[0]
+    assert_allclose(w, 1 / np.e)
+
+
+@pytest.mark.parametrize("name", ["time_constant", "shortest"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_time_constants_that_are_not_positive_are_refused(name, value):
+    with pytest.raises(SkillError, match=f"{name} is .* must be positive"):
+        LqrTracker(**{name: value})

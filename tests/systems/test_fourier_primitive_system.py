@@ -1,0 +1,443 @@
+"""Facts about the skill as a Drake system."""
+
+import copy
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from fmp_drake.errors import SkillError
+from fmp_drake.primitives import LqrTracker, Player
+from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+
+OUTPUTS = {
+    "position": 2,
+    "velocity": 2,
+    "acceleration": 2,
+    "covariance": 4,
+    "weights": 48,
+    "component": 1,
+}
+TICK = 0.1
+REMAP = 2.0  # (T - K) / rate of `small_skill`
+
+
+@pytest.fixture
+def system(small_skill):
+    """The system of a skill with T = 24, K = 4, D = 2, 10 Hz."""
+    return FourierPrimitiveSystem(small_skill)
+
+
+@pytest.fixture
+def start(small_skill):
+    """A start 5 cm outside what was demonstrated."""
+    return small_skill.extent_[1] + 0.05
+
+
+def context_at(system, measured, time=0.0):
+    context = system.CreateDefaultContext()
+    context.SetTime(time)
+    system.GetInputPort("measured_position").FixValue(context, measured)
+    return context
+
+
+def simulator_at(system, measured, time=0.0):
+    simulator = Simulator(system, context_at(system, measured, time))
+    simulator.Initialize()
+    return simulator
+
+
+def outputs(system, context):
+    return {n: system.GetOutputPort(n).Eval(context).copy() for n in OUTPUTS}
+
+
+def assert_same_outputs(one, two):
+    for name in OUTPUTS:
+        assert np.array_equal(one[name], two[name]), name
+
+
+def expected_outputs(player, state, seconds):
+    motion = player.motion(state, seconds)
+    return {
+        "position": motion[0],
+        "velocity": motion[1],
+        "acceleration": motion[2],
+        "covariance": player.covariance(state, seconds).ravel(),
+        "weights": player.weights(state, seconds),
+        "component": [state.component],
+    }
+
+
+def record(simulator, until, every=0.03):
+    """Return all outputs along a simulation, sampled between and at ticks."""
+    system, context = simulator.get_system(), simulator.get_context()
+    rows, count = [], round((until - context.get_time()) / every)
+    begin = context.get_time()
+    for i in range(count + 1):
+        simulator.AdvanceTo(begin + i * every)
+        rows.append(np.concatenate(list(outputs(system, context).values())))
+    return np.array(rows)
+
+
+# Ports --------------------------------------------------------------------
+
+
+def test_ports_have_names_and_sizes(system):
+    assert system.get_name() == "fourier_primitive"
+    assert system.num_input_ports() == 1
+    assert system.GetInputPort("measured_position").size() == 2
+    assert system.num_output_ports() == len(OUTPUTS)
+    for name, size in OUTPUTS.items():
+        assert system.GetOutputPort(name).size() == size
+
+
+def test_no_output_feeds_through(system):
+    for output in range(system.num_output_ports()):
+        assert not system.HasDirectFeedthrough(0, output)
+
+
+def test_all_of_its_values_are_discrete_state(system):
+    context = system.CreateDefaultContext()
+    assert context.num_continuous_states() == 0
+    assert context.num_abstract_states() == 0
+    assert context.num_total_states() > 0
+
+
+def test_default_context_rests_at_the_mean_of_the_skill(system, small_skill):
+    context = system.CreateDefaultContext()
+    rest = FourierPrimitiveSystem.resting_value(small_skill)
+    assert_allclose(system.GetOutputPort("position").Eval(context), rest)
+    assert_allclose(system.GetOutputPort("velocity").Eval(context), 0, atol=1e-12)
+    assert np.all(rest > small_skill.extent_[0])
+    assert np.all(rest < small_skill.extent_[1])
+
+
+# Against the pure playback -------------------------------------------------
+
+
+@pytest.mark.parametrize("sample", [False, True])
+def test_outputs_are_the_players_at_and_between_ticks(small_skill, start, sample):
+    options = {"sample": sample, "seed": 5, "tracker": LqrTracker(time_constant=1)}
+    system = FourierPrimitiveSystem(small_skill, **options)
+    player = Player(small_skill, **options)
+    simulator = simulator_at(system, start)
+    context = simulator.get_context()
+    state = player.start(start)
+    for i in range(65):
+        simulator.AdvanceTo(i * TICK)
+        # AdvanceTo stops before the events of its last instant.
+        simulator.AdvancePendingEvents()
+        if i > 0:
+            state = player.tick(state)
+            if state.step == 23:
+                state = player.remap(state)
+        for seconds in (0.0, 0.01, 0.077):
+            simulator.AdvanceTo(i * TICK + seconds)
+            got = outputs(system, context)
+            for name, value in expected_outputs(player, state, seconds).items():
+                assert_allclose(got[name], value, atol=1e-9, err_msg=name)
+    assert state.remaps == 3
+
+
+def test_outputs_at_an_instant_do_not_depend_on_its_events(system, start):
+    # Before the events of an instant the state is a tick old: the same motion.
+    simulator = simulator_at(system, start)
+    for i in range(1, 45):
+        simulator.AdvanceTo(i * TICK)
+        before = outputs(system, simulator.get_context())
+        simulator.AdvancePendingEvents()
+        after = outputs(system, simulator.get_context())
+        assert_allclose(after["position"], before["position"], atol=1e-9)
+        assert_allclose(after["velocity"], before["velocity"], atol=1e-9)
+
+
+def test_position_is_continuous_at_1_khz(system, start):
+    simulator = simulator_at(system, start)
+    port, context = system.GetOutputPort("position"), simulator.get_context()
+    position, speed = [], []
+    for i in range(4500):
+        simulator.AdvanceTo(i * 1e-3)
+        position.append(port.Eval(context).copy())
+        speed.append(system.GetOutputPort("velocity").Eval(context).copy())
+    slope = np.diff(position, axis=0) / 1e-3
+    assert_allclose(slope, (np.array(speed)[1:] + speed[:-1]) / 2, atol=1e-3)
+
+
+def test_player_is_that_of_the_arguments(small_skill):
+    system = FourierPrimitiveSystem(small_skill, sample=True, seed=7)
+    assert system.player.skill is small_skill
+    assert system.player.sample
+    assert system.player.seed == 7
+
+
+# Events -------------------------------------------------------------------
+
+
+def test_tick_and_remapping_of_one_instant_both_happen_once(system, start):
+    simulator = simulator_at(system, start)
+    context = simulator.get_context()
+    for cycle in range(1, 6):
+        simulator.AdvanceTo(cycle * REMAP)
+        simulator.AdvancePendingEvents()
+        state = system.playback_state(context)
+        assert (state.step, state.remaps) == (3, cycle)
+        simulator.AdvanceTo(cycle * REMAP + TICK)
+        simulator.AdvancePendingEvents()
+        assert system.playback_state(context).step == 4
+
+
+def test_remapping_comes_every_t_minus_k_ticks(system, start):
+    simulator = simulator_at(system, start)
+    instants, last = [], 0
+    for i in range(1, 121):
+        simulator.AdvanceTo(i * TICK)
+        simulator.AdvancePendingEvents()
+        remaps = system.playback_state(simulator.get_context()).remaps
+        if remaps > last:
+            instants.append(i * TICK)
+            last = remaps
+    assert_allclose(instants, REMAP * np.arange(1, 7))
+
+
+def test_skill_of_the_paper_remaps_every_5_and_a_half_seconds(wiping_skill):
+    system = FourierPrimitiveSystem(wiping_skill)
+    simulator = simulator_at(system, wiping_skill.extent_.mean(axis=0))
+    for time, remaps in ((5.45, 0), (5.5, 1), (10.95, 1), (11.0, 2)):
+        simulator.AdvanceTo(time)
+        simulator.AdvancePendingEvents()
+        assert system.playback_state(simulator.get_context()).remaps == remaps
+
+
+def groups(context):
+    """Return a copy of all discrete state."""
+    values = context.get_discrete_state()
+    return [values.value(i).copy() for i in range(values.num_groups())]
+
+
+def test_tick_leaves_the_input_context_unchanged(system, start):
+    context = simulator_at(system, start).get_mutable_context()
+    context.SetTime(TICK)
+    before, shown = groups(context), outputs(system, context)
+    updated = system.EvalUniquePeriodicDiscreteUpdate(context)
+    assert not np.array_equal(updated.value(0), before[0])
+    for one, two in zip(groups(context), before, strict=True):
+        assert np.array_equal(one, two)
+    assert_same_outputs(outputs(system, context), shown)
+
+
+def test_remapping_leaves_the_input_context_unchanged(system, start):
+    simulator = simulator_at(system, start)
+    simulator.AdvanceTo(REMAP)
+    context, other = simulator.get_context(), simulator.get_context().Clone()
+    before, shown = groups(context), outputs(system, context)
+    system._remap(context, other.get_mutable_state())
+    assert system.playback_state(other).remaps == 1
+    assert not np.array_equal(groups(other)[0], before[0])
+    for one, two in zip(groups(context), before, strict=True):
+        assert np.array_equal(one, two)
+    assert_same_outputs(outputs(system, context), shown)
+
+
+@pytest.mark.parametrize("rate", [7.0, 30.0, 60.0])
+def test_ticks_of_any_rate_meet_their_remappings_for_long(small_skill, rate):
+    # The instants of the two periodic events may differ in the last digit.
+    skill = copy.copy(small_skill).set_params(rate=rate)
+    system = FourierPrimitiveSystem(skill)
+    simulator = simulator_at(system, skill.extent_.mean(axis=0))
+    simulator.AdvanceTo((200 * 20 + 7.5) / rate)
+    state = system.playback_state(simulator.get_context())
+    assert (state.step, state.remaps) == (10, 200)
+
+
+def test_state_taken_from_a_context_does_not_change_later(system, start):
+    simulator = simulator_at(system, start)
+    state = system.playback_state(simulator.get_context())
+    arrays = (state.weights, state.target, state.history, state.offset)
+    before = [array.copy() for array in arrays]
+    simulator.AdvanceTo(1.05)
+    for one, two in zip(arrays, before, strict=True):
+        assert np.array_equal(one, two)
+
+
+# Independence and repeatability ---------------------------------------------
+
+
+def test_interleaved_contexts_are_independent(system, start):
+    alone = [record(simulator_at(system, p), 4.5) for p in (start, -start)]
+    one, two = simulator_at(system, start), simulator_at(system, -start)
+    rows = ([], [])
+    for i in range(151):
+        for simulator, out in zip((one, two), rows, strict=True):
+            simulator.AdvanceTo(i * 0.03)
+            values = outputs(system, simulator.get_context()).values()
+            out.append(np.concatenate(list(values)))
+    assert np.array_equal(rows[0], alone[0])
+    assert np.array_equal(rows[1], alone[1])
+    assert not np.array_equal(rows[0], rows[1])
+
+
+@pytest.mark.parametrize("sample", [False, True])
+def test_two_simulations_are_identical(small_skill, start, sample):
+    system = FourierPrimitiveSystem(small_skill, sample=sample)
+    first = record(simulator_at(system, start), 6.3)
+    assert np.array_equal(record(simulator_at(system, start), 6.3), first)
+    twin = FourierPrimitiveSystem(small_skill, sample=sample)
+    assert np.array_equal(record(simulator_at(twin, start), 6.3), first)
+
+
+@pytest.mark.parametrize("sample", [False, True])
+def test_simulator_that_is_reset_runs_the_same_again(small_skill, start, sample):
+    system = FourierPrimitiveSystem(small_skill, sample=sample)
+    simulator = simulator_at(system, start)
+    first = record(simulator, 6.3)
+    simulator.get_mutable_context().SetTime(0.0)
+    simulator.Initialize()
+    assert np.array_equal(record(simulator, 6.3), first)
+
+
+def test_clone_of_a_context_shows_the_same_and_stays(system, start):
+    simulator = simulator_at(system, start)
+    simulator.AdvanceTo(3.02)
+    clone = simulator.get_context().Clone()
+    shown = outputs(system, simulator.get_context())
+    simulator.AdvanceTo(4.0)
+    assert_same_outputs(outputs(system, clone), shown)
+
+
+def test_caching_makes_no_difference(system, start):
+    cached = record(simulator_at(system, start), 4.5)
+    context = context_at(system, start)
+    context.DisableCaching()
+    simulator = Simulator(system, context)
+    simulator.Initialize()
+    assert np.array_equal(record(simulator, 4.5), cached)
+
+
+def test_outputs_follow_time_and_state_not_the_input(system, start):
+    context = simulator_at(system, start).get_mutable_context()
+    before = outputs(system, context)
+    system.GetInputPort("measured_position").FixValue(context, start + 1)
+    assert_same_outputs(outputs(system, context), before)
+    context.SetTime(0.05)
+    after = outputs(system, context)
+    assert not np.array_equal(after["position"], before["position"])
+    assert np.array_equal(after["component"], before["component"])
+
+
+# Start --------------------------------------------------------------------
+
+
+def test_starts_at_rest_where_the_robot_is(system, start):
+    simulator = simulator_at(system, start)
+    got = outputs(system, simulator.get_context())
+    assert_allclose(got["position"], start, atol=1e-12)
+    assert_allclose(got["velocity"], 0, atol=1e-12)
+
+
+def test_outputs_show_the_start_at_once_though_time_stands_still(system, start):
+    # Evaluated before the start, they are in the cache at the same time.
+    context = context_at(system, start)
+    resting = outputs(system, context)
+    simulator = Simulator(system, context)
+    simulator.Initialize()
+    context = simulator.get_mutable_context()
+    cached = outputs(system, context)
+    assert not np.array_equal(cached["position"], resting["position"])
+    context.DisableCaching()
+    assert_same_outputs(cached, outputs(system, context))
+
+
+def test_input_is_read_only_at_initialisation(system, start):
+    still = record(simulator_at(system, start), 4.5)
+    simulator = simulator_at(system, start)
+    context = simulator.get_mutable_context()
+    system.GetInputPort("measured_position").FixValue(context, start + 1)
+    assert np.array_equal(record(simulator, 4.5), still)
+
+
+@pytest.mark.parametrize("t0", [5.5, 1.0, 0.05, 16.5, 110.0])
+def test_starts_at_any_tick_and_remaps_on_the_same_grid(wiping_skill, t0):
+    system = FourierPrimitiveSystem(wiping_skill)
+    start = wiping_skill.extent_.mean(axis=0)
+    simulator = simulator_at(system, start, t0)
+    context = simulator.get_context()
+    got = system.GetOutputPort("position").Eval(context)
+    assert_allclose(got, start, atol=1e-12)
+    first = 9 + round(t0 / 0.05) % 110
+    assert system.playback_state(context).step == first
+    # The periodic events count from zero, so the window is entered in between.
+    instant = (np.floor(t0 / 5.5 + 1e-9) + 1) * 5.5
+    simulator.AdvanceTo(max(t0, instant - 0.04))
+    state = system.playback_state(context)
+    assert (state.step, state.remaps) == (118, 0)
+    simulator.AdvanceTo(instant + 0.01)
+    state = system.playback_state(context)
+    assert (state.step, state.remaps) == (9, 1)
+    simulator.AdvanceTo(instant + 5.51)
+    assert system.playback_state(context).remaps == 2
+
+
+@pytest.mark.parametrize("t0", [2.0, 1.0])
+def test_late_start_plays_as_the_player_does(system, small_skill, start, t0):
+    player = Player(small_skill)
+    simulator = simulator_at(system, start, t0)
+    state = player.start(start, step=3 + round(t0 / TICK) % 20)
+    for i in range(1, 50):
+        state = player.tick(state)
+        if state.step == 23:
+            state = player.remap(state)
+        simulator.AdvanceTo(t0 + i * TICK)
+        simulator.AdvancePendingEvents()
+        got = system.GetOutputPort("position").Eval(simulator.get_context())
+        assert_allclose(got, player.motion(state)[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("t0", [0.03, 1.0001])
+def test_start_between_ticks_is_refused(system, start, t0):
+    with pytest.raises(SkillError, match=r"fourier_primitive: .* multiple of .* 0.1 s"):
+        simulator_at(system, start, t0)
+
+
+def test_start_that_is_not_finite_is_refused(system):
+    with pytest.raises(SkillError, match="expected 2 finite numbers"):
+        simulator_at(system, [0.0, np.nan])
+
+
+def test_forgotten_input_is_an_error_that_names_port_and_system(system):
+    with pytest.raises(
+        RuntimeError, match=r"measured_position.*fourier_primitive.*not connected"
+    ):
+        Simulator(system).Initialize()
+
+
+# In a diagram ---------------------------------------------------------------
+
+
+def test_plays_in_a_diagram_with_its_output_fed_back(small_skill, start):
+    # No feedthrough: measuring its own output is no algebraic loop.
+    builder = DiagramBuilder()
+    system = builder.AddSystem(FourierPrimitiveSystem(small_skill))
+    builder.Connect(
+        system.GetOutputPort("position"), system.GetInputPort("measured_position")
+    )
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(4.5)
+    context = system.GetMyContextFromRoot(simulator.get_context())
+    assert system.playback_state(context).remaps == 2
+
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource(start))
+    system = builder.AddSystem(FourierPrimitiveSystem(small_skill))
+    builder.Connect(source.get_output_port(), system.GetInputPort("measured_position"))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(4.5)
+    context = system.GetMyContextFromRoot(simulator.get_context())
+    alone = simulator_at(FourierPrimitiveSystem(small_skill), start)
+    alone.AdvanceTo(4.5)
+    assert_same_outputs(
+        outputs(system, context), outputs(alone.get_system(), alone.get_context())
+    )

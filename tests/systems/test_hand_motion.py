@@ -1,0 +1,121 @@
+"""Facts about the simulated hand's wandering paths."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.hand_motion import TASKS, HandMotion, HandVariability
+
+RATE = 200
+STEADY = HandVariability(frequency=0, amplitude=0, centre=0, tremor=0)
+PERIODS = {"wiping": 4.8, "polishing": 2.0, "eight": 3.0}
+# How often the path crosses its middle along x and y in one period.
+TURNS = {"wiping": (1, 3), "polishing": (1, 1), "eight": (2, 1)}
+
+
+def test_tasks_are_those_of_the_paper():
+    assert set(TASKS) == set(PERIODS)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_path_repeats_with_the_seed(task):
+    one, same, other = (HandMotion.make(task, seconds=5, seed=s) for s in (1, 1, 2))
+    assert np.array_equal(one.position, same.position)
+    assert np.max(np.abs(one.position - other.position)) > 0.01
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_longer_path_covers_its_whole_time(task):
+    motion = HandMotion.make(task, seconds=7.3, seed=0)
+    assert motion.position.shape[1] == 2
+    assert len(motion.position) / RATE >= 7.3
+    before, _ = motion.at(7.29)
+    end, _ = motion.at(7.3)
+    assert not np.array_equal(before, end)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_steady_hand_repeats_after_a_period(task):
+    motion = HandMotion.make(task, seconds=15, seed=4, variability=STEADY)
+    period = PERIODS[task]
+    for time in np.linspace(0, 9, 25):
+        assert_allclose(motion.at(time + period)[0], motion.at(time)[0], atol=2e-5)
+    half = np.array([motion.at(t)[0] for t in np.linspace(0, period, 200)])
+    for axis, count in enumerate(TURNS[task]):
+        signs = np.sign(half[:-1, axis])
+        assert np.sum(signs != np.roll(signs, 1)) == 2 * count
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_wandering_hand_keeps_period_and_size_on_average(task):
+    steady = HandMotion.make(task, seconds=60, seed=0, variability=STEADY).position
+    human = HandMotion.make(task, seconds=240, seed=0).position
+    assert_allclose(human.std(axis=0), steady.std(axis=0), rtol=0.1)
+    assert np.all(np.abs(human) < 1.5 * np.abs(steady).max(axis=0))
+    crossings = np.sum(np.diff(np.sign(human[:, 1])) > 0) / 240
+    assert crossings == pytest.approx(TURNS[task][1] / PERIODS[task], rel=0.1)
+
+
+def test_path_never_repeats():
+    position = HandMotion.make("polishing", seconds=60, seed=0).position
+    period = 2 * RATE
+    apart = np.linalg.norm(position[period:] - position[:-period], axis=1)
+    assert np.max(apart) > 0.03
+
+
+def test_tremor_has_its_size_and_band():
+    only = HandVariability(frequency=0, amplitude=0, centre=0, tremor=0.001)
+    shaking = HandMotion.make("eight", seconds=60, seed=0, variability=only)
+    still = HandMotion.make("eight", seconds=60, seed=0, variability=STEADY)
+    tremor = shaking.position - still.position
+    assert_allclose(tremor.std(axis=0), 0.001, rtol=0.1)
+    power = np.abs(np.fft.rfft(tremor[:, 0])) ** 2
+    frequency = np.fft.rfftfreq(len(tremor), 1 / RATE)
+    inside = (frequency > 7) & (frequency < 13)
+    assert power[inside].sum() > 0.9 * power.sum()
+
+
+@settings(deadline=None, max_examples=30)
+@given(time=st.floats(0.01, 4.9))
+def test_velocity_is_the_slope_of_the_position(time):
+    motion = HandMotion.make("eight", seconds=5, seed=3)
+    position, velocity = motion.at(time)
+    i = int(time * RATE)
+    slope = (motion.position[i + 1] - motion.position[i]) * RATE
+    assert_allclose(velocity, slope, atol=1e-9)
+    assert_allclose(
+        position, motion.position[i] + (time - i / RATE) * slope, atol=1e-12
+    )
+
+
+def test_time_outside_the_path_is_clamped():
+    motion = HandMotion.make("eight", seconds=2, seed=0)
+    assert_allclose(motion.at(-1)[0], motion.position[0])
+    assert_allclose(motion.at(99)[0], motion.position[-1], atol=1e-4)
+
+
+def test_hand_moves_at_the_speed_of_a_person():
+    for task in TASKS:
+        position = HandMotion.make(task, seconds=60, seed=5).position
+        speed = np.linalg.norm(np.diff(position, axis=0), axis=1) * RATE
+        assert 0.1 < speed.mean() < 0.8
+        assert speed.max() < 1.5
+
+
+def test_path_is_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        HandMotion.make("eight", seconds=1, seed=0).position[0] = 1
+
+
+def test_unknown_task_lists_the_tasks():
+    with pytest.raises(StationError, match="'dance'; choose from wiping, polishing"):
+        HandMotion.make("dance", seconds=1, seed=0)
+
+
+@pytest.mark.parametrize("seconds", [0, -1, np.nan, np.inf])
+def test_duration_that_is_not_positive_is_refused(seconds):
+    with pytest.raises(StationError, match="must be positive"):
+        HandMotion.make("eight", seconds=seconds, seed=0)
