@@ -16,7 +16,7 @@ help:
 # uv can bring its own Python 3.12; without it, a Python 3.12 must be there.
 $(STAMP): pyproject.toml constraints.txt .python-version
 	@if command -v uv >/dev/null 2>&1; then \
-	    uv venv --quiet --clear --seed $(VENV); \
+	    rm -rf $(VENV) && uv venv --quiet --seed $(VENV); \
 	else \
 	    "$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null || { \
 	        echo "fmp-drake needs Python 3.12 or newer, but '$(PYTHON)' is" \
