@@ -85,7 +85,7 @@ class WipingRun:
         self.grid = ink_board.grid
         self.initial_ink = ink_board.initial_ink
         self.demonstrated = [d.values for d in demonstrations] or [
-            skill.basis.synthesize(c.mean) for c in skill.components_
+            skill.synthesize(c.mean) for c in skill.components_
         ]
         self._recording = recording and meshcat is not None
         if meshcat is not None and self._recording:

@@ -178,10 +178,14 @@ class FourierBasis:
                 [0, 0, 2, 6 * u, 12 * u**2, 20 * u**3],
             ]
         )
-        return powers @ self._local_polynomial(i)
+        return powers @ self.local_polynomial(i)
 
-    def _local_polynomial(self, interval: int) -> NDArray[np.float64]:
-        """Return the Taylor coefficients at sample `interval`, shape (6, T)."""
+    def local_polynomial(self, interval: int) -> NDArray[np.float64]:
+        """Return the Taylor coefficients of `rows` in an interval, shape (6, T).
+
+        Of the powers 0 to 5 of the time in samples since sample `interval`, from 0 to
+        n_steps - 2.
+        """
         cache = self._polynomials
         if interval not in cache:
             factorial = 1.0

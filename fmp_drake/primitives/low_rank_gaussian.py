@@ -21,7 +21,8 @@ class LowRankGaussian:
     basis : ndarray, shape (n, r)
         U, with orthonormal columns.
     variances : ndarray, shape (r,)
-        s, not negative.
+        s, each greater than -noise (a posterior varies less than the isotropic rest
+        where it has been observed).
     noise : float
         Variance of the isotropic rest, positive.
     """
@@ -40,11 +41,11 @@ class LowRankGaussian:
                 f"mean has shape {self.mean.shape}, basis {self.basis.shape} and "
                 f"variances {self.variances.shape}; expected (n,), (n, r), (r,)."
             )
-        if not self.noise > 0 or not np.all(self.variances >= 0):
+        if not self.noise > 0 or not np.all(self.variances > -self.noise):
             raise SkillError(
                 f"noise is {self.noise} and the least variance "
                 f"{np.min(self.variances, initial=0)}; noise must be positive "
-                "and no variance negative."
+                "and every variance greater than -noise."
             )
         for array in (self.mean, self.basis, self.variances):
             array.setflags(write=False)
@@ -104,11 +105,13 @@ class LowRankGaussian:
             skill's weights is white noise in time: part of the density, but
             not something that a robot should follow.
         """
-        scaled = rng.standard_normal((size, self.rank)) * np.sqrt(self.variances)
-        out = self.mean + scaled @ self.basis.T
-        if with_noise:
-            out += np.sqrt(self.noise) * rng.standard_normal((size, self.dim))
-        return out
+        if not with_noise:
+            spread = np.sqrt(np.maximum(self.variances, 0))
+            scaled = rng.standard_normal((size, self.rank)) * spread
+            return self.mean + scaled @ self.basis.T
+        white = np.sqrt(self.noise) * rng.standard_normal((size, self.dim))
+        stretch = np.sqrt(1 + self.variances / self.noise) - 1
+        return self.mean + white + ((white @ self.basis) * stretch) @ self.basis.T
 
     def marginal(
         self, rows: ArrayLike
@@ -119,10 +122,10 @@ class LowRankGaussian:
         cov = (factor * self.variances) @ factor.T + self.noise * (a @ a.T)
         return a @ self.mean, cov
 
-    def posterior_mean(
+    def posterior(
         self, rows: ArrayLike, values: ArrayLike, noise: ArrayLike
-    ) -> NDArray[np.float64]:
-        """Return the mean given rows @ x = values + white noise.
+    ) -> "LowRankGaussian":
+        """Return the Gaussian given rows @ x = values + white noise, exactly.
 
         Parameters
         ----------
@@ -130,9 +133,27 @@ class LowRankGaussian:
         values : array_like, shape (m,)
         noise : array_like, shape () or (m,)
             Variance of each observation's noise.
+
+        Returns
+        -------
+        LowRankGaussian
+            Of rank up to r + m and the same isotropic rest.
         """
         a = np.asarray(rows, dtype=float)
         mean, cov = self.marginal(a)
         cov[np.diag_indices_from(cov)] += np.asarray(noise, dtype=float)
-        gain = cho_solve(cho_factor(cov), np.asarray(values, dtype=float) - mean)
-        return self.mean + self.multiply(a.T @ gain)
+        factor = cho_factor(cov)
+        cross = self.multiply(a)  # (m, n): rows times the covariance
+        delta = np.asarray(values, dtype=float) - mean
+        span, _ = np.linalg.qr(np.concatenate([self.basis, a.T], axis=1))
+        inside = span.T @ self.basis
+        seen = span.T @ cross.T
+        core = (inside * self.variances) @ inside.T
+        core -= seen @ cho_solve(factor, seen.T)
+        variances, rotation = np.linalg.eigh((core + core.T) / 2)
+        return LowRankGaussian(
+            mean=self.mean + cross.T @ cho_solve(factor, delta),
+            basis=span @ rotation,
+            variances=np.maximum(variances, (1e-9 - 1) * self.noise),
+            noise=self.noise,
+        )

@@ -70,7 +70,16 @@ class MappingPlan:
     ) -> None:
         phi = np.atleast_2d(np.asarray(rows, dtype=float))
         size = len(phi)
-        lam = np.broadcast_to(np.asarray(tolerance, dtype=float), (size,))
+        if phi.shape[1] != components[0].dim:
+            raise SkillError(
+                f"the rows have shape {phi.shape}; expected (m, {components[0].dim})."
+            )
+        lam = np.asarray(tolerance, dtype=float)
+        if lam.shape not in ((), (size,)):
+            raise SkillError(
+                f"the tolerance has shape {lam.shape}; expected one number or ({size},)."
+            )
+        lam = np.broadcast_to(lam, (size,))
         if not np.all(lam > 0):
             raise SkillError(
                 f"the least tolerance is {np.min(lam)}; every one must be positive."
@@ -121,6 +130,34 @@ class MappingPlan:
             component=j,
             costs=costs,
         )
+
+    def map_many(
+        self, values: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """Map observations, shape (S, m), each on its own.
+
+        Returns
+        -------
+        weights : ndarray, shape (S, D*T)
+        components : ndarray, shape (S,)
+        costs : ndarray, shape (S, M)
+        """
+        y = np.asarray(values, dtype=float)
+        if y.ndim != 2 or y.shape[1] != self.size:
+            raise SkillError(
+                f"the observations have shape {y.shape}; expected (S, {self.size})."
+            )
+        if not np.all(np.isfinite(y)):
+            raise SkillError("the observations hold NaN or infinite values.")
+        z = (y @ self._whitening.T).reshape(-1, *self._whitened.shape) - self._whitened
+        costs = np.einsum("sja,sja->sj", z, z) + self._offsets
+        components = np.argmin(costs, axis=1)
+        weights = np.empty((len(y), self._means.shape[1]))
+        for j in np.unique(components):
+            of_j = components == j
+            delta = y[of_j] - self._expected[j]
+            weights[of_j] = self._means[j] + delta @ self._gains[j].T
+        return weights, components, costs
 
     def candidates(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return the candidate weights (14) of every component, shape (M, D*T)."""

@@ -2,23 +2,25 @@
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, DensityMixin
 from sklearn.utils.validation import check_is_fitted
 
-from fmp_drake.errors import DemonstrationError, SkillError
+from fmp_drake.errors import SkillError
 from fmp_drake.primitives.basis import FourierBasis
 from fmp_drake.primitives.demonstration import Demonstration
+from fmp_drake.primitives.keypoint import Keypoint, channel_indices
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.mapping import Mapping, MappingPlan, Selection
-from fmp_drake.primitives.mixture import fit_mixture, log_densities
-from fmp_drake.primitives.windows import demonstration_windows
+from fmp_drake.primitives.mixture import Progress, fit_mixture, log_densities
+from fmp_drake.primitives.scaling import ChannelScales, channel_scales
+from fmp_drake.primitives.windows import Windows, as_windows, window_weights
 
 
-class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
+class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[misc]
     """A rhythmic skill, learned from demonstrations that need no preparation.
 
     Demonstrations are cut into overlapping windows; the Fourier weights of the windows
@@ -32,8 +34,9 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         Samples between the starts of two windows.
     rate : float
         Samples per second (Hz); demonstrations are resampled to it.
-    n_components : int
-        M, Gaussians in the mixture.
+    n_components : int or "bic"
+        M, Gaussians in the mixture; "bic" chooses by the Bayesian information
+        criterion.
     overlap : int
         K, samples that two consecutive windows share when a skill is played.
     explained_variance : float
@@ -41,6 +44,14 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         rest is isotropic.
     regularization : float
         Variance added to every weight (m^2 for a position); 1e-8 is 0.1 mm per sample.
+    shrinkage : float
+        Pseudo-counts of the covariance that all components share, mixed into each; 0
+        is the paper's plain EM.
+    scales : "units" or array_like, shape (D,)
+        What the values of a channel are divided by before anything else, so that
+        metres, newtons and radians can live in one model. "units": 1 where all
+        channels have the same unit, else the standard deviation of all channels
+        of a unit. The regularization and the tolerance are in scaled units.
     tolerance : float
         lambda of (13).
     selection : {"cost", "evidence"}
@@ -53,7 +64,8 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     proportions_ : ndarray, shape (M,)
         The pi_j of (9), falling.
     components_ : tuple of LowRankGaussian
-        The Gaussians of (9) over the D*T weights.
+        The Gaussians of (9) over the D*T weights of the scaled values.
+    scales_ : ndarray, shape (D,)
     n_channels_ : int
         D.
     n_windows_ : int
@@ -71,10 +83,12 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         n_steps: int = 120,
         stride: int = 10,
         rate: float = 20.0,
-        n_components: int = 10,
+        n_components: int | Literal["bic"] = 10,
         overlap: int = 10,
         explained_variance: float = 0.9999,
         regularization: float = 1e-8,
+        shrinkage: float = 0.0,
+        scales: ChannelScales = "units",
         tolerance: float = 1e-8,
         selection: Selection = "cost",
         random_state: int = 0,
@@ -86,6 +100,8 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         self.overlap = overlap
         self.explained_variance = explained_variance
         self.regularization = regularization
+        self.shrinkage = shrinkage
+        self.scales = scales
         self.tolerance = tolerance
         self.selection = selection
         self.random_state = random_state
@@ -94,8 +110,21 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         self,
         X: Demonstration | Sequence[Demonstration] | ArrayLike,
         y: object = None,  # noqa: ARG002 - scikit-learn's signature
+        *,
+        weights: ArrayLike | None = None,
+        progress: Progress | None = None,
     ) -> Self:
         """Learn from demonstrations, or from windows of shape (N, T, D).
+
+        Parameters
+        ----------
+        X : Demonstration, sequence of Demonstration, or array_like
+            Demonstrations may differ in length.
+        y : ignored
+        weights : array_like, optional
+            How much each demonstration (or window) counts, relative to the others.
+        progress : callable, optional
+            Told in words how far the fit is.
 
         Raises
         ------
@@ -105,22 +134,37 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
             Where a parameter is out of range.
         """
         self.check_parameters()
-        windows, example = self._windows(X)
-        weights = self.basis.analyze(windows)
+        windows = self._windows(X, at_least=2)
+        counts = window_weights(windows, weights)
+        values, example = windows.values, windows.example
+        d = values.shape[2]
+        self.n_windows_ = len(values)
+        self.n_channels_ = d
+        self.extent_ = np.stack([values.min(axis=(0, 1)), values.max(axis=(0, 1))])
+        default = "xyz"[:d] if d <= 3 else [f"c{i}" for i in range(d)]
+        self.channels_ = example.channels if example else tuple(default)
+        self.units_ = example.units if example else ("m",) * d
+        self.frame_ = example.frame if example else ""
+        self.scales_ = channel_scales(self.scales, values, self.units_)
         self.proportions_, self.components_ = fit_mixture(
-            weights,
+            self.analyze(values),
             n_components=self.n_components,
             explained_variance=self.explained_variance,
             regularization=self.regularization,
+            shrinkage=self.shrinkage,
             seed=self.random_state,
+            sample_weights=counts,
+            progress=progress,
         )
-        self.n_windows_ = len(windows)
-        self.n_channels_ = windows.shape[2]
-        self.extent_ = np.stack([windows.min(axis=(0, 1)), windows.max(axis=(0, 1))])
-        self.channels_ = example.channels
-        self.units_ = example.units
-        self.frame_ = example.frame
         return self
+
+    def analyze(self, windows: ArrayLike) -> NDArray[np.float64]:
+        """Return the weights of windows: shape (..., T, D) to (..., D*T)."""
+        return self.basis.analyze(np.asarray(windows, dtype=float) / self.scales_)
+
+    def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
+        """Return the windows of weights: shape (..., D*T) to (..., T, D)."""
+        return self.basis.synthesize(weights) * self.scales_
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Return the log density of windows (N, T, D), shape (N,).
@@ -129,10 +173,17 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         over trajectories, in units^-(T*D).
         """
         self.check_fitted()
-        windows, _ = self._windows(X, at_least=1)
-        return log_densities(
-            self.basis.analyze(windows), self.proportions_, self.components_
+        windows = self._windows(X, at_least=1).values
+        if windows.shape[2] != self.n_channels_:
+            raise SkillError(
+                f"the windows have {windows.shape[2]} channels; the skill has "
+                f"{self.n_channels_}."
+            )
+        stretch = self.n_steps * float(np.sum(np.log(self.scales_)))
+        densities = log_densities(
+            self.analyze(windows), self.proportions_, self.components_
         )
+        return densities - stretch
 
     def score(self, X: ArrayLike, y: object = None) -> float:  # noqa: ARG002
         """Return the mean log density per sample (time step) of windows."""
@@ -153,32 +204,96 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
             ]
             or [np.empty((0, self.components_[0].dim))]
         )
-        return self.basis.synthesize(rng.permutation(weights))
+        return self.synthesize(rng.permutation(weights))
 
     def observation_rows(
-        self, steps: ArrayLike, *, derivative: int = 0
+        self,
+        steps: ArrayLike,
+        *,
+        channels: Sequence[str | int] | None = None,
+        derivative: int = 0,
     ) -> NDArray[np.float64]:
-        """Return Phi^D (20) of some steps, shape (len(steps) * D, D*T).
+        """Return Phi^D (20) of some steps, shape (len(steps) * C, D*T).
 
-        Ordered like values of shape (steps, D) flattened: all channels of the first
-        step, then of the second. Derivatives are per second.
+        Ordered like values of shape (steps, C) flattened: all C channels of the first
+        step, then of the second. In the channels' units, derivatives per second.
         """
         self.check_fitted()
         rows = self.basis.rows(np.atleast_1d(steps), derivative)
         rows = rows * self.rate**derivative
-        d = self.n_channels_
-        out = np.einsum("kt,cd->kcdt", rows, np.eye(d))
-        return out.reshape(len(rows) * d, d * self.n_steps)
+        index = channel_indices(channels, self.channels_)
+        out = np.zeros((len(rows), len(index), self.n_channels_, self.n_steps))
+        for i, channel in enumerate(index):
+            out[:, i, channel] = rows * self.scales_[channel]
+        return out.reshape(len(rows) * len(index), -1)
 
-    def mapping_plan(self, steps: ArrayLike) -> MappingPlan:
-        """Prepare Algorithm 1 for positions observed at fixed steps."""
+    def mapping_plan(
+        self,
+        steps: ArrayLike,
+        *,
+        channels: Sequence[str | int] | None = None,
+        derivative: int = 0,
+        tolerance: ArrayLike | None = None,
+    ) -> MappingPlan:
+        """Prepare Algorithm 1 for values observed at fixed steps.
+
+        Parameters
+        ----------
+        steps : array_like, shape (K,)
+            Any times in samples, from 0 to T - 1.
+        channels : sequence of str or int, optional
+            The C observed ones; all where None.
+        derivative : int
+            Of the values: 1 for velocities.
+        tolerance : array_like, shape () or (K*C,), optional
+            lambda of (13), in squared units of the values; the skill's where None.
+
+        Returns
+        -------
+        MappingPlan
+            For observations of shape (K*C,), ordered as (K, C) flattened.
+        """
+        rows = self.observation_rows(steps, channels=channels, derivative=derivative)
+        if tolerance is None:
+            index = channel_indices(channels, self.channels_)
+            each = self.tolerance * self.scales_[index] ** 2
+            tolerance = np.tile(each, np.size(steps))
+        return self._plan(rows, tolerance)
+
+    def _plan(self, rows: NDArray[np.float64], tolerance: ArrayLike) -> MappingPlan:
         return MappingPlan(
             self.proportions_,
             self.components_,
-            rows=self.observation_rows(steps),
-            tolerance=self.tolerance,
+            rows=rows,
+            tolerance=tolerance,
             selection=self.selection,
         )
+
+    def map_keypoints(self, keypoints: Sequence[Keypoint]) -> Mapping:
+        """Map keypoints, of any steps, channels and derivatives, to weights."""
+        if not keypoints:
+            raise SkillError("there is no keypoint; give at least one.")
+        rows, values, tolerances = [], [], []
+        for point in keypoints:
+            index = channel_indices(point.channels, self.channels_)
+            rows.append(
+                self.observation_rows(
+                    point.step, channels=index, derivative=point.derivative
+                )
+            )
+            values.append(point.checked_values(len(index)))
+            tolerance = point.tolerance
+            if tolerance is None:
+                tolerance = self.tolerance * self.scales_[index] ** 2
+            try:
+                tolerances.append(np.broadcast_to(tolerance, len(index)))
+            except ValueError:
+                raise SkillError(
+                    f"the keypoint at step {point.step:g} has the tolerance "
+                    f"{tolerance}; expected one number or {len(index)}."
+                ) from None
+        plan = self._plan(np.concatenate(rows), np.concatenate(tolerances))
+        return plan.map(np.concatenate(values))
 
     def map_partial(self, values: ArrayLike, *, first_step: int = 0) -> Mapping:
         """Map a partial trajectory (K, D) to weights (Algorithm 1).
@@ -208,8 +323,8 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         gaussian: LowRankGaussian = self.components_[component]
         row = self.basis.local_rows(step)[0]
         factor = gaussian.basis.reshape(self.n_channels_, self.n_steps, -1)
-        factor = np.tensordot(row, factor, axes=(0, 1))
-        noise = gaussian.noise * (row @ row) * np.eye(self.n_channels_)
+        factor = np.tensordot(row, factor, axes=(0, 1)) * self.scales_[:, None]
+        noise = gaussian.noise * (row @ row) * np.diag(self.scales_**2)
         out: NDArray[np.float64] = (factor * gaussian.variances) @ factor.T + noise
         return out
 
@@ -241,10 +356,19 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
             ("n_steps", "at least 8", t >= 8),
             ("stride", "at least 1", self.stride >= 1),
             ("rate", "positive", np.isfinite(self.rate) and self.rate > 0),
-            ("n_components", "at least 1", self.n_components >= 1),
+            (
+                "n_components",
+                "at least 1, or 'bic'",
+                self.n_components == "bic"
+                or (
+                    (isinstance(self.n_components, int | np.integer))
+                    and self.n_components >= 1
+                ),
+            ),
             ("overlap", f"from 2 to n_steps / 2 = {t // 2}", 2 <= k <= t // 2),
             ("explained_variance", "in (0, 1]", 0 < self.explained_variance <= 1),
             ("regularization", "positive", self.regularization > 0),
+            ("shrinkage", "0 or more", self.shrinkage >= 0),
             ("tolerance", "positive", self.tolerance > 0),
             (
                 "selection",
@@ -257,38 +381,11 @@ class FourierMovementPrimitive(BaseEstimator):  # type: ignore[misc]
                     f"{name} is {getattr(self, name)!r}; it must be {allowed}."
                 )
 
-    def _windows(
-        self, X: Any, *, at_least: int = 2
-    ) -> tuple[NDArray[np.float64], Demonstration]:
-        """Return windows (N, T, D) and a demonstration that names the channels."""
-        if isinstance(X, Demonstration):
-            X = [X]
-        is_list = isinstance(X, Sequence) and not isinstance(X, str)
-        if is_list and all(isinstance(d, Demonstration) for d in X):
-            windows = demonstration_windows(
-                X,
-                n_steps=self.n_steps,
-                stride=self.stride,
-                rate=self.rate,
-                at_least=at_least,
-            )
-            return windows, X[0]
-        try:
-            windows = np.asarray(X, dtype=float)
-        except (TypeError, ValueError):
-            raise DemonstrationError(
-                f"{type(X).__name__} cannot be learned from; give a Demonstration, a "
-                "list of them, or windows (windows, n_steps, channels)."
-            ) from None
-        if windows.ndim != 3 or windows.shape[1] != self.n_steps:
-            raise DemonstrationError(
-                f"the windows have shape {windows.shape}; expected (windows, "
-                f"n_steps = {self.n_steps}, channels)."
-            )
-        if len(windows) < at_least:
-            raise DemonstrationError(
-                f"there are {len(windows)} windows; at least {at_least} are needed."
-            )
-        flat = windows.reshape(len(windows) * self.n_steps, windows.shape[2])
-        time = np.arange(len(flat)) / self.rate
-        return windows, Demonstration(time=time, values=flat)
+    def _windows(self, X: Any, *, at_least: int) -> Windows:
+        return as_windows(
+            X,
+            n_steps=self.n_steps,
+            stride=self.stride,
+            rate=self.rate,
+            at_least=at_least,
+        )

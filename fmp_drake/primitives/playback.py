@@ -1,5 +1,6 @@
 """Playing a skill for any duration: Algorithm 2 and section V-D of the paper."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -8,8 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.mapping import Mapping
+from fmp_drake.primitives.mapping import MappingPlan
+from fmp_drake.primitives.segment import Segment, critically_damped
 from fmp_drake.primitives.tracking import LqrTracker, Tracker
+from fmp_drake.primitives.window_table import WindowTable
 
 if TYPE_CHECKING:
     from fmp_drake.primitives.movement_primitive import FourierMovementPrimitive
@@ -46,6 +49,16 @@ class PlaybackState:
     remaps: int
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Entry:
+    """Weights (S, n), targets (S, n), components (S,), offsets (S, 2, D)."""
+
+    weights: NDArray[np.float64]
+    target: NDArray[np.float64]
+    component: NDArray[np.int64]
+    offset: NDArray[np.float64]
+
+
 class Player:
     """Plays a fitted skill from any start, for as long as wanted.
 
@@ -76,6 +89,8 @@ class Player:
     sample : bool
         Track a sample of the component, drawn anew at every mapping, instead of its
         mean: more variation (Fig. 10b).
+    target : array_like, shape (D*T,), optional
+        Weights of your own to track instead, from `skill.analyze`.
     seed : int
         Of the samples.
     blend_time : float
@@ -91,6 +106,7 @@ class Player:
         *,
         tracker: Tracker | None = None,
         sample: bool = False,
+        target: ArrayLike | None = None,
         seed: int = 0,
         blend_time: float = 0.4,
         confidence: float = 0.99,
@@ -100,12 +116,15 @@ class Player:
             raise SkillError(f"blend_time is {blend_time} s; it must be positive.")
         if not 0 < confidence <= 1:
             raise SkillError(f"confidence is {confidence}; it must be in (0, 1].")
+        if int(seed) < 0:
+            raise SkillError(f"seed is {seed}; it must not be negative.")
         self.skill = skill
         self.sample = sample
         self.seed = int(seed)
         self.blend_time = float(blend_time)
         self.tick_seconds = 1 / skill.rate
         self.ticks_between_remaps = skill.n_steps - skill.overlap
+        self._own_target = self._checked_target(target)
         rule = LqrTracker() if tracker is None else tracker
         self._drifts = [
             rule.drift(c, n_steps=skill.n_steps, tick=self.tick_seconds)
@@ -117,6 +136,7 @@ class Player:
         ]
         self._start_plan = skill.mapping_plan([skill.overlap - 1])
         self._remap_plan = skill.mapping_plan(np.arange(skill.overlap))
+        self._tables: dict[int, WindowTable] = {}
 
     def start(self, position: ArrayLike, *, step: int | None = None) -> PlaybackState:
         """Map a measured start, shape (D,), at rest, to a sample of a window.
@@ -139,20 +159,14 @@ class Player:
             raise SkillError(
                 f"the start is {y}; expected {self.skill.n_channels_} finite numbers."
             )
-        blank = PlaybackState(
-            weights=np.zeros(0),
-            target=np.zeros(0),
-            component=0,
+        plan = self._start_plan if step == first else self.skill.mapping_plan([step])
+        at_rest = np.stack([y, np.zeros_like(y)])
+        return _state(
+            self._enter(plan, y[None], at_rest[None], step=step, remaps=0),
             step=step,
             history=np.tile(y, (self.skill.overlap, 1)),
-            offset=np.zeros((2, len(y))),
             remaps=0,
         )
-        at_rest = np.stack([y, np.zeros_like(y)])
-        plan = self._start_plan
-        if step != first:
-            plan = self.skill.mapping_plan([step])
-        return self._mapped(blank, plan.map(y), at_rest)
 
     def tick(self, state: PlaybackState) -> PlaybackState:
         """Return the state one sample later."""
@@ -160,10 +174,11 @@ class Player:
             raise SkillError(
                 f"the window ends at step {state.step}; re-map before the next tick."
             )
+        later = critically_damped(state.offset, 1 / self.blend_time, self.tick_seconds)
         moved = replace(
             state,
             weights=self.weights(state, self.tick_seconds),
-            offset=self._offset(state, self.tick_seconds)[:2],
+            offset=later[:2],
             step=state.step + 1,
         )
         history = np.roll(state.history, -1, axis=0)
@@ -172,9 +187,32 @@ class Player:
 
     def remap(self, state: PlaybackState) -> PlaybackState:
         """Map the last K desired values onto the start of a new window."""
-        mapping = self._remap_plan.map(state.history.ravel())
-        entered = replace(state, step=self.skill.overlap - 1, remaps=state.remaps + 1)
-        return self._mapped(entered, mapping, self.motion(state)[:2])
+        step, remaps = self.skill.overlap - 1, state.remaps + 1
+        entry = self._enter(
+            self._remap_plan,
+            state.history.reshape(1, -1),
+            self.motion(state)[None, :2],
+            step=step,
+            remaps=remaps,
+        )
+        return _state(entry, step=step, history=state.history, remaps=remaps)
+
+    def segment(self, state: PlaybackState) -> Segment:
+        """Prepare the motion from the tick of a state to the next, (see `motion`)."""
+        interval = min(state.step, self.skill.n_steps - 2)
+        polynomial = self.skill.basis.local_polynomial(interval)
+        if interval != state.step:
+            polynomial = _shifted(polynomial, state.step - interval)
+        return Segment(
+            polynomial=polynomial,
+            rate=self.skill.rate,
+            scales=self.skill.scales_,
+            drift=self._drifts[state.component],
+            weights=state.weights,
+            target=state.target,
+            offset=state.offset,
+            blend_rate=1 / self.blend_time,
+        )
 
     def motion(self, state: PlaybackState, seconds: float = 0.0) -> NDArray[np.float64]:
         """Return the desired motion some seconds after the tick of a state.
@@ -191,21 +229,7 @@ class Player:
             Value, velocity (per second) and acceleration (per second^2) of every
             channel. The drift of the weights is part of the derivatives.
         """
-        w, w_dot, w_ddot = self._drifts[state.component].advance(
-            state.weights, state.target, seconds
-        )
-        by_channel = self.skill.basis.by_channel
-        rate = self.skill.rate
-        rows = self.skill.basis.local_rows(self._step(state, seconds))
-        scaled = rows * np.array([[1.0], [rate], [rate**2]])
-        w0, w1, w2 = by_channel(w), by_channel(w_dot), by_channel(w_ddot)
-        p = w0 @ scaled.T
-        v = w1 @ scaled[:2].T
-        out: NDArray[np.float64] = self._offset(state, seconds)
-        out[0] += p[:, 0]
-        out[1] += p[:, 1] + v[:, 0]
-        out[2] += p[:, 2] + 2 * v[:, 1] + w2 @ scaled[0]
-        return out
+        return self.segment(state).motion(seconds)
 
     def weights(
         self, state: PlaybackState, seconds: float = 0.0
@@ -219,76 +243,170 @@ class Player:
         self, state: PlaybackState, seconds: float = 0.0
     ) -> NDArray[np.float64]:
         """Return the covariance (18) of the desired value, shape (D, D)."""
-        return self.skill.covariance(state.component, self._step(state, seconds))
+        step = min(state.step + seconds * self.skill.rate, self.skill.n_steps - 1.0)
+        return self.skill.covariance(state.component, step)
 
     def rollout(self, start: ArrayLike, duration: float) -> NDArray[np.float64]:
-        """Play from a start for some seconds, sampled at every tick.
+        """Play from one or many starts for some seconds, sampled at every tick.
 
         Parameters
         ----------
-        start : array_like, shape (D,)
+        start : array_like, shape (D,) or (S, D)
+            The samples of start i are drawn from the seed of the player plus i.
         duration : float
             Seconds.
 
         Returns
         -------
-        ndarray, shape (ticks + 1, 3, D)
+        ndarray, shape (ticks + 1, 3, D) or (S, ticks + 1, 3, D)
             Value, velocity and acceleration, as `motion` gives them.
         """
         if not (np.isfinite(duration) and duration >= 0):
             raise SkillError(f"duration is {duration} s; it must not be negative.")
-        state = self.start(start)
+        starts = np.asarray(start, dtype=float)
         ticks = int(np.floor(duration * self.skill.rate * (1 + 1e-9)))
-        out = np.empty((ticks + 1, 3, self.skill.n_channels_))
-        out[0] = self.motion(state)
-        for i in range(1, ticks + 1):
-            state = self.tick(state)
-            if state.step == self.skill.n_steps - 1:
-                state = self.remap(state)
-            out[i] = self.motion(state)
-        return out
+        many = np.atleast_2d(starts)
+        out = np.empty((len(many), ticks + 1, 3, many.shape[-1]))
+        done = 0
+        for chunk in self.stream(many):
+            size = min(chunk.shape[1], ticks + 1 - done)
+            out[:, done : done + size] = chunk[:, :size]
+            done += size
+            if done > ticks:
+                break
+        return out[0] if starts.ndim == 1 else out
 
-    def _mapped(
+    def stream(self, start: ArrayLike) -> Iterator[NDArray[np.float64]]:
+        """Play from one or many starts without end, a window at a time.
+
+        Yields arrays like those of `rollout`, of T - K ticks each, one after the
+        other.
+        """
+        y = np.asarray(start, dtype=float)
+        d = self.skill.n_channels_
+        if y.ndim not in (1, 2) or y.shape[-1] != d or not np.all(np.isfinite(y)):
+            raise SkillError(
+                f"the start has shape {y.shape}; expected ({d},) or (starts, {d}) "
+                "finite numbers."
+            )
+        many = np.atleast_2d(y)
+        step, remaps = self.skill.overlap - 1, 0
+        at_rest = np.stack([many, np.zeros_like(many)], axis=1)
+        entry = self._enter(self._start_plan, many, at_rest, step=step, remaps=0)
+        while True:
+            window = self._window(entry)
+            yield window[:, :-1] if y.ndim == 2 else window[0, :-1]
+            remaps += 1
+            entry = self._enter(
+                self._remap_plan,
+                window[:, -self.skill.overlap :, 0].reshape(len(many), -1),
+                window[:, -1, :2],
+                step=step,
+                remaps=remaps,
+            )
+
+    def _window(self, entry: _Entry) -> NDArray[np.float64]:
+        """Play one window for all starts, (S, T - K + 1, 3, D)."""
+        ticks, d = self.ticks_between_remaps + 1, self.skill.n_channels_
+        out = np.empty((len(entry.component), ticks, 3, d))
+        for j in np.unique(entry.component):
+            of_j = entry.component == j
+            if j not in self._tables:
+                self._tables[j] = WindowTable(self.skill, self._drifts[j])
+            out[of_j] = self._tables[j].motions(entry.weights[of_j], entry.target[of_j])
+        seconds = np.arange(ticks) * self.tick_seconds
+        offsets = critically_damped(entry.offset, 1 / self.blend_time, seconds)
+        return out + np.transpose(offsets, (2, 1, 0, 3))
+
+    def _enter(
         self,
-        state: PlaybackState,
-        mapping: Mapping,
-        motion: NDArray[np.float64],
-    ) -> PlaybackState:
-        """Take up mapped weights without a jump from the given motion (2, D)."""
-        gaussian = self.skill.components_[mapping.component]
-        inside = (mapping.weights - gaussian.mean) @ gaussian.basis
-        deviation = np.linalg.norm(
-            inside / np.sqrt(gaussian.variances + gaussian.noise)
-        )
-        inside *= min(1.0, self._radii[mapping.component] / max(deviation, 1e-12))
-        entered = replace(
-            state,
-            weights=gaussian.mean + gaussian.basis @ inside,
-            target=self._target(mapping.component, state.remaps),
-            component=mapping.component,
-            offset=np.zeros_like(state.offset),
-        )
-        return replace(entered, offset=motion - self.motion(entered)[:2])
-
-    def _offset(self, state: PlaybackState, seconds: float) -> NDArray[np.float64]:
-        """Return the critically damped offset and two derivatives, (3, D)."""
-        rate = 1 / self.blend_time
-        value, velocity = state.offset
-        slope = velocity + rate * value
-        decay = np.exp(-rate * seconds)
-        here = value + slope * seconds
-        return decay * np.stack(
-            [here, slope - rate * here, rate * (rate * here - 2 * slope)]
-        )
-
-    def _step(self, state: PlaybackState, seconds: float) -> float:
-        return min(
-            state.step + seconds * self.skill.rate, float(self.skill.n_steps - 1)
+        plan: MappingPlan,
+        values: NDArray[np.float64],
+        motions: NDArray[np.float64],
+        *,
+        step: int,
+        remaps: int,
+    ) -> _Entry:
+        """Map observations (S, m) to weights, without a jump from motions (S, 2, D)."""
+        mapped, components, _ = plan.map_many(values)
+        skill = self.skill
+        target = np.empty_like(mapped)
+        offset = np.empty_like(motions)
+        for j in np.unique(components):
+            of_j = components == j
+            gaussian = skill.components_[j]
+            inside = (mapped[of_j] - gaussian.mean) @ gaussian.basis
+            spread = np.sqrt(gaussian.variances + gaussian.noise)
+            deviation = np.linalg.norm(inside / spread, axis=1, keepdims=True)
+            inside *= np.minimum(1.0, self._radii[j] / np.maximum(deviation, 1e-12))
+            mapped[of_j] = gaussian.mean + inside @ gaussian.basis.T
+            target[of_j] = self._targets(int(j), np.flatnonzero(of_j), remaps)
+            w, w_dot, _ = self._drifts[j].advance(mapped[of_j], target[of_j], 0.0)
+            rows = skill.basis.local_rows(step)
+            d, n = skill.n_channels_, skill.n_steps
+            here = w.reshape(-1, d, n) @ rows[:2].T
+            moving = w_dot.reshape(-1, d, n) @ rows[0]
+            velocity = here[..., 1] * skill.rate + moving
+            reached = np.stack([here[..., 0], velocity], axis=1) * skill.scales_
+            offset[of_j] = motions[of_j] - reached
+        return _Entry(
+            weights=mapped, target=target, component=components, offset=offset
         )
 
-    def _target(self, component: int, remaps: int) -> NDArray[np.float64]:
+    def _targets(
+        self, component: int, starts: NDArray[np.int64], remaps: int
+    ) -> NDArray[np.float64]:
+        """Return what to track after a mapping, (S, n) or (n,)."""
+        if self._own_target is not None:
+            return self._own_target
         gaussian = self.skill.components_[component]
         if not self.sample:
             return gaussian.mean
-        rng = np.random.default_rng([self.seed, remaps])
-        return gaussian.sample(rng, with_noise=False)[0]
+        return np.concatenate(
+            [
+                gaussian.sample(
+                    np.random.default_rng([self.seed + int(i), remaps]),
+                    with_noise=False,
+                )
+                for i in starts
+            ]
+        )
+
+    def _checked_target(self, target: ArrayLike | None) -> NDArray[np.float64] | None:
+        if target is None:
+            return None
+        if self.sample:
+            raise SkillError("give either a target or sample=True, not both.")
+        own = np.asarray(target, dtype=float)
+        n = self.skill.components_[0].dim
+        if own.shape != (n,) or not np.all(np.isfinite(own)):
+            raise SkillError(
+                f"the target has shape {own.shape}; expected ({n},) finite weights."
+            )
+        return own
+
+
+def _state(
+    entry: _Entry, *, step: int, history: NDArray[np.float64], remaps: int
+) -> PlaybackState:
+    return PlaybackState(
+        weights=entry.weights[0],
+        target=entry.target[0],
+        component=int(entry.component[0]),
+        step=step,
+        history=history,
+        offset=entry.offset[0],
+        remaps=remaps,
+    )
+
+
+def _shifted(polynomial: NDArray[np.float64], by: float) -> NDArray[np.float64]:
+    """Return Taylor coefficients (6, T) at a point `by` samples further on."""
+    size = len(polynomial)
+    shift = np.zeros((size, size))
+    for i in range(size):
+        binomial = 1.0
+        for j in range(i, size):
+            shift[i, j] = binomial * by ** (j - i)
+            binomial *= (j + 1) / (j + 1 - i)
+    return shift @ polynomial

@@ -1,17 +1,63 @@
 """Controllers that bring Fourier weights to their target: Algorithm 2."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
 
 
-class Drift(Protocol):
-    """The motion of weights towards a target under one component."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Drift:
+    """How a deviation of weights from their target dies away under one component.
+
+    In the modes (the columns of an orthonormal basis) every coordinate has its own
+    rate; what is outside their span has a common one.
+
+    Attributes
+    ----------
+    modes : ndarray, shape (n, r), or None
+        None: every weight is a mode of its own.
+    rates : ndarray, shape (r,)
+        Per second.
+    rest_rate : float
+        Per second, outside the span of the modes.
+    euler_tick : float
+        Seconds of one Euler step, where the decay is that of Euler's method with linear
+        motion in between; 0 for the exact exponential.
+    """
+
+    modes: NDArray[np.float64] | None
+    rates: NDArray[np.float64]
+    rest_rate: float = 0.0
+    euler_tick: float = 0.0
+
+    def split(
+        self, deviation: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """Return coordinates (..., r) in the modes, and the rest (..., n) if any."""
+        if self.modes is None:
+            return deviation, None
+        inside = deviation @ self.modes
+        return inside, deviation - inside @ self.modes.T
+
+    def decay(self, seconds: ArrayLike) -> NDArray[np.float64]:
+        """Return what is left of each mode and two derivatives, (3, ..., r)."""
+        if self.euler_tick == 0 and isinstance(seconds, float):
+            return self._powers * np.exp(self._powers[1] * seconds)
+        return _decay(self.rates, seconds, self.euler_tick)
+
+    @cached_property
+    def _powers(self) -> NDArray[np.float64]:
+        return np.stack([np.ones_like(self.rates), -self.rates, self.rates**2])
+
+    def rest_decay(self, seconds: ArrayLike) -> NDArray[np.float64]:
+        """Return what is left of the rest and two derivatives, (3, ...)."""
+        return _decay(np.array([self.rest_rate]), seconds, self.euler_tick)[..., 0]
 
     def advance(
         self,
@@ -19,8 +65,31 @@ class Drift(Protocol):
         target: NDArray[np.float64],
         seconds: float,
     ) -> NDArray[np.float64]:
-        """Return the weights after some seconds and two derivatives, (3, n)."""
-        ...
+        """Return the weights after some seconds and two derivatives, (3, ..., n)."""
+        inside, rest = self.split(weights - target)
+        decay = self.decay(seconds).reshape(3, *[1] * (inside.ndim - 1), -1)
+        left = inside * decay
+        if self.modes is not None:
+            left = left @ self.modes.T
+        if rest is not None:
+            left += np.multiply.outer(self.rest_decay(seconds), rest)
+        left[0] += target
+        return left
+
+
+def _decay(
+    rates: NDArray[np.float64], seconds: ArrayLike, euler_tick: float
+) -> NDArray[np.float64]:
+    t = np.asarray(seconds, dtype=float)[..., None]
+    if euler_tick > 0:
+        whole = np.floor(t / euler_tick * (1 + 1e-12))
+        held = (1 - euler_tick * rates) ** whole
+        slope = -rates * held
+        return np.stack(
+            [held + slope * (t - whole * euler_tick), slope, np.zeros_like(slope)]
+        )
+    left = np.exp(-rates * t)
+    return np.stack([left, -rates * left, rates**2 * left])
 
 
 class Tracker(Protocol):
@@ -38,36 +107,6 @@ class Tracker(Protocol):
             Seconds between two samples.
         """
         ...
-
-
-@dataclass(frozen=True, eq=False)
-class _ModalDrift:
-    """Each coordinate in an orthonormal basis decays at its own rate."""
-
-    basis: NDArray[np.float64]
-    rates: NDArray[np.float64]
-    rest_rate: float
-
-    def advance(
-        self,
-        weights: NDArray[np.float64],
-        target: NDArray[np.float64],
-        seconds: float,
-    ) -> NDArray[np.float64]:
-        delta = weights - target
-        inside = delta @ self.basis
-        rest = np.exp(-self.rest_rate * seconds)
-        # The rest is delta minus its part inside the basis: fold both into one.
-        decay = np.exp(-self.rates * seconds)
-        coordinates = np.empty((3, len(inside)))
-        coordinates[0] = inside * (decay - rest)
-        coordinates[1] = inside * (-self.rates * decay + self.rest_rate * rest)
-        coordinates[2] = inside * (self.rates**2 * decay - self.rest_rate**2 * rest)
-        out: NDArray[np.float64] = coordinates @ self.basis.T
-        out[0] += target + rest * delta
-        out[1] -= self.rest_rate * rest * delta
-        out[2] += self.rest_rate**2 * rest * delta
-        return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,9 +134,7 @@ class LqrTracker:
     def __post_init__(self) -> None:
         """Check the parameters."""
         for name in ("time_constant", "shortest"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise SkillError(f"{name} is {value} s; it must be positive.")
+            _check_positive(name, getattr(self, name))
 
     def drift(
         self,
@@ -110,28 +147,10 @@ class LqrTracker:
         eigenvalues = component.variances + component.noise
         largest = np.max(eigenvalues, initial=component.noise)
         scale = self.time_constant / np.sqrt(largest)
-        return _ModalDrift(
-            basis=component.basis,
+        return Drift(
+            modes=component.basis,
             rates=1 / np.maximum(scale * np.sqrt(eigenvalues), self.shortest),
             rest_rate=1 / max(scale * np.sqrt(component.noise), self.shortest),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _EulerDrift:
-    """Every weight moves by a fixed share of its distance per second."""
-
-    rates: NDArray[np.float64]
-
-    def advance(
-        self,
-        weights: NDArray[np.float64],
-        target: NDArray[np.float64],
-        seconds: float,
-    ) -> NDArray[np.float64]:
-        velocity = self.rates * (target - weights)
-        return np.stack(
-            [weights + seconds * velocity, velocity, np.zeros_like(velocity)]
         )
 
 
@@ -145,10 +164,14 @@ class ProportionalTracker:
     Attributes
     ----------
     beta : float
-        The gain of (17).
+        The gain of (17), positive.
     """
 
     beta: float
+
+    def __post_init__(self) -> None:
+        """Check the gain."""
+        _check_positive("beta", self.beta)
 
     def drift(self, component: LowRankGaussian, *, n_steps: int, tick: float) -> Drift:
         """Prepare (17) for one component; see `Tracker.drift`.
@@ -160,12 +183,43 @@ class ProportionalTracker:
         """
         precision = paper_precision_diagonal(component, n_steps=n_steps)
         largest = 2 / (tick * float(np.max(precision)))
-        if not 0 < self.beta <= largest:
+        if self.beta > largest:
             raise SkillError(
                 f"beta is {self.beta}; the proportional tracker (17) is stable for "
-                f"this skill from 0 to {largest:.6g}."
+                f"this skill up to {largest:.6g}. The exponential tracker is stable "
+                "for every beta."
             )
-        return _EulerDrift(rates=self.beta * precision)
+        return Drift(modes=None, rates=self.beta * precision, euler_tick=tick)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExponentialTracker:
+    """The exact solution of dw/dt = beta diag(Sigma^-1) (mu - w).
+
+    (17) is its Euler step. Stable for every gain, and exact at every time.
+
+    Attributes
+    ----------
+    beta : float
+        The gain of (17), positive.
+    """
+
+    beta: float
+
+    def __post_init__(self) -> None:
+        """Check the gain."""
+        _check_positive("beta", self.beta)
+
+    def drift(
+        self,
+        component: LowRankGaussian,
+        *,
+        n_steps: int,
+        tick: float,  # noqa: ARG002 - part of the protocol
+    ) -> Drift:
+        """Prepare the solution for one component; see `Tracker.drift`."""
+        precision = paper_precision_diagonal(component, n_steps=n_steps)
+        return Drift(modes=None, rates=self.beta * precision)
 
 
 def paper_precision_diagonal(
@@ -184,3 +238,8 @@ def paper_precision_diagonal(
     single = [0, n_steps - 1] if n_steps % 2 == 0 else [0]
     out[:, single] = ours[:, single] / n_steps
     return out.ravel()
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise SkillError(f"{name} is {value}; it must be positive.")

@@ -1,12 +1,32 @@
 """Sliding windows over demonstrations."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives.demonstration import Demonstration
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Windows:
+    """What a skill is learned from.
+
+    Attributes
+    ----------
+    values : ndarray, shape (N, T, D)
+    source : ndarray, shape (N,)
+        The index of the demonstration, or of the window itself, each comes from.
+    example : Demonstration or None
+        One that names the channels; None for bare windows.
+    """
+
+    values: NDArray[np.float64]
+    source: NDArray[np.int64]
+    example: Demonstration | None
 
 
 def sliding_windows(
@@ -43,29 +63,113 @@ def demonstration_windows(
         Where the demonstrations have different channels, or give fewer than
         `at_least` windows.
     """
+    each = _windows_of_each(
+        demonstrations, n_steps=n_steps, stride=stride, rate=rate, at_least=at_least
+    )
+    return np.concatenate(each)
+
+
+def _windows_of_each(
+    demonstrations: Sequence[Demonstration],
+    *,
+    n_steps: int,
+    stride: int,
+    rate: float,
+    at_least: int,
+) -> list[NDArray[np.float64]]:
     if not demonstrations:
         raise DemonstrationError("there is no demonstration; give at least one.")
-    channels = demonstrations[0].channels
+    first = demonstrations[0]
     for number, demonstration in enumerate(demonstrations):
-        if demonstration.channels != channels:
-            raise DemonstrationError(
-                f"demonstration {number} has the channels "
-                f"{', '.join(demonstration.channels)}, the first has "
-                f"{', '.join(channels)}; they must be the same."
-            )
-    windows = np.concatenate(
-        [
-            sliding_windows(d.resample(rate).values, n_steps=n_steps, stride=stride)
-            for d in demonstrations
-        ]
-    )
-    if len(windows) < at_least:
+        for what in ("channels", "units"):
+            theirs, ours = getattr(demonstration, what), getattr(first, what)
+            if theirs != ours:
+                raise DemonstrationError(
+                    f"demonstration {number} has the {what} {', '.join(theirs)}, the "
+                    f"first has {', '.join(ours)}; they must be the same."
+                )
+    each = [
+        sliding_windows(d.resample(rate).values, n_steps=n_steps, stride=stride)
+        for d in demonstrations
+    ]
+    count = sum(len(windows) for windows in each)
+    if count < at_least:
         longest = max(d.duration for d in demonstrations)
         needed = (n_steps - 1 + stride * (at_least - 1)) / rate
         raise DemonstrationError(
-            f"the demonstrations give {len(windows)} windows of {n_steps / rate:g} s "
+            f"the demonstrations give {count} windows of {n_steps / rate:g} s "
             f"(the longest lasts {longest:.3g} s); at least {at_least} are needed. "
             f"Record at least {needed:.3g} s, or choose shorter windows "
             "(n_steps)."
         )
-    return windows
+    return each
+
+
+def as_windows(
+    X: Any, *, n_steps: int, stride: int, rate: float, at_least: int
+) -> Windows:
+    """Return the windows of a demonstration, a list of them, or an array (N, T, D).
+
+    Raises
+    ------
+    DemonstrationError
+        Where there is nothing to learn from in it.
+    """
+    if isinstance(X, Demonstration):
+        X = [X]
+    is_list = isinstance(X, Sequence) and not isinstance(X, str)
+    if is_list and all(isinstance(d, Demonstration) for d in X):
+        each = _windows_of_each(
+            X, n_steps=n_steps, stride=stride, rate=rate, at_least=at_least
+        )
+        return Windows(
+            values=each[0] if len(each) == 1 else np.concatenate(each),
+            source=np.repeat(np.arange(len(each)), [len(w) for w in each]),
+            example=X[0],
+        )
+    try:
+        values = np.asarray(X, dtype=float)
+    except (TypeError, ValueError):
+        raise DemonstrationError(
+            f"{type(X).__name__} cannot be learned from; give a Demonstration, a "
+            "list of them, or windows (windows, n_steps, channels)."
+        ) from None
+    if values.ndim != 3 or values.shape[1] != n_steps or values.shape[2] == 0:
+        raise DemonstrationError(
+            f"the windows have shape {values.shape}; expected (windows, "
+            f"n_steps = {n_steps}, channels)."
+        )
+    if len(values) < at_least:
+        raise DemonstrationError(
+            f"there are {len(values)} windows; at least {at_least} are needed."
+        )
+    if not np.all(np.isfinite(values)):
+        raise DemonstrationError("the windows hold NaN or infinite numbers.")
+    return Windows(values=values, source=np.arange(len(values)), example=None)
+
+
+def window_weights(
+    windows: Windows, weights: ArrayLike | None
+) -> NDArray[np.float64] | None:
+    """Return how often each window counts, shape (N,), on average 1.
+
+    Parameters
+    ----------
+    windows : Windows
+    weights : array_like, optional
+        One for each demonstration, or for each window of an array; none negative.
+    """
+    if weights is None:
+        return None
+    given = np.asarray(weights, dtype=float)
+    count = int(windows.source[-1]) + 1
+    if given.shape != (count,) or not np.all(np.isfinite(given) & (given >= 0)):
+        raise DemonstrationError(
+            f"the weights are {given}; expected {count} numbers that are not negative."
+        )
+    each = given[windows.source]
+    if np.count_nonzero(each) < 2:
+        raise DemonstrationError(
+            f"the weights leave {np.count_nonzero(each)} windows; at least 2 must count."
+        )
+    return each / each.mean()

@@ -93,6 +93,13 @@ class FourierPrimitiveSystem(LeafSystem):
         self._measured = self.DeclareVectorInputPort("measured_position", d)
 
         now = {self.time_ticket(), self.xd_ticket()}
+        self._segment_cache = self.DeclareCacheEntry(
+            description="desired motion of a tick",
+            value_producer=ValueProducer(
+                allocate=Value[object], calc=self._calc_segment
+            ),
+            prerequisites_of_calc={self.xd_ticket()},
+        )
         self._motion_cache = self.DeclareCacheEntry(
             description="desired motion",
             value_producer=ValueProducer(
@@ -130,7 +137,7 @@ class FourierPrimitiveSystem(LeafSystem):
     def resting_value(skill: FourierMovementPrimitive) -> NDArray[np.float64]:
         """Return the mean value of the likeliest component, shape (D,)."""
         first = skill.components_[0].mean
-        return skill.basis.synthesize(first).mean(axis=0)
+        return skill.synthesize(first).mean(axis=0)
 
     @property
     def player(self) -> Player:
@@ -203,10 +210,12 @@ class FourierPrimitiveSystem(LeafSystem):
         )
         return EventStatus.Succeeded()
 
+    def _calc_segment(self, context: Any, value: Any) -> None:
+        value.set_value(self._player.segment(self.playback_state(context)))
+
     def _calc_motion(self, context: Any, value: Any) -> None:
-        value.set_value(
-            self._player.motion(self.playback_state(context), self._seconds(context))
-        )
+        segment: Any = self._segment_cache.Eval(context)
+        value.set_value(segment.motion(self._seconds(context)))
 
     def _calc_of_motion(self, order: int) -> Callable[[Context, BasicVector], None]:
         def calc(context: Context, output: BasicVector) -> None:

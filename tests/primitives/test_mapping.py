@@ -140,7 +140,7 @@ def problems(draw):
 def test_keypoints_with_a_tolerance_each_are_posterior_means(problem):
     pi, components, rows, tolerance, y = problem
     plan = MappingPlan(pi, components, rows=rows, tolerance=tolerance)
-    expected = [c.posterior_mean(rows, y, tolerance) for c in components]
+    expected = [c.posterior(rows, y, tolerance).mean for c in components]
     assert_allclose(plan.candidates(y), expected, rtol=1e-8, atol=1e-8)
     mapping = plan.map(y)
     assert_allclose(mapping.weights, expected[mapping.component], atol=1e-8)

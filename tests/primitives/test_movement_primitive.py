@@ -25,6 +25,8 @@ PARAMETERS = {
     "tolerance": 1e-8,
     "selection": "cost",
     "random_state": 0,
+    "shrinkage": 0.0,
+    "scales": "units",
 }
 
 
@@ -207,8 +209,8 @@ def test_windows_and_demonstrations_teach_the_same(polishing_demonstration):
     [
         (np.zeros((5, 8)), r"shape \(5, 8\); expected \(windows, n_steps = 8"),
         (np.zeros((5, 9, 2)), "n_steps = 8"),
-        (np.zeros((5, 8, 0)), "of 0 channels"),
-        (np.full((5, 8, 2), np.nan), "values holds 80 NaN"),
+        (np.zeros((5, 8, 0)), "expected .windows, n_steps = 8, channels"),
+        (np.full((5, 8, 2), np.nan), "windows hold NaN"),
         ([], "at least one"),
         ("demonstration.npz", "cannot be learned from"),
         ([1, "two"], "cannot be learned from"),

@@ -313,7 +313,7 @@ def test_rollout_is_repeated_ticks(player):
     expected += [player.motion(s) for s in ticks(player, state, 45)]
     rollout = player.rollout(start, 4.5)
     assert rollout.shape == (46, 3, 2)
-    assert np.array_equal(rollout, expected)
+    assert_allclose(rollout, expected, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize(("duration", "count"), [(0, 1), (0.3, 4), (0.35, 4), (0.7, 8)])
