@@ -49,7 +49,7 @@ def skill_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--components",
             type=int,
-            default=10,
+            default=80,
             show_default=True,
             help="Gaussians in the mixture.",
         ),

@@ -20,11 +20,21 @@ from fmp_drake.primitives.scaling import ChannelScales, channel_scales
 from fmp_drake.primitives.windows import Windows, as_windows, window_weights
 
 
+# Section V of the paper.
+PAPER_SETTINGS: dict[str, Any] = {"n_components": 10, "stride": 10, "shrinkage": 0.0}
+
+
 class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[misc]
     """A rhythmic skill, learned from demonstrations that need no preparation.
 
     Demonstrations are cut into overlapping windows; the Fourier weights of the windows
     follow a Gaussian mixture (section IV of the paper).
+
+    The defaults are those that generalise: learned from 2 minutes of simulated hands
+    that wipe, polish and draw an 8, they give the next minute a mean log-likelihood of
+    17.0 nats per sample, `PAPER_SETTINGS` 6.7 (from 30 s: 15.5 against -771). Phase
+    is an angle, so the weights lie near a closed curve: many components follow it,
+    and shrinkage keeps their covariances from fitting the few windows of each.
 
     Parameters
     ----------
@@ -45,8 +55,8 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     regularization : float
         Variance added to every weight (m^2 for a position); 1e-8 is 0.1 mm per sample.
     shrinkage : float
-        Pseudo-counts of the covariance that all components share, mixed into each; 0
-        is the paper's plain EM.
+        Pseudo-counts (windows) of the covariance that all components share, mixed into
+        each; 0 is the paper's plain EM.
     scales : "units" or array_like, shape (D,)
         What the values of a channel are divided by before anything else, so that
         metres, newtons and radians can live in one model. "units": 1 where all
@@ -81,13 +91,13 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         self,
         *,
         n_steps: int = 120,
-        stride: int = 10,
+        stride: int = 2,
         rate: float = 20.0,
-        n_components: int | Literal["bic"] = 10,
+        n_components: int | Literal["bic"] = 80,
         overlap: int = 10,
         explained_variance: float = 0.9999,
         regularization: float = 1e-8,
-        shrinkage: float = 0.0,
+        shrinkage: float = 5.0,
         scales: ChannelScales = "units",
         tolerance: float = 1e-8,
         selection: Selection = "cost",
