@@ -9,9 +9,10 @@ No Drake is needed here: the skill layer is NumPy, SciPy and scikit-learn.
 import argparse
 from pathlib import Path
 
-import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
+from fmp_drake.apps.plots import draw_samples_in_plane, draw_way_back, plot_skill
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
@@ -19,9 +20,6 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 
 BUNDLED = Path(__file__).parent.parent / "models" / "demonstrations" / "eight.npz"
 
@@ -59,29 +57,23 @@ def main() -> None:
     low, high = skill.extent_
     start = (low + high) / 2
     start[0] = high[0] + 0.15
-    motion = Player(skill).rollout(start, duration=30.0)
-    position, velocity = motion[:, 0], motion[:, 1]
+    player = Player(skill)
+    velocity = player.rollout(start, duration=30.0)[:, 1]
     print(
         f"peak speed {np.max(np.linalg.norm(velocity, axis=1)):.2f} m/s, "
         f"demonstrated {peak_speed(demonstration):.2f} m/s"
     )
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.5), layout="constrained")
-    left.plot(*demonstration.values[:, [1, 0]].T, color="0.7", linewidth=0.5)
-    for sample in skill.sample(10, with_noise=False):
-        left.plot(sample[:, 1], sample[:, 0], linewidth=1)
-    left.set_title("demonstrated, and ten samples")
-    right.plot(*demonstration.values[:, [1, 0]].T, color="0.7", linewidth=0.5)
-    right.plot(position[:, 1], position[:, 0], color="tab:orange")
-    right.plot(start[1], start[0], "o", color="tab:red")
-    right.set_title("played from outside")
-    for ax in (left, right):
-        ax.set_aspect("equal")
-        ax.set_xlabel("y (m)")
-        ax.set_ylabel("x (m)")
+    # Every picture can go into axes of your own; `plot_skill` writes a whole page.
+    figure = Figure(figsize=(10, 4.5), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    draw_samples_in_plane(skill, n=10, demonstrations=demonstration, ax=left)
+    draw_way_back(player, start, demonstrations=demonstration, ax=right)
     picture = arguments.out / "01_learn_a_skill.png"
     figure.savefig(picture, dpi=120)
-    print(f"wrote {file} and {picture}")
+    page = arguments.out / "01_skill_page.png"
+    plot_skill(skill, demonstration, page)
+    print(f"wrote {file}, {picture} and {page}")
 
 
 def peak_speed(demonstration: Demonstration) -> float:
