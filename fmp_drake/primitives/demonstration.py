@@ -2,7 +2,8 @@
 
 import csv
 import json
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,17 @@ from scipy.signal import butter, sosfiltfilt
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.primitives.npz_file import read_npz, write_npz
+from fmp_drake.primitives.numeric import GREATEST, as_floats, is_number
 
 FORMAT = "fmp-drake-demonstration"
 VERSION = 1
 
 _MAX_GAP_SECONDS = 0.5
 _UNIFORM = 1e-3
-_NAMES = ("channels", "units", "frame", "note")
+_NAMES = ("channels", "units", "frame", "note", "rotation_reference")
+
+# A rotation vector, rad; see `fmp_drake.primitives.orientation`.
+ROTATION_CHANNELS = ("rx", "ry", "rz")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,6 +45,9 @@ class Demonstration:
         Name of the frame the values are expressed in; "" where unknown.
     note : str
         Where the recording comes from.
+    rotation_reference : tuple of float, optional
+        Unit quaternion (x, y, z, w) of the rotation at which the rotation channels `rx`,
+        `ry` and `rz` are 0; None where there are none. See `add_orientation`.
     """
 
     time: NDArray[np.float64]
@@ -48,11 +56,14 @@ class Demonstration:
     units: tuple[str, ...] = ()
     frame: str = ""
     note: str = field(default="", repr=False)
+    rotation_reference: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
         """Check everything once, so that later code may rely on it."""
-        time = np.array(self.time, dtype=float)
-        values = np.array(self.values, dtype=float)
+        time, values = (
+            as_floats(getattr(self, name), name, error=DemonstrationError).copy()
+            for name in ("time", "values")
+        )
         if values.ndim == 1:
             values = values[:, None]
         if time.ndim != 1 or values.ndim != 2 or len(time) != len(values):
@@ -66,12 +77,13 @@ class Demonstration:
                 "channels; at least 4 samples of 1 channel are needed."
             )
         for name, array in (("time", time), ("values", values)):
-            bad = ~np.isfinite(array)
+            bad = ~(np.abs(array) < GREATEST)
             if np.any(bad):
                 row = int(np.argwhere(bad)[0][0])
                 raise DemonstrationError(
-                    f"{name} holds {int(np.sum(bad))} NaN or infinite numbers, the "
-                    f"first in sample {row}; remove or fill them."
+                    f"{name} holds {int(np.sum(bad))} NaN or infinite numbers (or some "
+                    f"above {GREATEST:g}), the first in sample {row}; remove or fill "
+                    "them."
                 )
         steps = np.diff(time)
         if np.any(steps <= 0):
@@ -82,8 +94,8 @@ class Demonstration:
             )
         d = values.shape[1]
         default = tuple("xyz"[:d]) if d <= 3 else tuple(f"c{i}" for i in range(d))
-        object.__setattr__(self, "channels", tuple(self.channels) or default)
-        object.__setattr__(self, "units", tuple(self.units) or ("m",) * d)
+        for name, usual in (("channels", default), ("units", ("m",) * d)):
+            object.__setattr__(self, name, _names(name, getattr(self, name)) or usual)
         if len(self.channels) != d or len(self.units) != d:
             raise DemonstrationError(
                 f"{len(self.channels)} channel names and {len(self.units)} units for "
@@ -93,6 +105,9 @@ class Demonstration:
             raise DemonstrationError(
                 f"the channel names {self.channels} repeat; make them unique."
             )
+        if self.rotation_reference is not None:
+            reference = _unit_quaternion(self.rotation_reference, self.channels)
+            object.__setattr__(self, "rotation_reference", reference)
         time.setflags(write=False)
         values.setflags(write=False)
         object.__setattr__(self, "time", time)
@@ -128,7 +143,7 @@ class Demonstration:
         DemonstrationError
             Where a gap between samples is too long to interpolate.
         """
-        if not (np.isfinite(rate) and rate > 0):
+        if not (is_number(rate) and rate > 0):
             raise DemonstrationError(f"rate is {rate} Hz; it must be positive.")
         if self.is_uniform(rate):
             return self
@@ -158,17 +173,15 @@ class Demonstration:
             pad = min(len(values) - 1, 3 * int(np.ceil(native / rate)))
             values = sosfiltfilt(sos, values, axis=0, padlen=pad)
         new = self.time[0] + np.arange(count) / rate
-        return Demonstration(
-            time=new - self.time[0],
-            values=CubicSpline(time, values)(new),
-            channels=self.channels,
-            units=self.units,
-            frame=self.frame,
-            note=self.note,
+        return replace(
+            self, time=new - self.time[0], values=CubicSpline(time, values)(new)
         )
 
     def select(self, channels: ArrayLike) -> "Demonstration":
-        """Return the demonstration with only the named channels, in that order."""
+        """Return the demonstration with only the named channels, in that order.
+
+        Without all three rotation channels there is no rotation reference either.
+        """
         names = [str(name) for name in np.asarray(channels).ravel()]
         missing = [name for name in names if name not in self.channels]
         if missing:
@@ -177,17 +190,21 @@ class Demonstration:
                 f"{', '.join(self.channels)}."
             )
         index = [self.channels.index(name) for name in names]
-        return Demonstration(
-            time=self.time,
+        turns = set(ROTATION_CHANNELS) <= set(names)
+        return replace(
+            self,
             values=self.values[:, index],
             channels=tuple(names),
             units=tuple(self.units[i] for i in index),
-            frame=self.frame,
-            note=self.note,
+            rotation_reference=self.rotation_reference if turns else None,
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the demonstration to an `.npz` or `.csv` file, by its name."""
+        """Write the demonstration to an `.npz` or `.csv` file, by its name.
+
+        A `.csv` has no place for the frame, and is refused for rotation channels, which
+        mean nothing without their reference.
+        """
         path = Path(path)
         if path.suffix == ".csv":
             self._save_csv(path)
@@ -199,11 +216,17 @@ class Demonstration:
             "units": self.units,
             "frame": self.frame,
             "note": self.note,
+            "rotation_reference": self.rotation_reference,
         }
         arrays = {"time": self.time, "values": self.values}
         write_npz(path, {"metadata": np.array(json.dumps(metadata)), **arrays})
 
     def _save_csv(self, path: Path) -> None:
+        if self.rotation_reference is not None:
+            raise SkillFileError(
+                f"cannot write {path}: a .csv has no place for the reference of the "
+                "rotation channels; save an .npz."
+            )
         names = zip(self.channels, self.units, strict=True)
         try:
             with path.open("w", newline="", encoding="utf-8") as stream:
@@ -238,6 +261,38 @@ class Demonstration:
             return cls(**_read_npz(path))
         except DemonstrationError as error:
             raise DemonstrationError(f"{path}: {error}") from None
+
+
+def _names(what: str, given: Any) -> tuple[str, ...]:
+    """Return names of channels or units as a tuple."""
+    if isinstance(given, Sequence) and not isinstance(given, str):
+        names = tuple(given)
+        if all(isinstance(name, str) for name in names):
+            return names
+    raise DemonstrationError(f"{what} is {given!r}; expected one name per channel.")
+
+
+def _unit_quaternion(
+    reference: Any, channels: tuple[str, ...]
+) -> tuple[float, float, float, float]:
+    try:
+        x, y, z, w = (float(q) for q in reference)
+    except (TypeError, ValueError):
+        x, y, z, w = (np.nan,) * 4
+    length = float(np.linalg.norm([x, y, z, w]))
+    if not abs(length - 1) < 1e-6:
+        raise DemonstrationError(
+            f"rotation_reference is {reference}; expected a unit quaternion (x, y, z, w)."
+        )
+    missing = set(ROTATION_CHANNELS) - set(channels)
+    if missing:
+        raise DemonstrationError(
+            f"there is a rotation reference but no channel {min(missing)}; add the "
+            "rotation channels with `add_orientation`."
+        )
+    if abs(length - 1) > 1e-12:  # Else as it is: files have to give back the same.
+        x, y, z, w = x / length, y / length, z / length, w / length
+    return (x, y, z, w)
 
 
 def _read_npz(path: Path) -> dict[str, Any]:

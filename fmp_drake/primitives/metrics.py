@@ -40,7 +40,9 @@ def heatmap(
         )
     low, high = np.asarray(extent, dtype=float).T
     if not np.all(high > low):
-        raise SkillError(f"the extent is {extent}; each second number must be greater.")
+        raise SkillError(
+            f"the extent is {extent!r}; each second number must be greater."
+        )
     points = values.reshape(-1, values.shape[-1])[:, list(channels)]
     cells = np.floor((points - low) / (high - low) * bins).astype(int)
     cells = np.clip(cells, 0, bins - 1)

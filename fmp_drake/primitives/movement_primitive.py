@@ -1,6 +1,6 @@
 """The Fourier movement primitive: learning, sampling, mapping."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, Literal, Self
 
@@ -16,9 +16,15 @@ from fmp_drake.primitives.keypoint import Keypoint, channel_indices
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.mapping import Mapping, MappingPlan, Selection
 from fmp_drake.primitives.mixture import Progress, fit_mixture, log_densities
+from fmp_drake.primitives.numeric import (
+    GREATEST,
+    all_finite,
+    as_floats,
+    is_number,
+    is_whole,
+)
 from fmp_drake.primitives.scaling import ChannelScales, channel_scales
 from fmp_drake.primitives.windows import Windows, as_windows, window_weights
-
 
 # Section V of the paper.
 PAPER_SETTINGS: dict[str, Any] = {"n_components": 10, "stride": 10, "shrinkage": 0.0}
@@ -85,6 +91,9 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     channels_, units_ : tuple of str
     frame_ : str
         Of the demonstrations.
+    rotation_reference_ : tuple of float or None
+        Quaternion (x, y, z, w) of the rotation at which the channels `rx`, `ry`, `rz`
+        are 0; None where the skill has no orientation.
     """
 
     def __init__(
@@ -155,6 +164,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         self.channels_ = example.channels if example else tuple(default)
         self.units_ = example.units if example else ("m",) * d
         self.frame_ = example.frame if example else ""
+        self.rotation_reference_ = example.rotation_reference if example else None
         self.scales_ = channel_scales(self.scales, values, self.units_)
         self.proportions_, self.components_ = fit_mixture(
             self.analyze(values),
@@ -170,11 +180,25 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
 
     def analyze(self, windows: ArrayLike) -> NDArray[np.float64]:
         """Return the weights of windows: shape (..., T, D) to (..., D*T)."""
-        return self.basis.analyze(np.asarray(windows, dtype=float) / self.scales_)
+        check_is_fitted(self, "scales_")
+        values = as_floats(windows, "the windows")
+        if values.ndim < 2 or values.shape[-1] != self.n_channels_:
+            raise SkillError(
+                f"the windows have shape {values.shape}; expected (..., {self.n_steps}, "
+                f"{self.n_channels_})."
+            )
+        return self.basis.analyze(values / self.scales_)
 
     def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
         """Return the windows of weights: shape (..., D*T) to (..., T, D)."""
-        return self.basis.synthesize(weights) * self.scales_
+        check_is_fitted(self, "scales_")
+        values = as_floats(weights, "the weights")
+        if values.ndim < 1 or values.shape[-1] != self.n_channels_ * self.n_steps:
+            raise SkillError(
+                f"the weights have shape {values.shape}; expected (..., "
+                f"{self.n_channels_ * self.n_steps})."
+            )
+        return self.basis.synthesize(values) * self.scales_
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Return the log density of windows (N, T, D), shape (N,).
@@ -204,6 +228,11 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     ) -> NDArray[np.float64]:
         """Draw trajectories, shape (n, T, D)."""
         self.check_fitted()
+        for name, value in (("n", n), ("seed", seed)):
+            if not (is_whole(value) and value >= 0):
+                raise SkillError(
+                    f"{name} is {value!r}; it must be a whole number, not negative."
+                )
         rng = np.random.default_rng(seed)
         counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())
         weights = np.concatenate(
@@ -229,7 +258,10 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         step, then of the second. In the channels' units, derivatives per second.
         """
         self.check_fitted()
-        rows = self.basis.rows(np.atleast_1d(steps), derivative)
+        times = np.atleast_1d(as_floats(steps, "the steps"))
+        if times.ndim != 1:
+            raise SkillError(f"the steps have shape {times.shape}; expected (K,).")
+        rows = self.basis.rows(times, derivative)
         rows = rows * self.rate**derivative
         index = channel_indices(channels, self.channels_)
         out = np.zeros((len(rows), len(index), self.n_channels_, self.n_steps))
@@ -281,6 +313,11 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
 
     def map_keypoints(self, keypoints: Sequence[Keypoint]) -> Mapping:
         """Map keypoints, of any steps, channels and derivatives, to weights."""
+        self.check_fitted()
+        if not isinstance(keypoints, Sequence) or not all(
+            isinstance(point, Keypoint) for point in keypoints
+        ):
+            raise SkillError(f"{keypoints!r} is no list of Keypoint; give one.")
         if not keypoints:
             raise SkillError("there is no keypoint; give at least one.")
         rows, values, tolerances = [], [], []
@@ -288,13 +325,14 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
             index = channel_indices(point.channels, self.channels_)
             rows.append(
                 self.observation_rows(
-                    point.step, channels=index, derivative=point.derivative
+                    point.checked_step(), channels=index, derivative=point.derivative
                 )
             )
             values.append(point.checked_values(len(index)))
             tolerance = point.tolerance
             if tolerance is None:
                 tolerance = self.tolerance * self.scales_[index] ** 2
+            tolerance = as_floats(tolerance, "the tolerance of a keypoint")
             try:
                 tolerances.append(np.broadcast_to(tolerance, len(index)))
             except ValueError:
@@ -316,20 +354,33 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
             The step of the first.
         """
         self.check_fitted()
-        y = np.asarray(values, dtype=float)
+        y = as_floats(values, "the partial trajectory")
+        if not is_whole(first_step):
+            raise SkillError(f"first_step is {first_step!r}; give a whole number.")
         last = self.n_steps - first_step
         if y.ndim != 2 or y.shape[1] != self.n_channels_ or not 1 <= len(y) <= last:
             raise SkillError(
                 f"the partial trajectory has shape {y.shape}; expected (1 to {last}, "
                 f"{self.n_channels_})."
             )
-        if not np.all(np.isfinite(y)):
+        if not all_finite(y):
             raise SkillError("the partial trajectory holds NaN or infinite values.")
         plan = self.mapping_plan(first_step + np.arange(len(y)))
         return plan.map(y.ravel())
 
     def covariance(self, component: int, step: float) -> NDArray[np.float64]:
         """Return the covariance (18) of a component's value, shape (D, D)."""
+        self.check_fitted()
+        last = len(self.components_) - 1
+        if not (is_whole(component) and 0 <= component <= last):
+            raise SkillError(
+                f"there is no component {component!r}; choose 0 to {last}."
+            )
+        if not (is_number(step) and 0 <= step <= self.n_steps - 1):
+            raise SkillError(
+                f"the covariance at step {step!r} is not defined; a window runs from 0 "
+                f"to {self.n_steps - 1}."
+            )
         gaussian: LowRankGaussian = self.components_[component]
         row = self.basis.local_rows(step)[0]
         factor = gaussian.basis.reshape(self.n_channels_, self.n_steps, -1)
@@ -361,32 +412,36 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
 
     def check_parameters(self) -> None:
         """Raise SkillError where a parameter is out of range."""
-        k, t = self.overlap, self.n_steps
+        half = self.n_steps // 2 if is_whole(self.n_steps) else 0
+
+        def whole(least: float, most: float = np.inf) -> Callable[[Any], bool]:
+            return lambda value: is_whole(value) and least <= value <= most
+
+        def real(least: float, most: float = np.inf) -> Callable[[Any], bool]:
+            return lambda value: is_number(value) and least <= value <= most
+
+        def one_of(*names: str) -> Callable[[Any], bool]:
+            return lambda value: isinstance(value, str) and value in names
+
+        tiny = 1 / GREATEST
         for name, allowed, fine in (
-            ("n_steps", "at least 8", t >= 8),
-            ("stride", "at least 1", self.stride >= 1),
-            ("rate", "positive", np.isfinite(self.rate) and self.rate > 0),
+            ("n_steps", "a whole number, at least 8", whole(8)),
+            ("stride", "a whole number, at least 1", whole(1)),
+            ("rate", "positive, from 1e-6 to 1e6 Hz", real(1e-6, 1e6)),
             (
                 "n_components",
-                "at least 1, or 'bic'",
-                self.n_components == "bic"
-                or (
-                    (isinstance(self.n_components, int | np.integer))
-                    and self.n_components >= 1
-                ),
+                "a whole number, at least 1, or 'bic'",
+                lambda value: whole(1)(value) or one_of("bic")(value),
             ),
-            ("overlap", f"from 2 to n_steps / 2 = {t // 2}", 2 <= k <= t // 2),
-            ("explained_variance", "in (0, 1]", 0 < self.explained_variance <= 1),
-            ("regularization", "positive", self.regularization > 0),
-            ("shrinkage", "0 or more", self.shrinkage >= 0),
-            ("tolerance", "positive", self.tolerance > 0),
-            (
-                "selection",
-                "'cost' or 'evidence'",
-                self.selection in ("cost", "evidence"),
-            ),
+            ("overlap", f"from 2 to n_steps / 2 = {half}", whole(2, half)),
+            ("explained_variance", "in (0, 1]", real(tiny, 1)),
+            ("regularization", "positive", real(tiny)),
+            ("shrinkage", "0 or more", real(0)),
+            ("tolerance", "positive", real(tiny)),
+            ("selection", "'cost' or 'evidence'", one_of("cost", "evidence")),
+            ("random_state", "a whole number from 0 to 2^32 - 1", whole(0, 2**32 - 1)),
         ):
-            if not fine:
+            if not fine(getattr(self, name)):
                 raise SkillError(
                     f"{name} is {getattr(self, name)!r}; it must be {allowed}."
                 )

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 
 from fmp_drake.errors import FmpError, SkillFileError
+from fmp_drake.primitives.fitted import build_skill
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.npz_file import read_npz, write_npz
 
 FORMAT = "fmp-drake-skill"
-VERSION = 1
+# 2 added the scales of the channels, which had been 1, and the rotation reference.
+VERSION = 2
 
 
 def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
@@ -27,6 +29,7 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
         "channels": skill.channels_,
         "units": skill.units_,
         "frame": skill.frame_,
+        "rotation_reference": skill.rotation_reference_,
     }
     write_npz(
         path,
@@ -34,6 +37,7 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
             "metadata": np.array(json.dumps(metadata, default=_plain)),
             "proportions": skill.proportions_,
             "extent": skill.extent_,
+            "scales": skill.scales_,
             "means": np.stack([c.mean for c in skill.components_]),
             "ranks": np.array([c.rank for c in skill.components_]),
             "bases": np.concatenate([c.basis for c in skill.components_], axis=1),
@@ -44,9 +48,9 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Return a NumPy number, as a parameter search sets them, as Python's own."""
-    if isinstance(value, np.generic):
-        return value.item()
+    """Return a NumPy number or array, as parameters may be, as Python's own."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
     raise TypeError(f"{value!r} cannot be written to a skill file.")
 
 
@@ -80,30 +84,14 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
             f"{VERSION}. Update fmp_drake."
         )
     try:
-        skill = FourierMovementPrimitive(**metadata["parameters"])
-        ends = np.cumsum(arrays["ranks"])
-        skill.components_ = tuple(
-            LowRankGaussian(
-                mean=mean,
-                basis=np.ascontiguousarray(arrays["bases"][:, end - rank : end]),
-                variances=arrays["variances"][end - rank : end],
-                noise=float(noise),
-            )
-            for mean, rank, end, noise in zip(
-                arrays["means"], arrays["ranks"], ends, arrays["noise"], strict=True
-            )
-        )
-        skill.proportions_ = arrays["proportions"]
-        skill.extent_ = arrays["extent"]
-        skill.n_channels_ = skill.extent_.shape[1]
-        skill.n_windows_ = int(metadata["n_windows"])
-        skill.channels_ = tuple(metadata["channels"])
-        skill.units_ = tuple(metadata["units"])
-        skill.frame_ = str(metadata["frame"])
+        fitted = _fitted(metadata, arrays, version=version)
+        skill = build_skill(metadata["parameters"], fitted)
         skill.check_parameters()
         d, m = skill.n_channels_, len(skill.components_)
         if (
             skill.extent_.shape != (2, d)
+            or skill.scales_.shape != (d,)
+            or not np.all(skill.scales_ > 0)
             or skill.proportions_.shape != (m,)
             or any(c.dim != d * skill.n_steps for c in skill.components_)
         ):
@@ -111,3 +99,39 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise SkillFileError(f"{path} is an incomplete skill file: {error}.") from None
     return skill
+
+
+def _fitted(
+    metadata: dict[str, Any], arrays: dict[str, Any], *, version: int
+) -> dict[str, Any]:
+    """Return the fitted attributes in a file."""
+    ends = np.cumsum(arrays["ranks"])
+    components = tuple(
+        LowRankGaussian(
+            mean=mean,
+            basis=np.ascontiguousarray(arrays["bases"][:, end - rank : end]),
+            variances=arrays["variances"][end - rank : end],
+            noise=float(noise),
+        )
+        for mean, rank, end, noise in zip(
+            arrays["means"], arrays["ranks"], ends, arrays["noise"], strict=True
+        )
+    )
+    extent = arrays["extent"]
+    d = extent.shape[1]
+    reference = metadata.get("rotation_reference")
+    if reference is not None:
+        x, y, z, w = (float(q) for q in reference)
+        reference = (x, y, z, w)
+    return {
+        "components_": components,
+        "proportions_": arrays["proportions"],
+        "extent_": extent,
+        "scales_": np.ones(d) if version < 2 else arrays["scales"],
+        "n_channels_": d,
+        "n_windows_": int(metadata["n_windows"]),
+        "channels_": tuple(metadata["channels"]),
+        "units_": tuple(metadata["units"]),
+        "frame_": str(metadata["frame"]),
+        "rotation_reference_": reference,
+    }

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fmp_drake.errors import DemonstrationError
+from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.primitives.demonstration import Demonstration
+from fmp_drake.primitives.numeric import all_finite, as_floats
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,6 +89,13 @@ def _windows_of_each(
                     f"demonstration {number} has the {what} {', '.join(theirs)}, the "
                     f"first has {', '.join(ours)}; they must be the same."
                 )
+        if demonstration.rotation_reference != first.rotation_reference:
+            raise DemonstrationError(
+                f"demonstration {number} has the rotation reference "
+                f"{demonstration.rotation_reference}, the first has "
+                f"{first.rotation_reference}; they must be the same (give one to "
+                "`add_orientation`)."
+            )
     each = [
         sliding_windows(d.resample(rate).values, n_steps=n_steps, stride=stride)
         for d in demonstrations
@@ -128,8 +136,8 @@ def as_windows(
             example=X[0],
         )
     try:
-        values = np.asarray(X, dtype=float)
-    except (TypeError, ValueError):
+        values = as_floats(X, "the windows")
+    except SkillError:
         raise DemonstrationError(
             f"{type(X).__name__} cannot be learned from; give a Demonstration, a "
             "list of them, or windows (windows, n_steps, channels)."
@@ -143,7 +151,7 @@ def as_windows(
         raise DemonstrationError(
             f"there are {len(values)} windows; at least {at_least} are needed."
         )
-    if not np.all(np.isfinite(values)):
+    if not all_finite(values):
         raise DemonstrationError("the windows hold NaN or infinite numbers.")
     return Windows(values=values, source=np.arange(len(values)), example=None)
 
@@ -161,9 +169,9 @@ def window_weights(
     """
     if weights is None:
         return None
-    given = np.asarray(weights, dtype=float)
+    given = as_floats(weights, "the weights", error=DemonstrationError)
     count = int(windows.source[-1]) + 1
-    if given.shape != (count,) or not np.all(np.isfinite(given) & (given >= 0)):
+    if given.shape != (count,) or not (all_finite(given) and np.all(given >= 0)):
         raise DemonstrationError(
             f"the weights are {given}; expected {count} numbers that are not negative."
         )

@@ -129,7 +129,7 @@ def test_fit_describes_the_demonstrations(wiping_skill, wiping_demonstration):
     assert skill.channels_ == ("x", "y", "z")
     assert skill.units_ == ("m", "m", "m")
     assert skill.frame_ == "board"
-    assert len(skill.components_) == 10
+    assert len(skill.components_) == 80
     assert np.all(np.diff(skill.proportions_) <= 0)
     assert skill.proportions_.sum() == pytest.approx(1)
     low = wiping_demonstration.values.min(axis=0)

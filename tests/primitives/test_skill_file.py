@@ -140,7 +140,7 @@ def test_missing_file_is_named(tmp_path, name):
 
 def test_newer_version_is_refused(saved):
     rewritten(saved, lambda m: m.update(version=VERSION + 1))
-    with pytest.raises(SkillFileError, match=r"version 2; .* Update fmp_drake"):
+    with pytest.raises(SkillFileError, match=rf"version {VERSION + 1}; .* Update"):
         load_skill(saved)
 
 
@@ -262,3 +262,37 @@ def test_pickles_are_refused_and_never_run(saved, tmp_path):
     with pytest.raises(SkillFileError, match="allow_pickle=False"):
         load_skill(saved)
     assert not mark.exists()
+
+
+def test_file_of_version_1_has_scales_of_1_and_no_orientation(saved, small_skill):
+    def older(metadata):
+        metadata.pop("rotation_reference")
+        metadata["version"] = 1
+
+    rewritten(saved, older, drop=("scales",))
+    loaded = load_skill(saved)
+    assert np.array_equal(loaded.scales_, [1.0, 1.0])
+    assert loaded.rotation_reference_ is None
+    assert np.array_equal(loaded.sample(2, seed=1), small_skill.sample(2, seed=1))
+
+
+@pytest.mark.parametrize("scales", [np.ones(3), np.zeros(2), np.full(2, np.nan)])
+def test_scales_that_do_not_fit_are_refused(saved, scales):
+    rewritten(saved, scales=scales)
+    with pytest.raises(SkillFileError, match="incomplete skill file"):
+        load_skill(saved)
+
+
+def test_skill_without_its_scales_is_refused(saved):
+    rewritten(saved, drop=("scales",))
+    with pytest.raises(SkillFileError, match=r"incomplete skill file: .*scales"):
+        load_skill(saved)
+
+
+def test_scales_given_as_an_array_survive(tmp_path, small_skill):
+    skill = clone(small_skill).set_params(scales=np.array([1.0, 2.0]))
+    skill.fit(np.random.default_rng(0).standard_normal((9, 24, 2)))
+    save_skill(skill, tmp_path / "s.npz")
+    loaded = load_skill(tmp_path / "s.npz")
+    assert np.array_equal(loaded.scales_, [1.0, 2.0])
+    assert np.array_equal(loaded.sample(2, seed=1), skill.sample(2, seed=1))
