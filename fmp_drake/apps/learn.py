@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 
 import click
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from fmp_drake.apps.inputs import PATH, learn_skill, load_on_board, skill_options
 from fmp_drake.apps.page import make_console
@@ -28,8 +29,8 @@ def learn(
 ) -> None:
     """Learn a skill from DEMONSTRATIONS (.npz or .csv) and write it to a file."""
     console = make_console()
-    for target in (out, plot):
-        check_writable(target)
+    check_writable(out)
+    check_picture(plot)
     loaded, remarks = load_on_board(
         demonstrations, transform=transform, stretch=stretch
     )
@@ -49,8 +50,20 @@ def learn(
 
 
 def check_writable(path: Path | None) -> None:
-    """Refuse an output file whose folder is missing, before any work is done."""
-    if path is not None and not path.absolute().parent.is_dir():
+    """Refuse an output file that cannot be written, before any work is done."""
+    if path is None:
+        return
+    if not path.absolute().parent.is_dir():
         raise FmpError(
             f"there is no folder {path.absolute().parent} to write {path.name} into."
         )
+    if path.is_dir():
+        raise FmpError(f"{path} is a folder; give the name of a file to write.")
+
+
+def check_picture(path: Path | None) -> None:
+    """Refuse a picture that cannot be written, before any work is done."""
+    check_writable(path)
+    kinds = FigureCanvasAgg.get_supported_filetypes()
+    if path is not None and path.suffix.lower().removeprefix(".") not in kinds:
+        raise FmpError(f"{path} is no picture; let its name end in .png, .svg or .pdf.")

@@ -1,5 +1,6 @@
 """The command `fmp-drake`."""
 
+import logging
 import sys
 from collections.abc import Sequence
 
@@ -9,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from fmp_drake import __version__
 from fmp_drake.apps.learn import learn
 from fmp_drake.apps.record import record
+from fmp_drake.apps.reproduce.command import reproduce
 from fmp_drake.apps.video import video
 from fmp_drake.apps.wipe import wipe
 from fmp_drake.errors import FmpError
@@ -20,18 +22,23 @@ def app() -> None:
     """Fourier movement primitives for Drake: teach rhythmic skills, play them."""
 
 
-for command in (wipe, learn, record, video):
+for command in (wipe, learn, record, reproduce, video):
     app.add_command(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; bad input ends with one line and exit code 2."""
+    # Meshcat's address is printed where it is of use.
+    logging.getLogger("drake").setLevel(logging.WARNING)
     try:
         # The matrices of a control step are small: BLAS threads would only spin.
         with threadpool_limits(limits=1):
             app.main(args=arguments, prog_name="fmp-drake", standalone_mode=False)
     except FmpError as error:
         _fail(str(error), 2)
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message())
+        sys.exit(error.exit_code)
     except click.ClickException as error:
         _fail(error.format_message(), error.exit_code)
     except (click.Abort, KeyboardInterrupt):

@@ -16,7 +16,7 @@ from fmp_drake.apps.inputs import (
     load_on_board,
     skill_options,
 )
-from fmp_drake.apps.learn import check_writable
+from fmp_drake.apps.learn import check_picture, check_writable
 from fmp_drake.apps.page import advance, make_console, open_page
 from fmp_drake.apps.plots import plot_run
 from fmp_drake.apps.report import print_report
@@ -84,8 +84,9 @@ def wipe(
 ) -> None:
     """Learn whiteboard wiping from a demonstration and wipe the board."""
     console = make_console()
-    for target in (html, plot, report):
+    for target in (html, report):
         check_writable(target)
+    check_picture(plot)
     if not (np.isfinite(duration) and duration > 0):
         raise FmpError(f"duration is {duration:g} s; it must be positive.")
     if rate is not None and not (np.isfinite(rate) and rate >= 0):

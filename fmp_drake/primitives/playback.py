@@ -10,6 +10,7 @@ from scipy.stats import chi2
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives.mapping import MappingPlan
+from fmp_drake.primitives.numeric import all_finite, as_floats, is_number, is_whole
 from fmp_drake.primitives.segment import Segment, critically_damped
 from fmp_drake.primitives.tracking import LqrTracker, Tracker
 from fmp_drake.primitives.window_table import WindowTable
@@ -98,6 +99,11 @@ class Player:
     confidence : float
         Share of a component's own samples inside the ellipsoid that mapped weights
         are kept in, in (0, 1]; 1 is no bound.
+    start_tolerance : float
+        How closely the mapped weights meet the start, as a share of the movement's
+        half width; the offset takes the rest. 0 is as closely as the skill's tolerance
+        says, which buys millimetres where the demonstrations did not vary by metres
+        where they did.
     """
 
     def __init__(
@@ -110,14 +116,19 @@ class Player:
         seed: int = 0,
         blend_time: float = 0.4,
         confidence: float = 0.99,
+        start_tolerance: float = 0.2,
     ) -> None:
         skill.check_fitted()
-        if not (np.isfinite(blend_time) and blend_time > 0):
-            raise SkillError(f"blend_time is {blend_time} s; it must be positive.")
-        if not 0 < confidence <= 1:
+        if not (is_number(blend_time) and blend_time >= 1e-3):
+            raise SkillError(
+                f"blend_time is {blend_time} s; it must be positive, at least 1 ms."
+            )
+        if not (is_number(confidence) and 0 < confidence <= 1):
             raise SkillError(f"confidence is {confidence}; it must be in (0, 1].")
-        if int(seed) < 0:
-            raise SkillError(f"seed is {seed}; it must not be negative.")
+        if not (is_whole(seed) and seed >= 0):
+            raise SkillError(
+                f"seed is {seed}; it must be a whole number that is not negative."
+            )
         self.skill = skill
         self.sample = sample
         self.seed = int(seed)
@@ -134,7 +145,8 @@ class Player:
             float(np.sqrt(chi2.ppf(confidence, max(c.rank, 1))))
             for c in skill.components_
         ]
-        self._start_plan = skill.mapping_plan([skill.overlap - 1])
+        self._start_tolerance = self._start_variances(start_tolerance)
+        self._start_plan = self._plan_start(skill.overlap - 1)
         self._remap_plan = skill.mapping_plan(np.arange(skill.overlap))
         self._tables: dict[int, WindowTable] = {}
 
@@ -147,19 +159,19 @@ class Player:
         step : int, optional
             The sample, from K - 1 (where None) to T - 1.
         """
-        y = np.asarray(position, dtype=float)
+        y = as_floats(position, "the start")
         first = self.skill.overlap - 1
         step = first if step is None else step
-        if not first <= step <= self.skill.n_steps - 1:
+        if not (is_whole(step) and first <= step <= self.skill.n_steps - 1):
             raise SkillError(
                 f"the start is at step {step}; it must be from {first} to "
                 f"{self.skill.n_steps - 1}."
             )
-        if y.shape != (self.skill.n_channels_,) or not np.all(np.isfinite(y)):
+        if y.shape != (self.skill.n_channels_,) or not all_finite(y):
             raise SkillError(
                 f"the start is {y}; expected {self.skill.n_channels_} finite numbers."
             )
-        plan = self._start_plan if step == first else self.skill.mapping_plan([step])
+        plan = self._start_plan if step == first else self._plan_start(step)
         at_rest = np.stack([y, np.zeros_like(y)])
         return _state(
             self._enter(plan, y[None], at_rest[None], step=step, remaps=0),
@@ -261,9 +273,9 @@ class Player:
         ndarray, shape (ticks + 1, 3, D) or (S, ticks + 1, 3, D)
             Value, velocity and acceleration, as `motion` gives them.
         """
-        if not (np.isfinite(duration) and duration >= 0):
+        if not (is_number(duration) and duration >= 0):
             raise SkillError(f"duration is {duration} s; it must not be negative.")
-        starts = np.asarray(start, dtype=float)
+        starts = as_floats(start, "the start")
         ticks = int(np.floor(duration * self.skill.rate * (1 + 1e-9)))
         many = np.atleast_2d(starts)
         out = np.empty((len(many), ticks + 1, 3, many.shape[-1]))
@@ -282,9 +294,9 @@ class Player:
         Yields arrays like those of `rollout`, of T - K ticks each, one after the
         other.
         """
-        y = np.asarray(start, dtype=float)
+        y = as_floats(start, "the start")
         d = self.skill.n_channels_
-        if y.ndim not in (1, 2) or y.shape[-1] != d or not np.all(np.isfinite(y)):
+        if y.ndim not in (1, 2) or y.shape[-1] != d or not all_finite(y):
             raise SkillError(
                 f"the start has shape {y.shape}; expected ({d},) or (starts, {d}) "
                 "finite numbers."
@@ -304,6 +316,26 @@ class Player:
                 step=step,
                 remaps=remaps,
             )
+
+    def _plan_start(self, step: int) -> MappingPlan:
+        return self.skill.mapping_plan([step], tolerance=self._start_tolerance)
+
+    def _start_variances(self, share: float) -> NDArray[np.float64]:
+        """Return lambda of (13) for a start, per channel, (D,)."""
+        skill = self.skill
+        if not (np.isfinite(share) and share >= 0):
+            raise SkillError(
+                f"start_tolerance is {share}; it must be 0 (exact) or positive."
+            )
+        half = (skill.extent_[1] - skill.extent_[0]) / 2
+        widest = {
+            unit: max(h for h, u in zip(half, skill.units_, strict=True) if u == unit)
+            for unit in skill.units_
+        }
+        spread = np.array([widest[unit] for unit in skill.units_])
+        return np.maximum(
+            (share * spread) ** 2, skill.tolerance * np.square(skill.scales_)
+        )
 
     def _window(self, entry: _Entry) -> NDArray[np.float64]:
         """Play one window for all starts, (S, T - K + 1, 3, D)."""
@@ -377,9 +409,9 @@ class Player:
             return None
         if self.sample:
             raise SkillError("give either a target or sample=True, not both.")
-        own = np.asarray(target, dtype=float)
+        own = as_floats(target, "the target")
         n = self.skill.components_[0].dim
-        if own.shape != (n,) or not np.all(np.isfinite(own)):
+        if own.shape != (n,) or not all_finite(own):
             raise SkillError(
                 f"the target has shape {own.shape}; expected ({n},) finite weights."
             )

@@ -13,6 +13,7 @@ from pydrake.systems.controllers import InverseDynamics
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder
 
+from fmp_drake.errors import StationError
 from fmp_drake.station.model_files import AddFmpDrakePackage, AddPandaWithEraser
 from fmp_drake.station.posture import SolvePosture
 from fmp_drake.station.scenario import Scenario
@@ -78,7 +79,7 @@ def AddBoardScene(
     arm.Finalize()
     arm_tip = arm.GetFrameByName("eraser_tip", arm_eraser)
 
-    plant, scene_graph = AddMultibodyPlant(scenario.plant, builder)
+    plant, scene_graph = _AddPlant(builder, scenario)
     panda, eraser = AddPandaWithEraser(plant)
     parser = Parser(plant)
     AddFmpDrakePackage(parser)
@@ -108,6 +109,21 @@ def AddBoardScene(
     )
 
 
+def _AddPlant(
+    builder: DiagramBuilder, scenario: Scenario
+) -> tuple[MultibodyPlant, SceneGraph]:
+    time_step = scenario.plant.time_step
+    if not (np.isfinite(time_step) and time_step >= 0):
+        raise StationError(
+            f"plant.time_step is {time_step} s; it must not be negative."
+        )
+    try:
+        plant, scene_graph = AddMultibodyPlant(scenario.plant, builder)
+    except RuntimeError as error:
+        raise StationError(f"the scenario's plant cannot be built: {error}.") from None
+    return plant, scene_graph
+
+
 def AddArmController(
     builder: DiagramBuilder, scene: BoardScene, config: ImpedanceConfig
 ) -> OperationalSpaceImpedanceController:
@@ -124,6 +140,7 @@ def AddArmController(
         config=config,
         q_posture=plant.GetDefaultPositions(scene.panda),
     )
+    controller.set_name("controller")
     builder.AddSystem(controller)
     compensation = InverseDynamics(
         scene.arm, InverseDynamics.InverseDynamicsMode.kGravityCompensation

@@ -10,8 +10,8 @@ from pydrake.solvers import Solve
 
 from fmp_drake.errors import StationError
 
-_POSITION_TOLERANCE = 1e-4
-_ROTATION_TOLERANCE = 1e-3
+_POSITION_TOLERANCE = 1e-6
+_ROTATION_TOLERANCE = 1e-5
 _LIMIT_MARGIN = 0.03
 
 
@@ -51,9 +51,11 @@ def SolvePosture(
         raise StationError(
             f"the posture is {preferred}; expected {n} finite joint angles."
         )
+    p = X_WE.translation()
+    if not np.all(np.isfinite(p)):
+        raise StationError(f"the eraser's position is {p}; expected 3 finite numbers.")
     ik = InverseKinematics(plant)
     world = plant.world_frame()
-    p = X_WE.translation()
     ik.AddPositionConstraint(
         frame, np.zeros(3), world, p - _POSITION_TOLERANCE, p + _POSITION_TOLERANCE
     )

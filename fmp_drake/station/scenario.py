@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import yaml
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlantConfig
@@ -96,7 +97,8 @@ class Scenario:
 
     def eraser_orientation(self) -> RotationMatrix:
         """Return R_BE, how the eraser is held over the board."""
-        return RotationMatrix(RollPitchYaw(np.array(self.impedance.orientation)))
+        rpy = _finite("impedance.orientation", self.impedance.orientation, 3)
+        return RotationMatrix(RollPitchYaw(np.array(rpy)))
 
     def start_position(self) -> list[float]:
         """Return the checked start p_BE."""
@@ -126,7 +128,14 @@ def LoadScenario(path: str | Path) -> Scenario:
         scenario: Scenario = yaml_load_typed(  # type: ignore[no-untyped-call]
             schema=Scenario, filename=str(file), defaults=Scenario()
         )
-    except (RuntimeError, TypeError, ValueError, KeyError) as error:
+    except (
+        RuntimeError,
+        TypeError,
+        ValueError,
+        KeyError,
+        AssertionError,  # Drake's loader, for a number in place of a mapping.
+        yaml.YAMLError,
+    ) as error:
         reason = str(error).strip().splitlines()[0]
         raise StationError(f"{file.name} is not a scenario: {reason}") from None
     return scenario

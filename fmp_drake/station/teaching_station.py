@@ -28,9 +28,10 @@ def MakeTeachingStation(
 ) -> Diagram:
     """Build a station where a simulated hand guides the gravity-compensated arm.
 
-    Systems: plant, scene_graph, controller, gravity_compensation, actuation, human_hand, recorder, and
-    meshcat_visualizer where there is a Meshcat. Output ports: position (3,) of the
-    eraser in the board's frame, m, and state of the arm.
+    Systems: plant, scene_graph, controller with rest and no_press for its inputs,
+    gravity_compensation, actuation, human_hand, recorder, and meshcat_visualizer
+    where there is a Meshcat. Output ports: position (3,) of the eraser in the board's
+    frame, m, and state (14,) of the arm.
     """
     builder = DiagramBuilder()
     first, _ = motion.at(0.0)

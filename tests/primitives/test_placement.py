@@ -110,6 +110,31 @@ def test_long_recordings_are_placed_in_little_memory_and_time():
     assert_allclose(placement.rotation, np.eye(3), atol=0.01)
 
 
+def test_apply_keeps_the_recording_and_its_note():
+    path = Demonstration(time=np.arange(600), values=strokes(), note="of someone")
+    before = path.values.copy()
+    laid = fit_placement(path, usable=USABLE).apply(path)
+    assert np.array_equal(path.values, before)
+    assert laid.note == "of someone"
+    assert laid.channels == ("x", "y", "z")
+
+
+def test_wall_in_front_of_the_robot_is_laid_down():
+    # y and z span the wall; the tool leaves it towards the robot, along -x.
+    path = demonstration([0.6, 0.0, 0.5] - strokes(noise=0)[:, [2, 1, 0]])
+    placement = fit_placement(path, usable=USABLE)
+    assert_allclose(placement.rotation[2], [-1, 0, 0], atol=0.05)
+    assert_allclose(placement.rotation[0], [0, 1, 0], atol=0.05)
+    assert placement.apply(path).values[:, 2].max() == pytest.approx(0.04, abs=0.004)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.003])
+def test_unsteady_hand_is_laid_level(noise):
+    path = strokes(lift=0.3, noise=noise)
+    normal = fit_placement(demonstration(path), usable=USABLE).rotation[2]
+    assert np.degrees(np.arccos(normal[2])) < 2
+
+
 @pytest.mark.parametrize("channels", [2, 4])
 def test_path_without_3_channels_is_refused(channels):
     with pytest.raises(DemonstrationError, match=f"has {channels} channels"):

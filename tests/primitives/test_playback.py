@@ -81,7 +81,7 @@ def test_starts_at_rest_exactly_where_asked(player, step):
 
 
 def test_start_maps_one_sample(small_skill):
-    player = Player(small_skill)
+    player = Player(small_skill, start_tolerance=0)
     position = small_skill.extent_.mean(axis=0) + 0.01
     state = player.start(position)
     mapping = small_skill.map_partial(position[None], first_step=3)
@@ -91,6 +91,22 @@ def test_start_maps_one_sample(small_skill):
     expected = gaussian.mean + inside @ (mapping.weights - gaussian.mean)
     assert_allclose(state.weights, expected, atol=1e-12)
     assert np.array_equal(state.target, gaussian.mean)
+
+
+def test_start_within_its_tolerance_does_not_swing_out_elsewhere(wiping_skill):
+    low, high = wiping_skill.extent_
+    above = (low + high) / 2 + np.array([0.0, 0.0, 0.1])
+
+    def swing(**options):
+        path = Player(wiping_skill, **options).rollout(above, 6.0)[:, 0, :2]
+        return np.max(np.maximum(path - high[:2], low[:2] - path))
+
+    assert swing() < 0.03 < swing(start_tolerance=0)
+
+
+def test_start_tolerance_that_is_negative_is_refused(small_skill):
+    with pytest.raises(SkillError, match="start_tolerance is -1"):
+        Player(small_skill, start_tolerance=-1)
 
 
 @pytest.mark.parametrize("step", [-1, 2, 24])
@@ -217,12 +233,14 @@ def deviation(skill, state):
 def test_mapped_weights_stay_in_the_ellipsoid_of_the_confidence(
     wiping_skill, confidence
 ):
-    player = Player(wiping_skill, confidence=confidence)
+    player = Player(wiping_skill, confidence=confidence, start_tolerance=0)
     state = player.start(outside(wiping_skill))
     rank = wiping_skill.components_[state.component].rank
     radius = np.sqrt(chi2.ppf(confidence, rank))
     assert deviation(wiping_skill, state) == pytest.approx(radius)
-    free = Player(wiping_skill, confidence=1.0).start(outside(wiping_skill))
+    free = Player(wiping_skill, confidence=1.0, start_tolerance=0).start(
+        outside(wiping_skill)
+    )
     assert deviation(wiping_skill, free) > 1.5 * radius
     for later in ticks(player, state, 330):
         assert deviation(wiping_skill, later) <= radius * (1 + 1e-9)

@@ -2,11 +2,10 @@
 
 import json
 import re
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
+from browser import needs_chromium, open_page
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
@@ -33,7 +32,6 @@ from fmp_drake.systems.ink_visualizer import (
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.01)
 X_WB = RigidTransform([0.5, 0.0, 0.1])
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 class FadingInk(LeafSystem):
@@ -279,7 +277,7 @@ setTimeout(() => {
 
 
 @pytest.mark.browser
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+@needs_chromium
 def test_the_replay_wipes_the_ink_and_brings_it_back(meshcat, tmp_path):
     record(meshcat)
     meshcat.SetCameraPose([0.5, -0.3, 0.6], [0.5, 0.0, 0.1])
@@ -288,26 +286,7 @@ def test_the_replay_wipes_the_ink_and_brings_it_back(meshcat, tmp_path):
     assert html.count("</body>") == 1
     page = tmp_path / "replay.html"
     page.write_text(html.replace("</body>", PROBE + "</body>"), encoding="utf-8")
-    dump = subprocess.run(
-        [
-            CHROMIUM,
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader",
-            "--disable-background-networking",
-            "--no-first-run",
-            f"--user-data-dir={tmp_path / 'profile'}",
-            "--virtual-time-budget=3000",
-            "--dump-dom",
-            page.as_uri(),
-        ],
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    ).stdout
+    dump = open_page(page.as_uri(), tmp_path, "--dump-dom", milliseconds=3000)
     found = re.search(r'data-seen="([^"]*)"', dump)
     assert found, "the page has not run its script"
     full, one, two, four, again = json.loads(found.group(1))

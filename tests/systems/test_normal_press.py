@@ -60,7 +60,9 @@ def test_share_is_a_smooth_step():
 
 
 @given(
-    desired=st.floats(-0.05, 0.05), measured=st.floats(-0.05, 0.05), force=st.floats(0, 50)
+    desired=st.floats(-0.05, 0.05),
+    measured=st.floats(-0.05, 0.05),
+    force=st.floats(0, 50),
 )
 def test_wrench_is_the_share_of_the_higher_of_both(desired, measured, force):
     system = NormalPress(force=force, engage_height=HEIGHT)

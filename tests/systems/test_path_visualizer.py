@@ -88,7 +88,7 @@ def test_a_young_trail_grows_from_the_first_point(meshcat, drawn):
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.45)
     lengths = [len(points) for points in trail(drawn, "measured")]
-    assert lengths == [1, 1, 2, 3, 4] or lengths == [1, 2, 3, 4]
+    assert lengths == [1, 1, 2, 3, 4]
     for points in trail(drawn, "measured"):
         assert np.all(np.isfinite(points))
         assert_array_equal(points[0], np.zeros(3))
@@ -136,7 +136,7 @@ def test_a_second_simulation_begins_a_new_trail(meshcat, drawn):
         assert_array_equal(one, two)
 
 
-def test_drawing_leaves_the_context_alone(meshcat, drawn):
+def test_drawing_leaves_the_context_alone(meshcat):
     diagram, visualizer = make_diagram(meshcat)
     context = diagram.CreateDefaultContext()
     own = visualizer.GetMyContextFromRoot(context)
@@ -174,7 +174,9 @@ def test_a_forgotten_input_is_named(meshcat, forgotten):
         simulator.AdvanceTo(0.1)
 
 
-@pytest.mark.parametrize("options", [{"seconds": 0.0}, {"rate": -1.0}, {"rate": np.nan}])
+@pytest.mark.parametrize(
+    "options", [{"seconds": 0.0}, {"rate": -1.0}, {"rate": np.nan}]
+)
 def test_times_that_are_not_positive_are_refused(meshcat, options):
     with pytest.raises(StationError, match="must be positive"):
         PathVisualizer(meshcat, X_WB=X_WB, **options)

@@ -1,0 +1,265 @@
+"""Facts about the command line as a whole: what it refuses, and how."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fmp_drake
+from fmp_drake.apps import main as main_module
+from fmp_drake.station.model_files import models_dir
+
+SCRIPT = Path(sys.executable).parent / "fmp-drake"
+
+
+# Wrong options: one line, exit code 2, nothing written.
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--start", 5, 0, 0), "cannot bring the eraser to"),
+        (("--start", 0, 0, "nan"), "finite"),
+        (("--start", 0, 0), "--start"),
+        (("--duration", -1), "duration is -1"),
+        (("--duration", 0), "duration is 0"),
+        (("--duration", "nan"), "duration is nan"),
+        (("--duration", "inf"), "duration is inf"),
+        (("--duration", "soon"), "soon"),
+        (("--rate", -1), "rate is -1"),
+        (("--rate", "nan"), "rate is nan"),
+        (("--rate", "inf"), "rate is inf"),
+        (("--window", 0), "window is 0"),
+        (("--window", "nan"), "window is nan"),
+        (("--window", 1000), "--window"),
+        (("--stretch", 0), "stretch is 0"),
+        (("--stretch", -2), "stretch is -2"),
+        (("--stretch", "nan"), "stretch is nan"),
+        (("--stretch", 0.01), "--stretch"),
+        (("--components", 0), "n_components is 0"),
+        (("--components", -3), "n_components is -3"),
+        (("--components", 2.5), "2.5"),
+        (("--seed", -1), "seed is -1"),
+        (("--transform", "nan", 0, 0, 0, 0, 0), "NaN"),
+        (("--transform", 1, 2, 3), "--transform"),
+        (("--scenario", "billiards"), "table_top"),
+        (("--scenario", "nowhere.yaml"), "nowhere.yaml"),
+        (("--demo", "nowhere.npz"), "nowhere.npz"),
+        (("--skill", "nowhere.npz"), "nowhere.npz"),
+        (("--demo", "a.npz", "--skill", "b.npz"), "not both"),
+        (("--spin",), "--spin"),
+        (("surplus",), "surplus"),
+    ],
+)
+def test_wrong_option_is_refused_in_one_line(refused, outputs, options, reason):
+    message = refused(
+        *("wipe", "--headless", "--duration", 0.2),
+        *("--report", outputs / "report.json", "--plot", outputs / "plot.png"),
+        *options,
+    )
+    assert reason in message
+    assert list(outputs.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--report", "--plot", "--html"])
+def test_output_that_cannot_be_written_is_refused_before_the_work(
+    refused, tmp_path, option
+):
+    # An hour of simulation is not waited for.
+    long = ("wipe", "--headless", "--duration", 3600)
+    missing = tmp_path / "missing" / "file.png"
+    assert "there is no folder" in refused(*long, option, missing)
+    assert not missing.parent.exists()
+    assert "is a folder" in refused(*long, option, tmp_path)
+
+
+@pytest.mark.parametrize("name", ["plot.exe", "plot"])
+def test_picture_of_an_unknown_kind_is_refused_before_the_work(
+    refused, outputs, make_npz, name
+):
+    plot, skill = outputs / name, outputs / "skill.npz"
+    report = outputs / "report.json"
+    for arguments in (
+        ("wipe", "--headless", "--duration", 3600, "--report", report),
+        ("learn", make_npz(), "--out", skill),
+    ):
+        assert "is no picture" in refused(*arguments, "--plot", plot)
+    assert list(outputs.iterdir()) == []
+
+
+def test_page_is_not_announced_before_a_refusal(refused, outputs):
+    html = outputs / "run.html"
+    refused("wipe", "--headless", "--html", html, "--start", 5, 0, 0)
+    assert list(outputs.iterdir()) == []
+
+
+# Wrong files.
+
+
+def nan_in_the_values():
+    position = np.zeros((200, 3))
+    position[7, 1] = np.nan
+    return {"position": position, "time": np.arange(200) / 20}
+
+
+@pytest.mark.parametrize(
+    ("arrays", "reason"),
+    [
+        (nan_in_the_values(), "NaN"),
+        ({"time": np.arange(3) / 20, "position": np.eye(3)}, "3 samples"),
+        ({"time": np.zeros(400)}, "increase"),
+        ({"time": np.arange(7)}, "shape"),
+        ({"values": np.ones((400, 2))}, "2 channels"),
+        ({"values": np.array(["a"] * 400)}, "numbers"),
+        ({"position": np.zeros((400, 3))}, "point or a line"),
+    ],
+)
+@pytest.mark.parametrize("name", ["wipe", "learn"])
+def test_demonstration_with_wrong_numbers_is_refused(
+    refused, outputs, make_npz, name, arrays, reason
+):
+    bad = make_npz("bad.npz", **arrays)
+    arguments = {
+        "wipe": ("wipe", "--headless", "--demo", bad, "--report"),
+        "learn": ("learn", bad, "--out"),
+    }[name]
+    message = refused(*arguments, outputs / "out.npz")
+    assert reason in message
+    assert "bad.npz" in message or reason == "point or a line"
+    assert list(outputs.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "empty"),
+        ("a,b,c\n1,2,3\n", "columns a, b, c"),
+        ("time,x,y,z\n0,1,2,three\n", "line 2"),
+        ("time,x,y,z\n0,1,2\n", "line 2 has 3 cells"),
+        ("time,x,y,z\n0,1,2,3\n", "1 samples"),
+    ],
+)
+def test_table_that_is_no_demonstration_is_refused(
+    refused, outputs, tmp_path, text, reason
+):
+    path = tmp_path / "table.csv"
+    path.write_text(text, encoding="utf-8")
+    assert reason in refused("learn", path, "--out", outputs / "skill.npz")
+    assert list(outputs.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--demo", "--skill", "--scenario"])
+def test_bytes_of_no_meaning_are_refused(refused, tmp_path, option):
+    suffix = ".yaml" if option == "--scenario" else ".npz"
+    path = tmp_path / f"noise{suffix}"
+    path.write_bytes(np.random.default_rng(0).bytes(300))
+    assert path.name in refused("wipe", "--headless", option, path)
+
+
+def test_demonstration_is_no_skill_and_a_skill_no_demonstration(
+    command, refused, make_npz, outputs
+):
+    demo, skill = make_npz(), outputs / "skill.npz"
+    assert command("learn", demo, "--out", skill).code == 0
+    assert "is not a skill" in refused("wipe", "--headless", "--skill", demo)
+    assert skill.name in refused("wipe", "--headless", "--demo", skill)
+
+
+def test_scenario_with_wrong_keys_or_values_is_refused(refused, tmp_path):
+    scene = tmp_path / "scene.yaml"
+    for text, reason in (
+        ("robot: ur5\n", "robot"),
+        ("press: {force: -1}\n", "force is -1"),
+        ("ink: {cell: 0}\n", "cell"),
+        ("plant: {contact_model: glue}\n", "glue"),
+        ("impedance: {damping_ratio: 0}\n", "damping_ratio"),
+    ):
+        scene.write_text(text, encoding="utf-8")
+        assert reason in refused("wipe", "--headless", "--scenario", scene)
+
+
+# The command itself.
+
+
+def test_help_names_every_command(command):
+    result = command("--help")
+    assert result.code == 0
+    for name in ("wipe", "learn", "record", "video"):
+        assert f"  {name} " in result.out
+        assert command(name, "--help").code == 0
+
+
+def test_no_command_shows_the_help(command):
+    result = command()
+    assert "Commands:\n" in result.out
+    assert result.err == ""
+
+
+def test_version_is_that_of_the_package(command):
+    assert fmp_drake.__version__ in command("--version").out
+
+
+def test_unknown_command_is_refused(refused):
+    assert "dance" in refused("dance")
+
+
+def test_interruption_ends_without_a_traceback(command, monkeypatch):
+    def interrupted(**_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(main_module.app, "main", interrupted)
+    result = command("wipe")
+    assert result.code == 130
+    assert result.err == "fmp-drake: stopped.\n"
+
+
+def test_full_disk_ends_without_a_traceback(refused, monkeypatch):
+    def full(**_):
+        raise OSError(28, "No space left on device", "report.json")
+
+    monkeypatch.setattr(main_module.app, "main", full)
+    assert refused("wipe") == "fmp-drake: report.json: No space left on device\n"
+
+
+# The installed script, in a process of its own.
+
+
+@pytest.fixture
+def script(tmp_path):
+    if not SCRIPT.exists():
+        pytest.skip("the script fmp-drake is not installed beside this Python")
+
+    def run(*arguments):
+        return subprocess.run(
+            [SCRIPT, *map(str, arguments)],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+
+    return run
+
+
+def test_installed_script_wipes(script, tmp_path):
+    done = script("wipe", "--headless", "--duration", 0.5, "--report", "report.json")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert figures["simulated_seconds"] == 0.5
+
+
+def test_installed_script_refuses_like_the_function(script):
+    done = script("wipe", "--headless", "--demo", "nowhere.npz")
+    assert done.returncode == 2
+    assert done.stderr == "fmp-drake: there is no demonstration file nowhere.npz.\n"
+    assert done.stdout == ""
+
+
+def test_bundled_demonstrations_are_found():
+    for task in ("wiping", "polishing", "eight"):
+        assert (models_dir() / "demonstrations" / f"{task}.npz").is_file()

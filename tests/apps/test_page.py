@@ -1,0 +1,114 @@
+"""Facts about the page: what is seen in a browser, running and replayed."""
+
+import numpy as np
+import pytest
+from browser import OFFLINE, needs_chromium, screenshot
+
+from fmp_drake.apps import wipe as wipe_module
+from fmp_drake.apps.inputs import default_demonstration, learn_skill, load_on_board
+from fmp_drake.apps.page import open_page
+from fmp_drake.apps.wiping_run import WipingRun
+from fmp_drake.station.scenario import LoadScenario
+
+# Share of the picture that is inked board.
+INKED = 0.02
+
+pytestmark = [pytest.mark.browser, needs_chromium]
+
+
+def blue_ink(picture):
+    r, g, b = np.moveaxis(picture, -1, 0)
+    return (b > 0.6) & (r < 0.25) & (g < 0.35)
+
+
+def white(picture):
+    return picture.min(axis=-1) > 0.85
+
+
+def wiped_patch(picture):
+    """Return the white pixels with ink in all four directions."""
+    ink = blue_ink(picture)
+    inside = white(picture)
+    for axis in (0, 1):
+        for flip in (False, True):
+            view = np.flip(ink, axis) if flip else ink
+            before = np.maximum.accumulate(view, axis=axis)
+            inside &= np.flip(before, axis) if flip else before
+    return inside
+
+
+def assert_shows_a_wiped_board(picture):
+    assert np.mean(blue_ink(picture)) > INKED
+    assert np.mean(wiped_patch(picture)) > 0.005
+    # The frame of the board and the arm's joints and base.
+    assert np.mean(picture.max(axis=-1) < 0.3) > 0.002
+
+
+@pytest.fixture(scope="module")
+def meshcat():
+    return open_page()
+
+
+@pytest.fixture(scope="module")
+def run(meshcat):
+    """Simulate three seconds of what `fmp-drake wipe` shows."""
+    demonstrations, *_ = load_on_board(
+        [default_demonstration()], transform=None, stretch=1.0
+    )
+    run = WipingRun(
+        LoadScenario("table_top"),
+        learn_skill(demonstrations, window=6.0, components=10),
+        demonstrations=demonstrations,
+        sample=True,
+        meshcat=meshcat,
+    )
+    run.simulator.AdvanceTo(3.0)
+    return run
+
+
+def test_running_page_shows_arm_board_and_wiped_ink(run, meshcat, tmp_path):
+    assert run.output("cleaned_fraction")[0] > 0.01
+    picture = screenshot(meshcat.web_url(), tmp_path)
+    assert_shows_a_wiped_board(picture)
+    # The arm and the board are what Drake's visualizer shows.
+    meshcat.SetProperty("/drake/visualizer", "visible", False)
+    bare = screenshot(meshcat.web_url(), tmp_path)
+    meshcat.SetProperty("/drake/visualizer", "visible", True)
+    gone = np.abs(picture - bare).max(axis=-1) > 0.1
+    assert np.mean(gone) > 0.01
+    # Above the board, where only the arm is.
+    first_ink = np.argmax(blue_ink(picture).any(axis=1))
+    assert np.mean(gone[:first_ink]) > 0.01
+
+
+def test_running_page_shows_both_paths(run, meshcat, tmp_path):
+    assert run is not None
+    with_paths = screenshot(meshcat.web_url(), tmp_path)
+    r, g, b = np.moveaxis(with_paths, -1, 0)
+    assert np.sum((r > 0.7) & (b < 0.45) & (g > 0.2) & (g < 0.7)) > 20  # measured
+    assert np.sum((g > r + 0.15) & (g > b + 0.1)) > 20  # desired
+
+
+def test_replay_page_needs_no_network(command, tmp_path):
+    html = tmp_path / "run.html"
+    assert command("wipe", "--headless", "--duration", 3, "--html", html).code == 0
+    picture = screenshot(html.as_uri(), tmp_path, *OFFLINE)
+    assert_shows_a_wiped_board(picture)
+
+
+def test_command_opens_the_page_that_it_names(command, monkeypatch, tmp_path):
+    pages = []
+
+    def opened(console=None):
+        pages.append(open_page(console))
+        return pages[-1]
+
+    monkeypatch.setattr(wipe_module, "open_page", opened)
+    result = command("wipe", "--rate", 0, "--duration", 1)
+    assert result.code == 0
+    (page,) = pages
+    assert f"watch it at {page.web_url()}" in result.out
+    picture = screenshot(page.web_url(), tmp_path)
+    assert np.mean(blue_ink(picture)) > INKED
+    # The eraser has not come down yet.
+    assert np.mean(wiped_patch(picture)) < 0.002

@@ -1,0 +1,116 @@
+"""Facts about `fmp-drake video`."""
+
+import subprocess
+import sys
+import tarfile
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+FRAMES = 12
+
+
+@pytest.fixture
+def ffmpeg():
+    return pytest.importorskip(
+        "imageio_ffmpeg", reason="films need the extra fmp-drake[video]"
+    )
+
+
+@pytest.fixture
+def make_frames(tmp_path):
+    """The function that packs pictures as the page's recorder does."""
+
+    def make(size=(64, 48), count=FRAMES):
+        archive = tmp_path / "frames.tar"
+        with tarfile.open(archive, "w") as tar:
+            for i in range(count):
+                picture = np.zeros((size[1], size[0], 3))
+                picture[:, : (i + 1) * size[0] // count, 2] = 1.0
+                path = tmp_path / f"{i:07d}.png"
+                matplotlib.image.imsave(path, picture)
+                tar.add(path, arcname=path.name)
+                path.unlink()
+        return archive
+
+    return make
+
+
+def read(ffmpeg, film):
+    """Return the film's frames, (N, height, width, 3), and what it says of itself."""
+    stream = ffmpeg.read_frames(str(film))
+    about = next(stream)
+    stream.close()
+    raw = subprocess.run(
+        [
+            *(ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-i", film),
+            *("-f", "rawvideo", "-pix_fmt", "rgb24", "-"),
+        ],
+        check=True,
+        capture_output=True,
+    ).stdout
+    width, height = about["source_size"]
+    return np.frombuffer(raw, dtype=np.uint8).reshape(-1, height, width, 3), about
+
+
+@pytest.mark.parametrize("size", [(64, 48), (63, 47)])
+def test_film_plays_the_frames(ffmpeg, command, make_frames, outputs, size):
+    film = outputs / "film.mp4"
+    result = command("video", make_frames(size), film, "--fps", 24)
+    assert result.code == 0, result
+    assert f"wrote {film}" in result.out
+    assert list(outputs.iterdir()) == [film]
+    count, seconds = ffmpeg.count_frames_and_secs(str(film))
+    assert count == FRAMES
+    assert seconds == pytest.approx(FRAMES / 24, abs=0.1)
+    frames, about = read(ffmpeg, film)
+    assert about["fps"] == 24
+    # What browsers and phones can play.
+    assert about["codec"] == "h264"
+    assert about["pix_fmt"].startswith("yuv420p")
+    assert len(frames) == FRAMES
+    # Odd sizes are padded.
+    assert frames.shape[1:3] == (48, 64)
+    # The bar grows from frame to frame.
+    blue = (frames[..., 2] > 128).mean(axis=(1, 2))
+    assert np.all(np.diff(blue) > 0)
+
+
+def test_older_film_is_kept_unless_told(ffmpeg, command, refused, make_frames, outputs):
+    film = outputs / "film.mp4"
+    film.write_bytes(b"precious")
+    frames = make_frames()
+    assert "--overwrite" in refused("video", frames, film)
+    assert film.read_bytes() == b"precious"
+    assert command("video", frames, film, "--overwrite").code == 0
+    assert ffmpeg.count_frames_and_secs(str(film))[0] == FRAMES
+
+
+@pytest.mark.usefixtures("ffmpeg")
+def test_what_is_no_archive_of_frames_is_refused(refused, tmp_path, outputs):
+    film = outputs / "film.mp4"
+    assert "no frame archive" in refused("video", tmp_path / "nowhere.tar", film)
+    noise = tmp_path / "noise.tar"
+    noise.write_bytes(b"no tar at all")
+    assert "is not a .tar" in refused("video", noise, film)
+    empty = tmp_path / "empty.tar"
+    with tarfile.open(empty, "w") as tar:
+        tar.add(noise, arcname="readme.txt")
+    assert "is not a .tar" in refused("video", empty, film)
+    assert list(outputs.iterdir()) == []
+
+
+@pytest.mark.usefixtures("ffmpeg")
+def test_wrong_options_are_refused(refused, make_frames, outputs, tmp_path):
+    frames, film = make_frames(), outputs / "film.mp4"
+    assert "fps is 0" in refused("video", frames, film, "--fps", 0)
+    assert "there is no folder" in refused("video", frames, tmp_path / "no" / "f.mp4")
+    assert "film.xyz" in refused("video", frames, outputs / "film.xyz")
+    assert list(outputs.iterdir()) == []
+
+
+def test_missing_extra_is_named(refused, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    message = refused("video", tmp_path / "frames.tar", tmp_path / "film.mp4")
+    assert "pip install 'fmp-drake[video]'" in message

@@ -1,0 +1,200 @@
+"""Facts about `fmp-drake wipe`."""
+
+import json
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+KEYS = {
+    "simulated_seconds",
+    "wall_seconds",
+    "real_time_factor",
+    "learn_seconds",
+    "cleaned_fraction",
+    "cleaned_fraction_of_demonstrated_area",
+    "normal_force_mean_n",
+    "normal_force_p05_n",
+    "normal_force_p95_n",
+    "contact_fraction",
+    "tracking_rms_m",
+    "remap_count",
+    "remap_position_jump_max_m",
+    "torque_ratio_max",
+    "torque_rate_max_nm_per_s",
+    "joint_limit_margin_min_rad",
+}
+# What depends on the machine, not on the robot.
+CLOCKS = {"wall_seconds", "real_time_factor", "learn_seconds"}
+
+
+@pytest.fixture
+def wipe(command, outputs):
+    """The function that wipes, and returns the figures of the report."""
+
+    def run(*options, duration=0.5):
+        path = outputs / "report.json"
+        result = command(
+            "wipe", "--headless", "--duration", duration, "--report", path, *options
+        )
+        assert result.code == 0, result
+        assert result.err == ""
+        return json.loads(path.read_text(encoding="utf-8"))
+
+    return run
+
+
+def timeless(figures):
+    return {key: value for key, value in figures.items() if key not in CLOCKS}
+
+
+def test_three_seconds_write_report_picture_and_page(command, outputs):
+    report, plot, html = (outputs / n for n in ("report.json", "run.png", "run.html"))
+    result = command(
+        *("wipe", "--headless", "--duration", 3),
+        *("--report", report, "--plot", plot, "--html", html),
+    )
+    assert result.code == 0
+    assert result.err == ""
+    for path in (report, plot, html):
+        assert f"wrote {path}" in result.out
+    assert "http://" not in result.out
+
+    figures = json.loads(report.read_text(encoding="utf-8"))
+    assert set(figures) >= KEYS
+    assert all(np.isfinite(value) for value in figures.values())
+    assert figures["simulated_seconds"] == 3
+    assert figures["wall_seconds"] > 0
+    assert figures["real_time_factor"] == pytest.approx(3 / figures["wall_seconds"])
+    assert figures["learn_seconds"] > 0
+    assert 0 < figures["cleaned_fraction"] < 0.3
+    assert (
+        figures["cleaned_fraction"]
+        < figures["cleaned_fraction_of_demonstrated_area"]
+        < 1
+    )
+    assert (
+        5
+        < figures["normal_force_p05_n"]
+        < figures["normal_force_mean_n"]
+        < figures["normal_force_p95_n"]
+        < 15
+    )
+    assert figures["contact_fraction"] > 0.9
+    assert 0 < figures["tracking_rms_m"] < 0.01
+    assert figures["remap_count"] == 0
+    assert 0 < figures["torque_ratio_max"] < 1
+    assert 0 < figures["torque_rate_max_nm_per_s"] < 1000
+    assert figures["joint_limit_margin_min_rad"] > 0
+    assert 0 < figures["joint_speed_ratio_max"] < 1
+
+    picture = matplotlib.image.imread(plot)
+    assert picture.shape[0] > 500
+    assert np.ptp(picture[..., :3]) > 0.9
+    page = html.read_text(encoding="utf-8")
+    assert "<html" in page.lower()
+    assert "</html>" in page.lower()
+    assert sorted(p.name for p in outputs.iterdir()) == [
+        "report.json",
+        "run.html",
+        "run.png",
+    ]
+
+
+def test_remappings_are_counted(wipe):
+    figures = wipe("--window", 1.0, duration=1.2)
+    # Windows of 20 samples overlap by 5: one every 0.75 s.
+    assert figures["remap_count"] == 1
+    assert 0 <= figures["remap_position_jump_max_m"] < 1e-3
+
+
+def test_one_seed_gives_one_run_and_another_another(wipe):
+    one, same, other = (timeless(wipe("--seed", seed)) for seed in (1, 1, 2))
+    assert one == same
+    assert one != other
+
+
+def test_means_have_no_seed(wipe):
+    one, two = (timeless(wipe("--mean", "--seed", seed)) for seed in (1, 2))
+    assert one == two
+    assert one != timeless(wipe("--sample", "--seed", 1))
+
+
+def test_learned_skill_plays_like_its_demonstration(command, wipe, make_npz, outputs):
+    demo, skill = make_npz(), outputs / "skill.npz"
+    options = ("--window", 2.5, "--components", 3)
+    assert command("learn", demo, "--out", skill, *options).code == 0
+    played = timeless(wipe("--skill", skill))
+    learned = timeless(wipe("--demo", demo, *options))
+    # Without its demonstration, the area is that of the skill's own paths.
+    for figures in (played, learned):
+        figures.pop("cleaned_fraction_of_demonstrated_area")
+    assert played == learned
+
+
+def test_several_demonstrations_are_learned_together(command, wipe, make_npz):
+    paths = [make_npz("one.npz"), make_npz("two.npz", seconds=15)]
+    options = [part for path in paths for part in ("--demo", path)]
+    assert wipe(*options, "--window", 2.5)["cleaned_fraction"] >= 0
+    out = command("wipe", "--headless", "--duration", 0.1, *options).out
+    for path in paths:
+        assert f"{path.name}: laid onto" in out
+
+
+def test_csv_is_a_demonstration(wipe, make_csv):
+    assert wipe("--demo", make_csv())["tracking_rms_m"] < 0.01
+
+
+def test_csv_with_units_is_a_demonstration(wipe, make_csv):
+    header = "time [s],x [m],y [m],z [m]"
+    assert wipe("--demo", make_csv(header))["tracking_rms_m"] < 0.01
+
+
+def test_start_is_where_it_is_told(wipe):
+    high = wipe("--start", 0.0, 0.1, 0.2)
+    assert high["cleaned_fraction"] == 0
+    assert high["contact_fraction"] == 0
+    assert high["normal_force_mean_n"] == 0
+    low = wipe("--start", 0.0, 0.1, 0.0)
+    assert low["contact_fraction"] > 0
+
+
+def test_transform_replaces_the_fit(command, make_npz):
+    laid = ("--demo", make_npz(), "--transform", 0.05, 0, 0, 0, 0, 1.5)
+    result = command("wipe", "--headless", "--duration", 0.1, *laid)
+    assert result.code == 0
+    assert "laid onto" not in result.out
+
+
+def test_stretch_makes_a_short_demonstration_long_enough(refused, wipe, make_npz):
+    short = make_npz(seconds=5)
+    message = refused("wipe", "--headless", "--demo", short)
+    assert "--stretch" in message
+    assert "--window" in message
+    assert wipe("--demo", short, "--stretch", 3)["tracking_rms_m"] < 0.01
+
+
+def test_scenario_may_be_a_file(wipe, tmp_path):
+    scene = tmp_path / "hard.yaml"
+    scene.write_text("press: {force: 14.0}\n", encoding="utf-8")
+    default, hard = (
+        wipe("--scenario", name, "--start", 0, 0, 0)["normal_force_mean_n"]
+        for name in ("table_top", scene)
+    )
+    assert hard > default + 1
+
+
+def test_rate_slows_the_simulation_down(wipe):
+    assert wipe("--rate", 2.0, duration=0.1)["simulated_seconds"] == 0.1
+
+
+def test_report_replaces_an_older_one(wipe, outputs):
+    (outputs / "report.json").write_text("old", encoding="utf-8")
+    assert wipe(duration=0.1)["simulated_seconds"] == 0.1
+
+
+def test_table_of_figures_is_printed(command):
+    out = command("wipe", "--headless", "--duration", 0.5).out
+    for name in ("simulated", "cleaned", "pressed", "followed", "re-mapped", "limits"):
+        assert name in out
+    assert "nan" not in out

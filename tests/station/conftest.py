@@ -1,0 +1,26 @@
+"""Skills from the bundled demonstration; treat them as read-only."""
+
+import pytest
+
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.station.model_files import models_dir
+
+
+@pytest.fixture(scope="session")
+def bundled_demonstration():
+    """Two minutes of wiping, in the frame of the board."""
+    return Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+
+
+@pytest.fixture(scope="session")
+def bundled_skill(bundled_demonstration):
+    """What the command line learns from it: windows of 6 s, a re-mapping each 5.5 s."""
+    return FourierMovementPrimitive().fit([bundled_demonstration])
+
+
+@pytest.fixture(scope="session")
+def restless_skill(bundled_demonstration):
+    """A skill that is re-mapped every 0.75 s."""
+    return FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4).fit(
+        [bundled_demonstration]
+    )

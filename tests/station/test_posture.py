@@ -1,0 +1,95 @@
+"""Facts about the posture that the arm takes for a pose of the eraser."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+
+from fmp_drake.errors import StationError
+from fmp_drake.station.model_files import AddPandaWithEraser
+from fmp_drake.station.posture import SolvePosture
+from fmp_drake.station.scenario import Scenario
+
+DOWN = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
+PREFERRED = np.array(Scenario().posture)
+MIDDLE = (0.5, 0.0, 0.2)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    plant = MultibodyPlant(0.0)
+    AddPandaWithEraser(plant)
+    plant.Finalize()
+    return plant
+
+
+def solve(arm, X_WE, preferred=PREFERRED):
+    frame = arm.GetFrameByName("eraser_tip")
+    return SolvePosture(arm, frame=frame, X_WE=X_WE, q_preferred=preferred)
+
+
+def pose(arm, q):
+    context = arm.CreateDefaultContext()
+    arm.SetPositions(context, q)
+    return arm.GetFrameByName("eraser_tip").CalcPoseInWorld(context)
+
+
+@pytest.mark.parametrize("x", [0.35, 0.55, 0.7])
+@pytest.mark.parametrize("y", [-0.3, 0.0, 0.3])
+@pytest.mark.parametrize("z", [0.1, 0.3])
+def test_eraser_comes_exactly_to_where_it_shall(arm, x, y, z):
+    q = solve(arm, RigidTransform(DOWN, [x, y, z]))
+    X_WE = pose(arm, q)
+    assert_allclose(X_WE.translation(), [x, y, z], atol=5e-6)
+    assert_allclose(X_WE.rotation().matrix(), DOWN.matrix(), atol=2e-4)
+    assert np.all(q >= arm.GetPositionLowerLimits() + 0.03 - 1e-9)
+    assert np.all(q <= arm.GetPositionUpperLimits() - 0.03 + 1e-9)
+
+
+def test_tilted_eraser_is_reached(arm):
+    tilted = RotationMatrix.MakeYRotation(0.4) @ DOWN
+    X_WE = pose(arm, solve(arm, RigidTransform(tilted, MIDDLE)))
+    assert_allclose(X_WE.rotation().matrix(), tilted.matrix(), atol=2e-4)
+
+
+def test_posture_that_fits_already_is_kept(arm):
+    q = np.array([0, -math.pi / 4, 0, -3 * math.pi / 4, 0, math.pi / 2, math.pi / 4])
+    assert_allclose(solve(arm, pose(arm, q), q), q, atol=1e-4)
+
+
+def test_redundant_arm_stays_near_the_preferred_posture(arm):
+    X_WE = RigidTransform(DOWN, MIDDLE)
+    for first in (-0.5, 0.5):
+        preferred = PREFERRED.copy()
+        preferred[0] = first
+        assert np.sign(solve(arm, X_WE, preferred)[0]) == np.sign(first)
+
+
+def test_same_pose_gives_the_same_posture(arm):
+    X_WE = RigidTransform(DOWN, MIDDLE)
+    assert_array_equal(solve(arm, X_WE), solve(arm, X_WE))
+
+
+@pytest.mark.parametrize(
+    "p", [(1.2, 0.0, 0.1), (0.05, 0.0, 0.1), (0.5, 0.0, -0.9), (0.6, 0.6, 0.1)]
+)
+def test_pose_out_of_reach_is_refused_with_its_place(arm, p):
+    x, y, z = p
+    place = rf"\({x:.3f}, {y:.3f}, {z:.3f}\) m.*nearer to the middle"
+    with pytest.raises(StationError, match=place):
+        solve(arm, RigidTransform(DOWN, p))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_place_that_is_not_finite_is_refused(arm, bad):
+    with pytest.raises(StationError, match="expected 3 finite numbers"):
+        solve(arm, RigidTransform(DOWN, [0.5, bad, 0.1]))
+
+
+@pytest.mark.parametrize("preferred", [np.zeros(6), np.full(7, np.nan)])
+def test_preferred_posture_of_another_arm_is_refused(arm, preferred):
+    with pytest.raises(StationError, match="expected 7 finite joint angles"):
+        solve(arm, RigidTransform(DOWN, MIDDLE), preferred)

@@ -1,0 +1,159 @@
+"""Facts about the station where a simulated hand guides the arm."""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from station_run import MILLISECOND, StationRun
+
+from fmp_drake.errors import StationError
+from fmp_drake.station.scenario import LoadScenario, Scenario
+from fmp_drake.station.teaching_station import (
+    RATE,
+    DemonstrationFromRecorder,
+    MakeTeachingStation,
+)
+from fmp_drake.station.wiping_station import BOARD_SIZE, ERASER_FOOTPRINT
+from fmp_drake.systems.hand_motion import TASKS, HandMotion
+
+SETTLE = 1.0
+SECONDS = 4.0
+SYSTEMS = {
+    "plant",
+    "scene_graph",
+    "controller",
+    "gravity_compensation",
+    "actuation",
+    "human_hand",
+    "recorder",
+    "rest",
+    "no_press",
+}
+
+
+def teach(task, *, seed=0, seconds=SECONDS):
+    motion = HandMotion.make(task, seconds=SECONDS + 1, seed=seed)
+    run = StationRun(MakeTeachingStation(LoadScenario("table_top"), motion))
+    run.motion = motion
+    return run.advance(seconds)
+
+
+def recorded(run, skip=SETTLE):
+    context = run.simulator.get_context()
+    return DemonstrationFromRecorder(run.station, context, skip=skip, note="a test")
+
+
+@pytest.fixture(scope="module")
+def lessons():
+    return {task: teach(task) for task in TASKS}
+
+
+@pytest.fixture(params=TASKS)
+def lesson(request, lessons):
+    return lessons[request.param]
+
+
+def test_exported_ports_have_names_and_sizes(lesson):
+    station = lesson.station
+    ports = [station.get_output_port(i) for i in range(station.num_output_ports())]
+    assert {p.get_name(): p.size() for p in ports} == {"position": 3, "state": 14}
+    assert station.num_input_ports() == 0
+
+
+def test_every_system_has_a_name(lesson):
+    assert lesson.station.get_name() == "teaching_station"
+    assert {system.get_name() for system in lesson.station.GetSystems()} == SYSTEMS
+
+
+def test_documentation_names_every_port_and_system():
+    words = re.findall(r"\w+", MakeTeachingStation.__doc__)
+    assert {"position", "state"} | SYSTEMS <= set(words)
+
+
+def test_recording_is_uniform_at_20_hertz(lesson):
+    demonstration = recorded(lesson)
+    assert RATE == 20
+    assert demonstration.is_uniform(20)
+    assert demonstration.time[0] == 0
+    assert demonstration.duration == pytest.approx(SECONDS - SETTLE)
+    assert len(demonstration.time) == 20 * (SECONDS - SETTLE) + 1
+
+
+def test_recording_says_what_it_is(lesson):
+    demonstration = recorded(lesson)
+    assert demonstration.channels == ("x", "y", "z")
+    assert demonstration.units == ("m", "m", "m")
+    assert demonstration.frame == "board"
+    assert demonstration.note == "a test"
+
+
+def test_recording_is_what_the_port_said(lesson):
+    expected = lesson.log("position")[int(1000 * SETTLE) :: 50]
+    # The recorder's and the plant's event of one instant come in either order.
+    assert_allclose(recorded(lesson).values, expected, atol=2e-3)
+    assert np.median(np.abs(recorded(lesson).values - expected)) == 0
+    assert len(recorded(lesson, skip=0.0).time) == 20 * SECONDS + 1
+
+
+def test_eraser_stays_on_the_board(lesson):
+    x, y, z = recorded(lesson).values.T
+    reach = (np.array(BOARD_SIZE) - ERASER_FOOTPRINT) / 2
+    assert np.max(np.abs(x)) < reach[0]
+    assert np.max(np.abs(y)) < reach[1]
+    # Pressed into the felt; where the hand turns fast, the eraser tips on an edge.
+    assert -0.01 < np.min(z)
+    assert np.max(z) < 0.006
+    assert np.mean(z < 0) > 0.7
+
+
+def test_arm_goes_where_the_hand_wants(lesson):
+    demonstration = recorded(lesson)
+    wanted = np.array([lesson.motion.at(t + SETTLE)[0] for t in demonstration.time])
+    distance = np.linalg.norm(demonstration.values[:, :2] - wanted, axis=1)
+    # A hand is soft: it lags and cuts corners, by a few centimetres.
+    assert np.sqrt(np.mean(distance**2)) < 0.03
+    assert np.max(distance) < 0.06
+    assert np.ptp(demonstration.values, axis=0)[:2].min() > 0.08
+
+
+def test_arm_keeps_its_limits(lesson):
+    plant = lesson.station.GetSubsystemByName("plant")
+    state = lesson.log("state")
+    q, v = state[:, :7], state[:, 7:]
+    assert np.all(q > plant.GetPositionLowerLimits())
+    assert np.all(q < plant.GetPositionUpperLimits())
+    assert np.all(np.abs(v) < plant.GetVelocityUpperLimits())
+    assert lesson.log("position").shape[0] == SECONDS / MILLISECOND + 1
+
+
+def test_one_seed_gives_one_recording(lessons):
+    again = recorded(teach("eight"))
+    assert_array_equal(again.values, recorded(lessons["eight"]).values)
+
+
+def test_other_seed_gives_another_recording(lessons):
+    other = recorded(teach("eight", seed=1))
+    difference = other.values - recorded(lessons["eight"]).values
+    assert np.max(np.linalg.norm(difference, axis=1)) > 0.02
+
+
+def test_restarted_simulator_records_the_same(lessons):
+    run = teach("eight", seconds=0.5)
+    assert_array_equal(
+        run.restart().advance(1.0).log("position"),
+        lessons["eight"].log("position")[:1001],
+    )
+
+
+def test_recording_begins_above_the_beginning_of_the_motion(lesson):
+    first, _ = lesson.motion.at(0.0)
+    assert_allclose(lesson.log("position")[0], [*first, 0.005], atol=5e-6)
+
+
+def test_board_out_of_reach_is_refused():
+    scenario = Scenario()
+    scenario.board.translation = [1.5, 0.0, 0.1]
+    motion = HandMotion.make("eight", seconds=1, seed=0)
+    with pytest.raises(StationError, match="cannot bring the eraser to"):
+        MakeTeachingStation(scenario, motion)

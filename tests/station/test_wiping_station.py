@@ -1,0 +1,402 @@
+"""Facts about the whiteboard station: what a user would measure on the robot.
+
+A minute of wiping and ten seconds from outside are simulated once, and looked at
+from many sides.
+"""
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.common.value import Value
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.systems.analysis import Simulator
+from station_run import StationRun, check_limits
+
+from fmp_drake.errors import StationError
+from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker
+from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.wiping_station import ERASER_FOOTPRINT, MakeWipingStation
+from fmp_drake.systems.ink_grid import cleaned_fraction
+
+PORTS = {
+    "desired_position": 3,
+    "desired_velocity": 3,
+    "desired_acceleration": 3,
+    "covariance": 9,
+    "weights": 360,
+    "component": 1,
+    "measured_position": 3,
+    "measured_velocity": 3,
+    "tracking_error": 6,
+    "torque": 7,
+    "actuation": 7,
+    "state": 14,
+    "ink": 14000,
+    "erase_time": 14000,
+    "cleaned_fraction": 1,
+    "normal_force": 1,
+    "contact_area": 1,
+}
+SYSTEMS = {
+    "plant",
+    "scene_graph",
+    "fourier_primitive",
+    "normal_press",
+    "controller",
+    "gravity_compensation",
+    "actuation",
+    "ink_board",
+}
+REMAP_SECONDS = 5.5
+ARRIVED = 4.0
+
+
+def make_station(skill, **options):
+    return MakeWipingStation(LoadScenario("table_top"), skill, **options)
+
+
+def remaps(run):
+    primitive = run.station.GetSubsystemByName("fourier_primitive")
+    return primitive.playback_state(run.context_of("fourier_primitive")).remaps
+
+
+@pytest.fixture(scope="module")
+def minute(bundled_skill):
+    """Simulate a minute as `fmp-drake wipe` does it; count the re-mappings."""
+    run = StationRun(make_station(bundled_skill, sample=True, seed=0))
+    run.remaps = []
+    for number in range(1, 11):
+        for time in (-0.0005, 0.0005):
+            run.advance(number * REMAP_SECONDS + time)
+            run.remaps.append(remaps(run))
+    return run.advance(60.0)
+
+
+@pytest.fixture(scope="module")
+def outside(bundled_demonstration):
+    """Return a start 15 cm beside what was demonstrated, 3 cm above the board."""
+    return np.array([0.0, bundled_demonstration.values[:, 1].max() + 0.15, 0.03])
+
+
+@pytest.fixture(scope="module")
+def from_outside(bundled_skill, outside):
+    """Simulate ten seconds from outside."""
+    return StationRun(make_station(bundled_skill, start=outside)).advance(10.0)
+
+
+@pytest.fixture(params=[pytest.param("minute", marks=pytest.mark.slow), "from_outside"])
+def run(request):
+    return request.getfixturevalue(request.param)
+
+
+# What is there.
+
+
+def test_exported_ports_have_names_and_sizes(minute):
+    station = minute.station
+    outputs = [station.get_output_port(i) for i in range(station.num_output_ports())]
+    assert {port.get_name(): port.size() for port in outputs} == PORTS
+    inputs = [station.get_input_port(i) for i in range(station.num_input_ports())]
+    assert [port.get_name() for port in inputs] == ["applied_spatial_force"]
+
+
+def test_every_system_has_a_name(minute):
+    assert minute.station.get_name() == "wiping_station"
+    names = [system.get_name() for system in minute.station.GetSystems()]
+    assert set(names) == SYSTEMS
+    assert len(names) == len(SYSTEMS)
+
+
+def test_documentation_names_every_port_and_system():
+    words = re.findall(r"\w+", MakeWipingStation.__doc__)
+    assert set(PORTS) | SYSTEMS <= set(words)
+
+
+def test_no_output_follows_a_push_at_once(minute):
+    # The plant is discrete: a push acts from the next step on.
+    assert not minute.station.HasAnyDirectFeedthrough()
+
+
+# What the robot does.
+
+
+def test_eraser_starts_exactly_where_it_shall(minute, from_outside, outside):
+    starts = ((minute, [0.0, 0.0, 0.05]), (from_outside, outside))
+    for run, start in starts:
+        assert_allclose(run.log("measured_position")[0], start, atol=5e-6)
+        assert_allclose(run.log("desired_position")[0], start, atol=5e-6)
+        assert_array_equal(run.log("state")[0, 7:], 0.0)
+        assert_allclose(run.log("desired_velocity")[0], 0.0, atol=1e-9)
+
+
+def test_desired_motion_goes_to_what_was_demonstrated(run, bundled_demonstration):
+    low = bundled_demonstration.values.min(axis=0)
+    high = bundled_demonstration.values.max(axis=0)
+    desired = run.log("desired_position")[int(1000 * ARRIVED) :]
+    beyond = np.maximum(low - desired, desired - high).max(axis=1)
+    assert np.mean(beyond > 0.01) < 0.1
+    assert np.max(beyond) < 0.08
+    assert np.ptp(desired, axis=0)[:2].min() > 0.15
+
+
+def test_desired_motion_from_outside_does_not_stay_there(from_outside, outside):
+    distance = np.linalg.norm(from_outside.log("desired_position") - outside, axis=1)
+    assert np.max(distance[:1000]) > 0.05
+    # Sample after sample, no jump: at most 2 m/s.
+    steps = np.diff(from_outside.log("desired_position"), axis=0)
+    assert np.max(np.linalg.norm(steps, axis=1)) < 2e-3
+
+
+def test_arm_follows_the_desired_motion(run):
+    error = run.log("measured_position") - run.log("desired_position")
+    distance = np.linalg.norm(error, axis=1)
+    assert np.max(distance) < 0.02
+    settled = distance[int(1000 * ARRIVED) :]
+    assert np.sqrt(np.mean(settled**2)) < 0.005
+    assert np.max(settled) < 0.01
+    assert np.max(np.linalg.norm(run.log("tracking_error")[:, :3], axis=1)) < 0.2
+
+
+def test_eraser_is_pressed_by_5_to_15_newtons(run):
+    force = run.log("normal_force")[:, 0]
+    since_contact = force[np.argmax(force > 0.5) :]
+    assert len(since_contact) > 0.8 * len(force)
+    inside = (since_contact > 5) & (since_contact < 15)
+    assert np.mean(inside) > 0.9
+    assert np.median(since_contact) == pytest.approx(10, abs=1)
+
+
+def test_arm_keeps_its_limits(run):
+    check_limits(run)
+
+
+def test_actuation_is_torque_plus_gravity(from_outside):
+    gravity = from_outside.log("actuation") - from_outside.log("torque")
+    plant = from_outside.station.GetSubsystemByName("plant")
+    context = plant.CreateDefaultContext()
+    for k in (0, 3000, 10000):
+        plant.SetPositions(context, from_outside.log("state")[k, :7])
+        assert_allclose(
+            gravity[k], -plant.CalcGravityGeneralizedForces(context), atol=1e-9
+        )
+
+
+def test_outputs_agree_with_each_other(from_outside):
+    error = from_outside.log("tracking_error")[:, 3:]
+    difference = from_outside.log("desired_position") - from_outside.log(
+        "measured_position"
+    )
+    assert_allclose(error, difference, atol=1e-12)
+    velocity = from_outside.log("measured_velocity")
+    slope = np.gradient(from_outside.log("measured_position"), 0.001, axis=0)
+    assert_allclose(velocity[1:-1], slope[1:-1], atol=0.02)
+    wanted = from_outside.log("desired_velocity")
+    slope = np.gradient(from_outside.log("desired_position"), 0.001, axis=0)
+    assert_allclose(wanted[1:-1], slope[1:-1], atol=0.02)
+
+
+# What becomes of the ink.
+
+
+def test_a_minute_erases_what_was_demonstrated(minute, bundled_demonstration):
+    grid = minute.station.GetSubsystemByName("ink_board").grid
+    ink = minute.log("ink")[-1].reshape(grid.shape)
+    area = grid.swept_area(bundled_demonstration.values, ERASER_FOOTPRINT)
+    assert cleaned_fraction(ink, area) > 0.9
+    assert minute.log("cleaned_fraction")[-1, 0] == cleaned_fraction(ink)
+
+
+def test_ink_only_goes_and_only_where_the_eraser_has_been(minute):
+    grid = minute.station.GetSubsystemByName("ink_board").grid
+    ink = minute.log("ink")
+    assert np.all(np.diff(ink, axis=0) <= 0)
+    been = grid.swept_area(
+        minute.log("measured_position")[::10], np.array(ERASER_FOOTPRINT) + 0.03
+    )
+    assert_array_equal(ink[-1][~been.ravel()], 1.0)
+    assert np.all(np.diff(minute.log("cleaned_fraction"), axis=0) >= 0)
+
+
+def test_cells_know_when_they_were_erased(minute):
+    ink, times = minute.log("ink")[-1], minute.log("erase_time")[-1]
+    assert_array_equal(np.isfinite(times), ink < 0.5)
+    assert np.all(times[np.isfinite(times)] <= 60.0)
+
+
+# Re-mapping.
+
+
+def test_remapping_comes_every_window_less_its_overlap(minute):
+    before_and_after = np.repeat(np.arange(11), 2)[1:-1]
+    assert minute.remaps == before_and_after.tolist()
+    assert remaps(minute) == 10
+
+
+def test_remapping_does_not_make_the_motion_jump(minute):
+    position = minute.log("desired_position")
+    velocity = minute.log("desired_velocity")
+    for number in range(1, 11):
+        i = round(1000 * number * REMAP_SECONDS)
+        around = slice(i - 2, i + 3)
+        explained = 0.001 * (velocity[around][1:] + velocity[around][:-1]) / 2
+        jump = np.diff(position[around], axis=0) - explained
+        assert np.max(np.linalg.norm(jump, axis=1)) < 1e-4
+        assert np.max(np.abs(np.diff(velocity[around], axis=0))) < 0.05
+
+
+# The same again.
+
+
+def logs_of(skill, seconds=2.0, **options):
+    return StationRun(make_station(skill, sample=True, **options)).advance(seconds)
+
+
+@pytest.fixture(scope="module")
+def alone(restless_skill):
+    """Simulate two seconds, with two re-mappings, for two seeds."""
+    return [logs_of(restless_skill, seed=seed) for seed in (3, 4)]
+
+
+def assert_same_logs(one, two):
+    for name in one.names:
+        assert_array_equal(one.log(name), two.log(name), err_msg=name)
+
+
+def test_one_seed_gives_one_run_to_the_last_bit(alone, restless_skill):
+    assert remaps(alone[0]) == 2
+    assert_same_logs(alone[0], logs_of(restless_skill, seed=3))
+
+
+def test_other_seed_gives_other_motion(alone):
+    one, two = (run.log("measured_position") for run in alone)
+    assert_array_equal(one[0], two[0])
+    assert np.max(np.linalg.norm(one - two, axis=1)) > 0.005
+
+
+def test_restarted_simulator_repeats_the_run(alone, restless_skill):
+    run = StationRun(make_station(restless_skill, sample=True, seed=3))
+    run.advance(0.9)
+    assert_same_logs(alone[0], run.restart().advance(2.0))
+
+
+def test_interleaved_stations_do_not_disturb_each_other(alone, restless_skill):
+    pair = [
+        StationRun(make_station(restless_skill, sample=True, seed=seed))
+        for seed in (3, 4)
+    ]
+    for time in np.arange(0.1, 2.05, 0.1):
+        for run in pair:
+            run.advance(min(time, 2.0))
+    for run, expected in zip(pair, alone, strict=True):
+        assert_same_logs(run, expected)
+
+
+def test_one_station_serves_two_simulators(alone, restless_skill):
+    run = StationRun(make_station(restless_skill, sample=True, seed=3))
+    other = Simulator(run.diagram)
+    plant = run.station.GetSubsystemByName("plant")
+    context = plant.GetMyMutableContextFromRoot(other.get_mutable_context())
+    q = plant.GetPositions(context)
+    q[0] += 0.1
+    plant.SetPositions(context, q)
+    for time in np.arange(0.25, 2.01, 0.25):
+        run.advance(time)
+        other.AdvanceTo(time)
+    assert_same_logs(alone[0], run)
+
+
+# Disturbances.
+
+
+def push(run, force_B):
+    """Fix what pushes on the eraser's tip, in the frame of the board, N."""
+    plant = run.station.GetSubsystemByName("plant")
+    context = run.station.GetMyMutableContextFromRoot(
+        run.simulator.get_mutable_context()
+    )
+    forces = []
+    if force_B is not None:
+        tip = plant.GetFrameByName("eraser_tip")
+        force = ExternallyAppliedSpatialForce()
+        force.body_index = tip.body().index()
+        force.p_BoBq_B = tip.GetFixedPoseInBodyFrame().translation()
+        force.F_Bq_W = SpatialForce(np.zeros(3), np.asarray(force_B, dtype=float))
+        forces.append(force)
+    run.station.GetInputPort("applied_spatial_force").FixValue(
+        context, Value[list[ExternallyAppliedSpatialForce]](forces)
+    )
+
+
+@pytest.mark.parametrize("force", [(20.0, 0.0, 0.0), (0.0, -20.0, 0.0)])
+def test_push_moves_the_arm_and_it_returns(from_outside, bundled_skill, outside, force):
+    run = StationRun(make_station(bundled_skill, start=outside)).advance(3.0)
+    push(run, force)
+    run.advance(3.5)
+    push(run, None)
+    run.advance(4.5)
+    moved = (
+        run.log("measured_position")[:4501]
+        - from_outside.log("measured_position")[:4501]
+    )
+    assert_array_equal(moved[:3000], 0.0)
+    along = moved @ np.array(force) / 20
+    # A spring of 1500 N/m gives way by 13 mm, less what friction holds.
+    assert 0.006 < np.max(along[3000:3500]) < 0.016
+    assert np.max(np.linalg.norm(moved[4000:], axis=1)) < 0.001
+    # The skill is not a spring to a point in time: what is desired is as before.
+    assert_allclose(
+        run.log("desired_position"), from_outside.log("desired_position")[:4501]
+    )
+    check_limits(run)
+
+
+# Options and errors.
+
+
+def test_tracker_and_start_are_passed_on(restless_skill):
+    station = make_station(
+        restless_skill, tracker=LqrTracker(), start=[0.05, -0.1, 0.02]
+    )
+    run = StationRun(station).advance(0.01)
+    assert_allclose(run.log("measured_position")[0], [0.05, -0.1, 0.02], atol=5e-6)
+
+
+def test_scenario_moves_the_board(restless_skill):
+    scenario = LoadScenario("table_top")
+    scenario.board.translation = [0.5, 0.1, 0.25]
+    scenario.board.rpy = [0.05, -0.1, 0.3]
+    run = StationRun(MakeWipingStation(scenario, restless_skill)).advance(2.0)
+    assert_allclose(run.log("measured_position")[0], scenario.start, atol=5e-6)
+    force = run.log("normal_force")[-500:, 0]
+    assert 5 < np.mean(force) < 15
+    error = run.log("measured_position") - run.log("desired_position")
+    assert np.max(np.linalg.norm(error, axis=1)) < 0.02
+
+
+def test_start_out_of_reach_is_refused(restless_skill):
+    with pytest.raises(StationError, match="cannot bring the eraser to"):
+        make_station(restless_skill, start=[0.5, 0.0, 0.05])
+
+
+def test_skill_without_three_channels_is_refused(bundled_demonstration):
+    flat = bundled_demonstration.select(["x", "y"])
+    skill = FourierMovementPrimitive(n_components=2).fit([flat])
+    with pytest.raises(StationError, match=r"2 channels.*needs the 3"):
+        make_station(skill)
+
+
+def test_skill_that_is_not_fitted_is_refused():
+    with pytest.raises(ValueError, match="fit"):
+        make_station(FourierMovementPrimitive())
+
+
+@pytest.mark.parametrize("start", [(0.15, 0.0, 0.01), (-0.15, 0.3, 0.01)])
+def test_start_close_above_the_board_is_as_good_as_any(bundled_skill, start):
+    run = StationRun(make_station(bundled_skill, start=start)).advance(3.0)
+    assert np.all(np.abs(run.log("measured_position")[:, :2]) < [0.25, 0.35])
+    error = run.log("measured_position") - run.log("desired_position")
+    assert np.max(np.linalg.norm(error, axis=1)) < 0.02
+    check_limits(run)

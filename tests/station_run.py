@@ -1,0 +1,70 @@
+"""A station with a logger on every small output port, for the tests of stations."""
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+MILLISECOND = 0.001
+
+
+class StationRun:
+    """Logs what is small every millisecond, and the rest every 50 ms."""
+
+    def __init__(self, station):
+        self.station = station
+        builder = DiagramBuilder()
+        builder.AddSystem(station)
+        self._sinks = {}
+        for i in range(station.num_output_ports()):
+            port = station.get_output_port(i)
+            period = MILLISECOND if port.size() <= 14 else 0.05
+            sink = LogVectorOutput(port, builder, period)
+            sink.set_name(f"log_{port.get_name()}")
+            self._sinks[port.get_name()] = sink
+        self.diagram = builder.Build()
+        self.simulator = Simulator(self.diagram)
+
+    @property
+    def names(self):
+        return tuple(self._sinks)
+
+    def advance(self, until):
+        self.simulator.AdvanceTo(until)
+        return self
+
+    def log(self, name):
+        """Return the logged values, shape (samples, size)."""
+        return self._sinks[name].FindLog(self.simulator.get_context()).data().T.copy()
+
+    def logs(self):
+        return {name: self.log(name) for name in self._sinks}
+
+    def context_of(self, name):
+        """Return the context of a system of the station."""
+        system = self.station.GetSubsystemByName(name)
+        return system.GetMyContextFromRoot(self.simulator.get_context())
+
+    def restart(self):
+        """Set the same simulator back to the start of everything."""
+        context = self.simulator.get_mutable_context()
+        self.diagram.SetDefaultContext(context)
+        context.SetTime(0.0)
+        for sink in self._sinks.values():
+            sink.FindMutableLog(context).Clear()
+        self.simulator.Initialize()
+        return self
+
+
+def check_limits(run):
+    """Check the arm's joints against the limits of its model."""
+    plant = run.station.GetSubsystemByName("plant")
+    state, actuation, torque = (run.log(n) for n in ("state", "actuation", "torque"))
+    q, v = state[:, :7], state[:, 7:]
+    assert np.all(np.isfinite(state))
+    assert np.all(q > plant.GetPositionLowerLimits())
+    assert np.all(q < plant.GetPositionUpperLimits())
+    assert np.all(np.abs(v) < plant.GetVelocityUpperLimits())
+    assert np.all(np.abs(actuation) < plant.GetEffortUpperLimits())
+    # Franka's robots stop beyond 1000 Nm/s.
+    assert np.max(np.abs(np.diff(torque, axis=0))) < 1000 * MILLISECOND

@@ -1,0 +1,131 @@
+"""Facts about the built wheel, used outside the checkout."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import fmp_drake
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Build the wheel of this checkout, without network."""
+    pytest.importorskip("build", reason="building a wheel needs the package build")
+    pytest.importorskip("hatchling", reason="building a wheel needs hatchling")
+    folder = tmp_path_factory.mktemp("wheel")
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "build", "--wheel", "--no-isolation"),
+            *("--outdir", folder, REPOSITORY),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """Unpack the wheel, and return the function that runs Python on it."""
+    site = tmp_path_factory.mktemp("site")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+
+    def run(*arguments):
+        elsewhere = tmp_path_factory.mktemp("elsewhere")
+        done = subprocess.run(
+            [sys.executable, *map(str, arguments)],
+            cwd=elsewhere,
+            env={**os.environ, "PYTHONPATH": str(site)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    run.site = site
+    return run
+
+
+def names(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        return set(archive.namelist())
+
+
+def test_wheel_has_name_and_version_of_the_package(wheel):
+    assert wheel.name == f"fmp_drake-{fmp_drake.__version__}-py3-none-any.whl"
+
+
+def test_wheel_holds_every_module_and_model(wheel):
+    held = names(wheel)
+    modules = (REPOSITORY / "fmp_drake").rglob("*.py")
+    assert {p.relative_to(REPOSITORY).as_posix() for p in modules} <= held
+    models = [p for p in (REPOSITORY / "models").rglob("*") if p.is_file()]
+    assert len(models) > 5
+    for path in models:
+        assert f"fmp_drake/{path.relative_to(REPOSITORY).as_posix()}" in held
+
+
+def test_wheel_holds_nothing_else(wheel):
+    about = f"fmp_drake-{fmp_drake.__version__}.dist-info"
+    assert {name.split("/")[0] for name in names(wheel)} == {"fmp_drake", about}
+    assert not [name for name in names(wheel) if "__pycache__" in name]
+    assert f"{about}/licenses/LICENSE" in names(wheel)
+
+
+def test_unpacked_wheel_is_what_python_imports(installed):
+    found = installed("-c", "import fmp_drake; print(fmp_drake.__file__)")
+    assert Path(found.strip()).parent == installed.site / "fmp_drake"
+
+
+def test_unpacked_wheel_finds_its_models(installed):
+    code = """
+from fmp_drake.station.model_files import models_dir
+from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.board_scene import AddBoardScene
+from pydrake.systems.framework import DiagramBuilder
+scenario = LoadScenario("table_top")
+AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)
+print(models_dir())
+"""
+    folder = installed("-c", code).strip()
+    assert Path(folder) == installed.site / "fmp_drake" / "models"
+
+
+def test_unpacked_wheel_wipes(installed):
+    out = installed(
+        *("-m", "fmp_drake.apps.main", "wipe", "--headless", "--duration", 0.2)
+    )
+    assert "cleaned" in out
+
+
+def test_every_module_of_the_wheel_can_be_imported(installed):
+    code = """
+import importlib, pkgutil, fmp_drake
+for module in pkgutil.walk_packages(fmp_drake.__path__, "fmp_drake."):
+    importlib.import_module(module.name)
+    print(module.name)
+"""
+    imported = installed("-c", code).split()
+    assert "fmp_drake.apps.main" in imported
+    assert "fmp_drake.station.wiping_station" in imported
+    assert len(imported) > 30
+
+
+def test_wheel_installs_the_script(wheel):
+    about = f"fmp_drake-{fmp_drake.__version__}.dist-info"
+    with zipfile.ZipFile(wheel) as archive:
+        entries = archive.read(f"{about}/entry_points.txt").decode()
+    assert "fmp-drake = fmp_drake.apps.main:main" in entries
