@@ -95,13 +95,15 @@ def test_start_maps_one_sample(small_skill):
 
 def test_start_within_its_tolerance_does_not_swing_out_elsewhere(wiping_skill):
     low, high = wiping_skill.extent_
-    above = (low + high) / 2 + np.array([0.0, 0.0, 0.1])
+    starts = np.random.default_rng(0).uniform(low, high, size=(100, 3))
+    starts[:, 2] = 0.1
 
     def swing(**options):
-        path = Player(wiping_skill, **options).rollout(above, 6.0)[:, 0, :2]
-        return np.max(np.maximum(path - high[:2], low[:2] - path))
+        paths = Player(wiping_skill, **options).rollout(starts, 6.0)[:, :, 0, :2]
+        outside = np.maximum(paths - high[:2], low[:2] - paths).max(axis=(1, 2))
+        return np.percentile(outside, 90)
 
-    assert swing() < 0.03 < swing(start_tolerance=0)
+    assert swing() < 0.5 * swing(start_tolerance=0)
 
 
 def test_start_tolerance_that_is_negative_is_refused(small_skill):
