@@ -1,0 +1,1 @@
+"""`fmp-drake reproduce`: section V of the paper, on recordings of one's own."""

@@ -1,0 +1,54 @@
+"""How much of everything a run of the experiments does."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """Sizes of the experiments.
+
+    Attributes
+    ----------
+    samples : int
+        Trajectories drawn for a heatmap (the paper: 10,000).
+    seeds : int
+        Repetitions with other seeds of the held-out evaluation.
+    folds : int
+        Parts of a demonstration that are held out in turn.
+    tasks : tuple of str
+        Demonstrations of the held-out evaluation.
+    predictions : int
+        Places at which the next second is predicted.
+    robot_seconds : float
+        Simulated seconds of wiping by the Panda.
+    slow_methods : bool
+        Include the Gaussian process.
+    """
+
+    samples: int
+    seeds: int
+    folds: int
+    tasks: tuple[str, ...]
+    predictions: int
+    robot_seconds: float
+    slow_methods: bool
+
+
+FULL = Profile(
+    samples=10_000,
+    seeds=3,
+    folds=3,
+    tasks=("polishing", "eight", "wiping"),
+    predictions=100,
+    robot_seconds=20.0,
+    slow_methods=True,
+)
+QUICK = Profile(
+    samples=1_000,
+    seeds=1,
+    folds=1,
+    tasks=("eight",),
+    predictions=20,
+    robot_seconds=3.0,
+    slow_methods=False,
+)

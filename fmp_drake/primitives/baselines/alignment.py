@@ -1,0 +1,126 @@
+"""Cutting recordings into aligned periods: what ProMP needs and FMP does not."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from fmp_drake.errors import DemonstrationError
+
+# A period may be this much shorter or longer than the mean one.
+_TEMPO = 0.3
+_CANDIDATES = 41
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AlignedPeriods:
+    """Periods that start at the same phase, each stretched to the same length.
+
+    Attributes
+    ----------
+    values : ndarray, shape (N, T, D)
+        One period each; sample T would be the first of the next.
+    durations : ndarray, shape (N,)
+        Samples that each period lasted.
+    """
+
+    values: NDArray[np.float64]
+    durations: NDArray[np.float64]
+
+
+def align_periods(
+    recordings: Sequence[NDArray[np.float64]],
+    *,
+    period: float,
+    n_steps: int,
+    rounds: int = 4,
+) -> AlignedPeriods:
+    """Cut recordings (n, D) where each period starts, and resample the periods.
+
+    A template of one period, first a piece of the longest recording, is laid around
+    every possible start; the next start is where it fits best, 0.7 to 1.3 periods
+    after the last. The mean of the periods is the next template. The phase is 0
+    where the channel that varies most is greatest.
+
+    Parameters
+    ----------
+    recordings : sequence of ndarray, shape (n, D)
+    period : float
+        Mean period, samples: see `fundamental_period`.
+    n_steps : int
+        T, samples of an aligned period.
+    rounds : int
+        How often the template is made anew.
+    """
+    long_enough = [y for y in recordings if len(y) >= 1.5 * period]
+    if not long_enough:
+        raise DemonstrationError(
+            f"no recording is longer than 1.5 periods of {period:.3g} samples; record "
+            "several cycles in one go."
+        )
+    splines = [CubicSpline(np.arange(len(y)), y) for y in long_enough]
+    ends = [len(y) - 1 for y in long_enough]
+    longest = int(np.argmax(ends))
+    start = (ends[longest] - period) / 2
+    template = splines[longest](start + np.arange(n_steps) * period / n_steps)
+    for number in range(rounds + 1):
+        if number == rounds:  # The phase is fixed before the last round.
+            strongest = int(np.argmax(np.ptp(template, axis=0)))
+            template = np.roll(template, -np.argmax(template[:, strongest]), axis=0)
+        values, durations = [], []
+        for spline, end in zip(splines, ends, strict=True):
+            starts = _starts(spline, end, template, period)
+            lengths = np.diff(starts)
+            phases = np.arange(n_steps) / n_steps
+            values.append(spline(starts[:-1, None] + lengths[:, None] * phases))
+            durations.append(lengths)
+        periods = np.concatenate(values)
+        if not len(periods):
+            raise DemonstrationError(
+                f"no full period of {period:.3g} samples was found; record several "
+                "cycles in one go."
+            )
+        template = periods.mean(axis=0)
+    return AlignedPeriods(values=periods, durations=np.concatenate(durations))
+
+
+def _starts(
+    spline: CubicSpline, end: int, template: NDArray[np.float64], period: float
+) -> NDArray[np.float64]:
+    """Return where periods start in a recording, samples, rising."""
+    first = np.linspace(0, period, 2 * _CANDIDATES, endpoint=False)
+    starts = [_best(spline, end, template, period, first)]
+    while True:
+        around = starts[-1] + period * np.linspace(1 - _TEMPO, 1 + _TEMPO, _CANDIDATES)
+        around = around[around <= end]
+        # One that could still lie beyond the end is not looked for.
+        if len(around) < _CANDIDATES // 2:
+            return np.array(starts)
+        starts.append(_best(spline, end, template, period, around))
+
+
+def _best(
+    spline: CubicSpline,
+    end: int,
+    template: NDArray[np.float64],
+    period: float,
+    candidates: NDArray[np.float64],
+) -> float:
+    """Return the candidate around which the template fits best, between samples."""
+    n = len(template)
+    around = np.arange(n) - n // 2
+    at = candidates[:, None] + around * period / n
+    inside = (at >= 0) & (at <= end)
+    error = spline(np.clip(at, 0, end)) - template[around % n]
+    squares = np.sum(error**2, axis=2) * inside
+    cost = squares.sum(axis=1) / inside.sum(axis=1)
+    best = int(np.argmin(cost))
+    if best in (0, len(cost) - 1):
+        return float(candidates[best])
+    before, here, after = cost[best - 1 : best + 2]
+    curvature = before - 2 * here + after
+    spacing = candidates[1] - candidates[0]
+    shift = 0.0 if curvature <= 0 else 0.5 * (before - after) / curvature
+    return float(candidates[best] + shift * spacing)
