@@ -91,7 +91,7 @@ def test_running_page_shows_both_paths(run, meshcat, tmp_path):
 
 def test_replay_page_needs_no_network(command, tmp_path):
     html = tmp_path / "run.html"
-    assert command("wipe", "--headless", "--duration", 3, "--html", html).code == 0
+    assert command("wipe", "--headless", "--duration", 6, "--html", html).code == 0
     picture = screenshot(html.as_uri(), tmp_path, *OFFLINE)
     assert_shows_a_wiped_board(picture)
 
