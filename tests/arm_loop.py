@@ -21,14 +21,27 @@ from fmp_drake.systems.operational_space_impedance_controller import (
 Q_START = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 X_WT_FLAT = RigidTransform([0.5, 0, 0.1])
 X_WT_TILTED = RigidTransform(RollPitchYaw(0.3, -0.4, 0.5), [0.45, 0.05, 0.2])
-OUTPUTS = ("torque", "tracking_error", "measured_position", "measured_velocity")
+OUTPUTS = (
+    "torque",
+    "tracking_error",
+    "measured_position",
+    "measured_velocity",
+    "status",
+)
 Signal = Callable[[float], np.ndarray]
 
 
-def make_arm(*, gravity: bool = True) -> MultibodyPlant:
+def make_arm(*, gravity: bool = True, stops: bool = True) -> MultibodyPlant:
+    """The arm and its eraser; without stops the joints may leave their ranges."""
     plant = MultibodyPlant(time_step=0.001)
-    for instance in AddPandaWithEraser(plant):
+    panda, eraser = AddPandaWithEraser(plant)
+    for instance in (panda, eraser):
         plant.set_gravity_enabled(instance, gravity)
+    if not stops:
+        for index in plant.GetJointIndices(panda):
+            joint = plant.get_joint(index)
+            if joint.num_positions():
+                joint.set_position_limits([-np.inf], [np.inf])
     plant.Finalize()
     return plant
 
@@ -80,7 +93,8 @@ class Signals(LeafSystem):
         super().__init__()
         self._state = self.DeclareVectorInputPort("state", 2 * n)
         for name, (size, function) in signals.items():
-            if function.__code__.co_argcount == 1:
+            required = function.__code__.co_argcount - len(function.__defaults__ or ())
+            if required == 1:
                 tickets = {self.time_ticket()}
 
                 def calc(context, output, function=function):
@@ -139,6 +153,8 @@ class ArmLoop:
         push: Signal | None = None,
         load: Signal | None = None,
         stiffness_size: int = 36,
+        stops: bool = True,
+        log: bool = True,
     ) -> None:
         signals = dict(signals or {})
         self.q = np.array(q, dtype=float)
@@ -155,7 +171,7 @@ class ArmLoop:
         signals.setdefault("feedforward_wrench", lambda _t: np.zeros(6))
 
         builder = DiagramBuilder()
-        self.plant = builder.AddSystem(make_arm(gravity=False))
+        self.plant = builder.AddSystem(make_arm(gravity=False, stops=stops))
         self.controller = builder.AddSystem(
             OperationalSpaceImpedanceController(
                 model := make_arm(),
@@ -193,14 +209,14 @@ class ArmLoop:
             source.GetOutputPort("load"),
             self.plant.get_applied_generalized_force_input_port(),
         )
-        self._logs = {
-            name: LogVectorOutput(self.controller.GetOutputPort(name), builder, 0.001)
-            for name in (*OUTPUTS, "status")
-        }
-        self._logs["state"] = LogVectorOutput(state, builder, 0.001)
-        self._logs["push"] = LogVectorOutput(
-            source.GetOutputPort("push"), builder, 0.001
-        )
+        self._logs = {}
+        if log:
+            ports = [self.controller.GetOutputPort(name) for name in OUTPUTS]
+            self._logs = {
+                port.get_name(): LogVectorOutput(port, builder, 0.001)
+                for port in (*ports, source.GetOutputPort("push"))
+            }
+            self._logs["state"] = LogVectorOutput(state, builder, 0.001)
         self.diagram = builder.Build()
 
     def run(self, duration: float, *, v: np.ndarray | None = None, stop=None) -> dict:

@@ -18,6 +18,7 @@ from fmp_drake.station.model_files import AddFmpDrakePackage, AddPandaWithEraser
 from fmp_drake.station.posture import SolvePosture
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.impedance_config import ImpedanceConfig
+from fmp_drake.systems.joint_friction import JointFriction
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -95,6 +96,17 @@ def AddBoardScene(
         arm, frame=arm_tip, X_WE=X_WB @ X_BE, q_preferred=scenario.posture
     )
     plant.SetDefaultPositions(panda, posture)
+    if scenario.friction.enabled:
+        friction = builder.AddSystem(
+            JointFriction(plant, arm=panda, config=scenario.friction)
+        )
+        builder.Connect(
+            plant.get_state_output_port(panda), friction.GetInputPort("state")
+        )
+        builder.Connect(
+            friction.get_output_port(),
+            plant.get_applied_generalized_force_input_port(),
+        )
     return BoardScene(
         plant=plant,
         scene_graph=scene_graph,

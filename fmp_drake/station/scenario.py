@@ -12,6 +12,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from fmp_drake.errors import StationError
 from fmp_drake.station.model_files import models_dir
 from fmp_drake.systems.impedance_config import ImpedanceConfig
+from fmp_drake.systems.impedance_friction import FrictionConfig
 
 
 @dataclass(kw_only=True)
@@ -71,6 +72,8 @@ class Scenario:
         Drake's own.
     board : BoardConfig
     impedance : ImpedanceConfig
+    friction : FrictionConfig
+        Of the simulated arm's joints, if enabled.
     press : PressConfig
     ink : InkConfig
     posture : list of 7 floats
@@ -88,6 +91,7 @@ class Scenario:
     )
     board: BoardConfig = field(default_factory=BoardConfig)
     impedance: ImpedanceConfig = field(default_factory=ImpedanceConfig)
+    friction: FrictionConfig = field(default_factory=FrictionConfig)
     press: PressConfig = field(default_factory=PressConfig)
     ink: InkConfig = field(default_factory=InkConfig)
     posture: list[float] = field(

@@ -105,6 +105,12 @@ def MakeWipingStation(
         grid=grid,
         period=scenario.ink.period,
     )
+    # Used where the impedance's configuration enables them.
+    for port in (
+        ink.GetOutputPort("normal_force"),
+        primitive.GetOutputPort("covariance"),
+    ):
+        builder.Connect(port, controller.GetInputPort(port.get_name()))
     if meshcat is not None:
         MeshcatVisualizer.AddToBuilder(builder, scene.scene_graph, meshcat).set_name(
             "meshcat_visualizer"

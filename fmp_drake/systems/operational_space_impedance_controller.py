@@ -1,6 +1,84 @@
-"""The arm's controller: a spring and damper between the tool and its target."""
+"""The arm's controller: a spring and damper between the tool and its target.
 
-from typing import Any, cast
+The law
+=======
+With the arm's equation of motion ``M v̇ + C v = τ + Jᵀ F_ext`` (gravity is
+compensated elsewhere) the controller commands
+
+    τ = Jᵀ (Λ (A_d − J̇ v) + K e + D (V_d − J v) + F_ff) + C v + Nᵀ M a,
+
+all of it expressed in the task frame T, rotations first. Then the end effector E
+obeys ``Λ (A_d − A) + D (V_d − V) + K e = −F_ff − F_ext``: a mechanical impedance
+whose inertia is the arm's own, ``Λ = (J M⁻¹ Jᵀ)⁻¹``, so that no force sensor is
+needed, and whose stiffness and damping are chosen.
+
+- ``e`` is the rotation vector and the translation left to the desired pose. A
+  rotation through 180 degrees goes on in the way it went before.
+- ``K`` is any symmetric positive definite matrix. T may move (`task_frame`).
+- ``D`` follows from the damping ratio ζ: ``Λ = B Bᵀ`` and ``K = B diag(ω²) Bᵀ``
+  are diagonalized together, ``D = B diag(2 ζ ω) Bᵀ``. Every mode has the ratio ζ,
+  at every configuration. With ``D = 2 sqrt(K)``, which takes Λ for 1, a Panda
+  rings in translation (ζ of 0.2 to 0.5) and creeps in rotation.
+- ``a = ω_p² (q_p − q) − 2 ζ_p ω_p v`` holds the posture in the nullspace;
+  ``Nᵀ = I − Jᵀ Λ J M⁻¹`` is dynamically consistent: the tool does not feel it.
+
+Choosing the parameters
+=======================
+- *Stiffness*: what a disturbance F may displace is F / K; Panda's joint friction is
+  about 5 N at the tool. The natural frequency ``sqrt(K / Λ)`` (10 rad/s at 1500 N/m
+  and 15 kg) should stay below 1/20 of the control rate and below what the target's
+  samples excite. Along the normal of a board choose it soft: its error is K times
+  the error in the board's height.
+- *Damping ratio*: 1 to approach without overshoot, 0.7 to be faster; below 0.5 it
+  rings.
+- *Clips* `max_translation_error`, `max_rotation_error`: K times the clip is the
+  greatest force of the spring; divided by D it is the greatest speed.
+- *Posture frequency*: a few rad/s; below 2 the elbow sags with friction.
+- *Press*: feed the force forward. Where height or tilt are not known within K's
+  reach, enable `force_control` and connect the measured force; see
+  `ForceControlConfig` for its gains.
+- *Minimal intervention*: `covariance_stiffness` takes K from the covariance of the
+  demonstrations, ``k_min + (k_max − k_min) (1 + Σ / σ²)⁻¹``. Choose σ as the
+  deviation that a person would not correct.
+- *Changing stiffness* (that, or the port `stiffness`) is filtered by
+  `stiffness_time_constant` and paid for by the energy tank. Energy in the tank comes
+  from the damping; when it is empty, K may fall but not rise while e is not 0.
+
+Passivity
+=========
+With a constant target the storage is ``½ Vᵀ Λ V + ½ eᵀ K e`` plus the tank. K
+enters through the tank only, the walls are springs with dampers. What is left is
+``½ Vᵀ Λ̇ V``, because the Coriolis torque is cancelled rather than shaped; the
+damping ``Vᵀ D V`` outweighs it where Λ changes slower than ``2 ζ ω``: it is
+measured, not proven. A clipped error with unequal stiffnesses, a torque at its
+limits, force control and friction compensation are outside of this argument too.
+
+Safety
+======
+Torque starts at zero, keeps the plant's limits without changing its direction, and
+changes by at most `max_torque_rate`. `JointWallConfig` keeps joints within their
+ranges and speeds; its torque comes on top of the limited task, and the sum is
+clipped joint by joint, so the wall wins. `max_effective_mass` bounds Λ near
+singularities, where D and the tracking get softer than chosen. `WatchdogConfig`
+says when the target is not followed: then the arm is held, damped, where it is, the
+press is let go, and once the target is good again the hold is led to it. All of
+this shows on the port `status`.
+
+Friction compensation uses the measured velocity: it cannot help at rest, and with a
+gain above 1 the joints run away.
+
+References
+----------
+.. [1] O. Khatib, "A unified approach for motion and force control of robot
+   manipulators: the operational space formulation", IEEE J. Robotics and
+   Automation 3(1), 1987.
+.. [2] A. Albu-Schäffer, C. Ott, U. Frese, G. Hirzinger, "Cartesian impedance
+   control of redundant robots: recent results with the DLR-light-weight-arms",
+   ICRA 2003.
+"""
+
+import copy
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,34 +97,56 @@ from pydrake.systems.framework import (
 
 from fmp_drake.errors import StationError
 from fmp_drake.systems.impedance_config import ImpedanceConfig
-from fmp_drake.systems.impedance_law import (
-    ArmDynamics,
-    Array,
-    impedance_torque,
-    limit_torque,
-    limit_torque_rate,
-    task_error,
+from fmp_drake.systems.impedance_error import task_error
+from fmp_drake.systems.impedance_friction import SigmoidFriction
+from fmp_drake.systems.impedance_law import ArmDynamics, Array
+from fmp_drake.systems.impedance_memory import ImpedanceMemory
+from fmp_drake.systems.impedance_status import STATUS_SIZE
+from fmp_drake.systems.impedance_step import (
+    ArmMeasurement,
+    StepInputs,
+    StepSettings,
+    impedance_step,
 )
+from fmp_drake.systems.impedance_target import TaskTarget, rotation_of_quaternion
+from fmp_drake.systems.impedance_walls import JointLimits
 
 
 class _ArmKinematics:
     """The scratch plant context and what was read from it for the present state."""
 
-    __slots__ = ("J", "R_TE", "p_TE", "plant_context", "q", "v")
+    __slots__ = (
+        "J",
+        "R_TE",
+        "R_WT",
+        "finite",
+        "frame_finite",
+        "p_TE",
+        "p_WT",
+        "plant_context",
+        "q",
+        "turn",
+        "v",
+    )
 
     def __init__(self, plant_context: Context) -> None:
         self.plant_context = plant_context
+        self.finite: bool
+        self.frame_finite: bool
         self.q: Array
         self.v: Array
+        self.R_WT: Array
+        self.p_WT: Array
         self.R_TE: Array
         self.p_TE: Array
+        self.turn: Array  # From twists in W's axes to twists in T's.
         self.J: Array
 
 
 class OperationalSpaceImpedanceController(LeafSystem):
     """Moves the end effector E like a damped spring in the task frame T.
 
-    Input ports:
+    Input ports that must be connected:
 
     - ``state`` (2n): the arm's ``[q, v]``, rad and rad/s.
     - ``desired_position`` (3): p_TE, m, in T.
@@ -55,23 +155,43 @@ class OperationalSpaceImpedanceController(LeafSystem):
     - ``feedforward_wrench`` (6): torque and force, Nm and N, in T, that the robot
       shall apply at E's origin.
 
+    Input ports that may stay unconnected:
+
+    - ``desired_orientation`` (4): quaternion w, x, y, z of R_TE, of any length and
+      sign; without it the configured orientation.
+    - ``desired_angular_velocity``, ``desired_angular_acceleration`` (3): of E
+      relative to T, in T, rad/s and rad/s².
+    - ``task_frame`` (7): quaternion w, x, y, z of R_WT and p_WT in m; without it
+      `X_WT`.
+    - ``task_frame_velocity`` (6), ``task_frame_acceleration`` (6): V_WT of T's origin
+      and its derivative, rotation first, in W: rad/s, m/s, rad/s², m/s². The second
+      is used with the first.
+    - ``target_time`` (1): when the target was made, s of the context's time.
+    - ``stiffness`` (36 or 6): K in T, its rows or its diagonal, rotations first.
+    - ``covariance`` (9): of the desired position, m², in T, if
+      ``config.covariance_stiffness`` is enabled.
+    - ``normal_force`` (1): measured press along −z of T, N, if
+      ``config.force_control`` is enabled. The wanted press is
+      ``feedforward_wrench``'s.
+
     Output ports:
 
     - ``torque`` (n): Nm, without gravity. It is discrete state: zero at first, then
       updated every ``config.control_period``, within the plant's effort limits
       and the configured rate.
     - ``measured_position`` (3): p_TE, m, in T.
-    - ``measured_velocity`` (3): of E's origin, m/s, in T.
-    - ``tracking_error`` (6): what is left to the desired pose, a rotation vector in
-      rad and a translation in m, in T.
+    - ``measured_velocity`` (3): of E's origin relative to T, m/s, in T.
+    - ``tracking_error`` (6): what is left to the desired pose as it came in, a
+      rotation vector in rad and a translation in m, in T.
+    - ``status`` (6): what the last update did, see `ImpedanceStatus`.
 
-    The law is `fmp_drake.systems.impedance_law.impedance_torque`.
+    Inputs that are not finite, stale or jump do not raise: see `WatchdogConfig`.
 
     Parameters
     ----------
     plant : MultibodyPlant
         A finalized plant that holds the arm and its tool and nothing else, with one
-        actuator for every joint in the joints' order.
+        actuator for every joint in the joints' order. The limits are its own.
     end_effector : Frame
         E, a frame of `plant`.
     X_WT : RigidTransform
@@ -81,6 +201,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
     q_posture : array, shape (n,), optional
         The posture that the nullspace holds, rad. By default the middle of the
         joints' ranges (zero for a joint without limits).
+    stiffness_size : {36, 6}, optional
+        Size of the port `stiffness`.
 
     Raises
     ------
@@ -96,33 +218,52 @@ class OperationalSpaceImpedanceController(LeafSystem):
         X_WT: RigidTransform,
         config: ImpedanceConfig,
         q_posture: NDArray[np.float64] | None = None,
+        stiffness_size: Literal[6, 36] = 36,
     ) -> None:
         LeafSystem.__init__(self)
         self.set_name("operational_space_impedance_controller")
         _check_plant(plant)
+        if stiffness_size not in (6, 36):
+            raise StationError(f"stiffness_size must be 6 or 36, got {stiffness_size}")
         n = plant.num_velocities()
         self._plant = plant
         self._world = plant.world_frame()
         self._end_effector = end_effector
-        self._gains = config.gains()
+        self._settings = _settings(plant, config, q_posture)
         self._R_TE_desired = config.desired_rotation()
-        self._max_change = config.max_torque_rate * config.control_period
-        self._lower = plant.GetEffortLowerLimits()
-        self._upper = plant.GetEffortUpperLimits()
-        self._q_posture = _checked_posture(plant, q_posture)
-        X_TW = X_WT.inverse()
-        self._R_TW = X_TW.rotation().matrix()
-        self._p_TW = X_TW.translation()
+        self._R_WT = X_WT.rotation().matrix()
+        self._p_WT = np.array(X_WT.translation())
+        self._turn = _twice(self._R_WT.T)
         self._origin = np.zeros(3)
-
-        self._state = self.DeclareVectorInputPort("state", 2 * n)
-        self._desired_position = self.DeclareVectorInputPort("desired_position", 3)
-        self._desired_velocity = self.DeclareVectorInputPort("desired_velocity", 3)
-        self._desired_acceleration = self.DeclareVectorInputPort(
-            "desired_acceleration", 3
+        self._unmoved = np.zeros(6)
+        self._unmoved.setflags(write=False)
+        self._declare_inputs(n, stiffness_size)
+        self._declare_cache()
+        self._declare_outputs(n)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=config.control_period, offset_sec=0.0, update=self._update
         )
-        self._feedforward_wrench = self.DeclareVectorInputPort("feedforward_wrench", 6)
 
+    def _declare_inputs(self, n: int, stiffness_size: int) -> None:
+        declare = self.DeclareVectorInputPort
+        self._state = declare("state", 2 * n)
+        self._desired_position = declare("desired_position", 3)
+        self._desired_velocity = declare("desired_velocity", 3)
+        self._desired_acceleration = declare("desired_acceleration", 3)
+        self._feedforward_wrench = declare("feedforward_wrench", 6)
+        self._desired_orientation = declare("desired_orientation", 4)
+        self._angular_velocity = declare("desired_angular_velocity", 3)
+        self._angular_acceleration = declare("desired_angular_acceleration", 3)
+        self._task_frame = declare("task_frame", 7)
+        self._task_frame_velocity = declare("task_frame_velocity", 6)
+        self._task_frame_acceleration = declare("task_frame_acceleration", 6)
+        self._target_time = declare("target_time", 1)
+        self._stiffness = declare("stiffness", stiffness_size)
+        self._covariance = declare("covariance", 9)
+        self._normal_force = declare("normal_force", 1)
+
+    def _declare_cache(self) -> None:
+        plant = self._plant
         self._kinematics = self.DeclareCacheEntry(
             "arm kinematics",
             ValueProducer(
@@ -131,7 +272,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
                 ),
                 calc=self._calc_kinematics,
             ),
-            prerequisites_of_calc={self._state.ticket()},
+            prerequisites_of_calc={self._state.ticket(), self._task_frame.ticket()},
         )
         self._error = self.DeclareCacheEntry(
             "tracking error",
@@ -142,11 +283,18 @@ class OperationalSpaceImpedanceController(LeafSystem):
             prerequisites_of_calc={
                 self._kinematics.ticket(),
                 self._desired_position.ticket(),
+                self._desired_orientation.ticket(),
             },
         )
 
-        torque = self.DeclareDiscreteState(n)
-        self.DeclareStateOutputPort("torque", torque)
+    def _declare_outputs(self, n: int) -> None:
+        settings = self._settings
+        self.DeclareStateOutputPort("torque", self.DeclareDiscreteState(n))
+        status = self.DeclareDiscreteState(STATUS_SIZE)
+        memory = ImpedanceMemory.initial(
+            settings.gains.stiffness, tank_energy=settings.config.tank.initial_energy
+        )
+        self.DeclareDiscreteState(memory.to_vector())
         self.DeclareVectorOutputPort(
             "measured_position",
             3,
@@ -157,7 +305,10 @@ class OperationalSpaceImpedanceController(LeafSystem):
             "measured_velocity",
             3,
             self._calc_measured_velocity,
-            prerequisites_of_calc={self._kinematics.ticket()},
+            prerequisites_of_calc={
+                self._kinematics.ticket(),
+                self._task_frame_velocity.ticket(),
+            },
         )
         self.DeclareVectorOutputPort(
             "tracking_error",
@@ -165,14 +316,22 @@ class OperationalSpaceImpedanceController(LeafSystem):
             self._calc_tracking_error,
             prerequisites_of_calc={self._error.ticket()},
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=config.control_period, offset_sec=0.0, update=self._update_torque
-        )
+        self.DeclareStateOutputPort("status", status)
 
     def _calc_kinematics(self, context: Any, abstract: Any) -> None:
         arm: _ArmKinematics = abstract.get_mutable_value()
         state = _vector(self._state, context)
         n = state.size // 2
+        arm.q = state[:n]
+        arm.v = state[n:]
+        arm.R_WT, arm.p_WT, arm.frame_finite = self._frame(context)
+        arm.finite = _finite(state)
+        if not arm.finite:
+            arm.R_TE = np.full((3, 3), np.nan)
+            arm.p_TE = np.full(3, np.nan)
+            arm.J = np.full((6, n), np.nan)
+            arm.turn = _twice(arm.R_WT.T)
+            return
         self._plant.SetPositionsAndVelocities(arm.plant_context, state)
         X_WE = self._end_effector.CalcPoseInWorld(arm.plant_context)
         J_WE = self._plant.CalcJacobianSpatialVelocity(
@@ -183,23 +342,36 @@ class OperationalSpaceImpedanceController(LeafSystem):
             self._world,
             self._world,
         )
-        arm.q = state[:n]
-        arm.v = state[n:]
-        arm.R_TE = np.dot(self._R_TW, X_WE.rotation().matrix())
-        arm.p_TE = np.dot(self._R_TW, X_WE.translation()) + self._p_TW
-        arm.J = np.empty((6, n))
-        np.dot(self._R_TW, J_WE[:3], out=arm.J[:3])
-        np.dot(self._R_TW, J_WE[3:], out=arm.J[3:])
+        R_TW = arm.R_WT.T
+        arm.R_TE = np.dot(R_TW, X_WE.rotation().matrix())
+        arm.p_TE = np.dot(R_TW, X_WE.translation() - arm.p_WT)
+        arm.turn = self._turn if arm.R_WT is self._R_WT else _twice(R_TW)
+        arm.J = np.dot(arm.turn, J_WE)
+
+    def _frame(self, context: Context) -> tuple[Array, Array, bool]:
+        """Return R_WT, p_WT and whether the port, if connected, holds a pose."""
+        if self._task_frame.HasValue(context):
+            pose = _vector(self._task_frame, context)
+            R_WT = rotation_of_quaternion(pose[:4])
+            if np.isfinite(R_WT).all() and np.isfinite(pose).all():
+                return R_WT, pose[4:], True
+            return self._R_WT, self._p_WT, False
+        return self._R_WT, self._p_WT, True
+
+    def _orientation(self, context: Context) -> Array:
+        """Return the desired R_TE."""
+        if self._desired_orientation.HasValue(context):
+            return rotation_of_quaternion(_vector(self._desired_orientation, context))
+        return self._R_TE_desired
 
     def _calc_error(self, context: Any, abstract: Any) -> None:
         arm = self._eval_kinematics(context)
-        abstract.set_value(
-            task_error(
-                R_TE=arm.R_TE,
-                p_TE=arm.p_TE,
-                R_TE_desired=self._R_TE_desired,
-                p_TE_desired=_vector(self._desired_position, context),
-            )
+        error: Array = abstract.get_mutable_value()
+        error[:] = task_error(
+            R_TE=arm.R_TE,
+            p_TE=arm.p_TE,
+            R_TE_desired=self._orientation(context),
+            p_TE_desired=_vector(self._desired_position, context),
         )
 
     def _eval_kinematics(self, context: Context) -> _ArmKinematics:
@@ -214,13 +386,36 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     def _calc_measured_velocity(self, context: Context, output: BasicVector) -> None:
         arm = self._eval_kinematics(context)
-        output.SetFromVector(np.dot(arm.J[3:], arm.v))
+        velocity = np.dot(arm.J[3:], arm.v)
+        frame_twist = self._frame_twist(context, arm)
+        if frame_twist is not None:
+            velocity -= frame_twist[3:] + np.cross(frame_twist[:3], arm.p_TE)
+        output.SetFromVector(velocity)
+
+    def _frame_twist(self, context: Context, arm: _ArmKinematics) -> Array | None:
+        """Return V_WT in T's axes, or None where T stands still."""
+        if not self._task_frame_velocity.HasValue(context):
+            return None
+        V_WT = _vector(self._task_frame_velocity, context)
+        return np.dot(arm.turn, V_WT)
 
     def _calc_tracking_error(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._eval_error(context))
 
-    def _update_torque(self, context: Context, values: DiscreteValues) -> None:
+    def _update(self, context: Context, values: DiscreteValues) -> None:
         arm = self._eval_kinematics(context)
+        result = impedance_step(
+            self._settings,
+            ImpedanceMemory.from_vector(context.get_discrete_state(2).value()),
+            arm=self._measurement(context, arm) if arm.finite else None,
+            inputs=self._inputs(context, arm),
+            previous=context.get_discrete_state(0).value(),
+        )
+        values.set_value(0, result.torque)
+        values.set_value(1, np.array(result.status))
+        values.set_value(2, result.memory.to_vector())
+
+    def _measurement(self, context: Context, arm: _ArmKinematics) -> ArmMeasurement:
         plant, plant_context = self._plant, arm.plant_context
         A_WE_bias = plant.CalcBiasSpatialAcceleration(
             plant_context,
@@ -230,56 +425,119 @@ class OperationalSpaceImpedanceController(LeafSystem):
             self._world,
             self._world,
         )
-        desired_twist = np.zeros(6)
-        desired_twist[3:] = _vector(self._desired_velocity, context)
-        desired_acceleration = np.zeros(6)
-        desired_acceleration[3:] = _vector(self._desired_acceleration, context)
-        torque = impedance_torque(
-            self._gains,
-            ArmDynamics(
-                v=arm.v,
-                M=plant.CalcMassMatrix(plant_context),
-                Cv=plant.CalcBiasTerm(plant_context),
-                J=arm.J,
-                Jdot_v=np.dot(
-                    A_WE_bias.get_coeffs().reshape(2, 3), self._R_TW.T
-                ).ravel(),
-            ),
-            error=self._eval_error(context),
-            desired_twist=desired_twist,
-            desired_acceleration=desired_acceleration,
-            feedforward_wrench=_vector(self._feedforward_wrench, context),
-            posture_error=self._q_posture - arm.q,
+        dynamics = ArmDynamics(
+            arm.v,
+            plant.CalcMassMatrix(plant_context),
+            plant.CalcBiasTerm(plant_context),
+            arm.J,
+            np.dot(arm.turn, A_WE_bias.get_coeffs()),
         )
-        if not np.isfinite(torque).all():
-            raise StationError(self._describe_non_finite(context))
-        torque = limit_torque(torque, lower=self._lower, upper=self._upper)
-        values.set_value(
-            0,
-            limit_torque_rate(
-                torque,
-                previous=context.get_discrete_state(0).value(),
-                max_change=self._max_change,
-            ),
+        return ArmMeasurement(
+            arm.q, dynamics, arm.R_TE, arm.p_TE, self._eval_error(context)
         )
 
-    def _describe_non_finite(self, context: Context) -> str:
-        ports = [self.get_input_port(i) for i in range(self.num_input_ports())]
-        values = {port.get_name(): _vector(port, context) for port in ports}
-        bad = [
-            f"{name} = {value}"
-            for name, value in values.items()
-            if not np.isfinite(value).all()
-        ]
-        return (
-            f"{self.get_name()} has no finite torque at t = {context.get_time():g} s; "
-            f"inputs that must be finite: {', '.join(bad) or 'all are'}"
+    def _inputs(self, context: Context, arm: _ArmKinematics) -> StepInputs:
+        position = _vector(self._desired_position, context)
+        velocity = _vector(self._desired_velocity, context)
+        acceleration = _vector(self._desired_acceleration, context)
+        wrench = _vector(self._feedforward_wrench, context)
+        R = self._orientation(context)
+        w = _optional(self._angular_velocity, context)
+        alpha = _optional(self._angular_acceleration, context)
+        age = _optional(self._target_time, context)
+        frame_twist = self._frame_twist(context, arm)
+        frame_acceleration = self._unmoved
+        if self._task_frame_acceleration.HasValue(context):
+            A_WT = _vector(self._task_frame_acceleration, context)
+            frame_acceleration = np.dot(arm.turn, A_WT)
+        stiffness = _optional(self._stiffness, context)
+        covariance = force = None
+        if self._settings.config.covariance_stiffness.enabled:
+            covariance = _optional(self._covariance, context)
+        if self._settings.config.force_control.enabled:
+            force = _optional(self._normal_force, context)
+        V, A = np.zeros(6), np.zeros(6)
+        V[3:] = velocity
+        A[3:] = acceleration
+        if w is not None:
+            V[:3] = w
+        if alpha is not None:
+            A[:3] = alpha
+        finite = arm.frame_finite and _finite(np.concatenate((position, V, A, wrench)))
+        optional = (age, frame_twist, frame_acceleration, stiffness, covariance, force)
+        for value in optional:
+            finite = finite and (value is None or _finite(value))
+        if R is not self._R_TE_desired:
+            finite = finite and _finite(R.ravel())
+        return StepInputs(
+            TaskTarget(R, position, V, A),
+            wrench,
+            finite,
+            R is not self._R_TE_desired,
+            None if age is None else context.get_time() - float(age[0]),
+            arm.R_WT,
+            arm.p_WT,
+            arm.R_WT is not self._R_WT,
+            frame_twist,
+            frame_acceleration,
+            stiffness,
+            covariance,
+            None if force is None else float(force[0]),
         )
+
+
+def _twice(R: Array) -> Array:
+    """Return the matrix that turns both halves of a twist."""
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = R
+    return turn
+
+
+def _finite(vector: Array) -> bool:
+    """Tell whether all elements are finite, and far from an overflow."""
+    return sum(map(abs, vector.tolist())) < 1e12
 
 
 def _vector(port: InputPort, context: Context) -> Array:
     """Evaluate a vector port."""
     return cast(Array, port.Eval(context))
+
+
+def _optional(port: InputPort, context: Context) -> Array | None:
+    """Evaluate a vector port that may be unconnected."""
+    return _vector(port, context) if port.HasValue(context) else None
+
+
+def _settings(
+    plant: MultibodyPlant,
+    config: ImpedanceConfig,
+    q_posture: NDArray[np.float64] | None,
+) -> StepSettings:
+    """Check and copy what the updates need."""
+    gains = config.gains()
+    config = copy.deepcopy(config)
+    friction = config.friction_compensation
+    lower, upper = plant.GetEffortLowerLimits(), plant.GetEffortUpperLimits()
+    return StepSettings(
+        config=config,
+        gains=gains,
+        limits=JointLimits.between(
+            plant.GetPositionLowerLimits(),
+            plant.GetPositionUpperLimits(),
+            speed=np.minimum(
+                plant.GetVelocityUpperLimits(), -plant.GetVelocityLowerLimits()
+            ),
+            effort=np.minimum(upper, -lower),
+        ),
+        lower=lower,
+        upper=upper,
+        q_posture=_checked_posture(plant, q_posture),
+        friction=(
+            SigmoidFriction.of(friction, n=plant.num_velocities())
+            if friction.enabled
+            else None
+        ),
+    )
 
 
 def _check_plant(plant: MultibodyPlant) -> None:

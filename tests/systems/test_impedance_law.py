@@ -11,19 +11,21 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import StationError
 from fmp_drake.systems.impedance_config import ImpedanceConfig
+from fmp_drake.systems.impedance_error import rotation_vector, shorten, task_error
+from fmp_drake.systems.impedance_force import ForceControlConfig
+from fmp_drake.systems.impedance_gains import ImpedanceGains
 from fmp_drake.systems.impedance_law import (
     ArmDynamics,
-    ImpedanceGains,
     damping_modes,
-    impedance_torque,
-    limit_torque,
-    limit_torque_rate,
-    rotation_vector,
-    shorten,
-    spring_wrench,
-    task_error,
+    impedance_law,
     task_inertia,
 )
+from fmp_drake.systems.impedance_limits import limit_torque, limit_torque_rate
+from fmp_drake.systems.impedance_spring import spring_wrench
+from fmp_drake.systems.impedance_stiffness import CovarianceStiffnessConfig
+from fmp_drake.systems.impedance_tank import EnergyTankConfig
+from fmp_drake.systems.impedance_walls import JointWallConfig
+from fmp_drake.systems.impedance_watchdog import WatchdogConfig
 
 seeds = st.integers(min_value=0, max_value=2**32 - 1)
 unlimited = {
@@ -93,7 +95,7 @@ def test_the_torque_equals_a_dense_transcription_of_the_law(seed, n):
     gains, arm = random_gains(rng), random_arm(rng, n)
     e, V_d, A_d, F = 0.5 * rng.normal(size=(4, 6))
     posture_error = rng.normal(size=n)
-    torque = impedance_torque(
+    torque = impedance_law(
         gains,
         arm,
         error=e,
@@ -101,7 +103,7 @@ def test_the_torque_equals_a_dense_transcription_of_the_law(seed, n):
         desired_acceleration=A_d,
         feedforward_wrench=F,
         posture_error=posture_error,
-    )
+    ).torque
     expected = dense_torque(gains, arm, e, V_d, A_d, F, posture_error)
     scale = np.abs(expected).max() + 1
     np.testing.assert_allclose(torque / scale, expected / scale, atol=1e-7)
@@ -120,7 +122,7 @@ def test_inputs_are_left_as_they_were():
     )
     for array in (*arm, *vectors.values()):
         array.setflags(write=False)
-    impedance_torque(gains, arm, **vectors)
+    impedance_law(gains, arm, **vectors)
 
 
 @given(seeds, st.floats(min_value=0, max_value=np.pi))
@@ -174,7 +176,7 @@ def test_the_spring_gives_back_its_energy(seed, angle):
 
     h = 1e-6
     loss = (energy(-h) - energy(h)) / (2 * h)
-    power = spring_wrench(gains, error(0.0)) @ np.r_[twist_w, twist_v]
+    power = spring_wrench(gains, error(0.0))[0] @ np.r_[twist_w, twist_v]
     assert power == pytest.approx(loss, rel=1e-4, abs=1e-3)
 
 
@@ -182,14 +184,14 @@ def test_a_small_displacement_feels_exactly_the_stiffness():
     gains = random_gains(np.random.default_rng(3))
     e = 1e-7 * np.arange(1, 7)
     np.testing.assert_allclose(
-        spring_wrench(gains, e), gains.stiffness @ e, rtol=1e-6, atol=1e-9
+        spring_wrench(gains, e)[0], gains.stiffness @ e, rtol=1e-6, atol=1e-9
     )
 
 
 def test_the_rotational_spring_is_at_full_strength_at_the_antipode():
     gains = ImpedanceConfig(max_rotation_error=4.0).gains()
     for axis in np.eye(3):
-        torque = spring_wrench(gains, np.r_[np.pi * axis, 0, 0, 0])[:3]
+        torque = spring_wrench(gains, np.r_[np.pi * axis, 0, 0, 0])[0][:3]
         k = axis @ gains.stiffness[:3, :3] @ axis
         np.testing.assert_allclose(torque, np.pi * k * axis, atol=1e-12)
 
@@ -198,7 +200,9 @@ def test_a_large_error_is_shortened_in_its_direction():
     gains = ImpedanceConfig(
         translational_stiffness=[100.0, 100.0, 100.0], max_translation_error=0.1
     ).gains()
-    force = spring_wrench(gains, np.array([0, 0, 0, 3.0, 0, -4.0]))[3:]
+    wrench, clipped = spring_wrench(gains, np.array([0, 0, 0, 3.0, 0, -4.0]))
+    force = wrench[3:]
+    assert clipped
     np.testing.assert_allclose(force, [6.0, 0.0, -8.0])
     np.testing.assert_array_equal(shorten(np.array([0.3, 0.4]), 0.6), [0.3, 0.4])
 
@@ -236,11 +240,12 @@ def test_the_inertia_is_bounded_at_a_singularity(seed, rank):
     rng = np.random.default_rng(seed)
     J = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, 7))
     length = 0.5
-    W, H = task_inertia(
+    W, H, bounded = task_inertia(
         M=random_spd(rng, 7), J=J, max_effective_mass=50.0, characteristic_length=length
     )
     scale = np.diag([1 / length] * 3 + [1.0] * 3)
     assert np.linalg.eigvalsh(scale @ W.T @ W @ scale)[-1] <= 50 * (1 + 1e-9)
+    assert bounded
     np.testing.assert_allclose(W @ H, np.eye(6), atol=1e-9)
 
 
@@ -253,10 +258,10 @@ def test_the_posture_does_not_accelerate_the_end_effector():
         "desired_acceleration": np.zeros(6),
         "feedforward_wrench": np.zeros(6),
     }
-    with_posture = impedance_torque(gains, arm, posture_error=np.ones(7), **rest)
-    without = impedance_torque(
+    with_posture = impedance_law(gains, arm, posture_error=np.ones(7), **rest).torque
+    without = impedance_law(
         replace(gains, posture_frequency=0.0), arm, posture_error=np.ones(7), **rest
-    )
+    ).torque
     difference = with_posture - without
     assert np.linalg.norm(difference) > 1
     leak = arm.J @ np.linalg.solve(arm.M, difference)
@@ -332,6 +337,24 @@ def test_the_config_puts_rotations_first():
     np.testing.assert_array_equal(K.stiffness, np.diag([1, 2, 3, 4, 5, 6]))
 
 
+def test_stiffness_axes_turn_the_stiffness():
+    config = ImpedanceConfig(stiffness_axes=[0.3, -0.2, 0.5])
+    K = config.gains().stiffness
+    assert abs(K[3, 4]) > 10
+    np.testing.assert_allclose(np.linalg.eigvalsh(K[3:, 3:]), [200, 1500, 1500])
+    np.testing.assert_allclose(np.linalg.eigvalsh(K[:3, :3]), [3, 30, 30])
+
+
+def test_nested_settings_load_from_yaml():
+    config = yaml_load_typed(
+        schema=ImpedanceConfig,
+        data="{force_control: {enabled: true}, watchdog: {max_age: 0.2}}",
+        defaults=ImpedanceConfig(),
+    )
+    assert config.force_control == ForceControlConfig(enabled=True)
+    assert config.watchdog == WatchdogConfig(max_age=0.2)
+
+
 def test_the_config_survives_yaml():
     config = ImpedanceConfig(damping_ratio=0.8, orientation=[3.0, 0.1, 0.2])
     assert (
@@ -370,6 +393,26 @@ def test_yaml_overrides_single_values():
         ({"max_effective_mass": 0.0}, "max_effective_mass"),
         ({"characteristic_length": 0.0}, "characteristic_length"),
         ({"control_period": 0.0}, "control_period"),
+        ({"target_time_constant": -0.1}, "target_time_constant .* at least 0"),
+        ({"stiffness_time_constant": math.nan}, "stiffness_time_constant"),
+        ({"stiffness_axes": [0.0]}, "stiffness_axes must be 3"),
+        ({"walls": JointWallConfig(width=0.0)}, r"walls\.width .* greater than 0"),
+        ({"walls": JointWallConfig(speed_share=1.1)}, "speed_share must be at most 1"),
+        ({"watchdog": WatchdogConfig(max_age=-1.0)}, r"watchdog\.max_age"),
+        ({"tank": EnergyTankConfig(initial_energy=2.0)}, "initial_energy must be"),
+        ({"tank": EnergyTankConfig(share=1.1)}, "tank.share .* at most 1"),
+        (
+            {"force_control": ForceControlConfig(release_time=0.0)},
+            r"force_control\.release_time",
+        ),
+        (
+            {"covariance_stiffness": CovarianceStiffnessConfig(max_stiffness=1.0)},
+            "max_stiffness at least min_stiffness",
+        ),
+        (
+            {"covariance_stiffness": CovarianceStiffnessConfig(axes=[True])},
+            "must have 3 axes",
+        ),
     ],
 )
 def test_a_config_that_cannot_be_used_says_what_is_allowed(values, message):

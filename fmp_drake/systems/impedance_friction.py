@@ -1,0 +1,116 @@
+"""The friction of the arm's joints."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.errors import StationError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(kw_only=True)
+class FrictionConfig:
+    """A sigmoid of the joint velocity, and the Panda's parameters of it.
+
+    They were identified on a Panda by Gaz et al. [1]_, table I.
+
+    Attributes
+    ----------
+    enabled : bool
+    gain : float
+        Part of the friction that is meant: 1 for the arm's own, somewhat less to
+        compensate it, as too much makes the joints run away.
+    height : list of floats
+        φ1 of each joint, Nm.
+    slope : list of floats
+        φ2, s/rad.
+    shift : list of floats
+        φ3, rad/s.
+
+    References
+    ----------
+    .. [1] C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic
+       identification of the Franka Emika Panda robot with retrieval of feasible
+       parameters using penalty-based optimization", IEEE RA-L 4(4), 2019.
+    """
+
+    enabled: bool = False
+    gain: float = 1.0
+    height: list[float] = field(
+        default_factory=lambda: [
+            0.54615,
+            0.87224,
+            0.64068,
+            1.2794,
+            0.83904,
+            0.30301,
+            0.56489,
+        ]
+    )
+    slope: list[float] = field(
+        default_factory=lambda: [5.1181, 9.0657, 10.136, 5.5903, 8.3469, 17.133, 10.336]
+    )
+    shift: list[float] = field(
+        default_factory=lambda: [
+            0.039533,
+            0.025882,
+            -0.04607,
+            0.036194,
+            0.026226,
+            -0.021047,
+            0.0035526,
+        ]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SigmoidFriction:
+    """Friction torque as a function of the joints' velocities.
+
+    ``τ = φ1 / (1 + exp(−φ2 (v + φ3))) − φ1 / (1 + exp(−φ2 φ3))``: zero at rest,
+    against the motion where it is subtracted, and bounded by φ1.
+
+    Attributes
+    ----------
+    height, slope, shift : array, shape (n,)
+        φ1 in Nm, φ2 in s/rad and φ3 in rad/s.
+    """
+
+    height: Array
+    slope: Array
+    shift: Array
+
+    @classmethod
+    def of(cls, config: FrictionConfig, *, n: int) -> "SigmoidFriction":
+        """Check a configuration for an arm of n joints.
+
+        Raises
+        ------
+        StationError
+            If a list has not n finite numbers, or one has the wrong sign.
+        """
+        values = []
+        for name in ("height", "slope", "shift"):
+            value = np.array(getattr(config, name), dtype=float)
+            if value.shape != (n,) or not np.isfinite(value).all():
+                raise StationError(
+                    f"friction.{name} must be {n} finite numbers, one per joint, got "
+                    f"{getattr(config, name)}"
+                )
+            if name != "shift" and value.min() < 0:
+                raise StationError(f"friction.{name} must not be negative, got {value}")
+            values.append(value)
+        if not (np.isfinite(config.gain) and config.gain >= 0):
+            raise StationError(
+                f"friction.gain must be finite and at least 0, got {config.gain}"
+            )
+        return cls(config.gain * values[0], values[1], values[2])
+
+    def torque(self, v: Array) -> Array:
+        """Return the friction torque, shape (n,) in Nm, at velocities in rad/s."""
+        # 1 / (1 + exp(−x)) = (1 + tanh(x / 2)) / 2, which does not overflow.
+        half = 0.5 * self.slope
+        moving = np.tanh(half * (v + self.shift))
+        return 0.5 * self.height * (moving - np.tanh(half * self.shift))

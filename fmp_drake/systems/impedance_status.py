@@ -1,0 +1,93 @@
+"""What the impedance controller reports about its last update."""
+
+from collections.abc import Sequence
+from enum import IntFlag
+from typing import NamedTuple, Self
+
+
+class StatusFlag(IntFlag):
+    """What the controller did at its last update; any of them together.
+
+    The target was not followed:
+
+    - `HOLD`: the watchdog holds the arm, damped, where it was caught.
+    - `RECOVER`: the watchdog leads the arm back to its target.
+    - `NOT_FINITE`: an input was NaN, infinite or above 1e12.
+    - `JUMP`: the target jumped.
+    - `STALE`: the target is too old, or stands still although it has a velocity.
+    - `NO_STATE`: the arm's state was not finite; the torque goes to zero.
+
+    The torque was limited:
+
+    - `ERROR_CLIPPED`: the target is farther away than the stiffness sees.
+    - `NEAR_SINGULAR`: the inertia was bounded.
+    - `TORQUE_LIMITED`, `RATE_LIMITED`: by the joints' effort or the torque's rate.
+    - `JOINT_WALL`: a joint is near its limit, and pushed back.
+    - `SPEED_LIMITED`: a joint is braked.
+
+    The force and the stiffness:
+
+    - `FORCE_CONTROL`: the normal force is held in closed loop.
+    - `CONTACT_LOST`: a press is wanted, but nothing is touched.
+    - `FORCE_LIMITED`: the correction of the press is at its limit.
+    - `STIFFNESS_REFUSED`: the stiffness or covariance at the port was no spring.
+    - `TANK_EMPTY`: the energy tank held the stiffness back.
+    """
+
+    HOLD = 1
+    RECOVER = 2
+    NOT_FINITE = 4
+    JUMP = 8
+    STALE = 16
+    NO_STATE = 32
+    ERROR_CLIPPED = 64
+    NEAR_SINGULAR = 128
+    TORQUE_LIMITED = 256
+    RATE_LIMITED = 512
+    JOINT_WALL = 1024
+    SPEED_LIMITED = 2048
+    FORCE_CONTROL = 4096
+    CONTACT_LOST = 8192
+    FORCE_LIMITED = 16384
+    STIFFNESS_REFUSED = 32768
+    TANK_EMPTY = 65536
+
+
+class ImpedanceStatus(NamedTuple):
+    """The vector at the controller's port `status`, by name.
+
+    Attributes
+    ----------
+    flags : StatusFlag
+        What was done.
+    target_share : float
+        1 where the target is followed, 0 in a hold, between them in recovery.
+    torque_scale, rate_scale : float
+        Factors in (0, 1] by which the torque and its change were shortened.
+    force_correction : float
+        What the closed loop adds to the wanted press, N.
+    tank_energy : float
+        Energy that the stiffness may still take from the tank, J.
+    """
+
+    flags: StatusFlag
+    target_share: float
+    torque_scale: float
+    rate_scale: float
+    force_correction: float
+    tank_energy: float
+
+    @classmethod
+    def from_vector(cls, vector: Sequence[float]) -> Self:
+        """Read the port's vector.
+
+        Parameters
+        ----------
+        vector : array_like, shape (6,)
+            The fields in their order.
+        """
+        flags, *rest = (float(value) for value in vector)
+        return cls(StatusFlag(int(flags)), *rest)
+
+
+STATUS_SIZE = len(ImpedanceStatus._fields)

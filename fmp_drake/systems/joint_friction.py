@@ -1,0 +1,62 @@
+"""The friction that a simulated arm has in its joints."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.impedance_friction import FrictionConfig, SigmoidFriction
+
+
+class JointFriction(LeafSystem):
+    """Friction of an arm's joints as a generalized force on the plant.
+
+    Input port ``state`` (2n): the arm's ``[q, v]``, rad and rad/s. Output port
+    ``generalized_force`` (nv of the whole plant): Nm, against the motion; connect it
+    to the plant's ``applied_generalized_force``.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Finalized; what is simulated.
+    arm : ModelInstanceIndex
+        The instance whose joints rub.
+    config : FrictionConfig
+        Of as many joints as the arm has; `enabled` is for who builds the diagram.
+
+    Raises
+    ------
+    StationError
+        If the plant is not finalized or the configuration does not fit the arm.
+    """
+
+    def __init__(
+        self, plant: MultibodyPlant, *, arm: ModelInstanceIndex, config: FrictionConfig
+    ) -> None:
+        super().__init__()
+        self.set_name("joint_friction")
+        if not plant.is_finalized():
+            raise StationError("the plant is not finalized; call Finalize() first.")
+        n = plant.num_velocities(arm)
+        self._friction = SigmoidFriction.of(config, n=n)
+        indices = plant.GetVelocitiesFromArray(
+            arm, np.arange(plant.num_velocities(), dtype=float)
+        )
+        self._indices = indices.astype(int)
+        self._state = self.DeclareVectorInputPort("state", 2 * n)
+        self.DeclareVectorOutputPort(
+            "generalized_force",
+            plant.num_velocities(),
+            self._calc,
+            prerequisites_of_calc={self._state.ticket()},
+        )
+
+    def _calc(self, context: Context, output: BasicVector) -> None:
+        state: Any = self._state.Eval(context)
+        v = state[state.size // 2 :]
+        force = np.zeros(output.size())
+        force[self._indices] = -self._friction.torque(v)
+        output.SetFromVector(force)

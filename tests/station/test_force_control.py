@@ -1,0 +1,180 @@
+"""Facts about the press on a board that is not where the robot thinks it is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm_loop import Signals
+from pydrake.geometry import ProximityProperties, RoleAssign
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import CoulombFriction
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.controllers import InverseDynamics
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder, LogVectorOutput
+
+from fmp_drake.station.board_scene import AddBoardScene
+from fmp_drake.station.scenario import BoardConfig, Scenario
+from fmp_drake.systems.impedance_config import ImpedanceConfig
+from fmp_drake.systems.impedance_force import ForceControlConfig
+from fmp_drake.systems.impedance_status import StatusFlag
+from fmp_drake.systems.ink_board import InkBoard
+from fmp_drake.systems.ink_grid import InkGrid
+from fmp_drake.systems.operational_space_impedance_controller import (
+    OperationalSpaceImpedanceController,
+)
+
+OUT = Path(__file__).resolve().parents[2] / "out" / "press.md"
+WANTED = 10.0
+
+
+@pytest.fixture(scope="module")
+def table():
+    rows: list[str] = []
+    yield rows
+    OUT.parent.mkdir(exist_ok=True)
+    head = [
+        "| force | board | friction | mean N | within 2 N | range N |",
+        "|---|---|---|---|---|---|",
+    ]
+    OUT.write_text("\n".join(head + rows) + "\n", encoding="utf-8")
+
+
+def wipe(t):
+    """Down to the board, then a Lissajous figure of 16 by 24 cm, up to 0.5 m/s."""
+    share = np.clip(t - 1.0, 0.0, 1.0)
+    omega = 2 * np.pi * 0.6
+    return np.array(
+        [
+            0.08 * share * np.sin(omega * t),
+            0.12 * share * np.sin(0.7 * omega * t),
+            0.03 * (1 - min(t, 1.0)),
+        ]
+    )
+
+
+def press_run(*, enabled, height, friction, tilt=5.0, seconds=6.0, lift=np.inf):
+    """Return the normal force and the status of every millisecond."""
+    builder = DiagramBuilder()
+    board = BoardConfig(
+        translation=[0.55, 0.0, 0.10 + height], rpy=[np.radians(tilt), 0.0, 0.0]
+    )
+    scene = AddBoardScene(builder, Scenario(board=board), start=[0, 0, 0.03])
+    plant, graph = scene.plant, scene.scene_graph
+    for name in ("eraser", "board"):
+        for index in plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name)):
+            properties = ProximityProperties(
+                graph.model_inspector().GetProximityProperties(index)
+            )
+            properties.UpdateProperty(
+                "material", "coulomb_friction", CoulombFriction(friction, friction)
+            )
+            graph.AssignRole(
+                plant.get_source_id(), index, properties, RoleAssign.kReplace
+            )
+    controller = builder.AddSystem(
+        OperationalSpaceImpedanceController(
+            scene.arm,
+            end_effector=scene.arm_tip,
+            X_WT=RigidTransform([0.55, 0.0, 0.10]),  # Where the board is thought.
+            config=ImpedanceConfig(force_control=ForceControlConfig(enabled=enabled)),
+            q_posture=plant.GetDefaultPositions(scene.panda),
+        )
+    )
+
+    def position(t):
+        return wipe(t) + np.array([0, 0, 0.15 * np.clip((t - lift) / 0.5, 0, 1)])
+
+    signals = {
+        "desired_position": lambda t: position(t),
+        "desired_velocity": lambda t: (wipe(t + 1e-4) - wipe(t - 1e-4)) / 2e-4,
+        "desired_acceleration": lambda t: (
+            (wipe(t + 1e-3) - 2 * wipe(t) + wipe(t - 1e-3)) / 1e-6 * (t > 2.01)
+        ),
+        "feedforward_wrench": lambda t: np.array(
+            [0, 0, 0, 0, 0, -WANTED * np.clip((t - 0.7) / 0.3, 0, 1)]
+        ),
+    }
+    source = builder.AddSystem(
+        Signals({n: (6 if "wrench" in n else 3, f) for n, f in signals.items()}, 7)
+    )
+    gravity = builder.AddSystem(
+        InverseDynamics(
+            scene.arm, InverseDynamics.InverseDynamicsMode.kGravityCompensation
+        )
+    )
+    total = builder.AddSystem(Adder(2, 7))
+    state = plant.get_state_output_port(scene.panda)
+    for system in (source, controller):
+        builder.Connect(state, system.GetInputPort("state"))
+    builder.Connect(state, gravity.get_input_port_estimated_state())
+    for name in signals:
+        builder.Connect(source.GetOutputPort(name), controller.GetInputPort(name))
+    builder.Connect(controller.GetOutputPort("torque"), total.get_input_port(0))
+    builder.Connect(gravity.get_output_port(), total.get_input_port(1))
+    builder.Connect(
+        total.get_output_port(), plant.get_actuation_input_port(scene.panda)
+    )
+    sensor = InkBoard.AddToBuilder(
+        builder,
+        plant=plant,
+        eraser=scene.tip.body(),
+        surface=scene.surface,
+        grid=InkGrid(size=(0.5, 0.7), cell=0.1),
+        period=1.0,
+    )
+    force = sensor.GetOutputPort("normal_force")
+    builder.Connect(force, controller.GetInputPort("normal_force"))
+    logs = [
+        LogVectorOutput(port, builder, 0.001)
+        for port in (force, controller.GetOutputPort("status"))
+    ]
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(seconds)
+    force, status = (
+        log.FindLog(simulator.get_context()).data().T.copy() for log in logs
+    )
+    return force[:, 0], status
+
+
+def figures(table, force, *, enabled, height, friction):
+    force = force[2500:]
+    within = np.mean(np.abs(force - WANTED) < 2)
+    table.append(
+        f"| {'closed loop' if enabled else 'fed forward'} | 5 degrees, "
+        f"{1000 * height:+.0f} mm | {friction} | {force.mean():.2f} | "
+        f"{100 * within:.1f} % | {force.min():.1f} to {force.max():.1f} |"
+    )
+    return force.mean(), within
+
+
+@pytest.mark.parametrize("height", [0.01, -0.01])
+@pytest.mark.parametrize("friction", [0.2, 0.8])
+def test_closed_loop_holds_the_press_on_a_tilted_and_shifted_board(
+    height, friction, table
+):
+    force, status = press_run(enabled=True, height=height, friction=friction)
+    mean, within = figures(table, force, enabled=True, height=height, friction=friction)
+    assert mean == pytest.approx(WANTED, rel=0.05)
+    assert within > 0.95
+    flags = status[2500:, 0].astype(int)
+    assert np.all(flags & StatusFlag.FORCE_CONTROL)
+
+
+@pytest.mark.parametrize("height", [0.01, -0.01])
+def test_without_the_closed_loop_the_press_is_off(height, table):
+    force, status = press_run(enabled=False, height=height, friction=0.5)
+    _, within = figures(table, force, enabled=False, height=height, friction=0.5)
+    assert within < 0.8
+    assert not np.any(status[:, 0].astype(int) & StatusFlag.FORCE_CONTROL)
+
+
+def test_the_correction_is_released_when_the_eraser_is_lifted():
+    force, status = press_run(
+        enabled=True, height=-0.01, friction=0.5, lift=3.0, seconds=4.5
+    )
+    assert np.abs(status[2500:3000, 4]).max() > 1
+    lifted = force < 0.5
+    assert lifted[-300:].all()
+    assert np.abs(status[-300:, 4]).max() < 0.1
+    assert np.all(status[-300:, 0].astype(int) & StatusFlag.CONTACT_LOST)

@@ -1,0 +1,277 @@
+"""Facts about the force loop, the varying stiffness, its tank, and the targets."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.systems.impedance_force import (
+    ForceControlConfig,
+    ForceState,
+    correct_press,
+)
+from fmp_drake.systems.impedance_stiffness import (
+    CovarianceStiffnessConfig,
+    is_covariance,
+    spring_of,
+    stiffness_from_covariance,
+)
+from fmp_drake.systems.impedance_tank import EnergyTankConfig, admit_stiffness, refill
+from fmp_drake.systems.impedance_target import (
+    TaskTarget,
+    blend,
+    carried,
+    low_pass,
+    rotation_of_quaternion,
+    rotation_of_vector,
+)
+
+FORCE = ForceControlConfig()
+SOFT = CovarianceStiffnessConfig()
+K = np.diag([30.0, 30, 3, 1500, 1500, 200])
+seeds = st.integers(0, 2**32 - 1)
+
+
+def press(measured, *, wanted=10.0, steps=1, state=None, saturated=False):
+    state = ForceState() if state is None else state
+    for _ in range(steps):
+        result = correct_press(
+            FORCE,
+            state,
+            wanted=wanted,
+            measured=measured,
+            saturated=saturated,
+            period=0.001,
+        )
+        state = result.state
+    return result
+
+
+# The press.
+
+
+def test_a_press_that_is_too_light_is_increased():
+    once, later = press(8.0), press(8.0, steps=100)
+    assert 0 < once.correction < later.correction
+    assert once.closed
+
+
+def test_the_integral_stops_at_its_limit_and_leaves_it_at_once():
+    result = press(1.0, steps=10000)
+    assert result.correction == FORCE.max_correction
+    assert result.limited
+    assert result.state.integral == FORCE.max_correction
+    assert press(12.0, state=result.state).state.integral < FORCE.max_correction
+
+
+def test_nothing_is_integrated_while_the_torque_is_saturated():
+    state = ForceState(2.0, 0.0)
+    assert press(5.0, state=state, saturated=True).state.integral == 2.0
+
+
+def test_the_correction_is_released_when_contact_is_lost():
+    held = press(8.0, steps=500)
+    lost = press(0.0, steps=500, state=held.state)
+    assert lost.lost
+    assert not lost.closed
+    assert lost.correction < 1e-3 * held.correction
+
+
+def test_nothing_is_added_before_the_first_contact():
+    result = press(0.0, steps=100)
+    assert (result.correction, result.lost) == (0.0, True)
+
+
+def test_the_correction_is_released_when_no_press_is_wanted():
+    held = press(8.0, steps=500)
+    result = press(8.0, wanted=0.0, steps=500, state=held.state)
+    assert abs(result.correction) < 1e-3
+    assert not result.lost
+
+
+def test_a_press_is_never_turned_into_a_pull():
+    assert press(100.0, wanted=3.0, steps=1000).correction == -3.0
+
+
+# Stiffness of a covariance.
+
+
+@given(seeds, st.floats(1e-12, 10))
+def test_the_stiffness_of_any_covariance_is_bounded(seed, size):
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(3, rng.integers(1, 4)))
+    config = CovarianceStiffnessConfig(axes=[True] * 3)
+    found = stiffness_from_covariance(config, size * A @ A.T, K)
+    values = np.linalg.eigvalsh(found[3:, 3:])
+    assert values[0] >= config.min_stiffness * (1 - 1e-9)
+    assert values[-1] <= config.max_stiffness * (1 + 1e-9)
+    assert_array_equal(found[:3], K[:3])
+
+
+def test_it_is_stiff_where_the_demonstrations_agree():
+    R = Rotation.from_rotvec([0, 0, 0.7]).as_matrix()
+    covariance = R @ np.diag([1e-8, 1.0, 1.0]) @ R.T
+    found = stiffness_from_covariance(SOFT, covariance, K)
+    along, across = R[:, 0], R[:, 1]
+    assert along @ found[3:, 3:] @ along == pytest.approx(1500, rel=1e-3)
+    assert across @ found[3:, 3:] @ across == pytest.approx(300, rel=1e-2)
+    middle = stiffness_from_covariance(SOFT, SOFT.deviation**2 * np.eye(3), K)
+    assert middle[3, 3] == pytest.approx(900)
+
+
+def test_between_its_bounds_it_is_proportional_to_the_precision():
+    config = CovarianceStiffnessConfig(
+        min_stiffness=1e-6, max_stiffness=1e6, deviation=1e-3, axes=[True] * 3
+    )
+    covariance = np.diag([0.02, 0.03, 0.05]) ** 2
+    found = stiffness_from_covariance(config, covariance, K)[3:, 3:]
+    assert_allclose(found @ covariance, np.eye(3), rtol=0.01, atol=1e-9)
+
+
+def test_the_normal_keeps_its_own_stiffness_by_default():
+    covariance = 1e-4 * (np.eye(3) + 0.5 * np.ones((3, 3)))
+    found = stiffness_from_covariance(SOFT, covariance, K)
+    assert_array_equal(found[5], K[5])
+    assert_array_equal(found[:, 5], K[:, 5])
+    assert found[3, 4] != 0
+
+
+def test_what_is_no_covariance_or_spring_is_told():
+    assert is_covariance(np.zeros((3, 3)))
+    assert is_covariance(np.diag([1.0, 0.0, 1e-9]))
+    assert not is_covariance(np.diag([1.0, -0.1, 1.0]))
+    assert not is_covariance(np.eye(3) + np.eye(3, k=1))
+    assert_array_equal(spring_of(np.arange(1.0, 7)), np.diag(np.arange(1.0, 7)))
+    assert_array_equal(spring_of(K.ravel()), K)
+    assert spring_of(np.array([1.0, 1, 1, 1, 1, 0])) is None
+    assert spring_of(-K.ravel()) is None
+    assert spring_of((K + np.eye(6, k=1)).ravel()) is None
+
+
+# The tank.
+
+
+def test_a_stiffer_spring_that_is_not_stretched_is_free():
+    found, energy, held = admit_stiffness(K, 2 * K, error=np.zeros(6), energy=0.0)
+    assert_array_equal(found, 2 * K)
+    assert (energy, held) == (0.0, False)
+
+
+@given(seeds, st.floats(0, 10))
+def test_the_tank_pays_for_what_the_spring_gains(seed, energy):
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(6, 6))
+    wanted = A @ A.T + np.eye(6)
+    e = rng.normal(size=6)
+    found, left, held = admit_stiffness(np.eye(6), wanted, error=e, energy=energy)
+    gained = 0.5 * e @ (found - np.eye(6)) @ e
+    assert 0 <= left <= energy
+    assert gained <= energy - left + 1e-9
+    assert held == (0.5 * e @ (wanted - np.eye(6)) @ e > energy)
+    assert np.linalg.eigvalsh(found)[0] > 0
+
+
+def test_a_softer_spring_fills_nothing():
+    _, energy, _ = admit_stiffness(K, 0.5 * K, error=np.ones(6), energy=0.3)
+    assert energy == 0.3
+
+
+def test_the_tank_stores_a_part_of_the_dissipation_up_to_its_capacity():
+    config = EnergyTankConfig(capacity=1.0, share=0.5)
+    assert refill(config, 0.2, dissipated=0.4) == pytest.approx(0.4)
+    assert refill(config, 0.9, dissipated=0.4) == 1.0
+
+
+# Targets.
+
+
+def random_target(seed, scale=0.3):
+    rng = np.random.default_rng(seed)
+    return TaskTarget(
+        Rotation.random(random_state=rng).as_matrix(),
+        rng.normal(size=3),
+        scale * rng.normal(size=6),
+        scale * rng.normal(size=6),
+    )
+
+
+@given(seeds, st.floats(1e-3, 1e3))
+def test_a_quaternion_of_any_length_and_sign_is_a_rotation(seed, size):
+    wxyz = np.random.default_rng(seed).normal(size=4)
+    expected = Rotation.from_quat(wxyz[[1, 2, 3, 0]]).as_matrix()
+    for sign in (1, -1):
+        assert_allclose(
+            rotation_of_quaternion(sign * size * wxyz), expected, atol=1e-12
+        )
+
+
+def test_a_quaternion_of_no_length_is_not_a_number():
+    assert np.isnan(rotation_of_quaternion(np.zeros(4))).any()
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, np.pi, 4.0])
+def test_the_exponential_of_a_rotation_vector(angle):
+    phi = angle * np.array([0.6, -0.8, 0.0])
+    assert_allclose(
+        rotation_of_vector(phi), Rotation.from_rotvec(phi).as_matrix(), atol=1e-12
+    )
+
+
+def test_a_filter_goes_its_share_of_the_way():
+    old, new = random_target(0), random_target(1)
+    assert_allclose(low_pass(old, new, 1.0).R, new.R, atol=1e-9)
+    half = low_pass(old, new, 0.5)
+    assert_allclose(half.p, 0.5 * (old.p + new.p))
+    assert_allclose(half.V, 0.5 * (old.V + new.V))
+    turn = Rotation.from_matrix(half.R @ old.R.T).magnitude()
+    assert turn == pytest.approx(
+        0.5 * Rotation.from_matrix(new.R @ old.R.T).magnitude()
+    )
+
+
+def test_a_blend_goes_from_the_pose_to_the_target():
+    pose, target = random_target(2), random_target(3)
+    start = blend(target, R_TE=pose.R, p_TE=pose.p, share=0.0, rate=0.0)
+    assert_allclose(start.R, pose.R)
+    assert_allclose(start.p, pose.p)
+    assert_array_equal(start.V, 0.0)
+    end = blend(target, R_TE=pose.R, p_TE=pose.p, share=1.0, rate=0.0)
+    for found, expected in zip(end, target, strict=True):
+        assert_allclose(found, expected, atol=1e-9)
+
+
+def test_a_motion_in_a_moving_frame_is_that_of_its_positions():
+    """Compare with finite differences of poses in the world."""
+    w, u = np.array([0.0, 0.0, 0.8]), np.array([0.1, 0.2, -0.3])
+    alpha, g = np.array([0.0, 0.0, 0.6]), np.array([0.5, -0.4, 0.2])
+    w_rel, v, a = np.array([0.2, 0.1, -0.4]), np.array([0.5, -0.2, 0.1]), np.ones(3)
+    p0 = np.array([0.3, 0.2, -0.1])
+
+    def frame(t):
+        return Rotation.from_rotvec(w * t + 0.5 * alpha * t * t).as_matrix()
+
+    def position(t):
+        return u * t + 0.5 * g * t * t + frame(t) @ (p0 + v * t + 0.5 * a * t * t)
+
+    def orientation(t):
+        return frame(t) @ Rotation.from_rotvec(w_rel * t).as_matrix()
+
+    h = 1e-4
+    found = carried(
+        TaskTarget(np.eye(3), p0, np.r_[w_rel, v], np.r_[np.zeros(3), a]),
+        np.r_[w, u],
+        np.r_[alpha, g],
+    )
+    assert_allclose(found.V[3:], (position(h) - position(-h)) / (2 * h), atol=1e-6)
+    assert_allclose(
+        found.A[3:], (position(h) - 2 * position(0) + position(-h)) / h**2, atol=1e-5
+    )
+
+    def spin(t):
+        turn = orientation(t + h) @ orientation(t - h).T
+        return Rotation.from_matrix(turn).as_rotvec() / (2 * h)
+
+    assert_allclose(found.V[:3], spin(0), atol=1e-6)
+    assert_allclose(found.A[:3], (spin(0.01) - spin(-0.01)) / 0.02, atol=1e-3)

@@ -1,0 +1,82 @@
+"""Facts about the friction of the arm's joints."""
+
+import numpy as np
+import pytest
+from arm_loop import make_arm
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.impedance_friction import FrictionConfig, SigmoidFriction
+from fmp_drake.systems.joint_friction import JointFriction
+
+
+def panda_friction(**values):
+    return SigmoidFriction.of(FrictionConfig(**values), n=7)
+
+
+def test_friction_is_the_published_sigmoid():
+    config = FrictionConfig()
+    a, b, c = map(np.array, (config.height, config.slope, config.shift))
+    for v in np.random.default_rng(0).normal(size=(5, 7)):
+        expected = a / (1 + np.exp(-b * (v + c))) - a / (1 + np.exp(-b * c))
+        assert_allclose(panda_friction().torque(v), expected, atol=1e-12)
+
+
+def test_friction_acts_against_every_motion_and_not_at_rest():
+    friction = panda_friction()
+    assert_array_equal(friction.torque(np.zeros(7)), 0.0)
+    for v in np.random.default_rng(1).normal(size=(20, 7)):
+        assert np.all(friction.torque(v) * v > 0)
+
+
+def test_friction_is_bounded_at_any_speed():
+    friction = panda_friction()
+    for v in (1e9, -1e9):
+        assert np.all(np.abs(friction.torque(np.full(7, v))) < friction.height)
+
+
+def test_the_gain_scales_it():
+    v = np.ones(7)
+    assert_allclose(
+        panda_friction(gain=0.5).torque(v), 0.5 * panda_friction().torque(v)
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"height": [1.0] * 6}, "friction.height must be 7"),
+        ({"slope": [-1.0] * 7}, "friction.slope must not be negative"),
+        ({"shift": [np.nan] * 7}, "friction.shift must be 7 finite"),
+        ({"gain": -1.0}, "friction.gain must be finite and at least 0, got -1"),
+    ],
+)
+def test_values_that_are_no_friction_are_refused(values, message):
+    with pytest.raises(StationError, match=message):
+        panda_friction(**values)
+
+
+def test_the_system_gives_the_friction_as_a_generalized_force():
+    plant = make_arm()
+    arm = plant.GetModelInstanceByName("panda")
+    system = JointFriction(plant, arm=arm, config=FrictionConfig())
+    assert system.get_name() == "joint_friction"
+    assert system.GetInputPort("state").size() == 14
+    assert system.HasDirectFeedthrough(0, 0)
+    context = system.CreateDefaultContext()
+    assert context.is_stateless()
+    for disabled in (False, True):
+        if disabled:
+            context.DisableCaching()
+        for v in np.random.default_rng(2).normal(size=(3, 7)):
+            system.GetInputPort("state").FixValue(context, np.r_[np.ones(7), v])
+            force = system.GetOutputPort("generalized_force").Eval(context)
+            assert_allclose(force, -panda_friction().torque(v))
+
+
+def test_a_forgotten_state_is_named():
+    plant = make_arm()
+    arm = plant.GetModelInstanceByName("panda")
+    system = JointFriction(plant, arm=arm, config=FrictionConfig())
+    with pytest.raises(RuntimeError, match=r"state.*joint_friction"):
+        system.GetOutputPort("generalized_force").Eval(system.CreateDefaultContext())
