@@ -42,8 +42,10 @@ lint: $(STAMP)
 
 bench: $(STAMP)
 	@mkdir -p out
-	$(BIN)/python -m pytest tests/benchmarks --benchmark-only \
+	$(BIN)/python -m pytest tests/benchmarks -q --benchmark-only \
+	    --benchmark-columns=min,median,iqr,rounds \
 	    --benchmark-json=out/benchmark.json $(ARGS)
+	@echo "The figures are in out/benchmark.md, out/growth.png and out/benchmark.json."
 
 clean:
 	rm -rf $(VENV) out dist

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from fmp_drake.errors import SkillError
+from fmp_drake.primitives.numeric import as_floats, is_whole
 
 _SPLINE_DEGREE = 5
 
@@ -42,7 +43,7 @@ class FourierBasis:
 
     def analyze(self, samples: ArrayLike) -> NDArray[np.float64]:
         """Return the weights of windows: shape (..., T, D) to (..., D*T)."""
-        y = np.asarray(samples, dtype=float)
+        y = as_floats(samples, "the samples")
         if y.ndim < 2 or y.shape[-2] != self.n_steps:
             raise SkillError(
                 f"the samples have shape {y.shape}; expected (..., "
@@ -75,7 +76,7 @@ class FourierBasis:
 
     def by_channel(self, weights: ArrayLike) -> NDArray[np.float64]:
         """Return a view of weights (..., D*T) as (..., D, T)."""
-        w = np.asarray(weights, dtype=float)
+        w = as_floats(weights, "the weights")
         if w.ndim < 1 or w.shape[-1] == 0 or w.shape[-1] % self.n_steps:
             raise SkillError(
                 f"the weights have shape {w.shape}; the last axis must be a "
@@ -140,7 +141,13 @@ class FourierBasis:
         -------
         ndarray, shape (..., T)
         """
-        tau = np.asarray(steps, dtype=float)
+        tau = as_floats(steps, "the steps")
+        if tau.size == 0:
+            raise SkillError("there is no step; give at least one.")
+        if not (is_whole(derivative) and 0 <= derivative < _SPLINE_DEGREE):
+            raise SkillError(
+                f"derivative is {derivative!r}; it must be 0 to {_SPLINE_DEGREE - 1}."
+            )
         if not np.all((tau >= -1e-9) & (tau <= self.n_steps - 1 + 1e-9)):
             raise SkillError(
                 f"steps run from {np.min(tau)} to {np.max(tau)}; a window of "

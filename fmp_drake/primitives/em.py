@@ -9,6 +9,8 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.special import logsumexp
 from sklearn.cluster import KMeans
 
+from fmp_drake.errors import SkillError
+
 _LOG_2_PI = float(np.log(2 * np.pi))
 _TINY = 10 * np.finfo(float).eps
 
@@ -98,7 +100,13 @@ def log_gaussians(
     """Return the log density of samples (N, r) under each Gaussian, (N, M)."""
     out = np.empty((len(samples), len(means)))
     for j, (mean, covariance) in enumerate(zip(means, covariances, strict=True)):
-        lower = cholesky(covariance, lower=True)
+        try:
+            lower = cholesky(covariance, lower=True)
+        except np.linalg.LinAlgError:
+            raise SkillError(
+                "the windows vary too little in some directions beside others; choose "
+                "a greater regularization, or a smaller explained_variance."
+            ) from None
         z = solve_triangular(lower, (samples - mean).T, lower=True)
         log_det = 2 * np.sum(np.log(np.diag(lower)))
         out[:, j] = -0.5 * (np.sum(z**2, axis=0) + log_det)

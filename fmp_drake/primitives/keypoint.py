@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
+from fmp_drake.primitives.numeric import all_finite, as_floats, is_number, is_whole
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,13 +36,19 @@ class Keypoint:
 
     def checked_values(self, count: int) -> NDArray[np.float64]:
         """Return the values of `count` channels as an array."""
-        values = np.atleast_1d(np.asarray(self.values, dtype=float))
-        if values.shape != (count,) or not np.all(np.isfinite(values)):
+        values = np.atleast_1d(as_floats(self.values, "the values of a keypoint"))
+        if values.shape != (count,) or not all_finite(values):
             raise SkillError(
                 f"the keypoint at step {self.step:g} has the values {values}; expected "
                 f"{count} finite numbers."
             )
         return values
+
+    def checked_step(self) -> float:
+        """Return the step, one number."""
+        if not is_number(self.step):
+            raise SkillError(f"a keypoint is at step {self.step!r}; give one number.")
+        return float(self.step)
 
 
 def channel_indices(
@@ -52,11 +59,13 @@ def channel_indices(
         return list(range(len(names)))
     if isinstance(channels, str):
         channels = [channels]
-    out = []
+    if not isinstance(channels, Sequence | np.ndarray):
+        raise SkillError(f"channels is {channels!r}; give a list of names or indices.")
+    out: list[int] = []
     for channel in channels:
         if isinstance(channel, str) and channel in names:
             out.append(names.index(channel))
-        elif not isinstance(channel, str) and 0 <= int(channel) < len(names):
+        elif is_whole(channel) and 0 <= int(channel) < len(names):
             out.append(int(channel))
         else:
             raise SkillError(

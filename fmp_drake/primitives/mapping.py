@@ -9,6 +9,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.numeric import GREATEST, all_finite, as_floats
 
 Selection = Literal["cost", "evidence"]
 
@@ -74,15 +75,16 @@ class MappingPlan:
             raise SkillError(
                 f"the rows have shape {phi.shape}; expected (m, {components[0].dim})."
             )
-        lam = np.asarray(tolerance, dtype=float)
+        lam = as_floats(tolerance, "the tolerance")
         if lam.shape not in ((), (size,)):
             raise SkillError(
                 f"the tolerance has shape {lam.shape}; expected one number or ({size},)."
             )
         lam = np.broadcast_to(lam, (size,))
-        if not np.all(lam > 0):
+        if not np.all((lam > 0) & (lam < GREATEST)):
             raise SkillError(
-                f"the least tolerance is {np.min(lam)}; every one must be positive."
+                f"the tolerances run from {np.min(lam)} to {np.max(lam)}; every one "
+                "must be positive and finite."
             )
         if selection not in ("cost", "evidence"):
             raise SkillError(
@@ -98,7 +100,13 @@ class MappingPlan:
         for j, component in enumerate(components):
             expected[j], cov = component.marginal(phi)
             cov[np.diag_indices(size)] += lam
-            lower = cholesky(cov, lower=True)
+            try:
+                lower = cholesky(cov, lower=True)
+            except np.linalg.LinAlgError:
+                raise SkillError(
+                    "the observations depend on each other more closely than the "
+                    f"tolerance of {np.min(lam):g} can tell; choose a greater one."
+                ) from None
             whitening[j] = solve_triangular(lower, np.eye(size), lower=True)
             self._gains[j] = component.multiply(phi).T @ (whitening[j].T @ whitening[j])
             offsets[j] = -np.log(proportions[j])
@@ -115,13 +123,7 @@ class MappingPlan:
 
     def map(self, values: ArrayLike) -> Mapping:
         """Map observed values, shape (m,), to weights."""
-        y = np.asarray(values, dtype=float)
-        if y.shape != (self.size,):
-            raise SkillError(
-                f"the observation has shape {y.shape}; expected ({self.size},)."
-            )
-        if not np.all(np.isfinite(y)):
-            raise SkillError("the observation holds NaN or infinite values.")
+        y = self._checked(values)
         z = (self._whitening @ y).reshape(self._whitened.shape) - self._whitened
         costs = np.einsum("ja,ja->j", z, z) + self._offsets
         j = int(np.argmin(costs))
@@ -142,12 +144,12 @@ class MappingPlan:
         components : ndarray, shape (S,)
         costs : ndarray, shape (S, M)
         """
-        y = np.asarray(values, dtype=float)
+        y = as_floats(values, "the observations")
         if y.ndim != 2 or y.shape[1] != self.size:
             raise SkillError(
                 f"the observations have shape {y.shape}; expected (S, {self.size})."
             )
-        if not np.all(np.isfinite(y)):
+        if not all_finite(y):
             raise SkillError("the observations hold NaN or infinite values.")
         z = (y @ self._whitening.T).reshape(-1, *self._whitened.shape) - self._whitened
         costs = np.einsum("sja,sja->sj", z, z) + self._offsets
@@ -159,10 +161,19 @@ class MappingPlan:
             weights[of_j] = self._means[j] + delta @ self._gains[j].T
         return weights, components, costs
 
+    def _checked(self, values: ArrayLike) -> NDArray[np.float64]:
+        y = as_floats(values, "the observation")
+        if y.shape != (self.size,):
+            raise SkillError(
+                f"the observation has shape {y.shape}; expected ({self.size},)."
+            )
+        if not all_finite(y):
+            raise SkillError("the observation holds NaN or infinite values.")
+        return y
+
     def candidates(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return the candidate weights (14) of every component, shape (M, D*T)."""
-        y = np.asarray(values, dtype=float)
-        delta = y - self._expected
+        delta = self._checked(values) - self._expected
         out: NDArray[np.float64] = self._means + np.einsum(
             "jna,ja->jn", self._gains, delta
         )

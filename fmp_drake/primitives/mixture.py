@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives.em import MixtureFit, fit_gaussians
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.numeric import GREATEST
 
 Progress = Callable[[str], None]
 
@@ -69,18 +70,10 @@ def fit_mixture(
     mean = np.average(weights, axis=0, weights=counts)
     if progress is not None:
         progress(f"principal directions of {n_windows} windows of {n} weights")
-    energy, directions = _principal_directions(
-        (weights - mean) * np.sqrt(counts / counts.sum())[:, None]
+    directions, residual = _principal_directions(
+        (weights - mean) * np.sqrt(counts / counts.sum())[:, None], explained_variance
     )
-    total = float(energy.sum())
-    if total > 0:
-        kept = np.cumsum(energy) / total
-        rank = 1 + int(np.searchsorted(kept, explained_variance * (1 - 1e-12)))
-        rank = min(rank, len(energy))
-        residual = float(energy[rank:].sum()) / max(n - rank, 1)
-    else:
-        rank, residual = 1, 0.0
-    directions = directions[:rank]
+    rank = len(directions)
     noise = regularization + residual
     samples = (weights - mean) @ directions.T
 
@@ -95,7 +88,7 @@ def fit_mixture(
             progress=progress,
         )
 
-    most = max(1, min(n_windows // 2, len(np.unique(samples, axis=0))))
+    most = max(1, min(n_windows // 2, _distinct(samples)))
     if n_components == "bic":
         fit = _least_bic(fitted, n_windows, rank, most)
     else:
@@ -132,23 +125,48 @@ def log_densities(
 
 
 def _principal_directions(
-    centred: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return variances, falling, and directions (rows) of centred rows (N, n)."""
+    centred: NDArray[np.float64], explained_variance: float
+) -> tuple[NDArray[np.float64], float]:
+    """Return the leading directions (r, n) of rows (N, n), and what they leave out.
+
+    That is the mean variance in the n - r other directions.
+    """
     n_rows, n = centred.shape
     if min(n_rows, n) <= _LARGE:
         _, singular, directions = np.linalg.svd(centred, full_matrices=False)
-        return singular**2, directions
-    if n <= n_rows:
-        energy, columns = eigh(centred.T @ centred)
-        return np.maximum(energy[::-1], 0), columns.T[::-1]
-    energy, columns = eigh(centred @ centred.T)
-    energy = np.maximum(energy[::-1], 0)
-    # Directions of no variance are not determined by the products.
-    rank = max(1, int(np.sum(energy > 1e-12 * energy[0])))
-    directions = columns[:, ::-1][:, :rank].T @ centred
-    directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None]
-    return energy[:rank], directions
+        rank, residual = _rank(singular**2, n, explained_variance)
+        return directions[:rank], residual
+    rows_are_fewer = n_rows < n
+    energy, columns = eigh(
+        centred @ centred.T if rows_are_fewer else centred.T @ centred
+    )
+    rank, residual = _rank(np.maximum(energy[::-1], 0), n, explained_variance)
+    leading = columns[:, ::-1][:, :rank]
+    if rows_are_fewer:
+        # Of length sqrt(energy), and orthogonal only as far as that is not tiny.
+        leading = np.linalg.qr(centred.T @ leading)[0]
+    return np.ascontiguousarray(leading.T), residual
+
+
+def _rank(
+    energy: NDArray[np.float64], n: int, explained_variance: float
+) -> tuple[int, float]:
+    """Return how many directions to keep, and the mean variance in the others."""
+    total = float(energy.sum())
+    if total < 1 / GREATEST:
+        return 1, total / n
+    kept = np.cumsum(energy) / total
+    rank = 1 + int(np.searchsorted(kept, explained_variance * (1 - 1e-12)))
+    rank = min(rank, len(energy))
+    return rank, float(energy[rank:].sum()) / max(n - rank, 1)
+
+
+def _distinct(samples: NDArray[np.float64]) -> int:
+    """Return how many samples differ by more than rounding."""
+    greatest = float(np.max(np.abs(samples)))
+    if greatest**2 < 1 / GREATEST:
+        return 1
+    return len(np.unique(np.round(samples / greatest, 9), axis=0))
 
 
 def _least_bic(

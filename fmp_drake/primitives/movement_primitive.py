@@ -141,7 +141,8 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
             Demonstrations may differ in length.
         y : ignored
         weights : array_like, optional
-            How much each demonstration (or window) counts, relative to the others.
+            How much each demonstration (or window) counts, relative to the others; one
+            of 0 is left out.
         progress : callable, optional
             Told in words how far the fit is.
 
@@ -156,6 +157,9 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         windows = self._windows(X, at_least=2)
         counts = window_weights(windows, weights)
         values, example = windows.values, windows.example
+        if counts is not None and not np.all(counts):
+            values, counts = values[counts > 0], counts[counts > 0]
+            counts = counts / counts.mean()
         d = values.shape[2]
         self.n_windows_ = len(values)
         self.n_channels_ = d
@@ -229,9 +233,9 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         """Draw trajectories, shape (n, T, D)."""
         self.check_fitted()
         for name, value in (("n", n), ("seed", seed)):
-            if not (is_whole(value) and value >= 0):
+            if not (is_whole(value) and 0 <= value < 2**31):
                 raise SkillError(
-                    f"{name} is {value!r}; it must be a whole number, not negative."
+                    f"{name} is {value!r}; it must be a whole number from 0 to 2^31 - 1."
                 )
         rng = np.random.default_rng(seed)
         counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())

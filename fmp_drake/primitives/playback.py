@@ -101,7 +101,7 @@ class Player:
         are kept in, in (0, 1]; 1 is no bound.
     start_tolerance : float
         How closely the mapped weights meet the start, as a share of the movement's
-        half width; the offset takes the rest. 0 is as closely as the skill's tolerance
+        half width (root 2 of its standard deviation); the offset takes the rest. 0 is as closely as the skill's tolerance
         says, which buys millimetres where the demonstrations did not vary by metres
         where they did.
     """
@@ -323,18 +323,15 @@ class Player:
     def _start_variances(self, share: float) -> NDArray[np.float64]:
         """Return lambda of (13) for a start, per channel, (D,)."""
         skill = self.skill
-        if not (np.isfinite(share) and share >= 0):
+        if not (is_number(share) and share >= 0):
             raise SkillError(
                 f"start_tolerance is {share}; it must be 0 (exact) or positive."
             )
-        half = (skill.extent_[1] - skill.extent_[0]) / 2
-        widest = {
-            unit: max(h for h, u in zip(half, skill.units_, strict=True) if u == unit)
-            for unit in skill.units_
-        }
-        spread = np.array([widest[unit] for unit in skill.units_])
+        # All channels of a unit together: a turned movement has the same half width.
+        variances, units = _variances(skill), np.array(skill.units_)
+        squares = np.array([2 * variances[units == unit].sum() for unit in units])
         return np.maximum(
-            (share * spread) ** 2, skill.tolerance * np.square(skill.scales_)
+            share**2 * squares, skill.tolerance * np.square(skill.scales_)
         )
 
     def _window(self, entry: _Entry) -> NDArray[np.float64]:
@@ -416,6 +413,18 @@ class Player:
                 f"the target has shape {own.shape}; expected ({n},) finite weights."
             )
         return own
+
+
+def _variances(skill: "FourierMovementPrimitive") -> NDArray[np.float64]:
+    """Return the variance of each channel over all windows and times, (D,)."""
+    n, d = skill.n_steps, skill.n_channels_
+    square, middle = np.zeros(d), np.zeros(d)
+    for share, c in zip(skill.proportions_, skill.components_, strict=True):
+        weights = c.mean.reshape(d, n)
+        spread = (c.basis**2 @ c.variances).reshape(d, n)
+        square += share * (weights**2 + spread + c.noise).sum(axis=1) / n
+        middle += share * weights[:, 0] / np.sqrt(n)
+    return np.maximum(square - middle**2, 0) * skill.scales_**2
 
 
 def _state(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
+from fmp_drake.primitives.numeric import GREATEST, all_finite, as_floats
 
 ChannelScales = Literal["units"] | ArrayLike
 
@@ -37,7 +38,7 @@ def channel_scales(
                 spread = float(np.sqrt(variances[same].mean()))
                 out[same] = spread if spread > 0 else 1.0
         return out
-    out = np.asarray(scales, dtype=float)
-    if out.shape != (d,) or not np.all(np.isfinite(out) & (out > 0)):
+    out = as_floats(scales, "scales is")
+    if out.shape != (d,) or not (all_finite(out) and np.all(out > 1 / GREATEST)):
         raise SkillError(f"scales is {scales}; expected {d} positive numbers.")
     return out.copy()

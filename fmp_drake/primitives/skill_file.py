@@ -11,6 +11,7 @@ from fmp_drake.primitives.fitted import build_skill
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.npz_file import read_npz, write_npz
+from fmp_drake.primitives.numeric import GREATEST, all_finite
 
 FORMAT = "fmp-drake-skill"
 # 2 added the scales of the channels, which had been 1, and the rotation reference.
@@ -74,7 +75,7 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
         if metadata["format"] != FORMAT:
             raise SkillFileError(foreign)
         version = int(metadata["version"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         if isinstance(error, FmpError):
             raise
         raise SkillFileError(foreign) from None
@@ -91,20 +92,42 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
         if (
             skill.extent_.shape != (2, d)
             or skill.scales_.shape != (d,)
-            or not np.all(skill.scales_ > 0)
+            or not np.all(skill.scales_ > 1 / GREATEST)
             or skill.proportions_.shape != (m,)
             or any(c.dim != d * skill.n_steps for c in skill.components_)
         ):
             raise SkillFileError("its arrays do not fit together")
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+        _check_numbers(skill)
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
         raise SkillFileError(f"{path} is an incomplete skill file: {error}.") from None
     return skill
+
+
+def _check_numbers(skill: FourierMovementPrimitive) -> None:
+    """Raise SkillFileError where the numbers of a skill cannot come from a fit."""
+    for names in (skill.channels_, skill.units_):
+        if len(names) != skill.n_channels_ or not all(
+            isinstance(n, str) for n in names
+        ):
+            raise SkillFileError("it does not have a name and a unit for each channel")
+    proportions = skill.proportions_
+    if not (np.all(proportions > 0) and abs(proportions.sum() - 1) < 1e-6):
+        raise SkillFileError("its proportions are not positive or do not add up to 1")
+    for c in skill.components_:
+        if np.max(np.abs(c.basis.T @ c.basis - np.eye(c.rank)), initial=0) > 1e-6:
+            raise SkillFileError("the basis of a component is not orthonormal")
 
 
 def _fitted(
     metadata: dict[str, Any], arrays: dict[str, Any], *, version: int
 ) -> dict[str, Any]:
     """Return the fitted attributes in a file."""
+    for name, array in arrays.items():
+        kinds = {"metadata": "U", "ranks": "i"}.get(name, "fi")
+        if array.dtype.kind not in kinds or not (
+            name == "metadata" or all_finite(array)
+        ):
+            raise SkillFileError(f"{name} holds something other than finite numbers")
     ends = np.cumsum(arrays["ranks"])
     components = tuple(
         LowRankGaussian(

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.numeric import GREATEST, is_number
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -241,5 +242,5 @@ def paper_precision_diagonal(
 
 
 def _check_positive(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value > 0):
+    if not (is_number(value) and value > 1 / GREATEST):
         raise SkillError(f"{name} is {value}; it must be positive.")

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives import FourierBasis
+from fmp_drake.primitives import FourierBasis, mixture
 from fmp_drake.primitives.mixture import fit_mixture, log_densities
 
 OPTIONS = {
@@ -112,7 +112,7 @@ def test_log_density_is_that_of_9_up_to_the_change_of_weights(
     skill = small_skill
     t, n = skill.n_steps, skill.components_[0].dim
     noise = skill.components_[0].noise
-    mixture = paper_mixture(skill)
+    of_paper = paper_mixture(skill)
     y = skill.sample(5, seed=2)
     ours = log_densities(skill.basis.analyze(y), skill.proportions_, skill.components_)
     # The paper's weights: n directions longer by sqrt(T), and n more that are zero
@@ -120,7 +120,7 @@ def test_log_density_is_that_of_9_up_to_the_change_of_weights(
     constant = 0.5 * n * (np.log(t) + np.log(2 * np.pi * t * noise))
     for window, value in zip(y, ours, strict=True):
         w = dense_paper.weights_of(window)
-        theirs = dense_paper.mixture_log_density(w, *mixture)
+        theirs = dense_paper.mixture_log_density(w, *of_paper)
         assert value == pytest.approx(theirs + constant, rel=1e-7)
 
 
@@ -128,3 +128,122 @@ def test_one_proportion_is_needed_per_component():
     _, components = fit_mixture(clusters(), **{**OPTIONS, "n_components": 3})
     with pytest.raises(SkillError, match="2 proportions for 3 components"):
         log_densities(clusters(), np.array([0.5, 0.5]), components)
+
+
+# Number of components -------------------------------------------------------
+
+
+@pytest.mark.parametrize("centres", [1, 2, 4])
+def test_bic_finds_the_number_of_separate_clusters(centres):
+    w = clusters(centres=centres)
+    pi, _ = fit_mixture(
+        w, **{**OPTIONS, "n_components": "bic", "explained_variance": 0.999}
+    )
+    assert len(pi) == centres
+    counts = np.arange(centres, 0, -1)
+    assert_allclose(pi, counts / counts.sum(), atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_bic_chooses_among_few_windows(count):
+    w = np.random.default_rng(0).standard_normal((count, 12))
+    pi, components = fit_mixture(w, **{**OPTIONS, "n_components": "bic"})
+    assert 1 <= len(components) <= max(1, count // 2)
+    assert pi.sum() == pytest.approx(1)
+
+
+# Principal directions -------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(40, 12), (12, 40), (15, 15), (2, 9), (9, 1)])
+@pytest.mark.parametrize("explained_variance", [0.5, 0.99, 1.0])
+def test_directions_of_products_are_those_of_the_decomposition(
+    shape, explained_variance, monkeypatch
+):
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(shape) * np.geomspace(1, 1e-3, shape[1])
+    x -= x.mean(axis=0)
+    energy = np.linalg.svd(x, compute_uv=False) ** 2
+    one, residual = mixture._principal_directions(x, explained_variance)
+    monkeypatch.setattr(mixture, "_LARGE", 0)
+    two, other_residual = mixture._principal_directions(x, explained_variance)
+    rank = len(one)
+    assert len(two) == rank
+    assert energy[:rank].sum() >= explained_variance * energy.sum() * (1 - 1e-9)
+    assert energy[: rank - 1].sum() < explained_variance * energy.sum()
+    expected = energy[rank:].sum() / max(shape[1] - rank, 1)
+    assert_allclose([residual, other_residual], expected, rtol=1e-6, atol=1e-12)
+    assert_allclose(two @ two.T, np.eye(rank), atol=1e-9)
+    assert_allclose(np.abs(np.sum(one * two, axis=1)), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(40, 120), (120, 40)])
+@pytest.mark.parametrize("explained_variance", [0.99, 1.0])
+def test_large_fits_are_the_same(shape, explained_variance, monkeypatch):
+    rng = np.random.default_rng(0)
+    w = rng.standard_normal((shape[0], 8)) @ rng.standard_normal((8, shape[1]))
+    options = {
+        **OPTIONS,
+        "n_components": 2,
+        "explained_variance": explained_variance,
+    }
+    pi, components = fit_mixture(w, **options)
+    monkeypatch.setattr(mixture, "_LARGE", 0)
+    other_pi, others = fit_mixture(w, **options)
+    assert_allclose(other_pi, pi)
+    for one, two in zip(components, others, strict=True):
+        assert_allclose(two.mean, one.mean, atol=1e-8)
+        assert_allclose(dense(two), dense(one), atol=1e-7)
+        assert_allclose(two.basis.T @ two.basis, np.eye(two.rank), atol=1e-9)
+
+
+def test_large_fit_of_directions_that_hardly_vary_stays_orthonormal(monkeypatch):
+    monkeypatch.setattr(mixture, "_LARGE", 0)
+    rng = np.random.default_rng(0)
+    w = rng.standard_normal((30, 60)) * np.geomspace(1, 1e-12, 60)
+    _, (g,) = fit_mixture(w, **{**OPTIONS, "regularization": 1e-14})
+    assert_allclose(g.basis.T @ g.basis, np.eye(g.rank), atol=1e-9)
+
+
+@pytest.mark.parametrize("large", [1000, 0])
+@pytest.mark.parametrize("value", [0.0, 0.3, 1e6])
+def test_windows_that_do_not_vary_have_the_regulariser_alone(large, value, monkeypatch):
+    monkeypatch.setattr(mixture, "_LARGE", large)
+    for shape in ((6, 12), (12, 6), (2, 8)):
+        _, components = fit_mixture(
+            np.full(shape, value), **{**OPTIONS, "n_components": 3}
+        )
+        for g in components:
+            assert_allclose(g.mean, value, rtol=1e-12)
+            assert_allclose(dense(g), 1e-3 * np.eye(shape[1]), rtol=1e-6, atol=1e-9)
+
+
+def test_two_windows_vary_along_their_difference():
+    a, b = np.random.default_rng(0).standard_normal((2, 9))
+    pi, (g,) = fit_mixture(np.stack([a, b]), **{**OPTIONS, "n_components": 10})
+    assert_allclose(pi, [1.0])
+    assert_allclose(g.mean, (a + b) / 2)
+    half = (a - b) / 2
+    assert_allclose(dense(g), np.outer(half, half) + 1e-3 * np.eye(9), atol=1e-9)
+
+
+# Weights of the windows -----------------------------------------------------
+
+
+def test_integer_weights_are_repeated_windows():
+    w = clusters(each=20)
+    times = np.random.default_rng(1).integers(1, 4, size=len(w))
+    options = {**OPTIONS, "n_components": 3, "explained_variance": 0.9999}
+    pi, components = fit_mixture(w, sample_weights=times / times.mean(), **options)
+    other_pi, others = fit_mixture(np.repeat(w, times, axis=0), **options)
+    assert_allclose(other_pi, pi, rtol=1e-9)
+    for one, two in zip(components, others, strict=True):
+        assert_allclose(two.mean, one.mean, atol=1e-9)
+        assert_allclose(dense(two), dense(one), atol=1e-8)
+
+
+def test_progress_tells_about_the_parts_of_the_fit():
+    said = []
+    fit_mixture(clusters(), **{**OPTIONS, "n_components": 2}, progress=said.append)
+    assert said[0] == "principal directions of 240 windows of 10 weights"
+    assert said[1].startswith("2 components, round 1: mean log-likelihood ")

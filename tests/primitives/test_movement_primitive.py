@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
+from sklearn.model_selection import GridSearchCV, KFold, cross_val_score
 
 from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
@@ -401,3 +402,191 @@ def test_skill_is_learned_from_real_demonstrations(real_demonstration_paths):
     span = np.ptp(skill.extent_, axis=0)
     assert np.all(y > skill.extent_[0] - span)
     assert np.all(y < skill.extent_[1] + span)
+
+
+# As an estimator of scikit-learn ------------------------------------------------
+
+
+def arcs(count=60, t=16, seed=0):
+    """Return windows of an arc whose size and phase vary: two channels."""
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0, 4, t)
+    size, phase = rng.uniform(0.8, 1.2, count), rng.uniform(0, 2 * np.pi, count)
+    angle = s + phase[:, None]
+    path = np.stack([np.sin(angle), np.cos(angle)], axis=-1) * size[:, None, None]
+    return path + 0.01 * rng.standard_normal(path.shape)
+
+
+def arc_learner(**changes):
+    options = {"n_steps": 16, "overlap": 2, "n_components": 3, "shrinkage": 0.0}
+    return FourierMovementPrimitive(**{**options, **changes})
+
+
+def test_score_is_the_held_out_log_likelihood_per_time_step():
+    skill = arc_learner().fit(arcs())
+    held_out = arcs(seed=1)
+    expected = skill.score_samples(held_out).mean() / 16
+    assert skill.score(held_out) == pytest.approx(expected, rel=1e-12)
+
+
+def test_cross_validation_scores_windows_that_were_left_out():
+    x, folds = arcs(), KFold(3)
+    scores = cross_val_score(arc_learner(), x, cv=folds)
+    expected = [
+        arc_learner().fit(x[train]).score(x[test]) for train, test in folds.split(x)
+    ]
+    assert_allclose(scores, expected, rtol=1e-9)
+
+
+def test_grid_search_chooses_the_greatest_held_out_score():
+    grid = {"n_components": [1, 4, 10], "regularization": [1e-6, 1e-4, 1.0]}
+    search = GridSearchCV(arc_learner(shrinkage=3.0), grid, cv=3).fit(arcs())
+    scores = search.cv_results_["mean_test_score"]
+    assert np.all(np.isfinite(scores))
+    assert search.best_score_ == scores.max()
+    # One Gaussian cannot follow a circle, and 1 m^2 of noise hides it.
+    assert search.best_params_["n_components"] > 1
+    assert search.best_params_["regularization"] < 1.0
+    best = search.best_estimator_
+    assert best.get_params()["n_components"] == search.best_params_["n_components"]
+    assert search.score(arcs(seed=1)) == pytest.approx(best.score(arcs(seed=1)))
+
+
+def test_clone_of_a_fitted_skill_learns_the_same():
+    x = arcs()
+    one = arc_learner(regularization=1e-5, shrinkage=2.0, n_components="bic").fit(x)
+    two = clone(one).fit(x)
+    assert two.get_params() == one.get_params()
+    assert two.score(x) == one.score(x)
+
+
+def test_fit_ignores_targets_and_returns_itself():
+    skill = arc_learner()
+    assert skill.fit(arcs(), np.zeros(60)) is skill
+
+
+# How much demonstrations count --------------------------------------------------
+
+
+def test_demonstration_of_no_weight_is_left_out(make_demonstration):
+    demonstrations = [
+        make_demonstration(task, seconds=20, seed=i)
+        for i, task in enumerate(("eight", "wiping", "eight"))
+    ]
+    skill = FourierMovementPrimitive(
+        n_steps=40, overlap=4, stride=4, n_components=4, explained_variance=1.0
+    )
+    without = clone(skill).fit([demonstrations[0], demonstrations[2]])
+    zero = clone(skill).fit(demonstrations, weights=[2.0, 0.0, 2.0])
+    assert zero.n_windows_ == without.n_windows_
+    assert np.array_equal(zero.extent_, without.extent_)
+    held_out = make_demonstration("eight", seconds=20, seed=9)
+    assert zero.score(held_out) == pytest.approx(without.score(held_out), rel=1e-6)
+
+
+def test_window_of_no_weight_is_left_out():
+    x = arcs()
+    weights = np.ones(60)
+    weights[40:] = 0.0
+    x[40:] += 100.0
+    zero = arc_learner().fit(x, weights=weights)
+    without = arc_learner().fit(x[:40])
+    held_out = arcs(seed=1)
+    assert zero.score(held_out) == pytest.approx(without.score(held_out), rel=1e-6)
+    assert np.array_equal(zero.extent_, without.extent_)
+
+
+def test_windows_count_as_often_as_their_weight_says():
+    x = arcs(20)
+    times = np.random.default_rng(0).integers(1, 4, 20)
+    one = arc_learner(n_components=1).fit(x, weights=times)
+    two = arc_learner(n_components=1).fit(np.repeat(x, times, axis=0))
+    held_out = arcs(seed=1)
+    assert_allclose(one.score_samples(held_out), two.score_samples(held_out), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        ([1.0], "expected 60 numbers"),
+        (np.full(60, -1.0), "not negative"),
+        (np.full(60, np.nan), "not negative"),
+        (np.zeros(60), "leave 0 windows; at least 2"),
+        (np.eye(60)[0], "leave 1 windows; at least 2"),
+        ("heavy", "'heavy' cannot be read as real numbers"),
+    ],
+)
+def test_weights_that_do_not_fit_are_refused(weights, message):
+    with pytest.raises(DemonstrationError, match=message):
+        arc_learner().fit(arcs(), weights=weights)
+
+
+def test_progress_is_told_in_words():
+    said = []
+    arc_learner().fit(arcs(), progress=said.append)
+    assert said[0] == "principal directions of 60 windows of 32 weights"
+    assert all("mean log-likelihood" in line for line in said[1:])
+    assert len(said) > 2
+    said.clear()
+    arc_learner(n_components="bic").fit(arcs(), progress=said.append)
+    assert any(line.startswith("1 components") for line in said)
+    assert any(line.startswith("2 components") for line in said)
+
+
+@pytest.mark.parametrize("t", [15, 16])
+@pytest.mark.parametrize("constant", [0, 1])
+def test_constant_channel_beside_one_that_moves(t, constant):
+    x = arcs(t=t)
+    x[..., constant] = 0.7
+    skill = arc_learner(n_steps=t).fit(x)
+    y = skill.sample(20, with_noise=False)
+    assert_allclose(y[..., constant], 0.7, atol=1e-9)
+    mapped = skill.map_partial(x[0][:3])
+    assert_allclose(skill.synthesize(mapped.weights)[:, constant], 0.7, atol=1e-4)
+
+
+@pytest.mark.parametrize("n_components", [1, 10, "bic"])
+def test_two_windows_are_a_skill(n_components):
+    x = arcs(2)
+    skill = arc_learner(n_components=n_components).fit(x)
+    assert len(skill.components_) == 1
+    assert_allclose(skill.synthesize(skill.components_[0].mean), x.mean(axis=0))
+    for window in x:
+        w = skill.map_partial(window).weights
+        assert_allclose(skill.synthesize(w), window, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("n_steps", 8.5),
+        ("n_steps", None),
+        ("stride", 1.5),
+        ("rate", 1e9),
+        ("n_components", 2.0),
+        ("n_components", "aic"),
+        ("overlap", "3"),
+        ("explained_variance", None),
+        ("shrinkage", -1.0),
+        ("shrinkage", np.inf),
+        ("tolerance", np.inf),
+        ("selection", None),
+        ("random_state", -1),
+        ("random_state", None),
+    ],
+)
+def test_parameters_of_another_kind_are_named(name, value):
+    with pytest.raises(SkillError, match=f"{name} is {value!r}; it must be"):
+        tiny(**{name: value}).fit(windows(9))
+
+
+@pytest.mark.parametrize("component", [-1, 3, 0.0, None])
+def test_covariance_of_no_component_is_refused(small_skill, component):
+    with pytest.raises(SkillError, match=r"there is no component .*choose 0 to 2"):
+        small_skill.covariance(component, 3.0)
+
+
+@pytest.mark.parametrize("step", [-0.1, 23.5, np.nan, "end"])
+def test_covariance_outside_the_window_is_refused(small_skill, step):
+    with pytest.raises(SkillError, match="not defined; a window runs from 0 to 23"):
+        small_skill.covariance(0, step)

@@ -412,3 +412,123 @@ def test_real_demonstrations_are_played_from_outside(real_demonstration_paths):
         late = motion[300:, 0]
         assert np.all(late > skill.extent_[0] - 0.3 * span - 0.01), name
         assert np.all(late < skill.extent_[1] + 0.3 * span + 0.01), name
+
+
+# Many starts, streams, targets ------------------------------------------------
+
+
+def starts_around(skill, count=9):
+    """Return starts in a box twice as wide as what was demonstrated."""
+    middle, half = skill.extent_.mean(axis=0), np.ptp(skill.extent_, axis=0) / 2
+    rng = np.random.default_rng(0)
+    return middle + 2 * half * rng.uniform(-1, 1, (count, len(middle)))
+
+
+def test_rollout_of_many_starts_is_that_of_each(small_skill, options):
+    starts = starts_around(small_skill)
+    many = Player(small_skill, **options).rollout(starts, 7.3)
+    assert many.shape == (9, 74, 3, 2)
+    assert_allclose(many[:, 0, 0], starts, atol=1e-12)
+    for i, start in enumerate(starts):
+        # The samples of start i are drawn from the seed plus i.
+        alone = dict(options)
+        if "seed" in alone:
+            alone["seed"] += i
+        one = Player(small_skill, **alone).rollout(start, 7.3)
+        assert_allclose(many[i], one, rtol=1e-9, atol=1e-8)
+
+
+def test_stream_is_the_rollout_a_window_at_a_time(player):
+    start = outside(player.skill)
+    chunks = [c for c, _ in zip(player.stream(start), range(5), strict=False)]
+    assert [c.shape for c in chunks] == [(20, 3, 2)] * 5
+    assert np.array_equal(np.concatenate(chunks), player.rollout(start, 9.9))
+
+
+def test_stream_of_many_starts_is_their_rollout(player):
+    starts = starts_around(player.skill, 3)
+    chunks = [c for c, _ in zip(player.stream(starts), range(3), strict=False)]
+    assert np.array_equal(np.concatenate(chunks, axis=1), player.rollout(starts, 5.9))
+
+
+def test_two_streams_do_not_disturb_each_other(player):
+    one, two = player.stream([0.0, 0.0]), player.stream(outside(player.skill))
+    mixed = [(next(one), next(two)) for _ in range(3)]
+    alone = player.stream([0.0, 0.0])
+    for chunk, _ in mixed:
+        assert np.array_equal(chunk, next(alone))
+
+
+def test_own_target_is_reached(small_skill):
+    window = small_skill.sample(1, seed=8, with_noise=False)[0]
+    target = small_skill.analyze(window)
+    player = Player(
+        small_skill, target=target, tracker=LqrTracker(time_constant=0.2, shortest=0.1)
+    )
+    state = player.start(outside(small_skill))
+    assert np.array_equal(state.target, target)
+    for _ in range(19):
+        state = player.tick(state)
+    assert_allclose(state.weights, target, atol=1e-3)
+    assert_allclose(player.motion(state)[0] - state.offset[0], window[22], atol=1e-3)
+    state = player.remap(player.tick(state))
+    assert np.array_equal(state.target, target)
+
+
+def test_own_target_is_one_for_all_starts(small_skill):
+    target = small_skill.components_[1].mean
+    starts = starts_around(small_skill, 4)
+    player = Player(small_skill, target=target)
+    many = player.rollout(starts, 6.0)
+    for motion, start in zip(many, starts, strict=True):
+        assert_allclose(motion, player.rollout(start, 6.0), rtol=1e-9, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        (np.zeros(47), r"shape \(47,\); expected \(48,\)"),
+        (np.zeros((1, 48)), r"expected \(48,\)"),
+        (np.full(48, np.nan), "finite weights"),
+        ("mean", "'mean' cannot be read as real numbers"),
+    ],
+)
+def test_target_that_is_no_weights_is_refused(small_skill, target, message):
+    with pytest.raises(SkillError, match=message):
+        Player(small_skill, target=target)
+
+
+def test_target_and_samples_exclude_each_other(small_skill):
+    with pytest.raises(SkillError, match="either a target or sample=True"):
+        Player(small_skill, target=np.zeros(48), sample=True)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, None, "one"])
+def test_seed_that_is_no_whole_number_is_refused(small_skill, seed):
+    with pytest.raises(SkillError, match=r"seed is .* whole number"):
+        Player(small_skill, seed=seed)
+
+
+@pytest.mark.parametrize("start", [[0.0], [[[0.0, 0.0]]], [[0, np.nan]], "here", None])
+def test_rollout_from_what_is_no_start_is_refused(small_skill, start):
+    with pytest.raises(SkillError, match="the start"):
+        Player(small_skill).rollout(start, 1.0)
+
+
+@pytest.mark.parametrize("sample", [False, True])
+def test_ten_minutes_stay_where_the_demonstrations_were(wiping_skill, sample):
+    player = Player(wiping_skill, sample=sample)
+    motion = player.rollout(outside(wiping_skill), 600.0)
+    assert motion.shape == (12001, 3, 3)
+    assert np.all(np.isfinite(motion))
+    low, high = wiping_skill.extent_
+    margin = (0.35 if sample else 0.1) * (high - low)
+    late = motion[440:, 0]
+    assert np.all((late > low - margin) & (late < high + margin))
+    # The last minute moves like the second.
+    second, last = motion[1200:2400, 0], motion[-1200:, 0]
+    assert_allclose(last.std(axis=0), second.std(axis=0), rtol=0.35)
+    # Values are the integral of velocities and those of accelerations, throughout.
+    for k, tolerance in ((0, 2e-3), (1, 0.05)):
+        trapezium = (motion[1:, k + 1] + motion[:-1, k + 1]) / 2 / 20
+        assert np.max(np.abs(np.diff(motion[:, k], axis=0) - trapezium)) < tolerance

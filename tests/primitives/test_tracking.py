@@ -8,8 +8,13 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_are
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives import LowRankGaussian, LqrTracker, ProportionalTracker
-from fmp_drake.primitives.tracking import paper_precision_diagonal
+from fmp_drake.primitives import (
+    ExponentialTracker,
+    LowRankGaussian,
+    LqrTracker,
+    ProportionalTracker,
+)
+from fmp_drake.primitives.tracking import Drift, paper_precision_diagonal
 
 TICK = 0.1
 
@@ -237,3 +242,154 @@ def test_lqr_tracks_a_component_without_a_factor():
 def test_time_constants_that_are_not_positive_are_refused(name, value):
     with pytest.raises(SkillError, match=f"{name} is .* must be positive"):
         LqrTracker(**{name: value})
+
+
+# Exponential --------------------------------------------------------------------
+
+
+def exponential(g, beta):
+    return ExponentialTracker(beta=beta).drift(g, n_steps=16, tick=TICK)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.013, 0.4, 3.0])
+def test_exponential_tracker_solves_its_differential_equation(seconds):
+    g = component()
+    precision = paper_precision_diagonal(g, n_steps=16)
+    beta = 2 / precision.max()
+    w0, target = start(g), g.mean + 0.3
+    expected = w0
+    if seconds > 0:
+        expected = solve_ivp(
+            lambda _, w: beta * precision * (target - w),
+            (0, seconds),
+            w0,
+            rtol=1e-10,
+            atol=1e-12,
+        ).y[:, -1]
+    w, w_dot, w_ddot = exponential(g, beta).advance(w0, target, seconds)
+    assert_allclose(w, expected, atol=1e-8)
+    slope = beta * precision * (target - expected)
+    assert_allclose(w_dot, slope, atol=1e-7)
+    assert_allclose(w_ddot, -beta * precision * slope, atol=1e-6)
+
+
+def test_exponential_tracker_is_the_limit_of_small_steps_of_17():
+    g = component()
+    beta = 5 / paper_precision_diagonal(g, n_steps=16).max()
+    w0 = start(g)
+    exact = exponential(g, beta).advance(w0, g.mean, TICK)[0]
+    errors = []
+    for steps in (1, 10, 100, 1000):
+        drift = ProportionalTracker(beta=beta).drift(g, n_steps=16, tick=TICK / steps)
+        w = w0
+        for _ in range(steps):
+            w = drift.advance(w, g.mean, TICK / steps)[0]
+        errors.append(np.max(np.abs(w - exact)))
+    # First order: a tenth of the step, a tenth of the error.
+    assert_allclose(np.divide(errors[1:], errors[:-1]), 0.1, rtol=0.3)
+    assert errors[-1] < 1e-3 * np.max(np.abs(w0 - g.mean))
+
+
+def test_exponential_tracker_uses_the_diagonal_of_the_papers_precision(
+    small_skill, paper_mixture
+):
+    skill, beta, seconds = small_skill, 1e-9, 0.7
+    _, mu, sigma = paper_mixture(skill)
+    ours = skill.basis.analyze(skill.sample(seed=4)[0])
+    paper = skill.basis.to_paper(ours)
+    for j, gaussian in enumerate(skill.components_):
+        drift = ExponentialTracker(beta=beta).drift(
+            gaussian, n_steps=skill.n_steps, tick=TICK
+        )
+        rates = beta * np.diag(np.linalg.inv(sigma[j]))
+        expected = mu[j] + np.exp(-rates * seconds) * (paper - mu[j])
+        got = drift.advance(ours, gaussian.mean, seconds)[0]
+        assert_allclose(skill.basis.to_paper(got), expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("beta", [1e3, 1e9, 1e30, 1e90])
+def test_exponential_tracker_is_stable_for_any_gain(beta):
+    g = component()
+    drift = exponential(g, beta)
+    w = start(g)
+    for _ in range(100):
+        before, w = w, drift.advance(w, g.mean, TICK)[0]
+        assert np.all(np.abs(w - g.mean) <= np.abs(before - g.mean))
+    assert_allclose(w, g.mean, atol=1e-12)
+    assert np.all(np.isfinite(drift.advance(start(g), g.mean, 0.0)))
+
+
+@pytest.mark.parametrize("beta", [0.0, -1.0, np.nan, np.inf, "high", None])
+def test_exponential_gain_that_is_not_positive_is_refused(beta):
+    with pytest.raises(SkillError, match=f"beta is {beta}; it must be positive"):
+        ExponentialTracker(beta=beta)
+
+
+# Decay ---------------------------------------------------------------------------
+
+DRIFTS = {
+    "lqr": lambda g: LqrTracker().drift(g, n_steps=16, tick=TICK),
+    "exponential": lambda g: exponential(g, 1e-3),
+    "proportional": lambda g: ProportionalTracker(beta=1e-3).drift(
+        g, n_steps=16, tick=TICK
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DRIFTS)
+def test_derivatives_of_the_decay_are_finite_differences(name):
+    drift, h = DRIFTS[name](component()), 1e-6
+    rng = np.random.default_rng(0)
+    # (17) moves in straight lines from tick to tick: stay away from the corners.
+    times = (rng.integers(0, 8, 30) + rng.uniform(0.05, 0.95, 30)) * TICK
+    for decay in (drift.decay, drift.rest_decay):
+        here, before, after = decay(times), decay(times - h), decay(times + h)
+        slope = (after - before)[:2] / (2 * h)
+        assert_allclose(here[1:], slope, rtol=1e-5, atol=1e-5)
+        assert_allclose(decay(0.0)[0], 1.0)
+
+
+@pytest.mark.parametrize("name", DRIFTS)
+def test_decay_at_many_times_is_that_at_each(name):
+    drift = DRIFTS[name](component())
+    times = np.array([0.0, 0.03, 0.1, 0.25, 2.0])
+    for i, t in enumerate(times):
+        assert_allclose(drift.decay(times)[:, i], drift.decay(float(t)), rtol=1e-12)
+        assert_allclose(
+            drift.rest_decay(times)[:, i], drift.rest_decay(float(t)), rtol=1e-12
+        )
+
+
+@pytest.mark.parametrize("name", DRIFTS)
+def test_split_and_decay_are_the_advance(name):
+    g = component()
+    drift = DRIFTS[name](g)
+    deviation = start(g) - g.mean
+    inside, rest = drift.split(deviation)
+    left = inside * drift.decay(0.07)[0]
+    if drift.modes is not None:
+        left = left @ drift.modes.T + rest * drift.rest_decay(0.07)[0]
+        assert_allclose(rest @ drift.modes, 0, atol=1e-12)
+    else:
+        assert rest is None
+    got = drift.advance(start(g), g.mean, 0.07)[0]
+    assert_allclose(got, g.mean + left, atol=1e-12)
+
+
+def test_many_weights_advance_like_each_one():
+    g = component()
+    w = g.mean + np.random.default_rng(0).standard_normal((5, g.dim))
+    for name, make in DRIFTS.items():
+        drift = make(g)
+        many = drift.advance(w, g.mean, 0.13)
+        assert many.shape == (3, 5, 16)
+        for i, one in enumerate(w):
+            alone = drift.advance(one, g.mean, 0.13)
+            assert_allclose(many[:, i], alone, atol=1e-12, err_msg=name)
+
+
+def test_euler_steps_stay_exact_over_many_ticks():
+    drift = Drift(modes=None, rates=np.array([3.0]), euler_tick=TICK)
+    for ticks in range(200):
+        held = drift.decay(ticks * TICK)[0, 0]
+        assert held == pytest.approx((1 - 0.3) ** ticks, rel=1e-9)

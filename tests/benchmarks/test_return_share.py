@@ -1,0 +1,60 @@
+"""The share of 1000 random starts that return, and how they play on for 10 minutes."""
+
+import numpy as np
+import pytest
+from tube import bundled, measure_return, peak_speed, remapping_jumps, starts_in_box
+
+from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.primitives.movement_primitive import PAPER_SETTINGS
+
+SETTINGS = {"defaults": {}, "M = 10, stride 10": PAPER_SETTINGS}
+PERIODS = {"polishing": 2.0, "eight": 3.0}
+STARTS = 1000
+SECONDS = 600.0
+
+
+@pytest.mark.parametrize("task", list(PERIODS))
+@pytest.mark.parametrize("settings", list(SETTINGS))
+def test_return(benchmark, figures, task, settings):
+    demonstration, period = bundled(task), PERIODS[task]
+    skill = FourierMovementPrimitive(**SETTINGS[settings]).fit(demonstration)
+    peak = peak_speed(demonstration, skill.rate)
+    starts = starts_in_box(skill, STARTS)
+    found = benchmark.pedantic(
+        measure_return,
+        args=(skill,),
+        kwargs={"starts": starts, "seconds": SECONDS, "period": period, "peak": peak},
+        rounds=1,
+    )
+    jumps = np.array(
+        [np.concatenate(remapping_jumps(skill, s, SECONDS)) for s in starts[:3]]
+    ).max(axis=0)
+    figures.section = (
+        f"Return of {STARTS} starts in a box twice as wide as demonstrated: {task} "
+        f"(period {period:g} s), {settings}"
+    )
+    figures.add("in the tube after two periods", 100 * found.at, "%", above=100)
+    figures.add(
+        "at every tick from then to 10 minutes", 100 * found.after, "%", above=100
+    )
+    figures.add(
+        "peak speed below twice the demonstrated", 100 * found.slow, "%", above=100
+    )
+    figures.add(
+        "greatest speed / demonstrated peak speed", found.greatest_speed, below=2
+    )
+    figures.add("greatest position jump at a re-mapping", 1e3 * jumps[0], "mm", below=1)
+    figures.add(
+        "greatest velocity jump / demonstrated peak speed",
+        100 * jumps[1] / peak,
+        "%",
+        below=10,
+    )
+    figures.add(
+        "position that the offset takes up at a re-mapping", 1e3 * jumps[2], "mm"
+    )
+    figures.add(
+        "velocity that the offset takes up / demonstrated peak speed",
+        100 * jumps[3] / peak,
+        "%",
+    )

@@ -1,0 +1,143 @@
+"""Facts about the way back to where a movement was demonstrated."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from tube import (
+    Tube,
+    bundled,
+    measure_return,
+    peak_speed,
+    remapping_jumps,
+    starts_in_box,
+    windows_with_components,
+)
+
+from fmp_drake.primitives import FourierMovementPrimitive, Player
+from fmp_drake.primitives.movement_primitive import PAPER_SETTINGS
+
+PERIODS = {"polishing": 2.0, "eight": 3.0}
+
+
+@pytest.fixture(scope="module", params=list(PERIODS))
+def task(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def demonstration(task):
+    return bundled(task)
+
+
+@pytest.fixture(scope="module")
+def skill(demonstration):
+    return FourierMovementPrimitive().fit(demonstration)
+
+
+@pytest.fixture(scope="module")
+def papers_skill(demonstration):
+    return FourierMovementPrimitive(**PAPER_SETTINGS).fit(demonstration)
+
+
+# The measure itself -----------------------------------------------------------
+
+
+def test_tube_holds_what_a_component_draws(skill):
+    tube = Tube(skill)
+    rng = np.random.default_rng(0)
+    for j in (0, 7, 30):
+        windows = skill.synthesize(skill.components_[j].sample(rng, 400))
+        inside = tube.inside(windows[:, skill.overlap - 1 :], np.full(400, j))
+        assert inside.mean() == pytest.approx(0.99, abs=0.005)
+
+
+def test_tube_is_narrow(skill):
+    tube = Tube(skill)
+    starts = starts_in_box(skill, 300)
+    player = Player(skill)
+    components = np.array([player.start(s).component for s in starts])
+    assert tube.inside(starts[:, None], components).mean() < 0.1
+
+
+def test_box_is_twice_as_wide_as_demonstrated(skill):
+    starts = starts_in_box(skill, 5000)
+    middle = skill.extent_.mean(axis=0)
+    half = np.ptp(skill.extent_, axis=0) / 2
+    assert_allclose(np.abs(starts - middle).max(axis=0) / half, 2.0, atol=0.02)
+
+
+def test_components_of_a_stream_are_those_of_the_states(skill):
+    player = Player(skill)
+    starts = starts_in_box(skill, 5)
+    stream = windows_with_components(player, starts)
+    found = np.array(
+        [components for (_, components), _ in zip(stream, range(4), strict=False)]
+    )
+    for i, start in enumerate(starts):
+        state = player.start(start)
+        for components in found:
+            assert components[i] == state.component
+            while state.step < skill.n_steps - 1:
+                state = player.tick(state)
+            state = player.remap(state)
+
+
+# The way back --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", ["skill", "papers_skill"])
+def test_every_start_is_back_in_the_tube_after_two_periods_and_stays(
+    settings, task, demonstration, request
+):
+    skill = request.getfixturevalue(settings)
+    found = measure_return(
+        skill,
+        starts=starts_in_box(skill, 150, seed=1),
+        seconds=20.0,
+        period=PERIODS[task],
+        peak=peak_speed(demonstration, skill.rate),
+    )
+    assert found.at == 1.0
+    assert found.after == 1.0
+    assert found.slow == 1.0
+
+
+def test_ten_minutes_stay_in_the_tube(skill, task, demonstration):
+    found = measure_return(
+        skill,
+        starts=starts_in_box(skill, 30, seed=2),
+        seconds=600.0,
+        period=PERIODS[task],
+        peak=peak_speed(demonstration, skill.rate),
+    )
+    assert found.seconds >= 600.0
+    assert found.after == 1.0
+    assert found.slow == 1.0
+
+
+def test_samples_stay_in_the_tube_as_often_as_demonstrations_do(
+    skill, task, demonstration
+):
+    found = measure_return(
+        skill,
+        starts=starts_in_box(skill, 100, seed=3),
+        seconds=20.0,
+        period=PERIODS[task],
+        peak=peak_speed(demonstration, skill.rate),
+        sample=True,
+    )
+    # The tube holds 99 % of the values by definition.
+    assert found.at > 0.95
+    assert found.ever_after > 0.98
+    assert found.slow == 1.0
+
+
+@pytest.mark.parametrize("sample", [False, True])
+def test_remapping_does_not_jump_in_ten_minutes(skill, demonstration, sample):
+    peak = peak_speed(demonstration, skill.rate)
+    start = starts_in_box(skill, 1, seed=4)[0]
+    jumps, _ = remapping_jumps(skill, start, 600.0, sample=sample)
+    assert jumps[0] < 1e-3
+    assert jumps[1] < 0.1 * peak
+    # And not by being hidden: they are exactly continuous.
+    assert_allclose(jumps, 0, atol=1e-12)
