@@ -46,8 +46,9 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     ----------
     n_steps : int
         T, samples in a window: enough for one or more periods.
-    stride : int
-        Samples between the starts of two windows.
+    stride : int, optional
+        Samples between the starts of two windows; a sixtieth of a window (2 samples of
+        120) where None.
     rate : float
         Samples per second (Hz); demonstrations are resampled to it.
     n_components : int or "bic"
@@ -100,7 +101,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         self,
         *,
         n_steps: int = 120,
-        stride: int = 2,
+        stride: int | None = None,
         rate: float = 20.0,
         n_components: int | Literal["bic"] = 80,
         overlap: int = 10,
@@ -410,6 +411,11 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         state.pop("_basis", None)
         return state
 
+    @property
+    def window_stride(self) -> int:
+        """Samples between the starts of two windows."""
+        return max(1, self.n_steps // 60) if self.stride is None else self.stride
+
     def check_fitted(self) -> None:
         """Raise scikit-learn's NotFittedError before `fit`."""
         check_is_fitted(self, "components_")
@@ -430,7 +436,11 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         tiny = 1 / GREATEST
         for name, allowed, fine in (
             ("n_steps", "a whole number, at least 8", whole(8)),
-            ("stride", "a whole number, at least 1", whole(1)),
+            (
+                "stride",
+                "a whole number, at least 1, or None",
+                lambda value: value is None or whole(1)(value),
+            ),
             ("rate", "positive, from 1e-6 to 1e6 Hz", real(1e-6, 1e6)),
             (
                 "n_components",
@@ -454,7 +464,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         return as_windows(
             X,
             n_steps=self.n_steps,
-            stride=self.stride,
+            stride=self.window_stride,
             rate=self.rate,
             at_least=at_least,
         )

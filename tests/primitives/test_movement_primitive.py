@@ -17,7 +17,7 @@ from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
 
 PARAMETERS = {
     "n_steps": 120,
-    "stride": 2,
+    "stride": None,
     "rate": 20.0,
     "n_components": 80,
     "overlap": 10,
@@ -50,6 +50,12 @@ def dense(g):
 
 def test_defaults_are_those_that_generalise():
     assert FourierMovementPrimitive().get_params() == PARAMETERS
+
+
+@pytest.mark.parametrize(("n_steps", "stride"), [(120, 2), (1200, 20), (24, 1)])
+def test_default_stride_is_a_sixtieth_of_a_window(n_steps, stride):
+    assert FourierMovementPrimitive(n_steps=n_steps).window_stride == stride
+    assert FourierMovementPrimitive(n_steps=n_steps, stride=7).window_stride == 7
 
 
 def test_parameters_are_set_read_and_cloned():

@@ -144,7 +144,7 @@ def cut_windows(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return windows (N, T, D) and the start of each in its recording, s, (N,)."""
     names.check(demonstrations)
-    n_steps, stride, rate = skill.n_steps, skill.stride, skill.rate
+    n_steps, stride, rate = skill.n_steps, skill.window_stride, skill.rate
     windows = demonstration_windows(
         demonstrations, n_steps=n_steps, stride=stride, rate=rate, at_least=1
     )

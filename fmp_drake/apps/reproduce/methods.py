@@ -21,7 +21,7 @@ from fmp_drake.primitives.windows import demonstration_windows
 
 RATE = 20.0
 N_STEPS = 120
-FMP_STRIDE = int(FourierMovementPrimitive().stride)
+FMP_STRIDE = FourierMovementPrimitive(n_steps=N_STEPS).window_stride
 PAPER_STRIDE = int(PAPER_SETTINGS["stride"])
 
 MULT = "ProMP-VM-Mult"
