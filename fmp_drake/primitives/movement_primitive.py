@@ -388,7 +388,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
             )
         gaussian: LowRankGaussian = self.components_[component]
         row = self.basis.local_rows(step)[0]
-        factor = gaussian.basis.reshape(self.n_channels_, self.n_steps, -1)
+        factor = gaussian.basis.reshape(self.n_channels_, self.n_steps, gaussian.rank)
         factor = np.tensordot(row, factor, axes=(0, 1)) * self.scales_[:, None]
         noise = gaussian.noise * (row @ row) * np.diag(self.scales_**2)
         out: NDArray[np.float64] = (factor * gaussian.variances) @ factor.T + noise

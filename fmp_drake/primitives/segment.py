@@ -91,7 +91,9 @@ class Segment:
             modes = rows[:, None, :] * (inside.reshape(d, -1) * scales[:, None])
             self._rates_by_channel = True
         else:
-            modes = np.tensordot(rows, drift.modes.reshape(d, -1, len(inside)), (1, 1))
+            modes = np.tensordot(
+                rows, drift.modes.reshape(d, rows.shape[1], len(inside)), (1, 1)
+            )
             modes *= scales[:, None] * inside
             self._rates_by_channel = False
         self._modes = modes.reshape(len(rows), -1)

@@ -42,7 +42,7 @@ class WindowTable:
             )
             decay = decay.reshape(3, len(steps), d, skill.n_steps)
         else:
-            by_channel = drift.modes.reshape(d, skill.n_steps, -1)
+            by_channel = drift.modes.reshape(d, skill.n_steps, len(drift.rates))
             modes = np.einsum("klt,dtr->kldr", self._rows, by_channel, optimize=True)
             decay = decay[:, :, None, :]
         self._modes = _product_rule(modes, decay)  # (3, ticks, d, r)

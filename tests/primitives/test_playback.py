@@ -532,3 +532,17 @@ def test_ten_minutes_stay_where_the_demonstrations_were(wiping_skill, sample):
     for k, tolerance in ((0, 2e-3), (1, 0.05)):
         trapezium = (motion[1:, k + 1] + motion[:-1, k + 1]) / 2 / 20
         assert np.max(np.abs(np.diff(motion[:, k], axis=0) - trapezium)) < tolerance
+
+
+def test_skill_of_a_movement_that_never_varies_plays():
+    # Periods of a whole number of strides: most components have no variance at all.
+    time = np.arange(400) / 20
+    angle = 2 * np.pi * time / 2.5
+    exact = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) / 10
+    skill = FourierMovementPrimitive().fit(Demonstration(time=time, values=exact))
+    assert min(c.rank for c in skill.components_) == 0
+    path = Player(skill).rollout([0.2, 0.2, 0.1], 20.0)
+    assert np.all(np.isfinite(path))
+    assert_allclose(np.linalg.norm(path[-50:, 0, :2], axis=1), 0.1, atol=2e-3)
+    state = Player(skill).start([0.1, 0.0, 0.0])
+    assert np.all(np.isfinite(Player(skill).covariance(state)))

@@ -1,0 +1,55 @@
+"""Every example runs, headless, as its first lines say."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def run(name, folder, *options):
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / name), *options],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, "PYTHONWARNINGS": "error::UserWarning"},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_example_is_run_here():
+    names = {p.name for p in EXAMPLES.glob("*.py")}
+    assert names == {
+        "01_learn_a_skill.py",
+        "02_primitive_in_your_diagram.py",
+        "03_wiping_station.py",
+    }
+
+
+def test_skill_is_learned_saved_and_drawn(tmp_path):
+    printed = run("01_learn_a_skill.py", tmp_path)
+    assert "windows" in printed
+    written = {p.suffix for p in (tmp_path / "out").iterdir()}
+    assert {".npz", ".png"} <= written
+
+
+def test_primitive_in_a_diagram_of_ones_own_is_followed(tmp_path):
+    printed = run("02_primitive_in_your_diagram.py", tmp_path)
+    assert "re-mapped 5 times" in printed
+    assert "mm rms" in printed
+
+
+@pytest.mark.slow
+def test_station_wipes_the_moved_board_and_is_pushed(tmp_path):
+    lines = run("03_wiping_station.py", tmp_path, "--headless").splitlines()
+    steps = [line for line in lines if "off the path" in line]
+    assert len(steps) == 12
+    assert sum("(pushed)" in line for line in steps) == 1
+    assert "cleaned  0.0 %" not in steps[-1]
