@@ -13,7 +13,8 @@ from fmp_drake.primitives.movement_primitive import (
     FourierMovementPrimitive,
 )
 from fmp_drake.primitives.orientation import add_orientation, skill_rotations
-from fmp_drake.primitives.playback import PlaybackState, Player
+from fmp_drake.primitives.playback import Player
+from fmp_drake.primitives.playback_state import PlaybackState
 from fmp_drake.primitives.skill_file import load_skill, save_skill
 from fmp_drake.primitives.spectrum import skill_spectrum, window_spectrum
 from fmp_drake.primitives.tracking import (

@@ -1,6 +1,6 @@
 """The Fourier movement primitive: learning, sampling, mapping."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, Literal, Self
 
@@ -17,12 +17,12 @@ from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.mapping import Mapping, MappingPlan, Selection
 from fmp_drake.primitives.mixture import Progress, fit_mixture, log_densities
 from fmp_drake.primitives.numeric import (
-    GREATEST,
     all_finite,
     as_floats,
     is_number,
     is_whole,
 )
+from fmp_drake.primitives.parameters import check_parameters
 from fmp_drake.primitives.scaling import ChannelScales, channel_scales
 from fmp_drake.primitives.windows import Windows, as_windows, window_weights
 
@@ -422,43 +422,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
 
     def check_parameters(self) -> None:
         """Raise SkillError where a parameter is out of range."""
-        half = self.n_steps // 2 if is_whole(self.n_steps) else 0
-
-        def whole(least: float, most: float = np.inf) -> Callable[[Any], bool]:
-            return lambda value: is_whole(value) and least <= value <= most
-
-        def real(least: float, most: float = np.inf) -> Callable[[Any], bool]:
-            return lambda value: is_number(value) and least <= value <= most
-
-        def one_of(*names: str) -> Callable[[Any], bool]:
-            return lambda value: isinstance(value, str) and value in names
-
-        tiny = 1 / GREATEST
-        for name, allowed, fine in (
-            ("n_steps", "a whole number, at least 8", whole(8)),
-            (
-                "stride",
-                "a whole number, at least 1, or None",
-                lambda value: value is None or whole(1)(value),
-            ),
-            ("rate", "positive, from 1e-6 to 1e6 Hz", real(1e-6, 1e6)),
-            (
-                "n_components",
-                "a whole number, at least 1, or 'bic'",
-                lambda value: whole(1)(value) or one_of("bic")(value),
-            ),
-            ("overlap", f"from 2 to n_steps / 2 = {half}", whole(2, half)),
-            ("explained_variance", "in (0, 1]", real(tiny, 1)),
-            ("regularization", "positive", real(tiny)),
-            ("shrinkage", "0 or more", real(0)),
-            ("tolerance", "positive", real(tiny)),
-            ("selection", "'cost' or 'evidence'", one_of("cost", "evidence")),
-            ("random_state", "a whole number from 0 to 2^32 - 1", whole(0, 2**32 - 1)),
-        ):
-            if not fine(getattr(self, name)):
-                raise SkillError(
-                    f"{name} is {getattr(self, name)!r}; it must be {allowed}."
-                )
+        check_parameters(self.get_params())
 
     def _windows(self, X: Any, *, at_least: int) -> Windows:
         return as_windows(

@@ -11,43 +11,14 @@ from scipy.stats import chi2
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives.mapping import MappingPlan
 from fmp_drake.primitives.numeric import all_finite, as_floats, is_number, is_whole
+from fmp_drake.primitives.playback_state import PlaybackState
 from fmp_drake.primitives.segment import Segment, critically_damped
+from fmp_drake.primitives.start_tolerance import start_variances
 from fmp_drake.primitives.tracking import LqrTracker, Tracker
 from fmp_drake.primitives.window_table import WindowTable
 
 if TYPE_CHECKING:
     from fmp_drake.primitives.movement_primitive import FourierMovementPrimitive
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlaybackState:
-    """Where a playback stands at a tick.
-
-    Attributes
-    ----------
-    weights : ndarray, shape (D*T,)
-        The current Fourier weights w.
-    target : ndarray, shape (D*T,)
-        What the weights are brought to: a component's mean or a sample of it.
-    component : int
-        The tracked component j*.
-    step : int
-        The current sample of the window, K - 1 to T - 1.
-    history : ndarray, shape (K, D)
-        The desired values at the last K ticks, the newest last.
-    offset : ndarray, shape (2, D)
-        What the desired values and velocities still add to those of the weights.
-    remaps : int
-        How often the weights have been re-mapped.
-    """
-
-    weights: NDArray[np.float64]
-    target: NDArray[np.float64]
-    component: int
-    step: int
-    history: NDArray[np.float64]
-    offset: NDArray[np.float64]
-    remaps: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,9 +72,9 @@ class Player:
         are kept in, in (0, 1]; 1 is no bound.
     start_tolerance : float
         How closely the mapped weights meet the start, as a share of the movement's
-        half width (root 2 of its standard deviation); the offset takes the rest. 0 is as closely as the skill's tolerance
-        says, which buys millimetres where the demonstrations did not vary by metres
-        where they did.
+        half width (`start_variances`); the offset takes the rest. 0 is as closely as
+        the skill's tolerance says, which buys millimetres where the demonstrations did
+        not vary by metres where they did.
     """
 
     def __init__(
@@ -145,7 +116,7 @@ class Player:
             float(np.sqrt(chi2.ppf(confidence, max(c.rank, 1))))
             for c in skill.components_
         ]
-        self._start_tolerance = self._start_variances(start_tolerance)
+        self._start_tolerance = start_variances(skill, start_tolerance)
         self._start_plan = self._plan_start(skill.overlap - 1)
         self._remap_plan = skill.mapping_plan(np.arange(skill.overlap))
         self._tables: dict[int, WindowTable] = {}
@@ -320,20 +291,6 @@ class Player:
     def _plan_start(self, step: int) -> MappingPlan:
         return self.skill.mapping_plan([step], tolerance=self._start_tolerance)
 
-    def _start_variances(self, share: float) -> NDArray[np.float64]:
-        """Return lambda of (13) for a start, per channel, (D,)."""
-        skill = self.skill
-        if not (is_number(share) and share >= 0):
-            raise SkillError(
-                f"start_tolerance is {share}; it must be 0 (exact) or positive."
-            )
-        # All channels of a unit together: a turned movement has the same half width.
-        variances, units = _variances(skill), np.array(skill.units_)
-        squares = np.array([2 * variances[units == unit].sum() for unit in units])
-        return np.maximum(
-            share**2 * squares, skill.tolerance * np.square(skill.scales_)
-        )
-
     def _window(self, entry: _Entry) -> NDArray[np.float64]:
         """Play one window for all starts, (S, T - K + 1, 3, D)."""
         ticks, d = self.ticks_between_remaps + 1, self.skill.n_channels_
@@ -413,18 +370,6 @@ class Player:
                 f"the target has shape {own.shape}; expected ({n},) finite weights."
             )
         return own
-
-
-def _variances(skill: "FourierMovementPrimitive") -> NDArray[np.float64]:
-    """Return the variance of each channel over all windows and times, (D,)."""
-    n, d = skill.n_steps, skill.n_channels_
-    square, middle = np.zeros(d), np.zeros(d)
-    for share, c in zip(skill.proportions_, skill.components_, strict=True):
-        weights = c.mean.reshape(d, n)
-        spread = (c.basis**2 @ c.variances).reshape(d, n)
-        square += share * (weights**2 + spread + c.noise).sum(axis=1) / n
-        middle += share * weights[:, 0] / np.sqrt(n)
-    return np.maximum(square - middle**2, 0) * skill.scales_**2
 
 
 def _state(
