@@ -101,7 +101,11 @@ def load_on_board(
 
 
 def learn_skill(
-    demonstrations: Sequence[Demonstration], *, window: float, components: int
+    demonstrations: Sequence[Demonstration],
+    *,
+    window: float,
+    components: int,
+    progress: Callable[[str], None] | None = None,
 ) -> FourierMovementPrimitive:
     """Learn a skill with the options of the command line."""
     rate = FourierMovementPrimitive().rate
@@ -120,4 +124,4 @@ def learn_skill(
         n_steps=n_steps,
         n_components=components,
         overlap=min(10, n_steps // 4),
-    ).fit(list(demonstrations))
+    ).fit(list(demonstrations), progress=progress)

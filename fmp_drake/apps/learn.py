@@ -37,7 +37,10 @@ def learn(
     for remark in remarks:
         console.print(remark)
     started = time.perf_counter()
-    skill = learn_skill(loaded, window=window, components=components)
+    with console.status("learning") as status:
+        skill = learn_skill(
+            loaded, window=window, components=components, progress=status.update
+        )
     console.print(
         f"learned {len(skill.components_)} components from {skill.n_windows_} windows "
         f"of {skill.n_steps / skill.rate:g} s in {time.perf_counter() - started:.2f} s"

@@ -40,7 +40,8 @@ def MakeWipingStation(
 
     Output ports, all vectors: desired_position, desired_velocity,
     desired_acceleration (3,), covariance (9,), weights, component (1,) of the skill;
-    measured_position, measured_velocity (3,) in B, tracking_error (6,); torque (7,)
+    measured_position, measured_velocity (3,) in B, tracking_error (6,),
+    status (6,) of the controller, read with `ImpedanceStatus`; torque (7,)
     commanded without gravity, actuation (7,) with it, state (14,) of the arm; ink and
     erase_time per cell, cleaned_fraction (1,), normal_force (1,) in N, contact_area
     (1,) in m^2. Input port: applied_spatial_force, the plant's, for pushes from
@@ -130,7 +131,13 @@ def MakeWipingStation(
         builder.ExportOutput(primitive.GetOutputPort(name), f"desired_{name}")
     for name in ("covariance", "weights", "component"):
         builder.ExportOutput(primitive.GetOutputPort(name), name)
-    for name in ("measured_position", "measured_velocity", "tracking_error", "torque"):
+    for name in (
+        "measured_position",
+        "measured_velocity",
+        "tracking_error",
+        "torque",
+        "status",
+    ):
         builder.ExportOutput(controller.GetOutputPort(name), name)
     actuation = builder.GetSubsystemByName("actuation")
     builder.ExportOutput(actuation.get_output_port(), "actuation")

@@ -19,6 +19,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.wiping_station import ERASER_FOOTPRINT, MakeWipingStation
+from fmp_drake.systems.impedance_status import StatusFlag
 from fmp_drake.systems.ink_grid import cleaned_fraction
 
 PORTS = {
@@ -31,6 +32,7 @@ PORTS = {
     "measured_position": 3,
     "measured_velocity": 3,
     "tracking_error": 6,
+    "status": 6,
     "torque": 7,
     "actuation": 7,
     "state": 14,
@@ -400,3 +402,11 @@ def test_start_close_above_the_board_is_as_good_as_any(bundled_skill, start):
     error = run.log("measured_position") - run.log("desired_position")
     assert np.max(np.linalg.norm(error, axis=1)) < 0.02
     check_limits(run)
+
+
+def test_controller_never_holds_while_it_wipes(minute):
+    flags = minute.log("status")[:, 0].astype(int)
+    bad = StatusFlag.HOLD | StatusFlag.STALE | StatusFlag.JUMP | StatusFlag.NOT_FINITE
+    assert not np.any(flags & int(bad))
+    # It does say something: the torque's rate is limited when the arm starts.
+    assert np.any(flags)
