@@ -4,12 +4,11 @@ import time
 from pathlib import Path
 
 import click
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from fmp_drake.apps.inputs import PATH, learn_skill, load_on_board, skill_options
+from fmp_drake.apps.outputs import check_picture, check_writable
 from fmp_drake.apps.page import make_console
 from fmp_drake.apps.plots import plot_skill
-from fmp_drake.errors import FmpError
 from fmp_drake.primitives import save_skill
 
 
@@ -50,23 +49,3 @@ def learn(
     if plot is not None:
         plot_skill(skill, loaded, plot)
         console.print(f"wrote {plot}")
-
-
-def check_writable(path: Path | None) -> None:
-    """Refuse an output file that cannot be written, before any work is done."""
-    if path is None:
-        return
-    if not path.absolute().parent.is_dir():
-        raise FmpError(
-            f"there is no folder {path.absolute().parent} to write {path.name} into."
-        )
-    if path.is_dir():
-        raise FmpError(f"{path} is a folder; give the name of a file to write.")
-
-
-def check_picture(path: Path | None) -> None:
-    """Refuse a picture that cannot be written, before any work is done."""
-    check_writable(path)
-    kinds = FigureCanvasAgg.get_supported_filetypes()
-    if path is not None and path.suffix.lower().removeprefix(".") not in kinds:
-        raise FmpError(f"{path} is no picture; let its name end in .png, .svg or .pdf.")

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.apps.inputs import PATH
-from fmp_drake.apps.learn import check_writable
+from fmp_drake.apps.outputs import check_writable
 from fmp_drake.apps.page import advance, make_console, open_page
 from fmp_drake.errors import FmpError
 from fmp_drake.station.scenario import LoadScenario

@@ -15,7 +15,7 @@ from pathlib import Path
 import click
 
 from fmp_drake.apps.inputs import PATH
-from fmp_drake.apps.learn import check_writable
+from fmp_drake.apps.outputs import check_writable
 from fmp_drake.errors import FmpError
 
 

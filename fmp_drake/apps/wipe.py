@@ -16,7 +16,7 @@ from fmp_drake.apps.inputs import (
     load_on_board,
     skill_options,
 )
-from fmp_drake.apps.learn import check_picture, check_writable
+from fmp_drake.apps.outputs import check_picture, check_writable
 from fmp_drake.apps.page import advance, make_console, open_page
 from fmp_drake.apps.plots import plot_run
 from fmp_drake.apps.report import print_report
@@ -95,6 +95,7 @@ def wipe(
         raise FmpError(f"seed is {seed}; it must not be negative.")
     if skill_file is not None and demos:
         raise FmpError("give either --demo or --skill, not both.")
+    scene = LoadScenario(scenario)
 
     learn_started = time.perf_counter()
     if skill_file is not None:
@@ -116,7 +117,7 @@ def wipe(
 
     meshcat = open_page(None if headless else console) if html or not headless else None
     run = WipingRun(
-        LoadScenario(scenario),
+        scene,
         skill,
         demonstrations=demonstrations,
         start=start,

@@ -10,6 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
+from fmp_drake.errors import FmpError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.wiping_station import ERASER_FOOTPRINT, MakeWipingStation
@@ -189,7 +190,10 @@ class WipingRun:
 
         Call it once, after the run; it needs `recording` and a Meshcat.
         """
-        assert self.meshcat is not None
+        if self.meshcat is None or not self._recording:
+            raise FmpError(
+                "nothing was recorded; give the run a Meshcat and recording."
+            )
         self.meshcat.StopRecording()
         AddInkToRecording(
             self.meshcat,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import pascal
 from scipy.stats import chi2
 
 from fmp_drake.errors import SkillError
@@ -185,7 +186,8 @@ class Player:
         interval = min(state.step, self.skill.n_steps - 2)
         polynomial = self.skill.basis.local_polynomial(interval)
         if interval != state.step:
-            polynomial = _shifted(polynomial, state.step - interval)
+            # At the last sample: the last interval's, seen from one sample further on.
+            polynomial = pascal(len(polynomial), kind="upper") @ polynomial
         return Segment(
             polynomial=polynomial,
             rate=self.skill.rate,
@@ -316,6 +318,8 @@ class Player:
         """Map observations (S, m) to weights, without a jump from motions (S, 2, D)."""
         mapped, components, _ = plan.map_many(values)
         skill = self.skill
+        d, n = skill.n_channels_, skill.n_steps
+        rows = skill.basis.local_rows(step)
         target = np.empty_like(mapped)
         offset = np.empty_like(motions)
         for j in np.unique(components):
@@ -328,8 +332,6 @@ class Player:
             mapped[of_j] = gaussian.mean + inside @ gaussian.basis.T
             target[of_j] = self._targets(int(j), np.flatnonzero(of_j), remaps)
             w, w_dot, _ = self._drifts[j].advance(mapped[of_j], target[of_j], 0.0)
-            rows = skill.basis.local_rows(step)
-            d, n = skill.n_channels_, skill.n_steps
             here = w.reshape(-1, d, n) @ rows[:2].T
             moving = w_dot.reshape(-1, d, n) @ rows[0]
             velocity = here[..., 1] * skill.rate + moving
@@ -384,15 +386,3 @@ def _state(
         offset=entry.offset[0],
         remaps=remaps,
     )
-
-
-def _shifted(polynomial: NDArray[np.float64], by: float) -> NDArray[np.float64]:
-    """Return Taylor coefficients (6, T) at a point `by` samples further on."""
-    size = len(polynomial)
-    shift = np.zeros((size, size))
-    for i in range(size):
-        binomial = 1.0
-        for j in range(i, size):
-            shift[i, j] = binomial * by ** (j - i)
-            binomial *= (j + 1) / (j + 1 - i)
-    return shift @ polynomial

@@ -181,7 +181,7 @@ def window_spectrum(
         raise SkillError(f"{len(names)} channel names for {y.shape[2]} channels.")
     (index,) = channel_indices([reference], names)
     n = y.shape[1]
-    magnitude, phase = _polar(FourierBasis(n), y)
+    magnitude, phase = polar(FourierBasis(n), y)
     relative = _relative(phase, phase[:, :, index], reference_harmonic)
     power = np.mean(magnitude**2, axis=0) / 2
     power[0] = 0
@@ -237,7 +237,7 @@ def skill_spectrum(
     )
 
 
-def _polar(
+def polar(
     basis: FourierBasis, windows: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return magnitudes and phases of windows (N, T, D), each (N, H, D)."""

@@ -28,7 +28,6 @@ class WindowTable:
     def __init__(self, skill: "FourierMovementPrimitive", drift: Drift) -> None:
         d = skill.n_channels_
         steps = np.arange(skill.overlap - 1, skill.n_steps)
-        # The last row of `rows` would do, but exactly at a sample both agree.
         self._rows = np.stack(
             [skill.basis.rows(steps, k) * skill.rate**k for k in range(3)]
         )

@@ -236,7 +236,8 @@ class FourierPrimitiveSystem(LeafSystem):
         )
 
     def _calc_component(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self.playback_state(context).component)
+        _, _, component, _ = context.get_discrete_state().value(self._book)
+        output.SetAtIndex(0, component)
 
 
 def _book(state: PlaybackState, time: float) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ from fmp_drake.apps.plots.style import (
 from fmp_drake.apps.plots.windows import cut_windows
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.primitives.spectrum import polar
 
 _SHOWN_ENERGY = 0.99
 _FEWEST_HARMONICS = 12
@@ -58,7 +59,8 @@ def draw_spectra(
     windows, _ = cut_windows(skill, as_list(demonstrations), names)
     indices = names.indices(channels)
     made = time_axes(axes, names, len(indices))
-    amplitudes = _amplitudes(skill, windows)
+    # (N, D, harmonics), without the constant part.
+    amplitudes = np.swapaxes(polar(skill.basis, windows)[0], 1, 2)[..., 1:]
     frequencies = np.arange(1, amplitudes.shape[-1] + 1) * skill.rate / skill.n_steps
     if highest is None:
         count = _harmonics_with_energy(amplitudes[:, indices])
@@ -84,22 +86,6 @@ def draw_spectra(
     labels = [names.label(i) for i in indices]
     finish_times(made, labels, xlabel="frequency (Hz)")
     return made
-
-
-def _amplitudes(
-    skill: FourierMovementPrimitive, windows: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the amplitude of the harmonics 1, 2, ... in units, (N, D, harmonics)."""
-    weights = skill.basis.by_channel(skill.basis.analyze(windows))
-    power = np.zeros((*weights.shape[:-1], skill.n_steps // 2 + 1))
-    for column, k in enumerate(skill.basis.harmonics()):
-        power[..., k] += weights[..., column] ** 2
-    # The Nyquist weight is alone: its function is (-1)^n / sqrt(T).
-    scale = np.full(power.shape[-1], 2.0 / skill.n_steps)
-    if skill.n_steps % 2 == 0:
-        scale[-1] = 1.0 / skill.n_steps
-    out: NDArray[np.float64] = np.sqrt(scale * power)[..., 1:]
-    return out
 
 
 def _harmonics_with_energy(amplitudes: NDArray[np.float64]) -> int:

@@ -12,7 +12,12 @@ from rich.console import Console
 
 from fmp_drake.apps.inputs import PATH, default_demonstration
 from fmp_drake.apps.page import make_console
-from fmp_drake.apps.reproduce.eight import eight, learn_and_sample, table_one
+from fmp_drake.apps.reproduce.eight import (
+    eight,
+    learn_and_sample,
+    table_one,
+    table_rows,
+)
 from fmp_drake.apps.reproduce.finding import Finding
 from fmp_drake.apps.reproduce.heatmaps import BINS, FLOOR
 from fmp_drake.apps.reproduce.held_out import evaluate, held_out_finding, summary
@@ -137,17 +142,12 @@ def _own(
     recorded = demonstration.resample(RATE)
     _, samples = learn_and_sample(recorded, profile)
     table = table_one(samples, recorded.values)
-    rows = [["", "forward KL", "reverse KL"]]
-    rows += [
-        [name, f"{row['forward_kl']:.3f}", f"{row['reverse_kl']:.3f}"]
-        for name, row in table.items()
-    ]
     finding = Finding(
         name=f"own_{path.stem}",
         title=f"Table I on {path.name}",
         shows=f"{recorded.duration:.1f} s, as measured, in the plane of "
         f"{' and '.join(recorded.channels[:2])}.",
-        table=rows,
+        table=table_rows(table),
     )
     return finding, table
 

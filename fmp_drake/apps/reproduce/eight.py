@@ -33,6 +33,7 @@ from fmp_drake.apps.reproduce.methods import (
     play,
     promp_mult,
 )
+from fmp_drake.apps.reproduce.paths import draw_path
 from fmp_drake.apps.reproduce.profile import Profile
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.baselines.trajectory_model import TrajectoryModel
@@ -87,6 +88,17 @@ def table_one(
     return out
 
 
+def table_rows(table: dict[str, dict[str, float]]) -> list[list[str]]:
+    """Return Table I as text, its header first."""
+    return [
+        ["", "forward KL", "reverse KL"],
+        *(
+            [name, f"{row['forward_kl']:.3f}", f"{row['reverse_kl']:.3f}"]
+            for name, row in table.items()
+        ),
+    ]
+
+
 def _samples(samples: Samples, recorded: Demonstration, near: Closeness) -> Finding:
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
@@ -136,12 +148,11 @@ def _heatmaps(
 
 def _table(table: dict[str, dict[str, float]]) -> Finding:
     ratios = [table[FMP][k] / table[MULT][k] for k in ("forward_kl", "reverse_kl")]
-    rows = [["", "forward KL", "reverse KL"]]
-    rows += [
-        [name, f"{row['forward_kl']:.3f}", f"{row['reverse_kl']:.3f}"]
-        for name, row in table.items()
+    rows = [
+        *table_rows(table),
+        [f"paper: {MULT}", "0.20", "0.53"],
+        ["paper: FMP", "0.11", "0.28"],
     ]
-    rows += [[f"paper: {MULT}", "0.20", "0.53"], ["paper: FMP", "0.11", "0.28"]]
     return Finding(
         name="table1",
         title="Table I: learned against demonstrated distribution of the 8-shape",
@@ -205,13 +216,7 @@ def _from_starts(
     played = play(skill, starts, 12.0)
     figure = Figure(figsize=(12, 7), layout="constrained")
     for ax, path in zip(figure.subplots(2, 2).ravel(), played, strict=True):
-        draw_demonstrations_in_plane([recorded], ax=ax)
-        ax.plot(path[:, 1], path[:, 0], color="#d55e00")
-        ax.plot(path[0, 1], path[0, 0], "o", color="#d55e00", fillstyle="none")
-        ax.set_title("", loc="left")
-        ax.autoscale()
-        if not ax.xaxis_inverted():
-            ax.invert_xaxis()
+        draw_path(ax, recorded, path)
     last = near.distances(played[:, -round(3 * RATE) :]).max(axis=1)
     return Finding(
         name="fig9",

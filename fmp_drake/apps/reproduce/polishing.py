@@ -1,12 +1,10 @@
 """Section V-B: polishing, Figs. 3 to 6."""
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from fmp_drake.apps.plots import (
-    draw_demonstrations_in_plane,
     draw_demonstrations_over_time,
     draw_windows_in_plane,
 )
@@ -21,6 +19,7 @@ from fmp_drake.apps.reproduce.methods import (
     fmp,
     play,
 )
+from fmp_drake.apps.reproduce.paths import draw_path
 from fmp_drake.apps.reproduce.profile import Profile
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.baselines.aligned_promp import AlignedProMP
@@ -78,8 +77,7 @@ def _from_starts(
     for ax, path, name in zip(
         figure.subplots(1, 2), played, ("interpolation", "extrapolation"), strict=True
     ):
-        draw_demonstrations_in_plane([recorded], ax=ax)
-        _draw(ax, path, name)
+        draw_path(ax, recorded, path, name)
     distances = near.distances(_last_period(played)).max(axis=1)
     away = float(near.distances(played[1, :1])[0])
     return Finding(
@@ -143,8 +141,7 @@ def _promp_conditioned(
     figure = Figure(figsize=(13, 4.5), layout="constrained")
     far = {}
     for ax, (name, path) in zip(figure.subplots(1, 3), paths.items(), strict=True):
-        draw_demonstrations_in_plane([recorded], ax=ax)
-        _draw(ax, path, name)
+        draw_path(ax, recorded, path, name)
         far[name] = float(near.distances(_last_period(path)).max())
     a, b, c = far.values()
     return Finding(
@@ -159,12 +156,3 @@ def _promp_conditioned(
         agrees=a > 0.02 and b < 0.02 and c > 0.02,
         figure=figure,
     )
-
-
-def _draw(ax: Axes, path: NDArray[np.float64], title: str) -> None:
-    ax.plot(path[:, 1], path[:, 0], color="#d55e00")
-    ax.plot(path[0, 1], path[0, 0], "o", color="#d55e00", fillstyle="none")
-    ax.set_title(title, loc="left")
-    ax.autoscale()
-    if not ax.xaxis_inverted():
-        ax.invert_xaxis()

@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fmp_drake.apps.plots import draw_demonstrations_in_plane
 from fmp_drake.apps.reproduce.finding import Finding, millimetres
+from fmp_drake.apps.reproduce.paths import draw_path
 from fmp_drake.apps.reproduce.profile import Profile
 from fmp_drake.apps.wiping_run import WipingRun
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
@@ -80,11 +80,5 @@ def _draw(
     for ax, path, title in zip(
         figure.subplots(1, 2), paths.values(), titles, strict=True
     ):
-        draw_demonstrations_in_plane([demonstration], ax=ax)
-        ax.plot(path[:, 1], path[:, 0], color="#d55e00", linewidth=1)
-        ax.plot(path[0, 1], path[0, 0], "o", color="#d55e00", fillstyle="none")
-        ax.set_title(title, loc="left")
-        ax.autoscale()
-        if not ax.xaxis_inverted():
-            ax.invert_xaxis()
+        draw_path(ax, demonstration, path, title)
     return figure
