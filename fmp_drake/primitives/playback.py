@@ -119,7 +119,11 @@ class Player:
         ]
         self._start_tolerance = start_variances(skill, start_tolerance)
         self._start_plan = self._plan_start(skill.overlap - 1)
-        self._remap_plan = skill.mapping_plan(np.arange(skill.overlap))
+        first = np.arange(skill.overlap)
+        self._remap_plan = skill.mapping_plan(first)
+        self._push_plan = skill.mapping_plan(
+            first, tolerance=np.tile(self._start_tolerance, skill.overlap)
+        )
         self._tables: dict[int, WindowTable] = {}
 
     def start(self, position: ArrayLike, *, step: int | None = None) -> PlaybackState:
@@ -169,17 +173,78 @@ class Player:
         history[-1] = self.motion(moved)[0]
         return replace(moved, history=history)
 
-    def remap(self, state: PlaybackState) -> PlaybackState:
-        """Map the last K desired values onto the start of a new window."""
+    def remap(
+        self,
+        state: PlaybackState,
+        *,
+        seconds: float = 0.0,
+        observed: ArrayLike | None = None,
+        sample: bool | None = None,
+    ) -> PlaybackState:
+        """Map K values onto the start of a new window.
+
+        Parameters
+        ----------
+        state : PlaybackState
+        seconds : float
+            Since the tick of the state; the new state's tick is then.
+        observed : array_like, shape (K, D), optional
+            What is mapped, a value per tick, the newest last: the measured motion of a
+            robot that was pushed off its path, met as closely as a start. The last
+            desired values where None. The desired motion goes on without a jump in
+            either case.
+        sample : bool, optional
+            Instead of the player's.
+        """
         step, remaps = self.skill.overlap - 1, state.remaps + 1
+        values, plan = state.history, self._remap_plan
+        if observed is not None:
+            values = as_floats(observed, "what is mapped")
+            if values.shape != state.history.shape or not all_finite(values):
+                raise SkillError(
+                    f"what is mapped has shape {values.shape}; expected "
+                    f"{state.history.shape} finite values."
+                )
+            plan = self._push_plan
         entry = self._enter(
-            self._remap_plan,
-            state.history.reshape(1, -1),
-            self.motion(state)[None, :2],
+            plan,
+            values.reshape(1, -1),
+            self.motion(state, seconds)[None, :2],
             step=step,
             remaps=remaps,
+            sample=sample,
         )
         return _state(entry, step=step, history=state.history, remaps=remaps)
+
+    def plan(
+        self, state: PlaybackState, ticks: int, *, sample: bool | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return where a state leads to if nothing interferes.
+
+        Parameters
+        ----------
+        state : PlaybackState
+        ticks : int
+            How far to look ahead.
+        sample : bool, optional
+            Of re-mappings, instead of the player's.
+
+        Returns
+        -------
+        values : ndarray, shape (ticks + 1, D)
+            Desired, from the tick of the state on.
+        covariances : ndarray, shape (ticks + 1, D, D)
+            Of each of them (18).
+        """
+        d = self.skill.n_channels_
+        values, covariances = np.empty((ticks + 1, d)), np.empty((ticks + 1, d, d))
+        values[0], covariances[0] = self.motion(state)[0], self.covariance(state)
+        for i in range(1, ticks + 1):
+            state = self.tick(state)
+            values[i], covariances[i] = state.history[-1], self.covariance(state)
+            if state.step == self.skill.n_steps - 1:
+                state = self.remap(state, sample=sample)
+        return values, covariances
 
     def segment(self, state: PlaybackState) -> Segment:
         """Prepare the motion from the tick of a state to the next, (see `motion`)."""
@@ -314,6 +379,7 @@ class Player:
         *,
         step: int,
         remaps: int,
+        sample: bool | None = None,
     ) -> _Entry:
         """Map observations (S, m) to weights, without a jump from motions (S, 2, D)."""
         mapped, components, _ = plan.map_many(values)
@@ -330,7 +396,9 @@ class Player:
             deviation = np.linalg.norm(inside / spread, axis=1, keepdims=True)
             inside *= np.minimum(1.0, self._radii[j] / np.maximum(deviation, 1e-12))
             mapped[of_j] = gaussian.mean + inside @ gaussian.basis.T
-            target[of_j] = self._targets(int(j), np.flatnonzero(of_j), remaps)
+            target[of_j] = self._targets(
+                int(j), np.flatnonzero(of_j), remaps, sample=sample
+            )
             w, w_dot, _ = self._drifts[j].advance(mapped[of_j], target[of_j], 0.0)
             here = w.reshape(-1, d, n) @ rows[:2].T
             moving = w_dot.reshape(-1, d, n) @ rows[0]
@@ -342,13 +410,18 @@ class Player:
         )
 
     def _targets(
-        self, component: int, starts: NDArray[np.int64], remaps: int
+        self,
+        component: int,
+        starts: NDArray[np.int64],
+        remaps: int,
+        *,
+        sample: bool | None,
     ) -> NDArray[np.float64]:
         """Return what to track after a mapping, (S, n) or (n,)."""
         if self._own_target is not None:
             return self._own_target
         gaussian = self.skill.components_[component]
-        if not self.sample:
+        if not (self.sample if sample is None else sample):
             return gaussian.mean
         return np.concatenate(
             [

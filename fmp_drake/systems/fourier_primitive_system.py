@@ -1,6 +1,8 @@
 """The Fourier movement primitive as a Drake system."""
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
+    CacheEntry,
     Context,
     DiscreteValues,
     EventStatus,
@@ -23,22 +26,43 @@ from fmp_drake.primitives import (
     Player,
     Tracker,
 )
+from fmp_drake.primitives.live_playback import LivePlayback, LiveState, remapped
+from fmp_drake.systems.playback_book import PlaybackBook, appended_ticks
+
+MAX_TEMPO = 4.0
+"""Fastest tempo; 1 is as demonstrated."""
+
+# The tempo changes at most by this, per second.
+_TEMPO_RATE = 4.0
 
 
 class FourierPrimitiveSystem(LeafSystem):
     """Plays a learned skill from the measured start, for any duration.
 
-    The Fourier weights are discrete state. Three events move them: at
-    initialisation the measured position is mapped to weights (Algorithm 1); a periodic
-    tick, at the rate of the skill, brings the weights closer to the mean (or a
-    sample) of the active component (Algorithm 2); a periodic re-mapping, every T
-    - K ticks, maps the last K desired positions to the start of a new window
-    (section V-D of the paper). The outputs are exact at every time between ticks.
+    The Fourier weights are discrete state. Events move them: at initialisation the
+    measured position is mapped to weights (Algorithm 1); a periodic tick, at
+    the rate of the skill, brings the weights closer to the mean (or a sample) of
+    the active component (Algorithm 2); a re-mapping, every T - K ticks, maps the last K
+    desired positions to the start of a new window (section V-D of the paper).
+    The outputs are exact at every time between ticks, and no re-mapping makes
+    them jump.
+
+    In the reactive mode the movement waits for a robot that is pushed off its path: it
+    slows down from `push_threshold` on and stands still at twice that distance. And
+    once that has lasted for `push_dwell`, the last K measured positions are mapped to a
+    new window, so that the movement goes on from where the robot was led to.
 
     Input ports
     -----------
     measured_position : (D,)
-        Where the robot is, in the frame of the skill; read at initialisation.
+        Where the robot is, in the frame of the skill; read at initialisation and, in
+        the reactive mode, at every tick.
+    tempo : (1,), optional
+        How fast the movement is played, from 0 to `MAX_TEMPO`; 1 where unconnected.
+        Read at every tick; the tempo changes by at most 4 per second.
+    sample : (1,), optional
+        From 0.5 on, what is tracked after the next re-mapping is a sample, below a
+        mean; the parameter where unconnected.
 
     Output ports
     ------------
@@ -50,6 +74,13 @@ class FourierPrimitiveSystem(LeafSystem):
         The Fourier weights, channel by channel.
     component : (1,)
         Index of the active component j*.
+    plan : (P*D,)
+        Desired positions from the last tick on, tick by tick: where the movement
+        leads to if nothing interferes.
+    plan_covariance : (P*D*D,)
+        Of the plan (18).
+    remaps : (2,)
+        How many re-mappings there were, and how many of them were reactive.
 
     Parameters
     ----------
@@ -61,6 +92,13 @@ class FourierPrimitiveSystem(LeafSystem):
         Track samples of the components instead of their means.
     seed : int
         Of the samples.
+    push_threshold : float, optional
+        Distance between measured and desired position from which on the robot counts
+        as pushed, in the units of the skill (m); None for no reactive mode.
+    push_dwell : float
+        How long it must have been pushed before its motion is mapped, s.
+    plan_seconds : float
+        Length of the plan, s.
 
     Notes
     -----
@@ -76,62 +114,77 @@ class FourierPrimitiveSystem(LeafSystem):
         tracker: Tracker | None = None,
         sample: bool = False,
         seed: int = 0,
+        push_threshold: float | None = None,
+        push_dwell: float = 0.2,
+        plan_seconds: float = 3.0,
     ) -> None:
         super().__init__()
         self.set_name("fourier_primitive")
         player = Player(skill, tracker=tracker, sample=sample, seed=seed)
         self._player = player
+        for name, value in {
+            "push_threshold": push_threshold,
+            "push_dwell": push_dwell,
+            "plan_seconds": plan_seconds,
+        }.items():
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise SkillError(f"{name} is {value}; it must be positive.")
+        self._push_threshold = push_threshold
+        self._push_dwell = push_dwell
+        self._plan_ticks = math.ceil(plan_seconds / player.tick_seconds - 1e-6)
         d = skill.n_channels_
         start = player.start(self.resting_value(skill))
         self._weights = int(self.DeclareDiscreteState(start.weights))
         self._target = int(self.DeclareDiscreteState(start.target))
         self._history = int(self.DeclareDiscreteState(start.history.ravel()))
         self._offset = int(self.DeclareDiscreteState(start.offset.ravel()))
-        # time of the last tick (s), step, component, number of re-mappings
-        self._book = int(self.DeclareDiscreteState(_book(start, 0.0)))
+        self._measurements = int(self.DeclareDiscreteState(start.history.ravel()))
+        self._book = int(self.DeclareDiscreteState(np.array(PlaybackBook(start.step))))
 
         self._measured = self.DeclareVectorInputPort("measured_position", d)
+        self._tempo = self.DeclareVectorInputPort("tempo", 1)
+        self._sample = self.DeclareVectorInputPort("sample", 1)
+        self._declare_outputs(d, len(start.weights))
+        tick = player.tick_seconds
+        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
+        self.DeclarePeriodicDiscreteUpdateEvent(tick, tick, self._tick)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(tick, tick, self._remap)
 
-        now = {self.time_ticket(), self.xd_ticket()}
-        self._segment_cache = self.DeclareCacheEntry(
-            description="desired motion of a tick",
+    def _declare_outputs(self, d: int, weights: int) -> None:
+        state, now = {self.xd_ticket()}, {self.time_ticket(), self.xd_ticket()}
+        self._playback = self.DeclareCacheEntry(
+            description="playback from the last event on",
             value_producer=ValueProducer(
-                allocate=Value[object], calc=self._calc_segment
+                allocate=Value[object], calc=self._calc_playback
             ),
-            prerequisites_of_calc={self.xd_ticket()},
+            prerequisites_of_calc=state,
         )
-        self._motion_cache = self.DeclareCacheEntry(
+        self._motion = self.DeclareCacheEntry(
             description="desired motion",
             value_producer=ValueProducer(
                 allocate=Value[object], calc=self._calc_motion
             ),
             prerequisites_of_calc=now,
         )
+        self._plan = self.DeclareCacheEntry(
+            description="plan",
+            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_plan),
+            prerequisites_of_calc=state,
+        )
+        declare = self.DeclareVectorOutputPort
         for order, name in enumerate(("position", "velocity", "acceleration")):
-            self.DeclareVectorOutputPort(
-                name, d, self._calc_of_motion(order), prerequisites_of_calc=now
-            )
-        self.DeclareVectorOutputPort(
-            "covariance", d * d, self._calc_covariance, prerequisites_of_calc=now
-        )
-        self.DeclareVectorOutputPort(
-            "weights",
-            len(start.weights),
-            self._calc_weights,
-            prerequisites_of_calc=now,
-        )
-        self.DeclareVectorOutputPort(
-            "component",
-            1,
-            self._calc_component,
-            prerequisites_of_calc={self.xd_ticket()},
-        )
-
-        tick = player.tick_seconds
-        remap = player.ticks_between_remaps * tick
-        self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
-        self.DeclarePeriodicDiscreteUpdateEvent(tick, tick, self._tick)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(remap, remap, self._remap)
+            calc = self._calc_part_of(self._motion, order)
+            declare(name, d, calc, prerequisites_of_calc=now)
+        declare("covariance", d * d, self._calc_covariance, prerequisites_of_calc=now)
+        declare("weights", weights, self._calc_weights, prerequisites_of_calc=now)
+        declare("component", 1, self._calc_component, prerequisites_of_calc=now)
+        points = self._plan_ticks + 1
+        for order, (name, size) in enumerate(
+            {"plan": d, "plan_covariance": d**2}.items()
+        ):
+            calc = self._calc_part_of(self._plan, order)
+            declare(name, points * size, calc, prerequisites_of_calc=state)
+        declare("remaps", 2, self._calc_remaps, prerequisites_of_calc=now)
 
     @staticmethod
     def resting_value(skill: FourierMovementPrimitive) -> NDArray[np.float64]:
@@ -145,31 +198,67 @@ class FourierPrimitiveSystem(LeafSystem):
         return self._player
 
     def playback_state(self, context: Context) -> PlaybackState:
-        """Return a copy of the playback's state at the last tick."""
-        values = context.get_discrete_state()
-        _, step, component, remaps = values.value(self._book)
+        """Return the playback's state at the last tick, its offset of that time."""
+        live, seconds = self._live(context)
+        return replace(live.playback(seconds)[0], offset=live.state.offset)
+
+    # State --------------------------------------------------------------------
+
+    def _read_book(self, context: Context) -> PlaybackBook:
+        return PlaybackBook(*context.get_discrete_state().value(self._book).tolist())
+
+    def _read(self, context: Context) -> LiveState:
+        values, book = context.get_discrete_state(), self._read_book(context)
         d = self._player.skill.n_channels_
         # `value` is a view of the context's memory, which a later event overwrites.
-        return PlaybackState(
-            weights=values.value(self._weights).copy(),
-            target=values.value(self._target).copy(),
-            component=int(component),
-            step=int(step),
-            history=values.value(self._history).reshape(-1, d).copy(),
+        return LiveState(
+            playback=PlaybackState(
+                weights=values.value(self._weights).copy(),
+                target=values.value(self._target).copy(),
+                component=int(book.component),
+                step=int(book.step),
+                history=values.value(self._history).reshape(-1, d).copy(),
+                offset=np.zeros((2, d)),
+                remaps=int(book.remaps),
+            ),
             offset=values.value(self._offset).reshape(2, d).copy(),
-            remaps=int(remaps),
+            rest=book.rest,
+            tempo=book.tempo,
+            slope=book.slope,
+            sample=book.sample > 0,
         )
 
-    def _seconds(self, context: Context) -> float:
-        book = context.get_discrete_state().value(self._book)
-        return float(context.get_time() - book[0])
-
-    def _store(self, state: PlaybackState, time: float, values: DiscreteValues) -> None:
-        values.set_value(self._weights, state.weights)
-        values.set_value(self._target, state.target)
-        values.set_value(self._history, state.history.ravel())
+    def _store(
+        self,
+        values: DiscreteValues,
+        state: LiveState,
+        measurements: NDArray[np.float64],
+        book: PlaybackBook,
+    ) -> None:
+        playback = state.playback
+        values.set_value(self._weights, playback.weights)
+        values.set_value(self._target, playback.target)
+        values.set_value(self._history, playback.history.ravel())
         values.set_value(self._offset, state.offset.ravel())
-        values.set_value(self._book, _book(state, time))
+        values.set_value(self._measurements, measurements.ravel())
+        book = book._replace(
+            step=playback.step,
+            component=playback.component,
+            remaps=playback.remaps,
+            rest=state.rest,
+            tempo=state.tempo,
+            slope=state.slope,
+            sample=state.sample,
+        )
+        values.set_value(self._book, np.array(book, dtype=float))
+
+    def _live(self, context: Context) -> tuple[LivePlayback, float]:
+        """Return the playback from the last event on, and the seconds since."""
+        cached: Any = self._playback.Eval(context)
+        live, time = cached
+        return live, context.get_time() - time
+
+    # Events -------------------------------------------------------------------
 
     def _initialize(self, context: Context, values: DiscreteValues) -> EventStatus:
         player = self._player
@@ -183,62 +272,139 @@ class FourierPrimitiveSystem(LeafSystem):
         first = player.skill.overlap - 1
         step = first + ticks % player.ticks_between_remaps
         measured: Any = self._measured.Eval(context)
-        self._store(player.start(measured, step=step), time, values)
+        start = player.start(measured, step=step)
+        tempo = self._wanted_tempo(context)
+        # The start is at rest in real time: the weights' velocity is scaled.
+        path = player.motion(replace(start, offset=np.zeros_like(start.offset)))
+        state = LiveState(
+            playback=replace(start, offset=np.zeros_like(start.offset)),
+            offset=np.stack([measured - path[0], -tempo * path[1]]),
+            tempo=tempo,
+            sample=self._wanted_sample(context),
+        )
+        self._store(values, state, start.history, PlaybackBook(step, time=time))
         return EventStatus.Succeeded()
 
-    def _ticked(self, context: Context) -> PlaybackState | None:
-        """Return the state after the tick that is due now, None where it was made."""
-        if self._seconds(context) < 0.5 * self._player.tick_seconds:
-            return None
-        return self._player.tick(self.playback_state(context))
-
     def _tick(self, context: Context, values: DiscreteValues) -> EventStatus:
-        state = self._ticked(context)
-        if state is None:
+        due = self._due(context)
+        if due is None:
             return EventStatus.DidNothing()
-        self._store(state, context.get_time(), values)
+        self._store(values, *due)
         return EventStatus.Succeeded()
 
     def _remap(self, context: Context, state: State) -> EventStatus:
-        playback = self._ticked(context) or self.playback_state(context)
-        if playback.step != self._player.skill.n_steps - 1:
+        due = self._due(context)
+        if due is None:
             return EventStatus.DidNothing()
-        self._store(
-            self._player.remap(playback),
-            context.get_time(),
-            state.get_mutable_discrete_state(),
-        )
+        live, measurements, book = due
+        if book.time - book.pushed_since > self._push_dwell - 1e-6:
+            playback, offset = remapped(
+                self._player,
+                live.playback,
+                live.offset,
+                tempo=live.tempo,
+                seconds=live.rest,
+                observed=measurements,
+                sample=live.sample,
+            )
+            live = replace(live, playback=playback, offset=offset, rest=0.0)
+            book = book._replace(pushed_since=math.inf, reactive=book.reactive + 1)
+        elif live.playback.remaps == book.remaps:
+            return EventStatus.DidNothing()
+        values = state.get_mutable_discrete_state()
+        self._store(values, live, measurements, book)
         return EventStatus.Succeeded()
 
-    def _calc_segment(self, context: Any, value: Any) -> None:
-        value.set_value(self._player.segment(self.playback_state(context)))
+    def _due(
+        self, context: Context
+    ) -> tuple[LiveState, NDArray[np.float64], PlaybackBook] | None:
+        """Return the state after the tick that is due now, None where it was made."""
+        live, seconds = self._live(context)
+        tick = self._player.tick_seconds
+        if seconds < 0.5 * tick:
+            return None
+        state, book = live.after(seconds), self._read_book(context)
+        d = self._player.skill.n_channels_
+        measurements = context.get_discrete_state().value(self._measurements)
+        measurements = measurements.reshape(-1, d).copy()
+        wanted, since = self._wanted_tempo(context), math.inf
+        if self._push_threshold is not None:
+            measured: Any = self._measured.Eval(context)
+            ticks = round((live.state.skill_seconds(seconds) - state.rest) / tick)
+            measurements = appended_ticks(measurements, measured, ticks)
+            off = np.linalg.norm(measured - live.motion(seconds)[0])
+            off = float(off) / self._push_threshold
+            if off > 1:
+                since = min(book.pushed_since, context.get_time())
+                wanted *= max(2 - off, 0.0)
+        slope = (wanted - state.tempo) / tick
+        state = replace(
+            state,
+            slope=min(max(slope, -_TEMPO_RATE), _TEMPO_RATE),
+            sample=self._wanted_sample(context),
+        )
+        return (
+            state,
+            measurements,
+            book._replace(time=context.get_time(), pushed_since=since),
+        )
+
+    def _wanted_tempo(self, context: Context) -> float:
+        if not self._tempo.HasValue(context):
+            return 1.0
+        port: Any = self._tempo.Eval(context)
+        tempo = float(port[0])
+        if not 0 <= tempo <= MAX_TEMPO:
+            raise SkillError(
+                f"{self.get_name()}: the tempo is {tempo}; it must be from 0 to "
+                f"{MAX_TEMPO:g}."
+            )
+        return tempo
+
+    def _wanted_sample(self, context: Context) -> bool:
+        if not self._sample.HasValue(context):
+            return self._player.sample
+        port: Any = self._sample.Eval(context)
+        return bool(port[0] >= 0.5)
+
+    # Outputs ------------------------------------------------------------------
+
+    def _calc_playback(self, context: Any, value: Any) -> None:
+        live = LivePlayback(self._player, self._read(context))
+        value.set_value((live, self._read_book(context).time))
 
     def _calc_motion(self, context: Any, value: Any) -> None:
-        segment: Any = self._segment_cache.Eval(context)
-        value.set_value(segment.motion(self._seconds(context)))
+        live, seconds = self._live(context)
+        value.set_value(live.motion(seconds))
 
-    def _calc_of_motion(self, order: int) -> Callable[[Context, BasicVector], None]:
+    def _calc_plan(self, context: Any, value: Any) -> None:
+        state = self._read(context)
+        start = replace(state.playback, offset=state.offset)
+        value.set_value(self._player.plan(start, self._plan_ticks, sample=state.sample))
+
+    @staticmethod
+    def _calc_part_of(
+        cache: CacheEntry, order: int
+    ) -> Callable[[Context, BasicVector], None]:
         def calc(context: Context, output: BasicVector) -> None:
-            motion: Any = self._motion_cache.Eval(context)
-            output.SetFromVector(motion[order])
+            parts: Any = cache.Eval(context)
+            output.SetFromVector(parts[order].ravel())
 
         return calc
 
+    def _now(self, context: Context) -> tuple[PlaybackState, float]:
+        live, seconds = self._live(context)
+        return live.playback(seconds)
+
     def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        covariance = self._player.covariance(
-            self.playback_state(context), self._seconds(context)
-        )
-        output.SetFromVector(covariance.ravel())
+        output.SetFromVector(self._player.covariance(*self._now(context)).ravel())
 
     def _calc_weights(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            self._player.weights(self.playback_state(context), self._seconds(context))
-        )
+        output.SetFromVector(self._player.weights(*self._now(context)))
 
     def _calc_component(self, context: Context, output: BasicVector) -> None:
-        _, _, component, _ = context.get_discrete_state().value(self._book)
-        output.SetAtIndex(0, component)
+        output.SetAtIndex(0, self._now(context)[0].component)
 
-
-def _book(state: PlaybackState, time: float) -> NDArray[np.float64]:
-    return np.array([time, state.step, state.component, state.remaps], dtype=float)
+    def _calc_remaps(self, context: Context, output: BasicVector) -> None:
+        book = self._read_book(context)
+        output.SetFromVector(np.array([self._now(context)[0].remaps, book.reactive]))

@@ -1,6 +1,7 @@
 """Facts about the skill as a Drake system."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import LqrTracker, Player
+from fmp_drake.primitives.live_playback import LivePlayback, LiveState
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 
 OUTPUTS = {
@@ -20,6 +22,9 @@ OUTPUTS = {
     "covariance": 4,
     "weights": 48,
     "component": 1,
+    "plan": 62,
+    "plan_covariance": 124,
+    "remaps": 2,
 }
 TICK = 0.1
 REMAP = 2.0  # (T - K) / rate of `small_skill`
@@ -68,6 +73,7 @@ def expected_outputs(player, state, seconds):
         "covariance": player.covariance(state, seconds).ravel(),
         "weights": player.weights(state, seconds),
         "component": [state.component],
+        "remaps": [state.remaps, 0],
     }
 
 
@@ -87,8 +93,9 @@ def record(simulator, until, every=0.03):
 
 def test_ports_have_names_and_sizes(system):
     assert system.get_name() == "fourier_primitive"
-    assert system.num_input_ports() == 1
-    assert system.GetInputPort("measured_position").size() == 2
+    assert system.num_input_ports() == 3
+    for name, size in {"measured_position": 2, "tempo": 1, "sample": 1}.items():
+        assert system.GetInputPort(name).size() == size
     assert system.num_output_ports() == len(OUTPUTS)
     for name, size in OUTPUTS.items():
         assert system.GetOutputPort(name).size() == size
@@ -96,7 +103,8 @@ def test_ports_have_names_and_sizes(system):
 
 def test_no_output_feeds_through(system):
     for output in range(system.num_output_ports()):
-        assert not system.HasDirectFeedthrough(0, output)
+        for port in range(system.num_input_ports()):
+            assert not system.HasDirectFeedthrough(port, output)
 
 
 def test_all_of_its_values_are_discrete_state(system):
@@ -205,7 +213,7 @@ def test_remapping_comes_every_t_minus_k_ticks(system, start):
 def test_skill_of_the_paper_remaps_every_5_and_a_half_seconds(wiping_skill):
     system = FourierPrimitiveSystem(wiping_skill)
     simulator = simulator_at(system, wiping_skill.extent_.mean(axis=0))
-    for time, remaps in ((5.45, 0), (5.5, 1), (10.95, 1), (11.0, 2)):
+    for time, remaps in ((5.45, 0), (5.501, 1), (10.95, 1), (11.001, 2)):
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()
         assert system.playback_state(simulator.get_context()).remaps == remaps
@@ -407,6 +415,188 @@ def test_forgotten_input_is_an_error_that_names_port_and_system(system):
         RuntimeError, match=r"measured_position.*fourier_primitive.*not connected"
     ):
         Simulator(system).Initialize()
+
+
+# Tempo ----------------------------------------------------------------------
+
+
+def played_at(system, start, tempo, until, every=0.01):
+    """Return position, velocity and acceleration, (samples, 3, D), at a tempo of t."""
+    context = context_at(system, start)
+    port = system.GetInputPort("tempo")
+    port.FixValue(context, tempo(0.0))
+    simulator = Simulator(system, context)
+    simulator.Initialize()
+    rows = []
+    for i in range(round(until / every) + 1):
+        port.FixValue(context, tempo(i * every))
+        simulator.AdvanceTo(i * every)
+        names = ("position", "velocity", "acceleration")
+        rows.append([system.GetOutputPort(n).Eval(context).copy() for n in names])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("tempo", [0.0, 0.5, 1.0, 2.0])
+def test_tempo_is_that_of_the_live_playback(small_skill, start, tempo):
+    system = FourierPrimitiveSystem(small_skill)
+    played = played_at(system, start, lambda _: tempo, 6)
+    player = Player(small_skill)
+    state = player.start(start)
+    still = replace(state, offset=np.zeros((2, 2)))
+    path = player.motion(still)
+    offset = np.stack([start - path[0], -tempo * path[1]])
+    live = LivePlayback(
+        player, LiveState(playback=still, offset=offset, tempo=tempo, sample=False)
+    )
+    expected = np.array([live.motion(0.01 * i) for i in range(len(played))])
+    assert_allclose(played, expected, atol=1e-7)
+
+
+def test_changing_tempo_makes_no_jump_of_position_and_velocity(system, start):
+    motion = played_at(system, start, lambda t: 1 + np.sin(0.9 * t), 8, every=0.002)
+    velocity = np.diff(motion[:, 0], axis=0) / 0.002
+    assert_allclose(velocity, (motion[1:, 1] + motion[:-1, 1]) / 2, atol=2e-4)
+    acceleration = np.diff(motion[:, 1], axis=0) / 0.002
+    between = (motion[1:, 2] + motion[:-1, 2]) / 2
+    assert np.median(np.abs(acceleration - between)) < 1e-3
+
+
+def test_tempo_of_zero_stands_still_and_goes_on(system, start):
+    motion = played_at(system, start, lambda t: float(not 2 <= t < 5), 7)
+    # The tempo comes down to 0 within a quarter of a second; offsets go on.
+    still = motion[400:500]
+    assert np.ptp(still[:, 0], axis=0).max() < 1e-3
+    assert_allclose(still[:, 1], 0, atol=2e-3)
+    assert np.ptp(motion[500:, 0], axis=0).max() > 0.01
+
+
+@pytest.mark.parametrize("tempo", [-0.1, 4.5, np.nan])
+def test_tempo_that_cannot_be_is_refused(system, start, tempo):
+    context = context_at(system, start)
+    system.GetInputPort("tempo").FixValue(context, tempo)
+    with pytest.raises(SkillError, match=r"tempo is .* from 0 to 4"):
+        Simulator(system, context).Initialize()
+
+
+# Samples or means -------------------------------------------------------------
+
+
+def test_port_chooses_between_samples_and_means(small_skill, start):
+    def run(value, sample):
+        system = FourierPrimitiveSystem(small_skill, sample=sample, seed=3)
+        context = context_at(system, start)
+        if value is not None:
+            system.GetInputPort("sample").FixValue(context, value)
+        simulator = Simulator(system, context)
+        simulator.Initialize()
+        return record(simulator, 6.5)
+
+    # The start tracks what the parameter says, later re-mappings what the port says.
+    assert np.array_equal(run(1.0, True), run(None, True))
+    assert np.array_equal(run(0.0, False), run(None, False))
+    assert not np.array_equal(run(1.0, False), run(None, False))
+
+
+# Plan -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sample", [False, True])
+def test_plan_is_what_is_played_later(small_skill, start, sample):
+    system = FourierPrimitiveSystem(small_skill, sample=sample, plan_seconds=2.5)
+    simulator = simulator_at(system, start)
+    context = simulator.get_context()
+    simulator.AdvanceTo(0.71)
+    plan = system.GetOutputPort("plan").Eval(context).reshape(-1, 2).copy()
+    tubes = system.GetOutputPort("plan_covariance").Eval(context).reshape(-1, 4).copy()
+    assert plan.shape == (26, 2)
+    for i in range(1, 26):
+        simulator.AdvanceTo(0.7 + i * TICK + 1e-9)
+        got = system.GetOutputPort("position").Eval(context)
+        assert_allclose(got, plan[i], atol=1e-6)
+        if i != 13:  # Where a window ends, it is the ending window's.
+            covariance = system.GetOutputPort("covariance").Eval(context)
+            assert_allclose(covariance, tubes[i], atol=1e-9)
+
+
+# Reactive re-mapping ----------------------------------------------------------
+
+
+@pytest.fixture
+def reactive(small_skill):
+    return FourierPrimitiveSystem(small_skill, push_threshold=0.02, push_dwell=0.3)
+
+
+def pushed(system, start, offset, until, *, begin=1.0, end=1.0, every=0.02):
+    """Play while the robot is an offset (D,) off its path from begin to end."""
+    simulator = simulator_at(system, start)
+    context = simulator.get_mutable_context()
+    rows = []
+    for i in range(round(until / every) + 1):
+        now = i * every
+        simulator.AdvanceTo(now)
+        desired = system.GetOutputPort("position").Eval(context).copy()
+        off = np.asarray(offset) if begin <= now < end else np.zeros(2)
+        system.GetInputPort("measured_position").FixValue(context, desired + off)
+        rows.append([*desired, *system.GetOutputPort("remaps").Eval(context)])
+    return np.array(rows)
+
+
+def test_robot_on_its_path_is_played_as_without_the_reactive_mode(
+    system, reactive, start
+):
+    calm = pushed(reactive, start, [0.005, 0.004], 4.5, end=9)
+    assert np.array_equal(calm, pushed(system, start, [0, 0], 4.5))
+
+
+def test_movement_waits_for_a_short_push_and_then_goes_on(system, reactive, start):
+    short = pushed(reactive, start, [0.1, 0], 2.9, end=1.25)
+    assert short[-1, 3] == 0
+    free = pushed(system, start, [0, 0], 2.9)
+    # Where it is now, it was before without the push.
+    late = np.linalg.norm(free[:, :2] - short[-1, :2], axis=1)
+    assert late[:-5].min() < 0.005
+    assert 0.1 < 0.02 * (len(late) - 1 - np.argmin(late)) < 0.4
+
+
+def test_push_is_mapped_after_the_dwell_and_again_while_it_lasts(reactive, start):
+    rows = pushed(reactive, start, [0.05, 0.0], 3.5, end=2.15)
+    instants = 0.02 * (np.flatnonzero(np.diff(rows[:, 3])) + 1)
+    assert len(instants) == 3
+    # At the ticks at which the push was seen for 0.3 s; the dwell then counts anew.
+    assert_allclose(instants, [1.3, 1.7, 2.1], atol=0.11)
+
+
+def test_reactive_remapping_makes_the_desired_motion_no_jump(reactive, start):
+    rows = pushed(reactive, start, [0.05, -0.03], 5, end=2.5, every=0.004)
+    assert rows[-1, 3] > 2
+    step = np.linalg.norm(np.diff(rows[:, :2], axis=0), axis=1)
+    again = np.flatnonzero(np.diff(rows[:, 3]))
+    assert step[again].max() < 2 * np.median(step)
+    assert np.abs(np.diff(rows[:, :2], n=2, axis=0)).max() < 2e-4
+
+
+def test_reactive_remapping_goes_on_where_the_robot_was_led(reactive, small_skill):
+    # Held near one end of the demonstrated range, the movement comes there.
+    low, high = small_skill.extent_
+    simulator = simulator_at(reactive, (low + high) / 2)
+    context = simulator.get_mutable_context()
+    held = high - 0.1 * (high - low)
+    away = []
+    for i in range(1, 200):
+        reactive.GetInputPort("measured_position").FixValue(context, held)
+        simulator.AdvanceTo(0.1 * i)
+        desired = reactive.GetOutputPort("position").Eval(context)
+        away.append(np.linalg.norm(desired - held))
+    free = record(simulator_at(reactive.__class__(small_skill), (low + high) / 2), 20)
+    unled = np.linalg.norm(free[:, :2] - held, axis=1)
+    assert np.mean(away[20:]) < 0.5 * np.mean(unled[60:])
+
+
+def test_seconds_and_threshold_must_be_positive(small_skill):
+    for name in ("push_threshold", "push_dwell", "plan_seconds"):
+        for value in (0.0, -1.0, np.nan):
+            with pytest.raises(SkillError, match=f"{name} is .* must be positive"):
+                FourierPrimitiveSystem(small_skill, **{name: value})
 
 
 # In a diagram ---------------------------------------------------------------

@@ -1,0 +1,195 @@
+"""Playing a skill at a tempo that changes, beside a robot that may be pushed."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.primitives.playback import Player
+from fmp_drake.primitives.playback_state import PlaybackState
+from fmp_drake.primitives.segment import Segment, critically_damped
+
+# A share of a tick that rounding may make.
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LiveState:
+    """Where a playback stands at an instant between two ticks.
+
+    Attributes
+    ----------
+    playback : PlaybackState
+        At the last tick, with an offset of zero.
+    offset : ndarray, shape (2, D)
+        What the desired values and velocities (per second of real time) still add to
+        those of the weights. It decays in real time, whatever the tempo.
+    rest : float
+        Seconds of the skill since the tick.
+    tempo, slope : float
+        Seconds of the skill per second, and their change per second.
+    sample : bool
+        Whether re-mappings draw samples.
+    """
+
+    playback: PlaybackState
+    offset: NDArray[np.float64]
+    rest: float = 0.0
+    tempo: float = 1.0
+    slope: float = 0.0
+    sample: bool = False
+
+    def skill_seconds(self, seconds: float) -> float:
+        """Return the seconds of the skill since the tick, some seconds later."""
+        return self.rest + (self.tempo + 0.5 * self.slope * seconds) * seconds
+
+    def tempo_after(self, seconds: float) -> float:
+        """Return the tempo some seconds later."""
+        return self.tempo + self.slope * seconds
+
+    def seconds_to(self, skill_seconds: float) -> float:
+        """Return when so many seconds of the skill since the tick have passed."""
+        left = skill_seconds - self.rest
+        under_root = self.tempo**2 + 2 * self.slope * left
+        return 2 * left / (self.tempo + math.sqrt(max(under_root, 0.0)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Piece:
+    """The motion from a tick to the next: `begin` is the tick's time."""
+
+    playback: PlaybackState
+    segment: Segment
+    begin: float
+    offset: NDArray[np.float64]
+
+
+class LivePlayback:
+    """The desired motion from an instant on, until something changes it.
+
+    Ticks, and the re-mappings at the ends of windows, are made when they are asked
+    for, each once.
+
+    Parameters
+    ----------
+    player : Player
+    state : LiveState
+        At the instant from which times count.
+    """
+
+    def __init__(self, player: Player, state: LiveState) -> None:
+        self.state = state
+        self._player = player
+        first = state.playback
+        self._pieces = [
+            _Piece(
+                playback=first,
+                segment=player.segment(first),
+                begin=0.0,
+                offset=state.offset,
+            )
+        ]
+
+    def playback(self, seconds: float) -> tuple[PlaybackState, float]:
+        """Return the last tick before a time, and the seconds of the skill since."""
+        piece, since = self._at(seconds)
+        return piece.playback, since
+
+    def motion(self, seconds: float) -> NDArray[np.float64]:
+        """Return value, velocity and acceleration at a time, shape (3, D)."""
+        piece, since = self._at(seconds)
+        motion = piece.segment.motion(since)
+        state = self.state
+        if state.tempo != 1 or state.slope != 0:
+            tempo = state.tempo_after(seconds)
+            motion[2] = tempo**2 * motion[2] + state.slope * motion[1]
+            motion[1] *= tempo
+        motion += self._offset(piece, seconds)
+        return motion
+
+    def after(self, seconds: float) -> LiveState:
+        """Return the state at a later time, with the tick that is due then made."""
+        ticks, since = self._ticks(seconds, due=True)
+        piece = self._piece(ticks)
+        return replace(
+            self.state,
+            playback=piece.playback,
+            offset=self._offset(piece, seconds)[:2],
+            rest=0.0 if since < _ROUNDING * self._player.tick_seconds else since,
+            tempo=self.state.tempo_after(seconds),
+        )
+
+    def _ticks(self, seconds: float, *, due: bool = False) -> tuple[int, float]:
+        """Return the ticks made by a time, and the seconds of the skill since."""
+        tick, passed = self._player.tick_seconds, self.state.skill_seconds(seconds)
+        if due:
+            ticks = math.floor(passed / tick + _ROUNDING)
+        else:
+            ticks = max(math.ceil(passed / tick - _ROUNDING) - 1, 0)
+        return ticks, passed - ticks * tick
+
+    def _at(self, seconds: float) -> tuple[_Piece, float]:
+        ticks, since = self._ticks(seconds)
+        return self._piece(ticks), since
+
+    def _piece(self, ticks: int) -> _Piece:
+        while len(self._pieces) <= ticks:
+            self._pieces.append(self._next(self._pieces[-1], len(self._pieces)))
+        return self._pieces[ticks]
+
+    def _next(self, piece: _Piece, ticks: int) -> _Piece:
+        player = self._player
+        begin = self.state.seconds_to(ticks * player.tick_seconds)
+        offset = self._offset(piece, begin)[:2]
+        playback = player.tick(piece.playback)
+        history = playback.history.copy()
+        history[-1] += offset[0]
+        playback = replace(playback, history=history)
+        if playback.step == player.skill.n_steps - 1:
+            tempo = self.state.tempo_after(begin)
+            playback, offset = remapped(
+                player, playback, offset, tempo=tempo, sample=self.state.sample
+            )
+        return _Piece(
+            playback=playback,
+            segment=player.segment(playback),
+            begin=begin,
+            offset=offset,
+        )
+
+    def _offset(self, piece: _Piece, seconds: float) -> NDArray[np.float64]:
+        rate = 1 / self._player.blend_time
+        return critically_damped(piece.offset, rate, seconds - piece.begin)
+
+
+def remapped(
+    player: Player,
+    playback: PlaybackState,
+    offset: NDArray[np.float64],
+    *,
+    tempo: float,
+    seconds: float = 0.0,
+    observed: NDArray[np.float64] | None = None,
+    sample: bool | None = None,
+) -> tuple[PlaybackState, NDArray[np.float64]]:
+    """Re-map without a jump of the desired value and velocity.
+
+    Parameters
+    ----------
+    player : Player
+    playback : PlaybackState
+        With an offset of zero.
+    offset : ndarray, shape (2, D)
+        See `LiveState`.
+    tempo : float
+    seconds, observed, sample
+        As for `Player.remap`.
+
+    Returns
+    -------
+    playback, offset
+    """
+    new = player.remap(playback, seconds=seconds, observed=observed, sample=sample)
+    change = new.offset * np.array([[1.0], [tempo]])
+    return replace(new, offset=np.zeros_like(offset)), offset + change

@@ -1,0 +1,47 @@
+"""What the primitive's system remembers beside the playback's arrays."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class PlaybackBook(NamedTuple):
+    """What is known since the last event.
+
+    Attributes
+    ----------
+    step, component, remaps
+        Of the playback's state.
+    time : float
+        Of the event, s.
+    rest, tempo, slope, sample
+        As in `LiveState`.
+    reactive : float
+        Number of reactive re-mappings.
+    pushed_since : float
+        When the robot left its path, s; infinity where it is on it.
+    """
+
+    step: float
+    component: float = 0.0
+    remaps: float = 0.0
+    time: float = 0.0
+    rest: float = 0.0
+    tempo: float = 1.0
+    slope: float = 0.0
+    sample: float = 0.0
+    reactive: float = 0.0
+    pushed_since: float = math.inf
+
+
+def appended_ticks(
+    rows: NDArray[np.float64], value: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """Append to rows (K, D), for each of some ticks, what lies on the way to a value."""
+    if count == 0:
+        return rows
+    steps = np.arange(1, count + 1)[:, None] / count
+    added = rows[-1] + steps * (value - rows[-1])
+    return np.concatenate([rows, added])[-len(rows) :]
