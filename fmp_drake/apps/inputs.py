@@ -13,12 +13,12 @@ from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.placement import Placement, fit_placement
 from fmp_drake.station.model_files import models_dir
-from fmp_drake.station.wiping_station import BOARD_SIZE, ERASER_FOOTPRINT
+from fmp_drake.station.scenario import Scenario
 
 PATH = click.Path(path_type=Path)
 
-# A path this near to the edge keeps the whole eraser on the board.
-USABLE = np.array(BOARD_SIZE) - np.array(ERASER_FOOTPRINT) - 0.02
+# What is left of the board around the eraser, m.
+_MARGIN = 0.02
 
 
 def skill_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -66,12 +66,14 @@ def default_demonstration(task: str = "wiping") -> Path:
 def load_on_board(
     paths: Sequence[Path],
     *,
+    scenario: Scenario,
     transform: Sequence[float] | None,
     stretch: float,
 ) -> tuple[list[Demonstration], list[str]]:
     """Load demonstrations in the frame of the board, and say what was done."""
     if not (np.isfinite(stretch) and stretch > 0):
         raise DemonstrationError(f"stretch is {stretch}; it must be positive.")
+    usable = np.array(scenario.board.size) - scenario.eraser.footprint - _MARGIN
     demonstrations, remarks = [], []
     for path in paths:
         demonstration = Demonstration.load(path)
@@ -89,7 +91,7 @@ def load_on_board(
             )
             demonstration = placement.apply(demonstration)
         elif demonstration.frame != "board":
-            placement = fit_placement(demonstration, usable=USABLE)
+            placement = fit_placement(demonstration, usable=usable)
             demonstration = placement.apply(demonstration)
             remarks.append(
                 f"{path.name}: laid onto the middle of the board by its plane, at "

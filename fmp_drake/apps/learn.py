@@ -31,7 +31,7 @@ def learn(
     check_writable(out)
     check_picture(plot)
     loaded, remarks = load_on_board(
-        demonstrations, transform=transform, stretch=stretch
+        demonstrations, scenario=Scenario(), transform=transform, stretch=stretch
     )
     for remark in remarks:
         console.print(remark)

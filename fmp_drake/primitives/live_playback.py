@@ -31,10 +31,13 @@ class LiveState:
         Seconds of the skill per second, and their change per second.
     sample : bool
         Whether re-mappings draw samples.
+    blend_time : float
+        Time constant of the offset's decay, s.
     """
 
     playback: PlaybackState
     offset: NDArray[np.float64]
+    blend_time: float
     rest: float = 0.0
     tempo: float = 1.0
     slope: float = 0.0
@@ -159,7 +162,7 @@ class LivePlayback:
         )
 
     def _offset(self, piece: _Piece, seconds: float) -> NDArray[np.float64]:
-        rate = 1 / self._player.blend_time
+        rate = 1 / self.state.blend_time
         return critically_damped(piece.offset, rate, seconds - piece.begin)
 
 

@@ -21,6 +21,10 @@ from fmp_drake.primitives.window_table import WindowTable
 if TYPE_CHECKING:
     from fmp_drake.primitives.movement_primitive import FourierMovementPrimitive
 
+# How closely the mapped weights meet the motion of a pushed robot, as a share of the
+# movement's half width.
+_PUSH_TOLERANCE = 0.05
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Entry:
@@ -121,8 +125,9 @@ class Player:
         self._start_plan = self._plan_start(skill.overlap - 1)
         first = np.arange(skill.overlap)
         self._remap_plan = skill.mapping_plan(first)
+        pushed = start_variances(skill, _PUSH_TOLERANCE)
         self._push_plan = skill.mapping_plan(
-            first, tolerance=np.tile(self._start_tolerance, skill.overlap)
+            first, tolerance=np.tile(pushed, skill.overlap)
         )
         self._tables: dict[int, WindowTable] = {}
 
@@ -190,7 +195,7 @@ class Player:
             Since the tick of the state; the new state's tick is then.
         observed : array_like, shape (K, D), optional
             What is mapped, a value per tick, the newest last: the measured motion of a
-            robot that was pushed off its path, met as closely as a start. The last
+            robot that was pushed off its path, met within 5 % of the movement's half width. The last
             desired values where None. The desired motion goes on without a jump in
             either case.
         sample : bool, optional

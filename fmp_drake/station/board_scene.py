@@ -1,27 +1,33 @@
 """The scene that every station shares: arm, eraser and whiteboard."""
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
-from pydrake.multibody.tree import Frame, ModelInstanceIndex
-from pydrake.systems.controllers import InverseDynamics
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    Frame,
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticJoint,
+)
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Adder
+from pydrake.systems.primitives import Multiplexer, Sine
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.model_files import AddFmpDrakePackage, AddPandaWithEraser
+from fmp_drake.station.model_files import AddPandaWithEraser
 from fmp_drake.station.posture import SolvePosture
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.impedance_config import ImpedanceConfig
+from fmp_drake.station.whiteboard_model import AddWhiteboard
 from fmp_drake.systems.joint_friction import JointFriction
-from fmp_drake.systems.operational_space_impedance_controller import (
-    OperationalSpaceImpedanceController,
-)
+
+# The servo of a moving board: its natural frequency, rad/s.
+_SERVO = 120.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +47,11 @@ class BoardScene:
     arm_tip : Frame
         E in `arm`.
     X_WB : RigidTransform
-        The board in the world.
+        The board in the world at time 0.
+    X_WA : RigidTransform
+        The assumed board: what the controller takes for X_WB.
+    rail : Sine or None
+        The wanted motion of a board on a rail: position, velocity, acceleration.
     """
 
     plant: MultibodyPlant
@@ -54,10 +64,71 @@ class BoardScene:
     arm: MultibodyPlant
     arm_tip: Frame
     X_WB: RigidTransform
+    X_WA: RigidTransform
+    rail: Sine | None
+
+
+def AddBoardModels(
+    plant: MultibodyPlant, scenario: Scenario, *, visuals: str = "own"
+) -> tuple[ModelInstanceIndex, ModelInstanceIndex, ModelInstanceIndex]:
+    """Add arm, eraser and board to a plant that is not finalized.
+
+    A board that moves slides on the joint `rail`, whose actuator is a stiff servo;
+    any other is welded to the world.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+    scenario : Scenario
+    visuals : str
+        Of the arm: `own` or `drake_models`.
+
+    Returns
+    -------
+    panda, eraser, whiteboard : ModelInstanceIndex
+    """
+    panda, eraser = _AddArm(plant, scenario, visuals)
+    board = scenario.board
+    whiteboard = AddWhiteboard(
+        plant, size=board.size, friction=board.friction, legs=board.legs
+    )
+    surface = plant.GetFrameByName("surface", whiteboard)
+    if board.motion.amplitude == 0:
+        plant.WeldFrames(plant.world_frame(), surface, board.pose())
+        return panda, eraser, whiteboard
+    middle = plant.AddFrame(
+        FixedOffsetFrame("rail", plant.world_frame(), board.pose(), whiteboard)
+    )
+    rail: Any = plant.AddJoint(
+        PrismaticJoint("rail", middle, surface, np.array(board.axis()))
+    )
+    rail.set_default_translation(-board.motion.amplitude)
+    mass = plant.GetBodyByName("board", whiteboard).default_mass()
+    plant.AddJointActuator("rail", rail).set_controller_gains(
+        PdControllerGains(p=mass * _SERVO**2, d=2 * mass * _SERVO)
+    )
+    return panda, eraser, whiteboard
+
+
+def _AddArm(
+    plant: MultibodyPlant, scenario: Scenario, visuals: str
+) -> tuple[ModelInstanceIndex, ModelInstanceIndex]:
+    eraser = scenario.eraser
+    return AddPandaWithEraser(
+        plant,
+        footprint=eraser.footprint,
+        modulus=eraser.modulus,
+        friction=eraser.friction,
+        visuals=visuals,
+    )
 
 
 def AddBoardScene(
-    builder: DiagramBuilder, scenario: Scenario, *, start: ArrayLike
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    *,
+    start: ArrayLike,
+    visuals: str = "own",
 ) -> BoardScene:
     """Add the plant with arm, eraser and board, the eraser held at a start.
 
@@ -66,34 +137,32 @@ def AddBoardScene(
     builder : DiagramBuilder
     scenario : Scenario
     start : array_like, shape (3,)
-        p_BE, m.
+        p_BE, m: where the board is assumed to be.
+    visuals : str
+        As for `AddBoardModels`.
 
     Raises
     ------
     StationError
-        Where the arm cannot reach the start.
+        Where the scenario has values that do not fit, or the arm cannot reach the start.
     """
-    X_WB = scenario.board.pose()
+    scenario.check()
     arm = MultibodyPlant(time_step=0.0)
     arm.set_name("arm")
-    _, arm_eraser = AddPandaWithEraser(arm)
+    _, arm_eraser = _AddArm(arm, scenario, "own")
     arm.Finalize()
     arm_tip = arm.GetFrameByName("eraser_tip", arm_eraser)
 
     plant, scene_graph = _AddPlant(builder, scenario)
-    panda, eraser = AddPandaWithEraser(plant)
-    parser = Parser(plant)
-    AddFmpDrakePackage(parser)
-    (whiteboard,) = parser.AddModels(
-        url="package://fmp_drake/whiteboard/whiteboard.sdf"
-    )
-    surface = plant.GetFrameByName("surface", whiteboard)
-    plant.WeldFrames(plant.world_frame(), surface, X_WB)
+    panda, eraser, whiteboard = AddBoardModels(plant, scenario, visuals=visuals)
     plant.Finalize()
 
-    X_BE = RigidTransform(scenario.eraser_orientation(), np.asarray(start, dtype=float))
+    board = scenario.board
+    moved = RigidTransform(-board.motion.amplitude * np.array(board.axis()))
+    X_WA = board.assumed_pose() @ moved
+    X_AE = RigidTransform(scenario.eraser_orientation(), np.asarray(start, dtype=float))
     posture = SolvePosture(
-        arm, frame=arm_tip, X_WE=X_WB @ X_BE, q_preferred=scenario.posture
+        arm, frame=arm_tip, X_WE=X_WA @ X_AE, q_preferred=scenario.posture
     )
     plant.SetDefaultPositions(panda, posture)
     if scenario.friction.enabled:
@@ -114,10 +183,12 @@ def AddBoardScene(
         eraser=eraser,
         whiteboard=whiteboard,
         tip=plant.GetFrameByName("eraser_tip", eraser),
-        surface=surface,
+        surface=plant.GetFrameByName("surface", whiteboard),
         arm=arm,
         arm_tip=arm_tip,
-        X_WB=X_WB,
+        X_WB=board.pose() @ moved,
+        X_WA=X_WA,
+        rail=_AddRail(builder, plant, whiteboard, scenario),
     )
 
 
@@ -136,40 +207,30 @@ def _AddPlant(
     return plant, scene_graph
 
 
-def AddArmController(
-    builder: DiagramBuilder, scene: BoardScene, config: ImpedanceConfig
-) -> OperationalSpaceImpedanceController:
-    """Add the controller, and the gravity compensation that the real arm has built in.
-
-    The controller's torque plus the torque that carries arm and eraser drive the
-    plant. Systems: controller, gravity_compensation, actuation (the sum).
-    """
-    plant = scene.plant
-    controller = OperationalSpaceImpedanceController(
-        scene.arm,
-        end_effector=scene.arm_tip,
-        X_WT=scene.X_WB,
-        config=config,
-        q_posture=plant.GetDefaultPositions(scene.panda),
+def _AddRail(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    whiteboard: ModelInstanceIndex,
+    scenario: Scenario,
+) -> Sine | None:
+    """Add what drives a board on a rail: systems rail and rail_state."""
+    motion = scenario.board.motion
+    if motion.amplitude == 0:
+        return None
+    # It starts at rest, at one end.
+    rail = Sine(
+        amplitude=motion.amplitude,
+        frequency=2 * math.pi * motion.frequency,
+        phase=-math.pi / 2,
+        size=1,
     )
-    controller.set_name("controller")
-    builder.AddSystem(controller)
-    compensation = InverseDynamics(
-        scene.arm, InverseDynamics.InverseDynamicsMode.kGravityCompensation
-    )
-    compensation.set_name("gravity_compensation")
-    builder.AddSystem(compensation)
-    total = Adder(2, scene.arm.num_velocities())
-    total.set_name("actuation")
-    builder.AddSystem(total)
-    state = plant.get_state_output_port(scene.panda)
-    builder.Connect(state, controller.GetInputPort("state"))
-    builder.Connect(state, compensation.get_input_port_estimated_state())
-    builder.Connect(controller.GetOutputPort("torque"), total.get_input_port(0))
+    rail.set_name("rail")
+    builder.AddSystem(rail)
+    state = builder.AddSystem(Multiplexer(2))
+    state.set_name("rail_state")
+    builder.Connect(rail.get_output_port(0), state.get_input_port(0))
+    builder.Connect(rail.get_output_port(1), state.get_input_port(1))
     builder.Connect(
-        compensation.get_output_port_generalized_force(), total.get_input_port(1)
+        state.get_output_port(), plant.get_desired_state_input_port(whiteboard)
     )
-    builder.Connect(
-        total.get_output_port(), plant.get_actuation_input_port(scene.panda)
-    )
-    return controller
+    return rail

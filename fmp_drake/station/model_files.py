@@ -1,14 +1,17 @@
 """The package's models: where they are, and the arm with its eraser."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.parsing import Parser
+from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from fmp_drake.errors import StationError
+from fmp_drake.station.eraser_model import AddEraser
+from fmp_drake.station.panda_model import AddPanda
 
 
 def models_dir() -> Path:
@@ -53,6 +56,11 @@ def AddFmpDrakePackage(parser: Parser) -> None:
 
 def AddPandaWithEraser(
     plant: MultibodyPlant,
+    *,
+    footprint: Sequence[float] = (0.12, 0.05),
+    modulus: float = 1.25e4,
+    friction: float = 0.5,
+    visuals: str = "own",
 ) -> tuple[ModelInstanceIndex, ModelInstanceIndex]:
     """Add the arm, welded to the world, with the eraser on its flange.
 
@@ -65,16 +73,29 @@ def AddPandaWithEraser(
     ----------
     plant : MultibodyPlant
         A plant that is not finalized and has no model named ``panda`` or ``eraser``.
+    footprint : sequence, shape (2,)
+        The felt's face along x and y of E, m.
+    modulus : float
+        Hydroelastic modulus of the felt, Pa.
+    friction : float
+        The felt's coefficient of friction.
+    visuals : {"own", "drake_models"}
+        The arm's meshes: our own, or the official ones that Drake downloads.
 
     Returns
     -------
     panda, eraser : ModelInstanceIndex
         The arm of 7 joints and the eraser.
+
+    Raises
+    ------
+    StationError
+        Where a value is not allowed, or the official meshes are not to be had.
     """
-    parser = Parser(plant)
-    AddFmpDrakePackage(parser)
-    (panda,) = parser.AddModels(url="package://fmp_drake/panda/panda.urdf")
-    (eraser,) = parser.AddModels(url="package://fmp_drake/eraser/eraser.sdf")
+    packages = PackageMap()
+    packages.AddPackageXml(str(models_dir() / "package.xml"))
+    panda = AddPanda(plant, packages=packages, visuals=visuals)
+    eraser = AddEraser(plant, footprint=footprint, modulus=modulus, friction=friction)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("panda_link0", panda))
     plant.WeldFrames(
         plant.GetFrameByName("panda_link8", panda),

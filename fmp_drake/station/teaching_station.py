@@ -8,7 +8,8 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from fmp_drake.primitives import Demonstration
-from fmp_drake.station.board_scene import AddArmController, AddBoardScene
+from fmp_drake.station.arm_controller import AddArmController
+from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.hand_motion import HandMotion
 from fmp_drake.systems.human_hand import HumanHand

@@ -27,13 +27,15 @@ from fmp_drake.primitives import (
     Tracker,
 )
 from fmp_drake.primitives.live_playback import LivePlayback, LiveState, remapped
-from fmp_drake.systems.playback_book import PlaybackBook, appended_ticks
+from fmp_drake.systems.playback_book import PlaybackBook
 
 MAX_TEMPO = 4.0
 """Fastest tempo; 1 is as demonstrated."""
 
 # The tempo changes at most by this, per second.
 _TEMPO_RATE = 4.0
+# How fast the desired motion comes to a robot that is led elsewhere, s.
+_PUSHED_BLEND_TIME = 0.15
 
 
 class FourierPrimitiveSystem(LeafSystem):
@@ -48,7 +50,7 @@ class FourierPrimitiveSystem(LeafSystem):
     them jump.
 
     In the reactive mode the movement waits for a robot that is pushed off its path: it
-    slows down from `push_threshold` on and stands still at twice that distance. And
+    slows down from half of `push_threshold` on and stands still beyond it. And
     once that has lasted for `push_dwell`, the last K measured positions are mapped to a
     new window, so that the movement goes on from where the robot was led to.
 
@@ -139,7 +141,11 @@ class FourierPrimitiveSystem(LeafSystem):
         self._history = int(self.DeclareDiscreteState(start.history.ravel()))
         self._offset = int(self.DeclareDiscreteState(start.offset.ravel()))
         self._measurements = int(self.DeclareDiscreteState(start.history.ravel()))
-        self._book = int(self.DeclareDiscreteState(np.array(PlaybackBook(start.step))))
+        self._book = int(
+            self.DeclareDiscreteState(
+                np.array(PlaybackBook(start.step, blend_time=player.blend_time))
+            )
+        )
 
         self._measured = self.DeclareVectorInputPort("measured_position", d)
         self._tempo = self.DeclareVectorInputPort("tempo", 1)
@@ -226,6 +232,7 @@ class FourierPrimitiveSystem(LeafSystem):
             tempo=book.tempo,
             slope=book.slope,
             sample=book.sample > 0,
+            blend_time=book.blend_time,
         )
 
     def _store(
@@ -249,6 +256,7 @@ class FourierPrimitiveSystem(LeafSystem):
             tempo=state.tempo,
             slope=state.slope,
             sample=state.sample,
+            blend_time=state.blend_time,
         )
         values.set_value(self._book, np.array(book, dtype=float))
 
@@ -281,6 +289,7 @@ class FourierPrimitiveSystem(LeafSystem):
             offset=np.stack([measured - path[0], -tempo * path[1]]),
             tempo=tempo,
             sample=self._wanted_sample(context),
+            blend_time=player.blend_time,
         )
         self._store(values, state, start.history, PlaybackBook(step, time=time))
         return EventStatus.Succeeded()
@@ -307,7 +316,13 @@ class FourierPrimitiveSystem(LeafSystem):
                 observed=measurements,
                 sample=live.sample,
             )
-            live = replace(live, playback=playback, offset=offset, rest=0.0)
+            live = replace(
+                live,
+                playback=playback,
+                offset=offset,
+                rest=0.0,
+                blend_time=min(_PUSHED_BLEND_TIME, self._player.blend_time),
+            )
             book = book._replace(pushed_since=math.inf, reactive=book.reactive + 1)
         elif live.playback.remaps == book.remaps:
             return EventStatus.DidNothing()
@@ -330,13 +345,14 @@ class FourierPrimitiveSystem(LeafSystem):
         wanted, since = self._wanted_tempo(context), math.inf
         if self._push_threshold is not None:
             measured: Any = self._measured.Eval(context)
-            ticks = round((live.state.skill_seconds(seconds) - state.rest) / tick)
-            measurements = appended_ticks(measurements, measured, ticks)
+            measurements = np.concatenate([measurements[1:], measured[None]])
             off = np.linalg.norm(measured - live.motion(seconds)[0])
             off = float(off) / self._push_threshold
             if off > 1:
                 since = min(book.pushed_since, context.get_time())
-                wanted *= max(2 - off, 0.0)
+            elif off < 0.5:
+                state = replace(state, blend_time=self._player.blend_time)
+            wanted *= min(max(2 - 2 * off, 0.0), 1.0)
         slope = (wanted - state.tempo) / tick
         state = replace(
             state,

@@ -18,6 +18,8 @@ class NormalPress(LeafSystem):
     -----------
     desired_position, measured_position : (3,)
         p_BE in the frame B of the board, z out of it, m.
+    force : (1,), optional
+        N; the parameter where unconnected.
 
     Output ports
     ------------
@@ -45,17 +47,26 @@ class NormalPress(LeafSystem):
         self._height = float(engage_height)
         self._desired = self.DeclareVectorInputPort("desired_position", 3)
         self._measured = self.DeclareVectorInputPort("measured_position", 3)
+        self._wanted = self.DeclareVectorInputPort("force", 1)
         self.DeclareVectorOutputPort(
             "wrench",
             6,
             self._calc,
-            prerequisites_of_calc={self._desired.ticket(), self._measured.ticket()},
+            prerequisites_of_calc={
+                self._desired.ticket(),
+                self._measured.ticket(),
+                self._wanted.ticket(),
+            },
         )
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         desired: Any = self._desired.Eval(context)
         measured: Any = self._measured.Eval(context)
-        press = self._force * press_share(max(desired[2], measured[2]), self._height)
+        force = self._force
+        if self._wanted.HasValue(context):
+            wanted: Any = self._wanted.Eval(context)
+            force = max(float(wanted[0]), 0.0)
+        press = force * press_share(max(desired[2], measured[2]), self._height)
         output.SetFromVector(np.array([0.0, 0.0, 0.0, 0.0, 0.0, -press]))
 
 

@@ -3,9 +3,6 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 
 class PlaybackBook(NamedTuple):
     """What is known since the last event.
@@ -16,7 +13,7 @@ class PlaybackBook(NamedTuple):
         Of the playback's state.
     time : float
         Of the event, s.
-    rest, tempo, slope, sample
+    rest, tempo, slope, sample, blend_time
         As in `LiveState`.
     reactive : float
         Number of reactive re-mappings.
@@ -32,16 +29,6 @@ class PlaybackBook(NamedTuple):
     tempo: float = 1.0
     slope: float = 0.0
     sample: float = 0.0
+    blend_time: float = 0.0
     reactive: float = 0.0
     pushed_since: float = math.inf
-
-
-def appended_ticks(
-    rows: NDArray[np.float64], value: NDArray[np.float64], count: int
-) -> NDArray[np.float64]:
-    """Append to rows (K, D), for each of some ticks, what lies on the way to a value."""
-    if count == 0:
-        return rows
-    steps = np.arange(1, count + 1)[:, None] / count
-    added = rows[-1] + steps * (value - rows[-1])
-    return np.concatenate([rows, added])[-len(rows) :]

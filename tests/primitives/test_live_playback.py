@@ -15,7 +15,13 @@ def live_at(player, start, **options):
     state = player.start(start)
     still = replace(state, offset=np.zeros_like(state.offset))
     return LivePlayback(
-        player, LiveState(playback=still, offset=state.offset, **options)
+        player,
+        LiveState(
+            playback=still,
+            offset=state.offset,
+            blend_time=player.blend_time,
+            **options,
+        ),
     )
 
 

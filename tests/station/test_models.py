@@ -1,6 +1,7 @@
 """Facts about the models: the Panda's dynamics, the eraser's and board's contact."""
 
 import math
+import re
 import shutil
 from pathlib import Path
 
@@ -26,11 +27,13 @@ from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
 from fmp_drake.station import model_files
+from fmp_drake.station.eraser_model import AddEraser
 from fmp_drake.station.model_files import (
     AddFmpDrakePackage,
     AddPandaWithEraser,
     models_dir,
 )
+from fmp_drake.station.whiteboard_model import AddWhiteboard
 
 START = np.array([0, -math.pi / 4, 0, -3 * math.pi / 4, 0, math.pi / 2, math.pi / 4])
 REFLECTED_INERTIA = np.array([0.605721456] * 2 + [0.462474144] * 2 + [0.205544064] * 3)
@@ -103,12 +106,16 @@ def test_registering_the_package_twice_is_harmless():
     assert Path(parser.package_map().GetPath("fmp_drake")) == models_dir()
 
 
-def test_no_model_file_names_an_absolute_path_or_a_mesh():
+def test_no_model_file_names_an_absolute_path_or_a_mesh_of_others():
     for file in models_dir().rglob("*.*"):
         if file.suffix in (".urdf", ".sdf", ".xml"):
             text = file.read_text()
             assert "file://" not in text
-            assert "<mesh" not in text
+            for mesh in re.findall(r'<mesh filename="([^"]*)"', text):
+                assert mesh.startswith("package://fmp_drake/")
+                assert (
+                    models_dir() / mesh.removeprefix("package://fmp_drake/")
+                ).exists()
 
 
 # The arm. The numbers are Franka's and Gaz et al.'s; see panda.urdf for the sources.
@@ -259,7 +266,7 @@ def test_only_felt_and_slab_touch_and_both_are_compliant():
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), builder)
     AddPandaWithEraser(plant)
-    _AddModel(plant, "whiteboard/whiteboard.sdf")
+    AddWhiteboard(plant, size=(0.5, 0.7), friction=0.5, legs=True)
     plant.Finalize()
     inspector = scene_graph.model_inspector()
     touching = inspector.GetAllGeometryIds(Role.kProximity)
@@ -277,7 +284,7 @@ def test_only_felt_and_slab_touch_and_both_are_compliant():
 def test_the_board_is_half_a_metre_by_seven_tenths_with_its_surface_on_top():
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), builder)
-    _AddModel(plant, "whiteboard/whiteboard.sdf")
+    AddWhiteboard(plant, size=(0.5, 0.7), friction=0.5, legs=True)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("surface"))
     plant.Finalize()
     inspector = scene_graph.model_inspector()
@@ -301,8 +308,8 @@ class _Slide:
         )
         plant = self.plant
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
-        _AddModel(plant, "eraser/eraser.sdf")
-        _AddModel(plant, "whiteboard/whiteboard.sdf")
+        AddEraser(plant, footprint=(0.12, 0.05), modulus=1.25e4, friction=0.5)
+        AddWhiteboard(plant, size=(0.5, 0.7), friction=0.5, legs=False)
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("surface"))
         instance = default_model_instance()
         sled, ram = (

@@ -14,7 +14,6 @@ from fmp_drake.station.teaching_station import (
     DemonstrationFromRecorder,
     MakeTeachingStation,
 )
-from fmp_drake.station.wiping_station import BOARD_SIZE, ERASER_FOOTPRINT
 from fmp_drake.systems.hand_motion import TASKS, HandMotion
 
 SETTLE = 1.0
@@ -98,7 +97,7 @@ def test_recording_is_what_the_port_said(lesson):
 
 def test_eraser_stays_on_the_board(lesson):
     x, y, z = recorded(lesson).values.T
-    reach = (np.array(BOARD_SIZE) - ERASER_FOOTPRINT) / 2
+    reach = (np.array([0.50, 0.70]) - [0.12, 0.05]) / 2
     assert np.max(np.abs(x)) < reach[0]
     assert np.max(np.abs(y)) < reach[1]
     # Pressed into the felt; where the hand turns fast, the eraser tips on an edge.

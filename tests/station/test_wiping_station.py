@@ -18,7 +18,7 @@ from station_run import StationRun, check_limits
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.wiping_station import ERASER_FOOTPRINT, MakeWipingStation
+from fmp_drake.station.wiping_station import MakeWipingStation
 from fmp_drake.systems.impedance_status import StatusFlag
 from fmp_drake.systems.ink_grid import cleaned_fraction
 
@@ -29,6 +29,7 @@ PORTS = {
     "covariance": 9,
     "weights": 360,
     "component": 1,
+    "remaps": 2,
     "measured_position": 3,
     "measured_velocity": 3,
     "tracking_error": 6,
@@ -46,12 +47,14 @@ SYSTEMS = {
     "plant",
     "scene_graph",
     "fourier_primitive",
+    "tempo",
     "normal_press",
     "controller",
     "gravity_compensation",
     "actuation",
     "ink_board",
 }
+FOOTPRINT = (0.12, 0.05)
 REMAP_SECONDS = 5.5
 ARRIVED = 4.0
 
@@ -206,7 +209,7 @@ def test_outputs_agree_with_each_other(from_outside):
 def test_a_minute_erases_what_was_demonstrated(minute, bundled_demonstration):
     grid = minute.station.GetSubsystemByName("ink_board").grid
     ink = minute.log("ink")[-1].reshape(grid.shape)
-    area = grid.swept_area(bundled_demonstration.values, ERASER_FOOTPRINT)
+    area = grid.swept_area(bundled_demonstration.values, FOOTPRINT)
     assert cleaned_fraction(ink, area) > 0.9
     assert minute.log("cleaned_fraction")[-1, 0] == cleaned_fraction(ink)
 
@@ -216,7 +219,7 @@ def test_ink_only_goes_and_only_where_the_eraser_has_been(minute):
     ink = minute.log("ink")
     assert np.all(np.diff(ink, axis=0) <= 0)
     been = grid.swept_area(
-        minute.log("measured_position")[::10], np.array(ERASER_FOOTPRINT) + 0.03
+        minute.log("measured_position")[::10], np.array(FOOTPRINT) + 0.03
     )
     assert_array_equal(ink[-1][~been.ravel()], 1.0)
     assert np.all(np.diff(minute.log("cleaned_fraction"), axis=0) >= 0)

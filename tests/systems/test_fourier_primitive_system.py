@@ -446,7 +446,10 @@ def test_tempo_is_that_of_the_live_playback(small_skill, start, tempo):
     path = player.motion(still)
     offset = np.stack([start - path[0], -tempo * path[1]])
     live = LivePlayback(
-        player, LiveState(playback=still, offset=offset, tempo=tempo, sample=False)
+        player,
+        LiveState(
+            playback=still, offset=offset, tempo=tempo, blend_time=player.blend_time
+        ),
     )
     expected = np.array([live.motion(0.01 * i) for i in range(len(played))])
     assert_allclose(played, expected, atol=1e-7)
@@ -544,8 +547,8 @@ def pushed(system, start, offset, until, *, begin=1.0, end=1.0, every=0.02):
 def test_robot_on_its_path_is_played_as_without_the_reactive_mode(
     system, reactive, start
 ):
-    calm = pushed(reactive, start, [0.005, 0.004], 4.5, end=9)
-    assert np.array_equal(calm, pushed(system, start, [0, 0], 4.5))
+    calm = pushed(reactive, start, [0.003, 0.002], 4.5, end=9, every=0.005)
+    assert np.array_equal(calm, pushed(system, start, [0, 0], 4.5, every=0.005))
 
 
 def test_movement_waits_for_a_short_push_and_then_goes_on(system, reactive, start):

@@ -1,0 +1,114 @@
+"""The arm, with our own visual meshes or with those that Drake downloads."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+
+from fmp_drake.errors import StationError
+
+# Written as in panda.urdf: Drake knows its own elements by this prefix.
+ET.register_namespace("drake", "http://drake.mit.edu")
+
+VISUALS = ("own", "drake_models")
+_OFFICIAL = "franka_description/urdf/panda_arm.urdf"  # In the package drake_models.
+
+
+def AddPanda(
+    plant: MultibodyPlant, *, packages: PackageMap, visuals: str
+) -> ModelInstanceIndex:
+    """Add the arm; its dynamics are ours whatever the visuals.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Not finalized, without a model named ``panda``.
+    packages : PackageMap
+        Knows ``fmp_drake``, and ``drake_models`` where that is asked for.
+    visuals : {"own", "drake_models"}
+        Meshes of our own, or the official ones, which Drake downloads when it first
+        needs them.
+
+    Returns
+    -------
+    ModelInstanceIndex
+
+    Raises
+    ------
+    StationError
+        Where the visuals are of another kind, or the official ones are not to be had.
+    """
+    if visuals not in VISUALS:
+        raise StationError(
+            f"visuals is {visuals!r}; it must be one of {', '.join(VISUALS)}."
+        )
+    parser = Parser(plant)
+    parser.package_map().AddMap(_Without(packages, "drake_models"))
+    own = Path(packages.GetPath("fmp_drake")) / "panda" / "panda.urdf"
+    if visuals == "own":
+        (panda,) = parser.AddModels(str(own))
+        return panda
+    folder = _OfficialFolder(packages)
+    arm = ET.fromstring(own.read_text())
+    _Dress(arm, folder / _OFFICIAL)
+    parser.package_map().Remove("drake_models")
+    parser.package_map().Add("drake_models", folder)
+    text = ET.tostring(arm, encoding="unicode")
+    try:
+        (panda,) = parser.AddModelsFromString(text, "urdf")
+    except RuntimeError as error:
+        raise StationError(
+            f"the official meshes in {folder} cannot be used: {error}. "
+            "Take visuals: own, which needs no download."
+        ) from None
+    return panda
+
+
+def _Without(packages: PackageMap, name: str) -> PackageMap:
+    others = PackageMap(packages)
+    if others.Contains(name):
+        others.Remove(name)
+    return others
+
+
+def _OfficialFolder(packages: PackageMap) -> Path:
+    """Return where drake_models is, downloading it where Drake may and must."""
+    try:
+        return Path(packages.GetPath("drake_models"))
+    except RuntimeError as error:
+        raise StationError(
+            "the official meshes (Drake's package drake_models) are not on this "
+            "machine and could not be downloaded. Connect to the network once, with "
+            "the environment variable DRAKE_ALLOW_NETWORK unset or naming "
+            "package_map; Drake keeps what it has downloaded. Or take visuals: own, "
+            f"which needs no download. Drake said: {error}"
+        ) from None
+
+
+def _Dress(arm: ET.Element, official: Path) -> None:
+    """Replace the arm's visuals by those of the official description."""
+    try:
+        root = ET.fromstring(official.read_text())
+    except (OSError, ET.ParseError) as error:
+        raise StationError(
+            f"the official arm {official} cannot be read: {error}. Remove Drake's "
+            "download cache (~/.cache/drake) to load it again, or take visuals: own."
+        ) from None
+    links = {link.get("name"): link for link in root.iter("link")}
+    arm.extend(root.findall("material"))
+    for link in arm.iter("link"):
+        own = link.findall("visual")
+        if not own:
+            continue
+        name = link.get("name")
+        theirs = links[name].findall("visual") if name in links else []
+        if not theirs:
+            raise StationError(
+                f"the official arm {official} has no visual on {name}: this Drake "
+                "brings another version of it. Take visuals: own."
+            )
+        for visual in own:
+            link.remove(visual)
+        link.extend(theirs)

@@ -1,0 +1,152 @@
+"""Pieces of SDF text, for models whose sizes are parameters."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
+
+from fmp_drake.errors import StationError
+
+Colour = tuple[float, float, float]
+
+
+def Numbers(values: Sequence[float] | NDArray[np.float64]) -> str:
+    """Write numbers with six digits, apart by spaces."""
+    return " ".join(f"{value:.6g}" for value in values)
+
+
+def Box(*size: float) -> str:
+    """Return a box of size x, y, z, m."""
+    return f"<box><size>{Numbers(size)}</size></box>"
+
+
+def Cylinder(radius: float, length: float) -> str:
+    """Return a cylinder along z, m."""
+    return (
+        f"<cylinder><radius>{radius:.6g}</radius>"
+        f"<length>{length:.6g}</length></cylinder>"
+    )
+
+
+def Ellipsoid(*radii: float) -> str:
+    """Return an ellipsoid with radii along x, y, z, m."""
+    return f"<ellipsoid><radii>{Numbers(radii)}</radii></ellipsoid>"
+
+
+def Visual(
+    name: str,
+    shape: str,
+    *,
+    at: Sequence[float],
+    colour: Colour,
+    rpy: Sequence[float] = (0.0, 0.0, 0.0),
+) -> str:
+    """Return a shape at a place (m, rad) of its link, in an sRGB colour.
+
+    Once for the page, which takes colours as sRGB, and once for the renderer, which
+    takes them as linear beside the arm's glTF meshes; so both look the same.
+    """
+    return _Role(name, "perception", shape, [*at, *rpy], colour) + _Role(
+        f"{name}_rendered", "illustration", shape, [*at, *rpy], _Linear(colour)
+    )
+
+
+def _Role(
+    name: str, without: str, shape: str, pose: Sequence[float], colour: Sequence[float]
+) -> str:
+    return (
+        f'<visual name="{name}"><pose>{Numbers(pose)}</pose>'
+        f"<geometry>{shape}</geometry>"
+        f"<material><diffuse>{Numbers([*colour, 1])}</diffuse></material>"
+        f'<drake:{without}_properties enabled="false"/></visual>\n'
+    )
+
+
+def _Linear(colour: Sequence[float]) -> list[float]:
+    """Undo sRGB's transfer curve (IEC 61966-2-1)."""
+    return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+
+
+def Collision(
+    name: str,
+    shape: str,
+    *,
+    at: Sequence[float],
+    modulus: float,
+    dissipation: float,
+    friction: float,
+) -> str:
+    """Return a compliant hydroelastic shape: modulus in Pa, dissipation in s/m."""
+    return f"""<collision name="{name}"><pose>{Numbers([*at, 0, 0, 0])}</pose>
+  <geometry>{shape}</geometry>
+  <drake:proximity_properties>
+    <drake:compliant_hydroelastic/>
+    <drake:hydroelastic_modulus>{modulus:.10g}</drake:hydroelastic_modulus>
+    <drake:hunt_crossley_dissipation>{dissipation}</drake:hunt_crossley_dissipation>
+    <drake:mu_dynamic>{friction:.10g}</drake:mu_dynamic>
+    <drake:mu_static>{friction:.10g}</drake:mu_static>
+  </drake:proximity_properties>
+</collision>
+"""
+
+
+def Inertial(inertia: SpatialInertia) -> str:
+    """Return a symmetric body's inertia; `inertia` is about the link's origin."""
+    central = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
+    moments = (
+        f"<i{axis}>{value:.6g}</i{axis}>"
+        for axis, value in zip(("xx", "yy", "zz"), central.get_moments(), strict=True)
+    )
+    products = "<ixy>0</ixy><ixz>0</ixz><iyz>0</iyz>"
+    return (
+        f"<inertial><pose>{Numbers([*inertia.get_com(), 0, 0, 0])}</pose>"
+        f"<mass>{inertia.get_mass():.6g}</mass>"
+        f"<inertia>{''.join(moments)}{products}</inertia></inertial>\n"
+    )
+
+
+def AddModel(
+    plant: MultibodyPlant, *, model: str, link: str, parts: str, frames: str
+) -> ModelInstanceIndex:
+    """Add a model of one link, made of inertia, visuals and collisions."""
+    text = f"""<?xml version="1.0"?>
+<sdf version="1.9" xmlns:drake="http://drake.mit.edu">
+<model name="{model}">
+<link name="{link}">
+{parts}</link>
+{frames}
+</model>
+</sdf>
+"""
+    (instance,) = Parser(plant).AddModelsFromString(text, "sdf")
+    return instance
+
+
+def CheckedSize(what: str, size: Sequence[float]) -> tuple[float, float]:
+    """Return a size (x, y), m, that is positive and finite.
+
+    Raises
+    ------
+    StationError
+        If it is not.
+    """
+    values = np.asarray(size, dtype=float)
+    if values.shape != (2,) or not np.all(np.isfinite(values)) or values.min() <= 0:
+        raise StationError(f"{what} is {size}; it must be two positive lengths, in m.")
+    return float(values[0]), float(values[1])
+
+
+def CheckedFriction(what: str, friction: float) -> float:
+    """Return a coefficient of friction that is finite and not negative.
+
+    Raises
+    ------
+    StationError
+        If it is not.
+    """
+    if not (np.isfinite(friction) and friction >= 0):
+        raise StationError(f"{what} is {friction}; it must not be negative.")
+    return float(friction)

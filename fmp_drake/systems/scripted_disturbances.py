@@ -1,0 +1,160 @@
+"""Pushes and holds at given times, by a person who is not simulated."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+
+# What a hold is damped for, kg.
+_MASS = 5.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Push:
+    """A force on the tool for some time.
+
+    Attributes
+    ----------
+    start, duration : float
+        s.
+    every : float
+        It comes again after so many seconds; 0 for once.
+    force : ndarray, shape (3,)
+        In W, N; of a `Hold`, nothing.
+    """
+
+    start: float
+    duration: float
+    every: float = 0.0
+    force: NDArray[np.float64]
+
+    def acts(self, time: float) -> bool:
+        """Tell whether it acts at a time."""
+        since = time - self.start
+        if self.every > 0 and since >= 0:
+            since %= self.every
+        return 0 <= since < self.duration
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Hold(Push):
+    """A grip that pulls the tool to a point like a spring, up to a force.
+
+    Attributes
+    ----------
+    point : ndarray, shape (3,)
+        In W, m.
+    stiffness : float
+        N/m; it is critically damped for a mass of 5 kg.
+    max_force : float
+        N.
+    """
+
+    point: NDArray[np.float64]
+    stiffness: float
+    max_force: float
+
+    def pull(
+        self, p: NDArray[np.float64], v: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the force, N, on a tool at p (m) with the velocity v (m/s), in W."""
+        damping = 2 * np.sqrt(self.stiffness * _MASS)
+        force: NDArray[np.float64] = self.stiffness * (self.point - p) - damping * v
+        size = float(np.linalg.norm(force))
+        return force * min(1.0, self.max_force / max(size, 1e-9))
+
+
+class ScriptedDisturbances(LeafSystem):
+    """The forces of a list of pushes and holds on the tool of an arm.
+
+    Input ports
+    -----------
+    body_poses, body_spatial_velocities
+        Abstract: the plant's; needed where there is a hold.
+
+    Output ports
+    ------------
+    spatial_forces
+        Abstract, list of `ExternallyAppliedSpatialForce`: for the plant.
+    force : (3,)
+        Their sum, in W, N.
+
+    Parameters
+    ----------
+    grip : Frame
+        Of the plant: they act at its origin.
+    disturbances : sequence of Push or Hold
+    """
+
+    def __init__(self, *, grip: Frame, disturbances: Sequence[Push]) -> None:
+        super().__init__()
+        self.set_name("disturbances")
+        self._disturbances = tuple(disturbances)
+        self._body = grip.body().index()
+        self._X_BodyG = grip.GetFixedPoseInBodyFrame()
+        self._poses = self.DeclareAbstractInputPort(
+            "body_poses", Value[list[RigidTransform]]()
+        )
+        self._velocities = self.DeclareAbstractInputPort(
+            "body_spatial_velocities", Value[list[SpatialVelocity]]()
+        )
+        needed = {self.time_ticket()}
+        if any(isinstance(each, Hold) for each in self._disturbances):
+            needed |= {self._poses.ticket(), self._velocities.ticket()}
+        self._force = self.DeclareCacheEntry(
+            description="force of the disturbances",
+            value_producer=ValueProducer(allocate=Value[object], calc=self._calc),
+            prerequisites_of_calc=needed,
+        )
+        self.DeclareAbstractOutputPort(
+            "spatial_forces",
+            alloc=lambda: Value[list[ExternallyAppliedSpatialForce]]([]),
+            calc=self._calc_forces,
+            prerequisites_of_calc={self._force.ticket()},
+        )
+        self.DeclareVectorOutputPort(
+            "force",
+            3,
+            self._calc_vector,
+            prerequisites_of_calc={self._force.ticket()},
+        )
+
+    def _calc(self, context: Any, value: Any) -> None:
+        time = context.get_time()
+        force = np.zeros(3)
+        for each in self._disturbances:
+            if not each.acts(time):
+                continue
+            force = force + each.force
+            if isinstance(each, Hold):
+                poses: Any = self._poses.Eval(context)
+                velocities: Any = self._velocities.Eval(context)
+                X_WBody = poses[self._body]
+                arm = X_WBody.rotation().multiply(self._X_BodyG.translation())
+                V = velocities[self._body]
+                v = V.translational() + np.cross(V.rotational(), arm)
+                force = force + each.pull(X_WBody.translation() + arm, v)
+        value.set_value(force)
+
+    def _calc_forces(self, context: Any, output: Any) -> None:
+        force: Any = self._force.Eval(context)
+        if not force.any():
+            output.set_value([])
+            return
+        applied = ExternallyAppliedSpatialForce()
+        applied.body_index = self._body
+        applied.p_BoBq_B = self._X_BodyG.translation()
+        applied.F_Bq_W = SpatialForce(np.zeros(3), force)
+        output.set_value([applied])
+
+    def _calc_vector(self, context: Context, output: BasicVector) -> None:
+        force: Any = self._force.Eval(context)
+        output.SetFromVector(force)

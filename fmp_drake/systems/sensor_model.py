@@ -1,0 +1,81 @@
+"""What a controller measures of an arm: late, noisy, and at a rate of its own."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from fmp_drake.errors import StationError
+
+
+class SensorModel(LeafSystem):
+    """Samples an arm's state at a rate, adds noise, and delivers it late.
+
+    Input port ``state`` (2n): the arm's ``[q, v]``, rad and rad/s. Output port
+    ``measured_state`` (2n): what has arrived; it is discrete state.
+
+    Parameters
+    ----------
+    initial : array_like, shape (2n,)
+        What is delivered until the first sample has arrived.
+    rate : float
+        Samples per second.
+    delay : float
+        Age of a sample when it arrives, s; rounded to whole samples.
+    position_noise, velocity_noise : float
+        Standard deviations, rad and rad/s.
+    seed : int
+        Of the noise; a sample's noise follows from it and the sample's number.
+
+    Raises
+    ------
+    StationError
+        If a value is out of range.
+    """
+
+    def __init__(
+        self,
+        *,
+        initial: ArrayLike,
+        rate: float,
+        delay: float = 0.0,
+        position_noise: float = 0.0,
+        velocity_noise: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        self.set_name("sensors")
+        if not (math.isfinite(rate) and rate > 0):
+            raise StationError(f"the sensors' rate is {rate} Hz; it must be positive.")
+        noise = {"position_noise": position_noise, "velocity_noise": velocity_noise}
+        for name, value in {"delay": delay, "seed": seed, **noise}.items():
+            if not (math.isfinite(value) and value >= 0):
+                raise StationError(
+                    f"the sensors' {name} is {value}; it must not be negative."
+                )
+        first = np.array(initial, dtype=float)
+        n = first.size // 2
+        self._period = 1 / rate
+        self._late = round(delay * rate)
+        self._seed = int(seed)
+        self._deviation = np.repeat([position_noise, velocity_noise], n)
+        self._state = self.DeclareVectorInputPort("state", 2 * n)
+        delivered = self.DeclareDiscreteState(first)
+        # What is on its way, the newest first.
+        self.DeclareDiscreteState(np.tile(first, max(self._late, 1)))
+        self.DeclareStateOutputPort("measured_state", delivered)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        measured = np.array(self._state.Eval(context))
+        if np.any(self._deviation > 0):
+            number = round(context.get_time() / self._period)
+            noise = np.random.default_rng([self._seed, number])
+            measured += self._deviation * noise.standard_normal(measured.size)
+        if self._late == 0:
+            values.set_value(0, measured)
+            return
+        line = context.get_discrete_state().value(1)
+        values.set_value(0, line[-measured.size :])
+        values.set_value(1, np.concatenate([measured, line[: -measured.size]]))
