@@ -311,8 +311,8 @@ class SensorConfig:
 class CameraConfig:
     """From where the page and films look, in the frame of the robot's base, m."""
 
-    eye: list[float] = field(default_factory=lambda: [1.12, -0.60, 0.72])
-    target: list[float] = field(default_factory=lambda: [0.40, 0.0, 0.22])
+    eye: list[float] = field(default_factory=lambda: [1.42, -0.92, 0.82])
+    target: list[float] = field(default_factory=lambda: [0.36, 0.0, 0.25])
 
     def check(self) -> None:
         """Check every value."""

@@ -32,14 +32,24 @@ def wrench(system, desired, measured, context=None):
 
 def test_ports_have_names_and_sizes(press):
     assert press.get_name() == "normal_press"
-    assert press.num_input_ports() == len(INPUTS)
+    assert press.num_input_ports() == len(INPUTS) + 1
+    assert press.GetInputPort("force").size() == 1
     assert press.num_output_ports() == 1
     assert [press.GetInputPort(name).size() for name in INPUTS] == [3, 3]
     assert press.GetOutputPort("wrench").size() == 6
 
 
-def test_wrench_follows_both_inputs_at_once(press):
-    assert [press.HasDirectFeedthrough(i, 0) for i in range(2)] == [True, True]
+def test_wrench_follows_all_inputs_at_once(press):
+    assert [press.HasDirectFeedthrough(i, 0) for i in range(3)] == [True] * 3
+
+
+def test_port_replaces_the_force(press):
+    context = press.CreateDefaultContext()
+    for force in (3.0, 0.0, 12.5):
+        press.GetInputPort("force").FixValue(context, force)
+        assert wrench(press, -0.001, -0.001, context)[5] == -force
+    press.GetInputPort("force").FixValue(context, -2.0)
+    assert wrench(press, -0.001, -0.001, context)[5] == 0
 
 
 def test_system_has_no_state(press):
