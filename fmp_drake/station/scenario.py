@@ -201,17 +201,24 @@ def _check_keys(given: Any, default: Any, where: str = "") -> None:
 def _expected(default: Any) -> tuple[str, Callable[[Any], bool]]:
     """Return what may stand in place of a default value, and its check."""
     if isinstance(default, bool):
-        return "true or false", lambda given: isinstance(given, bool)
+        return "true or false", _is_bool
     if isinstance(default, str):
         return "text", lambda given: isinstance(given, str)
     if isinstance(default, list):
+        what, each = "numbers", _is_number
+        if default and isinstance(default[0], bool):
+            what, each = "true and false", _is_bool
         return (
-            "a list of numbers",
-            lambda given: isinstance(given, list) and all(map(_is_number, given)),
+            f"a list of {what}",
+            lambda given: isinstance(given, list) and all(map(each, given)),
         )
     if default is None:
         return "a number or null", lambda given: given is None or _is_number(given)
     return "a number", _is_number
+
+
+def _is_bool(given: Any) -> bool:
+    return isinstance(given, bool)
 
 
 def _is_number(given: Any) -> bool:
