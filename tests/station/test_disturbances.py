@@ -1,0 +1,181 @@
+"""Facts about people who push and hold the arm while it wipes."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+from scipy.stats import chi2
+from station_run import StationRun, check_limits
+
+from fmp_drake.primitives.baselines.period import fundamental_period
+from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.scenario_parts import Disturbance
+from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.systems.impedance_status import StatusFlag
+
+FIRST, APART = 6.0, 4.3
+PUSHES = {
+    "away from the base": [30.0, 0.0, 0.0],
+    "to the base": [-30.0, 0.0, 0.0],
+    "to the left": [0.0, 30.0, 0.0],
+    "to the right": [0.0, -30.0, 0.0],
+    "off the board": [0.0, 0.0, 30.0],
+}
+
+
+@pytest.fixture(scope="module")
+def period(bundled_demonstration):
+    """Of a stroke, s."""
+    strokes = bundled_demonstration.select(["y"])
+    return fundamental_period([strokes.values]) / 20
+
+
+@pytest.fixture(scope="module")
+def pushed(bundled_skill):
+    """A run in which 30 N push for 1 s in five directions, one after the other.
+
+    The means are tracked: samples leave the 99 % tube by themselves at times.
+    """
+    scenario = LoadScenario("table_top")
+    scenario.skill.sample = False
+    scenario.disturbances = [
+        Disturbance(start=FIRST + APART * i, duration=1.0, force=force)
+        for i, force in enumerate(PUSHES.values())
+    ]
+    run = StationRun(MakeWipingStation(scenario, bundled_skill))
+    return run.advance(FIRST + APART * len(PUSHES))
+
+
+@pytest.fixture(scope="module")
+def outside(pushed):
+    """Where the measured position is outside the 99 % tube of the desired motion."""
+    away = pushed.log("measured_position") - pushed.log("desired_position")
+    tube = pushed.log("covariance").reshape(-1, 3, 3)
+    squares = np.einsum("ti,tij,tj->t", away, np.linalg.inv(tube), away)
+    return squares > chi2.ppf(0.99, 3)
+
+
+@pytest.mark.parametrize("number", range(len(PUSHES)), ids=list(PUSHES))
+def test_arm_is_back_in_the_tube_within_a_period(pushed, outside, period, number):
+    assert 1.4 < period < 2.0
+    begin = FIRST + APART * number
+    force = pushed.log("disturbance")
+    direction = list(PUSHES.values())[number]
+    assert np.array_equal(force[round(1e3 * (begin + 0.5))], direction)
+    released = begin + 1.0
+    assert not force[round(1e3 * released) + 1].any()
+    back = slice(round(1e3 * (released + period)), round(1e3 * (begin + APART)))
+    assert not outside[back].any()
+
+
+def test_pushes_move_the_arm_out_of_the_tube(outside):
+    # Otherwise nothing would have to come back.
+    during = [
+        outside[round(1e3 * (FIRST + APART * i)) :][:1000].any()
+        for i in range(len(PUSHES))
+    ]
+    assert sum(during) >= 3
+
+
+def test_pushes_break_no_limit(pushed):
+    check_limits(pushed)
+    flags = pushed.log("status")[:, 0].astype(int)
+    broken = StatusFlag.HOLD | StatusFlag.JOINT_WALL | StatusFlag.TORQUE_LIMITED
+    assert not np.any(flags & int(broken))
+
+
+# A person who leads the arm to a point and holds it there -----------------------
+
+GRIP = Disturbance(
+    kind="hold",
+    start=6.0,
+    duration=4.0,
+    position=[0.05, 0.12, 0.0],
+    stiffness=1000.0,
+    max_force=100.0,
+)
+
+
+@pytest.fixture(scope="module")
+def held(bundled_skill):
+    """Runs of the periodic and of the reactive mode."""
+    runs = {}
+    for name, threshold in (("periodic", None), ("reactive", 0.015)):
+        scenario = LoadScenario("table_top")
+        scenario.skill.push_threshold = threshold
+        scenario.disturbances = [GRIP]
+        run = StationRun(MakeWipingStation(scenario, bundled_skill))
+        runs[name] = run.advance(12.0)
+    return runs
+
+
+def pull(run):
+    """Return the force of the person over the hold, N."""
+    return np.linalg.norm(run.log("disturbance"), axis=1)[6000:10000]
+
+
+def error(run):
+    return np.linalg.norm(
+        run.log("measured_position") - run.log("desired_position"), axis=1
+    )
+
+
+def test_reactive_mode_maps_again_only_while_it_is_held(held):
+    assert held["periodic"].log("remaps")[-1, 1] == 0
+    reactive = held["reactive"].log("remaps")[:, 1]
+    assert reactive[6000] == 0
+    assert reactive[10000] > 5
+    assert reactive[-1] <= reactive[10000] + 1
+
+
+def test_reactive_mode_pulls_less_at_the_person(held):
+    periodic, reactive = pull(held["periodic"]), pull(held["reactive"])
+    assert reactive.mean() < 0.85 * periodic.mean()
+    # Once the arm is where the person wants it, it hardly pulls.
+    assert reactive[3000:].mean() < 0.5 * periodic[3000:].mean()
+
+
+def test_reactive_mode_returns_sooner(held):
+    released = {name: error(run)[10000:] for name, run in held.items()}
+    for away in released.values():
+        assert away[-500:].max() < 0.01
+    back = {
+        name: int(np.flatnonzero(away > 0.01)[-1]) if away.max() > 0.01 else 0
+        for name, away in released.items()
+    }
+    assert back["reactive"] < 0.7 * back["periodic"]
+    assert released["reactive"].max() < 0.5 * released["periodic"].max()
+
+
+def test_reactive_mode_makes_no_jump(held):
+    for run in held.values():
+        desired = run.log("desired_position")
+        step = np.linalg.norm(np.diff(desired, axis=0), axis=1)
+        assert step.max() < 1.5e-3  # 1.5 m/s
+        bend = np.linalg.norm(np.diff(desired, n=2, axis=0), axis=1)
+        assert bend.max() < 5e-5  # No step of more than 0.05 m/s.
+        check_limits(run)
+
+
+def test_movement_goes_on_after_the_hold(held):
+    for run in held.values():
+        after = run.log("measured_position")[10500:]
+        assert np.ptp(after[:, 1]) > 0.15
+
+
+# Drawing conclusions from one station is fair: the same disturbance in another
+# simulator gives the same forces.
+def test_disturbances_repeat(bundled_skill):
+    scenario = LoadScenario("table_top")
+    scenario.disturbances = [Disturbance(start=1.0, duration=0.5, force=[0, 0, -5.0])]
+    logs = []
+    for _ in range(2):
+        builder = DiagramBuilder()
+        station = builder.AddSystem(MakeWipingStation(scenario, bundled_skill))
+        log = LogVectorOutput(station.GetOutputPort("state"), builder, 0.01)
+        diagram = builder.Build()
+        simulator = Simulator(diagram)
+        simulator.AdvanceTo(2.0)
+        logs.append(log.FindLog(simulator.get_context()).data().copy())
+    assert np.array_equal(*logs)
