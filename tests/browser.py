@@ -1,7 +1,15 @@
-"""Headless Chromium, for the tests that look at pages."""
+"""Headless Chromium, for the tests that look at pages and use them."""
 
+import base64
+import fcntl
+import io
+import json
+import os
+import select
 import shutil
+import signal
 import subprocess
+import time
 
 import matplotlib.image
 import pytest
@@ -15,19 +23,39 @@ needs_chromium = pytest.mark.skipif(
 # A proxy that nobody answers, and no name resolves: what a page without network sees.
 OFFLINE = ("--proxy-server=127.0.0.1:9", "--host-resolver-rules=MAP * ~NOTFOUND")
 
+CTRL = 2
+
+# The pixel of the middle of what is drawn at a path, given as a list of names.
+_CENTRE = """(() => {
+  let node = viewer.scene_tree;
+  for (const name of %s) { node = node.children[name]; if (!node) return null; }
+  let any = false;
+  node.object.traverse((o) => { any = any || o.isMesh; });
+  if (!any) return null;
+  viewer.scene.updateMatrixWorld(true);
+  const p = new THREE.Box3().setFromObject(node.object).getCenter(new THREE.Vector3());
+  p.project(viewer.camera);
+  const r = viewer.renderer.domElement.getBoundingClientRect();
+  return [r.left + (p.x + 1) / 2 * r.width, r.top + (1 - p.y) / 2 * r.height];
+})()"""
+
+_OPTIONS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--no-first-run",
+)
+
 
 def open_page(url, folder, *options, milliseconds=5000):
     """Open a page for some of its own time, and return what Chromium printed."""
     return subprocess.run(
         [
             CHROMIUM,
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader",
-            "--disable-background-networking",
-            "--no-first-run",
+            *_OPTIONS,
             f"--user-data-dir={folder / 'profile'}",
             f"--virtual-time-budget={milliseconds}",
             *options,
@@ -53,3 +81,190 @@ def screenshot(url, folder, *options, size=(800, 500)):
         *options,
     )
     return matplotlib.image.imread(path)[..., :3]
+
+
+class Page:
+    """A page in a running Chromium, with a mouse, a keyboard and a JavaScript console.
+
+    It speaks the DevTools protocol through a pair of pipes. A context manager: leaving
+    it ends the browser.
+
+    Parameters
+    ----------
+    url : str
+    folder : Path
+        For the browser's profile.
+    size : tuple of 2 ints
+        Width and height of the picture.
+    timeout : float
+        Longest wait for an answer, s.
+    """
+
+    def __init__(self, url, folder, *, size=(800, 500), timeout=60.0):
+        self._timeout = timeout
+        self._number = 0
+        self._unread = b""
+        ours_in, theirs_out = os.pipe()
+        theirs_in, ours_out = os.pipe()
+        # Away from 3 and 4, on which Chromium reads and writes.
+        high = [fcntl.fcntl(f, fcntl.F_DUPFD, 10) for f in (theirs_in, theirs_out)]
+        quiet = os.open(os.devnull, os.O_RDWR)
+        self._process = os.posix_spawn(
+            CHROMIUM,
+            [
+                CHROMIUM,
+                *_OPTIONS,
+                "--remote-debugging-pipe",
+                "--hide-scrollbars",
+                f"--user-data-dir={folder / 'live_profile'}",
+                "about:blank",
+            ],
+            os.environ,
+            file_actions=[
+                *((os.POSIX_SPAWN_DUP2, quiet, i) for i in (0, 1, 2)),
+                *((os.POSIX_SPAWN_DUP2, high[i], 3 + i) for i in (0, 1)),
+                *((os.POSIX_SPAWN_CLOSE, f) for f in high),
+            ],
+            setpgroup=0,
+        )
+        for f in (*high, theirs_in, theirs_out, quiet):
+            os.close(f)
+        self._in, self._out = ours_in, ours_out
+        self._session = None
+        try:
+            target = self.call("Target.createTarget", url="about:blank")["targetId"]
+            attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+            self._session = attached["sessionId"]
+            self.call(
+                "Emulation.setDeviceMetricsOverride",
+                width=size[0],
+                height=size[1],
+                deviceScaleFactor=1,
+                mobile=False,
+            )
+            self.call("Page.navigate", url=url)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def close(self):
+        """End the browser."""
+        os.close(self._in)
+        os.close(self._out)
+        # The browser and its helpers: the process group that this object began.
+        os.killpg(self._process, signal.SIGKILL)
+        os.waitpid(self._process, 0)
+
+    def call(self, method, **parameters):
+        """Call a method of the DevTools protocol and return its result."""
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        deadline = time.monotonic() + self._timeout
+        while True:
+            answer = self._read(deadline, method)
+            if answer.get("id") == self._number:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']}")
+                return answer["result"]
+
+    def _read(self, deadline, method):
+        while b"\0" not in self._unread:
+            left = deadline - time.monotonic()
+            if left <= 0 or not select.select([self._in], [], [], left)[0]:
+                raise TimeoutError(f"Chromium does not answer to {method}")
+            chunk = os.read(self._in, 1 << 20)
+            if not chunk:
+                raise RuntimeError(f"Chromium ended during {method}")
+            self._unread += chunk
+        answer, self._unread = self._unread.split(b"\0", 1)
+        return json.loads(answer)
+
+    def run(self, script):
+        """Return the value of a JavaScript expression in the page."""
+        result = self.call("Runtime.evaluate", expression=script, returnByValue=True)
+        if "exceptionDetails" in result:
+            raise RuntimeError(f"{script}: {result['exceptionDetails']}")
+        return result["result"].get("value")
+
+    def wait_for(self, script):
+        """Wait until a JavaScript expression is true in the page, and return it."""
+        deadline = time.monotonic() + self._timeout
+        while time.monotonic() < deadline:
+            value = self.run(script)
+            if value:
+                return value
+            time.sleep(0.1)
+        raise TimeoutError(f"the page never said {script}")
+
+    def wait_for_meshcat(self):
+        """Wait until Meshcat's page is connected to its server."""
+        self.wait_for(
+            "typeof viewer !== 'undefined' && !!viewer.connection && "
+            "viewer.connection.readyState === WebSocket.OPEN"
+        )
+
+    def centre(self, *names):
+        """Return the pixel of the middle of what is drawn at a path, come to rest."""
+        last, deadline = None, time.monotonic() + self._timeout
+        while time.monotonic() < deadline:
+            new = self.wait_for(_CENTRE % list(names))
+            if new == last:
+                return new
+            last = new
+            time.sleep(0.5)
+        raise TimeoutError(f"{names} goes on moving")
+
+    def mouse(self, kind, x, y, *, pressed=True, modifiers=0):
+        """Send a mouse event: pressed, moved or released, at a pixel."""
+        self.call(
+            "Input.dispatchMouseEvent",
+            type=f"mouse{kind.capitalize()}",
+            x=x,
+            y=y,
+            button="left" if pressed else "none",
+            buttons=1 if pressed and kind != "released" else 0,
+            clickCount=0 if kind == "moved" else 1,
+            modifiers=modifiers,
+        )
+
+    def grab(self, *names):
+        """Press with Ctrl on what is drawn at a path, and return the pixel.
+
+        A busy page shows a body where it was a while ago: press until it is caught.
+        """
+        deadline = time.monotonic() + self._timeout
+        while time.monotonic() < deadline:
+            at = self.centre(*names)
+            self.mouse("moved", *at, pressed=False, modifiers=CTRL)
+            self.mouse("pressed", *at, modifiers=CTRL)
+            if (self.run("mouseDrag.path") or "").startswith("/" + "/".join(names)):
+                return at
+            self.mouse("released", *at, modifiers=CTRL)
+            time.sleep(0.5)
+        raise TimeoutError(f"{names} cannot be grabbed")
+
+    def drag(self, start, end, *, modifiers=0, steps=5):
+        """Move from a pixel to another with the button pressed, without a release."""
+        for i in range(1, steps + 1):
+            x, y = (a + i / steps * (b - a) for a, b in zip(start, end, strict=True))
+            self.mouse("moved", x, y, modifiers=modifiers)
+
+    def click(self, x, y):
+        """Click at a pixel."""
+        self.mouse("moved", x, y, pressed=False)
+        self.mouse("pressed", x, y)
+        self.mouse("released", x, y)
+
+    def picture(self):
+        """Return a picture of the page, shape (height, width, 3), from 0 to 1."""
+        data = self.call("Page.captureScreenshot", format="png")["data"]
+        return matplotlib.image.imread(io.BytesIO(base64.b64decode(data)))[..., :3]

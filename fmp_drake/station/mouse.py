@@ -53,6 +53,7 @@ def AddMousePull(
     StationError
         Where the plant's port is connected already.
     """
+    before = len(builder.GetSystems())
     config = VisualizationConfig(
         publish_illustration=False,
         publish_proximity=False,
@@ -70,12 +71,12 @@ def AddMousePull(
         lcm=DrakeLcm("memq://null"),
     )
     # Drake skips a plant whose port is connected.
-    if not builder.HasSubsystemNamed("meshcat_mouse_spring"):
+    if len(builder.GetSystems()) == before:
         raise StationError(
             "the plant's applied_spatial_force is connected already; add the mouse "
             "first, and connect the sum of all forces then."
         )
-    spring = builder.GetSubsystemByName("meshcat_mouse_spring")
+    spring = builder.GetSystems()[-1]
     # Drake gives it to the plant; here it goes through the pull.
     builder.Disconnect(
         spring.get_output_port(), plant.GetInputPort("applied_spatial_force")

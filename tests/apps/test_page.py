@@ -1,8 +1,10 @@
 """Facts about the page: what is seen in a browser, running and replayed."""
 
+import time
+
 import numpy as np
 import pytest
-from browser import OFFLINE, needs_chromium, screenshot
+from browser import CTRL, OFFLINE, Page, needs_chromium, screenshot
 
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.inputs import default_demonstration, learn_skill, load_on_board
@@ -39,9 +41,28 @@ def wiped_patch(picture):
 
 def assert_shows_a_wiped_board(picture):
     assert np.mean(blue_ink(picture)) > INKED
-    assert np.mean(wiped_patch(picture)) > 0.005
+    assert np.mean(wiped_patch(picture)) > 0.001
     # The frame of the board and the arm's joints and base.
     assert np.mean(picture.max(axis=-1) < 0.3) > 0.002
+
+
+def orange(picture):
+    r, g, b = np.moveaxis(picture, -1, 0)
+    return (r > 0.5) & (r > 1.3 * g) & (g > 1.5 * b) & (g > 0.2)
+
+
+def green(picture):
+    r, g, b = np.moveaxis(picture, -1, 0)
+    return (g > r + 0.15) & (g > b + 0.1)
+
+
+@pytest.fixture(scope="module")
+def learned():
+    scenario = LoadScenario("table_top")
+    demonstrations, *_ = load_on_board(
+        [default_demonstration()], scenario=scenario, transform=None, stretch=1.0
+    )
+    return demonstrations, learn_skill(demonstrations, window=6.0, components=10)
 
 
 @pytest.fixture(scope="module")
@@ -49,19 +70,20 @@ def meshcat():
     return open_page()
 
 
+def make_run(learned, meshcat, *, show=None):
+    demonstrations, skill = learned
+    scenario = LoadScenario("table_top")
+    for name in vars(scenario.show):
+        setattr(scenario.show, name, show is None or name in show)
+    return WipingRun(
+        scenario, skill, demonstrations=demonstrations, sample=True, meshcat=meshcat
+    )
+
+
 @pytest.fixture(scope="module")
-def run(meshcat):
+def run(learned, meshcat):
     """Simulate three seconds of what `fmp-drake wipe` shows."""
-    demonstrations, *_ = load_on_board(
-        [default_demonstration()], transform=None, stretch=1.0
-    )
-    run = WipingRun(
-        LoadScenario("table_top"),
-        learn_skill(demonstrations, window=6.0, components=10),
-        demonstrations=demonstrations,
-        sample=True,
-        meshcat=meshcat,
-    )
+    run = make_run(learned, meshcat)
     run.simulator.AdvanceTo(3.0)
     return run
 
@@ -71,9 +93,9 @@ def test_running_page_shows_arm_board_and_wiped_ink(run, meshcat, tmp_path):
     picture = screenshot(meshcat.web_url(), tmp_path)
     assert_shows_a_wiped_board(picture)
     # The arm and the board are what Drake's visualizer shows.
-    meshcat.SetProperty("/drake/visualizer", "visible", False)
+    meshcat.SetProperty("/drake/bodies", "visible", False)
     bare = screenshot(meshcat.web_url(), tmp_path)
-    meshcat.SetProperty("/drake/visualizer", "visible", True)
+    meshcat.SetProperty("/drake/bodies", "visible", True)
     gone = np.abs(picture - bare).max(axis=-1) > 0.1
     assert np.mean(gone) > 0.01
     # Above the board, where only the arm is.
@@ -81,12 +103,49 @@ def test_running_page_shows_arm_board_and_wiped_ink(run, meshcat, tmp_path):
     assert np.mean(gone[:first_ink]) > 0.01
 
 
-def test_running_page_shows_both_paths(run, meshcat, tmp_path):
+def test_running_page_shows_trail_and_plan(run, meshcat, tmp_path):
     assert run is not None
-    with_paths = screenshot(meshcat.web_url(), tmp_path)
-    r, g, b = np.moveaxis(with_paths, -1, 0)
-    assert np.sum((r > 0.7) & (b < 0.45) & (g > 0.2) & (g < 0.7)) > 20  # measured
-    assert np.sum((g > r + 0.15) & (g > b + 0.1)) > 20  # desired
+    picture = screenshot(meshcat.web_url(), tmp_path)
+    assert np.sum(orange(picture)) > 20
+    assert np.sum(green(picture)) > 100
+
+
+def test_everything_but_the_bodies_can_be_switched_off(learned, tmp_path):
+    meshcat = open_page()
+    run = make_run(learned, meshcat, show=())
+    run.simulator.AdvanceTo(1.0)
+    assert meshcat.GetSliderNames() == []
+    picture = screenshot(meshcat.web_url(), tmp_path)
+    for part in (orange, green, blue_ink):
+        assert np.mean(part(picture)) < 1e-3
+    assert np.mean(picture.max(axis=-1) < 0.3) > 0.002
+
+
+def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, meshcat, tmp_path):
+    simulator = run.simulator
+
+    def error():
+        return np.linalg.norm(
+            run.output("desired_position") - run.output("measured_position")
+        )
+
+    def step_until(condition):
+        deadline = time.monotonic() + 60
+        while not condition():
+            assert time.monotonic() < deadline, f"the error is {error()} m"
+            simulator.AdvanceTo(simulator.get_context().get_time() + 0.02)
+            time.sleep(0.01)
+
+    undisturbed = error()
+    assert undisturbed < 0.01
+    with Page(meshcat.web_url(), tmp_path) as page:
+        page.wait_for_meshcat()
+        at = page.grab("drake", "bodies", "eraser", "eraser")
+        to = [at[0] + 150, at[1] - 50]
+        page.drag(at, to, modifiers=CTRL)
+        step_until(lambda: error() > 0.02)
+        page.mouse("released", *to, modifiers=CTRL)
+        step_until(lambda: error() < 0.01)
 
 
 def test_replay_page_needs_no_network(command, tmp_path):
@@ -111,4 +170,4 @@ def test_command_opens_the_page_that_it_names(command, monkeypatch, tmp_path):
     picture = screenshot(page.web_url(), tmp_path)
     assert np.mean(blue_ink(picture)) > INKED
     # The eraser has not come down yet.
-    assert np.mean(wiped_patch(picture)) < 0.002
+    assert np.mean(wiped_patch(picture)) < 0.0003

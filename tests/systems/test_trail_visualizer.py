@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pydrake.geometry import Meshcat, Rgba
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems import path_visualizer
-from fmp_drake.systems.path_visualizer import PathVisualizer, draw_path
+from fmp_drake.systems import trail_visualizer
+from fmp_drake.systems.trail_visualizer import TrailVisualizer
 
-X_WB = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.5, 0.0, 0.1])
 NAMES = ("desired", "measured")
 SPEED = {"desired": np.array([0.1, 0.0, 0.0]), "measured": np.array([0.0, 0.2, 0.1])}
 
@@ -41,32 +40,32 @@ def meshcat():
 def drawn(monkeypatch):
     """Collect the paths and points of every drawing."""
     calls = []
-    draw = path_visualizer.draw_path
+    draw = trail_visualizer.draw_rod
 
     def spy(meshcat, path, points, **options):
         calls.append((path, points.copy()))
         draw(meshcat, path, points, **options)
 
-    monkeypatch.setattr(path_visualizer, "draw_path", spy)
+    monkeypatch.setattr(trail_visualizer, "draw_rod", spy)
     return calls
 
 
 def make_diagram(meshcat, **options):
     builder = DiagramBuilder()
     travel = builder.AddSystem(Travel())
-    visualizer = builder.AddSystem(PathVisualizer(meshcat, X_WB=X_WB, **options))
+    visualizer = builder.AddSystem(TrailVisualizer(meshcat, **options))
     for name in NAMES:
         builder.Connect(travel.GetOutputPort(name), visualizer.GetInputPort(name))
     return builder.Build(), visualizer
 
 
 def trail(drawn, name):
-    return [points for path, points in drawn if path == f"paths/{name}"]
+    return [points for path, points in drawn if path == f"trail/{name}"]
 
 
 def test_ports_have_names_and_sizes(meshcat):
-    visualizer = PathVisualizer(meshcat, X_WB=X_WB)
-    assert visualizer.get_name() == "path_visualizer"
+    visualizer = TrailVisualizer(meshcat)
+    assert visualizer.get_name() == "trail_visualizer"
     assert visualizer.num_output_ports() == 0
     assert [visualizer.get_input_port(i).get_name() for i in range(2)] == list(NAMES)
     assert [visualizer.GetInputPort(name).size() for name in NAMES] == [3, 3]
@@ -88,7 +87,7 @@ def test_a_young_trail_grows_from_the_first_point(meshcat, drawn):
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.45)
     lengths = [len(points) for points in trail(drawn, "measured")]
-    assert lengths == [1, 1, 2, 3, 4]
+    assert lengths == [2, 3, 4]
     for points in trail(drawn, "measured"):
         assert np.all(np.isfinite(points))
         assert_array_equal(points[0], np.zeros(3))
@@ -97,15 +96,53 @@ def test_a_young_trail_grows_from_the_first_point(meshcat, drawn):
 def test_pictures_come_at_the_rate(meshcat, drawn):
     diagram, _ = make_diagram(meshcat, rate=5.0)
     Simulator(diagram).AdvanceTo(1.99)
-    assert len(trail(drawn, "desired")) == 10
+    # The first two see one point only.
+    assert len(trail(drawn, "desired")) == 8
 
 
-def test_both_paths_are_in_the_frame_of_the_board(meshcat):
-    diagram, _ = make_diagram(meshcat)
+def test_both_trails_are_under_the_path_and_leave_its_transform_alone(meshcat):
+    X_WB = RigidTransform([0.5, 0.0, 0.1])
+    meshcat.SetTransform("board/trail", X_WB)
+    sent = meshcat._GetPackedTransform("board/trail")
+    diagram, _ = make_diagram(meshcat, path="board/trail")
     Simulator(diagram).AdvanceTo(0.5)
-    assert all(meshcat.HasPath(f"paths/{name}") for name in NAMES)
-    sent = np.array(meshcat._GetPackedTransform("paths"))
-    assert sent.size > 0
+    assert all(meshcat.HasPath(f"board/trail/{name}") for name in NAMES)
+    assert meshcat._GetPackedTransform("board/trail") == sent
+
+
+def test_a_trail_that_is_not_asked_for_has_no_port(meshcat):
+    visualizer = TrailVisualizer(meshcat, names=("measured",))
+    assert visualizer.num_input_ports() == 1
+    assert visualizer.GetInputPort("measured").size() == 3
+    for names in ((), ("measured", "wished")):
+        with pytest.raises(StationError, match="expected some of"):
+            TrailVisualizer(meshcat, names=names)
+
+
+def test_a_trail_thins_out_towards_its_old_end(meshcat, monkeypatch):
+    radii = {}
+    monkeypatch.setattr(
+        trail_visualizer,
+        "draw_rod",
+        lambda _, path, *__, radius, **___: radii.setdefault(path, []).append(radius),
+    )
+    diagram, _ = make_diagram(meshcat, seconds=1.0, rate=10.0, radius=0.003)
+    Simulator(diagram).AdvanceTo(1.5)
+    measured, desired = radii["trail/measured"], radii["trail/desired"]
+    assert_allclose(measured[-1], np.linspace(0.0003, 0.003, 10))
+    assert_allclose(desired[-1], measured[-1] / 2)
+    # A young trail is as thick at its new end.
+    assert_allclose(measured[0][-1], 0.003)
+
+
+def test_a_tool_at_rest_is_not_drawn_again(meshcat, drawn):
+    diagram, visualizer = make_diagram(meshcat, rate=10.0)
+    context = diagram.CreateDefaultContext()
+    own = visualizer.GetMyContextFromRoot(context)
+    n = own.get_discrete_state(0).size()
+    own.SetDiscreteState(0, np.tile([0.1, 0.2, 0.3], n // 3))
+    visualizer._draw(own)
+    assert drawn == []
 
 
 def test_two_interleaved_simulations_draw_the_same(meshcat, drawn):
@@ -164,26 +201,20 @@ def test_drawing_does_not_depend_on_caching(meshcat, drawn):
 def test_a_forgotten_input_is_named(meshcat, forgotten):
     builder = DiagramBuilder()
     travel = builder.AddSystem(Travel())
-    visualizer = builder.AddSystem(PathVisualizer(meshcat, X_WB=X_WB))
+    visualizer = builder.AddSystem(TrailVisualizer(meshcat))
     (other,) = set(NAMES) - {forgotten}
     builder.Connect(travel.GetOutputPort(other), visualizer.GetInputPort(other))
     simulator = Simulator(builder.Build())
     with pytest.raises(
-        (RuntimeError, ValueError), match=rf"{forgotten}.*path_visualizer"
+        (RuntimeError, ValueError), match=rf"{forgotten}.*trail_visualizer"
     ):
         simulator.AdvanceTo(0.1)
 
 
 @pytest.mark.parametrize(
-    "options", [{"seconds": 0.0}, {"rate": -1.0}, {"rate": np.nan}]
+    "options",
+    [{"seconds": 0.0}, {"rate": -1.0}, {"rate": np.nan}, {"radius": 0.0}],
 )
 def test_times_that_are_not_positive_are_refused(meshcat, options):
     with pytest.raises(StationError, match="must be positive"):
-        PathVisualizer(meshcat, X_WB=X_WB, **options)
-
-
-def test_one_point_is_no_path(meshcat):
-    draw_path(meshcat, "alone", np.zeros((1, 3)), color=Rgba(1, 0, 0, 1))
-    assert not meshcat.HasPath("alone")
-    draw_path(meshcat, "pair", np.eye(2, 3), color=Rgba(1, 0, 0, 1))
-    assert meshcat.HasPath("pair")
+        TrailVisualizer(meshcat, **options)

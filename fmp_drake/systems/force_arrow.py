@@ -1,0 +1,143 @@
+"""The contact force in Meshcat, as an arrow."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import Context, LeafSystem
+
+from fmp_drake.errors import StationError
+
+FORCE_COLOR = Rgba(0.85, 0.10, 0.10, 1.0)
+"""Colour of the arrow."""
+
+_RADIUS = 0.004
+_HEAD = 0.022
+_HEAD_RADIUS = 0.010
+# Weaker forces (N) have no direction worth showing.
+_WEAKEST = 0.3
+
+
+class ForceArrow(LeafSystem):
+    """Draws the force that a body feels where it touches others.
+
+    The arrow begins in the middle of the contact, weighted by the forces, and is drawn
+    over what stands before it, so that the body itself does not hide it. It is moved
+    and stretched, not drawn anew, so that recordings show it too.
+
+    Input ports
+    -----------
+    contact_results : abstract
+        The plant's; hydroelastic contacts count.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Finalized.
+    body : RigidBody
+        Whose contacts count.
+    meshcat : Meshcat
+    path : str
+        Where in Meshcat's tree, in the world; outside of `/drake` it does not stand in the
+        way of the mouse.
+    metres_per_newton : float
+        Length of the arrow.
+    rate : float
+        Pictures per second.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        *,
+        body: RigidBody,
+        meshcat: Meshcat,
+        path: str = "/force",
+        metres_per_newton: float = 0.012,
+        rate: float = 30.0,
+    ) -> None:
+        super().__init__()
+        self.set_name("force_arrow")
+        for name, value in (("metres_per_newton", metres_per_newton), ("rate", rate)):
+            if not (np.isfinite(value) and value > 0):
+                raise StationError(f"{name} is {value}; it must be positive.")
+        self._ids = frozenset(plant.GetCollisionGeometriesForBody(body))
+        if not self._ids:
+            raise StationError(
+                f"the body {body.name()} has no collision geometry; it never feels a "
+                "contact."
+            )
+        self._meshcat = meshcat
+        self._path = path
+        self._scale = metres_per_newton
+        self._results = self.DeclareAbstractInputPort(
+            "contact_results", AbstractValue.Make(ContactResults())
+        )
+        period = 1 / rate
+        self.DeclareInitializationPublishEvent(self._begin)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+
+    def _begin(self, context: Context) -> None:
+        meshcat, path = self._meshcat, self._path
+        meshcat.Delete(path)
+        meshcat.SetObject(f"{path}/stretch/shaft", Cylinder(_RADIUS, 1.0), FORCE_COLOR)
+        head = MeshcatCone(_HEAD, _HEAD_RADIUS, _HEAD_RADIUS)
+        meshcat.SetObject(f"{path}/head/cone", head, FORCE_COLOR)
+        # From the origin to 1 m; and Meshcat's cone stands on its tip.
+        meshcat.SetTransform(f"{path}/stretch/shaft", _along_z(0.5))
+        upside_down = RigidTransform(RotationMatrix.MakeXRotation(np.pi))
+        meshcat.SetTransform(f"{path}/head/cone", _along_z(_HEAD) @ upside_down)
+        for part in ("stretch/shaft", "head/cone"):
+            for name in ("material.depthTest", "castShadow", "receiveShadow"):
+                meshcat.SetProperty(f"{path}/{part}/<object>", name, False)
+            meshcat.SetProperty(f"{path}/{part}/<object>", "renderOrder", 10.0)
+        self._draw(context)
+
+    def _force(
+        self, context: Context
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return where the force acts (W, m) and the force (W, N)."""
+        results: Any = self._results.Eval(context)
+        force, point, weight = np.zeros(3), np.zeros(3), 0.0
+        for i in range(results.num_hydroelastic_contacts()):
+            info = results.hydroelastic_contact_info(i)
+            surface = info.contact_surface()
+            if surface.id_M() in self._ids:
+                sign = 1.0
+            elif surface.id_N() in self._ids:
+                sign = -1.0
+            else:
+                continue
+            # The force acts on M's body.
+            part = sign * info.F_Ac_W().translational()
+            size = float(np.linalg.norm(part))
+            force += part
+            point += size * surface.centroid()
+            weight += size
+        return point / max(weight, 1e-12), force
+
+    def _draw(self, context: Context) -> None:
+        point, force = self._force(context)
+        time, strength = context.get_time(), float(np.linalg.norm(force))
+        visible = strength > _WEAKEST
+        self._meshcat.SetProperty(
+            self._path, "visible", visible, time_in_recording=time
+        )
+        if not visible:
+            return
+        rotation = RotationMatrix.MakeFromOneVector(force, 2)
+        self._meshcat.SetTransform(self._path, RigidTransform(rotation, point), time)
+        shaft = max(self._scale * strength - _HEAD, 1e-3)
+        self._meshcat.SetTransform(f"{self._path}/head", _along_z(shaft), time)
+        self._meshcat.SetProperty(
+            f"{self._path}/stretch", "scale", [1.0, 1.0, shaft], time
+        )
+
+
+def _along_z(height: float) -> RigidTransform:
+    return RigidTransform(np.array([0.0, 0.0, height]))

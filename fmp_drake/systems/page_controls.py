@@ -1,0 +1,103 @@
+"""The sliders of the page."""
+
+import numpy as np
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from fmp_drake.errors import StationError
+
+# Output port: name of the slider, smallest value, largest value, step.
+_SLIDERS = {
+    "tempo": ("tempo", 0.25, 2.0, 0.05),
+    "press_force": ("press force (N)", 0.0, 15.0, 0.5),
+    "sample": ("sample (0: mean)", 0.0, 1.0, 1.0),
+}
+
+
+class PageControls(LeafSystem):
+    """Sliders for the tempo, the press and mean or sample, as outputs.
+
+    The page is part of the outside world: it is read at a rate and held in the
+    Context. The sliders come with the initialisation of a simulation, which sets them
+    to the initial values, and stay until `Delete`.
+
+    Output ports
+    ------------
+    tempo : (1,)
+        How fast to play, 1 as demonstrated.
+    press_force : (1,)
+        N.
+    sample : (1,)
+        1 to track samples of the components, 0 for their means.
+
+    Parameters
+    ----------
+    meshcat : Meshcat
+        Its page gets the sliders.
+    tempo : float
+        Initial value. The slider goes from 0.25 to 2, or as far as this.
+    press_force : float
+        Initial value, N. The slider goes from 0 to 15, or as far as this.
+    sample : bool
+        Initial value.
+    period : float
+        Between two readings, s.
+    """
+
+    def __init__(
+        self,
+        meshcat: Meshcat,
+        *,
+        tempo: float = 1.0,
+        press_force: float = 10.0,
+        sample: bool = False,
+        period: float = 0.1,
+    ) -> None:
+        super().__init__()
+        self.set_name("page_controls")
+        if not (np.isfinite(period) and period > 0):
+            raise StationError(f"period is {period} s; it must be positive.")
+        initial = {"tempo": tempo, "press_force": press_force, "sample": float(sample)}
+        for name, value in initial.items():
+            if not (np.isfinite(value) and value >= 0):
+                raise StationError(f"{name} is {value}; it must not be negative.")
+        self._meshcat = meshcat
+        self._initial = {name: float(value) for name, value in initial.items()}
+        self._states: dict[str, int] = {}
+        for name, value in self._initial.items():
+            index = self.DeclareDiscreteState(np.array([value]))
+            self._states[name] = int(index)
+            self.DeclareStateOutputPort(name, index)
+        self.DeclareInitializationDiscreteUpdateEvent(self._begin)
+        self.DeclareInitializationPublishEvent(self._show)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._read)
+
+    def Delete(self) -> None:
+        """Remove the sliders from the page; the outputs keep their values."""
+        for slider, *_ in _SLIDERS.values():
+            self._meshcat.DeleteSlider(slider, strict=False)
+
+    def _begin(self, context: Context, values: DiscreteValues) -> None:  # noqa: ARG002
+        for name, index in self._states.items():
+            values.set_value(index, np.array([self._initial[name]]))
+
+    def _show(self, context: Context) -> None:  # noqa: ARG002
+        shown = self._meshcat.GetSliderNames()
+        for name, (slider, low, high, step) in _SLIDERS.items():
+            initial = self._initial[name]
+            if slider in shown:
+                self._meshcat.SetSliderValue(slider, initial)
+            else:
+                ends = min(low, initial), max(high, initial)
+                self._meshcat.AddSlider(slider, *ends, step, initial)
+
+    def _read(self, context: Context, values: DiscreteValues) -> None:  # noqa: ARG002
+        shown = self._meshcat.GetSliderNames()
+        for name, index in self._states.items():
+            slider, _, _, step = _SLIDERS[name]
+            if slider not in shown:
+                continue
+            value, initial = self._meshcat.GetSliderValue(slider), self._initial[name]
+            # A slider rounds: untouched it stands for the exact initial value.
+            untouched = abs(value - initial) <= 0.501 * step
+            values.set_value(index, np.array([initial if untouched else value]))

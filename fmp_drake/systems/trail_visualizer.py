@@ -1,0 +1,122 @@
+"""Trails in Meshcat: where the tool has just been, where it was told to be."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, Rgba
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.path_drawing import LIFT, draw_rod
+
+COLORS = {
+    "desired": Rgba(0.06, 0.42, 0.25, 0.7),
+    "measured": Rgba(0.95, 0.42, 0.05, 0.9),
+}
+"""Colours of the paths."""
+
+# The measured path covers the desired one.
+_RADII = {"desired": 0.5, "measured": 1.0}
+_LIFTS = {"desired": LIFT, "measured": 2 * LIFT}
+
+# A trail that is shorter than this (m) is a point and not drawn again.
+_STILL = 1e-4
+
+
+class TrailVisualizer(LeafSystem):
+    """Draws the last seconds of the measured and the desired path, thinning out.
+
+    Input ports
+    -----------
+    desired, measured : (3,)
+        Points in the frame B, m; those that `names` asks for.
+
+    Parameters
+    ----------
+    meshcat : Meshcat
+    path : str
+        Where in Meshcat's tree; its transform, the caller's, is X_WB.
+    names : sequence of str
+        Which paths to draw.
+    seconds : float
+        How much of the past is drawn.
+    rate : float
+        Points, and pictures, per second.
+    radius : float
+        Of the newest end of the measured trail, m; the desired one is half as thick.
+    """
+
+    def __init__(
+        self,
+        meshcat: Meshcat,
+        *,
+        path: str = "trail",
+        names: Sequence[str] = ("desired", "measured"),
+        seconds: float = 4.0,
+        rate: float = 20.0,
+        radius: float = 0.0025,
+    ) -> None:
+        super().__init__()
+        self.set_name("trail_visualizer")
+        if not (seconds > 0 and rate > 0 and radius > 0):
+            raise StationError(
+                f"seconds is {seconds}, rate {rate} Hz and radius {radius} m; all "
+                "must be positive."
+            )
+        unknown = sorted(set(names) - set(COLORS))
+        if unknown or not names:
+            raise StationError(
+                f"the paths to draw are {list(names)}; expected some of {list(COLORS)}."
+            )
+        self._meshcat = meshcat
+        self._path = path
+        self._points = max(2, round(seconds * rate))
+        self._radii = radius * np.linspace(0.1, 1.0, self._points)
+        self._ports = {name: self.DeclareVectorInputPort(name, 3) for name in names}
+        # One row of points per path; NaN where there is none yet.
+        blank = np.full(3 * self._points, np.nan)
+        self._trails = {name: int(self.DeclareDiscreteState(blank)) for name in names}
+        period = 1 / rate
+        self.DeclareInitializationDiscreteUpdateEvent(self._begin)
+        self.DeclareInitializationPublishEvent(self._clear)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._remember)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+
+    def _begin(self, context: Context, values: DiscreteValues) -> None:
+        for name, index in self._trails.items():
+            trail = np.full((self._points, 3), np.nan)
+            trail[-1] = self._point(name, context)
+            values.set_value(index, trail.ravel())
+
+    def _remember(self, context: Context, values: DiscreteValues) -> None:
+        for name, index in self._trails.items():
+            old = context.get_discrete_state().value(index)
+            values.set_value(
+                index, np.concatenate([old[3:], self._point(name, context)])
+            )
+
+    def _point(self, name: str, context: Context) -> NDArray[np.float64]:
+        point: Any = self._ports[name].Eval(context)
+        return np.asarray(point, dtype=float)
+
+    def _clear(self, context: Context) -> None:  # noqa: ARG002
+        for name in self._trails:
+            self._meshcat.Delete(f"{self._path}/{name}")
+
+    def _draw(self, context: Context) -> None:
+        for name, index in self._trails.items():
+            trail = context.get_discrete_state().value(index).reshape(-1, 3)
+            known = np.isfinite(trail[:, 0])
+            points = trail[known]
+            if len(points) < 2 or np.all(np.abs(points - points[-1]) < _STILL):
+                continue
+            draw_rod(
+                self._meshcat,
+                f"{self._path}/{name}",
+                points,
+                radius=_RADII[name] * self._radii[known],
+                color=COLORS[name],
+                lift=_LIFTS[name],
+            )

@@ -1,0 +1,177 @@
+"""Facts about running a simulation with the page's buttons, without a browser."""
+
+import time
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import LogVectorOutput
+from rich.console import Console
+
+from fmp_drake.apps import page
+from fmp_drake.apps.page import RunButtons, advance, reset
+
+QUIET = Console(quiet=True)
+
+
+class Walk(LeafSystem):
+    """A random walk of its own seed, which calls someone at given times."""
+
+    def __init__(self, calls=None):
+        super().__init__()
+        self._calls = calls or {}
+        self._state = self.DeclareDiscreteState(np.array([0.0, 3.0]))
+        self.DeclareStateOutputPort("walk", self._state)
+        self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.1, self._step)
+        self.DeclarePeriodicPublishEvent(0.1, 0.05, self._call)
+
+    def _step(self, context, values):
+        x, seed = context.get_discrete_state(0).value()
+        seed = (16807 * seed) % 2147483647
+        values.set_value(0, np.array([x + seed / 2147483647 - 0.5, seed]))
+
+    def _call(self, context):
+        self._calls.pop(round(context.get_time(), 3), lambda: None)()
+
+
+class Clicks:
+    """In place of a Meshcat's buttons."""
+
+    def __init__(self):
+        self.clicks = {}
+        self.added, self.asked = [], 0
+        # What happens at the nth question about a pause.
+        self.at = {}
+
+    def AddButton(self, name, keycode):
+        self.added.append((name, keycode))
+        self.clicks[name] = 0
+
+    def DeleteButton(self, name, strict):
+        assert not strict
+        del self.clicks[name]
+
+    def GetButtonClicks(self, name):
+        if name == RunButtons.PAUSE:
+            self.asked += 1
+            self.at.pop(self.asked, lambda: None)()
+        return self.clicks[name]
+
+    def click(self, name):
+        self.clicks[name] += 1
+
+
+def make(calls=None, *, nested=False):
+    builder = DiagramBuilder()
+    walk = builder.AddSystem(Walk(calls))
+    log = LogVectorOutput(walk.get_output_port(), builder, 0.1)
+    diagram: Diagram = builder.Build()
+    if nested:
+        outer = DiagramBuilder()
+        outer.AddSystem(diagram)
+        diagram = outer.Build()
+    return Simulator(diagram), log
+
+
+def walked(simulator, log):
+    log = log.FindLog(simulator.get_context())
+    return log.sample_times().copy(), log.data().copy()
+
+
+@pytest.fixture
+def clicks():
+    return Clicks()
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_a_reset_run_is_the_same_as_the_first(nested):
+    simulator, log = make(nested=nested)
+    runs = []
+    for _ in range(2):
+        advance(simulator, 2.0, console=QUIET, label="walk")
+        runs.append(walked(simulator, log))
+        reset(simulator)
+        assert simulator.get_context().get_time() == 0.0
+    assert len(runs[0][0]) == 21
+    for one, two in zip(*runs, strict=True):
+        assert_array_equal(one, two)
+
+
+def test_a_click_on_reset_begins_again(clicks):
+    calls = {0.95: lambda: clicks.click(RunButtons.RESET)}
+    simulator, log = make(calls)
+    resets = []
+    advance(
+        simulator,
+        2.0,
+        console=QUIET,
+        label="walk",
+        meshcat=clicks,
+        on_reset=lambda: resets.append(simulator.get_context().get_time()),
+    )
+    assert resets == [0.0]
+    undisturbed, other = make()
+    advance(undisturbed, 2.0, console=QUIET, label="walk")
+    expected = walked(undisturbed, other)
+    for one, two in zip(walked(simulator, log), expected, strict=True):
+        assert_array_equal(one, two)
+
+
+def test_a_pause_stops_the_simulation_and_a_reset_in_it_goes_to_the_start(clicks):
+    calls = {0.55: lambda: clicks.click(RunButtons.PAUSE)}
+    simulator, _ = make(calls)
+    times = []
+    # Questions 1 to 6 come before the six stretches up to 0.6 s.
+    for question in (8, 9, 14):
+        clicks.at[question] = lambda: times.append(simulator.get_context().get_time())
+    clicks.at[10] = lambda: clicks.click(RunButtons.RESET)
+    clicks.at[15] = lambda: clicks.click(RunButtons.PAUSE)
+    advance(simulator, 1.0, console=QUIET, label="walk", meshcat=clicks)
+    assert times == pytest.approx([0.6, 0.6, 0.0])
+    assert simulator.get_context().get_time() == 1.0
+
+
+def test_a_pause_is_not_made_up_for(clicks, monkeypatch):
+    monkeypatch.setattr(page, "_POLL", 0.5)
+    calls = {0.05: lambda: clicks.click(RunButtons.PAUSE)}
+    simulator, _ = make(calls)
+    simulator.set_target_realtime_rate(1.0)
+    clicks.at[3] = lambda: clicks.click(RunButtons.PAUSE)
+    start = time.monotonic()
+    advance(simulator, 0.5, console=QUIET, label="walk", meshcat=clicks)
+    # 0.1 s, a pause of 0.5 s, and 0.4 s.
+    assert time.monotonic() - start > 0.9
+
+
+def test_the_buttons_are_there_while_the_run_is(clicks):
+    simulator, _ = make()
+    advance(simulator, 0.5, console=QUIET, label="walk", meshcat=clicks)
+    assert clicks.added == [(RunButtons.PAUSE, "KeyP"), (RunButtons.RESET, "KeyR")]
+    assert clicks.clicks == {}
+
+
+def test_the_buttons_go_when_the_run_fails():
+    def fail():
+        raise ValueError("it fell")
+
+    meshcat = Meshcat()
+    names = []
+    simulator, _ = make(
+        {0.05: lambda: names.extend(meshcat.GetButtonNames()), 0.15: fail}
+    )
+    with pytest.raises(ValueError, match="it fell"):
+        advance(simulator, 1.0, console=QUIET, label="walk", meshcat=meshcat)
+    assert names == [RunButtons.PAUSE, RunButtons.RESET]
+    assert meshcat.GetButtonNames() == []
+    # And they can come back.
+    simulator, _ = make()
+    advance(simulator, 1.0, console=QUIET, label="walk", meshcat=meshcat)
+
+
+def test_a_run_without_a_page_has_no_buttons():
+    simulator, _ = make()
+    advance(simulator, 0.5, console=QUIET, label="walk")
+    assert simulator.get_context().get_time() == 0.5

@@ -1,0 +1,155 @@
+"""Facts about the arrow of the contact force."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pydrake.common.value import Value
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    Box,
+    Meshcat,
+    ProximityProperties,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    ContactResults,
+    CoulombFriction,
+)
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.force_arrow import ForceArrow
+
+MASS = 2.0
+WEIGHT = MASS * 9.81
+SIDE = 0.1
+
+
+class Drawings:
+    """In place of a Meshcat: what was drawn last, by path."""
+
+    def __init__(self):
+        self.poses, self.properties, self.objects = {}, {}, {}
+
+    def Delete(self, _):
+        self.objects.clear()
+
+    def SetObject(self, path, shape, _):
+        self.objects[path] = shape
+
+    def SetTransform(self, path, pose, _=None):
+        self.poses[path] = pose
+
+    def SetProperty(self, path, name, value, time_in_recording=None):  # noqa: ARG002
+        self.properties[path, name] = value
+
+
+def make_diagram(meshcat, *, height=SIDE / 2, **options):
+    """A box on the ground, or above it."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    soft, hard = ProximityProperties(), ProximityProperties()
+    AddCompliantHydroelasticProperties(0.02, 1e6, soft)
+    AddRigidHydroelasticProperties(0.5, hard)
+    for properties in (soft, hard):
+        AddContactMaterial(10.0, None, CoulombFriction(0.5, 0.5), properties)
+    plant.RegisterCollisionGeometry(
+        plant.world_body(),
+        RigidTransform([0, 0, -0.1]),
+        Box(1, 1, 0.2),
+        "ground",
+        hard,
+    )
+    box = plant.AddRigidBody(
+        "box", SpatialInertia.SolidBoxWithMass(MASS, SIDE, SIDE, SIDE)
+    )
+    plant.RegisterCollisionGeometry(
+        box, RigidTransform(), Box(SIDE, SIDE, SIDE), "box", soft
+    )
+    plant.Finalize()
+    plant.SetDefaultFloatingBaseBodyPose(box, RigidTransform([0.2, 0.1, height]))
+    arrow = builder.AddSystem(ForceArrow(plant, body=box, meshcat=meshcat, **options))
+    builder.Connect(
+        plant.get_contact_results_output_port(), arrow.GetInputPort("contact_results")
+    )
+    return builder.Build(), arrow
+
+
+@pytest.fixture
+def drawings():
+    return Drawings()
+
+
+def test_its_port_has_a_name(drawings):
+    _, arrow = make_diagram(drawings)
+    assert arrow.get_name() == "force_arrow"
+    assert arrow.num_output_ports() == 0
+    assert arrow.num_input_ports() == 1
+    assert arrow.get_input_port().get_name() == "contact_results"
+
+
+def test_the_arrow_of_a_resting_box_is_its_weight(drawings):
+    diagram, _ = make_diagram(drawings, metres_per_newton=0.01)
+    Simulator(diagram).AdvanceTo(1.0)
+    pose = drawings.poses["/force"]
+    assert_allclose(pose.translation(), [0.2, 0.1, 0.0], atol=2e-3)
+    assert_allclose(pose.rotation().col(2), [0, 0, 1], atol=1e-3)
+    # Shaft and head together.
+    shaft = drawings.poses["/force/head"].translation()[2]
+    assert drawings.properties["/force/stretch", "scale"] == [1.0, 1.0, shaft]
+    assert_allclose(shaft + 0.022, 0.01 * WEIGHT, rtol=0.02)
+    assert drawings.properties["/force", "visible"] is True
+
+
+def test_a_body_in_the_air_has_no_arrow(drawings):
+    diagram, _ = make_diagram(drawings, height=1.0)
+    Simulator(diagram).AdvanceTo(0.1)
+    assert drawings.properties["/force", "visible"] is False
+
+
+def test_the_arrow_appears_with_the_contact(drawings):
+    diagram, _ = make_diagram(drawings, height=SIDE / 2 + 0.02)
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.01)
+    assert drawings.properties["/force", "visible"] is False
+    simulator.AdvanceTo(1.0)
+    assert drawings.properties["/force", "visible"] is True
+
+
+def test_the_arrow_is_drawn_once_and_then_moved():
+    meshcat = Meshcat()
+    diagram, _ = make_diagram(meshcat, path="somewhere/force")
+    simulator = Simulator(diagram)
+    simulator.Initialize()
+    sent = meshcat._GetPackedObject("somewhere/force/stretch/shaft")
+    assert len(sent) > 0
+    before = meshcat._GetPackedTransform("somewhere/force")
+    simulator.AdvanceTo(0.5)
+    assert meshcat._GetPackedObject("somewhere/force/stretch/shaft") == sent
+    assert meshcat._GetPackedTransform("somewhere/force") != before
+
+
+def test_it_needs_contact_results(drawings):
+    _, arrow = make_diagram(drawings)
+    with pytest.raises(RuntimeError, match=r"contact_results.*force_arrow"):
+        Simulator(arrow).Initialize()
+    context = arrow.CreateDefaultContext()
+    arrow.get_input_port().FixValue(context, Value(ContactResults()))
+    arrow.ForcedPublish(context)
+
+
+def test_values_that_do_not_fit_are_refused(drawings):
+    for options in ({"rate": 0.0}, {"metres_per_newton": np.nan}):
+        with pytest.raises(StationError, match="must be positive"):
+            make_diagram(drawings, **options)
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
+    ghost = plant.AddRigidBody("ghost")
+    plant.Finalize()
+    with pytest.raises(StationError, match="ghost has no collision geometry"):
+        ForceArrow(plant, body=ghost, meshcat=drawings)

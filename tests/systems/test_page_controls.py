@@ -1,0 +1,120 @@
+"""Facts about the sliders of the page, without a browser."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.page_controls import PageControls
+
+NAMES = {
+    "tempo": "tempo",
+    "press_force": "press force (N)",
+    "sample": "sample (0: mean)",
+}
+
+
+@pytest.fixture
+def meshcat():
+    return Meshcat()
+
+
+def outputs(system, simulator):
+    context = simulator.get_context()
+    return {name: system.GetOutputPort(name).Eval(context)[0] for name in NAMES}
+
+
+def test_ports_have_names_and_sizes(meshcat):
+    controls = PageControls(meshcat)
+    assert controls.get_name() == "page_controls"
+    assert controls.num_input_ports() == 0
+    ports = [controls.get_output_port(i) for i in range(3)]
+    assert {port.get_name(): port.size() for port in ports} == dict.fromkeys(NAMES, 1)
+
+
+def test_the_sliders_come_with_the_initialisation_and_go_with_delete(meshcat):
+    controls = PageControls(meshcat)
+    assert meshcat.GetSliderNames() == []
+    simulator = Simulator(controls)
+    simulator.Initialize()
+    assert set(meshcat.GetSliderNames()) == set(NAMES.values())
+    simulator.Initialize()
+    for _ in range(2):
+        controls.Delete()
+        assert meshcat.GetSliderNames() == []
+    simulator.AdvanceTo(1.0)
+    assert outputs(controls, simulator)["tempo"] == 1.0
+
+
+def test_a_moved_slider_is_an_output_within_a_period(meshcat):
+    controls = PageControls(meshcat, tempo=0.8, press_force=9.0, sample=True)
+    simulator = Simulator(controls)
+    simulator.AdvanceTo(0.3)
+    initial = {"tempo": 0.8, "press_force": 9.0, "sample": 1.0}
+    assert outputs(controls, simulator) == initial
+    moved = {"tempo": 1.5, "press_force": 3.0, "sample": 0.0}
+    for name, value in moved.items():
+        meshcat.SetSliderValue(NAMES[name], value)
+    assert outputs(controls, simulator) == initial
+    simulator.AdvanceTo(0.41)
+    assert outputs(controls, simulator) == moved
+
+
+def test_an_untouched_slider_does_not_round_the_initial_value(meshcat):
+    initial = {"tempo": 0.83, "press_force": 9.123, "sample": 0.0}
+    controls = PageControls(meshcat, tempo=0.83, press_force=9.123)
+    simulator = Simulator(controls)
+    simulator.AdvanceTo(0.5)
+    assert outputs(controls, simulator) == initial
+    meshcat.SetSliderValue("tempo", 0.9)
+    simulator.AdvanceTo(0.7)
+    assert outputs(controls, simulator)["tempo"] == pytest.approx(0.9)
+
+
+def test_a_slider_reaches_an_unusual_initial_value(meshcat):
+    controls = PageControls(meshcat, tempo=3.0, press_force=22.0)
+    simulator = Simulator(controls)
+    simulator.AdvanceTo(0.5)
+    assert meshcat.GetSliderValue("tempo") == 3.0
+    assert outputs(controls, simulator)["press_force"] == 22.0
+
+
+def test_an_initialisation_sets_outputs_and_sliders_back(meshcat):
+    controls = PageControls(meshcat)
+    simulator = Simulator(controls)
+    simulator.AdvanceTo(0.1)
+    meshcat.SetSliderValue("tempo", 2.0)
+    simulator.AdvanceTo(0.3)
+    assert outputs(controls, simulator)["tempo"] == 2.0
+    simulator.get_mutable_context().SetTime(0.0)
+    simulator.Initialize()
+    assert outputs(controls, simulator)["tempo"] == 1.0
+    assert meshcat.GetSliderValue("tempo") == 1.0
+    simulator.AdvanceTo(0.5)
+    assert outputs(controls, simulator)["tempo"] == 1.0
+
+
+def test_two_pages_do_not_disturb_each_other():
+    pages = [Meshcat(), Meshcat()]
+    stations = [PageControls(page) for page in pages]
+    simulators = [Simulator(station) for station in stations]
+    for simulator in simulators:
+        simulator.AdvanceTo(0.1)
+    pages[0].SetSliderValue("tempo", 2.0)
+    for simulator in simulators:
+        simulator.AdvanceTo(0.5)
+    tempos = [
+        outputs(*pair)["tempo"] for pair in zip(stations, simulators, strict=True)
+    ]
+    assert tempos == [2.0, 1.0]
+    stations[0].Delete()
+    assert len(pages[1].GetSliderNames()) == 3
+
+
+@pytest.mark.parametrize(
+    "options", [{"tempo": -1.0}, {"press_force": np.nan}, {"period": 0.0}]
+)
+def test_values_that_do_not_fit_are_refused(meshcat, options):
+    with pytest.raises(StationError, match="must"):
+        PageControls(meshcat, **options)
