@@ -6,10 +6,8 @@ and y along its edges, z the outward normal.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,79 +103,32 @@ class InkGrid:
         return corner
 
     @cached_property
+    def x(self) -> FloatArray:
+        """Cell centres along x of B, shape (nx,), in metres; read-only."""
+        return self._centres_along(0)
+
+    @cached_property
+    def y(self) -> FloatArray:
+        """Cell centres along y of B, shape (ny,), in metres; read-only."""
+        return self._centres_along(1)
+
+    def _centres_along(self, axis: int) -> FloatArray:
+        index = np.arange(self.shape[1 - axis])
+        centres: FloatArray = self.corner[axis] + (index + 0.5) * self.pitch[axis]
+        centres.setflags(write=False)
+        return centres
+
+    @cached_property
     def centres(self) -> FloatArray:
         """Cell centres in B, shape (ny nx, 2), in metres; read-only."""
-        ny, nx = self.shape
-        x, y = np.meshgrid(np.arange(nx), np.arange(ny))
-        index = np.column_stack([x.ravel(), y.ravel()])
-        centres = self.corner + (index + 0.5) * self.pitch
+        x, y = np.meshgrid(self.x, self.y)
+        centres = np.column_stack([x.ravel(), y.ravel()])
         centres.setflags(write=False)
         return centres
 
     def full(self) -> FloatArray:
         """Return an ink array of shape (ny, nx) that is inked all over."""
         return np.ones(self.shape)
-
-    def rasterise(
-        self, p_BV: ArrayLike, pressure: ArrayLike, polygons: Sequence[int]
-    ) -> tuple[IntArray, FloatArray]:
-        """Find the cells under convex polygons and the pressure on each of them.
-
-        A cell is under a polygon if its centre is (a centre on an edge is); the
-        pressure is interpolated linearly between vertices over a fan of
-        triangles. Polygons seen edge-on and cells outside the rectangle are left
-        out, and so are cells without pressure.
-
-        Parameters
-        ----------
-        p_BV : array_like, shape (num_vertices, 2)
-            Vertices projected on B's plane, in metres.
-        pressure : array_like, shape (num_vertices,)
-            Pressure at the vertices in Pa.
-        polygons : sequence of int
-            The polygons one after the other: number of vertices, then their
-            indices; the encoding of Drake's `PolygonSurfaceMesh.face_data()`.
-
-        Returns
-        -------
-        cells : ndarray of int, shape (num_hit,)
-            Flat indices of the cells under pressure, ascending, each once.
-        cell_pressure : ndarray, shape (num_hit,)
-            Pressure at their centres in Pa.
-        """
-        vertices = np.asarray(p_BV, dtype=float).reshape(-1, 2)
-        values = np.asarray(pressure, dtype=float).ravel()
-        if len(values) != len(vertices):
-            raise StationError(
-                f"rasterise got {len(values)} pressures for {len(vertices)} "
-                "vertices: give one per vertex."
-            )
-        triangles = _fan(polygons)
-        a = vertices[triangles[:, 0]]
-        u = vertices[triangles[:, 1]] - a
-        v = vertices[triangles[:, 2]] - a
-        double_area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-        solid = np.abs(double_area) > 1e-14
-        if not solid.all():
-            triangles, double_area = triangles[solid], double_area[solid]
-            a, u, v = a[solid], u[solid], v[solid]
-        owner, cells = self._cells_in_boxes(
-            np.minimum(np.minimum(u, v), 0.0) + a, np.maximum(np.maximum(u, v), 0.0) + a
-        )
-        # Barycentric coordinates b of the second and third corner.
-        u /= double_area[:, np.newaxis]
-        v /= double_area[:, np.newaxis]
-        d = self.centres[cells] - a[owner]
-        uo, vo = u[owner], v[owner]
-        b1 = d[:, 0] * vo[:, 1] - d[:, 1] * vo[:, 0]
-        b2 = d[:, 1] * uo[:, 0] - d[:, 0] * uo[:, 1]
-        inside = np.flatnonzero(np.minimum(np.minimum(b1, b2), 1.0 - b1 - b2) >= -1e-9)
-        b1, b2 = b1[inside], b2[inside]
-        e = values[triangles[owner[inside]]]
-        dense = np.zeros(self.num_cells)
-        dense[cells[inside]] = (1.0 - b1 - b2) * e[:, 0] + b1 * e[:, 1] + b2 * e[:, 2]
-        hit = np.flatnonzero(dense > 0.0)
-        return hit, dense[hit]
 
     def swept_area(
         self,
@@ -324,18 +275,6 @@ def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
             )
         clean = clean[chosen]
     return float(np.count_nonzero(clean) / clean.size) if clean.size else 1.0
-
-
-def _fan(polygons: Sequence[int]) -> IntArray:
-    """Split counted polygons into a fan of triangles, shape (num_triangles, 3)."""
-    triangles: list[tuple[int, int, int]] = []
-    i = 0
-    while i < len(polygons):
-        corners = polygons[i + 1 : i + 1 + polygons[i]]
-        for second, third in pairwise(corners[1:]):
-            triangles.append((corners[0], second, third))
-        i += 1 + polygons[i]
-    return np.array(triangles, dtype=np.intp).reshape(-1, 3)
 
 
 def _resample(path: FloatArray, radius: float, step: float) -> FloatArray:

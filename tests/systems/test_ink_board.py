@@ -32,15 +32,27 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from fmp_drake.errors import StationError
+from fmp_drake.systems import ink_board
 from fmp_drake.systems.ink_board import NEVER, InkBoard
 from fmp_drake.systems.ink_grid import WEAR_CONSTANT, InkGrid, wear
+from fmp_drake.systems.ink_metrics import cleaned_history
+from fmp_drake.systems.ink_patch import LONGEST_STEP, STRIPE_PITCH, join_patches
+from fmp_drake.systems.ink_sweep import sweep
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.005)
 FELT = (0.12, 0.05)
+PERIOD = 0.06
 MODULUS = 1.25e4
 GRAVITY = 9.81
 X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, 0.5), [0.5, 0.1, 0.2])
-OUTPUTS = ["ink", "erase_time", "cleaned_fraction", "normal_force", "contact_area"]
+OUTPUTS = [
+    "ink",
+    "erase_time",
+    "fade_time",
+    "cleaned_fraction",
+    "normal_force",
+    "contact_area",
+]
 INPUTS = ["contact_results", "body_poses", "body_spatial_velocities"]
 AXES = np.eye(3)
 
@@ -168,7 +180,7 @@ def test_ports_have_names_and_sizes(scene):
         board.get_output_port(i).get_name() for i in range(board.num_output_ports())
     ] == OUTPUTS
     sizes = [board.GetOutputPort(name).size() for name in OUTPUTS]
-    assert sizes == [GRID.num_cells, GRID.num_cells, 1, 1, 1]
+    assert sizes == [GRID.num_cells] * 3 + [1] * 3
 
 
 def test_only_force_and_area_feed_through(scene):
@@ -176,17 +188,17 @@ def test_only_force_and_area_feed_through(scene):
         [scene.board.HasDirectFeedthrough(i, j) for j in range(len(OUTPUTS))]
         for i in range(len(INPUTS))
     ]
-    of_contact = [False, False, False, True, True]
-    assert table == [of_contact, of_contact, [False] * 5]
+    state = [False] * 4
+    assert table == [[*state, True, True], [*state, True, False], [False] * 6]
 
 
 @pytest.mark.parametrize("eraser_first", [False, True])
 def test_a_stroke_cleans_the_swept_strip_and_nothing_else(eraser_first):
     scene = make_scene(eraser_first=eraser_first)
     simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
-    simulator.AdvanceTo(1.0)
+    simulator.AdvanceTo(1.021)
     ink = scene.ink(simulator)
-    path = np.array([[0.0, -0.1, -0.002], [0.0, 0.1, -0.002]])
+    path = np.array([[0.0, -0.1, -0.002], [0.0, 0.1042, -0.002]])
     swept = GRID.swept_area(path, FELT)
     assert (ink[~swept] == 1.0).all()
     # The felt has passed over these with its whole length.
@@ -226,7 +238,7 @@ def test_a_stroke_leaves_what_the_wear_law_says_at_any_speed(speed):
     # `pressure`, except within `depth` of its edges, where it falls to zero.
     depth, pressure = squeeze(scene, simulator)
     felt = pressure * (FELT[1] - depth)
-    resolution = speed * 0.01 * pressure
+    resolution = min(speed * PERIOD, LONGEST_STEP) * pressure
     exposure = -WEAR_CONSTANT * np.log(middle)
     assert exposure.mean() == pytest.approx(felt, abs=0.02 * felt + 0.5 * resolution)
     assert np.ptp(exposure) <= 0.02 * felt + 1.01 * resolution
@@ -267,7 +279,7 @@ def test_a_sliding_board_is_wiped_by_a_resting_eraser(scene):
 
 def test_spinning_in_place_wears_the_outside_but_not_the_centre(scene):
     simulator = scene.start(spin=1.0)
-    simulator.AdvanceTo(0.6)
+    simulator.AdvanceTo(0.601)
     ink = scene.ink(simulator)
     _, pressure = squeeze(scene, simulator)
     r = np.hypot(*GRID.centres.T).reshape(GRID.shape)
@@ -301,43 +313,145 @@ def test_ink_that_is_not_there_is_not_counted():
     np.testing.assert_array_equal(never, initial == 0.0)
 
 
-def test_erase_time_follows_the_eraser(scene):
+def test_erase_time_and_fade_time_follow_the_eraser(scene):
     simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
-    assert (scene.value(simulator, "erase_time") == NEVER).all()
+    for name in ("erase_time", "fade_time"):
+        assert (scene.value(simulator, name) == NEVER).all()
     simulator.AdvanceTo(1.0)
-    time = scene.value(simulator, "erase_time").reshape(GRID.shape)
     ink = scene.ink(simulator)
-    np.testing.assert_array_equal(time < NEVER, ink < 0.5)
-    # The leading edge gets to y after (y + 0.075) / v; half the ink is gone
-    # once 20 ln 2 = 13.9 Pa m have passed: 8 mm of felt, plus its 2 mm edge.
+    _, pressure = squeeze(scene, simulator)
     y = GRID.centres.reshape(*GRID.shape, 2)[25:35, 40, 1]
-    expected = (y + 0.075 + 0.01) / 0.2
-    np.testing.assert_allclose(time[25:35, 40], expected, atol=0.015)
+    for name, left in (("erase_time", 0.1), ("fade_time", 0.5)):
+        time = scene.value(simulator, name).reshape(GRID.shape)
+        np.testing.assert_array_equal(time < NEVER, ink < left)
+        # The leading edge gets to y after (y + 0.075) / v; then a length of felt
+        # must pass, and 1 mm of its soft edge. Half a period comes on top on average.
+        felt = -WEAR_CONSTANT * np.log(left) / pressure + 0.001
+        expected = (y + 0.075 + felt) / 0.2 + 0.5 * PERIOD
+        np.testing.assert_allclose(time[25:35, 40], expected, atol=0.5 * PERIOD + 0.01)
 
 
-def test_an_update_is_the_wear_law_on_the_rasterised_patch(scene):
+def test_weak_ink_has_no_erase_time_but_fades():
+    scene = make_scene(initial_ink=np.full(GRID.shape, 0.05))
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.4))
+    assert scene.value(simulator, "cleaned_fraction")[0] == 1.0
+    simulator.AdvanceTo(0.5)
+    assert (scene.value(simulator, "erase_time") == NEVER).all()
+    assert (scene.value(simulator, "fade_time") < NEVER).any()
+
+
+def test_the_history_from_erase_times_is_the_cleaned_fraction(scene):
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
+    times = np.arange(1, 12) * 0.08 + 0.001
+    seen = []
+    for t in times:
+        simulator.AdvanceTo(t)
+        seen.append(scene.value(simulator, "cleaned_fraction")[0])
+    erased = scene.value(simulator, "erase_time")
+    everywhere = np.ones(GRID.num_cells, dtype=bool)
+    np.testing.assert_allclose(cleaned_history(erased, everywhere, times), seen)
+    assert seen[-1] > 0.1
+
+
+def test_a_period_is_the_wear_law_on_the_patch_in_its_middle(scene):
     simulator = scene.start(v=(0.0, 0.2))
-    simulator.AdvanceTo(0.005)
-    context = scene.board.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    # The plant steps first: its state is still what the update in the middle saw.
+    simulator.AdvanceTo(0.5 * PERIOD + 0.0005)
+    context = scene.board.GetMyContextFromRoot(simulator.get_context())
     before = scene.board.GetOutputPort("ink").Eval(context).copy()
-    updated = scene.board.EvalUniquePeriodicDiscreteUpdate(context)
     results = scene.board.GetInputPort("contact_results").Eval(context)
     surface = results.hydroelastic_contact_info(0).contact_surface()
     mesh, field = surface.poly_mesh_W(), surface.poly_e_MN()
-    count = range(mesh.num_vertices())
-    p_WV = np.array([mesh.vertex(i) for i in count])
-    pressure = [field.EvaluateAtVertex(i) for i in count]
-    p_BV = (X_WB.inverse() @ p_WV.T)[:2].T - [0.0, 0.2 * 0.005]
-    cells, p = GRID.rasterise(p_BV, pressure, mesh.face_data())
-    expected = np.ones(GRID.num_cells)
-    expected[cells] = wear(1.0, p * 0.2 * 0.01)
-    assert len(cells) > 200
-    np.testing.assert_allclose(updated.value(0), expected, rtol=1e-6)
-    # The event has left its context alone.
+    vertices, pressure, owner = [], [], []
+    data = mesh.face_data()
+    while data:
+        count, *data = data
+        vertices += [X_WB.inverse() @ mesh.vertex(i) for i in data[:count]]
+        pressure += [field.EvaluateAtVertex(i) for i in data[:count]]
+        owner += [len(data)] * count
+        data = data[count:]
+    offsets = [[0.0, 0.2 * PERIOD * u] for u in (np.arange(5) + 0.5) / 5 - 0.5]
+    p_BV = np.array(vertices)[:, :2]
+    rows, columns, mean = sweep(GRID, p_BV, pressure, owner, offsets=offsets)
+    expected = np.ones(GRID.shape)
+    expected[rows, columns] = wear(1.0, mean * 0.2 * PERIOD)
+    assert np.count_nonzero(mean) > 200
     np.testing.assert_array_equal(before, 1.0)
-    np.testing.assert_array_equal(
-        scene.board.GetOutputPort("ink").Eval(context), before
-    )
+    simulator.AdvanceTo(PERIOD + 0.001)
+    np.testing.assert_allclose(scene.ink(simulator), expected, rtol=1e-6)
+
+
+def test_an_update_leaves_its_context_alone(scene):
+    simulator = scene.start(v=(0.0, 0.2))
+    simulator.AdvanceTo(1.5 * PERIOD + 0.002)
+    context = scene.board.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    groups = range(context.num_discrete_state_groups())
+    before = [context.get_discrete_state(i).value().copy() for i in groups]
+    updated = scene.board.EvalUniquePeriodicDiscreteUpdate(context)
+    for i in groups:
+        np.testing.assert_array_equal(context.get_discrete_state(i).value(), before[i])
+    assert not np.array_equal(updated.value(0), before[0])
+
+
+def test_a_period_of_60_ms_leaves_the_ink_that_2_ms_leaves():
+    inks = []
+    for period in (0.002, PERIOD):
+        scene = make_scene(period=period)
+        simulator = scene.start(p=(0.03, -0.1), v=(-0.1, 0.4), spin=0.2)
+        simulator.AdvanceTo(0.481)
+        inks.append(scene.ink(simulator))
+    error = (inks[1] - inks[0])[inks[0] < 0.99]
+    assert len(error) > 1000
+    assert np.sqrt(np.mean(error**2)) < 0.02
+    assert np.mean(error) == pytest.approx(0.0, abs=0.005)
+
+
+@pytest.mark.parametrize("worn", [0.0, 0.3, 0.6])
+def test_a_worn_felt_leaves_stripes_where_it_has_gone(worn):
+    scene = make_scene(worn=worn)
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
+    simulator.AdvanceTo(1.0)
+    middle = scene.ink(simulator)[25:35, 28:52]
+    across = GRID.x[28:52] / STRIPE_PITCH
+    gone = 2.0 * np.abs(across - np.rint(across)) < worn
+    assert (middle[:, gone] == 1.0).all()
+    assert (middle[:, ~gone] < 0.05).all()
+    # Cells of 5 mm cannot show stripes every 20 mm better.
+    assert np.mean(gone) == pytest.approx(worn, abs=0.21)
+    assert scene.value(simulator, "normal_force")[0] == pytest.approx(10.0, rel=0.01)
+
+
+def test_a_worn_felt_wiped_along_its_length_cleans_all_but_slower():
+    left = []
+    for worn in (0.0, 0.5):
+        scene = make_scene(worn=worn)
+        simulator = scene.start(p=(-0.1, 0.0), v=(0.4, 0.0))
+        simulator.AdvanceTo(0.481)
+        left.append(scene.ink(simulator)[28:32, 36:44])
+    assert left[0].max() < 1e-3
+    # Half of the exposure: the square root of the ink.
+    np.testing.assert_allclose(np.log(left[1]), 0.5 * np.log(left[0]), rtol=0.12)
+
+
+def test_a_felt_that_has_gone_cleans_next_to_nothing():
+    scene = make_scene(worn=1.0)
+    simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
+    simulator.AdvanceTo(1.0)
+    assert scene.ink(simulator).mean() > 0.99
+
+
+def test_joined_patches_keep_their_polygons_apart():
+    patch = np.array([[0.0] * 3, [1.0] * 3, [2.0] * 3, [0.0, 0.0, 1.0]])
+    joined = join_patches([patch.copy(), patch.copy(), patch.copy()])
+    np.testing.assert_array_equal(joined[:3], np.hstack([patch[:3]] * 3))
+    np.testing.assert_array_equal(joined[3], [0, 0, 1, 2, 2, 3, 4, 4, 5])
+
+
+def test_a_patch_of_too_many_vertices_is_refused(monkeypatch):
+    monkeypatch.setattr(ink_board, "_PATCH_SIZE", 40)
+    simulator = make_scene().start(v=(0.0, 0.2))
+    with pytest.raises(StationError, match="takes 10: give the eraser a coarser"):
+        simulator.AdvanceTo(0.2)
 
 
 def test_two_interleaved_simulations_do_not_disturb_each_other(scene):
@@ -408,6 +522,8 @@ def test_a_forgotten_input_is_named(missing):
         ({"initial_ink": np.full(GRID.shape, np.nan)}, "fractions from 0 to 1"),
         ({"wear_constant": 0.0}, "wear_constant is 0.0"),
         ({"period": np.nan}, "period is nan"),
+        ({"worn": 1.5}, "worn is 1.5"),
+        ({"worn": np.nan}, "worn is nan"),
     ],
 )
 def test_bad_parameters_are_refused(options, what):
