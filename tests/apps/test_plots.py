@@ -627,7 +627,7 @@ class TestPages:
 
     def test_the_page_of_a_run_shows_path_ink_force_and_error(self, skills, tmp_path):
         run = fake_run(skills[3])
-        path, ink, force, error, *_ = run_page.draw_run(run).axes
+        path, ink, _, force, error = run_axes(run)
         np.testing.assert_allclose(
             path.lines[-1].get_xydata(),
             run.log("measured_position")[::20, [1, 0]],
@@ -638,27 +638,101 @@ class TestPages:
         x, y = mesh.get_coordinates()[row, column]
         assert y == pytest.approx(-0.2)
         assert x == pytest.approx(0.3 - 0.6 / 12)
-        assert ink.xaxis_inverted()
+        # Both show the board, as it is seen from behind the robot.
+        for ax in (path, ink):
+            assert ax.get_xlim() == (0.3, -0.3)
+            assert ax.get_ylim() == (-0.2, 0.2)
         assert force.get_ylabel() == "normal force (N)"
         np.testing.assert_allclose(force.lines[0].get_ydata(), 10.0)
+        band = force.patches[0]
+        low, high = band.get_y(), band.get_y() + band.get_height()
+        assert (low, high) == (5.0, 15.0)
         assert error.get_ylabel() == "measured - desired (mm)"
-        assert [line.get_label() for line in error.lines] == ["x", "y", "z"]
+        assert [line.get_label() for line in error.lines[:3]] == ["x", "y", "z"]
         np.testing.assert_allclose(error.lines[2].get_ydata(), 2.0)
         plot_run(run, tmp_path / "run.png")
         assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
 
+    def test_the_page_of_a_run_shows_when_the_board_got_clean(self, skills):
+        run = fake_run(skills[3], clean=np.arange(10) / 10)
+        cleaned = run_axes(run)[2]
+        board, demonstrated, *marks = cleaned.lines
+        np.testing.assert_allclose(board.get_ydata(), 25.0)
+        time, percent = demonstrated.get_data()
+        # Ten of the twelve cells get clean, one more every 0.1 s.
+        np.testing.assert_allclose(time[:3], [0.0, 0.0, 0.1])
+        np.testing.assert_allclose(percent[-2:], 1000 / 12)
+        assert time[-1] == pytest.approx(2.0)
+        # Half of them, six, at 0.5 s; never 90 %.
+        dots = [mark for mark in marks if mark.get_marker() == "o"]
+        assert len(dots) == 1
+        np.testing.assert_allclose(dots[0].get_xydata(), [[0.5, 50.0]])
+        assert [text.get_text() for text in cleaned.texts] == ["50 % after 0.5 s"]
+        assert "83.3 %" in cleaned.get_title(loc="left")
 
-def fake_run(skill):
-    """Return what a page needs of a `WipingRun`: a board of 0.4 m by 0.6 m."""
+    def test_cells_without_ink_are_not_to_be_cleaned(self, skills):
+        run = fake_run(skills[3], clean=np.arange(10) / 10)
+        run.initial_ink[0, :] = 0.0
+        run.initial_ink[1, :2] = 0.0
+        cleaned = run_axes(run)[2]
+        assert "clean area: 0.0 %" in cleaned.get_title(loc="left")
+
+    def test_the_page_of_a_run_marks_re_mappings_and_disturbances(self, skills):
+        time = np.linspace(0, 2, 200)
+        run = fake_run(
+            skills[3],
+            remaps=np.column_stack([1.0 * (time > 0.5) + (time > 1.5), time > 1.5]),
+            disturbance=np.column_stack(
+                [0 * time, 30.0 * (abs(time - 1) < 0.2), time * 0]
+            ),
+        )
+        for ax in run_axes(run)[2:]:
+            marks = {
+                line.get_linestyle(): line.get_xdata()[0]
+                for line in ax.lines
+                if line.get_linestyle() in (":", "--")
+            }
+            assert marks == {
+                ":": pytest.approx(0.5, abs=0.02),
+                "--": pytest.approx(1.5, abs=0.02),
+            }
+            span = ax.patches[-1]
+            assert span.get_x() == pytest.approx(0.8, abs=0.02)
+            assert span.get_width() == pytest.approx(0.4, abs=0.03)
+        # Without them there is nothing to mark.
+        for ax in run_axes(fake_run(skills[3]))[2:]:
+            assert all(
+                line.get_linestyle() == "-"
+                for line in ax.lines
+                if len(line.get_xdata()) > 1
+            )
+
+
+def run_axes(run):
+    """Return the axes of a run's page: path, ink, cleaned, force, error."""
+    return [ax for ax in run_page.draw_run(run).axes if ax.get_title(loc="left")]
+
+
+def fake_run(skill, *, clean=(), **more):
+    """Return what a page needs of a `WipingRun`: a board of 0.4 m by 0.6 m.
+
+    The demonstrated area are the first 12 cells, and `clean` says when the first of
+    them got clean.
+    """
     time = np.arange(2000) / 1000
     measured = np.column_stack([0.1 * np.sin(time), 0.2 * np.cos(time), 0 * time])
     logs = {
         "measured_position": measured,
         "desired_position": measured - [0.0, 0.0, 0.002],
         "normal_force": np.full((200, 1), 10.0),
+        "cleaned_fraction": np.full((200, 1), 0.25),
+        **more,
     }
     ink = np.ones((12, 8))
     ink[-1, 0] = 0.0
+    erase_time = np.full(ink.size, np.inf)
+    erase_time[: len(clean)] = clean
+    area = np.arange(ink.size).reshape(ink.shape) < 12
     return SimpleNamespace(
         skill=skill,
         grid=SimpleNamespace(size=(0.4, 0.6), shape=ink.shape),
@@ -666,7 +740,9 @@ def fake_run(skill):
         log=logs.__getitem__,
         log_times=lambda name: np.linspace(0, 2, len(logs[name])),
         ink=lambda: ink,
-        demonstrated_area=lambda: ink < 0.5,
+        initial_ink=np.ones_like(ink),
+        output=lambda _: erase_time,
+        demonstrated_area=lambda: area,
     )
 
 

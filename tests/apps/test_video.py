@@ -1,12 +1,12 @@
 """Facts about `fmp-drake video`."""
 
-import subprocess
 import sys
 import tarfile
 
 import matplotlib.image
 import numpy as np
 import pytest
+from films import read_film
 
 FRAMES = 12
 
@@ -37,23 +37,6 @@ def make_frames(tmp_path):
     return make
 
 
-def read(ffmpeg, film):
-    """Return the film's frames, (N, height, width, 3), and what it says of itself."""
-    stream = ffmpeg.read_frames(str(film))
-    about = next(stream)
-    stream.close()
-    raw = subprocess.run(
-        [
-            *(ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-i", film),
-            *("-f", "rawvideo", "-pix_fmt", "rgb24", "-"),
-        ],
-        check=True,
-        capture_output=True,
-    ).stdout
-    width, height = about["source_size"]
-    return np.frombuffer(raw, dtype=np.uint8).reshape(-1, height, width, 3), about
-
-
 @pytest.mark.parametrize("size", [(64, 48), (63, 47)])
 def test_film_plays_the_frames(ffmpeg, command, make_frames, outputs, size):
     film = outputs / "film.mp4"
@@ -64,7 +47,7 @@ def test_film_plays_the_frames(ffmpeg, command, make_frames, outputs, size):
     count, seconds = ffmpeg.count_frames_and_secs(str(film))
     assert count == FRAMES
     assert seconds == pytest.approx(FRAMES / 24, abs=0.1)
-    frames, about = read(ffmpeg, film)
+    frames, about = read_film(ffmpeg, film)
     assert about["fps"] == 24
     # What browsers and phones can play.
     assert about["codec"] == "h264"

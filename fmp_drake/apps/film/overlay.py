@@ -1,0 +1,130 @@
+"""What is drawn over a frame: the trail of the eraser and a caption."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image, ImageDraw, ImageFont
+from pydrake.math import RigidTransform
+
+from fmp_drake.errors import FmpError
+
+_TRAIL_COLOR = (217, 95, 2)
+_TRAIL_PIECES = 12
+_MOST_ALPHA = 0.85
+_CAPTION_COLOR = (70, 76, 84)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trail:
+    """The measured path, drawn on the board behind the eraser, fading.
+
+    Attributes
+    ----------
+    times : array_like, shape (M,)
+        Ascending, s.
+    positions : array_like, shape (M, 3)
+        p_BE, m; the trail is its foot on the board.
+    seconds : float
+        Length of the trail.
+    """
+
+    times: ArrayLike
+    positions: ArrayLike
+    seconds: float = 4.0
+
+    def check(self) -> None:
+        """Raise FmpError where times and positions do not fit."""
+        times, path = np.asarray(self.times), np.asarray(self.positions)
+        if times.ndim != 1 or path.shape != (len(times), 3) or len(times) < 2:
+            raise FmpError(
+                f"a trail has times {times.shape} and positions {path.shape}; "
+                "expected (M,) and (M, 3)."
+            )
+        if not (np.isfinite(self.seconds) and self.seconds > 0):
+            raise FmpError(f"a trail lasts {self.seconds} s; it must be positive.")
+
+    def points(self, time: float) -> NDArray[np.float64]:
+        """Return the feet p_B of the trail at a time, every 20 ms, shape (k, 3)."""
+        times = np.asarray(self.times, dtype=float)
+        path = np.asarray(self.positions, dtype=float)
+        first = max(time - self.seconds, float(times[0]))
+        at = np.arange(first, time, 0.02)
+        x, y = (np.interp(at, times, path[:, i]) for i in (0, 1))
+        return np.column_stack([x, y, np.zeros_like(x)])
+
+
+def paint_trail(
+    color: NDArray[np.uint8],
+    points: NDArray[np.float64],
+    *,
+    where: NDArray[np.bool_],
+    X_CB: RigidTransform,
+    focal: float,
+    width: int,
+) -> None:
+    """Draw a line on the board into a picture, in place, fading towards its start.
+
+    Parameters
+    ----------
+    color : ndarray of uint8, shape (height, width, 3)
+    points : ndarray, shape (k, 3)
+        In B, m.
+    where : ndarray of bool, shape (height, width)
+        The pixels that may be painted: those of the board.
+    X_CB : RigidTransform
+    focal : float
+        Focal length, pixels.
+    width : int
+        Of the line, pixels.
+    """
+    if len(points) < 2:
+        return
+    height, across = where.shape
+    p_C = points @ X_CB.rotation().matrix().T + X_CB.translation()
+    if np.any(p_C[:, 2] < 1e-3):
+        return
+    pixels = focal * p_C[:, :2] / p_C[:, 2:] + [across / 2, height / 2]
+    mask = Image.new("L", (across, height))
+    draw = ImageDraw.Draw(mask)
+    pieces = np.array_split(np.arange(len(pixels)), _TRAIL_PIECES)
+    for number, piece in enumerate(pieces, start=1):
+        if len(piece):
+            chosen = pixels[piece[0] : piece[-1] + 2]
+            shade = round(255 * _MOST_ALPHA * number / _TRAIL_PIECES)
+            draw.line(
+                [tuple(p) for p in chosen], fill=shade, width=width, joint="curve"
+            )
+    box = mask.getbbox()
+    if box is None:
+        return
+    part = np.s_[box[1] : box[3], box[0] : box[2]]
+    alpha = np.asarray(mask, dtype=np.float32)[part] / 255 * where[part]
+    under = color[part].astype(np.float32)
+    mixed = under + alpha[..., None] * (np.array(_TRAIL_COLOR) - under)
+    color[part] = np.rint(mixed).astype(np.uint8)
+
+
+def load_font(height: int) -> Any:
+    """Return the font of captions, which Matplotlib brings along, for a picture."""
+    fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    return ImageFont.truetype(str(fonts / "DejaVuSans.ttf"), max(8, height // 30))
+
+
+def draw_caption(
+    color: NDArray[np.uint8], text: str, *, font: Any
+) -> NDArray[np.uint8]:
+    """Return a picture (height, width, 3) with a line of text at its lower left."""
+    image = Image.fromarray(color)
+    margin = max(4, color.shape[0] // 40)
+    ImageDraw.Draw(image).text(
+        (margin, color.shape[0] - margin),
+        text,
+        anchor="ls",
+        font=font,
+        fill=_CAPTION_COLOR,
+    )
+    return np.asarray(image)

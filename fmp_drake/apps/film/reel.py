@@ -1,0 +1,78 @@
+"""What a film needs of a simulation, kept while it runs."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from fmp_drake.errors import FmpError
+
+
+class FilmReel:
+    """Keeps the plant's positions and the ink at the times of a film's frames.
+
+    `watch` it before the simulation starts; a simulation that is initialised again
+    begins a new reel. A frame costs the positions and one byte per cell of ink.
+
+    Parameters
+    ----------
+    station : Diagram
+        With a subsystem plant and an output port ink.
+    fps : float
+        Frames per second of the film.
+    speed : float
+        Simulated seconds that pass in a second of the film.
+    """
+
+    def __init__(self, station: Diagram, *, fps: float, speed: float = 1.0) -> None:
+        for name, value in (("fps", fps), ("speed", speed)):
+            if not (np.isfinite(value) and value > 0):
+                raise FmpError(f"{name} is {value}; it must be positive.")
+        self.fps = float(fps)
+        self.speed = float(speed)
+        self._station = station
+        self._plant: Any = station.GetSubsystemByName("plant")
+        self._ink: Any = station.GetOutputPort("ink")
+        self._clear()
+
+    def _clear(self) -> None:
+        self._times: list[float] = []
+        self._positions: list[NDArray[np.float64]] = []
+        self._inks: list[NDArray[np.uint8]] = []
+
+    def watch(self, simulator: Simulator) -> None:
+        """Become the monitor of a simulator of the station, or of a diagram with it."""
+        simulator.set_monitor(self.observe)
+
+    def observe(self, root: Context) -> None:
+        """Keep a frame of a root context if it is time for one."""
+        time = root.get_time()
+        if self._times and time < self._times[-1]:
+            self._clear()
+        start = self._times[0] if self._times else time
+        if time < start + len(self._times) * self.speed / self.fps - 1e-9:
+            return
+        context = self._station.GetMyContextFromRoot(root)
+        ink = self._ink.Eval(context)
+        self._times.append(time)
+        self._positions.append(
+            np.array(self._plant.GetPositions(self._plant.GetMyContextFromRoot(root)))
+        )
+        self._inks.append(np.rint(255 * np.clip(ink, 0, 1)).astype(np.uint8))
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """Times of the frames, shape (N,), s."""
+        return np.array(self._times)
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """Positions of the plant, shape (N, nq)."""
+        return np.array(self._positions)
+
+    @property
+    def ink(self) -> NDArray[np.uint8]:
+        """Ink that was left, in 255ths, shape (N, ny nx)."""
+        return np.array(self._inks)
