@@ -9,11 +9,16 @@ import click
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.errors import DemonstrationError, FmpError
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    load_skill,
+)
 from fmp_drake.primitives.placement import Placement, fit_placement
 from fmp_drake.station.model_files import models_dir
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario_parts import SkillConfig
 
 PATH = click.Path(path_type=Path)
 
@@ -42,25 +47,73 @@ def skill_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--window",
             type=float,
-            default=6.0,
-            show_default=True,
-            help="Seconds in a window: one or more periods.",
+            help="Seconds in a window: one or more periods [default: 6].",
         ),
         click.option(
             "--components",
             type=int,
-            default=80,
-            show_default=True,
-            help="Gaussians in the mixture.",
+            help="Gaussians in the mixture [default: 80].",
         ),
     ):
         command = option(command)
     return command
 
 
+def bundled_demonstrations() -> list[str]:
+    """Return the names of the demonstrations that come with the package."""
+    return sorted(path.stem for path in (models_dir() / "demonstrations").glob("*.npz"))
+
+
 def default_demonstration(task: str = "wiping") -> Path:
-    """Return a demonstration that comes with the package."""
+    """Return a demonstration that comes with the package, or a file of the user's."""
+    if task.endswith((".npz", ".csv")):
+        return Path(task)
+    if task not in bundled_demonstrations():
+        raise DemonstrationError(
+            f"there is no demonstration {task}; give a .npz or .csv file or one of: "
+            f"{', '.join(bundled_demonstrations())}."
+        )
     return models_dir() / "demonstrations" / f"{task}.npz"
+
+
+def scenario_skill(
+    scenario: Scenario,
+    *,
+    demos: Sequence[Path] = (),
+    skill_file: Path | None = None,
+    transform: Sequence[float] | None = None,
+    stretch: float = 1.0,
+    window: float | None = None,
+    components: int | None = None,
+) -> tuple[FourierMovementPrimitive, list[Demonstration], list[str]]:
+    """Load or learn what a scenario, or the command line, says.
+
+    Returns
+    -------
+    skill : FourierMovementPrimitive
+    demonstrations : list of Demonstration
+        What it was learned from; empty for a skill from a file.
+    remarks : list of str
+    """
+    if skill_file is not None and demos:
+        raise FmpError("give either --demo or --skill, not both.")
+    plays = scenario.skill
+    if skill_file is None and plays.file and not demos:
+        skill_file = Path(plays.file)
+    if skill_file is not None:
+        return load_skill(skill_file), [], [f"loaded {skill_file}"]
+    demonstrations, remarks = load_on_board(
+        demos or [default_demonstration(plays.demonstration)],
+        scenario=scenario,
+        transform=transform,
+        stretch=stretch,
+    )
+    skill = learn_skill(
+        demonstrations,
+        window=plays.window if window is None else window,
+        components=plays.components if components is None else components,
+    )
+    return skill, demonstrations, remarks
 
 
 def load_on_board(
@@ -105,11 +158,14 @@ def load_on_board(
 def learn_skill(
     demonstrations: Sequence[Demonstration],
     *,
-    window: float,
-    components: int,
+    window: float | None = None,
+    components: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> FourierMovementPrimitive:
-    """Learn a skill with the options of the command line."""
+    """Learn a skill with the options of the command line, None for the defaults."""
+    defaults = SkillConfig()
+    window = defaults.window if window is None else window
+    components = defaults.components if components is None else components
     rate = FourierMovementPrimitive().rate
     if not (np.isfinite(window) and window > 0):
         raise DemonstrationError(f"window is {window} s; it must be positive.")

@@ -10,6 +10,7 @@ from fmp_drake.apps.outputs import check_picture, check_writable
 from fmp_drake.apps.page import make_console
 from fmp_drake.apps.plots import plot_skill
 from fmp_drake.primitives import save_skill
+from fmp_drake.station.scenario import Scenario
 
 
 @click.command()
@@ -23,8 +24,8 @@ def learn(
     plot: Path | None,
     transform: tuple[float, ...] | None,
     stretch: float,
-    window: float,
-    components: int,
+    window: float | None,
+    components: int | None,
 ) -> None:
     """Learn a skill from DEMONSTRATIONS (.npz or .csv) and write it to a file."""
     console = make_console()

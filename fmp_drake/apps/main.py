@@ -11,6 +11,7 @@ from fmp_drake import __version__
 from fmp_drake.apps.learn import learn
 from fmp_drake.apps.record import record
 from fmp_drake.apps.reproduce.command import reproduce
+from fmp_drake.apps.scenarios import scenarios
 from fmp_drake.apps.video import video
 from fmp_drake.apps.wipe import wipe
 from fmp_drake.errors import FmpError
@@ -22,7 +23,7 @@ def app() -> None:
     """Fourier movement primitives for Drake: teach rhythmic skills, play them."""
 
 
-for command in (wipe, learn, record, reproduce, video):
+for command in (wipe, scenarios, learn, record, reproduce, video):
     app.add_command(command)
 
 

@@ -9,34 +9,39 @@ from typing import Any
 import click
 import numpy as np
 
-from fmp_drake.apps.inputs import (
-    PATH,
-    default_demonstration,
-    learn_skill,
-    load_on_board,
-    skill_options,
-)
+from fmp_drake.apps.film import FilmCamera, FilmReel, Trail, check_film, render_film
+from fmp_drake.apps.graphviz import check_graph, write_graph
+from fmp_drake.apps.inputs import PATH, scenario_skill, skill_options
 from fmp_drake.apps.outputs import check_picture, check_writable
 from fmp_drake.apps.page import advance, make_console, open_page
 from fmp_drake.apps.plots import plot_run
 from fmp_drake.apps.report import print_report
+from fmp_drake.apps.run_figures import run_figures
+from fmp_drake.apps.run_log import check_log
 from fmp_drake.apps.wiping_run import WipingRun
 from fmp_drake.errors import FmpError
-from fmp_drake.primitives import Demonstration, load_skill
+from fmp_drake.station.panda_model import VISUALS
 from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.scenario_parts import ShowConfig
+
+_PARTS = list(vars(ShowConfig()))
 
 
 @click.command()
 @click.option(
-    "--demo", "demos", type=PATH, multiple=True, help="Learn from this file (again)."
-)
-@click.option("--skill", "skill_file", type=PATH, help="Play this skill instead.")
-@click.option(
     "--scenario",
     default="table_top",
     show_default=True,
-    help="Name of a scenario, or a YAML file.",
+    help="Name of a scenario (see `fmp-drake scenarios`), or a YAML file.",
 )
+@click.option(
+    "--demo",
+    "demos",
+    type=PATH,
+    multiple=True,
+    help="Learn from this file (again), not from the scenario's.",
+)
+@click.option("--skill", "skill_file", type=PATH, help="Play this skill instead.")
 @click.option(
     "--duration", type=float, default=60.0, show_default=True, help="Seconds."
 )
@@ -49,67 +54,117 @@ from fmp_drake.station.scenario import LoadScenario
 )
 @click.option(
     "--sample/--mean",
-    default=True,
-    show_default=True,
-    help="Track samples of the components, or always their means.",
+    default=None,
+    help="Track samples of the components, or always their means "
+    "[default: the scenario's, samples].",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the samples.")
+@click.option("--seed", type=int, help="Of the samples [default: the scenario's, 0].")
 @click.option(
     "--rate",
     type=float,
     help="Speed relative to real time, 0 for the fastest [default: 1; headless: 0].",
 )
 @click.option("--headless", is_flag=True, help="No page.")
+@click.option(
+    "--hide",
+    type=click.Choice(_PARTS),
+    multiple=True,
+    help="Do not show this on the page (again).",
+)
+@click.option(
+    "--visuals",
+    type=click.Choice(VISUALS),
+    default=VISUALS[0],
+    show_default=True,
+    help="The arm's meshes: ours, or the official ones, which Drake downloads.",
+)
 @click.option("--html", type=PATH, help="Write a page that replays the run.")
+@click.option("--video", type=PATH, help="Render a film of the run (.mp4, .gif).")
+@click.option(
+    "--video-fps",
+    type=float,
+    default=20.0,
+    show_default=True,
+    help="Frames per second.",
+)
+@click.option(
+    "--video-speed",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Simulated seconds per second of the film.",
+)
+@click.option(
+    "--video-width", type=int, default=640, show_default=True, help="Pixels; 4 to 3."
+)
 @click.option("--plot", type=PATH, help="Write a picture of the run.")
+@click.option("--log", type=PATH, help="Write all signals of the run (.npz).")
 @click.option("--report", type=PATH, help="Write the figures of the run (.json).")
+@click.option(
+    "--graphviz", type=PATH, help="Write a picture of the diagram (.svg, .png, .dot)."
+)
 @skill_options
 def wipe(
+    scenario: str,
     demos: tuple[Path, ...],
     skill_file: Path | None,
-    scenario: str,
     duration: float,
     start: tuple[float, float, float] | None,
-    sample: bool,
-    seed: int,
+    sample: bool | None,
+    seed: int | None,
     rate: float | None,
     headless: bool,
+    hide: tuple[str, ...],
+    visuals: str,
     html: Path | None,
+    video: Path | None,
+    video_fps: float,
+    video_speed: float,
+    video_width: int,
     plot: Path | None,
+    log: Path | None,
     report: Path | None,
+    graphviz: Path | None,
     transform: tuple[float, ...] | None,
     stretch: float,
-    window: float,
-    components: int,
+    window: float | None,
+    components: int | None,
 ) -> None:
     """Learn whiteboard wiping from a demonstration and wipe the board."""
     console = make_console()
     for target in (html, report):
         check_writable(target)
     check_picture(plot)
+    size = (video_width, video_width * 3 // 4)
+    if video is not None:
+        check_film(video, fps=video_fps, speed=video_speed, size=size)
+    if log is not None:
+        check_log(log)
+    if graphviz is not None:
+        check_graph(graphviz)
     if not (np.isfinite(duration) and duration > 0):
         raise FmpError(f"duration is {duration:g} s; it must be positive.")
     if rate is not None and not (np.isfinite(rate) and rate >= 0):
         raise FmpError(f"rate is {rate:g}; it must be 0 (fastest) or positive.")
-    if seed < 0:
+    if seed is not None and seed < 0:
         raise FmpError(f"seed is {seed}; it must not be negative.")
-    if skill_file is not None and demos:
-        raise FmpError("give either --demo or --skill, not both.")
     scene = LoadScenario(scenario)
+    for part in hide:
+        setattr(scene.show, part, False)
 
     learn_started = time.perf_counter()
-    if skill_file is not None:
-        demonstrations: list[Demonstration] = []
-        skill = load_skill(skill_file)
-        console.print(f"loaded {skill_file}")
-    else:
-        demonstrations, remarks = load_on_board(
-            demos or [default_demonstration()], transform=transform, stretch=stretch
-        )
-        for remark in remarks:
-            console.print(remark)
-        skill = learn_skill(demonstrations, window=window, components=components)
+    skill, demonstrations, remarks = scenario_skill(
+        scene,
+        demos=demos,
+        skill_file=skill_file,
+        transform=transform,
+        stretch=stretch,
+        window=window,
+        components=components,
+    )
     learn_seconds = time.perf_counter() - learn_started
+    for remark in remarks:
+        console.print(remark)
     console.print(
         f"skill of {len(skill.components_)} components from {skill.n_windows_} windows "
         f"of {skill.n_steps / skill.rate:g} s, ready after {learn_seconds:.2f} s"
@@ -123,31 +178,77 @@ def wipe(
         start=start,
         sample=sample,
         seed=seed,
+        visuals=visuals,
         meshcat=meshcat,
         recording=html is not None,
+        complete=log is not None,
     )
+    if graphviz is not None:
+        write_graph(run.station, graphviz)
+        console.print(f"wrote {graphviz}")
+    reel = FilmReel(run.station, fps=video_fps, speed=video_speed)
+    if video is not None:
+        reel.watch(run.simulator)
     realtime = (0.0 if headless else 1.0) if rate is None else rate
     run.simulator.set_target_realtime_rate(realtime)
     started = time.perf_counter()
-    advance(run.simulator, duration, console=console, label="wiping")
+    advance(
+        run.simulator,
+        duration,
+        console=console,
+        label="wiping",
+        meshcat=None if headless else meshcat,
+        on_reset=run.record_again,
+    )
     wall_seconds = time.perf_counter() - started
 
     figures: dict[str, Any] = {
+        "scenario": scenario,
         "simulated_seconds": duration,
         "wall_seconds": wall_seconds,
         "real_time_factor": duration / wall_seconds,
         "learn_seconds": learn_seconds,
-        **run.figures(),
+        **run_figures(run),
     }
     print_report(console, figures)
     if report is not None:
         report.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
         console.print(f"wrote {report}")
+    if log is not None:
+        run.run_log(figures).save(log)
+        console.print(f"wrote {log}")
     if plot is not None:
         plot_run(run, plot)
         console.print(f"wrote {plot}")
     if html is not None:
         html.write_text(run.html(duration), encoding="utf-8")
         console.print(f"wrote {html}")
+    if video is not None:
+        _film(run, reel, video, size=size)
+        console.print(f"wrote {video}")
     if not headless and sys.stdin is not None and sys.stdin.isatty():
         console.input("the page stays open; press Enter to quit ")
+
+
+def _film(
+    run: WipingRun, reel: FilmReel, video: Path, *, size: tuple[int, int]
+) -> None:
+    camera = run.scenario.camera
+    speed = f", {reel.speed:g} times as fast" if reel.speed != 1 else ""
+    render_film(
+        video,
+        station=run.station,
+        diagram=run.diagram,
+        grid=run.grid,
+        times=reel.times,
+        positions=reel.positions,
+        ink=reel.ink,
+        fps=reel.fps,
+        size=size,
+        camera=FilmCamera(eye=camera.eye, target=camera.target),
+        trail=Trail(
+            times=run.log_times("measured_position"),
+            positions=run.log("measured_position"),
+        ),
+        captions=[f"{time:.0f} s{speed}" for time in reel.times],
+    )

@@ -1,41 +1,59 @@
 """One run of the wiping station, with everything that is measured on it."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import Meshcat, Rgba
-from pydrake.systems.analysis import Simulator
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
+from fmp_drake.apps.run_log import RunLog, Signal
 from fmp_drake.errors import FmpError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.station.page_scene import BOARD, INK
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.wiping_station import ERASER_FOOTPRINT, MakeWipingStation
-from fmp_drake.systems.ink_grid import cleaned_fraction
-from fmp_drake.systems.ink_visualizer import AddInkToRecording
-from fmp_drake.systems.path_visualizer import draw_path
+from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.systems.ink_recording import AddInkToRecording
+from fmp_drake.systems.path_drawing import draw_line
+from fmp_drake.systems.trail_visualizer import COLORS
 
-# What is logged, with its period in seconds.
-_FAST = 0.001
-_SLOW = 0.01
+STEP = 0.001
+"""Seconds between samples of what is state of the diagram, and cheap to log."""
+
+# What is logged in every run, with its period in seconds.
 _LOGGED = {
-    "desired_position": _FAST,
-    "desired_velocity": _FAST,
-    "measured_position": _FAST,
-    "torque": _FAST,
-    "actuation": _FAST,
-    "state": _FAST,
-    "normal_force": _SLOW,
-    "cleaned_fraction": _SLOW,
+    "torque": STEP,
+    "actuation": STEP,
+    "state": STEP,
+    "status": STEP,
+    "desired_position": 0.005,
+    "desired_velocity": 0.005,
+    "measured_position": 0.005,
+    "remaps": 0.005,
+    "normal_force": 0.01,
+    "cleaned_fraction": 0.05,
+    "disturbance": 0.01,
 }
-_CONTACT_FORCE = 0.5
+# What is added for a complete log.
+_COMPLETE = {
+    "desired_acceleration": 0.005,
+    "measured_velocity": 0.005,
+    "tracking_error": 0.005,
+    "covariance": 0.05,
+    "weights": 0.05,
+    "component": 0.05,
+    "contact_area": 0.01,
+}
+_AT_THE_END = ("ink", "erase_time", "fade_time")
 
 
 class WipingRun:
-    """A wiping station with loggers, and the figures that come out of a run.
+    """A wiping station with loggers and a simulator.
 
     Parameters
     ----------
@@ -44,10 +62,12 @@ class WipingRun:
         Fitted.
     demonstrations : sequence of Demonstration
         What it was learned from, in the frame of the board; may be empty.
-    start, sample, seed, meshcat
+    start, sample, seed, visuals, meshcat
         As for `MakeWipingStation`.
     recording : bool
         Record the run for `html`.
+    complete : bool
+        Log every signal, for `run_log`.
     """
 
     def __init__(
@@ -57,40 +77,59 @@ class WipingRun:
         *,
         demonstrations: Sequence[Demonstration] = (),
         start: ArrayLike | None = None,
-        sample: bool = False,
-        seed: int = 0,
+        sample: bool | None = None,
+        seed: int | None = None,
+        visuals: str = "own",
         meshcat: Meshcat | None = None,
         recording: bool = False,
+        complete: bool = False,
     ) -> None:
+        self.scenario = scenario
         self.skill = skill
         self.meshcat = meshcat
-        self.X_WB = scenario.board.pose()
+        self.seed = scenario.skill.seed if seed is None else seed
+        self.demonstrated = [d.values for d in demonstrations] or [
+            skill.synthesize(c.mean) for c in skill.components_
+        ]
         self.station = MakeWipingStation(
             scenario,
             skill,
             start=start,
             sample=sample,
-            seed=seed,
+            seed=self.seed,
+            visuals=visuals,
             meshcat=meshcat,
+            demonstrated=self.demonstrated if demonstrations else (),
         )
         builder = DiagramBuilder()
         builder.AddSystem(self.station)
         self._sinks = {}
-        for name, period in _LOGGED.items():
+        for name, period in (_LOGGED | (_COMPLETE if complete else {})).items():
+            if not self.station.HasOutputPort(name):
+                continue
             sink = LogVectorOutput(self.station.GetOutputPort(name), builder, period)
             sink.set_name(f"log_{name}")
             self._sinks[name] = sink
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
+        if scenario.plant.time_step == 0:
+            ApplySimulatorConfig(scenario.simulator, self.simulator)
         ink_board: Any = self.station.GetSubsystemByName("ink_board")
         self.grid = ink_board.grid
         self.initial_ink = ink_board.initial_ink
-        self.demonstrated = [d.values for d in demonstrations] or [
-            skill.synthesize(c.mean) for c in skill.components_
-        ]
         self._recording = recording and meshcat is not None
-        if meshcat is not None and self._recording:
-            meshcat.StartRecording(frames_per_second=30.0)
+        self.record_again()
+
+    def record_again(self) -> None:
+        """Begin the recording, if there is one, anew."""
+        if self.meshcat is not None and self._recording:
+            self.meshcat.DeleteRecording()
+            self.meshcat.StartRecording(frames_per_second=30.0)
+
+    @property
+    def logged(self) -> tuple[str, ...]:
+        """The names of the logged signals."""
+        return tuple(self._sinks)
 
     def log(self, name: str) -> NDArray[np.float64]:
         """Return the logged values of an output port, shape (samples, size)."""
@@ -112,81 +151,34 @@ class WipingRun:
         """Return the ink that is left, shape (ny, nx)."""
         return self.output("ink").reshape(self.grid.shape)
 
-    def demonstrated_area(self) -> NDArray[np.bool_]:
-        """Return the cells that the demonstrated eraser passed over, (ny, nx)."""
+    @cached_property
+    def _demonstrated_area(self) -> NDArray[np.bool_]:
+        x, y = self.scenario.eraser.footprint
         area = np.zeros(self.grid.shape, dtype=bool)
         for path in self.demonstrated:
-            area |= self.grid.swept_area(path, ERASER_FOOTPRINT)
+            area |= self.grid.swept_area(path, (x, y))
         return area
 
-    def figures(self) -> dict[str, float | int]:
-        """Return the figures of the report, from the logs of the run."""
-        plant: Any = self.station.GetSubsystemByName("plant")
-        panda = plant.GetModelInstanceByName("panda")
-        n = plant.num_positions(panda)
-        lower = plant.GetPositionLowerLimits()[:n]
-        upper = plant.GetPositionUpperLimits()[:n]
-        speed_limit = plant.GetVelocityUpperLimits()[:n]
-        effort = plant.GetEffortUpperLimits()[:n]
+    def demonstrated_area(self) -> NDArray[np.bool_]:
+        """Return the cells that the demonstrated eraser passed over, (ny, nx)."""
+        return self._demonstrated_area
 
-        ink = self.ink()
-        force = self.log("normal_force")[:, 0]
-        touching = force > _CONTACT_FORCE
-        since = force[np.argmax(touching) :] if np.any(touching) else force[:0]
-        pressed = since[since > _CONTACT_FORCE]
-        percentiles = np.percentile(pressed, [5, 95]) if len(pressed) else [0.0, 0.0]
-        desired = self.log("desired_position")
-        error = np.linalg.norm(desired - self.log("measured_position"), axis=1)
-        state = self.log("state")
-        q = state[:, :n]
-        remaps, jump = self._remaps(desired)
-        torque_rate = np.abs(np.diff(self.log("torque"), axis=0)) / _FAST
-        return {
-            "cleaned_fraction": cleaned_fraction(ink),
-            "cleaned_fraction_of_demonstrated_area": cleaned_fraction(
-                ink, self.demonstrated_area()
-            ),
-            "normal_force_mean_n": float(np.mean(pressed)) if len(pressed) else 0.0,
-            "normal_force_p05_n": float(percentiles[0]),
-            "normal_force_p95_n": float(percentiles[1]),
-            "contact_fraction": float(np.mean(since > _CONTACT_FORCE))
-            if len(since)
-            else 0.0,
-            "tracking_rms_m": float(np.sqrt(np.mean(error**2))),
-            "remap_count": remaps,
-            "remap_position_jump_max_m": jump,
-            "torque_ratio_max": float(np.max(np.abs(self.log("actuation")) / effort)),
-            "torque_rate_max_nm_per_s": float(np.max(torque_rate, initial=0.0)),
-            "joint_limit_margin_min_rad": float(
-                min(np.min(q - lower), np.min(upper - q))
-            ),
-            "joint_speed_ratio_max": float(
-                np.max(np.abs(state[:, n : 2 * n]) / speed_limit)
-            ),
+    def run_log(self, figures: dict[str, Any]) -> RunLog:
+        """Return everything that was logged, with the ink at the end."""
+        signals = {
+            name: Signal.named(name, self.log_times(name), self.log(name))
+            for name in self._sinks
         }
-
-    def _remaps(self, desired: NDArray[np.float64]) -> tuple[int, float]:
-        """Count the re-mappings and measure the position's jump at each, m.
-
-        The jump is what the desired position changes by within the millisecond after
-        the instant, less what its velocity explains.
-        """
-        period = (self.skill.n_steps - self.skill.overlap) / self.skill.rate
-        velocity = self.log("desired_velocity")
-        primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
-        context = primitive.GetMyContextFromRoot(self.simulator.get_context())
-        count = primitive.playback_state(context).remaps
-        jumps = [0.0]
-        for number in range(1, count + 1):
-            i = round(number * period / _FAST)
-            if i + 1 < len(desired):
-                expected = _FAST * (velocity[i] + velocity[i + 1]) / 2
-                moved = desired[i + 1] - desired[i]
-                jumps.append(float(np.linalg.norm(moved - expected)))
-        return count, max(jumps)
+        now = self.simulator.get_context().get_time()
+        for name in _AT_THE_END:
+            signals[name] = Signal.named(name, [now], self.output(name)[None])
+        scenario = yaml_dump_typed(self.scenario)  # type: ignore[no-untyped-call]
+        return RunLog(
+            signals=signals, scenario=scenario, seed=self.seed, figures=figures
+        )
 
     def html(self, duration: float) -> str:
-        """Return a page of its own that replays the arm and the ink.
+        """Return a page of its own that replays the arm, the force and the ink.
 
         Call it once, after the run; it needs `recording` and a Meshcat.
         """
@@ -195,23 +187,25 @@ class WipingRun:
                 "nothing was recorded; give the run a Meshcat and recording."
             )
         self.meshcat.StopRecording()
-        AddInkToRecording(
-            self.meshcat,
-            grid=self.grid,
-            X_WB=self.X_WB,
-            initial_ink=self.initial_ink,
-            erase_time=self.output("erase_time").reshape(self.grid.shape),
-            end_time=duration,
-        )
-        self.meshcat.Delete("paths")
-        self.meshcat.SetTransform("path", self.X_WB)
-        every = round(0.02 / _FAST)
-        draw_path(
-            self.meshcat,
-            "path/measured",
-            self.log("measured_position")[::every],
-            color=Rgba(0.95, 0.45, 0.10, 0.6),
-            line_width=1.0,
-        )
+        if self.scenario.show.ink:
+            AddInkToRecording(
+                self.meshcat,
+                grid=self.grid,
+                initial_ink=self.initial_ink,
+                final_ink=self.ink(),
+                fade_time=self.output("fade_time"),
+                end_time=duration,
+                path=INK,
+            )
+        # What changes its shape cannot be replayed.
+        for name in ("plan", "trail"):
+            self.meshcat.Delete(f"{BOARD}/{name}")
+        if self.scenario.show.trail:
+            draw_line(
+                self.meshcat,
+                f"{BOARD}/measured",
+                self.log("measured_position")[::4],
+                color=COLORS["measured"],
+            )
         self.meshcat.PublishRecording()
         return self.meshcat.StaticHtml()

@@ -196,3 +196,33 @@ def remapped(
     new = player.remap(playback, seconds=seconds, observed=observed, sample=sample)
     change = new.offset * np.array([[1.0], [tempo]])
     return replace(new, offset=np.zeros_like(offset)), offset + change
+
+
+def retargeted(
+    player: Player,
+    playback: PlaybackState,
+    offset: NDArray[np.float64],
+    *,
+    target: NDArray[np.float64],
+    tempo: float,
+) -> tuple[PlaybackState, NDArray[np.float64]]:
+    """Track another target from a tick on, without a jump.
+
+    Parameters
+    ----------
+    player : Player
+    playback : PlaybackState
+        With an offset of zero.
+    offset : ndarray, shape (2, D)
+        See `LiveState`.
+    target : ndarray, shape (D*T,)
+        Weights.
+    tempo : float
+
+    Returns
+    -------
+    playback, offset
+    """
+    new = replace(playback, target=target)
+    change = player.motion(playback)[:2] - player.motion(new)[:2]
+    return new, offset + change * np.array([[1.0], [tempo]])

@@ -251,6 +251,15 @@ class Player:
                 state = self.remap(state, sample=sample)
         return values, covariances
 
+    def candidates(self, state: PlaybackState, count: int) -> NDArray[np.float64]:
+        """Draw targets from the component of a state, shape (count, D*T).
+
+        They follow from the player's seed and the number of re-mappings.
+        """
+        rng = np.random.default_rng([self.seed, state.remaps, count])
+        gaussian = self.skill.components_[state.component]
+        return gaussian.sample(rng, count, with_noise=False)
+
     def segment(self, state: PlaybackState) -> Segment:
         """Prepare the motion from the tick of a state to the next, (see `motion`)."""
         interval = min(state.step, self.skill.n_steps - 2)

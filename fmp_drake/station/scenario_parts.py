@@ -165,7 +165,7 @@ class InkConfig:
     """
 
     cell: float = 0.005
-    period: float = 0.01
+    period: float = 0.06
     words: str = ""
     picture: str = ""
 
@@ -192,6 +192,9 @@ class SkillConfig:
         Of the learning: seconds and Gaussians.
     sample : bool
         Whether to track samples of the components or their means.
+    candidates : int
+        How many samples are drawn at each re-mapping; the one that passes over the most
+        ink is tracked. 1 for any sample, as in the paper.
     seed : int
         Of the samples.
     tempo : float
@@ -208,6 +211,7 @@ class SkillConfig:
     window: float = 6.0
     components: int = 80
     sample: bool = True
+    candidates: int = 32
     seed: int = 0
     tempo: float = 1.0
     push_threshold: float | None = None
@@ -217,6 +221,7 @@ class SkillConfig:
         """Check every value."""
         number("skill.tempo", self.tempo, at_least=0, at_most=4)
         number("skill.seed", self.seed, at_least=0)
+        number("skill.candidates", self.candidates, at_least=1)
         number("skill.push_dwell", self.push_dwell, above=0)
         if self.push_threshold is not None:
             number("skill.push_threshold", self.push_threshold, above=0)
@@ -329,6 +334,8 @@ class ShowConfig:
     demonstrations: bool = True
     trail: bool = True
     plan: bool = True
+    tube: bool = True
+    component: bool = True
     force: bool = True
     controls: bool = True
     mouse: bool = True

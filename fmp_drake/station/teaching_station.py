@@ -3,13 +3,14 @@
 from typing import Any
 
 import numpy as np
-from pydrake.geometry import Meshcat, MeshcatVisualizer
+from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from fmp_drake.primitives import Demonstration
 from fmp_drake.station.arm_controller import AddArmController
 from fmp_drake.station.board_scene import AddBoardScene
+from fmp_drake.station.page_scene import AddBodies
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.hand_motion import HandMotion
 from fmp_drake.systems.human_hand import HumanHand
@@ -66,9 +67,7 @@ def MakeTeachingStation(
     position = hand.GetOutputPort("position")
     LogVectorOutput(position, builder, 1 / RATE).set_name("recorder")
     if meshcat is not None:
-        MeshcatVisualizer.AddToBuilder(builder, scene.scene_graph, meshcat).set_name(
-            "meshcat_visualizer"
-        )
+        AddBodies(builder, scene, scenario, meshcat)
     builder.ExportOutput(position, "position")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
     diagram = builder.Build()

@@ -26,7 +26,13 @@ from fmp_drake.primitives import (
     Player,
     Tracker,
 )
-from fmp_drake.primitives.live_playback import LivePlayback, LiveState, remapped
+from fmp_drake.primitives.live_playback import (
+    LivePlayback,
+    LiveState,
+    remapped,
+    retargeted,
+)
+from fmp_drake.systems.coverage_choice import CoverageChoice
 from fmp_drake.systems.playback_book import PlaybackBook
 
 MAX_TEMPO = 4.0
@@ -62,6 +68,8 @@ class FourierPrimitiveSystem(LeafSystem):
     tempo : (1,), optional
         How fast the movement is played, from 0 to `MAX_TEMPO`; 1 where unconnected.
         Read at every tick; the tempo changes by at most 4 per second.
+    ink : (ny nx,)
+        What is left in the cells of the choice's grid; only where there is a choice.
     sample : (1,), optional
         From 0.5 on, what is tracked after the next re-mapping is a sample, below a
         mean; the parameter where unconnected.
@@ -101,6 +109,9 @@ class FourierPrimitiveSystem(LeafSystem):
         How long it must have been pushed before its motion is mapped, s.
     plan_seconds : float
         Length of the plan, s.
+    choice : CoverageChoice, optional
+        After each re-mapping, of several samples the one is tracked that passes over the
+        most ink. For skills of 3 position channels in the frame of the board.
 
     Notes
     -----
@@ -119,6 +130,7 @@ class FourierPrimitiveSystem(LeafSystem):
         push_threshold: float | None = None,
         push_dwell: float = 0.2,
         plan_seconds: float = 3.0,
+        choice: CoverageChoice | None = None,
     ) -> None:
         super().__init__()
         self.set_name("fourier_primitive")
@@ -150,6 +162,9 @@ class FourierPrimitiveSystem(LeafSystem):
         self._measured = self.DeclareVectorInputPort("measured_position", d)
         self._tempo = self.DeclareVectorInputPort("tempo", 1)
         self._sample = self.DeclareVectorInputPort("sample", 1)
+        self._choice = choice
+        if choice is not None:
+            self._ink = self.DeclareVectorInputPort("ink", choice.grid.num_cells)
         self._declare_outputs(d, len(start.weights))
         tick = player.tick_seconds
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
@@ -326,9 +341,29 @@ class FourierPrimitiveSystem(LeafSystem):
             book = book._replace(pushed_since=math.inf, reactive=book.reactive + 1)
         elif live.playback.remaps == book.remaps:
             return EventStatus.DidNothing()
+        if self._choice is not None and live.sample:
+            live = self._chosen(context, live, self._choice)
         values = state.get_mutable_discrete_state()
         self._store(values, live, measurements, book)
         return EventStatus.Succeeded()
+
+    def _chosen(
+        self, context: Context, live: LiveState, choice: CoverageChoice
+    ) -> LiveState:
+        """Return the state that tracks the sample that wipes most."""
+        ink: Any = self._ink.Eval(context)
+        player = self._player
+        targets = player.candidates(live.playback, choice.candidates)
+        paths = np.array([player.skill.synthesize(target) for target in targets])
+        best = choice.best(ink.reshape(choice.grid.shape), paths)
+        playback, offset = retargeted(
+            player,
+            live.playback,
+            live.offset,
+            target=targets[best],
+            tempo=live.tempo,
+        )
+        return replace(live, playback=playback, offset=offset)
 
     def _due(
         self, context: Context
