@@ -201,6 +201,7 @@ def wipe(
         on_reset=run.record_again,
     )
     wall_seconds = time.perf_counter() - started
+    run.remove_controls()
 
     figures: dict[str, Any] = {
         "scenario": scenario,

@@ -126,6 +126,13 @@ class WipingRun:
             self.meshcat.DeleteRecording()
             self.meshcat.StartRecording(frames_per_second=30.0)
 
+    def remove_controls(self) -> None:
+        """Take the controls, which act no more after a run, from the page."""
+        for name in ("page_controls", "plan_visualizer"):
+            if self.station.HasSubsystemNamed(name):
+                system: Any = self.station.GetSubsystemByName(name)
+                system.Delete()
+
     @property
     def logged(self) -> tuple[str, ...]:
         """The names of the logged signals."""

@@ -130,6 +130,7 @@ class Player:
             first, tolerance=np.tile(pushed, skill.overlap)
         )
         self._tables: dict[int, WindowTable] = {}
+        self._covariances: dict[int, NDArray[np.float64]] = {}
 
     def start(self, position: ArrayLike, *, step: int | None = None) -> PlaybackState:
         """Map a measured start, shape (D,), at rest, to a sample of a window.
@@ -243,10 +244,10 @@ class Player:
         """
         d = self.skill.n_channels_
         values, covariances = np.empty((ticks + 1, d)), np.empty((ticks + 1, d, d))
-        values[0], covariances[0] = self.motion(state)[0], self.covariance(state)
+        values[0], covariances[0] = self.motion(state)[0], self._covariance(state)
         for i in range(1, ticks + 1):
             state = self.tick(state)
-            values[i], covariances[i] = state.history[-1], self.covariance(state)
+            values[i], covariances[i] = state.history[-1], self._covariance(state)
             if state.step == self.skill.n_steps - 1:
                 state = self.remap(state, sample=sample)
         return values, covariances
@@ -309,6 +310,16 @@ class Player:
         """Return the covariance (18) of the desired value, shape (D, D)."""
         step = min(state.step + seconds * self.skill.rate, self.skill.n_steps - 1.0)
         return self.skill.covariance(state.component, step)
+
+    def _covariance(self, state: PlaybackState) -> NDArray[np.float64]:
+        """Return the covariance (18) at the tick of a state, from a table."""
+        j = state.component
+        if j not in self._covariances:
+            steps = range(self.skill.n_steps)
+            self._covariances[j] = np.array(
+                [self.skill.covariance(j, step) for step in steps]
+            )
+        return self._covariances[j][state.step]
 
     def rollout(self, start: ArrayLike, duration: float) -> NDArray[np.float64]:
         """Play from one or many starts for some seconds, sampled at every tick.

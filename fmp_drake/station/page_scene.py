@@ -110,11 +110,20 @@ def AddPage(
     if show.demonstrations:
         draw_demonstrations(meshcat, f"{BOARD}/demonstrations", demonstrated)
     if show.trail:
-        trail = builder.AddSystem(TrailVisualizer(meshcat, path=f"{BOARD}/trail"))
-        builder.Connect(
-            primitive.GetOutputPort("position"), trail.GetInputPort("desired")
+        trail = builder.AddSystem(
+            TrailVisualizer(meshcat, path=f"{BOARD}/trail", names=("measured",))
         )
         builder.Connect(measured_position, trail.GetInputPort("measured"))
+    # First, so that its sliders come first.
+    controls = None
+    if show.controls:
+        controls = PageControls(
+            meshcat,
+            tempo=scenario.skill.tempo,
+            press_force=scenario.press.force,
+            sample=sample,
+        )
+        builder.AddSystem(controls)
     if show.plan or show.tube or show.component:
         names = ("plan", "plan_covariance", "component")
         plan = builder.AddSystem(
@@ -123,6 +132,7 @@ def AddPage(
                 points=primitive.GetOutputPort("plan").size() // 3,
                 component_paths=[skill.synthesize(c.mean) for c in skill.components_],
                 path=f"{BOARD}/plan",
+                rate=5.0,  # A plan takes 6 ms.
                 show_plan=show.plan,
                 show_tube=show.tube,
                 show_component=show.component,
@@ -138,15 +148,6 @@ def AddPage(
             scene.plant.GetOutputPort("contact_results"),
             arrow.GetInputPort("contact_results"),
         )
-    controls = None
-    if show.controls:
-        controls = PageControls(
-            meshcat,
-            tempo=scenario.skill.tempo,
-            press_force=scenario.press.force,
-            sample=sample,
-        )
-        builder.AddSystem(controls)
     pull = None
     if show.mouse:
         pull = AddMousePull(builder, scene.plant, scene.scene_graph, meshcat)

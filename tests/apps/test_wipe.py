@@ -62,7 +62,11 @@ def test_three_seconds_write_report_picture_and_page(command, outputs):
 
     figures = json.loads(report.read_text(encoding="utf-8"))
     assert set(figures) >= KEYS
-    assert all(np.isfinite(value) for value in figures.values())
+    assert figures["scenario"] == "table_top"
+    assert figures["seconds_to_99_percent"] is None
+    numbers = [value for value in figures.values() if isinstance(value, float | int)]
+    assert len(numbers) > 20
+    assert np.all(np.isfinite(numbers))
     assert figures["simulated_seconds"] == 3
     assert figures["wall_seconds"] > 0
     assert figures["real_time_factor"] == pytest.approx(3 / figures["wall_seconds"])
@@ -127,9 +131,14 @@ def test_learned_skill_plays_like_its_demonstration(command, wipe, make_npz, out
     played = timeless(wipe("--skill", skill))
     learned = timeless(wipe("--demo", demo, *options))
     # Without its demonstration, the area is that of the skill's own paths.
-    for figures in (played, learned):
-        figures.pop("cleaned_fraction_of_demonstrated_area")
-    assert played == learned
+    of_the_area = ("demonstrated_area", "missed", "seconds_to")
+    same = {
+        key: value
+        for key, value in played.items()
+        if not any(part in key for part in of_the_area)
+    }
+    assert len(same) > 15
+    assert same.items() <= learned.items()
 
 
 def test_several_demonstrations_are_learned_together(command, wipe, make_npz):

@@ -93,7 +93,7 @@ GRIP = Disturbance(
     duration=4.0,
     position=[0.05, 0.12, 0.0],
     stiffness=1000.0,
-    max_force=100.0,
+    max_force=80.0,
 )
 
 

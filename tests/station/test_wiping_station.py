@@ -39,6 +39,7 @@ PORTS = {
     "state": 14,
     "ink": 14000,
     "erase_time": 14000,
+    "fade_time": 14000,
     "cleaned_fraction": 1,
     "normal_force": 1,
     "contact_area": 1,
@@ -227,7 +228,7 @@ def test_ink_only_goes_and_only_where_the_eraser_has_been(minute):
 
 def test_cells_know_when_they_were_erased(minute):
     ink, times = minute.log("ink")[-1], minute.log("erase_time")[-1]
-    assert_array_equal(np.isfinite(times), ink < 0.5)
+    assert_array_equal(np.isfinite(times), ink < 0.1)
     assert np.all(times[np.isfinite(times)] <= 60.0)
 
 
