@@ -84,15 +84,14 @@ class LivePlayback:
     def __init__(self, player: Player, state: LiveState) -> None:
         self.state = state
         self._player = player
-        first = state.playback
-        self._pieces = [
-            _Piece(
-                playback=first,
-                segment=player.segment(first),
-                begin=0.0,
-                offset=state.offset,
-            )
-        ]
+        # At the usual tempo the offset is part of a segment, which is faster.
+        self._usual = (
+            state.rest == 0
+            and state.tempo == 1
+            and state.slope == 0
+            and state.blend_time == player.blend_time
+        )
+        self._pieces = [self._piece_of(state.playback, state.offset, begin=0.0)]
 
     def playback(self, seconds: float) -> tuple[PlaybackState, float]:
         """Return the last tick before a time, and the seconds of the skill since."""
@@ -103,6 +102,8 @@ class LivePlayback:
         """Return value, velocity and acceleration at a time, shape (3, D)."""
         piece, since = self._at(seconds)
         motion = piece.segment.motion(since)
+        if self._usual:
+            return motion
         state = self.state
         if state.tempo != 1 or state.slope != 0:
             tempo = state.tempo_after(seconds)
@@ -154,9 +155,15 @@ class LivePlayback:
             playback, offset = remapped(
                 player, playback, offset, tempo=tempo, sample=self.state.sample
             )
+        return self._piece_of(playback, offset, begin=begin)
+
+    def _piece_of(
+        self, playback: PlaybackState, offset: NDArray[np.float64], *, begin: float
+    ) -> _Piece:
+        shown = replace(playback, offset=offset) if self._usual else playback
         return _Piece(
             playback=playback,
-            segment=player.segment(playback),
+            segment=self._player.segment(shown),
             begin=begin,
             offset=offset,
         )

@@ -129,6 +129,7 @@ class Player:
         self._push_plan = skill.mapping_plan(
             first, tolerance=np.tile(pushed, skill.overlap)
         )
+        self._rows = skill.basis.synthesize(np.eye(skill.n_steps))[..., 0].T
         self._tables: dict[int, WindowTable] = {}
         self._covariances: dict[int, NDArray[np.float64]] = {}
 
@@ -175,8 +176,12 @@ class Player:
             offset=later[:2],
             step=state.step + 1,
         )
-        history = np.roll(state.history, -1, axis=0)
-        history[-1] = self.motion(moved)[0]
+        d = self.skill.n_channels_
+        # A row of the basis at a sample: the series itself.
+        value = moved.weights.reshape(d, -1) @ self._rows[moved.step]
+        history = np.concatenate(
+            [state.history[1:], (value * self.skill.scales_ + later[0])[None]]
+        )
         return replace(moved, history=history)
 
     def remap(

@@ -44,5 +44,5 @@ def _drawing(
         return None
     turns = upright_turns(grid, X_WB=scene.X_WB, eye=scenario.camera.eye)
     if ink.words:
-        return draw_words(grid, ink.words, quarter_turns=turns)
-    return draw_picture(grid, ink.picture, quarter_turns=turns)
+        return draw_words(grid, ink.words, height=ink.size, quarter_turns=turns)
+    return draw_picture(grid, ink.picture, size=ink.size, quarter_turns=turns)

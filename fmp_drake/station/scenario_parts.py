@@ -162,17 +162,22 @@ class InkConfig:
         What is written on the board, instead of ink all over.
     picture : str
         File of a picture that is drawn on the board, relative to the scenario's.
+    size : float or None
+        Height of the capital letters, or width of the picture, m; None for as large as fits.
     """
 
     cell: float = 0.005
     period: float = 0.06
     words: str = ""
     picture: str = ""
+    size: float | None = None
 
     def check(self) -> None:
         """Check every value."""
         number("ink.cell", self.cell, above=0)
         number("ink.period", self.period, above=0)
+        if self.size is not None:
+            number("ink.size", self.size, above=0)
         if self.words and self.picture:
             raise StationError("ink has words and a picture; give one of them.")
 
