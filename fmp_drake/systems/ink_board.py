@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue, Value
+from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.plant import (
+    ContactResults,
+    HydroelasticContactInfo,
+    MultibodyPlant,
+)
 from pydrake.multibody.tree import Frame, RigidBody
 from pydrake.systems.framework import (
     BasicVector,
@@ -240,44 +244,43 @@ class InkBoard(LeafSystem):
         """Ink at the start, shape (ny, nx); read-only."""
         return self._initial_ink
 
-    def _contacts(self, context: Context) -> Iterator[tuple[int, float]]:
-        """Go through the contacts of eraser and board.
+    def _contacts(
+        self, context: Context
+    ) -> list[tuple[HydroelasticContactInfo, ContactSurface, float]]:
+        """List the contacts of eraser and board.
 
-        Gives the contact's index and 1 where the eraser is the surface's body M,
-        -1 where it is N.
+        With each comes 1 where the eraser is the surface's body M, -1 where it is N.
         """
         results = cast(ContactResults, self._contact_results.Eval(context))
+        found = []
         for i in range(results.num_hydroelastic_contacts()):
-            surface = results.hydroelastic_contact_info(i).contact_surface()
+            info = results.hydroelastic_contact_info(i)
+            surface = info.contact_surface()
             m, n = surface.id_M(), surface.id_N()
             if m in self._eraser_ids and n in self._board_ids:
-                yield i, 1.0
+                found.append((info, surface, 1.0))
             elif n in self._eraser_ids and m in self._board_ids:
-                yield i, -1.0
+                found.append((info, surface, -1.0))
+        return found
 
     def _calc_cleaned_fraction(self, context: Context, output: BasicVector) -> None:
         ink = context.get_discrete_state(self._ink_index).value()
         output.SetAtIndex(0, cleaned_fraction(ink, self._inked))
 
     def _calc_normal_force(self, context: Context, output: BasicVector) -> None:
-        results = cast(ContactResults, self._contact_results.Eval(context))
         force = 0.0
-        for i, sign in self._contacts(context):
-            # F_Ac acts on M's body, here turned into the force on the eraser.
-            F_Ac_W = results.hydroelastic_contact_info(i).F_Ac_W()
+        contacts = self._contacts(context)
+        if contacts:
             poses = cast("list[RigidTransform]", self._poses.Eval(context))
-            R_WBoard = poses[self._board_index].rotation().matrix()
-            f_W = F_Ac_W.translational()
-            force += sign * float(f_W @ (R_WBoard @ self._z_Board))
+            z_W = poses[self._board_index].rotation().matrix().dot(self._z_Board)
+            for info, _, sign in contacts:
+                # F_Ac acts on M's body, here turned into the force on the eraser.
+                force += sign * float(info.F_Ac_W().translational().dot(z_W))
         output.SetAtIndex(0, force)
 
     def _calc_contact_area(self, context: Context, output: BasicVector) -> None:
-        results = cast(ContactResults, self._contact_results.Eval(context))
-        area = 0.0
-        for i, _ in self._contacts(context):
-            surface = results.hydroelastic_contact_info(i).contact_surface()
-            area += surface.total_area()
-        output.SetAtIndex(0, area)
+        contacts = self._contacts(context)
+        output.SetAtIndex(0, sum(surface.total_area() for _, surface, _ in contacts))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         """Read the patch in the middle of a period, rub at its end."""
@@ -318,14 +321,10 @@ class InkBoard(LeafSystem):
         self, context: Context, values: DiscreteValues, motion: PlanarMotion
     ) -> None:
         """Remember the patch between eraser and board."""
-        results = cast(ContactResults, self._contact_results.Eval(context))
-        surfaces = [
-            results.hydroelastic_contact_info(i).contact_surface()
-            for i, _ in self._contacts(context)
-        ]
-        if not surfaces:
+        contacts = self._contacts(context)
+        if not contacts:
             return
-        patch = join_patches([read_patch(surface, motion) for surface in surfaces])
+        patch = join_patches([read_patch(part, motion) for _, part, _ in contacts])
         if patch.size > _PATCH_SIZE:
             raise StationError(
                 f"The patch of eraser and board has {patch.shape[1]} vertices, but the "

@@ -18,6 +18,10 @@ LEVELS = 12
 LIFT = 0.0005
 """Height in metres at which the ink is drawn above the board."""
 
+# Share of a cell by which rectangles reach into the next row: their corners do not
+# meet those of that row, and the board would shine through along the edge.
+_OVERLAP = 0.02
+
 _COLOURS = ink_colours(np.arange(LEVELS + 1) / LEVELS).T
 
 
@@ -97,7 +101,10 @@ def ink_mesh(
     end = np.nonzero(ends)[1] + 1
 
     x0, x1 = (grid.corner[0] + grid.pitch[0] * (i + origin[1]) for i in (begin, end))
-    y0, y1 = (grid.corner[1] + grid.pitch[1] * (j + origin[0]) for j in (row, row + 1))
+    y0, y1 = (
+        grid.corner[1] + grid.pitch[1] * (j + origin[0])
+        for j in (row, row + 1.0 + _OVERLAP)
+    )
     z = np.full(len(row), lift)
     places = [[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]]
     vertices = np.array(places).transpose(1, 2, 0).reshape(3, -1)

@@ -78,7 +78,8 @@ def test_the_mesh_covers_inked_cells_once_in_the_shades_of_their_corners(seed, i
     )
     inked = around.any(axis=0)
     area = 0.5 * normal[2].sum()
-    assert area == pytest.approx(np.count_nonzero(inked) * GRID.pitch.prod())
+    expected_area = np.count_nonzero(inked) * GRID.pitch.prod()
+    assert expected_area <= area + 1e-12 <= 1.021 * expected_area + 2e-12
     # At the middle of a cell both triangles show the mean of the corners 0 and 2.
     expected = ink_colours(0.5 * (around[0] / LEVELS + around[2] / LEVELS))[..., 0]
     centres = GRID.centres.reshape(*GRID.shape, 2)
@@ -86,7 +87,15 @@ def test_the_mesh_covers_inked_cells_once_in_the_shades_of_their_corners(seed, i
         seen = at_centre(vertices, colours, centres[cell])
         assert len(seen) == int(inked[cell])
         if seen:
-            assert seen[0] == pytest.approx(expected[cell], abs=1e-9)
+            assert seen[0] == pytest.approx(expected[cell], abs=0.01)
+
+
+def test_rows_overlap_a_little_so_that_no_board_shines_through():
+    vertices, _, _ = ink_mesh(GRID, corner_shades(GRID.full()))
+    low, high = vertices[1, 0::4], vertices[1, 2::4]
+    gaps = low[1:] - high[:-1]
+    assert (gaps < 0.0).all()
+    assert (gaps > -0.05 * GRID.pitch[1]).all()
 
 
 def test_parts_make_up_the_whole():
@@ -109,4 +118,4 @@ def test_layers_of_cells_tile_the_ink():
         assert (vertices[2] == 0.002).all()
         size = vertices[:2, 2::4] - vertices[:2, 0::4]
         area += size.prod(axis=0).sum()
-    assert area == pytest.approx(0.08 * 0.06)
+    assert area == pytest.approx(0.08 * 0.06, rel=0.021)

@@ -65,14 +65,14 @@ def test_layers_are_the_initial_ink_over_the_final_one(meshcat, monkeypatch):
     remains = drawn.pop("ink/recorded/remains")[0]
     size = remains[:2, 2::4] - remains[:2, 0::4]
     # The upper third, and one more row that fades into it.
-    assert size.prod(axis=0).sum() == pytest.approx(0.4 * 0.11)
+    assert size.prod(axis=0).sum() == pytest.approx(0.4 * 0.11, rel=0.021)
     area = 0.0
     for vertices, _, colours in drawn.values():
         size = vertices[:2, 2::4] - vertices[:2, 0::4]
         area += size.prod(axis=0).sum()
         assert (vertices[2] > remains[2].max()).all()
         np.testing.assert_allclose(colours, ink_colours(np.ones(colours.shape[1])).T)
-    assert area == pytest.approx(0.4 * 0.2)
+    assert area == pytest.approx(0.4 * 0.2, rel=0.021)
 
 
 def test_a_recording_replaces_the_live_ink_and_leaves_all_else(meshcat):
