@@ -546,3 +546,51 @@ def test_skill_of_a_movement_that_never_varies_plays():
     assert_allclose(np.linalg.norm(path[-50:, 0, :2], axis=1), 0.1, atol=2e-3)
     state = Player(skill).start([0.1, 0.0, 0.0])
     assert np.all(np.isfinite(Player(skill).covariance(state)))
+
+
+# What a robot that is watched adds ------------------------------------------------
+
+
+@pytest.mark.parametrize("sample", [False, True])
+def test_plan_is_the_coming_ticks(small_skill, sample):
+    player = Player(small_skill, sample=sample, seed=4)
+    state = player.tick(player.start([0.1, 0.0]))
+    values, covariances = player.plan(state, 45)
+    assert values.shape == (46, 2)
+    assert covariances.shape == (46, 2, 2)
+    coming = [state, *ticks(player, state, 45)]
+    for one, value, covariance in zip(coming, values, covariances, strict=True):
+        assert_allclose(player.motion(one)[0], value, atol=1e-9)
+        if one.step > 3:  # Else a window ends here, and the plan shows its own.
+            assert_allclose(player.covariance(one), covariance, atol=1e-12)
+    assert coming[-1].remaps == 2
+
+
+def test_candidates_are_samples_of_the_component_and_follow_from_the_seed(small_skill):
+    player, other = Player(small_skill, seed=1), Player(small_skill, seed=2)
+    state = player.start([0.1, 0.0])
+    targets = player.candidates(state, 500)
+    gaussian = small_skill.components_[state.component]
+    spread = (targets - gaussian.mean) @ gaussian.basis
+    assert_allclose(spread.std(axis=0), np.sqrt(gaussian.variances), rtol=0.15)
+    assert np.array_equal(player.candidates(state, 500), targets)
+    assert not np.array_equal(other.candidates(state, 500), targets)
+    again = player.candidates(replace(state, remaps=1), 500)
+    assert not np.array_equal(again, targets)
+
+
+@pytest.mark.parametrize("observed", [np.zeros((3, 2)), np.full((4, 2), np.nan)])
+def test_observation_that_does_not_fit_is_refused(small_skill, observed):
+    player = Player(small_skill)
+    with pytest.raises(SkillError, match=r"what is mapped .* \(4, 2\) finite"):
+        player.remap(player.start([0.1, 0.0]), observed=observed)
+
+
+def test_pushed_robot_is_met_more_closely_than_a_start(small_skill):
+    player = Player(small_skill)
+    state = player.start([0.0, 0.0])
+    observed = np.tile([0.04, -0.03], (4, 1))
+    mapped = player.remap(state, observed=observed)
+    reached = player.motion(replace(mapped, offset=np.zeros((2, 2))))[0]
+    assert np.linalg.norm(reached - observed[-1]) < 0.02
+    assert_allclose(player.motion(mapped)[0], player.motion(state)[0], atol=1e-9)
