@@ -59,6 +59,9 @@ class ImpedanceConfig:
         Length that makes rotational inertia comparable to mass, m.
     control_period : float
         Time between updates of the torque, s.
+    model_period : float
+        Time between full updates, s, rounded to whole control periods; in between
+        the law's model is held. With no more than `control_period` all are full.
     target_time_constant : float
         Of the low-pass filter of the target, s; 0 for none. A filtered target is
         late by about as much.
@@ -89,6 +92,7 @@ class ImpedanceConfig:
     max_effective_mass: float = 100.0
     characteristic_length: float = 0.25
     control_period: float = 0.001
+    model_period: float = 0.01
     target_time_constant: float = 0.0
     stiffness_time_constant: float = 0.05
     walls: JointWallConfig = field(default_factory=JointWallConfig)
@@ -134,6 +138,7 @@ class ImpedanceConfig:
             "max_effective_mass",
             "characteristic_length",
             "control_period",
+            "model_period",
         ):
             _number(name, getattr(self, name), positive=True)
         self._check_parts()

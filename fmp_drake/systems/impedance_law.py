@@ -21,6 +21,7 @@ References
    ICRA 2003 (double diagonalization).
 """
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -28,7 +29,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
-from fmp_drake.systems.impedance_error import shorten
 from fmp_drake.systems.impedance_gains import ImpedanceGains
 from fmp_drake.systems.impedance_spring import spring_wrench
 
@@ -72,12 +72,24 @@ class LawTorque(NamedTuple):
         Whether an error was shortened.
     near_singular : bool
         Whether the inertia was bounded.
+    modes : array, shape (6, 6)
+        B: ``Λ = B Bᵀ``, ``D = B diag(d) Bᵀ``.
+    modal_damping : array, shape (6,)
+        d, 1/s.
+    modal_jacobian : array, shape (6, n)
+        ``Bᵀ J``.
+    posture_share : float
+        By how much the posture's error was shortened, in (0, 1].
     """
 
     torque: Array
     dissipation: float
     clipped: bool
     near_singular: bool
+    modes: Array
+    modal_damping: Array
+    modal_jacobian: Array
+    posture_share: float
 
 
 class TaskInertia(NamedTuple):
@@ -222,7 +234,9 @@ def impedance_law(
     v, M, Cv, J, Jdot_v = arm
     K = gains.stiffness if stiffness is None else stiffness
     omega = gains.posture_frequency
-    posture = (omega * omega) * shorten(posture_error, gains.max_posture_error)
+    length = math.sqrt(np.dot(posture_error, posture_error))
+    share = gains.max_posture_error / max(length, gains.max_posture_error)
+    posture = (omega * omega * share) * posture_error
     posture -= (2 * gains.posture_damping_ratio * omega) * v
     inertia = task_inertia(
         M=M,
@@ -235,16 +249,15 @@ def impedance_law(
         stiffness=K,
         damping_ratio=gains.damping_ratio,
     )
-    # Λ x + D y = B (Bᵀ x + d Bᵀ y); Nᵀ M a = M a − Jᵀ Λ J a.
-    x = desired_acceleration - Jdot_v - np.dot(J, posture)
-    y = desired_twist - np.dot(J, v)
-    modal = np.dot(B.T, y)
-    damping = d * modal
-    wrench = np.dot(B, np.dot(B.T, x) + damping)
+    # Jᵀ (Λ x + D y) = (Bᵀ J)ᵀ (Bᵀ x + d Bᵀ y); Nᵀ M a = M a − Jᵀ Λ J a.
+    BJ = np.dot(B.T, J)
+    y = np.dot(B.T, desired_twist) - np.dot(BJ, v)
+    damping = d * y
+    x = np.dot(B.T, desired_acceleration - Jdot_v) - np.dot(BJ, posture)
     spring, clipped = spring_wrench(gains, error, stiffness=K)
-    wrench += spring
-    wrench += feedforward_wrench
-    torque: Array = np.dot(J.T, wrench)
+    torque: Array = np.dot(BJ.T, x + damping)
+    torque += np.dot(J.T, spring + feedforward_wrench)
     torque += np.dot(M, posture)
     torque += Cv
-    return LawTorque(torque, float(np.dot(modal, damping)), clipped, inertia.bounded)
+    dissipation = float(np.dot(y, damping))
+    return LawTorque(torque, dissipation, clipped, inertia.bounded, B, d, BJ, share)

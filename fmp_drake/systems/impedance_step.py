@@ -12,9 +12,18 @@ from fmp_drake.systems.impedance_error import continued, task_error
 from fmp_drake.systems.impedance_force import ForceCorrection, ForceState, correct_press
 from fmp_drake.systems.impedance_friction import SigmoidFriction
 from fmp_drake.systems.impedance_gains import ImpedanceGains
-from fmp_drake.systems.impedance_law import ArmDynamics, impedance_law
+from fmp_drake.systems.impedance_guard import (
+    filter_share,
+    filtered_target,
+    held_target,
+    target_faults,
+    watched,
+)
+from fmp_drake.systems.impedance_hold import HeldModel, ModelHold, linearized, reach_of
+from fmp_drake.systems.impedance_inputs import ArmMeasurement, StepInputs
+from fmp_drake.systems.impedance_law import impedance_law
 from fmp_drake.systems.impedance_limits import rate_scale, torque_scale
-from fmp_drake.systems.impedance_memory import ImpedanceMemory, packed, unpacked
+from fmp_drake.systems.impedance_memory import ImpedanceMemory
 from fmp_drake.systems.impedance_status import StatusFlag
 from fmp_drake.systems.impedance_stiffness import (
     is_covariance,
@@ -22,9 +31,9 @@ from fmp_drake.systems.impedance_stiffness import (
     stiffness_from_covariance,
 )
 from fmp_drake.systems.impedance_tank import admit_stiffness, refill
-from fmp_drake.systems.impedance_target import TaskTarget, blend, carried, low_pass
+from fmp_drake.systems.impedance_target import carried
 from fmp_drake.systems.impedance_walls import JointLimits, wall_torque
-from fmp_drake.systems.impedance_watchdog import WatchdogMode, WatchdogState, watch
+from fmp_drake.systems.impedance_watchdog import WatchdogMode, WatchdogState
 
 Array = NDArray[np.float64]
 
@@ -35,19 +44,16 @@ _FORCE_CONTROL = int(StatusFlag.FORCE_CONTROL)
 _FORCE_LIMITED = int(StatusFlag.FORCE_LIMITED)
 _HOLD = int(StatusFlag.HOLD)
 _JOINT_WALL = int(StatusFlag.JOINT_WALL)
-_JUMP = int(StatusFlag.JUMP)
 _NEAR_SINGULAR = int(StatusFlag.NEAR_SINGULAR)
-_NOT_FINITE = int(StatusFlag.NOT_FINITE)
 _NO_STATE = int(StatusFlag.NO_STATE)
 _RATE_LIMITED = int(StatusFlag.RATE_LIMITED)
 _RECOVER = int(StatusFlag.RECOVER)
 _SPEED_LIMITED = int(StatusFlag.SPEED_LIMITED)
-_STALE = int(StatusFlag.STALE)
 _STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
 _TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
 _TORQUE_LIMITED = int(StatusFlag.TORQUE_LIMITED)
-# Slower targets, in m/s, may be constant up to rounding.
-_STILL = 0.01
+# With no other flag the law may be held.
+_ORDINARY = _FORCE_CONTROL | _CONTACT_LOST | _FORCE_LIMITED
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,6 +74,8 @@ class StepSettings:
         rad.
     friction : SigmoidFriction or None
         What is compensated.
+    hold : ModelHold
+        Between full updates.
     """
 
     config: ImpedanceConfig
@@ -77,82 +85,20 @@ class StepSettings:
     upper: Array
     q_posture: Array
     friction: SigmoidFriction | None
-
-
-class ArmMeasurement(NamedTuple):
-    """The arm at one finite state.
-
-    Attributes
-    ----------
-    q : array, shape (n,)
-        rad.
-    dynamics : ArmDynamics
-    R_TE : array, shape (3, 3)
-    p_TE : array, shape (3,)
-        m.
-    error : array, shape (6,)
-        What `task_error` gives for the target as it comes in.
-    """
-
-    q: Array
-    dynamics: ArmDynamics
-    R_TE: Array
-    p_TE: Array
-    error: Array
-
-
-class StepInputs(NamedTuple):
-    """What came in at the ports; None where a port is not used.
-
-    Attributes
-    ----------
-    target : TaskTarget
-        Relative to T.
-    wrench : array, shape (6,)
-        Feed-forward, Nm and N, in T.
-    finite : bool
-        Whether every input besides the state is.
-    turning : bool
-        Whether the target's orientation may change.
-    age : float or None
-        Of the target, s.
-    R_WT : array, shape (3, 3)
-    p_WT : array, shape (3,)
-        m.
-    moving_frame : bool
-        Whether T may move.
-    frame_twist : array, shape (6,), or None
-        V_WT in T's axes.
-    frame_acceleration : array, shape (6,)
-        A_WT in T's axes.
-    stiffness : array, shape (6,) or (36,), or None
-    covariance : array, shape (9,), or None
-        m².
-    normal_force : float or None
-        N.
-    """
-
-    target: TaskTarget
-    wrench: Array
-    finite: bool
-    turning: bool
-    age: float | None
-    R_WT: Array
-    p_WT: Array
-    moving_frame: bool
-    frame_twist: Array | None
-    frame_acceleration: Array
-    stiffness: Array | None
-    covariance: Array | None
-    normal_force: float | None
+    hold: ModelHold
 
 
 class StepResult(NamedTuple):
-    """What an update leaves behind: `status` is the vector of `ImpedanceStatus`."""
+    """What an update leaves behind: `status` is the vector of `ImpedanceStatus`.
+
+    `model` serves until the next full update; None where something is out of the
+    ordinary, so that the next update is a full one.
+    """
 
     torque: Array
     status: tuple[float, ...]
     memory: ImpedanceMemory
+    model: HeldModel | None
 
 
 def impedance_step(
@@ -183,8 +129,8 @@ def impedance_step(
     if arm is None:
         return _without_state(settings, memory, previous)
     config, gains = settings.config, settings.gains
-    flags, last, frozen_time = _faults(config, memory, inputs)
-    watchdog, hold = _watch(config, memory, arm, inputs, fault=flags != 0)
+    flags, last, frozen_time = target_faults(config, memory, inputs)
+    watchdog, hold = watched(config, memory, arm, inputs, fault=flags != 0)
     share, rate = watchdog.blend()
     if watchdog.mode != WatchdogMode.TRACK:
         held = watchdog.mode == WatchdogMode.HOLD
@@ -193,11 +139,11 @@ def impedance_step(
     target, filtered = inputs.target, None
     error = arm.error
     if config.target_time_constant > 0:
-        target, filtered = _filtered(config, memory, inputs)
+        target, filtered = filtered_target(config, memory, inputs)
     if inputs.frame_twist is not None and share > 0:
         target = carried(target, inputs.frame_twist, inputs.frame_acceleration)
     if share < 1:
-        target = _held(target, inputs, hold, share=share, rate=rate)
+        target = held_target(target, inputs, hold, share=share, rate=rate)
     if share < 1 or filtered is not None:
         error = task_error(
             R_TE=arm.R_TE, p_TE=arm.p_TE, R_TE_desired=target.R, p_TE_desired=target.p
@@ -232,13 +178,13 @@ def impedance_step(
     scale = torque_scale(torque, lower=settings.lower, upper=settings.upper)
     if scale < 1:
         torque = scale * torque
-    wall = wall_torque(
-        config.walls,
-        settings.limits,
-        q=arm.q,
-        v=arm.dynamics.v,
-        inertia=arm.dynamics.M.diagonal(),
-    )
+    # Where there is room to a joint's limits there is no wall.
+    q, v = arm.q, arm.dynamics.v
+    reach = reach_of(config.walls, settings.limits, q=q, v=v)
+    wall = None
+    if reach is None:
+        inertia = arm.dynamics.M.diagonal()
+        wall = wall_torque(config.walls, settings.limits, q=q, v=v, inertia=inertia)
     if wall is not None:
         torque = np.clip(torque + wall.torque, settings.lower, settings.upper)
         flags |= _JOINT_WALL * wall.at_wall | _SPEED_LIMITED * wall.too_fast
@@ -257,6 +203,20 @@ def impedance_step(
         | _CONTACT_LOST * press.lost
         | _FORCE_LIMITED * press.limited
     )
+    model = None
+    if settings.hold.used and reach is not None and not flags & ~_ORDINARY:
+        model = HeldModel(
+            law.torque,
+            *linearized(
+                gains,
+                arm.dynamics,
+                law,
+                desired_twist=target.V,
+                desired_acceleration=target.A,
+            ),
+            np.concatenate((q, v)),
+            np.array(reach),
+        )
     return StepResult(
         torque,
         (float(flags), share, scale, slowness, press.correction, energy),
@@ -266,7 +226,7 @@ def impedance_step(
             refill(
                 config.tank,
                 energy,
-                dissipated=law.dissipation * config.control_period,
+                dissipated=law.dissipation * inputs.elapsed,
             ),
             frozen_time,
             scale < 1,
@@ -276,6 +236,7 @@ def impedance_step(
             memory.stiffness if K is settings.gains.stiffness else K.ravel(),
             error[:3],
         ),
+        model,
     )
 
 
@@ -303,115 +264,8 @@ def _without_state(
             memory.stiffness,
             np.zeros(3),
         ),
+        None,
     )
-
-
-def _faults(
-    config: ImpedanceConfig, memory: ImpedanceMemory, inputs: StepInputs
-) -> tuple[int, Array | None, float]:
-    """Return the flags of what is wrong, the target to compare with, frozen time."""
-    target, last = inputs.target, memory.last
-    if not inputs.finite:
-        return _NOT_FINITE, last, 0.0
-    watchdog = config.watchdog
-    p, R = target.p, target.R
-    if inputs.moving_frame:
-        p = np.dot(inputs.R_WT, p) + inputs.p_WT
-        R = np.dot(inputs.R_WT, R)
-    turns = inputs.turning or inputs.moving_frame
-    present = np.concatenate((p, R.ravel())) if turns else p
-    if last is None:
-        return 0, present, 0.0
-    flags, frozen_time = 0, 0.0
-    dx, dy, dz = (p - last[:3]).tolist()
-    x, y, z = target.V[3:].tolist()
-    moved = math.sqrt(dx * dx + dy * dy + dz * dz)
-    speed = math.sqrt(x * x + y * y + z * z)
-    if moved > watchdog.max_jump + speed * config.control_period or (
-        turns and _angle(R.ravel(), last[3:]) > watchdog.max_turn
-    ):
-        flags |= _JUMP
-    if inputs.age is None:
-        if moved == 0 and speed > _STILL:
-            frozen_time = memory.frozen_time + config.control_period
-        old = frozen_time > watchdog.max_age
-    else:
-        old = inputs.age > watchdog.max_age
-    if old:
-        flags |= _STALE
-    return flags, present, frozen_time
-
-
-def _angle(R: Array, S: Array) -> float:
-    """Return the angle between two rotations, given by their nine elements."""
-    return math.acos(min(max(0.5 * (float(np.dot(R, S)) - 1), -1.0), 1.0))
-
-
-def _watch(
-    config: ImpedanceConfig,
-    memory: ImpedanceMemory,
-    arm: ArmMeasurement,
-    inputs: StepInputs,
-    *,
-    fault: bool,
-) -> tuple[WatchdogState, Array]:
-    """Return the watchdog's state and the pose that it holds."""
-    state, hold = memory.watchdog, memory.hold
-    if state.mode == WatchdogMode.TRACK and not fault:
-        return state, hold
-    distance = angle = 0.0
-    if state.mode == WatchdogMode.HOLD and not fault:
-        R_WE, p_WE = inputs.target.R, inputs.target.p
-        R_WE, p_WE = np.dot(inputs.R_WT, R_WE), np.dot(inputs.R_WT, p_WE) + inputs.p_WT
-        distance = float(np.linalg.norm(p_WE - hold[:3]))
-        angle = _angle(R_WE.ravel(), hold[3:])
-    state = watch(
-        config.watchdog,
-        state,
-        fault=fault,
-        distance=distance,
-        angle=angle,
-        period=config.control_period,
-    )
-    if state.mode == WatchdogMode.HOLD and memory.watchdog.mode != WatchdogMode.HOLD:
-        R_WT, p_WT = inputs.R_WT, inputs.p_WT
-        hold = np.empty(12)
-        hold[:3] = np.dot(R_WT, arm.p_TE) + p_WT
-        hold[3:] = np.dot(R_WT, arm.R_TE).ravel()
-    return state, hold
-
-
-def _held(
-    target: TaskTarget, inputs: StepInputs, hold: Array, *, share: float, rate: float
-) -> TaskTarget:
-    """Return the held pose, or what is between it and the target."""
-    R_TW = inputs.R_WT.T
-    R = np.dot(R_TW, hold[3:].reshape(3, 3))
-    p = np.dot(R_TW, hold[:3] - inputs.p_WT)
-    if share == 0 and rate == 0:
-        return TaskTarget(R, p, np.zeros(6), np.zeros(6))
-    return blend(target, R_TE=R, p_TE=p, share=share, rate=rate)
-
-
-def _filtered(
-    config: ImpedanceConfig, memory: ImpedanceMemory, inputs: StepInputs
-) -> tuple[TaskTarget, Array | None]:
-    """Return the filtered target, and it packed for the memory."""
-    if not inputs.finite:
-        return inputs.target, memory.filtered
-    target = inputs.target
-    if memory.filtered is not None:
-        target = low_pass(
-            unpacked(memory.filtered),
-            target,
-            _share(config.control_period, config.target_time_constant),
-        )
-    return target, packed(target)
-
-
-def _share(period: float, time_constant: float) -> float:
-    """Return the share of what is left that a filter goes in one period."""
-    return 1 - math.exp(-period / time_constant) if time_constant > 0 else 1.0
 
 
 def _stiffness(
@@ -437,7 +291,7 @@ def _stiffness(
         if not is_covariance(covariance):
             return present, energy, _STIFFNESS_REFUSED
         K = stiffness_from_covariance(config.covariance_stiffness, covariance, K)
-    share = _share(config.control_period, config.stiffness_time_constant)
+    share = filter_share(inputs.elapsed, config.stiffness_time_constant)
     K, energy, held_back = admit_stiffness(
         present, present + share * (K - present), error=error, energy=energy
     )
@@ -463,7 +317,7 @@ def _press(
         wanted=-float(inputs.wrench[5]) if share == 1 else 0.0,
         measured=measured,
         saturated=memory.saturated,
-        period=config.control_period,
+        period=inputs.elapsed,
     )
 
 

@@ -67,6 +67,20 @@ this shows on the port `status`.
 Friction compensation uses the measured velocity: it cannot help at rest, and with a
 gain above 1 the joints run away.
 
+Model hold
+==========
+The torque is updated every `control_period`, the law every `model_period`: in
+between, a first-order model of the law in the arm's state and the time is evaluated
+at the measured state, see `impedance_hold`. Stiffness and damping act at the full
+rate. Wiping with 10 ms the torque differs by 0.02 Nm (rms) from the law at every
+millisecond; what differs more are jumps of the target, seen up to 10 ms later. The
+law is computed at once where the state is not finite, leaves the model's reach
+(0.05 rad, 0.3 rad/s, or less in front of a wall or a brake), or the torque or its
+rate comes near a limit, and every time while `status` shows anything but force
+control. What the other ports bring, also a fault of the target or a lost contact,
+is noticed at the next full update. With ``model_period = control_period`` all
+updates are full.
+
 References
 ----------
 .. [1] O. Khatib, "A unified approach for motion and force control of robot
@@ -77,7 +91,6 @@ References
    ICRA 2003.
 """
 
-import copy
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -85,7 +98,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -96,51 +109,24 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import StationError
+from fmp_drake.systems.impedance_arm import (
+    ArmKinematics,
+    ArmModel,
+    is_finite,
+    step_settings,
+    twist_turn,
+)
 from fmp_drake.systems.impedance_config import ImpedanceConfig
 from fmp_drake.systems.impedance_error import task_error
-from fmp_drake.systems.impedance_friction import SigmoidFriction
-from fmp_drake.systems.impedance_law import ArmDynamics, Array
+from fmp_drake.systems.impedance_inputs import ArmMeasurement, StepInputs
+from fmp_drake.systems.impedance_law import Array
 from fmp_drake.systems.impedance_memory import ImpedanceMemory
 from fmp_drake.systems.impedance_status import STATUS_SIZE
-from fmp_drake.systems.impedance_step import (
-    ArmMeasurement,
-    StepInputs,
-    StepSettings,
-    impedance_step,
-)
+from fmp_drake.systems.impedance_step import impedance_step
 from fmp_drake.systems.impedance_target import TaskTarget, rotation_of_quaternion
-from fmp_drake.systems.impedance_walls import JointLimits
 
-
-class _ArmKinematics:
-    """The scratch plant context and what was read from it for the present state."""
-
-    __slots__ = (
-        "J",
-        "R_TE",
-        "R_WT",
-        "finite",
-        "frame_finite",
-        "p_TE",
-        "p_WT",
-        "plant_context",
-        "q",
-        "turn",
-        "v",
-    )
-
-    def __init__(self, plant_context: Context) -> None:
-        self.plant_context = plant_context
-        self.finite: bool
-        self.frame_finite: bool
-        self.q: Array
-        self.v: Array
-        self.R_WT: Array
-        self.p_WT: Array
-        self.R_TE: Array
-        self.p_TE: Array
-        self.turn: Array  # From twists in W's axes to twists in T's.
-        self.J: Array
+# Groups of the discrete state.
+_TORQUE, _STATUS, _MEMORY, _MODEL = range(4)
 
 
 class OperationalSpaceImpedanceController(LeafSystem):
@@ -183,7 +169,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
     - ``measured_velocity`` (3): of E's origin relative to T, m/s, in T.
     - ``tracking_error`` (6): what is left to the desired pose as it came in, a
       rotation vector in rad and a translation in m, in T.
-    - ``status`` (6): what the last update did, see `ImpedanceStatus`.
+    - ``status`` (6): what the last full update did, see `ImpedanceStatus`.
 
     Inputs that are not finite, stale or jump do not raise: see `WatchdogConfig`.
 
@@ -222,19 +208,16 @@ class OperationalSpaceImpedanceController(LeafSystem):
     ) -> None:
         LeafSystem.__init__(self)
         self.set_name("operational_space_impedance_controller")
-        _check_plant(plant)
+        model = ArmModel(plant, end_effector)
         if stiffness_size not in (6, 36):
             raise StationError(f"stiffness_size must be 6 or 36, got {stiffness_size}")
         n = plant.num_velocities()
-        self._plant = plant
-        self._world = plant.world_frame()
-        self._end_effector = end_effector
-        self._settings = _settings(plant, config, q_posture)
+        self._model = model
+        self._settings = step_settings(plant, config, q_posture)
         self._R_TE_desired = config.desired_rotation()
         self._R_WT = X_WT.rotation().matrix()
         self._p_WT = np.array(X_WT.translation())
-        self._turn = _twice(self._R_WT.T)
-        self._origin = np.zeros(3)
+        self._turn = twist_turn(self._R_WT.T)
         self._unmoved = np.zeros(6)
         self._unmoved.setflags(write=False)
         self._declare_inputs(n, stiffness_size)
@@ -263,13 +246,11 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self._normal_force = declare("normal_force", 1)
 
     def _declare_cache(self) -> None:
-        plant = self._plant
+        model = self._model
         self._kinematics = self.DeclareCacheEntry(
             "arm kinematics",
             ValueProducer(
-                allocate=lambda: AbstractValue.Make(
-                    _ArmKinematics(plant.CreateDefaultContext())
-                ),
+                allocate=lambda: AbstractValue.Make(model.allocate()),
                 calc=self._calc_kinematics,
             ),
             prerequisites_of_calc={self._state.ticket(), self._task_frame.ticket()},
@@ -295,6 +276,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
             settings.gains.stiffness, tank_energy=settings.config.tank.initial_energy
         )
         self.DeclareDiscreteState(memory.to_vector())
+        self.DeclareDiscreteState(settings.hold.empty())
         self.DeclareVectorOutputPort(
             "measured_position",
             3,
@@ -319,34 +301,11 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self.DeclareStateOutputPort("status", status)
 
     def _calc_kinematics(self, context: Any, abstract: Any) -> None:
-        arm: _ArmKinematics = abstract.get_mutable_value()
-        state = _vector(self._state, context)
-        n = state.size // 2
-        arm.q = state[:n]
-        arm.v = state[n:]
+        arm: ArmKinematics = abstract.get_mutable_value()
         arm.R_WT, arm.p_WT, arm.frame_finite = self._frame(context)
-        arm.finite = _finite(state)
-        if not arm.finite:
-            arm.R_TE = np.full((3, 3), np.nan)
-            arm.p_TE = np.full(3, np.nan)
-            arm.J = np.full((6, n), np.nan)
-            arm.turn = _twice(arm.R_WT.T)
-            return
-        self._plant.SetPositionsAndVelocities(arm.plant_context, state)
-        X_WE = self._end_effector.CalcPoseInWorld(arm.plant_context)
-        J_WE = self._plant.CalcJacobianSpatialVelocity(
-            arm.plant_context,
-            JacobianWrtVariable.kV,
-            self._end_effector,
-            self._origin,
-            self._world,
-            self._world,
-        )
-        R_TW = arm.R_WT.T
-        arm.R_TE = np.dot(R_TW, X_WE.rotation().matrix())
-        arm.p_TE = np.dot(R_TW, X_WE.translation() - arm.p_WT)
-        arm.turn = self._turn if arm.R_WT is self._R_WT else _twice(R_TW)
-        arm.J = np.dot(arm.turn, J_WE)
+        still = arm.R_WT is self._R_WT
+        arm.turn = self._turn if still else twist_turn(arm.R_WT.T)
+        self._model.read(arm, _vector(self._state, context))
 
     def _frame(self, context: Context) -> tuple[Array, Array, bool]:
         """Return R_WT, p_WT and whether the port, if connected, holds a pose."""
@@ -374,8 +333,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
             p_TE_desired=_vector(self._desired_position, context),
         )
 
-    def _eval_kinematics(self, context: Context) -> _ArmKinematics:
-        return cast(_ArmKinematics, self._kinematics.Eval(context))
+    def _eval_kinematics(self, context: Context) -> ArmKinematics:
+        return cast(ArmKinematics, self._kinematics.Eval(context))
 
     def _eval_error(self, context: Context) -> Array:
         return cast(Array, self._error.Eval(context))
@@ -392,7 +351,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
             velocity -= frame_twist[3:] + np.cross(frame_twist[:3], arm.p_TE)
         output.SetFromVector(velocity)
 
-    def _frame_twist(self, context: Context, arm: _ArmKinematics) -> Array | None:
+    def _frame_twist(self, context: Context, arm: ArmKinematics) -> Array | None:
         """Return V_WT in T's axes, or None where T stands still."""
         if not self._task_frame_velocity.HasValue(context):
             return None
@@ -403,40 +362,45 @@ class OperationalSpaceImpedanceController(LeafSystem):
         output.SetFromVector(self._eval_error(context))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
+        discrete = context.get_discrete_state()
+        previous, held = discrete.value(_TORQUE), discrete.value(_MODEL)
+        state: Any = self._state.Eval(context)
+        hold, time = self._settings.hold, context.get_time()
+        torque = hold.torque(held, time=time, state=state, previous=previous)
+        if torque is not None:
+            values.set_value(_TORQUE, torque)
+        else:
+            self._full_update(context, values, previous=previous, held=held)
+
+    def _full_update(
+        self, context: Context, values: DiscreteValues, *, previous: Array, held: Array
+    ) -> None:
+        hold, time = self._settings.hold, context.get_time()
         arm = self._eval_kinematics(context)
+        measurement = None
+        if arm.finite:
+            measurement = ArmMeasurement(
+                arm.q,
+                self._model.dynamics(arm),
+                arm.R_TE,
+                arm.p_TE,
+                self._eval_error(context),
+            )
         result = impedance_step(
             self._settings,
-            ImpedanceMemory.from_vector(context.get_discrete_state(2).value()),
-            arm=self._measurement(context, arm) if arm.finite else None,
-            inputs=self._inputs(context, arm),
-            previous=context.get_discrete_state(0).value(),
+            ImpedanceMemory.from_vector(context.get_discrete_state(_MEMORY).value()),
+            arm=measurement,
+            inputs=self._inputs(context, arm, hold.elapsed(held, time=time)),
+            previous=previous,
         )
-        values.set_value(0, result.torque)
-        values.set_value(1, np.array(result.status))
-        values.set_value(2, result.memory.to_vector())
+        values.set_value(_TORQUE, result.torque)
+        values.set_value(_STATUS, np.array(result.status))
+        values.set_value(_MEMORY, result.memory.to_vector())
+        values.set_value(_MODEL, hold.pack(result.model, time=time, before=held))
 
-    def _measurement(self, context: Context, arm: _ArmKinematics) -> ArmMeasurement:
-        plant, plant_context = self._plant, arm.plant_context
-        A_WE_bias = plant.CalcBiasSpatialAcceleration(
-            plant_context,
-            JacobianWrtVariable.kV,
-            self._end_effector,
-            self._origin,
-            self._world,
-            self._world,
-        )
-        dynamics = ArmDynamics(
-            arm.v,
-            plant.CalcMassMatrix(plant_context),
-            plant.CalcBiasTerm(plant_context),
-            arm.J,
-            np.dot(arm.turn, A_WE_bias.get_coeffs()),
-        )
-        return ArmMeasurement(
-            arm.q, dynamics, arm.R_TE, arm.p_TE, self._eval_error(context)
-        )
-
-    def _inputs(self, context: Context, arm: _ArmKinematics) -> StepInputs:
+    def _inputs(
+        self, context: Context, arm: ArmKinematics, elapsed: float
+    ) -> StepInputs:
         position = _vector(self._desired_position, context)
         velocity = _vector(self._desired_velocity, context)
         acceleration = _vector(self._desired_acceleration, context)
@@ -463,12 +427,14 @@ class OperationalSpaceImpedanceController(LeafSystem):
             V[:3] = w
         if alpha is not None:
             A[:3] = alpha
-        finite = arm.frame_finite and _finite(np.concatenate((position, V, A, wrench)))
+        finite = arm.frame_finite and is_finite(
+            np.concatenate((position, V, A, wrench))
+        )
         optional = (age, frame_twist, frame_acceleration, stiffness, covariance, force)
         for value in optional:
-            finite = finite and (value is None or _finite(value))
+            finite = finite and (value is None or is_finite(value))
         if R is not self._R_TE_desired:
-            finite = finite and _finite(R.ravel())
+            finite = finite and is_finite(R.ravel())
         return StepInputs(
             TaskTarget(R, position, V, A),
             wrench,
@@ -483,19 +449,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
             stiffness,
             covariance,
             None if force is None else float(force[0]),
+            elapsed,
         )
-
-
-def _twice(R: Array) -> Array:
-    """Return the matrix that turns both halves of a twist."""
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = R
-    return turn
-
-
-def _finite(vector: Array) -> bool:
-    """Tell whether all elements are finite, and far from an overflow."""
-    return sum(map(abs, vector.tolist())) < 1e12
 
 
 def _vector(port: InputPort, context: Context) -> Array:
@@ -506,74 +461,3 @@ def _vector(port: InputPort, context: Context) -> Array:
 def _optional(port: InputPort, context: Context) -> Array | None:
     """Evaluate a vector port that may be unconnected."""
     return _vector(port, context) if port.HasValue(context) else None
-
-
-def _settings(
-    plant: MultibodyPlant,
-    config: ImpedanceConfig,
-    q_posture: NDArray[np.float64] | None,
-) -> StepSettings:
-    """Check and copy what the updates need."""
-    gains = config.gains()
-    config = copy.deepcopy(config)
-    friction = config.friction_compensation
-    lower, upper = plant.GetEffortLowerLimits(), plant.GetEffortUpperLimits()
-    return StepSettings(
-        config=config,
-        gains=gains,
-        limits=JointLimits.between(
-            plant.GetPositionLowerLimits(),
-            plant.GetPositionUpperLimits(),
-            speed=np.minimum(
-                plant.GetVelocityUpperLimits(), -plant.GetVelocityLowerLimits()
-            ),
-            effort=np.minimum(upper, -lower),
-        ),
-        lower=lower,
-        upper=upper,
-        q_posture=_checked_posture(plant, q_posture),
-        friction=(
-            SigmoidFriction.of(friction, n=plant.num_velocities())
-            if friction.enabled
-            else None
-        ),
-    )
-
-
-def _check_plant(plant: MultibodyPlant) -> None:
-    """Refuse a plant that is not one fully actuated arm."""
-    if not plant.is_finalized():
-        raise StationError("The controller's plant must be finalized first.")
-    n = plant.num_velocities()
-    if n == 0 or plant.num_positions() != n:
-        raise StationError(
-            "The controller's plant must hold an arm on a fixed base: "
-            f"{plant.num_positions()} positions and {n} velocities, not equal numbers "
-            "above 0."
-        )
-    if plant.num_actuators() != n or not np.array_equal(
-        plant.MakeActuationMatrix(), np.eye(n)
-    ):
-        raise StationError(
-            f"The controller's plant must have one actuator for each of its {n} "
-            f"joints, in their order; it has {plant.num_actuators()}."
-        )
-
-
-def _checked_posture(
-    plant: MultibodyPlant, q_posture: NDArray[np.float64] | None
-) -> Array:
-    """Return a copy of the posture, or the middle of the joints' ranges."""
-    lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    if q_posture is None:
-        limited = np.isfinite(lower) & np.isfinite(upper)
-        middle = np.zeros(plant.num_positions())
-        middle[limited] = 0.5 * (lower[limited] + upper[limited])
-        return middle
-    q = np.array(q_posture, dtype=float)
-    if q.shape != lower.shape or not np.all((lower <= q) & (q <= upper)):
-        raise StationError(
-            f"q_posture must be {lower.size} angles between {lower} and {upper} rad, "
-            f"got {q}"
-        )
-    return q

@@ -29,8 +29,8 @@ def controller():
     )
 
 
-def test_one_update_of_the_controller(benchmark, controller):
-    """With the features that are on by default, at a state that changes."""
+@pytest.fixture
+def context(controller):
     context = controller.CreateDefaultContext()
     p = pose_in_task(make_arm(), Q_START, X_WT_TILTED).translation()
     for name, value in {
@@ -40,11 +40,16 @@ def test_one_update_of_the_controller(benchmark, controller):
         "feedforward_wrench": np.zeros(6),
     }.items():
         controller.GetInputPort(name).FixValue(context, value)
+    return context
+
+
+def time_updates(benchmark, controller, context):
+    """Time updates at a state that changes."""
     rng = np.random.default_rng(0)
     start = np.r_[Q_START, np.zeros(7)]
 
     def another_state():
-        state = start + 1e-3 * rng.normal(size=14)
+        state = start + 1e-4 * rng.normal(size=14)
         controller.GetInputPort("state").FixValue(context, state)
 
     values = benchmark.pedantic(
@@ -54,6 +59,20 @@ def test_one_update_of_the_controller(benchmark, controller):
         warmup_rounds=200,
     )
     assert np.isfinite(values.value(0)).all()
+
+
+def test_one_full_update_of_the_controller(benchmark, controller, context):
+    """With the features that are on by default: a context without a model."""
+    time_updates(benchmark, controller, context)
+
+
+def test_one_update_by_the_held_model(benchmark, controller, context):
+    controller.GetInputPort("state").FixValue(context, np.r_[Q_START, np.zeros(7)])
+    values = controller.EvalUniquePeriodicDiscreteUpdate(context)
+    for group in range(values.num_groups()):
+        context.SetDiscreteState(group, values.value(group).copy())
+    context.SetTime(0.001)
+    time_updates(benchmark, controller, context)
 
 
 def test_one_step_of_arm_and_controller(benchmark):

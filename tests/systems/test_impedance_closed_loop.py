@@ -47,7 +47,10 @@ def table():
 
 
 class Rest:
-    """The controller at one pose, and the plant, without a simulation."""
+    """The controller at one pose, and the plant, without a simulation.
+
+    Its context never keeps a model: every update is a full one.
+    """
 
     def __init__(self, q, *, seed, damping_ratio=0.7):
         rng = np.random.default_rng(seed)

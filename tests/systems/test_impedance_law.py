@@ -393,6 +393,7 @@ def test_yaml_overrides_single_values():
         ({"max_effective_mass": 0.0}, "max_effective_mass"),
         ({"characteristic_length": 0.0}, "characteristic_length"),
         ({"control_period": 0.0}, "control_period"),
+        ({"model_period": 0.0}, "model_period .* greater than 0, got 0.0"),
         ({"target_time_constant": -0.1}, "target_time_constant .* at least 0"),
         ({"stiffness_time_constant": math.nan}, "stiffness_time_constant"),
         ({"stiffness_axes": [0.0]}, "stiffness_axes must be 3"),

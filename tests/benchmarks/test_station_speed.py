@@ -1,0 +1,123 @@
+"""How fast the station runs beside its bare plant, and what takes the time.
+
+No limit is asserted: the figures depend on the machine. Station and bare plant run in
+turns, so that a busy machine slows both.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pytest
+from benchmarks.station_replay import (
+    TICK,
+    make_bare,
+    make_simulator,
+    make_station,
+    record,
+    take_turns,
+    timed_callbacks,
+)
+from pydrake.geometry import HydroelasticContactRepresentation
+
+from fmp_drake.station.scenario import LoadScenario
+
+WARM_UP = 1.0
+SLICES = 12
+MINUTES = 10
+# (scenario, greatest difference of the replay's state, rad and rad/s)
+ROWS = {"table_top": 0.0, "cenic": 0.05}
+
+
+@pytest.mark.parametrize("name", list(ROWS))
+def test_the_station_beside_its_bare_plant(benchmark, figures, name):
+    scenario = LoadScenario(name)
+    end = WARM_UP + SLICES
+    bare = make_simulator(make_bare(scenario, *record(scenario, end)), scenario)
+    station = make_simulator(make_station(scenario), scenario)
+    seconds, off = benchmark.pedantic(
+        take_turns,
+        args=((station, bare),),
+        kwargs={"warm_up": WARM_UP, "slices": SLICES, "follow": name == "cenic"},
+        rounds=1,
+    )
+    assert off <= ROWS[name]
+    whole, alone = 1 / np.median(seconds, axis=0)
+    figures.section = f"The whiteboard station: {SLICES} s of {name}, contact on"
+    figures.add("bare plant, fed the recorded torques", alone, "x real time")
+    figures.add("whole station", whole, "x real time", above=3 if alone >= 4 else None)
+    figures.add(
+        "station / bare plant (speed)",
+        np.median(seconds[:, 1] / seconds[:, 0]),
+        above=0.75,
+    )
+    figures.add("replayed state, largest difference", off, "rad, rad/s")
+
+
+def geometry_seconds(simulator):
+    """Return the median seconds of one look for all contact surfaces."""
+    diagram = simulator.get_system()
+    plant = diagram.GetSubsystemByName("plant")
+    port = plant.get_geometry_query_input_port()
+    query = port.Eval(plant.GetMyContextFromRoot(simulator.get_context()))
+    times = []
+    for _ in range(200):
+        begin = perf_counter()
+        query.ComputeContactSurfacesWithFallback(
+            HydroelasticContactRepresentation.kPolygon
+        )
+        times.append(perf_counter() - begin)
+    return np.median(times)
+
+
+def test_who_takes_the_time(benchmark, figures):
+    scenario = LoadScenario("table_top")
+    end = WARM_UP + SLICES
+    bare = make_simulator(make_bare(scenario, *record(scenario, end)), scenario)
+    with timed_callbacks() as times:
+        station = make_simulator(make_station(scenario), scenario)
+    station.AdvanceTo(WARM_UP)
+    times.seconds.clear()
+    seconds, _ = benchmark.pedantic(
+        take_turns,
+        args=((station, bare),),
+        kwargs={"warm_up": WARM_UP, "slices": SLICES},
+        rounds=1,
+    )
+    ticks = SLICES / TICK
+    whole, alone = 1e6 * seconds.sum(axis=0) / ticks
+    python = {name: 1e6 * s / ticks for name, s in times.seconds.items()}
+    assert {"controller", "fourier_primitive", "ink_board"} <= set(python)
+    figures.section = "Where a millisecond of table_top goes, while callbacks are timed"
+    figures.add("plant and scene graph (the bare plant), C++", alone, "us")
+    figures.add(
+        "of it, one look for contact surfaces", 1e6 * geometry_seconds(bare), "us"
+    )
+    for name, took in sorted(python.items(), key=lambda item: -item[1]):
+        figures.add(f"{name}, Python", took, "us")
+    rest = whole - alone - sum(python.values())
+    figures.add("the rest: gravity compensation, events, C++", rest, "us")
+    figures.add("whole station", whole, "us")
+
+
+@pytest.mark.timeout(3600)
+def test_memory_over_ten_minutes(benchmark, figures):
+    script = Path(__file__).with_name("station_memory.py")
+
+    def simulate():
+        done = subprocess.run(
+            [sys.executable, script, "table_top", str(MINUTES)],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+        return json.loads(done.stdout)
+
+    memory = benchmark.pedantic(simulate, rounds=1)
+    assert len(memory) == MINUTES
+    figures.section = f"Memory of a station over {MINUTES} minutes"
+    figures.add("after 2 minutes", memory[1], "MB")
+    figures.add("growth from 2 to 10 minutes", memory[-1] - memory[1], "MB", below=5)
