@@ -62,9 +62,9 @@ def check_limits(run):
     state, actuation, torque = (run.log(n) for n in ("state", "actuation", "torque"))
     q, v = state[:, :7], state[:, 7:]
     assert np.all(np.isfinite(state))
-    assert np.all(q > plant.GetPositionLowerLimits())
-    assert np.all(q < plant.GetPositionUpperLimits())
-    assert np.all(np.abs(v) < plant.GetVelocityUpperLimits())
-    assert np.all(np.abs(actuation) < plant.GetEffortUpperLimits())
+    assert np.all(q > plant.GetPositionLowerLimits()[:7])
+    assert np.all(q < plant.GetPositionUpperLimits()[:7])
+    assert np.all(np.abs(v) < plant.GetVelocityUpperLimits()[:7])
+    assert np.all(np.abs(actuation) < plant.GetEffortUpperLimits()[:7])
     # Franka's robots stop beyond 1000 Nm/s.
     assert np.max(np.abs(np.diff(torque, axis=0))) < 1000 * MILLISECOND

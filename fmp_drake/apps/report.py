@@ -32,7 +32,7 @@ def print_report(console: Console, figures: Mapping[str, Any]) -> None:
         f"in contact {100 * f['contact_fraction']:.1f} % of the time",
         "followed": f"to {1e3 * f['tracking_rms_m']:.1f} mm rms",
         "re-mapped": f"{f['remap_count']} times{after_pushes}, jumps up to "
-        f"{1e3 * f['remap_position_jump_max_m']:.4f} mm",
+        f"{1e3 * f['desired_position_jump_max_m']:.4f} mm",
         "limits": f"torque {100 * f['torque_ratio_max']:.0f} %, torque rate "
         f"{f['torque_rate_max_nm_per_s']:.0f} Nm/s, joint speed "
         f"{100 * f['joint_speed_ratio_max']:.0f} %, nearest joint limit "

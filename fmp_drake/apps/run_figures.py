@@ -79,23 +79,20 @@ def _motion(run: WipingRun) -> Figures:
         "tracking_max_m": float(np.max(error)),
         "remap_count": int(every),
         "reactive_remap_count": int(reactive),
-        "remap_position_jump_max_m": _jump(run, desired),
+        "desired_position_jump_max_m": _jump(run, desired),
     }
 
 
 def _jump(run: WipingRun, desired: NDArray[np.float64]) -> float:
-    """Return the largest jump of the desired position at a re-mapping, m.
+    """Return the largest jump of the desired position, m.
 
-    What it changes by within the sample after the instant, less what its velocity
-    explains.
+    What it changes by from a sample to the next, less what its velocity explains.
     """
     velocity = run.log("desired_velocity")
     seconds = np.diff(run.log_times("desired_position"))[:, None]
     moved = np.diff(desired, axis=0)
     explained = seconds * (velocity[1:] + velocity[:-1]) / 2
-    left = np.linalg.norm(moved - explained, axis=1)
-    at = np.flatnonzero(np.diff(run.log("remaps")[:, 0]))
-    return float(np.max(left[at], initial=0.0))
+    return float(np.max(np.linalg.norm(moved - explained, axis=1), initial=0.0))
 
 
 def _limits(run: WipingRun) -> Figures:

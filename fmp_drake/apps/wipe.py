@@ -135,7 +135,7 @@ def wipe(
     for target in (html, report):
         check_writable(target)
     check_picture(plot)
-    size = (video_width, video_width * 3 // 4)
+    size = (video_width, 2 * round(video_width * 3 / 8))
     if video is not None:
         check_film(video, fps=video_fps, speed=video_speed, size=size)
     if log is not None:
@@ -186,8 +186,9 @@ def wipe(
     if graphviz is not None:
         write_graph(run.station, graphviz)
         console.print(f"wrote {graphviz}")
-    reel = FilmReel(run.station, fps=video_fps, speed=video_speed)
+    reel = None
     if video is not None:
+        reel = FilmReel(run.station, fps=video_fps, speed=video_speed)
         reel.watch(run.simulator)
     realtime = (0.0 if headless else 1.0) if rate is None else rate
     run.simulator.set_target_realtime_rate(realtime)
@@ -224,7 +225,7 @@ def wipe(
     if html is not None:
         html.write_text(run.html(duration), encoding="utf-8")
         console.print(f"wrote {html}")
-    if video is not None:
+    if video is not None and reel is not None:
         _film(run, reel, video, size=size)
         console.print(f"wrote {video}")
     if not headless and sys.stdin is not None and sys.stdin.isatty():

@@ -212,6 +212,7 @@ def retargeted(
     *,
     target: NDArray[np.float64],
     tempo: float,
+    seconds: float = 0.0,
 ) -> tuple[PlaybackState, NDArray[np.float64]]:
     """Track another target from a tick on, without a jump.
 
@@ -225,11 +226,13 @@ def retargeted(
     target : ndarray, shape (D*T,)
         Weights.
     tempo : float
+    seconds : float
+        Of the skill, since the tick: where the motion shall not jump.
 
     Returns
     -------
     playback, offset
     """
     new = replace(playback, target=target)
-    change = player.motion(playback)[:2] - player.motion(new)[:2]
+    change = player.motion(playback, seconds)[:2] - player.motion(new, seconds)[:2]
     return new, offset + change * np.array([[1.0], [tempo]])

@@ -321,8 +321,8 @@ class SensorConfig:
 class CameraConfig:
     """From where the page and films look, in the frame of the robot's base, m."""
 
-    eye: list[float] = field(default_factory=lambda: [1.42, -0.92, 0.82])
-    target: list[float] = field(default_factory=lambda: [0.36, 0.0, 0.25])
+    eye: list[float] = field(default_factory=lambda: [1.50, -0.98, 0.86])
+    target: list[float] = field(default_factory=lambda: [0.37, 0.0, 0.20])
 
     def check(self) -> None:
         """Check every value."""

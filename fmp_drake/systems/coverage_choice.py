@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import StationError
+from fmp_drake.primitives.numeric import is_whole
 from fmp_drake.systems.ink_grid import InkGrid
 
 
@@ -35,9 +36,10 @@ class CoverageChoice:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if self.candidates < 1:
+        if not (is_whole(self.candidates) and self.candidates >= 1):
             raise StationError(
-                f"the candidates are {self.candidates}; there must be at least one."
+                f"the number of candidates is {self.candidates}; it must be a whole "
+                "number, at least 1."
             )
 
     def wiped(
@@ -56,7 +58,8 @@ class CoverageChoice:
         ndarray, shape (S,)
         """
         pitch, (rows, columns) = self.grid.pitch, self.grid.shape
-        reach = np.maximum(np.array(self.footprint) / 2 - self.margin, 0.0) // pitch
+        half = np.maximum(np.array(self.footprint) / 2 - self.margin, 0.0)
+        reach = np.floor(half / pitch + 1e-9)
         x, y = (np.arange(-r, r + 1, dtype=np.intp) for r in reach)
         cell = np.floor((paths[..., :2] - self.grid.corner) / pitch).astype(np.intp)
         total = np.empty(len(paths))

@@ -15,7 +15,6 @@ from pydrake.systems.framework import (
     DiscreteValues,
     EventStatus,
     LeafSystem,
-    State,
     ValueProducer,
 )
 
@@ -50,8 +49,8 @@ class FourierPrimitiveSystem(LeafSystem):
     The Fourier weights are discrete state. Events move them: at initialisation the
     measured position is mapped to weights (Algorithm 1); a periodic tick, at
     the rate of the skill, brings the weights closer to the mean (or a sample) of
-    the active component (Algorithm 2); a re-mapping, every T - K ticks, maps the last K
-    desired positions to the start of a new window (section V-D of the paper).
+    the active component (Algorithm 2), and every T - K ticks it re-maps: the last K
+    desired positions become the start of a new window (section V-D of the paper).
     The outputs are exact at every time between ticks, and no re-mapping makes
     them jump.
 
@@ -112,12 +111,6 @@ class FourierPrimitiveSystem(LeafSystem):
     choice : CoverageChoice, optional
         After each re-mapping, of several samples the one is tracked that passes over the
         most ink. For skills of 3 position channels in the frame of the board.
-
-    Notes
-    -----
-    A tick and a re-mapping fall on the same instant. Drake runs the unrestricted update
-    (the re-mapping) first; it makes the tick that is due itself, and the discrete update
-    (the tick) then finds nothing to do.
     """
 
     def __init__(
@@ -169,7 +162,6 @@ class FourierPrimitiveSystem(LeafSystem):
         tick = player.tick_seconds
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
         self.DeclarePeriodicDiscreteUpdateEvent(tick, tick, self._tick)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(tick, tick, self._remap)
 
     def _declare_outputs(self, d: int, weights: int) -> None:
         state, now = {self.xd_ticket()}, {self.time_ticket(), self.xd_ticket()}
@@ -310,41 +302,31 @@ class FourierPrimitiveSystem(LeafSystem):
         return EventStatus.Succeeded()
 
     def _tick(self, context: Context, values: DiscreteValues) -> EventStatus:
-        due = self._due(context)
-        if due is None:
-            return EventStatus.DidNothing()
-        self._store(values, *due)
-        return EventStatus.Succeeded()
-
-    def _remap(self, context: Context, state: State) -> EventStatus:
-        due = self._due(context)
-        if due is None:
-            return EventStatus.DidNothing()
-        live, measurements, book = due
+        live, seconds = self._live(context)
+        before = self._read_book(context)
+        state, measurements, book = self._ticked(context, live, seconds, before)
         if book.time - book.pushed_since > self._push_dwell - 1e-6:
             playback, offset = remapped(
                 self._player,
-                live.playback,
-                live.offset,
-                tempo=live.tempo,
-                seconds=live.rest,
+                state.playback,
+                state.offset,
+                tempo=state.tempo,
+                seconds=state.rest,
                 observed=measurements,
-                sample=live.sample,
+                sample=state.sample,
             )
-            live = replace(
-                live,
+            state = replace(
+                state,
                 playback=playback,
                 offset=offset,
                 rest=0.0,
                 blend_time=min(_PUSHED_BLEND_TIME, self._player.blend_time),
             )
             book = book._replace(pushed_since=math.inf, reactive=book.reactive + 1)
-        elif live.playback.remaps == book.remaps:
-            return EventStatus.DidNothing()
-        if self._choice is not None and live.sample:
-            live = self._chosen(context, live, self._choice)
-        values = state.get_mutable_discrete_state()
-        self._store(values, live, measurements, book)
+        is_new = state.playback.remaps != before.remaps
+        if is_new and self._choice is not None and state.sample:
+            state = self._chosen(context, state, self._choice)
+        self._store(values, state, measurements, book)
         return EventStatus.Succeeded()
 
     def _chosen(
@@ -362,18 +344,20 @@ class FourierPrimitiveSystem(LeafSystem):
             live.offset,
             target=targets[best],
             tempo=live.tempo,
+            seconds=live.rest,
         )
         return replace(live, playback=playback, offset=offset)
 
-    def _due(
-        self, context: Context
-    ) -> tuple[LiveState, NDArray[np.float64], PlaybackBook] | None:
-        """Return the state after the tick that is due now, None where it was made."""
-        live, seconds = self._live(context)
+    def _ticked(
+        self,
+        context: Context,
+        live: LivePlayback,
+        seconds: float,
+        book: PlaybackBook,
+    ) -> tuple[LiveState, NDArray[np.float64], PlaybackBook]:
+        """Return state, measurements and book after the ticks that are due now."""
         tick = self._player.tick_seconds
-        if seconds < 0.5 * tick:
-            return None
-        state, book = live.after(seconds), self._read_book(context)
+        state = live.after(seconds)
         d = self._player.skill.n_channels_
         measurements = context.get_discrete_state().value(self._measurements)
         measurements = measurements.reshape(-1, d).copy()
@@ -394,11 +378,8 @@ class FourierPrimitiveSystem(LeafSystem):
             slope=min(max(slope, -_TEMPO_RATE), _TEMPO_RATE),
             sample=self._wanted_sample(context),
         )
-        return (
-            state,
-            measurements,
-            book._replace(time=context.get_time(), pushed_since=since),
-        )
+        book = book._replace(time=context.get_time(), pushed_since=since)
+        return state, measurements, book
 
     def _wanted_tempo(self, context: Context) -> float:
         if not self._tempo.HasValue(context):

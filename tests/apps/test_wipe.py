@@ -19,7 +19,7 @@ KEYS = {
     "contact_fraction",
     "tracking_rms_m",
     "remap_count",
-    "remap_position_jump_max_m",
+    "desired_position_jump_max_m",
     "torque_ratio_max",
     "torque_rate_max_nm_per_s",
     "joint_limit_margin_min_rad",
@@ -109,7 +109,7 @@ def test_remappings_are_counted(wipe):
     figures = wipe("--window", 1.0, duration=1.2)
     # Windows of 20 samples overlap by 5: one every 0.75 s.
     assert figures["remap_count"] == 1
-    assert 0 <= figures["remap_position_jump_max_m"] < 1e-3
+    assert 0 <= figures["desired_position_jump_max_m"] < 1e-3
 
 
 def test_one_seed_gives_one_run_and_another_another(wipe):

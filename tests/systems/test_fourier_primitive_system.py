@@ -241,7 +241,8 @@ def test_remapping_leaves_the_input_context_unchanged(system, start):
     simulator.AdvanceTo(REMAP)
     context, other = simulator.get_context(), simulator.get_context().Clone()
     before, shown = groups(context), outputs(system, context)
-    system._remap(context, other.get_mutable_state())
+    updated = system.EvalUniquePeriodicDiscreteUpdate(context)
+    other.get_mutable_discrete_state().SetFrom(updated)
     assert system.playback_state(other).remaps == 1
     assert not np.array_equal(groups(other)[0], before[0])
     for one, two in zip(groups(context), before, strict=True):

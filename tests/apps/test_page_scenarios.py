@@ -1,0 +1,98 @@
+"""Facts about what is seen of each scenario in a browser, running and replayed."""
+
+import numpy as np
+import pytest
+from browser import OFFLINE, needs_chromium, screenshot
+
+from fmp_drake.apps.inputs import scenario_skill
+from fmp_drake.apps.page import open_page
+from fmp_drake.apps.wiping_run import WipingRun
+from fmp_drake.station.scenario import LoadScenario
+
+SCENARIOS = ("table_top", "vertical", "tilted", "moving_board", "words")
+REPLAYED = "moving_board"
+SECONDS = 2.0
+
+pytestmark = [pytest.mark.browser, needs_chromium]
+
+
+def blue_ink(picture):
+    r, g, b = np.moveaxis(picture, -1, 0)
+    return (b > 0.5) & (r < 0.3) & (g < 0.4)
+
+
+def white(picture):
+    """Return the pixels of the bare board, lighter than the background."""
+    return picture.min(axis=-1) > 0.875
+
+
+@pytest.fixture(scope="module")
+def run_of():
+    """The function that simulates two seconds of a scenario with a page, each once."""
+    runs = {}
+
+    def get(name):
+        if name not in runs:
+            scenario = LoadScenario(name)
+            skill, demonstrations, _ = scenario_skill(scenario)
+            runs[name] = WipingRun(
+                scenario,
+                skill,
+                demonstrations=demonstrations,
+                meshcat=open_page(),
+                recording=name == REPLAYED,
+            )
+            runs[name].simulator.AdvanceTo(SECONDS)
+        return runs[name]
+
+    return get
+
+
+def pictures(run, folder):
+    """Return what the page shows, and what it shows without the arm."""
+    url, arm = run.meshcat.web_url(), "/drake/bodies/panda"
+    whole = screenshot(url, folder)
+    run.meshcat.SetProperty(arm, "visible", False)
+    bare = screenshot(url, folder)
+    run.meshcat.SetProperty(arm, "visible", True)
+    return whole, bare
+
+
+def assert_shows_the_scene(whole, bare):
+    # Ink, and within its bounds board that is bare.
+    ink = blue_ink(bare)
+    assert np.mean(ink) > 0.001
+    rows, columns = (np.flatnonzero(ink.any(axis=axis)) for axis in (1, 0))
+    board = white(bare)[rows[0] : rows[-1], columns[0] : columns[-1]]
+    assert np.sum(board) > 0.001 * ink.size
+    # What is gone without the arm was mostly white, and some of it dark.
+    arm = np.abs(whole - bare).max(axis=-1) > 0.1
+    assert np.mean(arm) > 0.01
+    assert np.mean(whole[arm].min(axis=-1) > 0.6) > 0.3
+    assert np.mean(whole[arm].max(axis=-1) < 0.4) > 0.02
+    # Neither is cut off by the edge of the picture.
+    edges = [part[edge] for part in (arm, ink) for edge in (0, -1)]
+    edges += [part[:, edge] for part in (arm, ink) for edge in (0, -1)]
+    assert not any(np.any(edge) for edge in edges)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_page_shows_arm_board_and_ink_of_a_scenario(run_of, tmp_path, name):
+    run = run_of(name)
+    assert run.output("cleaned_fraction")[0] > 0.002
+    whole, bare = pictures(run, tmp_path)
+    assert_shows_the_scene(whole, bare)
+
+
+def test_recording_of_a_scenario_opens_offline_and_shows_the_same(run_of, tmp_path):
+    run = run_of(REPLAYED)
+    run.remove_controls()
+    html = tmp_path / "run.html"
+    html.write_text(run.html(SECONDS), encoding="utf-8")
+    picture = screenshot(html.as_uri(), tmp_path, *OFFLINE)
+    live = screenshot(run.meshcat.web_url(), tmp_path)
+    ink, live_ink = blue_ink(picture), blue_ink(live)
+    assert np.mean(live_ink) > 0.05
+    # The board on its rail, arm and ink where the run left them.
+    assert np.mean(ink != live_ink) < 0.05 * np.mean(live_ink)
+    assert np.mean(np.abs(picture - live).max(axis=-1) > 0.1) < 0.01

@@ -1,0 +1,150 @@
+"""Facts about `fmp-drake scenarios`."""
+
+import re
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from fmp_drake.apps import scenario_page as page_module
+from fmp_drake.apps import scenarios as scenarios_module
+from fmp_drake.apps.film import checks
+from fmp_drake.apps.scenario_page import Measured, measure_scenario, scenario_page
+from fmp_drake.errors import FmpError
+from fmp_drake.station.scenario import ListScenarios, LoadScenario
+
+FIGURES = {
+    "cleaned_fraction_of_demonstrated_area": 0.987,
+    "seconds_to_50_percent": 12.3,
+    "seconds_to_90_percent": 40.0,
+    "seconds_to_99_percent": None,
+    "normal_force_p05_n": 8.91,
+    "normal_force_p95_n": 11.2,
+    "normal_force_wanted_fraction": 0.999,
+    "tracking_rms_m": 0.00352,
+    "torque_ratio_max": 0.48,
+    "joint_speed_ratio_max": 0.84,
+    "joint_limit_margin_min_rad": 0.444,
+    "fault_fraction": 0.0,
+}
+
+
+def rows(page):
+    """Return the cells of each row of the page's table."""
+    lines = [line for line in page.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
+
+
+def blue_ink(picture):
+    r, g, b = np.moveaxis(picture[..., :3], -1, 0)
+    return (b > 0.3) & (b > 2 * r) & (b > 1.5 * g)
+
+
+def test_every_scenario_is_listed_with_its_description(command):
+    result = command("scenarios")
+    assert result.code == 0
+    assert result.err == ""
+    lines = result.out.splitlines()
+    names = ListScenarios()
+    assert {"table_top", "vertical", "tilted", "pushed", "words"} < set(names)
+    for line, name in zip(lines, names, strict=False):
+        assert line.split() == [name, *LoadScenario(name).description.split()]
+    assert "fmp-drake wipe --scenario" in lines[-1]
+    assert len(lines) == len(names) + 1
+
+
+def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
+    # The processes that simulate are told the names.
+    monkeypatch.setattr(
+        scenarios_module, "ListScenarios", lambda: ["moving_board", "words"]
+    )
+    path = outputs / "README.md"
+    result = command("scenarios", "--page", path, "--duration", 1.5)
+    assert result.code == 0, result
+    assert result.err == ""
+    assert f"wrote {path}" in result.out
+    page = path.read_text(encoding="utf-8")
+    assert "1.5 s of each" in page
+    head, line, *body = rows(page)
+    assert set("".join(line)) == {"-"}
+    assert [row[0] for row in body] == [
+        "[moving_board](#moving_board)",
+        "[words](#words)",
+    ]
+    for row in body:
+        assert len(row) == len(head)
+        numbers = [float(n) for cell in row for n in re.findall(r"\d+\.?\d*", cell)]
+        assert len(numbers) >= 8
+        assert float(row[1].removesuffix("%")) < 100
+    for name in ("moving_board", "words"):
+        assert f"## {name}\n\n{LoadScenario(name).description}" in page
+    if not checks.renders():
+        pytest.skip("pictures need EGL")
+    for name in ("moving_board", "words"):
+        assert f"]({name}.png)" in page
+        picture = matplotlib.image.imread(outputs / f"{name}.png")
+        assert picture.shape[:2] == (360, 480)
+        assert np.mean(blue_ink(picture)) > 0.003
+    assert len(list(outputs.iterdir())) == 3
+
+
+def test_page_says_what_was_measured():
+    measured = {"table_top": Measured(FIGURES, True)}
+    page = scenario_page(measured, duration=60.0)
+    (row,) = rows(page)[2:]
+    assert row == [
+        "[table_top](#table_top)",
+        "98.7 %",
+        "12 / 40 / - s",
+        "8.9 to 11.2 N",
+        "99.9 %",
+        "3.5 mm",
+        "48 / 84 %",
+        "0.44 rad",
+    ]
+    assert "![table_top after 60 s](table_top.png)" in page
+    assert "60 s of each" in page
+    assert "Held" not in page
+
+
+def test_page_names_faults_and_leaves_out_pictures_that_are_not_there():
+    faulty = FIGURES | {"fault_fraction": 0.123}
+    page = scenario_page({"pushed": Measured(faulty, False)}, duration=10.0)
+    assert "Held or at a wall 12.3 % of the time." in page
+    assert "![" not in page
+
+
+def test_without_egl_there_are_figures_and_no_picture(monkeypatch, outputs):
+    def blind(*_, **__):
+        raise FmpError("films are rendered through EGL, which does not work here")
+
+    monkeypatch.setattr(page_module, "render_picture", blind)
+    figures, pictured = measure_scenario("table_top", 0.2, outputs)
+    assert not pictured
+    assert set(FIGURES) <= set(figures)
+    assert list(outputs.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (("--page", "page.txt"), "name end in .md"),
+        (("--page", "missing/page.md"), "there is no folder"),
+        (("--page", "."), "is a folder"),
+        (("--page", "page.md", "--duration", 0), "duration is 0"),
+        (("--page", "page.md", "--duration", -1), "duration is -1"),
+        (("--page", "page.md", "--duration", "nan"), "duration is nan"),
+        (("--page", "page.md", "--duration", "inf"), "duration is inf"),
+        (("--pages",), "--pages"),
+    ],
+)
+def test_wrong_option_is_refused_before_the_work(
+    refused, outputs, monkeypatch, options, reason
+):
+    def work(*_, **__):
+        raise AssertionError("it began to work")
+
+    monkeypatch.setattr(scenarios_module, "ProcessPoolExecutor", work)
+    monkeypatch.chdir(outputs)
+    assert reason in refused("scenarios", *options)
+    assert list(outputs.iterdir()) == []

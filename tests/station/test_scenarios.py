@@ -1,0 +1,68 @@
+"""Facts about a minute of every scenario that comes with the package.
+
+One class for each scenario, so that `pytest -n auto --dist loadscope` spreads them.
+"""
+
+import json
+
+import pytest
+
+from fmp_drake.apps.inputs import scenario_skill
+from fmp_drake.apps.run_figures import WANTED_FORCE, run_figures
+from fmp_drake.apps.wiping_run import WipingRun
+from fmp_drake.station.scenario import ListScenarios, LoadScenario
+
+pytestmark = pytest.mark.slow
+
+SECONDS = 60.0
+
+
+def minute_of(name):
+    """Return the figures of a minute as `fmp-drake wipe --headless` simulates it."""
+    scenario = LoadScenario(name)
+    skill, demonstrations, _ = scenario_skill(scenario)
+    run = WipingRun(scenario, skill, demonstrations=demonstrations)
+    run.simulator.AdvanceTo(SECONDS)
+    return run_figures(run)
+
+
+class Minute:
+    """What holds in every scenario."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def figures(cls):
+        figures = minute_of(cls.scenario)
+        # Shown where a test fails.
+        print(cls.scenario, json.dumps(figures, indent=1))  # noqa: T201
+        return figures
+
+    def test_keeps_every_limit(self, figures):
+        assert 0 < figures["torque_ratio_max"] < 1
+        assert 0 < figures["joint_speed_ratio_max"] < 1
+        assert 0 < figures["torque_rate_max_nm_per_s"] < 1000
+        assert figures["joint_limit_margin_min_rad"] > 0
+        assert figures["fault_fraction"] == 0
+
+    def test_presses_as_wanted_while_it_touches(self, figures):
+        assert WANTED_FORCE == (5.0, 15.0)
+        assert figures["normal_force_wanted_fraction"] >= 0.95
+        assert figures["contact_fraction"] > 0.9
+
+    def test_remaps_without_a_jump(self, figures):
+        assert figures["remap_count"] >= 9
+        assert figures["desired_position_jump_max_m"] < 1e-4
+
+
+class FixedBoardMinute(Minute):
+    """What holds on a board that stands still, too."""
+
+    def test_cleans_the_demonstrated_area(self, figures):
+        assert figures["cleaned_fraction_of_demonstrated_area"] >= 0.95
+
+
+for _name in ListScenarios():
+    _moves = LoadScenario(_name).board.motion.amplitude > 0
+    _kind = Minute if _moves else FixedBoardMinute
+    _class = f"Test_{_name}"
+    globals()[_class] = type(_class, (_kind,), {"scenario": _name})
