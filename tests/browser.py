@@ -157,7 +157,7 @@ class Page:
         """End the browser."""
         os.close(self._in)
         os.close(self._out)
-        # The browser and its helpers: the process group that this object began.
+        # The browser and its other processes: the group that this object began.
         os.killpg(self._process, signal.SIGKILL)
         os.waitpid(self._process, 0)
 
