@@ -36,7 +36,9 @@ def MakeWipingStation(
     """Build the diagram in which the arm plays a skill on the whiteboard.
 
     The skill lives in the frame B of the board, so do the desired and the measured
-    motion. A Simulator's initialisation maps the measured start to the skill.
+    motion. A Simulator's initialisation maps the measured start to the skill. For
+    a plant without a time step (CENIC) give it the scenario's integrator:
+    ``ApplySimulatorConfig(scenario.simulator, simulator)``.
 
     Systems: plant, scene_graph, fourier_primitive, tempo, normal_press, controller,
     gravity_compensation, actuation, ink_board; where the scenario needs them sensors,
