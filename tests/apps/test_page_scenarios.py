@@ -7,9 +7,8 @@ from browser import OFFLINE, needs_chromium, screenshot
 from fmp_drake.apps.inputs import scenario_skill
 from fmp_drake.apps.page import open_page
 from fmp_drake.apps.wiping_run import WipingRun
-from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
-SCENARIOS = ("table_top", "vertical", "tilted", "moving_board", "words")
 REPLAYED = "moving_board"
 SECONDS = 2.0
 
@@ -76,7 +75,7 @@ def assert_shows_the_scene(whole, bare):
     assert not any(np.any(edge) for edge in edges)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", ListScenarios())
 def test_page_shows_arm_board_and_ink_of_a_scenario(run_of, tmp_path, name):
     run = run_of(name)
     assert run.output("cleaned_fraction")[0] > 0.002
