@@ -26,7 +26,7 @@ from fmp_drake import __version__
 from fmp_drake.apps.outputs import check_writable
 from fmp_drake.apps.run_signals import signal_kind
 from fmp_drake.errors import FmpError, SkillFileError
-from fmp_drake.primitives.npz_file import read_npz, write_npz
+from fmp_drake.primitives.npz_file import read_versioned, write_npz
 
 FORMAT = "fmp-drake-run"
 VERSION = 1
@@ -164,22 +164,17 @@ class RunLog:
         path = Path(path)
         if not path.is_file():
             raise FmpError(f"there is no log {path}.")
-        foreign = f"{path} is no log of a run; write one with `fmp-drake wipe --log`."
         try:
-            arrays = read_npz(path, "a log is written by `fmp-drake wipe --log`")
-            metadata = json.loads(str(arrays["metadata"]))
-            if metadata["format"] != FORMAT:
-                raise FmpError(foreign)
-            number = int(metadata["version"])
+            metadata, arrays, _ = read_versioned(
+                path,
+                hint="a log is written by `fmp-drake wipe --log`",
+                foreign=f"{path} is no log of a run; write one with `fmp-drake wipe "
+                "--log`.",
+                form=FORMAT,
+                newest=VERSION,
+            )
         except SkillFileError as error:
             raise FmpError(str(error)) from None
-        except (KeyError, TypeError, ValueError):
-            raise FmpError(foreign) from None
-        if number > VERSION:
-            raise FmpError(
-                f"{path} has version {number}; this fmp_drake reads up to version "
-                f"{VERSION}. Update fmp_drake."
-            )
         try:
             return cls(
                 signals={

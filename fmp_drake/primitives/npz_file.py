@@ -1,5 +1,6 @@
 """Reading and writing `.npz` files so that nothing broken gets in or out."""
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -51,3 +52,45 @@ def write_npz(path: Path, arrays: dict[str, Any]) -> None:
         raise SkillFileError(f"cannot write {path}: {error.strerror}.") from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def read_versioned(
+    path: Path, *, hint: str, foreign: str, form: str, newest: int
+) -> tuple[dict[str, Any], dict[str, NDArray[Any]], int]:
+    """Read a file whose array `metadata` is JSON with a format and a version.
+
+    Parameters
+    ----------
+    path : Path
+    hint : str
+        Where such files come from, for a broken one.
+    foreign : str
+        What is said of another format.
+    form : str
+        The format.
+    newest : int
+        The newest version that can be read.
+
+    Returns
+    -------
+    metadata, arrays, version
+
+    Raises
+    ------
+    SkillFileError
+        Where the file is broken, foreign or newer.
+    """
+    arrays = read_npz(path, hint)
+    try:
+        metadata = json.loads(str(arrays["metadata"]))
+        is_foreign, version = metadata["format"] != form, int(metadata["version"])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise SkillFileError(foreign) from None
+    if is_foreign:
+        raise SkillFileError(foreign)
+    if version > newest:
+        raise SkillFileError(
+            f"{path} has version {version}; this fmp_drake reads up to version "
+            f"{newest}. Update fmp_drake."
+        )
+    return metadata, arrays, version

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from fmp_drake.errors import FmpError, SkillFileError
+from fmp_drake.errors import SkillFileError
 from fmp_drake.primitives.fitted import build_skill
 from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.movement_primitive import FourierMovementPrimitive
-from fmp_drake.primitives.npz_file import read_npz, write_npz
+from fmp_drake.primitives.npz_file import read_versioned, write_npz
 from fmp_drake.primitives.numeric import GREATEST, all_finite
 
 FORMAT = "fmp-drake-skill"
@@ -66,24 +66,13 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
     path = Path(path)
     if not path.is_file():
         raise SkillFileError(f"there is no skill file {path}.")
-    foreign = f"{path} is not a skill of fmp_drake; write one with `save_skill`."
-    arrays = read_npz(
-        path, "a skill file is written by `save_skill` or `fmp-drake learn`"
+    metadata, arrays, version = read_versioned(
+        path,
+        hint="a skill file is written by `save_skill` or `fmp-drake learn`",
+        foreign=f"{path} is not a skill of fmp_drake; write one with `save_skill`.",
+        form=FORMAT,
+        newest=VERSION,
     )
-    try:
-        metadata = json.loads(str(arrays["metadata"]))
-        if metadata["format"] != FORMAT:
-            raise SkillFileError(foreign)
-        version = int(metadata["version"])
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        if isinstance(error, FmpError):
-            raise
-        raise SkillFileError(foreign) from None
-    if version > VERSION:
-        raise SkillFileError(
-            f"{path} has version {version}; this fmp_drake reads up to version "
-            f"{VERSION}. Update fmp_drake."
-        )
     try:
         fitted = _fitted(metadata, arrays, version=version)
         skill = build_skill(metadata["parameters"], fitted)

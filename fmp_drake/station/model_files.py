@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
@@ -92,9 +92,9 @@ def AddPandaWithEraser(
     StationError
         Where a value is not allowed, or the official meshes are not to be had.
     """
-    packages = PackageMap()
-    packages.AddPackageXml(str(models_dir() / "package.xml"))
-    panda = AddPanda(plant, packages=packages, visuals=visuals)
+    parser = Parser(plant)
+    AddFmpDrakePackage(parser)
+    panda = AddPanda(plant, packages=parser.package_map(), visuals=visuals)
     eraser = AddEraser(plant, footprint=footprint, modulus=modulus, friction=friction)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("panda_link0", panda))
     plant.WeldFrames(

@@ -336,7 +336,7 @@ class FourierPrimitiveSystem(LeafSystem):
         ink: Any = self._ink.Eval(context)
         player = self._player
         targets = player.candidates(live.playback, choice.candidates)
-        paths = np.array([player.skill.synthesize(target) for target in targets])
+        paths = player.skill.synthesize(targets)
         best = choice.best(ink.reshape(choice.grid.shape), paths)
         playback, offset = retargeted(
             player,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plane_shapes import inside_convex, rectangle
 
 from fmp_drake.errors import StationError
 from fmp_drake.systems.ink_grid import InkGrid
@@ -14,22 +15,6 @@ from fmp_drake.systems.ink_sweep import sweep
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.005)
 FELT = (0.12, 0.05)
-
-
-def rectangle(centre, size, yaw=0.0):
-    half = 0.5 * np.array(size)
-    corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.asarray(centre) + corners @ np.array([[c, -s], [s, c]]).T
-
-
-def inside_convex(p, polygon):
-    """Test points against a counterclockwise polygon, edge by edge."""
-    inside = np.ones(len(p), dtype=bool)
-    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        d, e = b - a, p - a
-        inside &= d[0] * e[:, 1] - d[1] * e[:, 0] >= 0.0
-    return inside
 
 
 def swept(p_BV, pressure, polygon=None, **options):

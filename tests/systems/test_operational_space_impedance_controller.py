@@ -32,7 +32,7 @@ from fmp_drake.station.model_files import AddPandaWithEraser
 from fmp_drake.systems.impedance_config import ImpedanceConfig
 from fmp_drake.systems.impedance_error import task_error
 from fmp_drake.systems.impedance_law import ArmDynamics, impedance_law
-from fmp_drake.systems.impedance_limits import limit_torque, limit_torque_rate
+from fmp_drake.systems.impedance_limits import rate_scale, torque_scale
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -143,14 +143,12 @@ def expected_values(plant, config, X_WT, inputs, previous):
         posture_error=Q_START - inputs["state"][:7],
     ).torque
     limit = plant.GetEffortUpperLimits()
-    torque = limit_torque(torque, lower=-limit, upper=limit)
+    torque = torque_scale(torque, lower=-limit, upper=limit) * torque
+    change = torque - previous
+    most = config.max_torque_rate * config.control_period
     V_WE = E.CalcSpatialVelocityInWorld(context).translational()
     return {
-        "torque": limit_torque_rate(
-            torque,
-            previous=previous,
-            max_change=config.max_torque_rate * config.control_period,
-        ),
+        "torque": previous + rate_scale(change, max_change=most) * change,
         "measured_position": X_TE.translation(),
         "measured_velocity": X_WT.rotation().matrix().T @ V_WE,
         "tracking_error": error,
