@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.primitives.playback import Player
 from fmp_drake.primitives.playback_state import PlaybackState
+from fmp_drake.primitives.polynomial_segment import HORIZON, PolynomialSegment
 from fmp_drake.primitives.segment import Segment, critically_damped
 
 # A share of a tick that rounding may make.
@@ -60,12 +62,20 @@ class LiveState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Piece:
-    """The motion from a tick to the next: `begin` is the tick's time."""
+    """The motion from a tick to the next: `begin` is the tick's time.
 
+    `shown` is the playback with what of the offset is part of the segment.
+    """
+
+    player: Player
     playback: PlaybackState
-    segment: Segment
+    shown: PlaybackState
     begin: float
     offset: NDArray[np.float64]
+
+    @cached_property
+    def segment(self) -> Segment | PolynomialSegment:
+        return self.player.segment(self.shown)
 
 
 class LivePlayback:
@@ -100,7 +110,28 @@ class LivePlayback:
 
     def motion(self, seconds: float) -> NDArray[np.float64]:
         """Return value, velocity and acceleration at a time, shape (3, D)."""
+        return self._motion(*self._at(seconds), seconds)
+
+    def motion_and_jerk(self, seconds: float, window: float) -> NDArray[np.float64]:
+        """Return the motion and the mean jerk over a window from then on, (4, D).
+
+        The window is in seconds. A tick in it is left out, and so it is shortened
+        where it would lead half a tick beyond.
+        """
         piece, since = self._at(seconds)
+        motion = self._motion(piece, since, seconds)
+        fastest = max(self.state.tempo_after(seconds + h) for h in (0.0, window))
+        room = HORIZON * self._player.tick_seconds - since
+        if fastest * window > room:
+            window = room / fastest
+        later = seconds + window
+        since += self.state.skill_seconds(later) - self.state.skill_seconds(seconds)
+        change = self._motion(piece, since, later)[2] - motion[2]
+        return np.concatenate((motion, change[None] / window))
+
+    def _motion(
+        self, piece: _Piece, since: float, seconds: float
+    ) -> NDArray[np.float64]:
         motion = piece.segment.motion(since)
         if self._usual:
             return motion
@@ -160,10 +191,10 @@ class LivePlayback:
     def _piece_of(
         self, playback: PlaybackState, offset: NDArray[np.float64], *, begin: float
     ) -> _Piece:
-        shown = replace(playback, offset=offset) if self._usual else playback
         return _Piece(
+            player=self._player,
             playback=playback,
-            segment=self._player.segment(shown),
+            shown=replace(playback, offset=offset) if self._usual else playback,
             begin=begin,
             offset=offset,
         )

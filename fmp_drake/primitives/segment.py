@@ -28,12 +28,19 @@ def critically_damped(
     """
     value, velocity = offset[..., 0, :], offset[..., 1, :]
     slope = velocity + rate * value
+    decay: NDArray[np.float64] | float
     if isinstance(seconds, np.ndarray):
         seconds = seconds.reshape(-1, *[1] * value.ndim)
-    decay = np.exp(-rate * seconds)
+        decay = np.exp(-rate * seconds)
+    else:
+        decay = math.exp(-rate * seconds)
     here = (value + slope * seconds) * decay
     slope = slope * decay
-    return np.stack([here, slope - rate * here, rate * (rate * here - 2 * slope)])
+    out = np.empty((3, *here.shape))
+    out[0] = here
+    out[1] = slope - rate * here
+    out[2] = rate * (rate * here - 2 * slope)
+    return out
 
 
 class Segment:
@@ -91,9 +98,8 @@ class Segment:
             modes = rows[:, None, :] * (inside.reshape(d, -1) * scales[:, None])
             self._rates_by_channel = True
         else:
-            modes = np.tensordot(
-                rows, drift.modes.reshape(d, rows.shape[1], len(inside)), (1, 1)
-            )
+            by_channel = drift.modes.reshape(d, rows.shape[1], len(inside))
+            modes = np.transpose(rows @ by_channel, (1, 0, 2))
             modes *= scales[:, None] * inside
             self._rates_by_channel = False
         self._modes = modes.reshape(len(rows), -1)

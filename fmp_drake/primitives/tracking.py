@@ -1,5 +1,6 @@
 """Controllers that bring Fourier weights to their target: Algorithm 2."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -59,6 +60,28 @@ class Drift:
     def rest_decay(self, seconds: ArrayLike) -> NDArray[np.float64]:
         """Return what is left of the rest and two derivatives, (3, ...)."""
         return _decay(np.array([self.rest_rate]), seconds, self.euler_tick)[..., 0]
+
+    def after(
+        self,
+        weights: NDArray[np.float64],
+        target: NDArray[np.float64],
+        seconds: float,
+    ) -> NDArray[np.float64]:
+        """Return the weights after some seconds, (..., n)."""
+        deviation = weights - target
+        decay = self.decay(seconds)[0]
+        if self.modes is None:
+            return target + decay * deviation
+        if self.euler_tick == 0:
+            rest = math.exp(-self.rest_rate * seconds)
+        else:
+            rest = float(self.rest_decay(seconds)[0])
+        inside = deviation @ self.modes
+        inside *= decay - rest
+        left: NDArray[np.float64] = inside @ self.modes.T
+        left += rest * deviation
+        left += target
+        return left
 
     def advance(
         self,

@@ -69,6 +69,7 @@ class Scenario:
             time_step=0.001,
             contact_model="hydroelastic_with_fallback",
             discrete_contact_approximation="lagged",
+            use_sampled_output_ports=False,
         )
     )
     simulator: SimulatorConfig = field(

@@ -108,6 +108,7 @@ def MakeWipingStation(
         seed=plays.seed if seed is None else seed,
         push_threshold=plays.push_threshold,
         push_dwell=plays.push_dwell,
+        jerk_window=scenario.impedance.model_period,
         choice=choice,
     )
     builder.AddSystem(primitive)
@@ -118,7 +119,7 @@ def MakeWipingStation(
     )
     measured = controller.GetOutputPort("measured_position")
     builder.Connect(measured, primitive.GetInputPort("measured_position"))
-    for name in ("position", "velocity", "acceleration"):
+    for name in ("position", "velocity", "acceleration", "jerk"):
         builder.Connect(
             primitive.GetOutputPort(name), controller.GetInputPort(f"desired_{name}")
         )

@@ -77,6 +77,9 @@ class FourierPrimitiveSystem(LeafSystem):
     ------------
     position, velocity, acceleration : (D,)
         Desired, in the frame and units of the skill, per second and per second^2.
+    jerk : (D,)
+        How the desired acceleration goes on, per second^3: its mean change over the
+        next `jerk_window`.
     covariance : (D*D,)
         Of the desired position (18), row by row.
     weights : (D*T,)
@@ -108,6 +111,8 @@ class FourierPrimitiveSystem(LeafSystem):
         How long it must have been pushed before its motion is mapped, s.
     plan_seconds : float
         Length of the plan, s.
+    jerk_window : float
+        What the jerk is a mean over, s: how long a controller holds it.
     choice : CoverageChoice, optional
         After each re-mapping, of several samples the one is tracked that passes over the
         most ink. For skills of 3 position channels in the frame of the board.
@@ -123,6 +128,7 @@ class FourierPrimitiveSystem(LeafSystem):
         push_threshold: float | None = None,
         push_dwell: float = 0.2,
         plan_seconds: float = 3.0,
+        jerk_window: float = 0.02,
         choice: CoverageChoice | None = None,
     ) -> None:
         super().__init__()
@@ -133,11 +139,13 @@ class FourierPrimitiveSystem(LeafSystem):
             "push_threshold": push_threshold,
             "push_dwell": push_dwell,
             "plan_seconds": plan_seconds,
+            "jerk_window": jerk_window,
         }.items():
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise SkillError(f"{name} is {value}; it must be positive.")
         self._push_threshold = push_threshold
         self._push_dwell = push_dwell
+        self._jerk_window = jerk_window
         self._plan_ticks = math.ceil(plan_seconds / player.tick_seconds - 1e-6)
         d = skill.n_channels_
         start = player.start(self.resting_value(skill))
@@ -185,7 +193,7 @@ class FourierPrimitiveSystem(LeafSystem):
             prerequisites_of_calc=state,
         )
         declare = self.DeclareVectorOutputPort
-        for order, name in enumerate(("position", "velocity", "acceleration")):
+        for order, name in enumerate(("position", "velocity", "acceleration", "jerk")):
             calc = self._calc_part_of(self._motion, order)
             declare(name, d, calc, prerequisites_of_calc=now)
         declare("covariance", d * d, self._calc_covariance, prerequisites_of_calc=now)
@@ -407,7 +415,7 @@ class FourierPrimitiveSystem(LeafSystem):
 
     def _calc_motion(self, context: Any, value: Any) -> None:
         live, seconds = self._live(context)
-        value.set_value(live.motion(seconds))
+        value.set_value(live.motion_and_jerk(seconds, self._jerk_window))
 
     def _calc_plan(self, context: Any, value: Any) -> None:
         state = self._read(context)

@@ -103,9 +103,9 @@ class ArmModel:
             self._world,
         )
         R_TW = arm.R_WT.T
-        arm.R_TE = np.dot(R_TW, X_WE[:, :3])
-        arm.p_TE = np.dot(R_TW, X_WE[:, 3] - arm.p_WT)
-        arm.J = np.dot(arm.turn, J_WE)
+        arm.R_TE = R_TW.dot(X_WE[:, :3])
+        arm.p_TE = R_TW.dot(X_WE[:, 3] - arm.p_WT)
+        arm.J = arm.turn.dot(J_WE)
 
     def dynamics(self, arm: ArmKinematics) -> ArmDynamics:
         """Return the equation of motion at the state that was read, finite."""
@@ -123,7 +123,7 @@ class ArmModel:
             plant.CalcMassMatrix(plant_context),
             plant.CalcBiasTerm(plant_context),
             arm.J,
-            np.dot(arm.turn, A_WE_bias.get_coeffs()),
+            arm.turn.dot(A_WE_bias.get_coeffs()),
         )
 
 

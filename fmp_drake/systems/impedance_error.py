@@ -62,7 +62,7 @@ def task_error(
         ``(log(R_TE_desired R_TEᵀ), p_TE_desired − p_TE)``: rad and m, in T.
     """
     error = np.empty(6)
-    error[:3] = rotation_vector(np.dot(R_TE_desired, R_TE.T))
+    error[:3] = rotation_vector(R_TE_desired.dot(R_TE.T))
     error[3:] = p_TE_desired - p_TE
     return error
 
@@ -82,7 +82,7 @@ def shorten(x: Array, limit: float) -> Array:
     array, shape (k,)
         `x` itself where it is short enough.
     """
-    length = math.sqrt(np.dot(x, x))
+    length = math.sqrt(x.dot(x))
     return x * (limit / length) if length > limit else x
 
 

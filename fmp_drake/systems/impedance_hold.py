@@ -64,6 +64,7 @@ class HeldModel(NamedTuple):
     torque: Array
     slope: Array
     rate: Array
+    curve: Array
     state: Array
     reach: Array
 
@@ -75,11 +76,12 @@ def linearized(
     *,
     desired_twist: Array,
     desired_acceleration: Array,
-) -> tuple[Array, Array]:
+    desired_jerk: Array | None = None,
+) -> tuple[Array, Array, Array]:
     """Return G transposed, shape (2n, n), and r, shape (n,), of the law.
 
     ``G_q = −(Jᵀ K J + ω² Nᵀ M)``, ``G_v = −(Jᵀ D J + 2 ζ ω Nᵀ M)`` and
-    ``r = Jᵀ (K V_d + D A_d)``, where ``K``, ``D`` and Λ are diagonal in the modes.
+    ``r = Jᵀ (K V_d + D A_d + Λ j_d)``, where ``K``, ``D`` and Λ are diagonal in the modes.
 
     Parameters
     ----------
@@ -90,6 +92,8 @@ def linearized(
         Its result, with no error clipped and no inertia bounded.
     desired_twist, desired_acceleration : array, shape (6,)
         As for the law.
+    desired_jerk : array, shape (3,), optional
+        j_d of the translation, m/s³, in T.
     """
     d, BJ, B_t = law.modal_damping, law.modal_jacobian, law.modes.T
     n = len(arm.M)
@@ -104,9 +108,13 @@ def linearized(
     slope: Array = np.dot((weights * BJ.T).reshape(2 * n, 6), BJ)
     slope[:n] -= spring * arm.M
     slope[n:] -= damper * arm.M
-    k *= np.dot(B_t, desired_twist)
-    k += d * np.dot(B_t, desired_acceleration)
-    return slope, np.dot(BJ.T, k)
+    V, A = B_t.dot(desired_twist), B_t.dot(desired_acceleration)
+    rate, curve = k * V + d * A, 0.5 * k * A
+    if desired_jerk is not None:
+        j = B_t[:, 3:].dot(desired_jerk)
+        rate += j
+        curve += 0.5 * d * j
+    return slope, BJ.T.dot(rate), BJ.T.dot(curve)
 
 
 def reach_of(
@@ -174,7 +182,7 @@ class ModelHold:
         self._friction = friction
         self._updates = max(round(model_period / control_period), 1)
         self._head = 2 + n
-        rows, columns = self._shape = (5 * n, 3 * n + 2)
+        rows, columns = self._shape = (5 * n, 3 * n + 3)
         # Diagonals of the matrix: of the reach by the state, of the change by z's
         # previous torque.
         begin = self._head + n * columns
@@ -211,11 +219,12 @@ class ModelHold:
         rows = self._matrix(vector)
         torque = rows[:n]
         torque[:, : 2 * n] = slope.T
-        torque[:, -2] = model.torque - np.dot(model.state, slope)
-        torque[:, -1] = model.rate + drift
+        torque[:, -3] = model.torque - model.state.dot(slope)
+        torque[:, -2] = model.rate + drift
+        torque[:, -1] = model.curve
         per_reach = 1 / model.reach
         vector[self._reach] = per_reach
-        rows[n : 3 * n, -2] = -per_reach * model.state
+        rows[n : 3 * n, -3] = -per_reach * model.state
         np.multiply(torque, self._per_limit[:, None], out=rows[3 * n : 4 * n])
         np.multiply(torque, 1 / self._max_change, out=rows[4 * n :])
         vector[self._change] = -1 / self._max_change
@@ -231,19 +240,20 @@ class ModelHold:
         if not start < time < end + self._period:
             return 0.0
         z = self._input(model.state, model.torque, time - start)
-        rate: Array = model.torque - np.dot(self._matrix(before)[: self._n], z)
+        rate: Array = model.torque - self._matrix(before)[: self._n].dot(z)
         rate /= time - start
         rate += before[2 : self._head]
-        return rate if np.dot(rate, rate) < _DRIFT * _DRIFT else 0.0
+        return rate if rate.dot(rate) < _DRIFT * _DRIFT else 0.0
 
     def _input(self, state: Array, previous: Array, time: float) -> Array:
         """Return z."""
         n = self._n
-        z = np.empty(3 * n + 2)
+        z = np.empty(3 * n + 3)
         z[: 2 * n] = state
-        z[2 * n : -2] = previous
-        z[-2] = 1.0
-        z[-1] = time
+        z[2 * n : -3] = previous
+        z[-3] = 1.0
+        z[-2] = time
+        z[-1] = time * time
         return z
 
     def elapsed(self, vector: Array, *, time: float) -> float:
@@ -253,19 +263,23 @@ class ModelHold:
             return round(periods) * self._period
         return self._period
 
+    def serves(self, vector: Array, *, time: float) -> bool:
+        """Tell whether there is a model, and it is not too old, at a time in s."""
+        start, end = vector[:2].tolist()
+        return bool(start <= time < end)
+
     def torque(
         self, vector: Array, *, time: float, state: Array, previous: Array
     ) -> Array | None:
         """Return the model's torque, or None where a full update is due.
 
-        It is due when the model is too old or there is none, when the state has left
-        the model's reach or is not finite, and when an effort or a rate is near its
-        limit.
+        It is due when the state has left the model's reach or is not finite, and when
+        an effort or a rate is near its limit.
 
         Parameters
         ----------
         vector : array
-            What `pack` returned.
+            What `pack` returned, while it `serves`.
         time : float
             s.
         state : array, shape (2n,)
@@ -273,17 +287,14 @@ class ModelHold:
         previous : array, shape (n,)
             The torque of the update before, Nm.
         """
-        start, end = vector[:2].tolist()
-        if not start <= time < end:
-            return None
         friction = self._friction
         if friction is not None:
             extra = friction.torque(state[self._n :])
             previous = previous - extra
-        z = self._input(state, previous, time - start)
-        y: Array = np.dot(self._matrix(vector), z)
+        z = self._input(state, previous, time - float(vector[0]))
+        y: Array = self._matrix(vector).dot(z)
         torque, limits = y[: self._n], y[self._n :]
-        if not np.dot(limits, limits) < 1:  # NaN is refused as well.
+        if not limits.dot(limits) < 1:  # NaN is refused as well.
             return None
         if friction is not None:
             torque += extra  # Not in the matrix's part of the efforts.

@@ -40,6 +40,8 @@ class StepInputs(NamedTuple):
     ----------
     target : TaskTarget
         Relative to T.
+    jerk : array, shape (3,), or None
+        How the target's acceleration goes on, m/s³, in T.
     wrench : array, shape (6,)
         Feed-forward, Nm and N, in T.
     finite : bool
@@ -67,6 +69,7 @@ class StepInputs(NamedTuple):
     """
 
     target: TaskTarget
+    jerk: Array | None
     wrench: Array
     finite: bool
     turning: bool

@@ -138,7 +138,7 @@ def task_inertia(
     factor, _ = lapack.dpotrf(M, lower=1)
     # Not dtrtrs: OpenBLAS starts threads for it, and waits milliseconds for them.
     Y = blas.dtrsm(1.0, factor, (column * J).T, lower=1)
-    mobility = np.dot(Y.T, Y)
+    mobility = Y.T.dot(Y)
     L, info = lapack.dpotrf(mobility, lower=1)
     if info == 0:
         L_inv = blas.dtrsm(1.0, L, _IDENTITY, lower=1)
@@ -186,9 +186,9 @@ def damping_modes(
         ``2 ζ ω`` of each mode, 1/s; the damping matrix is ``D = B diag(d) Bᵀ``.
     """
     H = inertia.H
-    squared, V, _ = lapack.dsyev(np.dot(H.T, np.dot(stiffness, H)))
+    squared, V, _ = lapack.dsyev(H.T.dot(stiffness.dot(H)))
     d = 2 * damping_ratio * np.sqrt(np.maximum(squared, 0.0))
-    return np.dot(inertia.W.T, V), d
+    return inertia.W.T.dot(V), d
 
 
 def impedance_law(
@@ -234,7 +234,7 @@ def impedance_law(
     v, M, Cv, J, Jdot_v = arm
     K = gains.stiffness if stiffness is None else stiffness
     omega = gains.posture_frequency
-    length = math.sqrt(np.dot(posture_error, posture_error))
+    length = math.sqrt(posture_error.dot(posture_error))
     share = gains.max_posture_error / max(length, gains.max_posture_error)
     posture = (omega * omega * share) * posture_error
     posture -= (2 * gains.posture_damping_ratio * omega) * v
@@ -250,14 +250,14 @@ def impedance_law(
         damping_ratio=gains.damping_ratio,
     )
     # Jᵀ (Λ x + D y) = (Bᵀ J)ᵀ (Bᵀ x + d Bᵀ y); Nᵀ M a = M a − Jᵀ Λ J a.
-    BJ = np.dot(B.T, J)
-    y = np.dot(B.T, desired_twist) - np.dot(BJ, v)
+    BJ = B.T.dot(J)
+    y = B.T.dot(desired_twist) - BJ.dot(v)
     damping = d * y
-    x = np.dot(B.T, desired_acceleration - Jdot_v) - np.dot(BJ, posture)
+    x = B.T.dot(desired_acceleration - Jdot_v) - BJ.dot(posture)
     spring, clipped = spring_wrench(gains, error, stiffness=K)
-    torque: Array = np.dot(BJ.T, x + damping)
-    torque += np.dot(J.T, spring + feedforward_wrench)
-    torque += np.dot(M, posture)
+    torque: Array = BJ.T.dot(x + damping)
+    torque += J.T.dot(spring + feedforward_wrench)
+    torque += M.dot(posture)
     torque += Cv
-    dissipation = float(np.dot(y, damping))
+    dissipation = float(y.dot(damping))
     return LawTorque(torque, dissipation, clipped, inertia.bounded, B, d, BJ, share)

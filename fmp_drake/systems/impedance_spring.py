@@ -49,7 +49,7 @@ def spring_wrench(
                 shorten(error[3:], gains.max_translation_error),
             )
         )
-    wrench: Array = np.dot(K, seen)
+    wrench: Array = K.dot(seen)
     wrench[:3] = _unturn((a, b, c), wrench[:3].tolist())
     return wrench, clipped
 

@@ -213,6 +213,7 @@ def impedance_step(
                 law,
                 desired_twist=target.V,
                 desired_acceleration=target.A,
+                desired_jerk=inputs.jerk if filtered is None else None,
             ),
             np.concatenate((q, v)),
             np.array(reach),

@@ -152,6 +152,9 @@ class OperationalSpaceImpedanceController(LeafSystem):
     - ``task_frame_velocity`` (6), ``task_frame_acceleration`` (6): V_WT of T's origin
       and its derivative, rotation first, in W: rad/s, m/s, rad/s², m/s². The second
       is used with the first.
+    - ``desired_jerk`` (3): how the desired acceleration goes on until the next full
+      update, m/s³, in T; without it the last updates tell. Not used with
+      ``config.target_time_constant``.
     - ``target_time`` (1): when the target was made, s of the context's time.
     - ``stiffness`` (36 or 6): K in T, its rows or its diagonal, rotations first.
     - ``covariance`` (9): of the desired position, m², in T, if
@@ -235,6 +238,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self._desired_acceleration = declare("desired_acceleration", 3)
         self._feedforward_wrench = declare("feedforward_wrench", 6)
         self._desired_orientation = declare("desired_orientation", 4)
+        self._desired_jerk = declare("desired_jerk", 3)
         self._angular_velocity = declare("desired_angular_velocity", 3)
         self._angular_acceleration = declare("desired_angular_acceleration", 3)
         self._task_frame = declare("task_frame", 7)
@@ -364,9 +368,14 @@ class OperationalSpaceImpedanceController(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         discrete = context.get_discrete_state()
         previous, held = discrete.value(_TORQUE), discrete.value(_MODEL)
-        state: Any = self._state.Eval(context)
         hold, time = self._settings.hold, context.get_time()
-        torque = hold.torque(held, time=time, state=state, previous=previous)
+        torque = None
+        if hold.serves(held, time=time):
+            # A view, which is faster than `Eval`, and is not kept.
+            state: Any = self._state.EvalBasicVector(context)
+            torque = hold.torque(
+                held, time=time, state=state.value(), previous=previous
+            )
         if torque is not None:
             values.set_value(_TORQUE, torque)
         else:
@@ -408,6 +417,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         R = self._orientation(context)
         w = _optional(self._angular_velocity, context)
         alpha = _optional(self._angular_acceleration, context)
+        jerk = _optional(self._desired_jerk, context)
         age = _optional(self._target_time, context)
         frame_twist = self._frame_twist(context, arm)
         frame_acceleration = self._unmoved
@@ -430,13 +440,15 @@ class OperationalSpaceImpedanceController(LeafSystem):
         finite = arm.frame_finite and is_finite(
             np.concatenate((position, V, A, wrench))
         )
-        optional = (age, frame_twist, frame_acceleration, stiffness, covariance, force)
-        for value in optional:
+        for value in (
+            jerk, age, frame_twist, frame_acceleration, stiffness, covariance, force
+        ):  # fmt: skip
             finite = finite and (value is None or is_finite(value))
         if R is not self._R_TE_desired:
             finite = finite and is_finite(R.ravel())
         return StepInputs(
             TaskTarget(R, position, V, A),
+            jerk,
             wrench,
             finite,
             R is not self._R_TE_desired,
