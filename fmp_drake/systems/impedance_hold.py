@@ -263,10 +263,10 @@ class ModelHold:
             return round(periods) * self._period
         return self._period
 
-    def serves(self, vector: Array, *, time: float) -> bool:
+    @staticmethod
+    def serves(vector: Array, time: float) -> bool:
         """Tell whether there is a model, and it is not too old, at a time in s."""
-        start, end = vector[:2].tolist()
-        return bool(start <= time < end)
+        return vector.item(0) <= time < vector.item(1)
 
     def torque(
         self, vector: Array, *, time: float, state: Array, previous: Array
@@ -287,13 +287,13 @@ class ModelHold:
         previous : array, shape (n,)
             The torque of the update before, Nm.
         """
-        friction = self._friction
+        n, friction = self._n, self._friction
         if friction is not None:
-            extra = friction.torque(state[self._n :])
+            extra = friction.torque(state[n:])
             previous = previous - extra
-        z = self._input(state, previous, time - float(vector[0]))
-        y: Array = self._matrix(vector).dot(z)
-        torque, limits = y[: self._n], y[self._n :]
+        z = self._input(state, previous, time - vector.item(0))
+        y: Array = vector[self._head :].reshape(self._shape).dot(z)
+        torque, limits = y[:n], y[n:]
         if not limits.dot(limits) < 1:  # NaN is refused as well.
             return None
         if friction is not None:

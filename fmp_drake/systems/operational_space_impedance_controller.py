@@ -217,6 +217,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         n = plant.num_velocities()
         self._model = model
         self._settings = step_settings(plant, config, q_posture)
+        self._hold = self._settings.hold
         self._R_TE_desired = config.desired_rotation()
         self._R_WT = X_WT.rotation().matrix()
         self._p_WT = np.array(X_WT.translation())
@@ -368,9 +369,9 @@ class OperationalSpaceImpedanceController(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         discrete = context.get_discrete_state()
         previous, held = discrete.value(_TORQUE), discrete.value(_MODEL)
-        hold, time = self._settings.hold, context.get_time()
+        hold, time = self._hold, context.get_time()
         torque = None
-        if hold.serves(held, time=time):
+        if hold.serves(held, time):
             # A view, which is faster than `Eval`, and is not kept.
             state: Any = self._state.EvalBasicVector(context)
             torque = hold.torque(
@@ -384,7 +385,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
     def _full_update(
         self, context: Context, values: DiscreteValues, *, previous: Array, held: Array
     ) -> None:
-        hold, time = self._settings.hold, context.get_time()
+        hold, time = self._hold, context.get_time()
         arm = self._eval_kinematics(context)
         measurement = None
         if arm.finite:
