@@ -147,10 +147,13 @@ class LivePlayback:
         """Return the state at a later time, with the tick that is due then made."""
         ticks, since = self._ticks(seconds, due=True)
         piece = self._piece(ticks)
+        offset = piece.offset
+        if seconds > piece.begin:
+            offset = self._offset(piece, seconds)[:2]
         return replace(
             self.state,
             playback=piece.playback,
-            offset=self._offset(piece, seconds)[:2],
+            offset=offset,
             rest=0.0 if since < _ROUNDING * self._player.tick_seconds else since,
             tempo=self.state.tempo_after(seconds),
         )
@@ -200,6 +203,7 @@ class LivePlayback:
         )
 
     def _offset(self, piece: _Piece, seconds: float) -> NDArray[np.float64]:
+        """Return the offset at a time and two derivatives, shape (3, D)."""
         rate = 1 / self.state.blend_time
         return critically_damped(piece.offset, rate, seconds - piece.begin)
 

@@ -172,19 +172,18 @@ class Player:
                 f"the window ends at step {state.step}; re-map before the next tick."
             )
         later = critically_damped(state.offset, 1 / self.blend_time, self.tick_seconds)
-        moved = replace(
-            state,
-            weights=self.weights(state, self.tick_seconds),
-            offset=later[:2],
-            step=state.step + 1,
-        )
-        d = self.skill.n_channels_
+        weights, step = self.weights(state, self.tick_seconds), state.step + 1
         # A row of the basis at a sample: the series itself.
-        value = moved.weights.reshape(d, -1) @ self._rows[moved.step]
-        history = np.concatenate(
-            [state.history[1:], (value * self.skill.scales_ + later[0])[None]]
+        value = weights.reshape(self.skill.n_channels_, -1) @ self._rows[step]
+        value *= self.skill.scales_
+        value += later[0]
+        return replace(
+            state,
+            weights=weights,
+            offset=later[:2],
+            step=step,
+            history=np.concatenate([state.history[1:], value[None]]),
         )
-        return replace(moved, history=history)
 
     def remap(
         self,
