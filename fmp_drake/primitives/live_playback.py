@@ -77,23 +77,31 @@ class _Piece:
     def segment(self) -> Segment | PolynomialSegment:
         return self.player.segment(self.shown)
 
+    def prepare(self) -> None:
+        """Make the segment now."""
+        _ = self.segment
+
 
 class LivePlayback:
     """The desired motion from an instant on, until something changes it.
 
     Ticks, and the re-mappings at the ends of windows, are made when they are asked
-    for, each once.
+    for, each once; several in a row take much less time than one now and then.
 
     Parameters
     ----------
     player : Player
     state : LiveState
         At the instant from which times count.
+    ticks_at_once : int
     """
 
-    def __init__(self, player: Player, state: LiveState) -> None:
+    def __init__(
+        self, player: Player, state: LiveState, *, ticks_at_once: int = 1
+    ) -> None:
         self.state = state
         self._player = player
+        self._at_once = ticks_at_once
         # At the usual tempo the offset is part of a segment, which is faster.
         self._usual = (
             state.rest == 0
@@ -169,12 +177,19 @@ class LivePlayback:
 
     def _at(self, seconds: float) -> tuple[_Piece, float]:
         ticks, since = self._ticks(seconds)
+        if self._at_once > 1:
+            self._piece(ticks + 1)
         return self._piece(ticks), since
 
     def _piece(self, ticks: int) -> _Piece:
-        while len(self._pieces) <= ticks:
-            self._pieces.append(self._next(self._pieces[-1], len(self._pieces)))
-        return self._pieces[ticks]
+        pieces = self._pieces
+        if ticks >= len(pieces):
+            last = -(-ticks // self._at_once) * self._at_once
+            while len(pieces) <= last:
+                if self._at_once > 1:
+                    pieces[-1].prepare()
+                pieces.append(self._next(pieces[-1], len(pieces)))
+        return pieces[ticks]
 
     def _next(self, piece: _Piece, ticks: int) -> _Piece:
         player = self._player

@@ -20,6 +20,9 @@ from fmp_drake.systems.coverage_choice import CoverageChoice
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.normal_press import NormalPress
 
+# How often the primitive reads its inputs where nobody plays with them, s.
+_EVENT_PERIOD = 0.25
+
 
 def MakeWipingStation(
     scenario: Scenario,
@@ -109,6 +112,7 @@ def MakeWipingStation(
         push_threshold=plays.push_threshold,
         push_dwell=plays.push_dwell,
         jerk_window=scenario.impedance.model_period,
+        event_period=None if meshcat is not None else _EVENT_PERIOD,
         choice=choice,
     )
     builder.AddSystem(primitive)

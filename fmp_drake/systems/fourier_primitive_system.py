@@ -47,9 +47,9 @@ class FourierPrimitiveSystem(LeafSystem):
     """Plays a learned skill from the measured start, for any duration.
 
     The Fourier weights are discrete state. Events move them: at initialisation the
-    measured position is mapped to weights (Algorithm 1); a periodic tick, at
-    the rate of the skill, brings the weights closer to the mean (or a sample) of
-    the active component (Algorithm 2), and every T - K ticks it re-maps: the last K
+    measured position is mapped to weights (Algorithm 1); periodic ticks, at the
+    rate of the skill, bring the weights closer to the mean (or a sample) of the
+    active component (Algorithm 2), and every T - K ticks they are re-mapped: the last K
     desired positions become the start of a new window (section V-D of the paper).
     The outputs are exact at every time between ticks, and no re-mapping makes
     them jump.
@@ -66,7 +66,7 @@ class FourierPrimitiveSystem(LeafSystem):
         the reactive mode, at every tick.
     tempo : (1,), optional
         How fast the movement is played, from 0 to `MAX_TEMPO`; 1 where unconnected.
-        Read at every tick; the tempo changes by at most 4 per second.
+        Read at every event; the tempo changes by at most 4 per second.
     ink : (ny nx,)
         What is left in the cells of the choice's grid; only where there is a choice.
     sample : (1,), optional
@@ -87,7 +87,7 @@ class FourierPrimitiveSystem(LeafSystem):
     component : (1,)
         Index of the active component j*.
     plan : (P*D,)
-        Desired positions from the last tick on, tick by tick: where the movement
+        Desired positions from the last event on, tick by tick: where the movement
         leads to if nothing interferes.
     plan_covariance : (P*D*D,)
         Of the plan (18).
@@ -113,6 +113,10 @@ class FourierPrimitiveSystem(LeafSystem):
         Length of the plan, s.
     jerk_window : float
         What the jerk is a mean over, s: how long a controller holds it.
+    event_period : float, optional
+        Longest time between two periodic events, s. Each makes the ticks that are due,
+        reads the inputs and stores the state; several ticks at once take less time.
+        Where None, and in the reactive mode, it is a tick.
     choice : CoverageChoice, optional
         After each re-mapping, of several samples the one is tracked that passes over the
         most ink. For skills of 3 position channels in the frame of the board.
@@ -129,6 +133,7 @@ class FourierPrimitiveSystem(LeafSystem):
         push_dwell: float = 0.2,
         plan_seconds: float = 3.0,
         jerk_window: float = 0.02,
+        event_period: float | None = None,
         choice: CoverageChoice | None = None,
     ) -> None:
         super().__init__()
@@ -140,11 +145,15 @@ class FourierPrimitiveSystem(LeafSystem):
             "push_dwell": push_dwell,
             "plan_seconds": plan_seconds,
             "jerk_window": jerk_window,
+            "event_period": event_period,
         }.items():
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise SkillError(f"{name} is {value}; it must be positive.")
         self._push_threshold = push_threshold
         self._push_dwell = push_dwell
+        self._ticks_per_event = 1
+        if event_period is not None and push_threshold is None:
+            self._ticks_per_event = _ticks_within(player, event_period)
         self._jerk_window = jerk_window
         self._plan_ticks = math.ceil(plan_seconds / player.tick_seconds - 1e-6)
         d = skill.n_channels_
@@ -167,9 +176,9 @@ class FourierPrimitiveSystem(LeafSystem):
         if choice is not None:
             self._ink = self.DeclareVectorInputPort("ink", choice.grid.num_cells)
         self._declare_outputs(d, len(start.weights))
-        tick = player.tick_seconds
+        self._period = period = self._ticks_per_event * player.tick_seconds
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
-        self.DeclarePeriodicDiscreteUpdateEvent(tick, tick, self._tick)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._tick)
 
     def _declare_outputs(self, d: int, weights: int) -> None:
         state, now = {self.xd_ticket()}, {self.time_ticket(), self.xd_ticket()}
@@ -364,7 +373,6 @@ class FourierPrimitiveSystem(LeafSystem):
         book: PlaybackBook,
     ) -> tuple[LiveState, NDArray[np.float64], PlaybackBook]:
         """Return state, measurements and book after the ticks that are due now."""
-        tick = self._player.tick_seconds
         state = live.after(seconds)
         d = self._player.skill.n_channels_
         measurements = context.get_discrete_state().value(self._measurements)
@@ -380,7 +388,7 @@ class FourierPrimitiveSystem(LeafSystem):
             elif off < 0.5:
                 state = replace(state, blend_time=self._player.blend_time)
             wanted *= min(max(2 - 2 * off, 0.0), 1.0)
-        slope = (wanted - state.tempo) / tick
+        slope = (wanted - state.tempo) / self._period
         state = replace(
             state,
             slope=min(max(slope, -_TEMPO_RATE), _TEMPO_RATE),
@@ -410,7 +418,9 @@ class FourierPrimitiveSystem(LeafSystem):
     # Outputs ------------------------------------------------------------------
 
     def _calc_playback(self, context: Any, value: Any) -> None:
-        live = LivePlayback(self._player, self._read(context))
+        live = LivePlayback(
+            self._player, self._read(context), ticks_at_once=self._ticks_per_event
+        )
         value.set_value((live, self._read_book(context).time))
 
     def _calc_motion(self, context: Any, value: Any) -> None:
@@ -448,3 +458,12 @@ class FourierPrimitiveSystem(LeafSystem):
     def _calc_remaps(self, context: Context, output: BasicVector) -> None:
         book = self._read_book(context)
         output.SetFromVector(np.array([self._now(context)[0].remaps, book.reactive]))
+
+
+def _ticks_within(player: Player, seconds: float) -> int:
+    """Return how many ticks fit in some seconds, a divisor of those between re-maps."""
+    most = max(math.floor(seconds / player.tick_seconds * (1 + 1e-9)), 1)
+    divides = [
+        n for n in range(1, most + 1) if player.ticks_between_remaps % n == 0
+    ]
+    return max(divides)
