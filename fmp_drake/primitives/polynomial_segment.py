@@ -129,7 +129,9 @@ class PolynomialPlan:
         rest = deviation - modes @ inside
         fixed, fading = rows @ np.stack([target, rest]).reshape(2, d, -1).swapaxes(1, 2)
         factors = np.zeros((d, _DEGREE + 1, len(inside) + 2))
-        factors[..., :-2] = (rows @ modes.reshape(d, -1, len(inside))) * inside
+        factors[..., :-2] = inside * (
+            rows @ modes.reshape(d, rows.shape[1], len(inside))
+        )
         factors[..., -2] = fading.T
         factors *= self._scales[:, None, None]
         factors[:, 0, -1] = offset[0]

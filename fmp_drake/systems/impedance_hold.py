@@ -3,16 +3,16 @@
 A full update computes the law from the arm's dynamics. Around the state x and the
 time t that it saw, the law is nearly
 
-    τ(t + dt, x + dx) = τ_0 + G dx + r dt,
+    τ(t + dt, x + dx) = τ_0 + G dx + r dt + c dt²,
 
-with ``G`` the stiffness and the damping in joint space, both symmetric, and ``r``
-what the target's motion changes. In the control periods in between this model is
+with ``G`` the stiffness and the damping in joint space, both symmetric, and ``r`` and
+``c`` what the target's motion changes. In the control periods in between this model is
 evaluated at the measured state: the feedback stays as fast as the control, only its
 gains and the target's motion are held.
 
 What the model leaves out (the change of the Jacobian, the inertia and the Coriolis
-torque along the motion, the target's jerk) is slow. At each full update it is known
-how far the last model was off; ``r`` goes on to drift at that rate.
+torque along the motion) is slow. At each full update it is known how far the last
+model was off; ``r`` goes on to drift at that rate.
 
 References
 ----------
@@ -55,6 +55,8 @@ class HeldModel(NamedTuple):
         G transposed: by q, Nm/rad, then by v, Nms/rad.
     rate : array, shape (n,)
         r, Nm/s.
+    curve : array, shape (n,)
+        c, Nm/s².
     state : array, shape (2n,)
         x, rad and rad/s.
     reach : array, shape (2n,)
@@ -78,10 +80,11 @@ def linearized(
     desired_acceleration: Array,
     desired_jerk: Array | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Return G transposed, shape (2n, n), and r, shape (n,), of the law.
+    """Return G transposed, shape (2n, n), r and c, shape (n,), of the law.
 
-    ``G_q = −(Jᵀ K J + ω² Nᵀ M)``, ``G_v = −(Jᵀ D J + 2 ζ ω Nᵀ M)`` and
-    ``r = Jᵀ (K V_d + D A_d + Λ j_d)``, where ``K``, ``D`` and Λ are diagonal in the modes.
+    ``G_q = −(Jᵀ K J + ω² Nᵀ M)``, ``G_v = −(Jᵀ D J + 2 ζ ω Nᵀ M)``,
+    ``r = Jᵀ (K V_d + D A_d + Λ j_d)`` and ``c = Jᵀ (K A_d + D j_d) / 2``, where ``K``,
+    ``D`` and Λ are diagonal in the modes.
 
     Parameters
     ----------
@@ -147,9 +150,9 @@ class ModelHold:
     """Keeps a `HeldModel` in a vector and evaluates it.
 
     The vector holds two times, the drift and a matrix that maps
-    ``z = (x, previous torque, 1, dt)`` to ``y``: the torque, and parts of all limits:
-    of the model's reach, the efforts and the torques' rates. So one product and the
-    length of ``y`` behind the torque are all that is to be computed.
+    ``z = (x, previous torque, 1, dt, dt²)`` to ``y``: the torque, and parts of all
+    limits: of the model's reach, the efforts and the torques' rates. So one product and
+    the length of ``y`` behind the torque are all that is to be computed.
 
     Parameters
     ----------

@@ -260,7 +260,8 @@ def test_controller_sees_the_measured_state(sensed):
     measured = sensors.get_output_port().Eval(sensed.context_of("sensors"))
     seen, real = state_of("controller", "state"), sensed.log("state")[-1]
     assert_array_equal(seen, measured)
-    late = sensed.log("state")[-1 - 2]
+    # The last sample was taken a millisecond ago, and comes 2 ms late.
+    late = sensed.log("state")[-1 - 3]
     assert_allclose(seen[:7], late[:7], atol=6e-5)
     assert_allclose(seen[7:], late[7:], atol=0.012)
     assert np.all(seen != real)

@@ -121,9 +121,14 @@ def test_documentation_names_every_port_and_system():
     assert set(PORTS) | SYSTEMS <= set(words)
 
 
-def test_no_output_follows_a_push_at_once(minute):
-    # The plant is discrete: a push acts from the next step on.
-    assert not minute.station.HasAnyDirectFeedthrough()
+def test_only_what_the_contact_tells_follows_a_push_at_once(minute):
+    station = minute.station
+    outputs = range(station.num_output_ports())
+    assert {
+        station.get_output_port(i).get_name()
+        for i in outputs
+        if station.HasDirectFeedthrough(i)
+    } == {"normal_force", "contact_area"}
 
 
 # What the robot does.

@@ -19,6 +19,7 @@ OUTPUTS = {
     "position": 2,
     "velocity": 2,
     "acceleration": 2,
+    "jerk": 2,
     "covariance": 4,
     "weights": 48,
     "component": 1,

@@ -47,11 +47,14 @@ def make_hold(**changes):
     return ModelHold(**(settings | changes))
 
 
-def model(torque=(5.0, -2.0), *, rate=(0.0, 0.0), slope=None, state=None):
+def model(
+    torque=(5.0, -2.0), *, rate=(0.0, 0.0), curve=(0.0, 0.0), slope=None, state=None
+):
     return HeldModel(
         np.array(torque),
         np.zeros((4, 2)) if slope is None else slope,
         np.array(rate),
+        np.array(curve),
         np.zeros(4) if state is None else state,
         np.array([0.05, 0.05, 0.3, 0.3]),
     )
@@ -64,13 +67,16 @@ def pack(hold, held, *, time=0.0, before=None):
 # The model in its vector.
 
 
-def test_the_model_is_linear_in_state_and_time():
+def test_the_model_is_linear_in_state_and_quadratic_in_time():
     rng = np.random.default_rng(0)
     slope, state = rng.normal(size=(4, 2)), rng.normal(size=4)
     hold = make_hold()
-    vector = pack(hold, model(rate=(30.0, -10.0), slope=slope, state=state), time=2.0)
+    rate, curve = (30.0, -10.0), (700.0, 900.0)
+    held = model(rate=rate, curve=curve, slope=slope, state=state)
+    vector = pack(hold, held, time=2.0)
     moved = 0.01 * rng.normal(size=4)
-    expected = np.array([5.0, -2.0]) + moved @ slope + 0.004 * np.array([30.0, -10.0])
+    expected = np.array([5.0, -2.0]) + moved @ slope
+    expected += 0.004 * np.array(rate) + 0.004**2 * np.array(curve)
     found = hold.torque(vector, time=2.004, state=state + moved, previous=expected)
     assert_allclose(found, expected)
 
@@ -93,6 +99,7 @@ def test_a_full_update_is_due(time, state, previous):
     vector = pack(hold, model(), time=2.0)
     arguments = {"time": 2.001, "state": np.zeros(4), "previous": np.array([5.0, -2.0])}
     assert hold.torque(vector, **arguments) is not None
+    assert hold.serves(vector, 2.001)
     with np.errstate(invalid="ignore"):
         found = hold.torque(
             vector,
@@ -100,7 +107,7 @@ def test_a_full_update_is_due(time, state, previous):
             state=np.array(state, dtype=float),
             previous=np.array(previous, dtype=float),
         )
-    assert found is None
+    assert found is None or not hold.serves(vector, time)
 
 
 @pytest.mark.parametrize(
@@ -400,8 +407,9 @@ def test_a_fault_is_noticed_within_a_model_period_and_watched_at_every_update(
     )
     flags = loop.run(0.3)["status"][:, 0].astype(int)
     noticed = np.argmax(flags & StatusFlag.JUMP > 0) * PERIOD
-    assert jump < noticed < jump + MODEL_PERIOD + 2 * PERIOD
-    before = jump / MODEL_PERIOD
+    model_period = ImpedanceConfig().model_period
+    assert jump < noticed < jump + model_period + 2 * PERIOD
+    before = jump / model_period
     after = (0.3 - noticed) / PERIOD
     assert len(full_updates) == pytest.approx(before + after, abs=4)
 

@@ -162,6 +162,7 @@ def test_ports_have_names_and_sizes(controller):
     inputs = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
     assert {port.get_name(): port.size() for port in inputs} == {
         "state": 14,
+        "desired_jerk": 3,
         "desired_position": 3,
         "desired_velocity": 3,
         "desired_acceleration": 3,
