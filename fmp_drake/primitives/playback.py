@@ -275,7 +275,11 @@ class Player:
             # At the last sample: the last interval's, seen from one sample further on.
             polynomial = pascal(len(polynomial), kind="upper") @ polynomial
         drift = self._drifts[state.component]
-        rate, scales, blend_rate = self.skill.rate, self.skill.scales_, 1 / self.blend_time
+        rate, scales, blend_rate = (
+            self.skill.rate,
+            self.skill.scales_,
+            1 / self.blend_time,
+        )
         if state.component not in self._plans:
             self._plans[state.component] = PolynomialPlan.of(
                 drift, rate=rate, scales=scales, blend_rate=blend_rate

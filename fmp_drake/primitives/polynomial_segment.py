@@ -78,10 +78,10 @@ class PolynomialPlan:
         for k in range(1, terms):
             series[:, k] = series[:, k - 1] * -rates / k
         # From (power, mode) to the powers of the product with the mode's series.
-        self._products = np.zeros((_DEGREE + 1, len(rates), terms + _DEGREE))
+        products = np.zeros((_DEGREE + 1, len(rates), terms + _DEGREE))
         for k in range(_DEGREE + 1):
-            self._products[k, :, k : k + terms] = series
-        self._products = self._products.reshape(-1, terms + _DEGREE)
+            products[k, :, k : k + terms] = series
+        self._products = products.reshape(-1, terms + _DEGREE)
 
     @classmethod
     def of(

@@ -463,7 +463,5 @@ class FourierPrimitiveSystem(LeafSystem):
 def _ticks_within(player: Player, seconds: float) -> int:
     """Return how many ticks fit in some seconds, a divisor of those between re-maps."""
     most = max(math.floor(seconds / player.tick_seconds * (1 + 1e-9)), 1)
-    divides = [
-        n for n in range(1, most + 1) if player.ticks_between_remaps % n == 0
-    ]
+    divides = [n for n in range(1, most + 1) if player.ticks_between_remaps % n == 0]
     return max(divides)

@@ -177,16 +177,15 @@ class InkBoard(LeafSystem):
         )
         never = np.full(grid.num_cells, NEVER)
         self._cells = [
-            int(self.DeclareDiscreteState(value)) for value in (ink.ravel(), never, never)
+            int(self.DeclareDiscreteState(value))
+            for value in (ink.ravel(), never, never)
         ]
         # What the next update is, and how many periods are in the queue.
         self._progress = int(self.DeclareDiscreteState(np.array([_END, 0.0])))
         self._queue = int(self.DeclareDiscreteState(_QUEUE * (_PATCH + _PATCH_SIZE)))
         self._board = self.DeclareCacheEntry(
             description="ink, erase time and fade time with the queue worn",
-            value_producer=ValueProducer(
-                allocate=Value[object], calc=self._calc_board
-            ),
+            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_board),
             prerequisites_of_calc={self.xd_ticket()},
         )
         for i, name in enumerate(("ink", "erase_time", "fade_time")):

@@ -107,3 +107,38 @@ def test_remapping_to_what_was_observed_makes_no_jump(player, start, tempo):
     assert_allclose(motion[:2], before[:2], atol=1e-9)
     assert playback.remaps == live.playback.remaps + 1
     assert playback.step == 3
+
+
+@pytest.mark.parametrize(("tempo", "slope"), [(1.0, 0.0), (0.5, 0.0), (1.0, -0.4)])
+def test_jerk_is_the_mean_change_of_the_acceleration(player, start, tempo, slope):
+    live = live_at(player, start, tempo=tempo, slope=slope)
+    for seconds in (0.0, 0.013, 0.71, 0.74):
+        motion = live.motion_and_jerk(seconds, 0.02)
+        assert_allclose(motion[:3], live.motion(seconds))
+        ahead = live.motion(seconds + 0.02)[2]
+        assert_allclose(0.02 * motion[3], ahead - motion[2], atol=1e-10)
+
+
+@pytest.mark.parametrize("tempo", [1.0, 4.0, 0.0])
+def test_jerk_stays_a_jerk_where_the_window_leaves_the_tick(player, start, tempo):
+    live = live_at(player, start, tempo=tempo)
+    greatest = 0.0
+    for seconds in np.arange(0.0, 4.0, 0.01):
+        here, later = live.motion(seconds)[2], live.motion(seconds + 1e-4)[2]
+        jerk = live.motion_and_jerk(seconds, 0.05)[3]
+        greatest = max(greatest, np.abs(jerk).max())
+        # The motion's own changes within a tick are of this size.
+        assert (
+            np.abs(jerk).max()
+            < 50 * max(tempo, 0.1) ** 3 + np.abs((later - here) / 1e-4).max()
+        )
+    assert greatest > 0
+
+
+@pytest.mark.parametrize(("tempo", "slope"), [(1.0, 0.0), (0.5, 0.0), (0.3, 0.7)])
+def test_ticks_made_at_once_are_the_same(player, start, tempo, slope):
+    one = live_at(player, start, tempo=tempo, slope=slope)
+    many = LivePlayback(player, one.state, ticks_at_once=5)
+    for seconds in np.linspace(0.0, 4.5, 100):
+        assert np.array_equal(one.motion(seconds), many.motion(seconds))
+        assert one.playback(seconds)[0].step == many.playback(seconds)[0].step

@@ -10,7 +10,8 @@ from tracking_rules import TRACKERS
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
-from fmp_drake.primitives.segment import critically_damped
+from fmp_drake.primitives.polynomial_segment import HORIZON, PolynomialSegment
+from fmp_drake.primitives.segment import Segment, critically_damped
 
 SECONDS = np.concatenate(
     [[0.0, 1e-6], np.random.default_rng(0).uniform(0, 0.1, 40), [0.0999]]
@@ -116,6 +117,59 @@ def test_segment_ends_where_the_next_begins(player):
             end = player.segment(state).motion(player.tick_seconds)
             begin = player.segment(player.tick(state)).motion(0.0)
             assert_allclose((end / scale)[:exact], (begin / scale)[:exact], atol=1e-8)
+
+
+def test_only_slow_decays_make_one_polynomial(skill):
+    made = {
+        name: type(player.segment(player.start(skill.extent_[1])))
+        for name, player in (
+            (name, Player(skill, tracker=tracker(skill)))
+            for name, tracker in TRACKERS.items()
+        )
+    }
+    # A quick decay, of 0.05 s at ticks of 0.1 s, has no short series.
+    assert made == {
+        "lqr": PolynomialSegment,
+        "quick": Segment,
+        "proportional": Segment,
+        "exponential": Segment,
+    }
+
+
+def test_polynomial_is_the_segment_also_a_little_beyond_its_tick(skill):
+    player = Player(skill)
+    scale = greatest(player)
+    for state in states(player):
+        if state.step == 23:
+            return
+        exact = Segment(
+            polynomial=skill.basis.local_polynomial(state.step),
+            rate=skill.rate,
+            scales=skill.scales_,
+            drift=player._drifts[state.component],
+            weights=state.weights,
+            target=state.target,
+            offset=state.offset,
+            blend_rate=1 / player.blend_time,
+        )
+        for t in np.linspace(0, HORIZON * player.tick_seconds, 7):
+            found = player.segment(state).motion(float(t))
+            assert_allclose(found / scale, exact.motion(t) / scale, atol=1e-10)
+
+
+def test_component_without_variation_has_a_segment(skill):
+    player = Player(skill)
+    flat = replace(
+        player._drifts[0], modes=np.zeros((48, 0)), rates=np.zeros(0), rest_rate=2.0
+    )
+    state = replace(player.start(skill.extent_[1]), component=0)
+    player._drifts[0] = flat
+    assert isinstance(player.segment(state), PolynomialSegment)
+    assert_allclose(
+        player.motion(state, 0.05) / greatest(player),
+        literal(player, state, 0.05) / greatest(player),
+        atol=1e-8,
+    )
 
 
 def test_player_and_segment_agree(player):

@@ -523,7 +523,59 @@ def test_plan_is_what_is_played_later(small_skill, start, sample):
             assert_allclose(covariance, tubes[i], atol=1e-9)
 
 
-# Reactive re-mapping ----------------------------------------------------------
+# Several ticks per event ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("tempo", [1.0, 0.7])
+def test_ticks_made_at_once_play_the_same(small_skill, start, tempo):
+    runs, events = [], []
+    for period in (None, 0.5):
+        system = FourierPrimitiveSystem(small_skill, sample=True, event_period=period)
+        simulator = simulator_at(system, start)
+        context = simulator.get_mutable_context()
+        system.GetInputPort("tempo").FixValue(context, [tempo])
+        simulator.Initialize()
+        simulator.AdvanceTo(0.02)
+        before = simulator.get_num_discrete_updates()
+        rows = []
+        for t in np.arange(0.02, 7.0, 0.03):
+            simulator.AdvanceTo(t)
+            shown = outputs(system, context)
+            # The plan begins at an event, the jerk may leave a tick out.
+            same = [n for n in OUTPUTS if "plan" not in n and n != "jerk"]
+            rows.append(np.concatenate([shown[n] for n in same]))
+        runs.append(rows)
+        events.append(simulator.get_num_discrete_updates() - before)
+    # 20 ticks lie between two re-mappings: 5 at once fit into half a second.
+    assert events == [69, 13]
+    assert_allclose(runs[1], runs[0], atol=1e-7)
+    assert runs[0][-1][-2] > 1
+
+
+def test_tempo_is_reached_within_an_event(small_skill, start):
+    system = FourierPrimitiveSystem(small_skill, event_period=0.4)
+    simulator = simulator_at(system, start)
+    tempo = system.GetInputPort("tempo").FixValue(simulator.get_mutable_context(), [1])
+    simulator.Initialize()
+    simulator.AdvanceTo(0.5)
+    tempo.GetMutableData().get_mutable_value().SetAtIndex(0, 1.8)
+    simulator.AdvanceTo(3.0)
+    moved = system.GetOutputPort("velocity").Eval(simulator.get_context())
+    state = system.playback_state(simulator.get_context())
+    assert system._read_book(simulator.get_context()).tempo == pytest.approx(1.8)
+    assert np.abs(moved).max() > 0
+    # 0.8 s at tempo 1, 0.4 s while it grows, and the rest at 1.8: 46 ticks, of which
+    # the last is now.
+    assert 0.8 + 0.4 * 1.4 + 1.8 * 1.8 == pytest.approx(46 * TICK)
+    assert state.step - 3 + 20 * state.remaps == 45
+
+
+def test_reactive_mode_looks_at_every_tick(small_skill, start):
+    system = FourierPrimitiveSystem(small_skill, push_threshold=0.02, event_period=0.5)
+    simulator = simulator_at(system, start)
+    before = simulator.get_num_discrete_updates()
+    simulator.AdvanceTo(1.05)
+    assert simulator.get_num_discrete_updates() - before == 10
 
 
 @pytest.fixture

@@ -324,7 +324,7 @@ def figure(t):
     )
 
 
-def wiping_loop(config, **arguments):
+def wiping_loop(config, *, jerk=False, **arguments):
     p = pose_in_task(make_arm(), Q_START, X_WT_FLAT).translation()
     h = 1e-3
     signals = {
@@ -335,6 +335,11 @@ def wiping_loop(config, **arguments):
         ),
         "feedforward_wrench": lambda t: np.array([0, 0, 0, 0, 0, 10 * min(t, 1)]),
     }
+    if jerk:
+        acceleration, window = signals["desired_acceleration"], config.model_period
+        signals["desired_jerk"] = lambda t: (
+            (acceleration(t + window) - acceleration(t)) / window
+        )
     return ArmLoop(signals, config=config, **arguments)
 
 
@@ -371,6 +376,16 @@ def test_the_torque_of_a_wiping_run_is_that_of_the_law(
     assert np.abs(off).max() < most
     moved = held["measured_position"] - every_step["measured_position"]
     assert np.abs(moved).max() < 1e-4
+
+
+def test_the_jerk_of_the_target_brings_the_torque_closer_to_the_law(every_step):
+    off = []
+    for jerk in (False, True):
+        held = wiping_loop(ImpedanceConfig(model_period=0.02), jerk=jerk).run(4.0)
+        difference = held["torque"] - every_step["torque"]
+        off.append(np.sqrt(np.mean(difference[100:] ** 2)))
+    assert off[1] < 0.02
+    assert off[1] < 0.7 * off[0]
 
 
 def test_a_model_period_below_the_control_period_changes_nothing(every_step):

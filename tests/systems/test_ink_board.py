@@ -455,6 +455,28 @@ def test_a_patch_of_too_many_vertices_is_refused(monkeypatch):
         simulator.AdvanceTo(0.2)
 
 
+def test_looking_at_the_ink_changes_nothing(scene):
+    seen, unseen = (scene.start(v=(0.0, 0.2)) for _ in range(2))
+    for t in np.arange(1, 60) * 0.01:
+        seen.AdvanceTo(t)
+        scene.ink(seen)
+    unseen.AdvanceTo(0.59)
+    for name in OUTPUTS:
+        np.testing.assert_array_equal(
+            scene.value(seen, name), scene.value(unseen, name)
+        )
+    assert scene.ink(unseen).min() < 0.5
+
+
+def test_ink_is_worn_in_every_period(scene):
+    simulator = scene.start(v=(0.0, 0.2))
+    left = []
+    for k in range(1, 10):
+        simulator.AdvanceTo(k * PERIOD + 0.0005)
+        left.append(scene.ink(simulator).sum())
+    assert np.all(np.diff(left) < -10)
+
+
 def test_two_interleaved_simulations_do_not_disturb_each_other(scene):
     starts = [{"v": (0.0, 0.2)}, {"p": (0.05, 0.0), "v": (0.2, 0.0)}]
     alone = []
