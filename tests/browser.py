@@ -25,6 +25,9 @@ OFFLINE = ("--proxy-server=127.0.0.1:9", "--host-resolver-rules=MAP * ~NOTFOUND"
 
 CTRL = 2
 
+# How long a page may take, s, and how often it is tried.
+_PATIENCE, _TRIES = 45.0, 4
+
 # The pixel of the middle of what is drawn at a path, given as a list of names.
 _CENTRE = """(() => {
   let node = viewer.scene_tree;
@@ -51,21 +54,32 @@ _OPTIONS = (
 
 
 def open_page(url, folder, *options, milliseconds=5000):
-    """Open a page for some of its own time, and return what Chromium printed."""
-    return subprocess.run(
-        [
+    """Open a page for some of its own time, and return what Chromium printed.
+
+    Now and then a page's own time stands still and Chromium never ends, whatever the
+    page: then it is opened once more.
+    """
+    for tries in range(_TRIES):
+        command = [
             CHROMIUM,
             *_OPTIONS,
-            f"--user-data-dir={folder / 'profile'}",
+            f"--user-data-dir={folder / f'profile_{tries}'}",
             f"--virtual-time-budget={milliseconds}",
             *options,
             url,
-        ],
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    ).stdout
+        ]
+        # A group of its own: Chromium's children hold its output open.
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, text=True, start_new_session=True
+        ) as process:
+            try:
+                printed, _ = process.communicate(timeout=_PATIENCE)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                continue
+        assert process.returncode == 0, f"Chromium ended with {process.returncode}"
+        return printed
+    raise TimeoutError(f"Chromium did not end with {url} within {_PATIENCE} s.")
 
 
 def screenshot(url, folder, *options, size=(800, 500)):
