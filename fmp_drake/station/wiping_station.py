@@ -20,7 +20,8 @@ from fmp_drake.systems.coverage_choice import CoverageChoice
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.normal_press import NormalPress
 
-# How often the primitive reads its inputs where nobody plays with them, s.
+# How often the primitive stores its state without a page, whose controls must act at
+# once, s.
 _EVENT_PERIOD = 0.25
 
 

@@ -74,7 +74,7 @@ class InkBoard(LeafSystem):
     and the ink under them is worn by pressure times path (see `wear`, `sweep`): for a
     few periods at once, or when an output is asked for.
     With 100 ms the ink is within 0.003 (root mean square) of that with 2 ms while a
-    felt wipes at 0.4 m/s.
+    felt wipes at 0.4 m/s, apart from what the last 100 ms will wear.
 
     .. code-block:: none
 
