@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import pascal
 from scipy.stats import chi2
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives.mapping import MappingPlan
 from fmp_drake.primitives.numeric import all_finite, as_floats, is_number, is_whole
 from fmp_drake.primitives.playback_state import PlaybackState
-from fmp_drake.primitives.polynomial_segment import PolynomialPlan, PolynomialSegment
+from fmp_drake.primitives.polynomial_segment import PolynomialSegment
 from fmp_drake.primitives.segment import Segment, critically_damped
+from fmp_drake.primitives.segment_maker import SegmentMaker
 from fmp_drake.primitives.start_tolerance import start_variances
 from fmp_drake.primitives.tracking import LqrTracker, Tracker
 from fmp_drake.primitives.window_table import WindowTable
@@ -132,7 +132,7 @@ class Player:
         )
         self._rows = skill.basis.synthesize(np.eye(skill.n_steps))[..., 0].T
         self._tables: dict[int, WindowTable] = {}
-        self._plans: dict[int, PolynomialPlan | None] = {}
+        self._segments = SegmentMaker(skill, self._drifts, blend_time=self.blend_time)
         self._covariances: dict[int, NDArray[np.float64]] = {}
 
     def start(self, position: ArrayLike, *, step: int | None = None) -> PlaybackState:
@@ -268,40 +268,8 @@ class Player:
         return gaussian.sample(rng, count, with_noise=False)
 
     def segment(self, state: PlaybackState) -> Segment | PolynomialSegment:
-        """Prepare the motion from the tick of a state to the next, (see `motion`)."""
-        interval = min(state.step, self.skill.n_steps - 2)
-        polynomial = self.skill.basis.local_polynomial(interval)
-        if interval != state.step:
-            # At the last sample: the last interval's, seen from one sample further on.
-            polynomial = pascal(len(polynomial), kind="upper") @ polynomial
-        drift = self._drifts[state.component]
-        rate, scales, blend_rate = (
-            self.skill.rate,
-            self.skill.scales_,
-            1 / self.blend_time,
-        )
-        if state.component not in self._plans:
-            self._plans[state.component] = PolynomialPlan.of(
-                drift, rate=rate, scales=scales, blend_rate=blend_rate
-            )
-        plan = self._plans[state.component]
-        if plan is not None:
-            return plan.segment(
-                polynomial=polynomial,
-                weights=state.weights,
-                target=state.target,
-                offset=state.offset,
-            )
-        return Segment(
-            polynomial=polynomial,
-            rate=rate,
-            scales=scales,
-            drift=drift,
-            weights=state.weights,
-            target=state.target,
-            offset=state.offset,
-            blend_rate=blend_rate,
-        )
+        """Prepare the motion from the tick of a state to the next (see `motion`)."""
+        return self._segments.make(state)
 
     def motion(self, state: PlaybackState, seconds: float = 0.0) -> NDArray[np.float64]:
         """Return the desired motion some seconds after the tick of a state.
