@@ -114,8 +114,7 @@ def task_inertia(
     """Compute the operational-space inertia Λ, bounded at singularities.
 
     The eigenvalues of ``J M⁻¹ Jᵀ``, with rotations scaled to displacements, are
-    raised to ``1 / max_effective_mass`` where they are smaller. Away from
-    singularities the result is exact, and a triangular factor does.
+    raised to ``1 / max_effective_mass`` where they are smaller.
 
     Parameters
     ----------
@@ -134,22 +133,19 @@ def task_inertia(
         Both factors of Λ.
     """
     scale = _scale(characteristic_length)
-    column = scale[:, None]
-    factor, _ = lapack.dpotrf(M, lower=1)
-    # Not dtrtrs: OpenBLAS starts threads for it, and waits milliseconds for them.
-    Y = blas.dtrsm(1.0, factor, (column * J).T, lower=1)
-    mobility = Y.T.dot(Y)
-    L, info = lapack.dpotrf(mobility, lower=1)
-    if info == 0:
-        L_inv = blas.dtrsm(1.0, L, _IDENTITY, lower=1)
-        # The trace of the scaled Λ is more than its largest eigenvalue.
-        if np.vdot(L_inv, L_inv) < max_effective_mass:
-            return TaskInertia(L_inv * scale, L / column, False)
-    values, U, _ = lapack.dsyev(mobility)
+    values, U, _ = lapack.dsyev(_mobility(M, scale[:, None] * J))
     root = np.sqrt(np.maximum(values, 1 / max_effective_mass))
     W = U.T * scale / root[:, None]
-    H = U * root / column
+    H = U * root / scale[:, None]
     return TaskInertia(W, H, bool(values[0] * max_effective_mass < 1))
+
+
+def _mobility(M: Array, J: Array) -> Array:
+    """Return ``J M⁻¹ Jᵀ``."""
+    factor, _ = lapack.dpotrf(M, lower=1)
+    # Not dtrtrs: OpenBLAS starts threads for it, and waits milliseconds for them.
+    Y: Array = blas.dtrsm(1.0, factor, J.T, lower=1)
+    return Y.T.dot(Y)
 
 
 @cache
@@ -158,10 +154,6 @@ def _scale(characteristic_length: float) -> Array:
     scale = np.array((characteristic_length,) * 3 + (1.0,) * 3)
     scale.setflags(write=False)
     return scale
-
-
-_IDENTITY = np.asfortranarray(np.eye(6))
-_IDENTITY.setflags(write=False)
 
 
 def damping_modes(
@@ -189,6 +181,32 @@ def damping_modes(
     squared, V, _ = lapack.dsyev(H.T.dot(stiffness.dot(H)))
     d = 2 * damping_ratio * np.sqrt(np.maximum(squared, 0.0))
     return inertia.W.T.dot(V), d
+
+
+def task_modes(
+    gains: ImpedanceGains, *, M: Array, J: Array, stiffness: Array
+) -> tuple[Array, Array, bool]:
+    """Return B and d as `damping_modes` does, and whether the inertia was bounded.
+
+    Away from singularities one generalized eigenvalue problem does: ``K Λ⁻¹ b = ω² b``
+    with ``Bᵀ Λ⁻¹ B = 1``.
+    """
+    squared, B, info = lapack.dsygv(stiffness, _mobility(M, J), itype=2)
+    if info == 0:
+        scaled = B / _scale(gains.characteristic_length)[:, None]
+        # The trace of the scaled Λ is more than its largest eigenvalue.
+        if np.vdot(scaled, scaled) < gains.max_effective_mass:
+            return B, 2 * gains.damping_ratio * np.sqrt(np.maximum(squared, 0)), False
+    inertia = task_inertia(
+        M=M,
+        J=J,
+        max_effective_mass=gains.max_effective_mass,
+        characteristic_length=gains.characteristic_length,
+    )
+    B, d = damping_modes(
+        inertia=inertia, stiffness=stiffness, damping_ratio=gains.damping_ratio
+    )
+    return B, d, inertia.bounded
 
 
 def impedance_law(
@@ -238,17 +256,7 @@ def impedance_law(
     share = gains.max_posture_error / max(length, gains.max_posture_error)
     posture = (omega * omega * share) * posture_error
     posture -= (2 * gains.posture_damping_ratio * omega) * v
-    inertia = task_inertia(
-        M=M,
-        J=J,
-        max_effective_mass=gains.max_effective_mass,
-        characteristic_length=gains.characteristic_length,
-    )
-    B, d = damping_modes(
-        inertia=inertia,
-        stiffness=K,
-        damping_ratio=gains.damping_ratio,
-    )
+    B, d, bounded = task_modes(gains, M=M, J=J, stiffness=K)
     # Jᵀ (Λ x + D y) = (Bᵀ J)ᵀ (Bᵀ x + d Bᵀ y); Nᵀ M a = M a − Jᵀ Λ J a.
     BJ = B.T.dot(J)
     y = B.T.dot(desired_twist) - BJ.dot(v)
@@ -260,4 +268,4 @@ def impedance_law(
     torque += M.dot(posture)
     torque += Cv
     dissipation = float(y.dot(damping))
-    return LawTorque(torque, dissipation, clipped, inertia.bounded, B, d, BJ, share)
+    return LawTorque(torque, dissipation, clipped, bounded, B, d, BJ, share)

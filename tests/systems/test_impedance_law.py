@@ -19,6 +19,7 @@ from fmp_drake.systems.impedance_law import (
     damping_modes,
     impedance_law,
     task_inertia,
+    task_modes,
 )
 from fmp_drake.systems.impedance_limits import rate_scale, torque_scale
 from fmp_drake.systems.impedance_spring import spring_wrench
@@ -217,6 +218,29 @@ def test_double_diagonalization_reproduces_inertia_and_stiffness(seed):
     np.testing.assert_allclose(B @ B.T @ mobility, np.eye(6), atol=1e-6)
     np.testing.assert_allclose(B * (d / 1.4) ** 2 @ B.T, K, atol=1e-6 * np.abs(K).max())
     np.testing.assert_allclose(inertia.W @ inertia.H, np.eye(6), atol=1e-9)
+
+
+@given(seeds, st.sampled_from([0.0, 1e12]))
+def test_both_ways_to_the_modes_are_the_same(seed, max_effective_mass):
+    rng = np.random.default_rng(seed)
+    M, J, K = random_spd(rng, 7), rng.normal(size=(6, 7)), random_spd(rng, 6)
+    gains = replace(random_gains(rng), max_effective_mass=max_effective_mass + 1e3)
+    B, d, bounded = task_modes(gains, M=M, J=J, stiffness=K)
+    inertia = task_inertia(
+        M=M,
+        J=J,
+        max_effective_mass=gains.max_effective_mass,
+        characteristic_length=gains.characteristic_length,
+    )
+    expected, rates = damping_modes(
+        inertia=inertia, stiffness=K, damping_ratio=gains.damping_ratio
+    )
+    assert bounded == inertia.bounded
+    for found, known in (
+        (B @ B.T, expected @ expected.T),
+        (B * d @ B.T, expected * rates @ expected.T),
+    ):
+        np.testing.assert_allclose(found, known, atol=1e-6 * np.abs(known).max())
 
 
 @given(seeds, st.floats(min_value=0.1, max_value=0.95))
