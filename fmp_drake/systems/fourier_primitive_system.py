@@ -132,7 +132,7 @@ class FourierPrimitiveSystem(LeafSystem):
         push_threshold: float | None = None,
         push_dwell: float = 0.2,
         plan_seconds: float = 3.0,
-        jerk_window: float = 0.02,
+        jerk_window: float = 0.025,
         event_period: float | None = None,
         choice: CoverageChoice | None = None,
     ) -> None:

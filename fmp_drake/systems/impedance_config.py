@@ -92,7 +92,7 @@ class ImpedanceConfig:
     max_effective_mass: float = 100.0
     characteristic_length: float = 0.25
     control_period: float = 0.001
-    model_period: float = 0.02
+    model_period: float = 0.025
     target_time_constant: float = 0.0
     stiffness_time_constant: float = 0.05
     walls: JointWallConfig = field(default_factory=JointWallConfig)

@@ -109,8 +109,7 @@ def linearized(
     np.subtract(spring, k, out=weights[0, 0])
     np.subtract(damper, d, out=weights[1, 0])
     slope: Array = np.dot((weights * BJ.T).reshape(2 * n, 6), BJ)
-    slope[:n] -= spring * arm.M
-    slope[n:] -= damper * arm.M
+    slope.reshape(2, n, n)[:] -= np.multiply.outer((spring, damper), arm.M)
     V, A = B_t.dot(desired_twist), B_t.dot(desired_acceleration)
     rate, curve = k * V + d * A, 0.5 * k * A
     if desired_jerk is not None:
