@@ -69,18 +69,18 @@ gain above 1 the joints run away.
 
 Model hold
 ==========
-The torque is updated every `control_period`, the law every `model_period`: in
-between, a model of the law, of first order in the arm's state and of second in time,
-is evaluated at the measured state, see `impedance_hold`. Stiffness and damping act at
-the full rate, and the target goes on with its `desired_jerk`. Wiping with 25 ms the
-torque differs by 0.08 Nm (rms) from the law at every millisecond, without the jerk by
-0.16 Nm, with 20 ms by 0.03 and 0.11 Nm; Panda's joints rub with more. What differs more
-are jumps of the target, seen up to 25 ms later. The law is
-computed at once where the state is not finite, leaves the model's reach (0.05 rad,
-0.3 rad/s, or less in front of a wall or a brake), or the torque or its rate comes near
-a limit, and every time while `status` shows anything but force control. What the other
-ports bring, also a fault of the target or a lost contact, is noticed at the next full
-update. With ``model_period = control_period`` all updates are full.
+The torque is updated every `control_period`, the law every `model_period`: in between,
+a model of the law, of first order in the arm's state and of second in time, is
+evaluated at the measured state, see `impedance_hold`. Stiffness and damping act at the
+full rate, and the target goes on with its `desired_jerk`. Wiping with 25 ms the torque
+differs by 0.08 Nm (rms) from the law at every millisecond, without the jerk by 0.16 Nm,
+with 20 ms by 0.03 and 0.11 Nm; Panda's joints rub with more. What differs more are
+jumps of the target, seen up to 25 ms later. The law is computed at once where the state
+is not finite, leaves the model's reach (0.05 rad, 0.3 rad/s, or less in front of a wall
+or a brake), or the torque or its rate comes near a limit, and every time while `status`
+shows anything but force control. What the other ports bring, also a fault of the target
+or a lost contact, is noticed at the next full update. With ``model_period =
+control_period`` all updates are full.
 
 References
 ----------
