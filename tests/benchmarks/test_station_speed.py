@@ -32,18 +32,24 @@ MINUTES = 10
 ROWS = {"table_top": 0.0, "cenic": 0.05}
 
 
+def run_script(name, *arguments):
+    """Run a script beside this file in a process of its own; return what it prints."""
+    done = subprocess.run(
+        [sys.executable, Path(__file__).with_name(name), *map(str, arguments)],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    return json.loads(done.stdout)
+
+
 @pytest.mark.parametrize("name", list(ROWS))
 def test_the_station_beside_its_bare_plant(benchmark, figures, name):
-    scenario = LoadScenario(name)
-    end = WARM_UP + SLICES
-    bare = make_simulator(make_bare(scenario, *record(scenario, end)), scenario)
-    station = make_simulator(make_station(scenario), scenario)
-    seconds, off = benchmark.pedantic(
-        take_turns,
-        args=((station, bare),),
-        kwargs={"warm_up": WARM_UP, "slices": SLICES, "follow": name == "cenic"},
-        rounds=1,
+    run = benchmark.pedantic(
+        run_script, args=("station_speed.py", name, WARM_UP, SLICES), rounds=1
     )
+    seconds, off = np.array(run["seconds"]), run["off"]
+    assert seconds.shape == (SLICES, 2)
     assert off <= ROWS[name]
     whole, alone = 1 / np.median(seconds, axis=0)
     figures.section = f"The whiteboard station: {SLICES} s of {name}, contact on"
@@ -105,18 +111,9 @@ def test_who_takes_the_time(benchmark, figures):
 
 @pytest.mark.timeout(3600)
 def test_memory_over_ten_minutes(benchmark, figures):
-    script = Path(__file__).with_name("station_memory.py")
-
-    def simulate():
-        done = subprocess.run(
-            [sys.executable, script, "table_top", str(MINUTES)],
-            check=True,
-            capture_output=True,
-            text=True,
-        )
-        return json.loads(done.stdout)
-
-    memory = benchmark.pedantic(simulate, rounds=1)
+    memory = benchmark.pedantic(
+        run_script, args=("station_memory.py", "table_top", MINUTES), rounds=1
+    )
     assert len(memory) == MINUTES
     figures.section = f"Memory of a station over {MINUTES} minutes"
     figures.add("after 2 minutes", memory[1], "MB")
