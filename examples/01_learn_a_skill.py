@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from fmp_drake.apps.plots import draw_samples_in_plane, draw_way_back, plot_skill
+from fmp_drake.plots import draw_samples_in_plane, draw_way_back, plot_skill
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,

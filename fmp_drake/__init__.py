@@ -6,6 +6,9 @@ Layers, each importing only from the ones before it:
   scikit-learn; no Drake);
 - `fmp_drake.systems` wraps them as Drake systems;
 - `fmp_drake.station` wires the whiteboard-wiping Panda;
+- `fmp_drake.runs`, `fmp_drake.plots` and `fmp_drake.film` measure, draw and film
+  runs of it;
+- `fmp_drake.experiments` repeats the paper's section V;
 - `fmp_drake.apps` is the command line.
 
 The method is Kulak, Silvério and Calinon, "Fourier movement primitives: an

@@ -12,8 +12,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
-from fmp_drake.station.model_files import AddPandaWithEraser
-from fmp_drake.systems.impedance_config import ImpedanceConfig
+from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )

@@ -21,7 +21,7 @@ import pytest
 from hypothesis import settings
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.systems.hand_motion import HandMotion
+from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 # The same examples in every run: a red test means a changed package.
 settings.register_profile("repeatable", derandomize=True, deadline=None)

@@ -1,4 +1,4 @@
-"""Facts about who imports whom: primitives <- systems <- station <- apps."""
+"""Facts about who imports whom: each layer only from those before it."""
 
 import ast
 import subprocess
@@ -10,7 +10,16 @@ import pytest
 import fmp_drake
 
 PACKAGE = Path(fmp_drake.__file__).parent
-LAYERS = ("primitives", "systems", "station", "apps")
+LAYERS = (
+    "primitives",
+    "systems",
+    "station",
+    "runs",
+    "plots",
+    "film",
+    "experiments",
+    "apps",
+)
 # Below all layers.
 BASE = {"errors", "__init__"}
 

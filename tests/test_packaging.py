@@ -92,9 +92,9 @@ def test_unpacked_wheel_is_what_python_imports(installed):
 
 def test_unpacked_wheel_finds_its_models(installed):
     code = """
-from fmp_drake.station.model_files import models_dir
+from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.board_scene import AddBoardScene
+from fmp_drake.station.parts.board_scene import AddBoardScene
 from pydrake.systems.framework import DiagramBuilder
 scenario = LoadScenario("table_top")
 AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)

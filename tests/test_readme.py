@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from matplotlib import image
 
-from fmp_drake.apps.film.checks import renders
 from fmp_drake.apps.main import app
+from fmp_drake.film.checks import renders
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")

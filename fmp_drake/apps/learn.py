@@ -5,11 +5,13 @@ from pathlib import Path
 
 import click
 
-from fmp_drake.apps.inputs import PATH, learn_skill, load_on_board, skill_options
-from fmp_drake.apps.outputs import check_picture, check_writable
+from fmp_drake.apps.options import PATH, skill_options
 from fmp_drake.apps.page import make_console
-from fmp_drake.apps.plots import plot_skill
+from fmp_drake.plots import plot_skill
+from fmp_drake.plots.outputs import check_picture
 from fmp_drake.primitives import save_skill
+from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.runs.skills import learn_skill, load_on_board
 from fmp_drake.station.scenario import Scenario
 
 

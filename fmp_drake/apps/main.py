@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from fmp_drake import __version__
 from fmp_drake.apps.learn import learn
 from fmp_drake.apps.record import record
-from fmp_drake.apps.reproduce.command import reproduce
+from fmp_drake.apps.reproduce import reproduce
 from fmp_drake.apps.scenarios import scenarios
 from fmp_drake.apps.video import video
 from fmp_drake.apps.wipe import wipe

@@ -7,16 +7,16 @@ import click
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.apps.inputs import PATH
-from fmp_drake.apps.outputs import check_writable
+from fmp_drake.apps.options import PATH
 from fmp_drake.apps.page import advance, make_console, open_page
 from fmp_drake.errors import FmpError
+from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.teaching_station import (
     DemonstrationFromRecorder,
     MakeTeachingStation,
 )
-from fmp_drake.systems.hand_motion import TASKS, HandMotion, Task
+from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion, Task
 
 # The hand settles on the board before the recording begins.
 _SETTLE = 2.0

@@ -9,11 +9,11 @@ import click
 import numpy as np
 from rich.table import Table
 
-from fmp_drake.apps.inputs import PATH
-from fmp_drake.apps.outputs import check_writable
+from fmp_drake.apps.options import PATH
 from fmp_drake.apps.page import make_console
-from fmp_drake.apps.scenario_page import Measured, measure_scenario, scenario_page
 from fmp_drake.errors import FmpError
+from fmp_drake.film.scenario_page import Measured, measure_scenario, scenario_page
+from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 

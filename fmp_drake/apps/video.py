@@ -14,9 +14,9 @@ from pathlib import Path
 
 import click
 
-from fmp_drake.apps.inputs import PATH
-from fmp_drake.apps.outputs import check_writable
+from fmp_drake.apps.options import PATH
 from fmp_drake.errors import FmpError
+from fmp_drake.primitives.data.files import check_writable
 
 
 @click.command()

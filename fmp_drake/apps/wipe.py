@@ -9,18 +9,20 @@ from typing import Any
 import click
 import numpy as np
 
-from fmp_drake.apps.film import FilmCamera, FilmReel, Trail, check_film, render_film
-from fmp_drake.apps.graphviz import check_graph, write_graph
-from fmp_drake.apps.inputs import PATH, scenario_skill, skill_options
-from fmp_drake.apps.outputs import check_picture, check_writable
+from fmp_drake.apps.options import PATH, skill_options
 from fmp_drake.apps.page import advance, make_console, open_page
-from fmp_drake.apps.plots import plot_run
 from fmp_drake.apps.report import print_report
-from fmp_drake.apps.run_figures import run_figures
-from fmp_drake.apps.run_log import check_log
-from fmp_drake.apps.wiping_run import WipingRun
 from fmp_drake.errors import FmpError
-from fmp_drake.station.panda_model import VISUALS
+from fmp_drake.film import FilmCamera, FilmReel, Trail, check_film, render_film
+from fmp_drake.plots import plot_run
+from fmp_drake.plots.graphviz import check_graph, write_graph
+from fmp_drake.plots.outputs import check_picture
+from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.runs.log import check_log
+from fmp_drake.runs.metrics import run_figures
+from fmp_drake.runs.skills import scenario_skill
+from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.station.models.panda import VISUALS
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import ShowConfig
 

@@ -1,30 +1,32 @@
 """Learning and playing Fourier movement primitives. No Drake in here."""
 
-from fmp_drake.primitives.basis import FourierBasis
-from fmp_drake.primitives.demonstration import Demonstration
-from fmp_drake.primitives.discrete import DiscreteMovementPrimitive
-from fmp_drake.primitives.discrete_movement import ViaPoint
-from fmp_drake.primitives.keypoint import Keypoint
-from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.mapping import Mapping, MappingPlan
-from fmp_drake.primitives.modulation import modulate_skill, modulate_windows
-from fmp_drake.primitives.movement_primitive import (
+from fmp_drake.primitives.data.demonstration import Demonstration
+from fmp_drake.primitives.data.windows import sliding_windows
+from fmp_drake.primitives.discrete.discrete_movement_primitive import (
+    DiscreteMovementPrimitive,
+)
+from fmp_drake.primitives.discrete.via_points import ViaPoint
+from fmp_drake.primitives.editing.modulation import modulate_skill, modulate_windows
+from fmp_drake.primitives.editing.orientation import add_orientation, skill_rotations
+from fmp_drake.primitives.editing.spectrum import skill_spectrum, window_spectrum
+from fmp_drake.primitives.editing.transforms import scale_tempo, transform_space
+from fmp_drake.primitives.model.basis import FourierBasis
+from fmp_drake.primitives.model.keypoint import Keypoint
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.mapping import Mapping, MappingPlan
+from fmp_drake.primitives.model.movement_primitive import (
     PAPER_SETTINGS,
     FourierMovementPrimitive,
 )
-from fmp_drake.primitives.orientation import add_orientation, skill_rotations
-from fmp_drake.primitives.playback import Player
-from fmp_drake.primitives.playback_state import PlaybackState
-from fmp_drake.primitives.skill_file import load_skill, save_skill
-from fmp_drake.primitives.spectrum import skill_spectrum, window_spectrum
-from fmp_drake.primitives.tracking import (
+from fmp_drake.primitives.model.skill_file import load_skill, save_skill
+from fmp_drake.primitives.playback.playback_state import PlaybackState
+from fmp_drake.primitives.playback.player import Player
+from fmp_drake.primitives.playback.tracking import (
     ExponentialTracker,
     LqrTracker,
     ProportionalTracker,
     Tracker,
 )
-from fmp_drake.primitives.transforms import scale_tempo, transform_space
-from fmp_drake.primitives.windows import sliding_windows
 
 __all__ = [
     "PAPER_SETTINGS",

@@ -15,7 +15,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.model_files import models_dir
+from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.scenario_parts import (
     BoardConfig,
     CameraConfig,
@@ -28,8 +28,8 @@ from fmp_drake.station.scenario_parts import (
     SkillConfig,
     finite,
 )
-from fmp_drake.systems.impedance_config import ImpedanceConfig
-from fmp_drake.systems.impedance_friction import FrictionConfig
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.friction import FrictionConfig
 
 
 @dataclass(kw_only=True)

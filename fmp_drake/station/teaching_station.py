@@ -8,13 +8,13 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from fmp_drake.primitives import Demonstration
-from fmp_drake.station.arm_controller import AddArmController
-from fmp_drake.station.board_scene import AddBoardScene
-from fmp_drake.station.page_scene import AddBodies
+from fmp_drake.station.parts.arm_controller import AddArmController
+from fmp_drake.station.parts.board_scene import AddBoardScene
+from fmp_drake.station.parts.page_scene import AddBodies
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.hand_motion import HandMotion
 from fmp_drake.systems.human_hand import HumanHand
-from fmp_drake.systems.impedance_config import ImpedanceConfig
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 RATE = 20.0
 

@@ -10,14 +10,14 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
-from fmp_drake.station.arm_controller import AddArmController
-from fmp_drake.station.board_ink import AddInk
-from fmp_drake.station.board_scene import AddBoardScene
-from fmp_drake.station.external_forces import AddExternalForces
-from fmp_drake.station.page_scene import AddPage
+from fmp_drake.station.parts.arm_controller import AddArmController
+from fmp_drake.station.parts.board_ink import AddInk
+from fmp_drake.station.parts.board_scene import AddBoardScene
+from fmp_drake.station.parts.external_forces import AddExternalForces
+from fmp_drake.station.parts.page_scene import AddPage
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.coverage_choice import CoverageChoice
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.normal_press import NormalPress
 
 # How often the primitive stores its state without a page, whose controls must act at

@@ -25,13 +25,13 @@ from fmp_drake.primitives import (
     Player,
     Tracker,
 )
-from fmp_drake.primitives.live_playback import (
+from fmp_drake.primitives.playback.live_playback import (
     LivePlayback,
     LiveState,
     remapped,
     retargeted,
 )
-from fmp_drake.systems.coverage_choice import CoverageChoice
+from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.playback_book import PlaybackBook
 
 MAX_TEMPO = 4.0

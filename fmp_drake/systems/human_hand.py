@@ -12,7 +12,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.hand_motion import HandMotion
+from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 
 @dataclass(kw_only=True)

@@ -28,25 +28,25 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.ink_checks import (
+from fmp_drake.systems.ink.checks import (
     check_ink_options,
     check_touchable,
     checked_ink,
 )
-from fmp_drake.systems.ink_grid import (
+from fmp_drake.systems.ink.grid import (
     CLEAN_BELOW,
     WEAR_CONSTANT,
     InkGrid,
     cleaned_fraction,
 )
-from fmp_drake.systems.ink_patch import (
+from fmp_drake.systems.ink.patch import (
     PlanarMotion,
     join_patches,
     planar_motion,
     read_patch,
     rubbing,
 )
-from fmp_drake.systems.ink_sweep import Sweep
+from fmp_drake.systems.ink.sweep import Sweep
 
 type FloatArray = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.ink_grid import InkGrid
-from fmp_drake.systems.ink_mesh import ShadeArray, corner_shades, draw_ink, ink_mesh
+from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink.mesh import ShadeArray, corner_shades, draw_ink, ink_mesh
 
 TILE = 32
 """Edge of a tile in cells; only tiles whose shades change are drawn again."""

@@ -8,7 +8,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.impedance_friction import FrictionConfig, SigmoidFriction
+from fmp_drake.systems.impedance.friction import FrictionConfig, SigmoidFriction
 
 
 class JointFriction(LeafSystem):

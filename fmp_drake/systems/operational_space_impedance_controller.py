@@ -110,21 +110,21 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.impedance_arm import (
+from fmp_drake.systems.impedance.arm import (
     ArmKinematics,
     ArmModel,
     is_finite,
     step_settings,
     twist_turn,
 )
-from fmp_drake.systems.impedance_config import ImpedanceConfig
-from fmp_drake.systems.impedance_error import task_error
-from fmp_drake.systems.impedance_inputs import ArmMeasurement, StepInputs
-from fmp_drake.systems.impedance_law import Array
-from fmp_drake.systems.impedance_memory import ImpedanceMemory
-from fmp_drake.systems.impedance_status import STATUS_SIZE
-from fmp_drake.systems.impedance_step import impedance_step
-from fmp_drake.systems.impedance_target import TaskTarget, rotation_of_quaternion
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.error import task_error
+from fmp_drake.systems.impedance.inputs import ArmMeasurement, StepInputs
+from fmp_drake.systems.impedance.law import Array
+from fmp_drake.systems.impedance.memory import ImpedanceMemory
+from fmp_drake.systems.impedance.status import STATUS_SIZE
+from fmp_drake.systems.impedance.step import impedance_step
+from fmp_drake.systems.impedance.target import TaskTarget, rotation_of_quaternion
 
 # Groups of the discrete state.
 _TORQUE, _STATUS, _MEMORY, _MODEL = range(4)

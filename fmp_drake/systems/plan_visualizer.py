@@ -10,8 +10,8 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.path_drawing import LIFT, draw_rod, lifted
-from fmp_drake.systems.swept_mesh import covariance_band
+from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod, lifted
+from fmp_drake.systems.viewer.swept_mesh import covariance_band
 
 PLAN_COLOR = Rgba(0.05, 0.55, 0.25, 1.0)
 """Colour of the plan."""

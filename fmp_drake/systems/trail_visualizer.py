@@ -9,7 +9,7 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.path_drawing import LIFT, draw_rod
+from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod
 
 COLORS = {
     "desired": Rgba(0.06, 0.42, 0.25, 0.7),

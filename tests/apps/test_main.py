@@ -10,7 +10,7 @@ import pytest
 
 import fmp_drake
 from fmp_drake.apps import main as main_module
-from fmp_drake.station.model_files import models_dir
+from fmp_drake.station.models.model_files import models_dir
 
 SCRIPT = Path(sys.executable).parent / "fmp-drake"
 

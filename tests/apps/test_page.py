@@ -7,9 +7,9 @@ import pytest
 from browser import CTRL, OFFLINE, Page, needs_chromium, screenshot
 
 from fmp_drake.apps import wipe as wipe_module
-from fmp_drake.apps.inputs import default_demonstration, learn_skill, load_on_board
 from fmp_drake.apps.page import open_page
-from fmp_drake.apps.wiping_run import WipingRun
+from fmp_drake.runs.skills import default_demonstration, learn_skill, load_on_board
+from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.scenario import LoadScenario
 
 # Share of the picture that is inked board.

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from browser import OFFLINE, needs_chromium, screenshot
 
-from fmp_drake.apps.inputs import scenario_skill
 from fmp_drake.apps.page import open_page
-from fmp_drake.apps.wiping_run import WipingRun
+from fmp_drake.runs.skills import scenario_skill
+from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 REPLAYED = "moving_board"

@@ -13,9 +13,9 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from rich.console import Console
 
 from fmp_drake.apps.page import RunButtons, advance
-from fmp_drake.station.arm_controller import AddArmController
-from fmp_drake.station.board_scene import AddBoardScene
-from fmp_drake.station.mouse import AddMousePull
+from fmp_drake.station.parts.arm_controller import AddArmController
+from fmp_drake.station.parts.board_scene import AddBoardScene
+from fmp_drake.station.parts.mouse import AddMousePull
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.systems.page_controls import PageControls
 

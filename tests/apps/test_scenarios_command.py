@@ -6,11 +6,11 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from fmp_drake.apps import scenario_page as page_module
 from fmp_drake.apps import scenarios as scenarios_module
-from fmp_drake.apps.film import checks
-from fmp_drake.apps.scenario_page import Measured, measure_scenario, scenario_page
 from fmp_drake.errors import FmpError
+from fmp_drake.film import checks
+from fmp_drake.film import scenario_page as page_module
+from fmp_drake.film.scenario_page import Measured, measure_scenario, scenario_page
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 FIGURES = {

@@ -9,16 +9,16 @@ from PIL import Image, ImageSequence
 from pydrake.common.yaml import yaml_load_typed
 
 from fmp_drake.apps import wipe as wipe_module
-from fmp_drake.apps.film import checks
-from fmp_drake.apps.inputs import bundled_demonstrations, default_demonstration
 from fmp_drake.apps.page import open_page
-from fmp_drake.apps.run_log import RunLog
-from fmp_drake.apps.run_signals import SIGNALS
-from fmp_drake.apps.wiping_run import WipingRun
 from fmp_drake.errors import FmpError
+from fmp_drake.film import checks
 from fmp_drake.primitives import Demonstration
-from fmp_drake.station.page_scene import BOARD, INK
-from fmp_drake.station.panda_model import VISUALS
+from fmp_drake.runs.log import RunLog
+from fmp_drake.runs.signals import SIGNALS
+from fmp_drake.runs.skills import bundled_demonstrations, default_demonstration
+from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.station.models.panda import VISUALS
+from fmp_drake.station.parts.page_scene import BOARD, INK
 from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
 from fmp_drake.station.scenario_parts import ShowConfig
 

@@ -12,7 +12,7 @@ from time import perf_counter
 import numpy as np
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.primitives.movement_primitive import PAPER_SETTINGS
+from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
 
 STRIDE = 10
 WINDOW_SECONDS = 6.0

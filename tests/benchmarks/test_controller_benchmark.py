@@ -8,7 +8,7 @@ import pytest
 from arm_loop import Q_START, X_WT_TILTED, ArmLoop, make_arm, pose_in_task
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.systems.impedance_config import ImpedanceConfig
+from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )

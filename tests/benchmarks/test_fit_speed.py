@@ -24,8 +24,8 @@ from sklearn.mixture import GaussianMixture
 from tube import bundled
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.primitives.movement_primitive import PAPER_SETTINGS
-from fmp_drake.primitives.windows import demonstration_windows
+from fmp_drake.primitives.data.windows import demonstration_windows
+from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
 
 SECTION = "Learning from the bundled 8 (3 minutes)"
 LEARN_SECONDS = 120

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from tube import bundled
 
 from fmp_drake.primitives import FourierMovementPrimitive, Keypoint, Player
-from fmp_drake.primitives.movement_primitive import PAPER_SETTINGS
+from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
 
 SECTION = "One mapping and one evaluation (T = 120, D = 3, K = 10, bundled 8)"
 

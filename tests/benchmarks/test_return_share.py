@@ -5,7 +5,7 @@ import pytest
 from tube import bundled, measure_return, peak_speed, remapping_jumps, starts_in_box
 
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.primitives.movement_primitive import PAPER_SETTINGS
+from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
 
 SETTINGS = {"defaults": {}, "M = 10, stride 10": PAPER_SETTINGS}
 PERIODS = {"polishing": 2.0, "eight": 3.0}

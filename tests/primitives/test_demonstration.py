@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from fmp_drake.errors import DemonstrationError, FmpError, SkillFileError
 from fmp_drake.primitives import Demonstration
-from fmp_drake.primitives.demonstration import FORMAT, VERSION
+from fmp_drake.primitives.data.demonstration import FORMAT, VERSION
 
 
 def example(count=50, rate=20.0, **changes):

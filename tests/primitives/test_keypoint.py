@@ -9,7 +9,7 @@ from sklearn.base import clone
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import Keypoint
-from fmp_drake.primitives.keypoint import channel_indices
+from fmp_drake.primitives.model.keypoint import channel_indices
 
 NAMES = ("x", "y", "fz")
 

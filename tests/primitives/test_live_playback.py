@@ -7,7 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fmp_drake.primitives import Player
-from fmp_drake.primitives.live_playback import LivePlayback, LiveState, remapped
+from fmp_drake.primitives.playback.live_playback import (
+    LivePlayback,
+    LiveState,
+    remapped,
+)
 
 
 def live_at(player, start, **options):

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import FourierBasis, mixture
-from fmp_drake.primitives.mixture import fit_mixture, log_densities
+from fmp_drake.primitives.model.mixture import fit_mixture, log_densities
 
 OPTIONS = {
     "n_components": 1,

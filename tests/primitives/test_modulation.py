@@ -9,8 +9,8 @@ from sklearn.exceptions import NotFittedError
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import FourierMovementPrimitive, Player
-from fmp_drake.primitives.modulation import modulate_skill, modulate_windows
-from fmp_drake.primitives.spectrum import skill_spectrum
+from fmp_drake.primitives.editing.modulation import modulate_skill, modulate_windows
+from fmp_drake.primitives.editing.spectrum import skill_spectrum
 
 T = 60
 

@@ -13,7 +13,7 @@ from sklearn.model_selection import GridSearchCV, KFold, cross_val_score
 
 from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.primitives.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 PARAMETERS = {
     "n_steps": 120,

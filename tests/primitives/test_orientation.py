@@ -18,7 +18,7 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
-from fmp_drake.primitives.orientation import (
+from fmp_drake.primitives.editing.orientation import (
     LARGEST_ANGLE,
     add_orientation,
     angular_acceleration,
@@ -29,7 +29,7 @@ from fmp_drake.primitives.orientation import (
     rotations_of,
     skill_rotations,
 )
-from fmp_drake.primitives.transforms import transform_space
+from fmp_drake.primitives.editing.transforms import transform_space
 
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 

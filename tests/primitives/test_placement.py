@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
-from fmp_drake.primitives.placement import Placement, fit_placement
+from fmp_drake.primitives.data.placement import Placement, fit_placement
 
 USABLE = (0.4, 0.3)
 

@@ -16,7 +16,7 @@ from fmp_drake.primitives import (
     Player,
     ProportionalTracker,
 )
-from fmp_drake.primitives.tracking import paper_precision_diagonal
+from fmp_drake.primitives.playback.tracking import paper_precision_diagonal
 
 
 def proportional(skill):

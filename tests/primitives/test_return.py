@@ -14,7 +14,7 @@ from tube import (
 )
 
 from fmp_drake.primitives import FourierMovementPrimitive, Player
-from fmp_drake.primitives.movement_primitive import PAPER_SETTINGS
+from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
 
 PERIODS = {"polishing": 2.0, "eight": 3.0}
 

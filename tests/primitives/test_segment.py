@@ -10,8 +10,8 @@ from tracking_rules import TRACKERS
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
-from fmp_drake.primitives.polynomial_segment import HORIZON, PolynomialSegment
-from fmp_drake.primitives.segment import Segment, critically_damped
+from fmp_drake.primitives.playback.polynomial_segment import HORIZON, PolynomialSegment
+from fmp_drake.primitives.playback.segment import Segment, critically_damped
 
 SECONDS = np.concatenate(
     [[0.0, 1e-6], np.random.default_rng(0).uniform(0, 0.1, 40), [0.0999]]

@@ -17,7 +17,7 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
-from fmp_drake.primitives.skill_file import FORMAT, VERSION
+from fmp_drake.primitives.model.skill_file import FORMAT, VERSION
 
 
 @pytest.fixture

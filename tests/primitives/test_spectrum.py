@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import FourierMovementPrimitive, sliding_windows
-from fmp_drake.primitives.spectrum import (
+from fmp_drake.primitives.editing.spectrum import (
     Spectrum,
     skill_spectrum,
     window_spectrum,

@@ -14,7 +14,7 @@ from fmp_drake.primitives import (
     LqrTracker,
     ProportionalTracker,
 )
-from fmp_drake.primitives.tracking import Drift, paper_precision_diagonal
+from fmp_drake.primitives.playback.tracking import Drift, paper_precision_diagonal
 
 TICK = 0.1
 

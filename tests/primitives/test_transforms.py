@@ -16,8 +16,8 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
-from fmp_drake.primitives.fitted import copy_skill
-from fmp_drake.primitives.transforms import scale_tempo, transform_space
+from fmp_drake.primitives.editing.transforms import scale_tempo, transform_space
+from fmp_drake.primitives.model.fitted import copy_skill
 
 XY = ("x", "y")
 

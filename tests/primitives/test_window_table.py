@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from tracking_rules import TRACKERS
 
 from fmp_drake.primitives import FourierMovementPrimitive, Player
-from fmp_drake.primitives.window_table import WindowTable
+from fmp_drake.primitives.playback.window_table import WindowTable
 
 
 @pytest.fixture(scope="module", params=["small", "odd", "units"])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, sliding_windows
-from fmp_drake.primitives.windows import demonstration_windows
+from fmp_drake.primitives.data.windows import demonstration_windows
 
 
 def counting(count, rate=20.0, start=0.0, **names):

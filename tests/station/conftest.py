@@ -3,7 +3,7 @@
 import pytest
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.station.model_files import models_dir
+from fmp_drake.station.models.model_files import models_dir
 
 
 @pytest.fixture(scope="session")

@@ -8,11 +8,11 @@ from pydrake.systems.primitives import LogVectorOutput
 from scipy.stats import chi2
 from station_run import StationRun, check_limits
 
-from fmp_drake.primitives.baselines.period import fundamental_period
+from fmp_drake.experiments.baselines.period import fundamental_period
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.station.wiping_station import MakeWipingStation
-from fmp_drake.systems.impedance_status import StatusFlag
+from fmp_drake.systems.impedance.status import StatusFlag
 
 FIRST, APART = 6.0, 4.3
 PUSHES = {

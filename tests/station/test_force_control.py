@@ -13,13 +13,13 @@ from pydrake.systems.controllers import InverseDynamics
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, LogVectorOutput
 
-from fmp_drake.station.board_scene import AddBoardScene
+from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.scenario import BoardConfig, Scenario
-from fmp_drake.systems.impedance_config import ImpedanceConfig
-from fmp_drake.systems.impedance_force import ForceControlConfig
-from fmp_drake.systems.impedance_status import StatusFlag
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.force_control import ForceControlConfig
+from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink_board import InkBoard
-from fmp_drake.systems.ink_grid import InkGrid
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )

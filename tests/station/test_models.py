@@ -26,14 +26,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
-from fmp_drake.station import model_files
-from fmp_drake.station.eraser_model import AddEraser
-from fmp_drake.station.model_files import (
+from fmp_drake.station.models import model_files
+from fmp_drake.station.models.eraser import AddEraser
+from fmp_drake.station.models.model_files import (
     AddFmpDrakePackage,
     AddPandaWithEraser,
     models_dir,
 )
-from fmp_drake.station.whiteboard_model import AddWhiteboard
+from fmp_drake.station.models.whiteboard import AddWhiteboard
 
 START = np.array([0, -math.pi / 4, 0, -3 * math.pi / 4, 0, math.pi / 2, math.pi / 4])
 REFLECTED_INERTIA = np.array([0.605721456] * 2 + [0.462474144] * 2 + [0.205544064] * 3)
@@ -77,7 +77,7 @@ def test_models_are_beside_the_package_in_a_checkout():
 
 
 def _Pretend(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = folder / "fmp_drake" / "station" / "model_files.py"
+    module = folder / "fmp_drake" / "station" / "models" / "model_files.py"
     monkeypatch.setattr(model_files, "__file__", str(module))
 
 

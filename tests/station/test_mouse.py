@@ -9,8 +9,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.board_scene import AddBoardScene
-from fmp_drake.station.mouse import AddMousePull
+from fmp_drake.station.parts.board_scene import AddBoardScene
+from fmp_drake.station.parts.mouse import AddMousePull
 from fmp_drake.station.scenario import LoadScenario
 
 BODIES = ["eraser/eraser", "panda/panda_link5", "panda/panda_link3"]

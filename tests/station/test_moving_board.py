@@ -10,11 +10,11 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder, EventStatus
 from station_run import StationRun, check_limits
 
-from fmp_drake.station.board_scene import AddBoardScene
+from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import BoardError, BoardMotion, SensorConfig
 from fmp_drake.station.wiping_station import MakeWipingStation
-from fmp_drake.systems.impedance_status import StatusFlag
+from fmp_drake.systems.impedance.status import StatusFlag
 
 FRAME = ("task_frame", "task_frame_velocity", "task_frame_acceleration")
 EVERY = 20  # ms

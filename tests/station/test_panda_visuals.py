@@ -17,8 +17,8 @@ from pydrake.multibody.plant import (
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.model_files import AddPandaWithEraser, models_dir
-from fmp_drake.station.panda_model import AddPanda
+from fmp_drake.station.models.model_files import AddPandaWithEraser, models_dir
+from fmp_drake.station.models.panda import AddPanda
 
 LINKS = [f"link{i}" for i in range(8)]
 MESHES = models_dir() / "panda" / "meshes"

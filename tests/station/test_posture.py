@@ -9,8 +9,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.model_files import AddPandaWithEraser
-from fmp_drake.station.posture import SolvePosture
+from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.station.parts.posture import SolvePosture
 from fmp_drake.station.scenario import Scenario
 
 DOWN = RotationMatrix(np.diag([1.0, -1.0, -1.0]))

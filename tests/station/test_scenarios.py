@@ -7,9 +7,9 @@ import json
 
 import pytest
 
-from fmp_drake.apps.inputs import scenario_skill
-from fmp_drake.apps.run_figures import WANTED_FORCE, run_figures
-from fmp_drake.apps.wiping_run import WipingRun
+from fmp_drake.runs.metrics import WANTED_FORCE, run_figures
+from fmp_drake.runs.skills import scenario_skill
+from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 pytestmark = pytest.mark.slow

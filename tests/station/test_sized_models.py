@@ -12,9 +12,9 @@ from pydrake.multibody.tree import RigidBody, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.eraser_model import AddEraser
-from fmp_drake.station.model_files import AddPandaWithEraser
-from fmp_drake.station.whiteboard_model import AddWhiteboard
+from fmp_drake.station.models.eraser import AddEraser
+from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.station.models.whiteboard import AddWhiteboard
 
 
 def _Scene(add, **values):

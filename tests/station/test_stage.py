@@ -17,9 +17,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.model_files import AddPandaWithEraser
-from fmp_drake.station.stage import FIELD_OF_VIEW, RenderLights, SetStage
-from fmp_drake.station.whiteboard_model import AddWhiteboard
+from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.parts.stage import FIELD_OF_VIEW, RenderLights, SetStage
 
 EYE, TARGET = np.array([1.42, -0.92, 0.82]), np.array([0.36, 0.0, 0.25])
 START = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]

@@ -14,7 +14,7 @@ from fmp_drake.station.teaching_station import (
     DemonstrationFromRecorder,
     MakeTeachingStation,
 )
-from fmp_drake.systems.hand_motion import TASKS, HandMotion
+from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion
 
 SETTLE = 1.0
 SECONDS = 4.0

@@ -19,8 +19,8 @@ from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.wiping_station import MakeWipingStation
-from fmp_drake.systems.impedance_status import StatusFlag
-from fmp_drake.systems.ink_grid import cleaned_fraction
+from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.ink.grid import cleaned_fraction
 
 PORTS = {
     "desired_position": 3,

@@ -12,7 +12,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import LqrTracker, Player
-from fmp_drake.primitives.live_playback import LivePlayback, LiveState
+from fmp_drake.primitives.playback.live_playback import LivePlayback, LiveState
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 
 OUTPUTS = {

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.hand_motion import TASKS, HandMotion, HandVariability
+from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion, HandVariability
 
 RATE = 200
 STEADY = HandVariability(frequency=0, amplitude=0, centre=0, tremor=0)

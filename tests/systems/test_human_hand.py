@@ -23,8 +23,8 @@ from pydrake.systems.primitives import LogVectorOutput
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.hand_motion import HandMotion
 from fmp_drake.systems.human_hand import GripConfig, HumanHand
+from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 INPUTS = ("body_poses", "body_spatial_velocities")
 OUTPUTS = ("spatial_forces", "position")

@@ -20,10 +20,10 @@ from arm_loop import (
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.systems.impedance_config import ImpedanceConfig
-from fmp_drake.systems.impedance_friction import FrictionConfig, SigmoidFriction
-from fmp_drake.systems.impedance_status import StatusFlag
-from fmp_drake.systems.impedance_tank import EnergyTankConfig
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.friction import FrictionConfig, SigmoidFriction
+from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.tank import EnergyTankConfig
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )

@@ -7,19 +7,19 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.systems.impedance_force import (
+from fmp_drake.systems.impedance.force_control import (
     ForceControlConfig,
     ForceState,
     correct_press,
 )
-from fmp_drake.systems.impedance_stiffness import (
+from fmp_drake.systems.impedance.stiffness import (
     CovarianceStiffnessConfig,
     is_covariance,
     spring_of,
     stiffness_from_covariance,
 )
-from fmp_drake.systems.impedance_tank import EnergyTankConfig, admit_stiffness, refill
-from fmp_drake.systems.impedance_target import (
+from fmp_drake.systems.impedance.tank import EnergyTankConfig, admit_stiffness, refill
+from fmp_drake.systems.impedance.target import (
     TaskTarget,
     blend,
     carried,

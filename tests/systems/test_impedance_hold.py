@@ -16,11 +16,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
 import fmp_drake.systems.operational_space_impedance_controller as controller_module
-from fmp_drake.systems.impedance_config import ImpedanceConfig
-from fmp_drake.systems.impedance_friction import FrictionConfig, SigmoidFriction
-from fmp_drake.systems.impedance_hold import HeldModel, ModelHold, reach_of
-from fmp_drake.systems.impedance_status import StatusFlag
-from fmp_drake.systems.impedance_walls import (
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.friction import FrictionConfig, SigmoidFriction
+from fmp_drake.systems.impedance.hold import HeldModel, ModelHold, reach_of
+from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.walls import (
     JointLimits,
     JointWallConfig,
     wall_torque,

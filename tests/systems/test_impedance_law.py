@@ -10,23 +10,23 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.impedance_config import ImpedanceConfig
-from fmp_drake.systems.impedance_error import rotation_vector, shorten, task_error
-from fmp_drake.systems.impedance_force import ForceControlConfig
-from fmp_drake.systems.impedance_gains import ImpedanceGains
-from fmp_drake.systems.impedance_law import (
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.error import rotation_vector, shorten, task_error
+from fmp_drake.systems.impedance.force_control import ForceControlConfig
+from fmp_drake.systems.impedance.gains import ImpedanceGains
+from fmp_drake.systems.impedance.law import (
     ArmDynamics,
     damping_modes,
     impedance_law,
     task_inertia,
     task_modes,
 )
-from fmp_drake.systems.impedance_limits import rate_scale, torque_scale
-from fmp_drake.systems.impedance_spring import spring_wrench
-from fmp_drake.systems.impedance_stiffness import CovarianceStiffnessConfig
-from fmp_drake.systems.impedance_tank import EnergyTankConfig
-from fmp_drake.systems.impedance_walls import JointWallConfig
-from fmp_drake.systems.impedance_watchdog import WatchdogConfig
+from fmp_drake.systems.impedance.limits import rate_scale, torque_scale
+from fmp_drake.systems.impedance.spring import spring_wrench
+from fmp_drake.systems.impedance.stiffness import CovarianceStiffnessConfig
+from fmp_drake.systems.impedance.tank import EnergyTankConfig
+from fmp_drake.systems.impedance.walls import JointWallConfig
+from fmp_drake.systems.impedance.watchdog import WatchdogConfig
 
 seeds = st.integers(min_value=0, max_value=2**32 - 1)
 unlimited = {

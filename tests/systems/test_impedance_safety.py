@@ -7,20 +7,20 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.systems.impedance_error import continued, task_error
-from fmp_drake.systems.impedance_force import ForceState
-from fmp_drake.systems.impedance_memory import MEMORY_SIZE, ImpedanceMemory
-from fmp_drake.systems.impedance_status import (
+from fmp_drake.systems.impedance.error import continued, task_error
+from fmp_drake.systems.impedance.force_control import ForceState
+from fmp_drake.systems.impedance.memory import MEMORY_SIZE, ImpedanceMemory
+from fmp_drake.systems.impedance.status import (
     STATUS_SIZE,
     ImpedanceStatus,
     StatusFlag,
 )
-from fmp_drake.systems.impedance_walls import (
+from fmp_drake.systems.impedance.walls import (
     JointLimits,
     JointWallConfig,
     wall_torque,
 )
-from fmp_drake.systems.impedance_watchdog import (
+from fmp_drake.systems.impedance.watchdog import (
     WatchdogConfig,
     WatchdogMode,
     WatchdogState,

@@ -33,11 +33,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from fmp_drake.errors import StationError
 from fmp_drake.systems import ink_board
+from fmp_drake.systems.ink.grid import WEAR_CONSTANT, InkGrid, wear
+from fmp_drake.systems.ink.metrics import cleaned_history
+from fmp_drake.systems.ink.patch import LONGEST_STEP, STRIPE_PITCH, join_patches
+from fmp_drake.systems.ink.sweep import sweep
 from fmp_drake.systems.ink_board import NEVER, InkBoard
-from fmp_drake.systems.ink_grid import WEAR_CONSTANT, InkGrid, wear
-from fmp_drake.systems.ink_metrics import cleaned_history
-from fmp_drake.systems.ink_patch import LONGEST_STEP, STRIPE_PITCH, join_patches
-from fmp_drake.systems.ink_sweep import sweep
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.005)
 FELT = (0.12, 0.05)

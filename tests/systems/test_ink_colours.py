@@ -5,12 +5,12 @@ import sys
 
 import numpy as np
 
-from fmp_drake.systems.ink_colours import BOARD_COLOUR, INK_COLOUR, ink_colours
+from fmp_drake.systems.ink.colours import BOARD_COLOUR, INK_COLOUR, ink_colours
 
 
 def test_it_imports_without_drake():
     code = (
-        "import sys, fmp_drake.systems.ink_colours; assert 'pydrake' not in sys.modules"
+        "import sys, fmp_drake.systems.ink.colours; assert 'pydrake' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

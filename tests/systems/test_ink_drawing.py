@@ -6,13 +6,13 @@ from PIL import Image
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.ink_drawing import (
+from fmp_drake.systems.ink.drawing import (
     MARGIN,
     draw_picture,
     draw_words,
     upright_turns,
 )
-from fmp_drake.systems.ink_grid import InkGrid
+from fmp_drake.systems.ink.grid import InkGrid
 
 GRID = InkGrid(size=(0.5, 0.7), cell=0.0025)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from plane_shapes import inside_convex, rectangle
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.ink_grid import (
+from fmp_drake.systems.ink.grid import (
     WEAR_CONSTANT,
     InkGrid,
     cleaned_fraction,
@@ -22,7 +22,7 @@ FELT = (0.12, 0.05)
 
 
 def test_grid_imports_without_drake():
-    code = "import sys, fmp_drake.systems.ink_grid; assert 'pydrake' not in sys.modules"
+    code = "import sys, fmp_drake.systems.ink.grid; assert 'pydrake' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

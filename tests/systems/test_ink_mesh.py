@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.geometry import Meshcat
 
-from fmp_drake.systems.ink_colours import ink_colours
-from fmp_drake.systems.ink_grid import InkGrid
-from fmp_drake.systems.ink_mesh import (
+from fmp_drake.systems.ink.colours import ink_colours
+from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink.mesh import (
     LEVELS,
     LIFT,
     corner_shades,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.ink_grid import InkGrid, cleaned_fraction
-from fmp_drake.systems.ink_metrics import (
+from fmp_drake.systems.ink.grid import InkGrid, cleaned_fraction
+from fmp_drake.systems.ink.metrics import (
     cleaned_history,
     missed_spots,
     times_to_clean,

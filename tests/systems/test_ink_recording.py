@@ -10,10 +10,10 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems import ink_recording
-from fmp_drake.systems.ink_colours import ink_colours
-from fmp_drake.systems.ink_grid import InkGrid
-from fmp_drake.systems.ink_recording import AddInkToRecording
+from fmp_drake.systems.ink import recording as ink_recording
+from fmp_drake.systems.ink.colours import ink_colours
+from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink.recording import AddInkToRecording
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.01)
 X_WB = RigidTransform([0.5, 0.0, 0.1])

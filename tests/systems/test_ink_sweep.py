@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from plane_shapes import inside_convex, rectangle
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.ink_grid import InkGrid
-from fmp_drake.systems.ink_sweep import sweep
+from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink.sweep import sweep
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.005)
 FELT = (0.12, 0.05)
@@ -28,7 +28,7 @@ def swept(p_BV, pressure, polygon=None, **options):
 
 def test_it_imports_without_drake():
     code = (
-        "import sys, fmp_drake.systems.ink_sweep; assert 'pydrake' not in sys.modules"
+        "import sys, fmp_drake.systems.ink.sweep; assert 'pydrake' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -14,8 +14,8 @@ from pydrake.systems.framework import (
 
 from fmp_drake.errors import StationError
 from fmp_drake.systems import ink_visualizer
-from fmp_drake.systems.ink_grid import InkGrid
-from fmp_drake.systems.ink_mesh import LEVELS, ink_mesh
+from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink.mesh import LEVELS, ink_mesh
 from fmp_drake.systems.ink_visualizer import TILE, InkVisualizer
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.005)

@@ -6,7 +6,7 @@ from arm_loop import make_arm
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.impedance_friction import FrictionConfig, SigmoidFriction
+from fmp_drake.systems.impedance.friction import FrictionConfig, SigmoidFriction
 from fmp_drake.systems.joint_friction import JointFriction
 
 

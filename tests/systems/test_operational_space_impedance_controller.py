@@ -28,11 +28,11 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.model_files import AddPandaWithEraser
-from fmp_drake.systems.impedance_config import ImpedanceConfig
-from fmp_drake.systems.impedance_error import task_error
-from fmp_drake.systems.impedance_law import ArmDynamics, impedance_law
-from fmp_drake.systems.impedance_limits import rate_scale, torque_scale
+from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.error import task_error
+from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
+from fmp_drake.systems.impedance.limits import rate_scale, torque_scale
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )

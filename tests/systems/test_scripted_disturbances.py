@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 
-from fmp_drake.station.model_files import AddPandaWithEraser
+from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.systems.scripted_disturbances import Hold, Push, ScriptedDisturbances
 
 PUSH = Push(start=1.0, duration=0.5, force=np.array([1.0, 2.0, 3.0]))

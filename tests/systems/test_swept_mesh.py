@@ -9,14 +9,14 @@ from numpy.testing import assert_allclose
 from pydrake.geometry import Meshcat, Rgba
 from scipy.spatial import ConvexHull
 
-from fmp_drake.systems.path_drawing import (
+from fmp_drake.systems.viewer.path_drawing import (
     LIFT,
     draw_demonstrations,
     draw_line,
     draw_rod,
     lifted,
 )
-from fmp_drake.systems.swept_mesh import covariance_band, rod_mesh
+from fmp_drake.systems.viewer.swept_mesh import covariance_band, rod_mesh
 
 RED = Rgba(1, 0, 0, 1)
 PATHS = arrays(float, (7, 3), elements=st.floats(-1, 1, width=32))

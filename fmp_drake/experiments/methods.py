@@ -1,0 +1,84 @@
+"""The methods that are compared, with the windows each learns from."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
+from fmp_drake.experiments.baselines.fourier_model import FourierModel
+from fmp_drake.experiments.baselines.periodic_dmp import PeriodicDMP
+from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
+from fmp_drake.experiments.baselines.promp import ProMP
+from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
+from fmp_drake.primitives import (
+    PAPER_SETTINGS,
+    Demonstration,
+    FourierMovementPrimitive,
+    Player,
+)
+from fmp_drake.primitives.data.windows import demonstration_windows
+
+RATE = 20.0
+N_STEPS = 120
+FMP_STRIDE = FourierMovementPrimitive(n_steps=N_STEPS).window_stride
+PAPER_STRIDE = int(PAPER_SETTINGS["stride"])
+
+MULT = "ProMP-VM-Mult"
+ALIGNED = "ProMP-VM, aligned"
+FMP = "FMP"
+FMP_PAPER = "FMP, paper's settings"
+
+
+def fmp(seed: int = 0) -> FourierModel:
+    """Return FMP with the defaults of the estimator."""
+    return FourierModel(settings={"random_state": seed})
+
+
+def fmp_paper(seed: int = 0) -> FourierModel:
+    """Return FMP as the paper sets it; its stride is that of the windows."""
+    return FourierModel(settings={**PAPER_SETTINGS, "random_state": seed})
+
+
+def promp_mult(seed: int = 0) -> ProMP:
+    """Return ProMP-VM-Mult: f = 1 to 5, 20 bases each, 10 Gaussians (V-C)."""
+    return ProMP(
+        frequencies=(1.0, 2.0, 3.0, 4.0, 5.0),
+        n_components=10,
+        random_state=seed,
+    )
+
+
+Maker = Callable[[int], TrajectoryModel]
+
+
+def compared(*, slow: bool) -> dict[str, tuple[Maker, int]]:
+    """Return every method of the held-out table with the stride of its windows."""
+    methods: dict[str, tuple[Maker, int]] = {
+        FMP: (fmp, FMP_STRIDE),
+        FMP_PAPER: (fmp_paper, PAPER_STRIDE),
+        MULT: (promp_mult, PAPER_STRIDE),
+        f"{MULT}, FMP's windows": (promp_mult, FMP_STRIDE),
+        ALIGNED: (
+            lambda seed: AlignedProMP(n_components=10, random_state=seed),
+            PAPER_STRIDE,
+        ),
+        "periodic DMP": (lambda _: PeriodicDMP(), PAPER_STRIDE),
+    }
+    if slow:
+        methods["periodic GP"] = (lambda _: PeriodicGP(), PAPER_STRIDE)
+    return methods
+
+
+def cut(demonstrations: Sequence[Demonstration], *, stride: int) -> NDArray[np.float64]:
+    """Return the windows of demonstrations, (N, T, D)."""
+    return demonstration_windows(
+        demonstrations, n_steps=N_STEPS, stride=stride, rate=RATE
+    )
+
+
+def play(
+    skill: FourierMovementPrimitive, starts: ArrayLike, seconds: float
+) -> NDArray[np.float64]:
+    """Return what Algorithm 2 plays from starts (S, D), (S, ticks, D)."""
+    return Player(skill).rollout(np.atleast_2d(starts), seconds)[:, :, 0]

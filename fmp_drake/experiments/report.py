@@ -1,0 +1,95 @@
+"""The report: one HTML file with every figure inside, the figures, and the numbers."""
+
+import base64
+import html
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from fmp_drake.experiments.finding import Finding
+
+_STYLE = """
+body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 70rem;
+       margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.8rem; } h2 { margin-top: 3rem; border-bottom: 1px solid #ccc; }
+img { max-width: 100%; } table { border-collapse: collapse; }
+th, td { padding: .25rem .75rem; text-align: right; border-bottom: 1px solid #ddd; }
+th:first-child, td:first-child { text-align: left; }
+.verdict { font-weight: 600; padding: .1rem .5rem; border-radius: .3rem; }
+.yes { background: #d8f0dc; } .no { background: #f8dcd8; }
+"""
+
+Section = tuple[str, Sequence[Finding]]
+
+
+def write_report(
+    folder: Path,
+    *,
+    sections: Sequence[Section],
+    introduction: str,
+    results: Mapping[str, Any],
+) -> None:
+    """Write `report.html`, a PNG for each figure, and `results.json`."""
+    parts = [
+        f"<h1>Fourier movement primitives: the experiments</h1><p>{introduction}</p>"
+    ]
+    parts.append(_verdicts(sections))
+    for title, findings in sections:
+        parts.append(f"<h2>{html.escape(title)}</h2>")
+        parts += [_finding(folder, finding) for finding in findings]
+    page = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f"<title>FMP experiments</title><style>{_STYLE}</style></head><body>"
+        + "\n".join(parts)
+        + "</body></html>\n"
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")
+    (folder / "results.json").write_text(
+        json.dumps(results, indent=2) + "\n", encoding="utf-8"
+    )
+
+
+def _verdicts(sections: Sequence[Section]) -> str:
+    rows = []
+    for _, findings in sections:
+        for f in findings:
+            if f.agrees is not None:
+                rows.append(
+                    f'<tr><td><a href="#{f.name}">{html.escape(f.title)}</a></td>'
+                    f"<td>{_verdict(f)}</td></tr>"
+                )
+    return "<table>" + "".join(rows) + "</table>"
+
+
+def _verdict(finding: Finding) -> str:
+    kind, text = ("yes", "holds") if finding.agrees else ("no", "does not hold")
+    return f'<span class="verdict {kind}">{text}</span>'
+
+
+def _finding(folder: Path, finding: Finding) -> str:
+    parts = [f'<h3 id="{finding.name}">{html.escape(finding.title)}</h3>']
+    if finding.figure is not None:
+        buffer = io.BytesIO()
+        FigureCanvasAgg(finding.figure)
+        finding.figure.savefig(buffer, dpi=110, format="png")
+        (folder / f"{finding.name}.png").write_bytes(buffer.getvalue())
+        data = base64.b64encode(buffer.getvalue()).decode()
+        parts.append(
+            f'<img alt="{html.escape(finding.title)}" src="data:image/png;base64,{data}">'
+        )
+    if finding.table is not None:
+        head, *body = finding.table
+        cells = "".join(f"<th>{html.escape(c)}</th>" for c in head)
+        lines = [f"<tr>{cells}</tr>"]
+        for row in body:
+            cells = "".join(f"<td>{html.escape(c)}</td>" for c in row)
+            lines.append(f"<tr>{cells}</tr>")
+        parts.append(f"<table>{''.join(lines)}</table>")
+    parts.append(f"<p>{html.escape(finding.shows)}</p>")
+    if finding.claim:
+        parts.append(f"<p>Claim: {html.escape(finding.claim)} {_verdict(finding)}</p>")
+    return "\n".join(parts)

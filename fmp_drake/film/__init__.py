@@ -1,0 +1,20 @@
+"""Films of a run, rendered without a screen by Drake's VTK renderer through EGL.
+
+A `FilmReel` keeps what is needed of a simulation while it runs; `render_film` makes an
+.mp4 or a .gif of it afterwards. `check_film` says before the run what would go wrong.
+"""
+
+from fmp_drake.film.camera import FilmCamera
+from fmp_drake.film.checks import check_film
+from fmp_drake.film.overlay import Trail
+from fmp_drake.film.reel import FilmReel
+from fmp_drake.film.render import render_film, render_picture
+
+__all__ = [
+    "FilmCamera",
+    "FilmReel",
+    "Trail",
+    "check_film",
+    "render_film",
+    "render_picture",
+]

@@ -1,0 +1,126 @@
+"""Painting what is on the board's face into a rendered picture.
+
+Ink is no geometry that a renderer knows. A pixel shows the face of the board where its
+depth is that of the plane z_B = 0; there the ink is looked up and multiplied with the
+pixel's colour, so that light and shadows stay.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.math import RigidTransform
+
+from fmp_drake.errors import FmpError
+from fmp_drake.film.scene import Shot
+from fmp_drake.systems.ink.colours import ink_colours
+from fmp_drake.systems.ink.grid import InkGrid
+
+type FloatImage = NDArray[np.float32]
+
+# Colours of ink on a white board by its share, in 255ths.
+_SHADES = ink_colours(np.linspace(0, 1, 256), srgb=True).astype(np.float32)
+
+# Of a pixel's depth to the plane, m; the renderer's own error is below 1e-6.
+_TOLERANCE = 2e-4
+
+
+class _Face(NamedTuple):
+    """The pixels whose rays meet the grid, for one pose of the board.
+
+    `pixels` are flat indices (n,), `depth` (n,) that of the plane, `cells` (4, n) flat
+    indices of the nearest cell centres and `shares` (4, n) their bilinear weights.
+    """
+
+    pixels: NDArray[np.intp]
+    depth: FloatImage
+    cells: NDArray[np.int32]
+    shares: FloatImage
+
+
+class BoardPaint:
+    """Paints ink on the face of a board; remembers where, while the board rests.
+
+    Parameters
+    ----------
+    grid : InkGrid
+    rays : ndarray, shape (3, height, width)
+        Through the pixels, in the camera's frame; z is 1.
+    """
+
+    def __init__(self, grid: InkGrid, *, rays: FloatImage) -> None:
+        self._grid = grid
+        self._rays = rays
+        self._pose: NDArray[np.float64] | None = None
+        self._face: _Face | None = None
+
+    def paint(self, shot: Shot, ink: ArrayLike) -> NDArray[np.bool_]:
+        """Paint ink into a shot's colours, in place.
+
+        Parameters
+        ----------
+        shot : Shot
+        ink : array_like, shape (ny, nx)
+            Share of the ink that is left, from 0 to 1.
+
+        Returns
+        -------
+        ndarray of bool, shape (height, width)
+            Where the face of the board is seen.
+        """
+        values = np.asarray(ink, dtype=np.float32)
+        if values.shape != self._grid.shape:
+            raise FmpError(
+                f"the ink of a frame has shape {values.shape}; the grid has "
+                f"{self._grid.shape}."
+            )
+        seen = np.zeros(shot.depth.shape, dtype=bool)
+        face = self._face_at(shot.X_CB)
+        near = np.abs(shot.depth.ravel()[face.pixels] - face.depth) < _TOLERANCE
+        pixels = face.pixels[near]
+        seen.ravel()[pixels] = True
+        cells, shares = face.cells[:, near], face.shares[:, near]
+        left = np.einsum("kn,kn->n", values.ravel()[cells], shares)
+        shades = _SHADES[np.rint(255 * left).astype(np.uint8)]
+        colors = shot.color.reshape(-1, 3)
+        colors[pixels] = np.rint(colors[pixels] * shades).astype(np.uint8)
+        return seen
+
+    def _face_at(self, X_CB: RigidTransform) -> _Face:
+        pose = X_CB.GetAsMatrix34()
+        if self._face is None or self._pose is None or np.any(pose != self._pose):
+            self._face = _find_face(self._grid, self._rays, X_CB)
+            self._pose = pose
+        return self._face
+
+
+def _find_face(grid: InkGrid, rays: FloatImage, X_CB: RigidTransform) -> _Face:
+    """Intersect the pixels' rays with the plane of the board."""
+    X_BC = X_CB.inverse()
+    R, p = X_BC.rotation().matrix().astype(np.float32), X_BC.translation()
+    flat = rays.reshape(3, -1)
+    with np.errstate(divide="ignore"):
+        depth = -np.float32(p[2]) / (R[2] @ flat)
+    # From behind the board its face is not seen.
+    pixels = np.flatnonzero(np.isfinite(depth) & (depth > 0) & (p[2] > 0))
+    depth = depth[pixels]
+    xy = p[:2, None] + depth * (R[:2] @ flat[:, pixels])
+    at = (xy - grid.corner[:, None]) / grid.pitch[:, None]
+    limit = np.array(grid.shape[::-1])[:, None]
+    inside = np.all((at >= 0) & (at <= limit), axis=0)
+    pixels, depth = pixels[inside], depth[inside]
+    # Between the centres of cells, and constant beyond the outermost.
+    at = np.clip(at[:, inside] - 0.5, 0, limit - 1)
+    low = np.minimum(at.astype(np.int32), np.maximum(limit - 2, 0).astype(np.int32))
+    (fx, fy), (i, j) = (at - low).astype(np.float32), low
+    ny, nx = grid.shape
+    right, above = min(nx - 1, 1), nx * min(ny - 1, 1)
+    corner = j * nx + i
+    return _Face(
+        pixels=pixels,
+        depth=depth.astype(np.float32),
+        cells=np.stack(
+            [corner, corner + right, corner + above, corner + right + above]
+        ).astype(np.int32),
+        shares=np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]),
+    )

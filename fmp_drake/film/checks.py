@@ -1,0 +1,114 @@
+"""What can be said of a film before any work is done."""
+
+import functools
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from fmp_drake.errors import FmpError
+from fmp_drake.primitives.data.files import check_writable
+
+_GREATEST_FPS = {".mp4": 120.0, ".gif": 50.0}
+
+# VTK ends the process where there is no EGL, so another one tries.
+_PROBE = """
+from pydrake.geometry import (ClippingRange, ColorRenderCamera, MakeRenderEngineVtk,
+    RenderCameraCore, RenderEngineVtkParams, SceneGraph)
+from pydrake.math import RigidTransform
+from pydrake.systems.sensors import CameraInfo
+graph = SceneGraph()
+context = graph.CreateDefaultContext()
+engine = MakeRenderEngineVtk(RenderEngineVtkParams(backend="EGL"))
+graph.AddRenderer(context, "r", engine)
+core = RenderCameraCore("r", CameraInfo(4, 4, 1.0), ClippingRange(1, 2), RigidTransform())
+graph.get_query_output_port().Eval(context).RenderColorImage(
+    ColorRenderCamera(core, False), graph.world_frame_id(), RigidTransform())
+"""
+
+
+def check_film(
+    path: Path | None,
+    *,
+    fps: float = 30.0,
+    speed: float = 1.0,
+    size: tuple[int, int] = (640, 480),
+) -> None:
+    """Refuse a film that cannot be made, before any work is done.
+
+    Parameters
+    ----------
+    path : pathlib.Path, optional
+        Its ending says in which format; None is fine.
+    fps : float
+        Frames per second, at most 120, in a .gif 50.
+    speed : float
+        Simulated seconds in a second of the film.
+    size : tuple of int
+        Width and height, pixels; even, as the films of most players are.
+
+    Raises
+    ------
+    FmpError
+        Also where the packages for films, or EGL, are missing.
+    """
+    if path is None:
+        return
+    check_writable(path)
+    suffix = path.suffix.lower()
+    if suffix not in _GREATEST_FPS:
+        raise FmpError(f"{path} is no film; let its name end in .mp4 or .gif.")
+    if not (np.isfinite(fps) and 0 < fps <= _GREATEST_FPS[suffix]):
+        raise FmpError(
+            f"fps is {fps:g}; it must be positive and at most "
+            f"{_GREATEST_FPS[suffix]:g} in a {suffix}."
+        )
+    if not (np.isfinite(speed) and speed > 0):
+        raise FmpError(f"speed is {speed:g}; it must be positive.")
+    if any(edge < 16 or edge > 4096 or edge % 2 for edge in size):
+        raise FmpError(
+            f"a film of {size[0]} x {size[1]} pixels: both must be even, and from 16 "
+            "to 4096."
+        )
+    if suffix == ".mp4":
+        ffmpeg_program()
+    check_renderer()
+
+
+def check_renderer() -> None:
+    """Refuse to render where EGL does not work."""
+    if not renders():
+        raise FmpError(
+            "films are rendered through EGL, which does not work here; install it "
+            "(on Ubuntu and Debian: apt-get install libegl1 libgl1-mesa-dri)."
+        )
+
+
+def ffmpeg_program() -> str:
+    """Return the ffmpeg that comes with the extra packages."""
+    try:
+        return str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())
+    except ImportError:
+        raise FmpError(
+            "an .mp4 needs the extra packages: pip install 'fmp-drake[video]'; "
+            "a .gif needs none."
+        ) from None
+    except RuntimeError as error:
+        raise FmpError(f"there is no ffmpeg: {error}.") from None
+
+
+@functools.cache
+def renders() -> bool:
+    """Say whether this machine renders through EGL."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _PROBE],
+            capture_output=True,
+            timeout=120,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return done.returncode == 0

@@ -1,0 +1,201 @@
+"""From what a reel has kept to a film."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
+from pydrake.geometry import RenderEngineVtkParams
+from pydrake.systems.framework import Diagram
+
+from fmp_drake.errors import FmpError
+from fmp_drake.film.board_paint import BoardPaint
+from fmp_drake.film.camera import FilmCamera
+from fmp_drake.film.checks import check_film, check_renderer
+from fmp_drake.film.encode import open_film
+from fmp_drake.film.overlay import (
+    Trail,
+    draw_caption,
+    load_font,
+    paint_trail,
+)
+from fmp_drake.film.scene import FilmScene
+from fmp_drake.systems.ink.grid import InkGrid
+
+# Frames from which the palette of a .gif is made.
+_SAMPLES = 6
+
+
+def render_film(
+    path: Path,
+    *,
+    station: Diagram,
+    diagram: Diagram | None = None,
+    grid: InkGrid,
+    times: ArrayLike,
+    positions: ArrayLike,
+    ink: ArrayLike,
+    fps: float,
+    size: tuple[int, int] = (640, 480),
+    camera: FilmCamera | None = None,
+    params: RenderEngineVtkParams | None = None,
+    trail: Trail | None = None,
+    captions: Sequence[str] | None = None,
+    supersample: int = 2,
+    on_frame: Callable[[int], None] | None = None,
+) -> None:
+    """Render a film of a station without a screen; an existing one is replaced.
+
+    The board is where the plant's positions put it, also where they move it.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Ends in .mp4 or .gif.
+    station : Diagram
+        With subsystems plant and scene_graph; a frame `surface` of the plant is B.
+    diagram : Diagram, optional
+        What the station was built into, if anything: the simulator's.
+    grid : InkGrid
+    times : array_like, shape (N,)
+        Simulated time of each frame, s.
+    positions : array_like, shape (N, nq)
+        Of the plant.
+    ink : array_like of uint8, shape (N, ny nx) or (N, ny, nx)
+        What is left, in 255ths.
+    fps : float
+        Frames per second of the film.
+    size : tuple of int
+        Width and height, pixels; even.
+    camera : FilmCamera, optional
+    params : RenderEngineVtkParams, optional
+        Lights, background and shadows.
+    trail : Trail, optional
+        Path of the eraser; not drawn where None.
+    captions : sequence of str, optional
+        A line for each frame.
+    supersample : int
+        Pixels rendered for a pixel of the film, along each edge: smooth edges.
+    on_frame : callable, optional
+        Called with the number of frames done after each.
+
+    Raises
+    ------
+    FmpError
+        Where the film cannot be made; an existing one is then as before.
+    """
+    path = Path(path)
+    check_film(path, fps=fps, size=size)
+    moments, q, inks = _checked_frames(times, positions, ink, grid)
+    if not 1 <= supersample <= 4:
+        raise FmpError(f"supersample is {supersample}; it must be from 1 to 4.")
+    if captions is not None and len(captions) != len(moments):
+        raise FmpError(f"{len(captions)} captions for {len(moments)} frames.")
+    if trail is not None:
+        trail.check()
+    fine = (size[0] * supersample, size[1] * supersample)
+    camera = camera or FilmCamera()
+    scene = FilmScene(station, diagram=diagram, camera=camera, size=fine, params=params)
+    board = BoardPaint(grid, rays=scene.rays)
+    focal = camera.core("", fine).intrinsics().focal_x()
+    font = load_font(size[1])
+
+    def frame(i: int) -> NDArray[np.uint8]:
+        shot = scene.render(q[i])
+        seen = board.paint(shot, inks[i].reshape(grid.shape) / np.float32(255))
+        if trail is not None:
+            paint_trail(
+                shot.color,
+                trail.points(float(moments[i])),
+                where=seen,
+                X_CB=shot.X_CB,
+                focal=focal,
+                width=max(1, round(fine[1] / 220)),
+            )
+        picture = _shrink(shot.color, supersample)
+        return draw_caption(picture, captions[i], font=font) if captions else picture
+
+    samples: list[NDArray[np.uint8]] = []
+    if path.suffix.lower() == ".gif":
+        chosen = np.linspace(0, len(q) - 1, min(_SAMPLES, len(q)))
+        samples = [frame(i) for i in chosen.round().astype(int)]
+    with open_film(path, fps=fps, size=size, samples=samples) as add:
+        for i in range(len(q)):
+            add(frame(i))
+            if on_frame is not None:
+                on_frame(i + 1)
+
+
+def render_picture(
+    path: Path,
+    *,
+    station: Diagram,
+    diagram: Diagram | None = None,
+    grid: InkGrid,
+    positions: ArrayLike,
+    ink: ArrayLike,
+    size: tuple[int, int] = (640, 480),
+    camera: FilmCamera | None = None,
+    supersample: int = 2,
+) -> None:
+    """Render one picture, as `render_film` renders many.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        In any format that Pillow writes.
+    positions : array_like, shape (nq,)
+        Of the plant.
+    ink : array_like of uint8, shape (ny nx,) or (ny, nx)
+        What is left, in 255ths.
+    station, diagram, grid, size, camera, supersample
+        As for `render_film`.
+
+    Raises
+    ------
+    FmpError
+        Where EGL does not work.
+    """
+    check_renderer()
+    fine = (size[0] * supersample, size[1] * supersample)
+    scene = FilmScene(
+        station, diagram=diagram, camera=camera or FilmCamera(), size=fine
+    )
+    shot = scene.render(positions)
+    share = np.asarray(ink).reshape(grid.shape) / np.float32(255)
+    BoardPaint(grid, rays=scene.rays).paint(shot, share)
+    Image.fromarray(_shrink(shot.color, supersample)).save(path)
+
+
+def _checked_frames(
+    times: ArrayLike, positions: ArrayLike, ink: ArrayLike, grid: InkGrid
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+    """Return times (N,), positions (N, nq) and ink (N, ny nx) that fit together."""
+    moments = np.asarray(times, dtype=float)
+    q = np.asarray(positions, dtype=float)
+    inks = np.asarray(ink)
+    if inks.dtype != np.uint8:
+        raise FmpError(f"the ink of a film is {inks.dtype}; expected uint8, 255ths.")
+    n = len(moments) if moments.ndim == 1 else 0
+    if n == 0 or q.ndim != 2 or len(q) != n or inks.size != n * grid.num_cells:
+        raise FmpError(
+            f"a film has times {moments.shape}, positions {q.shape} and ink "
+            f"{inks.shape}; expected (N,), (N, nq) and (N, {grid.num_cells}), N > 0."
+        )
+    return moments, q, inks.reshape(n, -1)
+
+
+def _shrink(color: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """Average blocks of pixels, (height f, width f, 3) to (height, width, 3)."""
+    if factor == 1:
+        return color
+    parts = _blocks(color.astype(np.uint16), factor)
+    total = sum(parts, start=np.zeros((), dtype=np.uint16))
+    return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
+
+
+def _blocks(color: NDArray[np.uint16], factor: int) -> Iterator[NDArray[np.uint16]]:
+    for i in range(factor):
+        for j in range(factor):
+            yield color[i::factor, j::factor]

@@ -1,0 +1,95 @@
+"""Recordings as they are: over time and in the plane (Fig. 3)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from fmp_drake.plots.channels import Channels, Demonstrations, as_list
+from fmp_drake.plots.style import (
+    draw_path,
+    finish_plane,
+    finish_times,
+    plane_axes,
+    set_title,
+    time_axes,
+)
+from fmp_drake.primitives import Demonstration
+
+
+def draw_demonstrations_over_time(
+    demonstrations: Demonstrations,
+    *,
+    channels: Sequence[str] | None = None,
+    axes: Axes | Sequence[Axes] | None = None,
+) -> tuple[Axes, ...]:
+    """Draw every channel of recordings over time (Fig. 3a).
+
+    Parameters
+    ----------
+    demonstrations : Demonstration or sequence of Demonstration
+    channels : sequence of str, optional
+        The channels to draw; all where None.
+    axes : sequence of Axes, optional
+        One for each channel.
+
+    Returns
+    -------
+    tuple of Axes
+    """
+    shown = as_list(demonstrations)
+    names = Channels.of_demonstrations(shown)
+    indices = names.indices(channels)
+    made = time_axes(axes, names, len(indices))
+    for ax, i in zip(made, indices, strict=True):
+        for demonstration, grey in zip(shown, _greys(len(shown)), strict=True):
+            ax.plot(
+                demonstration.time,
+                demonstration.values[:, i],
+                color=grey,
+                linewidth=0.8,
+            )
+    set_title(made[0], _demonstrated(shown))
+    finish_times(made, [names.label(i) for i in indices])
+    return made
+
+
+def draw_demonstrations_in_plane(
+    demonstrations: Demonstrations,
+    *,
+    plane: Sequence[str] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the paths of recordings in the plane (Fig. 3b).
+
+    Parameters
+    ----------
+    demonstrations : Demonstration or sequence of Demonstration
+    plane : sequence of two str, optional
+        The upward channel and the one to the left; the first two where None.
+    ax : Axes, optional
+    """
+    shown = as_list(demonstrations)
+    names = Channels.of_demonstrations(shown)
+    indices = names.plane(plane)
+    fit = ax is None
+    ax = plane_axes(ax)
+    for demonstration, grey in zip(shown, _greys(len(shown)), strict=True):
+        draw_path(ax, demonstration.values, indices, color=grey, linewidth=0.6)
+    set_title(ax, _demonstrated(shown))
+    finish_plane(ax, names, indices, fit=fit)
+    return ax
+
+
+def _greys(count: int) -> list[str]:
+    """Return a grey for each of several recordings."""
+    if count == 1:
+        return ["0.45"]
+    return [f"{grey:.2f}" for grey in np.linspace(0.3, 0.75, count)]
+
+
+def _demonstrated(demonstrations: Sequence[Demonstration]) -> str:
+    seconds = sum(d.duration for d in demonstrations)
+    if len(demonstrations) == 1:
+        return f"demonstrated: {seconds:.0f} s"
+    return f"demonstrated: {len(demonstrations)} recordings, {seconds:.0f} s"

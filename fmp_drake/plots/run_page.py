@@ -1,0 +1,194 @@
+"""A page about one run of the wiping station."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from fmp_drake.plots.channels import Channels
+from fmp_drake.plots.run_events import RunEvents, draw_events
+from fmp_drake.plots.style import (
+    DEMONSTRATED,
+    PLAYED,
+    SAMPLED,
+    add_colorbar,
+    draw_grey_paths,
+    draw_path,
+    finish_plane,
+    finish_times,
+    legend_above,
+    save,
+    set_title,
+)
+from fmp_drake.systems.ink.grid import CLEAN_BELOW
+
+if TYPE_CHECKING:
+    from fmp_drake.runs.wiping_run import WipingRun
+
+_PLANE = (0, 1)
+_AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")
+_FORCE_BAND = (5.0, 15.0)
+_MILESTONES = (0.5, 0.9, 0.99)
+
+
+def plot_run(run: "WipingRun", path: Path) -> None:
+    """Write the page `draw_run` draws to a file (.png, .pdf, .svg)."""
+    save(draw_run(run), path)
+
+
+def draw_run(run: "WipingRun") -> Figure:
+    """Return a page: path, ink left; cleaned area, force and tracking error over time.
+
+    Dotted lines are re-mappings, dashed ones those after a push, and shaded times are
+    those of a disturbance, where the run has logged `remaps` and `disturbance`.
+    """
+    figure = Figure(figsize=(11, 10.5), layout="constrained")
+    grid = figure.add_gridspec(4, 2, height_ratios=[2.1, 1, 1, 1])
+    _draw_path(figure.add_subplot(grid[0, 0]), run)
+    _draw_ink(figure.add_subplot(grid[0, 1]), run)
+    cleaned = figure.add_subplot(grid[1, :])
+    force = figure.add_subplot(grid[2, :], sharex=cleaned)
+    error = figure.add_subplot(grid[3, :], sharex=cleaned)
+    _draw_cleaned(cleaned, run)
+    _draw_force(force, run)
+    _draw_error(error, run)
+    finish_times(
+        [cleaned, force, error],
+        ["clean (%)", "normal force (N)", "measured - desired (mm)"],
+    )
+    cleaned.set_xlim(0, run.log_times("measured_position")[-1])
+    events = RunEvents.of(run)
+    for ax in (cleaned, force, error):
+        draw_events(ax, events, labels=ax is force)
+        legend_above(ax)
+    figure.align_ylabels([cleaned, force, error])
+    return figure
+
+
+def cleaning_times(
+    erase_time: NDArray[np.float64], area: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return when each cell of an area became clean, ascending; the rest is missing.
+
+    Parameters
+    ----------
+    erase_time : ndarray, shape (ny, nx)
+        s; infinite where a cell never became clean.
+    area : ndarray of bool, shape (ny, nx)
+    """
+    times = erase_time[area]
+    return np.sort(times[np.isfinite(times)])
+
+
+def _draw_path(ax: Axes, run: "WipingRun") -> None:
+    measured = run.log("measured_position")
+    draw_grey_paths(ax, run.demonstrated, _PLANE)
+    draw_path(ax, measured[::20], _PLANE, color=PLAYED, linewidth=0.7, label="measured")
+    set_title(ax, "path of the eraser")
+    legend_above(ax)
+    finish_plane(ax, Channels.of_skill(run.skill), _PLANE)
+    _show_board(ax, run)
+
+
+def _draw_ink(ax: Axes, run: "WipingRun") -> None:
+    nx, ny = run.grid.size
+    ink = run.ink().T
+    x_edges = np.linspace(-nx / 2, nx / 2, ink.shape[0] + 1)
+    y_edges = np.linspace(-ny / 2, ny / 2, ink.shape[1] + 1)
+    image = ax.pcolormesh(
+        y_edges, x_edges, ink, cmap="Blues", vmin=0, vmax=1, rasterized=True
+    )
+    ax.contour(
+        (y_edges[1:] + y_edges[:-1]) / 2,
+        (x_edges[1:] + x_edges[:-1]) / 2,
+        run.demonstrated_area().T.astype(float),
+        levels=[0.5],
+        colors=PLAYED,
+        linewidths=1.2,
+    )
+    ax.plot([], [], color=PLAYED, linewidth=1.2, label="demonstrated area")
+    add_colorbar(ax, image, "share of the ink")
+    set_title(ax, "ink left")
+    legend_above(ax)
+    finish_plane(ax, Channels.of_skill(run.skill), _PLANE)
+    _show_board(ax, run)
+
+
+def _show_board(ax: Axes, run: "WipingRun") -> None:
+    """Let a picture in the plane show the whole board, and no more."""
+    nx, ny = run.grid.size
+    ax.set_xlim(ny / 2, -ny / 2)
+    ax.set_ylim(-nx / 2, nx / 2)
+
+
+def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
+    """Draw how much of the ink is gone, with the times to 50, 90 and 99 %."""
+    inked = run.initial_ink.reshape(run.grid.shape) >= CLEAN_BELOW
+    area = run.demonstrated_area() & inked
+    end = float(run.log_times("measured_position")[-1])
+    erased = run.output("erase_time").reshape(area.shape)
+    times = cleaning_times(erased, area)
+    count = max(1, int(np.count_nonzero(area)))
+    shares = np.arange(len(times) + 1) / count
+    ax.plot(
+        run.log_times("cleaned_fraction"),
+        100 * run.log("cleaned_fraction")[:, 0],
+        color=DEMONSTRATED,
+        linewidth=1.2,
+        label="whole board",
+    )
+    ax.step(
+        np.concatenate([[0.0], times, [end]]),
+        100 * np.concatenate([shares, shares[-1:]]),
+        where="post",
+        color=SAMPLED,
+        linewidth=1.6,
+        label="demonstrated area",
+    )
+    for share in _MILESTONES:
+        needed = int(np.ceil(share * count - 1e-9))
+        if needed > len(times):
+            continue
+        at = float(times[needed - 1])
+        ax.plot(at, 100 * share, "o", color=SAMPLED, markersize=4, zorder=3)
+        ax.annotate(
+            f"{100 * share:.0f} % after {at:.1f} s",
+            (at, 100 * share),
+            xytext=(6, -5),
+            textcoords="offset points",
+            ha="left",
+            va="top",
+            fontsize="small",
+            color=SAMPLED,
+        )
+    ax.set_ylim(0, 105)
+    set_title(
+        ax, f"clean area: {100 * shares[-1]:.1f} % of the demonstrated at the end"
+    )
+
+
+def _draw_force(ax: Axes, run: "WipingRun") -> None:
+    low, high = _FORCE_BAND
+    ax.axhspan(
+        low,
+        high,
+        color="#009E73",
+        alpha=0.12,
+        linewidth=0,
+        label=f"wanted, {low:g} to {high:g} N",
+    )
+    force = run.log("normal_force")[:, 0]
+    ax.plot(run.log_times("normal_force"), force, color=SAMPLED, linewidth=0.8)
+    ax.set_ylim(0, max(1.2 * high, 1.05 * float(np.max(force, initial=0.0))))
+    set_title(ax, "force on the board")
+
+
+def _draw_error(ax: Axes, run: "WipingRun") -> None:
+    error = 1e3 * (run.log("measured_position") - run.log("desired_position"))
+    times = run.log_times("measured_position")
+    for i, (name, color) in enumerate(zip("xyz", _AXIS_COLORS, strict=True)):
+        ax.plot(times[::10], error[::10, i], color=color, linewidth=0.8, label=name)
+    set_title(ax, "tracking error")

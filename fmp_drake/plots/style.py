@@ -1,0 +1,227 @@
+"""Colours, line widths and axes that all pictures share."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, LinearSegmentedColormap, to_rgb
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from fmp_drake.errors import FmpError
+from fmp_drake.plots.channels import Channels
+
+# Of the palette of Okabe and Ito, which stays apart for colour-blind people.
+DEMONSTRATED = "0.65"
+SAMPLED = "#0072B2"
+PLAYED = "#D55E00"
+
+# One for each component: the ten-colour scheme of Paul Tol, made for the same.
+_COMPONENTS = (
+    "#332288",
+    "#44AA99",
+    "#CC6677",
+    "#DDCC77",
+    "#88CCEE",
+    "#117733",
+    "#AA4499",
+    "#999933",
+    "#661100",
+    "#882255",
+)
+
+# The yellow end of viridis would not be seen on white.
+TIME_MAP: Colormap = LinearSegmentedColormap.from_list(
+    "fmp_time", matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, 256))
+)
+# From white, so that what is rarely visited fades out.
+DENSITY_MAP: Colormap = LinearSegmentedColormap.from_list(
+    "fmp_density", [(1, 1, 1, 1), *matplotlib.colormaps["magma_r"](np.linspace(0.1, 1))]
+)
+
+_GREY_LINE = {"color": DEMONSTRATED, "linewidth": 0.4, "zorder": 1.5}
+_PLANE_WIDTH = 5.5  # inches, of a figure of its own
+
+
+def component_color(component: int) -> str:
+    """Return the colour of a component; after ten they come again."""
+    return _COMPONENTS[component % len(_COMPONENTS)]
+
+
+def lighten(color: str, share: float) -> tuple[float, ...]:
+    """Mix a colour with a share of white, opaque: overlaps do not add up."""
+    return tuple(float(c) for c in (1 - share) * np.array(to_rgb(color)) + share)
+
+
+def plane_axes(ax: Axes | None) -> Axes:
+    """Return the given axes, or those of a new figure for the plane."""
+    if ax is not None:
+        return ax
+    return Figure(figsize=(_PLANE_WIDTH, _PLANE_WIDTH), layout="constrained").subplots()
+
+
+def time_axes(
+    axes: Axes | Sequence[Axes] | None,
+    channels: Channels,
+    count: int,
+    *,
+    strip: bool = False,
+) -> tuple[Axes, ...]:
+    """Return `count` axes below each other, and one more for a strip."""
+    total = count + strip
+    if axes is None:
+        figure = Figure(figsize=(9, 1 + 1.5 * count + strip), layout="constrained")
+        made = figure.subplots(
+            total,
+            sharex=True,
+            squeeze=False,
+            height_ratios=[1.0] * count + [0.25] * strip,
+        )
+        return tuple(made[:, 0])
+    given = (axes,) if isinstance(axes, Axes) else tuple(axes)
+    if len(given) != total or not all(isinstance(ax, Axes) for ax in given):
+        raise channels.error(
+            f"{len(given)} axes are given; this picture needs {total}: one for each "
+            f"of its {count} channels{' and one for the strip' if strip else ''}."
+        )
+    return given
+
+
+def finish_plane(
+    ax: Axes, channels: Channels, plane: tuple[int, int], *, fit: bool = False
+) -> None:
+    """Label the plane and turn it as it is seen: see the package.
+
+    Parameters
+    ----------
+    ax, channels, plane
+    fit : bool
+        Make the figure as high as its picture, where it is ours.
+    """
+    up, left = plane
+    ax.autoscale_view()
+    if channels.units[up] == channels.units[left]:
+        ax.set_aspect("equal")
+        if fit:
+            ratio = shape_of(np.ptp(ax.get_ylim()), np.ptp(ax.get_xlim()))
+            figure = ax.get_figure(root=True)
+            assert figure is not None
+            figure.set_figheight(1.0 + (_PLANE_WIDTH - 1.2) * ratio)
+    ax.xaxis.set_inverted(True)
+    ax.set_xlabel(channels.label(left))
+    ax.set_ylabel(channels.label(up))
+    ax.locator_params(nbins=6)
+
+
+def shape_of(height: float, width: float) -> float:
+    """Return height / width, within what a panel can take."""
+    return float(np.clip(height / max(width, 1e-12), 0.4, 1.3))
+
+
+def same_limits(axes: Sequence[Axes]) -> None:
+    """Let pictures in the plane show the same region."""
+    xs, ys = np.ravel([ax.get_xlim() for ax in axes]), [ax.get_ylim() for ax in axes]
+    for ax in axes:
+        ax.set_xlim(xs.max(), xs.min())
+        ax.set_ylim(np.min(ys), np.max(ys))
+
+
+def finish_times(
+    axes: Sequence[Axes], labels: Sequence[str], *, xlabel: str = "time (s)"
+) -> None:
+    """Label axes below each other, the time only on the last."""
+    for ax, label in zip(axes, labels, strict=True):
+        ax.set_ylabel(label)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.autoscale_view()
+    for ax in axes[:-1]:
+        ax.tick_params(labelbottom=False)
+    axes[-1].set_xlabel(xlabel)
+
+
+def draw_path(
+    ax: Axes, values: ArrayLike, plane: tuple[int, int], **style: Any
+) -> None:
+    """Draw values (N, D) as one line in the plane."""
+    points = np.asarray(values, dtype=float)
+    ax.plot(points[:, plane[1]], points[:, plane[0]], **style)
+
+
+def draw_grey_paths(
+    ax: Axes, values: Sequence[NDArray[np.float64]], plane: tuple[int, int]
+) -> None:
+    """Draw what was demonstrated, as the background of another picture."""
+    for i, one in enumerate(values):
+        draw_path(
+            ax, one, plane, label="demonstrated" if i == 0 else None, **_GREY_LINE
+        )
+
+
+def add_lines(
+    ax: Axes, lines: ArrayLike, colors: ArrayLike, **style: Any
+) -> LineCollection:
+    """Draw lines (n, points, 2), each coloured by a number (n,)."""
+    collection = LineCollection(
+        list(np.asarray(lines, dtype=float)),
+        array=np.asarray(colors, dtype=float),
+        capstyle="round",
+        **style,
+    )
+    ax.add_collection(collection)
+    ax.autoscale_view()
+    return collection
+
+
+def add_colorbar(
+    axes: Axes | Sequence[Axes],
+    mappable: ScalarMappable,
+    label: str,
+    *,
+    ticks: Sequence[float] | None = None,
+) -> None:
+    """Add a colour bar to the right of one picture in the plane, or of a stack."""
+    if isinstance(axes, Axes):
+        # Attached, it stays as high as axes of equal aspect.
+        cax = axes.inset_axes((1.03, 0.0, 0.035, 1.0))
+        bar = axes.figure.colorbar(mappable, cax=cax, label=label)
+    else:
+        stack = list(axes)
+        bar = stack[0].figure.colorbar(mappable, ax=stack, label=label, aspect=40)
+    bar.outline.set_visible(False)
+    if ticks is not None:
+        bar.set_ticks(ticks)
+        bar.minorticks_off()
+
+
+def legend_above(ax: Axes) -> None:
+    """Put the legend above the axes, to the right of a title at the left."""
+    legend = ax.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=4,
+        frameon=False,
+        borderaxespad=0.0,
+        fontsize="small",
+    )
+    for line in legend.get_lines():
+        line.set_linewidth(max(1.0, line.get_linewidth()))
+
+
+def set_title(ax: Axes, title: str) -> None:
+    """Set the title, at the left as in all pictures."""
+    ax.set_title(title, loc="left", fontsize="medium")
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure; the ending of the name says in which format."""
+    try:
+        # Text stays text in a PDF.
+        with matplotlib.rc_context({"pdf.fonttype": 42}):
+            figure.savefig(path, dpi=150)
+    except (ValueError, OSError) as error:
+        raise FmpError(f"cannot write {path}: {error}.") from None

@@ -1,0 +1,320 @@
+"""Discrete movements: footnote 1 of the paper."""
+
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.fft import dct
+from scipy.stats import chi2
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_is_fitted
+
+from fmp_drake.errors import DemonstrationError, SkillError
+from fmp_drake.primitives.data.demonstration import Demonstration
+from fmp_drake.primitives.discrete.via_points import DiscreteMovement, ViaPoint
+from fmp_drake.primitives.model.keypoint import channel_indices
+from fmp_drake.primitives.model.mapping import MappingPlan, Selection
+from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+
+
+class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
+    """A movement from a start to a goal, learned from whole demonstrations of it.
+
+    Each demonstration is one movement, of any duration. It is resampled to T samples
+    and mirrored, which gives a window of 2T samples that closes (footnote 1 of
+    the paper); a `FourierMovementPrimitive` learns the mirrored windows. The samples
+    are taken in the middle of T equal parts of the duration, so that the mirrors of
+    the period lie at the very start and end of the movement.
+
+    Parameters
+    ----------
+    n_steps : int
+        T, samples of a movement.
+    n_components : int
+        M, Gaussians in the mixture; at most half the number of demonstrations are used.
+    explained_variance, regularization, tolerance, selection, random_state
+        See `FourierMovementPrimitive`.
+    confidence : float
+        Share of a component's own movements inside the ellipsoid that an adapted
+        movement is kept in, in (0, 1]; 1 is no bound. What that leaves of the distance
+        to start, goal and via-points is met by a smooth correction.
+
+    Attributes
+    ----------
+    skill_ : FourierMovementPrimitive
+        Over the mirrored windows, 2T samples in two mean durations.
+    duration_ : float
+        Mean duration of the demonstrations, seconds.
+    n_channels_ : int
+        D.
+    channels_, units_ : tuple of str
+    frame_ : str
+    rotation_reference_ : tuple of float or None
+        Of the demonstrations.
+    """
+
+    def __init__(
+        self,
+        *,
+        n_steps: int = 100,
+        n_components: int = 1,
+        explained_variance: float = 0.9999,
+        regularization: float = 1e-8,
+        tolerance: float = 1e-8,
+        selection: Selection = "cost",
+        confidence: float = 0.99,
+        random_state: int = 0,
+    ) -> None:
+        self.n_steps = n_steps
+        self.n_components = n_components
+        self.explained_variance = explained_variance
+        self.regularization = regularization
+        self.tolerance = tolerance
+        self.selection = selection
+        self.confidence = confidence
+        self.random_state = random_state
+
+    def fit(
+        self,
+        X: Demonstration | Sequence[Demonstration],
+        y: object = None,  # noqa: ARG002 - scikit-learn's signature
+    ) -> Self:
+        """Learn from at least two demonstrations, each one whole movement.
+
+        Raises
+        ------
+        DemonstrationError
+            Where the demonstrations cannot be used.
+        SkillError
+            Where a parameter is out of range.
+        """
+        demonstrations = [X] if isinstance(X, Demonstration) else list(X)
+        if not all(isinstance(d, Demonstration) for d in demonstrations):
+            raise DemonstrationError(
+                "a discrete movement is learned from a list of Demonstration, each one "
+                "whole movement."
+            )
+        if len(demonstrations) < 2:
+            raise DemonstrationError(
+                f"there are {len(demonstrations)} demonstrations; a discrete movement "
+                "needs at least 2, each one whole movement."
+            )
+        if self.n_steps < 8:
+            raise SkillError(f"n_steps is {self.n_steps}; it must be at least 8.")
+        if not 0 < self.confidence <= 1:
+            raise SkillError(f"confidence is {self.confidence}; it must be in (0, 1].")
+        duration = float(np.mean([d.duration for d in demonstrations]))
+        rate = self.n_steps / duration
+        first = demonstrations[0]
+        skill = FourierMovementPrimitive(
+            n_steps=2 * self.n_steps,
+            stride=1,
+            rate=rate,
+            n_components=self.n_components,
+            overlap=2,
+            explained_variance=self.explained_variance,
+            regularization=self.regularization,
+            tolerance=self.tolerance,
+            selection=self.selection,
+            random_state=self.random_state,
+        )
+        skill.fit([_mirrored(d, self.n_steps, rate) for d in demonstrations])
+        self.skill_ = skill
+        self.duration_ = duration
+        self.n_channels_ = skill.n_channels_
+        self.channels_ = skill.channels_
+        self.units_ = skill.units_
+        self.frame_ = skill.frame_
+        self.rotation_reference_ = first.rotation_reference
+        return self
+
+    def plan(
+        self,
+        start: ArrayLike,
+        goal: ArrayLike | None = None,
+        *,
+        via: Sequence[ViaPoint] = (),
+        duration: float | None = None,
+    ) -> DiscreteMovement:
+        """Return the movement from a measured start, at rest.
+
+        The observation is mapped to weights as in Algorithm 1, kept in the span of the
+        component and inside its ellipsoid of the given confidence. What that leaves of
+        the distances to start, goal and via-points is added as the cosine series of
+        least squared acceleration that meets them, so all are met exactly.
+
+        Parameters
+        ----------
+        start : array_like, shape (D,)
+        goal : array_like, shape (D,), optional
+            Where to end, at rest; where the demonstrations lead from this start if
+            None.
+        via : sequence of ViaPoint
+            At different phases.
+        duration : float, optional
+            Seconds; the mean of the demonstrations where None.
+
+        Raises
+        ------
+        SkillError
+            Where a point or the duration cannot be used.
+        """
+        check_is_fitted(self, "skill_")
+        seconds = self.duration_ if duration is None else float(duration)
+        if not (np.isfinite(seconds) and seconds > 0):
+            raise SkillError(f"duration is {duration} s; it must be positive.")
+        every = list(range(self.n_channels_))
+        points = [(0.0, every, self._checked(start, every, "start"))]
+        if goal is not None:
+            points.append((1.0, every, self._checked(goal, every, "goal")))
+        for number, point in enumerate(via):
+            index = channel_indices(point.channels, self.channels_)
+            if not 0 < point.phase < 1:
+                raise SkillError(
+                    f"via-point {number} has the phase {point.phase}; it must be between "
+                    "0 and 1."
+                )
+            values = self._checked(point.values, index, f"via-point {number}")
+            points.append((float(point.phase), index, values))
+        weights, component = self._mapped(points)
+        window = self.skill_.synthesize(weights)
+        coefficients = dct(window[: self.n_steps], type=2, axis=0) / self.n_steps
+        coefficients[0] /= 2
+        if goal is None:
+            # Where the mapped movement ends, it may end.
+            signs = (-1.0) ** np.arange(self.n_steps)
+            points.append((1.0, every, signs @ coefficients))
+        for channel in every:
+            phases = np.array([p for p, index, _ in points if channel in index])
+            wanted = [v[i.index(channel)] for _, i, v in points if channel in i]
+            coefficients[:, channel] += _correction(
+                phases, np.array(wanted), coefficients[:, channel]
+            )
+        return DiscreteMovement(
+            coefficients=coefficients, duration=seconds, component=component
+        )
+
+    def rollout(
+        self,
+        start: ArrayLike,
+        goal: ArrayLike | None = None,
+        *,
+        via: Sequence[ViaPoint] = (),
+        duration: float | None = None,
+        rate: float = 100.0,
+    ) -> NDArray[np.float64]:
+        """Play a movement, sampled at a rate.
+
+        Parameters
+        ----------
+        start, goal, via, duration
+            See `plan`.
+        rate : float
+            Samples per second (Hz), raised a little so that the last sample is the end.
+
+        Returns
+        -------
+        ndarray, shape (samples, 3, D)
+            Value, velocity and acceleration, as `DiscreteMovement.motion` gives them.
+        """
+        if not (np.isfinite(rate) and rate > 0):
+            raise SkillError(f"rate is {rate} Hz; it must be positive.")
+        movement = self.plan(start, goal, via=via, duration=duration)
+        count = int(np.ceil(movement.duration * rate * (1 - 1e-9))) + 1
+        return movement.motion(np.linspace(0.0, movement.duration, count))
+
+    def sample(
+        self, n: int = 1, *, seed: int = 0, with_noise: bool = True
+    ) -> NDArray[np.float64]:
+        """Draw movements, shape (n, T, D), at the phases (i + 1/2) / T."""
+        check_is_fitted(self, "skill_")
+        drawn = self.skill_.sample(n, seed=seed, with_noise=with_noise)
+        return drawn[:, : self.n_steps]
+
+    def _checked(
+        self, values: ArrayLike, index: list[int], name: str
+    ) -> NDArray[np.float64]:
+        out = np.atleast_1d(np.asarray(values, dtype=float))
+        if out.shape != (len(index),) or not np.all(np.isfinite(out)):
+            raise SkillError(
+                f"the {name} is {out}; expected {len(index)} finite numbers."
+            )
+        return out
+
+    def _mapped(
+        self, points: Sequence[tuple[float, list[int], NDArray[np.float64]]]
+    ) -> tuple[NDArray[np.float64], int]:
+        """Return weights in the span and the ellipsoid of the best component."""
+        skill = self.skill_
+        n, d = self.n_steps, self.n_channels_
+        rows, values, tolerances = [], [], []
+        for phase, index, wanted in points:
+            # The mirrored step observes the same: both halves take part alike.
+            step = n * phase - 0.5
+            row = skill.basis.series([step, 2 * n - 1 - step]).mean(axis=0)
+            block = np.zeros((len(index), d, 2 * n))
+            block[range(len(index)), index] = row * skill.scales_[index, None]
+            rows.append(block.reshape(len(index), -1))
+            values.append(wanted)
+            tolerances.append(skill.tolerance * skill.scales_[index] ** 2)
+        plan = MappingPlan(
+            skill.proportions_,
+            skill.components_,
+            rows=np.concatenate(rows),
+            tolerance=np.concatenate(tolerances),
+            selection=skill.selection,
+        )
+        mapping = plan.map(np.concatenate(values))
+        gaussian = skill.components_[mapping.component]
+        inside = (mapping.weights - gaussian.mean) @ gaussian.basis
+        spread = np.sqrt(gaussian.variances + gaussian.noise)
+        deviation = float(np.linalg.norm(inside / spread))
+        radius = float(np.sqrt(chi2.ppf(self.confidence, max(gaussian.rank, 1))))
+        inside *= min(1.0, radius / max(deviation, 1e-12))
+        return gaussian.mean + gaussian.basis @ inside, mapping.component
+
+
+def _mirrored(demonstration: Demonstration, n_steps: int, rate: float) -> Demonstration:
+    """Return a movement of n_steps samples and its mirror, as if at a given rate."""
+    # Every second sample of a grid that ends with the movement is a middle.
+    resampled = demonstration.resample(2 * n_steps / demonstration.duration)
+    half = resampled.values[1 : 2 * n_steps : 2]
+    return Demonstration(
+        time=np.arange(2 * n_steps) / rate,
+        values=np.concatenate([half, half[::-1]]),
+        channels=demonstration.channels,
+        units=demonstration.units,
+        frame=demonstration.frame,
+        note=demonstration.note,
+        rotation_reference=demonstration.rotation_reference,
+    )
+
+
+def _correction(
+    phases: NDArray[np.float64],
+    wanted: NDArray[np.float64],
+    coefficients: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the cosine coefficients of least acceleration that reach what is wanted.
+
+    Minimises sum_k k^4 c_k^2 subject to the values at the phases; a constant is free.
+    """
+    k = np.arange(len(coefficients))
+    rows = np.cos(np.pi * phases[:, None] * k)
+    missing = wanted - rows @ coefficients
+    flexibility = np.concatenate([[0.0], 1.0 / k[1:] ** 4])
+    kernel = (rows * flexibility) @ rows.T
+    size = len(phases)
+    system = np.ones((size + 1, size + 1))
+    system[:size, :size] = kernel
+    system[size, size] = 0.0
+    solution = np.linalg.lstsq(system, np.append(missing, 0.0))[0]
+    out = flexibility * (rows.T @ solution[:size])
+    out[0] = solution[size]
+    if not np.max(np.abs(rows @ out - missing)) < 1e-6 * (1 + np.max(np.abs(missing))):
+        raise SkillError(
+            "two via-points of a channel are at the same phase or too near to each "
+            "other; move them apart."
+        )
+    return out

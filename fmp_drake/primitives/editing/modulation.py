@@ -1,0 +1,178 @@
+"""Other magnitudes and phases of chosen harmonics: section VII of the paper.
+
+See `fmp_drake.primitives.editing.spectrum` for what magnitude and phase are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fmp_drake.errors import SkillError
+from fmp_drake.primitives.model.basis import FourierBasis
+from fmp_drake.primitives.model.fitted import copy_skill
+from fmp_drake.primitives.model.keypoint import channel_indices
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+
+_EXTENT_SAMPLES = 200
+
+
+def modulate_windows(
+    windows: ArrayLike,
+    *,
+    harmonics: Sequence[int],
+    gain: float = 1.0,
+    phase: float = 0.0,
+    channels: Sequence[int] | None = None,
+) -> NDArray[np.float64]:
+    """Scale the magnitude and shift the phase of some harmonics.
+
+    Parameters
+    ----------
+    windows : array_like, shape (..., T, D)
+    harmonics : sequence of int
+        From 0 (the mean) to T/2.
+    gain : float
+        Factor of the magnitudes, not negative.
+    phase : float
+        Added to the phases, rad; positive is earlier. The mean and the Nyquist harmonic
+        have no phase to shift.
+    channels : sequence of int, optional
+        Indices; all where None.
+
+    Returns
+    -------
+    ndarray, shape (..., T, D)
+
+    Raises
+    ------
+    SkillError
+        Where a harmonic or a channel does not exist, the gain is negative, or the phase
+        of the mean or the Nyquist harmonic would be shifted.
+    """
+    y = np.asarray(windows, dtype=float)
+    if y.ndim < 2:
+        raise SkillError(f"the windows have shape {y.shape}; expected (..., T, D).")
+    basis = FourierBasis(y.shape[-2])
+    names = [f"c{i}" for i in range(y.shape[-1])]
+    weights = _modulated(
+        basis.by_channel(basis.analyze(y)),
+        harmonics=harmonics,
+        gain=gain,
+        phase=phase,
+        index=channel_indices(channels, names),
+    )
+    return basis.synthesize(weights.reshape(*weights.shape[:-2], -1))
+
+
+def modulate_skill(
+    skill: FourierMovementPrimitive,
+    *,
+    harmonics: Sequence[int],
+    gain: float = 1.0,
+    phase: float = 0.0,
+    channels: Sequence[str] | None = None,
+) -> FourierMovementPrimitive:
+    """Return a copy of a skill with other magnitudes or phases of some harmonics.
+
+    Means and low-rank factors are mapped exactly, as `modulate_windows` maps
+    trajectories, so `sample(with_noise=False)` has exactly the mapped distribution. A
+    shift of phase is orthogonal and maps the isotropic rest, eps I, exactly as well. A
+    gain would not leave it isotropic: it stays as it is, so the covariance differs from
+    the mapped one by eps (1 - gain^2) in the weights of these harmonics. It is white
+    noise and the regulariser, which no playback follows.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted; it stays as it is.
+    harmonics, gain, phase
+        See `modulate_windows`.
+    channels : sequence of str, optional
+        Names; all where None.
+
+    Returns
+    -------
+    FourierMovementPrimitive
+        Its `extent_` is that of 200 samples.
+    """
+    skill.check_fitted()
+    index = channel_indices(channels, skill.channels_)
+
+    def mapped(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        out = _modulated(
+            skill.basis.by_channel(vectors),
+            harmonics=harmonics,
+            gain=gain,
+            phase=phase,
+            index=index,
+        )
+        return out.reshape(vectors.shape)
+
+    components = []
+    for component in skill.components_:
+        moved = replace(component, mean=mapped(component.mean))
+        basis = mapped(component.basis.T).T
+        components.append(_with_factor(moved, basis))
+    out = copy_skill(skill, components_=tuple(components))
+    drawn = out.sample(_EXTENT_SAMPLES, with_noise=False)
+    extent = np.stack([drawn.min(axis=(0, 1)), drawn.max(axis=(0, 1))])
+    return copy_skill(out, extent_=extent)
+
+
+def _with_factor(
+    component: LowRankGaussian, factor: NDArray[np.float64]
+) -> LowRankGaussian:
+    """Replace U by any n x r factor: the covariance is factor diag(s) factor' + eps I."""
+    if component.rank == 0:
+        return component
+    directions, triangle = np.linalg.qr(factor)
+    core = (triangle * component.variances) @ triangle.T
+    variances, rotation = np.linalg.eigh((core + core.T) / 2)
+    keep = np.abs(variances) > 1e-12 * np.max(np.abs(variances), initial=1e-300)
+    return replace(
+        component,
+        basis=np.ascontiguousarray(directions @ rotation[:, keep]),
+        variances=np.ascontiguousarray(variances[keep]),
+    )
+
+
+def _modulated(
+    weights: NDArray[np.float64],
+    *,
+    harmonics: Sequence[int],
+    gain: float,
+    phase: float,
+    index: list[int],
+) -> NDArray[np.float64]:
+    """Return weights (..., D, T) with some harmonics of some channels changed."""
+    n = weights.shape[-1]
+    chosen = sorted({int(k) for k in harmonics})
+    if not chosen or chosen[0] < 0 or chosen[-1] > n // 2:
+        raise SkillError(
+            f"the harmonics are {list(harmonics)}; give some from 0 to {n // 2}."
+        )
+    if not (np.isfinite(gain) and gain >= 0 and np.isfinite(phase)):
+        raise SkillError(
+            f"gain is {gain} and phase {phase} rad; both must be finite and the gain "
+            "not negative."
+        )
+    real = [k for k in chosen if k == 0 or 2 * k == n]
+    if real and phase != 0:
+        raise SkillError(
+            f"harmonic {real[0]} is the mean or the Nyquist harmonic of windows of {n} "
+            "samples and has no phase to shift."
+        )
+    out = weights.copy()
+    for k in chosen:
+        if k in real:
+            at = 0 if k == 0 else n - 1
+            out[..., index, at] *= gain
+            continue
+        cosine, sine = weights[..., index, 2 * k - 1], weights[..., index, 2 * k]
+        c, s = gain * np.cos(phase), gain * np.sin(phase)
+        out[..., index, 2 * k - 1] = c * cosine + s * sine
+        out[..., index, 2 * k] = c * sine - s * cosine
+    return out

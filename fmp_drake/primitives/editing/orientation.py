@@ -1,0 +1,343 @@
+"""Orientations as channels: the logarithm of rotations at a reference.
+
+An orientation R_BE of frame E in the frame B of a demonstration becomes the rotation
+vector phi (rad) of
+
+    R_BE = exp([phi]x) R_ref,
+
+so phi is expressed in B, as the position is, and 0 where the orientation is the
+reference. Its three components are the channels `rx`, `ry` and `rz`, learned together
+with the position. The logarithm is continued past a half turn away from the reference
+and breaks down at a full one.
+
+Sources: J. Sola, J. Deray, D. Atchuthan, "A micro Lie theory for state estimation in
+robotics", arXiv:1812.01537 (logarithm and left Jacobian of SO(3), equations 132 to 146).
+"""
+
+from collections.abc import Sequence
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import DemonstrationError, SkillError
+from fmp_drake.primitives.data.demonstration import ROTATION_CHANNELS, Demonstration
+from fmp_drake.primitives.model.keypoint import channel_indices
+
+Quaternion = tuple[float, float, float, float]
+QuaternionOrder = Literal["xyzw", "wxyz"]
+
+# Of phi, rad: beyond it the logarithm is too near to its breakdown at 2 pi.
+LARGEST_ANGLE = 1.75 * np.pi
+_LARGEST_STEP = np.pi / 2
+_SMALL = 1e-2
+
+
+class HasOrientation(Protocol):
+    """What has rotation channels: a demonstration's or a skill's description."""
+
+    channels_: tuple[str, ...]
+    rotation_reference_: Quaternion | None
+
+
+def as_rotation(
+    rotations: Rotation | ArrayLike, *, order: QuaternionOrder | None = None
+) -> Rotation:
+    """Return rotations given as such or as quaternions.
+
+    Parameters
+    ----------
+    rotations : scipy Rotation or array_like, shape (4,) or (N, 4)
+        Quaternions need not be normalised; their signs do not matter.
+    order : {"xyzw", "wxyz"}
+        Of the quaternions: the scalar last (SciPy, ROS) or first (Drake, Eigen's
+        constructor). Has to be stated for quaternions.
+
+    Raises
+    ------
+    DemonstrationError
+        Where the shape or the order is missing or wrong, or a quaternion is 0, NaN or
+        infinite.
+    """
+    if isinstance(rotations, Rotation):
+        return rotations
+    if order not in ("xyzw", "wxyz"):
+        raise DemonstrationError(
+            f"the order of the quaternions is {order!r}; state 'xyzw' (scalar last) or "
+            "'wxyz' (scalar first)."
+        )
+    quaternions = np.asarray(rotations, dtype=float)
+    if quaternions.ndim not in (1, 2) or quaternions.shape[-1] != 4:
+        raise DemonstrationError(
+            f"the quaternions have shape {quaternions.shape}; expected (N, 4)."
+        )
+    norms = np.linalg.norm(np.atleast_2d(quaternions), axis=1)
+    bad = ~(np.isfinite(norms) & (norms > 1e-6))
+    if np.any(bad):
+        raise DemonstrationError(
+            f"quaternion {int(np.argmax(bad))} is zero, NaN or infinite."
+        )
+    return Rotation.from_quat(quaternions, scalar_first=order == "wxyz")
+
+
+def mean_rotation(
+    rotations: Rotation | ArrayLike | Sequence[Rotation],
+    *,
+    order: QuaternionOrder | None = None,
+) -> Quaternion:
+    """Return the mean rotation, a good reference for several demonstrations.
+
+    Parameters
+    ----------
+    rotations : scipy Rotation, array_like of shape (N, 4), or sequence of Rotation
+        One recording, or the list of those of several.
+    order : {"xyzw", "wxyz"}
+        Of quaternions; see `as_rotation`.
+
+    Returns
+    -------
+    tuple of float
+        Quaternion (x, y, z, w), of unit length, w not negative.
+    """
+    if isinstance(rotations, Sequence) and all(
+        isinstance(r, Rotation) for r in rotations
+    ):
+        if not rotations:
+            raise DemonstrationError("there is no rotation; give at least one.")
+        rotations = Rotation.concatenate(list(rotations))
+    return _quaternion(as_rotation(rotations, order=order).mean())
+
+
+def add_orientation(
+    demonstration: Demonstration,
+    rotations: Rotation | ArrayLike,
+    *,
+    order: QuaternionOrder | None = None,
+    reference: Rotation | ArrayLike | None = None,
+) -> Demonstration:
+    """Return a demonstration with the channels `rx`, `ry` and `rz` added, in rad.
+
+    Parameters
+    ----------
+    demonstration : Demonstration
+        Of N samples, for example of a position in frame B.
+    rotations : scipy Rotation or array_like, shape (N, 4)
+        R_BE at the same times.
+    order : {"xyzw", "wxyz"}
+        Of quaternions; see `as_rotation`.
+    reference : scipy Rotation or array_like, shape (4,), optional
+        R_ref, as (x, y, z, w) where a quaternion; the mean rotation where None.
+        Demonstrations that are learned together need the same one: see
+        `mean_rotation`.
+
+    Raises
+    ------
+    DemonstrationError
+        Where the rotations do not fit to the demonstration, jump by more than a quarter
+        turn between two samples, or lead to a full turn away from the reference.
+    """
+    rotation = as_rotation(rotations, order=order)
+    if rotation.single or len(rotation) != len(demonstration.time):
+        count = 1 if rotation.single else len(rotation)
+        raise DemonstrationError(
+            f"there are {count} rotations for {len(demonstration.time)} samples; give "
+            "one for each."
+        )
+    if demonstration.rotation_reference is not None:
+        raise DemonstrationError("the demonstration has rotation channels already.")
+    if reference is None:
+        chosen = mean_rotation(rotation)
+    else:
+        chosen = _quaternion(as_rotation(reference, order="xyzw"))
+    vectors = rotation_vectors(rotation, chosen)
+    return Demonstration(
+        time=demonstration.time,
+        values=np.concatenate([demonstration.values, vectors], axis=1),
+        channels=(*demonstration.channels, *ROTATION_CHANNELS),
+        units=(*demonstration.units, "rad", "rad", "rad"),
+        frame=demonstration.frame,
+        note=demonstration.note,
+        rotation_reference=chosen,
+    )
+
+
+def rotation_vectors(
+    rotations: Rotation,
+    reference: Quaternion,
+    *,
+    near: ArrayLike | None = None,
+) -> NDArray[np.float64]:
+    """Return the rotation vectors phi of rotations, without jumps.
+
+    Parameters
+    ----------
+    rotations : scipy Rotation, one or N
+        R_BE in the order of time.
+    reference : tuple of float
+        Quaternion (x, y, z, w) of R_ref.
+    near : array_like, shape (3,), optional
+        Of the rotation vectors that describe the first rotation take the one nearest to
+        this, rad; the shortest where None. A measured orientation is brought near to a
+        skill's with the middle of its `extent_`.
+
+    Returns
+    -------
+    ndarray, shape (3,) or (N, 3)
+        rad, in frame B.
+
+    Raises
+    ------
+    DemonstrationError
+        Where two samples are more than a quarter turn apart, or the path leads farther
+        than `LARGEST_ANGLE` from the reference.
+    """
+    relative = rotations * Rotation.from_quat(reference).inv()
+    vectors = np.atleast_2d(relative.as_rotvec())
+    if len(vectors) > 1:
+        steps = (relative[1:] * relative[:-1].inv()).magnitude()
+        widest = int(np.argmax(steps))
+        if steps[widest] > _LARGEST_STEP:
+            raise DemonstrationError(
+                f"the orientation jumps by {np.rad2deg(steps[widest]):.0f} degrees "
+                f"after sample {widest}; at most {np.rad2deg(_LARGEST_STEP):.0f} can "
+                "be followed. Record faster, or check the order of the quaternions."
+            )
+    out = np.empty_like(vectors)
+    last = vectors[0] if near is None else np.asarray(near, dtype=float)
+    for i, vector in enumerate(vectors):
+        last = out[i] = _nearest_branch(vector, last)
+    angles = np.linalg.norm(out, axis=1)
+    farthest = int(np.argmax(angles))
+    if angles[farthest] > LARGEST_ANGLE:
+        raise DemonstrationError(
+            f"sample {farthest} is turned by {np.rad2deg(angles[farthest]):.0f} degrees "
+            "from the reference; rotation vectors hold up to "
+            f"{np.rad2deg(LARGEST_ANGLE):.0f}. Choose a nearer reference, or cut the "
+            "recording."
+        )
+    return out[0] if rotations.single else out
+
+
+def rotations_of(vectors: ArrayLike, reference: Quaternion) -> Rotation:
+    """Return R_BE = exp([phi]x) R_ref of rotation vectors phi (3,) or (N, 3), rad."""
+    return Rotation.from_rotvec(np.asarray(vectors, dtype=float)) * Rotation.from_quat(
+        reference
+    )
+
+
+def skill_rotations(skill: HasOrientation, values: ArrayLike) -> Rotation:
+    """Return the orientations R_BE in values of a skill.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive or DiscreteMovementPrimitive
+        Learned from demonstrations with rotation channels.
+    values : array_like, shape (D,) or (N, D)
+        All channels, as a playback or a sample gives them.
+
+    Raises
+    ------
+    SkillError
+        Where the skill has no orientation.
+    """
+    reference = skill.rotation_reference_
+    if reference is None:
+        raise SkillError(
+            "the skill has no orientation; learn it from demonstrations with rotation "
+            "channels (`add_orientation`)."
+        )
+    index = channel_indices(list(ROTATION_CHANNELS), skill.channels_)
+    return rotations_of(np.asarray(values, dtype=float)[..., index], reference)
+
+
+def angular_velocity(vectors: ArrayLike, rates: ArrayLike) -> NDArray[np.float64]:
+    """Return the angular velocity omega_BE in frame B.
+
+    omega = J_l(phi) dphi/dt, with the left Jacobian of SO(3)
+
+        J_l = I + (1 - cos a) / a^2 [phi]x + (a - sin a) / a^3 [phi]x^2,  a = |phi|,
+
+    which does not depend on the reference. Exact for every angle; small ones use the
+    power series.
+
+    Parameters
+    ----------
+    vectors : array_like, shape (..., 3)
+        phi, rad.
+    rates : array_like, shape (..., 3)
+        dphi/dt, rad/s.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        rad/s.
+    """
+    phi, rate = np.asarray(vectors, dtype=float), np.asarray(rates, dtype=float)
+    b, c, _, _ = _coefficients(phi)
+    first = np.cross(phi, rate)
+    out: NDArray[np.float64] = rate + b * first + c * np.cross(phi, first)
+    return out
+
+
+def angular_acceleration(
+    vectors: ArrayLike, rates: ArrayLike, accelerations: ArrayLike
+) -> NDArray[np.float64]:
+    """Return the angular acceleration of E in B, the derivative of `angular_velocity`.
+
+    Parameters
+    ----------
+    vectors, rates, accelerations : array_like, shape (..., 3)
+        phi, dphi/dt and d2phi/dt2 in rad, rad/s and rad/s^2.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        rad/s^2, in frame B.
+    """
+    phi, rate = np.asarray(vectors, dtype=float), np.asarray(rates, dtype=float)
+    _, c, b_slope, c_slope = _coefficients(phi)
+    # A coefficient f(a) changes by f'(a) / a times phi . dphi/dt.
+    along = np.sum(phi * rate, axis=-1, keepdims=True)
+    first = np.cross(phi, rate)
+    second = np.cross(phi, first)
+    out: NDArray[np.float64] = angular_velocity(phi, accelerations)
+    out = out + along * (b_slope * first + c_slope * second)
+    return out + c * np.cross(rate, first)
+
+
+def _coefficients(phi: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return (1 - cos a)/a^2, (a - sin a)/a^3, and (d/da of each)/a."""
+    a = np.linalg.norm(phi, axis=-1, keepdims=True)
+    small = a < _SMALL
+    s = a**2
+    a = np.where(small, 1.0, a)
+    # sin(a/2)^2 instead of 1 - cos(a) keeps the digits of small angles.
+    b = np.where(small, 1 / 2 - s / 24 + s**2 / 720, 2 * np.sin(a / 2) ** 2 / a**2)
+    c = np.where(small, 1 / 6 - s / 120 + s**2 / 5040, (a - np.sin(a)) / a**3)
+    b_slope = np.where(
+        small, -1 / 12 + s / 180 - s**2 / 6720, (np.sin(a) / a - 2 * b) / a**2
+    )
+    c_slope = np.where(small, -1 / 60 + s / 1260 - s**2 / 60480, (b - 3 * c) / a**2)
+    return b, c, b_slope, c_slope
+
+
+def _nearest_branch(
+    vector: NDArray[np.float64], near: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the rotation vector of the same rotation that is nearest to another."""
+    angle = float(np.linalg.norm(vector))
+    if angle < 1e-9:
+        # No axis of its own: a full turn from here may be about any.
+        length = float(np.linalg.norm(near))
+        axis = near / length if length > 0 else np.array([1.0, 0.0, 0.0])
+    else:
+        axis = vector / angle
+    turns = np.round((float(near @ axis) - angle) / (2 * np.pi))
+    out: NDArray[np.float64] = vector + 2 * np.pi * turns * axis
+    return out
+
+
+def _quaternion(rotation: Rotation) -> Quaternion:
+    x, y, z, w = (float(q) for q in np.ravel(rotation.as_quat(canonical=True)))
+    return (x, y, z, w)

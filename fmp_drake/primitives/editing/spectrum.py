@@ -1,0 +1,276 @@
+"""Magnitude and phase, each on its own: the outlook of section VII of the paper.
+
+A channel of a window is the sum over the harmonics k = 0 to T/2 of
+
+    magnitude_k cos(2 pi k n / T + phase_k),
+
+so the magnitude is in the unit of the channel (2 |w~_k| / T of (1), and |w~_k| / T for
+the mean and the Nyquist harmonic) and the phase is that of w~_k.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import circmean, circstd
+
+from fmp_drake.errors import SkillError
+from fmp_drake.primitives.model.basis import FourierBasis
+from fmp_drake.primitives.model.keypoint import channel_indices
+from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpectralPeak:
+    """One of the frequencies that a channel is made of.
+
+    Attributes
+    ----------
+    frequency : float
+        Hz, interpolated between harmonics.
+    harmonic : int
+        The strongest harmonic of the peak, cycles per window.
+    share : float
+        Of the variance of the channel within windows, 0 to 1.
+    """
+
+    frequency: float
+    harmonic: int
+    share: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spectrum:
+    """Statistics of the magnitudes and the phases of many windows.
+
+    Arrays have a row for each harmonic, 0 to T/2, and a column for each channel. They
+    are read-only. Where a magnitude is nothing but noise, its phase means nothing.
+
+    Attributes
+    ----------
+    channels : tuple of str
+    frequencies : ndarray, shape (H,)
+        Hz.
+    shares : ndarray, shape (H, D)
+        Of the variance of each channel within windows; 0 for the mean.
+    magnitude_mean, magnitude_std : ndarray, shape (H, D)
+        In the units of the channels.
+    phase_mean, phase_std : ndarray, shape (H, D)
+        Circular mean, -pi to pi, and circular standard deviation, rad. Sliding windows
+        start anywhere, so these phases are uniform: see the next.
+    relative_phase_mean, relative_phase_std : ndarray, shape (H, D)
+        The same of the phase relative to the reference, rad. It does not depend on
+        where a window starts.
+    reference : str
+        The reference channel.
+    reference_harmonic : int or None
+        None: each harmonic is relative to the same one of the reference channel.
+    """
+
+    channels: tuple[str, ...]
+    frequencies: NDArray[np.float64]
+    shares: NDArray[np.float64]
+    magnitude_mean: NDArray[np.float64]
+    magnitude_std: NDArray[np.float64]
+    phase_mean: NDArray[np.float64]
+    phase_std: NDArray[np.float64]
+    relative_phase_mean: NDArray[np.float64]
+    relative_phase_std: NDArray[np.float64]
+    reference: str
+    reference_harmonic: int | None
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+    def peaks(
+        self, channel: str | int, *, count: int = 3, least_share: float = 0.01
+    ) -> tuple[SpectralPeak, ...]:
+        """Return the dominant frequencies of a channel, the strongest first.
+
+        A peak is a local maximum of the variance over the harmonics, with all harmonics
+        down to the valleys beside it. A movement that does not fit into the window a
+        whole number of times spreads over two harmonics; its frequency is interpolated
+        by the ratio of their magnitudes, which is exact for a sinusoid (D. Rife, G.
+        Vincent, "Use of the discrete Fourier transform in the measurement of
+        frequencies and levels of tones", Bell System Technical Journal 49, 1970).
+
+        Parameters
+        ----------
+        channel : str or int
+        count : int
+            At most so many.
+        least_share : float
+            Weaker peaks are left out.
+        """
+        (index,) = channel_indices([channel], self.channels)
+        shares = self.shares[1:, index]
+        padded = np.concatenate([[-1.0], shares, [-1.0]])
+        tops = np.flatnonzero(
+            (padded[1:-1] > padded[:-2]) & (padded[1:-1] >= padded[2:]) & (shares > 0)
+        )
+        valleys = [a + int(np.argmin(shares[a : b + 1])) for a, b in pairwise(tops)]
+        edges = [0, *valleys, len(shares)]
+        resolution = float(self.frequencies[1])
+        found = []
+        for i, top in enumerate(tops):
+            left, right = padded[top], padded[top + 2]
+            beside, sign = (left, -1) if left > right else (right, 1)
+            ratio = np.sqrt(max(beside, 0.0) / shares[top])
+            harmonic = int(top) + 1
+            found.append(
+                SpectralPeak(
+                    frequency=float(harmonic + sign * ratio / (1 + ratio)) * resolution,
+                    harmonic=harmonic,
+                    share=float(shares[edges[i] : edges[i + 1]].sum()),
+                )
+            )
+        found = [peak for peak in found if peak.share >= least_share]
+        found.sort(key=lambda peak: -peak.share)
+        return tuple(found[:count])
+
+
+def window_spectrum(
+    windows: ArrayLike,
+    *,
+    rate: float,
+    channels: Sequence[str] = (),
+    reference: str | int = 0,
+    reference_harmonic: int | None = None,
+) -> Spectrum:
+    """Return the statistics of magnitude and phase of windows.
+
+    Parameters
+    ----------
+    windows : array_like, shape (N, T, D)
+        For example from `sliding_windows`.
+    rate : float
+        Samples per second (Hz).
+    channels : sequence of str
+        Names of the channels; `c0`, `c1` and so on where empty.
+    reference : str or int
+        The channel r that phases are relative to.
+    reference_harmonic : int, optional
+        None gives phi_k - phi_k^r, the lead of a channel over the reference at
+        the same frequency. A harmonic h, for example that of the fundamental frequency,
+        gives (h phi_k - k phi_h^r) / gcd(h, k): for multiples of h the phase in
+        a period that starts where the reference peaks, otherwise the generalised
+        phase difference of h:k locking (P. Tass et al., "Detection of n:m phase locking
+        from noisy data", Physical Review Letters 81, 1998).
+
+    Raises
+    ------
+    SkillError
+        Where the windows, the rate or the reference cannot be used.
+    """
+    y = np.asarray(windows, dtype=float)
+    if y.ndim != 3 or len(y) == 0 or not np.all(np.isfinite(y)):
+        raise SkillError(
+            f"the windows have shape {y.shape}; expected finite numbers (windows, "
+            "samples, channels)."
+        )
+    if not (np.isfinite(rate) and rate > 0):
+        raise SkillError(f"rate is {rate} Hz; it must be positive.")
+    names = tuple(channels) or tuple(f"c{i}" for i in range(y.shape[2]))
+    if len(names) != y.shape[2]:
+        raise SkillError(f"{len(names)} channel names for {y.shape[2]} channels.")
+    (index,) = channel_indices([reference], names)
+    n = y.shape[1]
+    magnitude, phase = polar(FourierBasis(n), y)
+    relative = _relative(phase, phase[:, :, index], reference_harmonic)
+    power = np.mean(magnitude**2, axis=0) / 2
+    power[0] = 0
+    if n % 2 == 0:
+        power[-1] *= 2
+    # What is left of a constant channel by rounding has no frequencies.
+    power[:, power.sum(axis=0) <= (1e-14 * np.max(np.abs(y), axis=(0, 1))) ** 2] = 0
+    total = power.sum(axis=0)
+    return Spectrum(
+        channels=names,
+        frequencies=np.arange(n // 2 + 1) * rate / n,
+        shares=power / np.where(total > 0, total, 1.0),
+        magnitude_mean=magnitude.mean(axis=0),
+        magnitude_std=magnitude.std(axis=0),
+        phase_mean=circmean(phase, low=-np.pi, high=np.pi, axis=0),
+        phase_std=_circular_std(phase),
+        relative_phase_mean=circmean(relative, low=-np.pi, high=np.pi, axis=0),
+        relative_phase_std=_circular_std(relative),
+        reference=names[index],
+        reference_harmonic=reference_harmonic,
+    )
+
+
+def skill_spectrum(
+    skill: FourierMovementPrimitive,
+    *,
+    n_samples: int = 1000,
+    seed: int = 0,
+    reference: str | int = 0,
+    reference_harmonic: int | None = None,
+) -> Spectrum:
+    """Return the statistics of magnitude and phase of what a skill has learned.
+
+    A Gaussian over weights has no closed form for them, so windows are drawn from the
+    mixture, without its white noise.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted.
+    n_samples : int
+        Windows drawn.
+    seed : int
+    reference, reference_harmonic
+        See `window_spectrum`.
+    """
+    return window_spectrum(
+        skill.sample(n_samples, seed=seed, with_noise=False),
+        rate=skill.rate,
+        channels=skill.channels_,
+        reference=reference,
+        reference_harmonic=reference_harmonic,
+    )
+
+
+def polar(
+    basis: FourierBasis, windows: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return magnitudes and phases of windows (N, T, D), each (N, H, D)."""
+    n = basis.n_steps
+    w = np.swapaxes(basis.by_channel(basis.analyze(windows)), -1, -2)
+    last = (n + 1) // 2
+    spectrum = np.zeros((len(w), n // 2 + 1, w.shape[-1]), dtype=complex)
+    spectrum[:, 0] = w[:, 0] / np.sqrt(n)
+    cosine, sine = w[:, 1 : 2 * last - 1 : 2], w[:, 2 : 2 * last : 2]
+    spectrum[:, 1:last] = np.sqrt(2 / n) * (cosine - 1j * sine)
+    if n % 2 == 0:
+        spectrum[:, -1] = w[:, -1] / np.sqrt(n)
+    return np.abs(spectrum), np.angle(spectrum)
+
+
+def _relative(
+    phase: NDArray[np.float64], reference: NDArray[np.float64], harmonic: int | None
+) -> NDArray[np.float64]:
+    """Return phases (N, H, D) relative to those (N, H) of the reference channel."""
+    if harmonic is None:
+        return phase - reference[:, :, None]
+    count = phase.shape[1]
+    if not 1 <= harmonic < count:
+        raise SkillError(
+            f"reference_harmonic is {harmonic}; it must be from 1 to {count - 1}."
+        )
+    k = np.arange(count)
+    common = np.gcd(harmonic, k)
+    own = (harmonic // common)[:, None] * phase
+    return own - (k // common)[:, None] * reference[:, [harmonic], None]
+
+
+def _circular_std(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):  # Infinite where phases cancel exactly.
+        out: NDArray[np.float64] = circstd(phase, low=-np.pi, high=np.pi, axis=0)
+    return out

@@ -1,0 +1,222 @@
+"""Skills in another tempo, place, direction or size."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import SkillError
+from fmp_drake.primitives.data.demonstration import ROTATION_CHANNELS
+from fmp_drake.primitives.model.fitted import copy_skill
+from fmp_drake.primitives.model.keypoint import channel_indices
+from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+
+_ROUNDING = 1e-9
+
+
+def scale_tempo(
+    skill: FourierMovementPrimitive, factor: float
+) -> FourierMovementPrimitive:
+    """Return a copy of a skill that is played `factor` times as fast.
+
+    The distribution over windows stays; only the time between two samples changes. So
+    positions are the same, velocities `factor` times and accelerations `factor`^2 times
+    as great, and the period is 1/`factor` of what it was. Time constants of a `Player`
+    and its tracker are in seconds and do not follow.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted; it stays as it is.
+    factor : float
+        Greater than 1 is faster.
+
+    Raises
+    ------
+    SkillError
+        Where the factor is not positive.
+    """
+    if not (np.isfinite(factor) and factor > 0):
+        raise SkillError(f"factor is {factor}; it must be positive.")
+    return copy_skill(skill, parameters={"rate": float(skill.rate * factor)})
+
+
+def transform_space(
+    skill: FourierMovementPrimitive,
+    *,
+    rotation: Rotation | ArrayLike | None = None,
+    scale: float = 1.0,
+    translation: ArrayLike | None = None,
+    channels: Sequence[str] = ("x", "y", "z"),
+    turn_orientation: bool = True,
+    frame: str | None = None,
+) -> FourierMovementPrimitive:
+    """Return a copy of a skill whose trajectories are transformed ones.
+
+    Every sample p of the named channels becomes scale * R p + t, in the
+    distribution over trajectories exactly: means, factors and white noise. What is
+    played, from a start transformed alike, is the transformed movement.
+
+    A rotation is an orthogonal map of the scaled values, which leaves the isotropic
+    rest of the mixture isotropic, as long as it mixes channels of equal scale. A change
+    of size goes into the scales of the channels.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted; it stays as it is.
+    rotation : scipy Rotation or array_like, shape (C, C), optional
+        R, a proper rotation of the C named channels.
+    scale : float
+        Positive, the same for all named channels.
+    translation : array_like, shape (C,), optional
+        t, in the channels' units.
+    channels : sequence of str
+        The C channels that form a vector.
+    turn_orientation : bool
+        Where the skill has rotation channels (see `add_orientation`), rotate the
+        orientations R_BE to R R_BE along. False where the named channels are, say, a
+        force measured in another frame.
+    frame : str, optional
+        Name of the frame that the new values are in; the old one where None.
+
+    Returns
+    -------
+    FourierMovementPrimitive
+        Its `extent_` is the bounding box of the transformed box.
+
+    Raises
+    ------
+    SkillError
+        Where a channel is missing, R is not a rotation, the scale is not positive, or R
+        mixes channels of different units or scales (the noise would then no longer be
+        isotropic).
+
+    Notes
+    -----
+    Learn from transformed demonstrations instead where that is refused.
+    """
+    skill.check_fitted()
+    index = channel_indices(list(channels), skill.channels_)
+    count = len(index)
+    if not (np.isfinite(scale) and scale > 0):
+        raise SkillError(f"scale is {scale}; it must be positive.")
+    shift = np.zeros(count) if translation is None else np.asarray(translation, float)
+    if shift.shape != (count,) or not np.all(np.isfinite(shift)):
+        raise SkillError(f"translation is {shift}; expected {count} finite numbers.")
+    matrix = np.eye(count) if rotation is None else _rotation_matrix(rotation, count)
+    out = _apply(
+        skill, index=index, rotation=matrix, scale=float(scale), translation=shift
+    )
+    changes: dict[str, Any] = {}
+    reference = skill.rotation_reference_
+    if rotation is not None and reference is not None and turn_orientation:
+        if count != 3:
+            raise SkillError(
+                f"the skill has an orientation, which a rotation of {count} channels "
+                "does not turn; name three channels, or set turn_orientation=False."
+            )
+        turned = channel_indices(list(ROTATION_CHANNELS), skill.channels_)
+        if set(turned) & set(index):
+            raise SkillError(
+                "the rotation channels turn along with a position; name the channels "
+                "of the position."
+            )
+        out = _apply(
+            out, index=turned, rotation=matrix, scale=1.0, translation=np.zeros(3)
+        )
+        quaternion = Rotation.from_matrix(matrix) * Rotation.from_quat(reference)
+        changes["rotation_reference_"] = tuple(
+            float(q) for q in quaternion.as_quat(canonical=True)
+        )
+    if frame is not None:
+        changes["frame_"] = frame
+    return copy_skill(out, **changes)
+
+
+def _rotation_matrix(rotation: Rotation | ArrayLike, count: int) -> NDArray[np.float64]:
+    if isinstance(rotation, Rotation):
+        rotation = rotation.as_matrix()
+    matrix = np.asarray(rotation, dtype=float)
+    if matrix.shape != (count, count):
+        raise SkillError(
+            f"rotation has shape {matrix.shape}; the {count} channels need "
+            f"({count}, {count})."
+        )
+    if not np.all(np.isfinite(matrix)):
+        raise SkillError("rotation holds NaN or infinite numbers.")
+    error = np.max(np.abs(matrix @ matrix.T - np.eye(count)))
+    if not error < 1e-6 or np.linalg.det(matrix) < 0:
+        raise SkillError(
+            f"rotation is not a rotation: R R' is off the identity by {error:.2g}, the "
+            f"determinant is {np.linalg.det(matrix):.3g}; it must be orthogonal with "
+            "determinant 1."
+        )
+    # The nearest exactly orthogonal one.
+    u, _, v = np.linalg.svd(matrix)
+    out: NDArray[np.float64] = u @ v
+    return out
+
+
+def _apply(
+    skill: FourierMovementPrimitive,
+    *,
+    index: list[int],
+    rotation: NDArray[np.float64],
+    scale: float,
+    translation: NDArray[np.float64],
+) -> FourierMovementPrimitive:
+    """Transform some channels; `rotation` is orthogonal."""
+    old = skill.scales_[index]
+    new = _rotated_scales(skill, index, rotation)
+    turn = (rotation * old) / new[:, None]  # orthogonal, of scaled values
+    scales = skill.scales_.copy()
+    scales[index] = scale * new
+    offset = translation / scales[index] * np.sqrt(skill.n_steps)
+    shape = (skill.n_channels_, skill.n_steps, -1)
+    components = []
+    for component in skill.components_:
+        mean = component.mean.reshape(shape[:2]).copy()
+        mean[index] = turn @ mean[index]
+        mean[index, 0] += offset
+        basis = component.basis.reshape(shape).copy()
+        basis[index] = np.einsum("ab,btr->atr", turn, basis[index])
+        components.append(
+            replace(
+                component,
+                mean=mean.ravel(),
+                basis=np.ascontiguousarray(basis.reshape(component.basis.shape)),
+            )
+        )
+    extent = skill.extent_.copy()
+    middle = extent[:, index].mean(axis=0)
+    half = np.abs(rotation) @ (np.ptp(extent[:, index], axis=0) / 2)
+    middle = scale * rotation @ middle + translation
+    extent[:, index] = [middle - scale * half, middle + scale * half]
+    return copy_skill(
+        skill, components_=tuple(components), scales_=scales, extent_=extent
+    )
+
+
+def _rotated_scales(
+    skill: FourierMovementPrimitive, index: list[int], rotation: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the scales after a rotation, where those keep the noise isotropic."""
+    squares = (rotation * skill.scales_[index] ** 2) @ rotation.T
+    new = np.sqrt(np.diag(squares))
+    mixed = squares - np.diag(np.diag(squares))
+    units = np.array([skill.units_[i] for i in index])
+    differ = (np.abs(rotation) > _ROUNDING) & (units[:, None] != units)
+    if np.any(differ) or np.max(np.abs(mixed)) > _ROUNDING * np.max(squares):
+        names = ", ".join(skill.channels_[i] for i in index)
+        raise SkillError(
+            f"the rotation mixes the channels {names} of the units "
+            f"{', '.join(units)} and the scales "
+            f"{', '.join(f'{s:.3g}' for s in skill.scales_[index])}; only channels of "
+            "the same unit and scale can be mixed exactly. Learn from rotated "
+            "demonstrations, or with equal scales."
+        )
+    return new

@@ -1,0 +1,1 @@
+"""What is learned: a mixture of Gaussians over Fourier weights."""

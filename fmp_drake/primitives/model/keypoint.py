@@ -1,0 +1,77 @@
+"""Keypoints: where, and how closely, a movement has to pass."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fmp_drake.errors import SkillError
+from fmp_drake.primitives.data.numeric import all_finite, as_floats, is_number, is_whole
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Keypoint:
+    """Values that some channels have at one step of a window.
+
+    Attributes
+    ----------
+    step : float
+        Time in samples from the start of the window, 0 to T - 1.
+    values : array_like, shape (C,)
+        Of the C channels, in their units, per second^derivative.
+    channels : sequence of str or int, optional
+        Names or indices of the channels; all D where None.
+    derivative : int
+        0 for values, 1 for velocities, 2 for accelerations.
+    tolerance : float or array_like, shape (C,), optional
+        lambda of (13), in squared units of the values; the skill's where None.
+    """
+
+    step: float
+    values: ArrayLike
+    channels: Sequence[str | int] | None = None
+    derivative: int = 0
+    tolerance: ArrayLike | None = None
+
+    def checked_values(self, count: int) -> NDArray[np.float64]:
+        """Return the values of `count` channels as an array."""
+        values = np.atleast_1d(as_floats(self.values, "the values of a keypoint"))
+        if values.shape != (count,) or not all_finite(values):
+            raise SkillError(
+                f"the keypoint at step {self.step:g} has the values {values}; expected "
+                f"{count} finite numbers."
+            )
+        return values
+
+    def checked_step(self) -> float:
+        """Return the step, one number."""
+        if not is_number(self.step):
+            raise SkillError(f"a keypoint is at step {self.step!r}; give one number.")
+        return float(self.step)
+
+
+def channel_indices(
+    channels: Sequence[str | int] | None, names: Sequence[str]
+) -> list[int]:
+    """Return the indices of channels given by name or index; all where None."""
+    if channels is None:
+        return list(range(len(names)))
+    if isinstance(channels, str):
+        channels = [channels]
+    if not isinstance(channels, Sequence | np.ndarray):
+        raise SkillError(f"channels is {channels!r}; give a list of names or indices.")
+    out: list[int] = []
+    for channel in channels:
+        if isinstance(channel, str) and channel in names:
+            out.append(names.index(channel))
+        elif is_whole(channel) and 0 <= int(channel) < len(names):
+            out.append(int(channel))
+        else:
+            raise SkillError(
+                f"there is no channel {channel!r}; the channels are "
+                f"{', '.join(names)} (0 to {len(names) - 1})."
+            )
+    if not out or len(set(out)) != len(out):
+        raise SkillError(f"the channels {channels} are empty or repeat.")
+    return out

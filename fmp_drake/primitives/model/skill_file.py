@@ -1,0 +1,149 @@
+"""Skill files: one fitted skill in one `.npz`, without pickle."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fmp_drake.errors import SkillFileError
+from fmp_drake.primitives.data.files import read_versioned, write_npz
+from fmp_drake.primitives.data.numeric import GREATEST, all_finite
+from fmp_drake.primitives.model.fitted import build_skill
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+
+FORMAT = "fmp-drake-skill"
+# 2 added the scales of the channels, which had been 1, and the rotation reference.
+VERSION = 2
+
+
+def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
+    """Write a fitted skill to a file; an existing one is replaced at the end."""
+    skill.check_fitted()
+    path = Path(path)
+    metadata = {
+        "format": FORMAT,
+        "version": VERSION,
+        "parameters": skill.get_params(),
+        "n_windows": skill.n_windows_,
+        "channels": skill.channels_,
+        "units": skill.units_,
+        "frame": skill.frame_,
+        "rotation_reference": skill.rotation_reference_,
+    }
+    write_npz(
+        path,
+        {
+            "metadata": np.array(json.dumps(metadata, default=_plain)),
+            "proportions": skill.proportions_,
+            "extent": skill.extent_,
+            "scales": skill.scales_,
+            "means": np.stack([c.mean for c in skill.components_]),
+            "ranks": np.array([c.rank for c in skill.components_]),
+            "bases": np.concatenate([c.basis for c in skill.components_], axis=1),
+            "variances": np.concatenate([c.variances for c in skill.components_]),
+            "noise": np.array([c.noise for c in skill.components_]),
+        },
+    )
+
+
+def _plain(value: Any) -> Any:
+    """Return a NumPy number or array, as parameters may be, as Python's own."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{value!r} cannot be written to a skill file.")
+
+
+def load_skill(path: str | Path) -> FourierMovementPrimitive:
+    """Read a fitted skill.
+
+    Raises
+    ------
+    SkillFileError
+        Where the file is missing, broken, foreign or from a newer version.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise SkillFileError(f"there is no skill file {path}.")
+    metadata, arrays, version = read_versioned(
+        path,
+        hint="a skill file is written by `save_skill` or `fmp-drake learn`",
+        foreign=f"{path} is not a skill of fmp_drake; write one with `save_skill`.",
+        form=FORMAT,
+        newest=VERSION,
+    )
+    try:
+        fitted = _fitted(metadata, arrays, version=version)
+        skill = build_skill(metadata["parameters"], fitted)
+        skill.check_parameters()
+        d, m = skill.n_channels_, len(skill.components_)
+        if (
+            skill.extent_.shape != (2, d)
+            or skill.scales_.shape != (d,)
+            or not np.all(skill.scales_ > 1 / GREATEST)
+            or skill.proportions_.shape != (m,)
+            or any(c.dim != d * skill.n_steps for c in skill.components_)
+        ):
+            raise SkillFileError("its arrays do not fit together")
+        _check_numbers(skill)
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
+        raise SkillFileError(f"{path} is an incomplete skill file: {error}.") from None
+    return skill
+
+
+def _check_numbers(skill: FourierMovementPrimitive) -> None:
+    """Raise SkillFileError where the numbers of a skill cannot come from a fit."""
+    for names in (skill.channels_, skill.units_):
+        if len(names) != skill.n_channels_ or not all(
+            isinstance(n, str) for n in names
+        ):
+            raise SkillFileError("it does not have a name and a unit for each channel")
+    proportions = skill.proportions_
+    if not (np.all(proportions > 0) and abs(proportions.sum() - 1) < 1e-6):
+        raise SkillFileError("its proportions are not positive or do not add up to 1")
+    for c in skill.components_:
+        if np.max(np.abs(c.basis.T @ c.basis - np.eye(c.rank)), initial=0) > 1e-6:
+            raise SkillFileError("the basis of a component is not orthonormal")
+
+
+def _fitted(
+    metadata: dict[str, Any], arrays: dict[str, Any], *, version: int
+) -> dict[str, Any]:
+    """Return the fitted attributes in a file."""
+    for name, array in arrays.items():
+        kinds = {"metadata": "U", "ranks": "i"}.get(name, "fi")
+        if array.dtype.kind not in kinds or not (
+            name == "metadata" or all_finite(array)
+        ):
+            raise SkillFileError(f"{name} holds something other than finite numbers")
+    ends = np.cumsum(arrays["ranks"])
+    components = tuple(
+        LowRankGaussian(
+            mean=mean,
+            basis=np.ascontiguousarray(arrays["bases"][:, end - rank : end]),
+            variances=arrays["variances"][end - rank : end],
+            noise=float(noise),
+        )
+        for mean, rank, end, noise in zip(
+            arrays["means"], arrays["ranks"], ends, arrays["noise"], strict=True
+        )
+    )
+    extent = arrays["extent"]
+    d = extent.shape[1]
+    reference = metadata.get("rotation_reference")
+    if reference is not None:
+        x, y, z, w = (float(q) for q in reference)
+        reference = (x, y, z, w)
+    return {
+        "components_": components,
+        "proportions_": arrays["proportions"],
+        "extent_": extent,
+        "scales_": np.ones(d) if version < 2 else arrays["scales"],
+        "n_channels_": d,
+        "n_windows_": int(metadata["n_windows"]),
+        "channels_": tuple(metadata["channels"]),
+        "units_": tuple(metadata["units"]),
+        "frame_": str(metadata["frame"]),
+        "rotation_reference_": reference,
+    }

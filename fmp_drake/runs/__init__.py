@@ -1,0 +1,1 @@
+"""A station with loggers, its metrics, its log file."""

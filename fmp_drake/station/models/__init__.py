@@ -1,0 +1,1 @@
+"""Writers of URDF and SDF, and the packages of models."""

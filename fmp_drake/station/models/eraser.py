@@ -1,0 +1,137 @@
+"""The eraser on its stem, in any size."""
+
+from collections.abc import Sequence
+from math import isfinite, pi
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInertia
+
+from fmp_drake.errors import StationError
+from fmp_drake.station.models.sdf_text import (
+    AddModel,
+    Box,
+    CheckedFriction,
+    CheckedSize,
+    Collision,
+    Cylinder,
+    Ellipsoid,
+    Inertial,
+    Visual,
+)
+
+_RIM = 0.006  # How much wider the handle is than the felt, m.
+_METAL = (0.55, 0.57, 0.59)
+_BLUE = (0.10, 0.32, 0.62)
+_FELT = (0.20, 0.21, 0.23)
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def AddEraser(
+    plant: MultibodyPlant,
+    *,
+    footprint: Sequence[float],
+    modulus: float,
+    friction: float,
+) -> ModelInstanceIndex:
+    """Add the model `eraser`: body `eraser` with frames `mount` and `eraser_tip` (E).
+
+    The body's frame is `mount`, on the robot's flange, z pointing away from the
+    robot. E has the same axes and its origin at the centre of the felt's unloaded
+    face, 0.100 m from the flange. The mass is that of four uniform solids: flange
+    plate and stem (aluminium, 2700 kg/m^3), handle (700 kg/m^3), felt (200 kg/m^3).
+
+    The felt's pressure is modulus * depth / 0.015 m (half the thickness), less at the
+    edges: 10 N press the whole face of 0.12 m x 0.05 m and 1.25e4 Pa 2.13 mm deep.
+    With its dissipation it does not bounce when it lands at 0.05 m/s; with none it
+    does.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Not finalized, without a model of that name.
+    footprint : sequence, shape (2,)
+        The felt's face along x and y of E, m.
+    modulus : float
+        Hydroelastic modulus of the felt, Pa.
+    friction : float
+        Coefficient of friction.
+
+    Returns
+    -------
+    ModelInstanceIndex
+
+    Raises
+    ------
+    StationError
+        Where a size, the modulus or the friction is not allowed.
+    """
+    x, y = CheckedSize("the eraser's footprint", footprint)
+    friction = CheckedFriction("the eraser's friction", friction)
+    if not (isfinite(modulus) and modulus > 0):
+        raise StationError(
+            f"the eraser's modulus is {modulus} Pa; it must be positive."
+        )
+    parts = [
+        Inertial(_Inertia(x, y)),
+        Visual("plate", Cylinder(0.0315, 0.008), at=(0, 0, 0.004), colour=_METAL),
+        Visual("stem", Cylinder(0.012, 0.042), at=(0, 0, 0.029), colour=_METAL),
+        *_Handle(x + _RIM, y + _RIM),
+        Visual("felt", Box(x, y, 0.030), at=(0, 0, 0.085), colour=_FELT),
+        Collision(
+            "felt",
+            Box(x, y, 0.030),
+            at=(0, 0, 0.085),
+            modulus=modulus,
+            dissipation=20,
+            friction=friction,
+        ),
+    ]
+    return AddModel(
+        plant,
+        model="eraser",
+        link="eraser",
+        parts="".join(parts),
+        frames="""<frame name="mount" attached_to="eraser"/>
+<frame name="eraser_tip" attached_to="eraser"><pose>0 0 0.100 0 0 0</pose></frame>""",
+    )
+
+
+def _Inertia(x: float, y: float) -> SpatialInertia:
+    """Return the sum of the solids, about the flange."""
+    handle = (x + _RIM, y + _RIM, 0.020)
+    solids = [
+        (2700 * pi * 0.0315**2 * 0.008, 0.004, _Round(0.0315, 0.008)),
+        (2700 * pi * 0.012**2 * 0.042, 0.029, _Round(0.012, 0.042)),
+        (700 * float(np.prod(handle)), 0.060, UnitInertia.SolidBox(*handle)),
+        (200 * x * y * 0.030, 0.085, UnitInertia.SolidBox(x, y, 0.030)),
+    ]
+    total = SpatialInertia.Zero()
+    for mass, height, unit in solids:
+        total += SpatialInertia(mass, np.zeros(3), unit).Shift(-height * _UP)
+    return total
+
+
+def _Round(radius: float, length: float) -> UnitInertia:
+    return UnitInertia.SolidCylinder(radius, length, unit_vector=_UP)
+
+
+def _Handle(x: float, y: float) -> list[str]:
+    """Draw a handle with round corners and a bulging back, z from 0.047 to 0.070."""
+    r = 0.24 * min(x, y)
+    parts = [
+        Visual("handle", Box(x - 2 * r, y, 0.013), at=(0, 0, 0.0635), colour=_BLUE),
+        Visual("handle_x", Box(x, y - 2 * r, 0.013), at=(0, 0, 0.0635), colour=_BLUE),
+        Visual(
+            "handle_top",
+            Ellipsoid(0.47 * x, 0.46 * y, 0.013),
+            at=(0, 0, 0.057),
+            colour=_BLUE,
+        ),
+    ]
+    corners = [(sx * (x / 2 - r), sy * (y / 2 - r)) for sx in (1, -1) for sy in (1, -1)]
+    for i, corner in enumerate(corners, start=1):
+        at = (*corner, 0.0635)
+        parts.append(Visual(f"handle_{i}", Cylinder(r, 0.013), at=at, colour=_BLUE))
+    return parts

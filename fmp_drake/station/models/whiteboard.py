@@ -1,0 +1,132 @@
+"""The whiteboard, in any size."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInertia
+
+from fmp_drake.errors import StationError
+from fmp_drake.station.models.sdf_text import (
+    AddModel,
+    Box,
+    CheckedFriction,
+    CheckedSize,
+    Collision,
+    Cylinder,
+    Inertial,
+    Visual,
+)
+
+_THICK = 0.02  # The slab, m.
+_DENSITY = 500.0  # kg/m^3: 3.5 kg for a board of 0.5 m x 0.7 m.
+_EDGE = 0.012  # The frame's width, m.
+_CORNER = 0.020  # The radius of its corner caps, m.
+_SMALLEST = 0.1  # m
+
+_WHITE = (0.97, 0.97, 0.97)
+_METAL = (0.70, 0.72, 0.74)
+_DARK = (0.16, 0.17, 0.19)
+
+
+def AddWhiteboard(
+    plant: MultibodyPlant, *, size: Sequence[float], friction: float, legs: bool
+) -> ModelInstanceIndex:
+    """Add the model `whiteboard`: body `board` with the frame `surface` (B).
+
+    B has its origin at the centre of the wiping surface and z as outward normal. The
+    board is a uniform slab, 20 mm thick. It is compliant, although stiff beside the
+    felt: under an eraser that slides at 0.1 m/s a rigid slab makes the normal force
+    of 10 N ripple by 0.65 N peak to peak, this one by 0.0001 N (`lagged`, 1 ms).
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Not finalized, without a model of that name.
+    size : sequence, shape (2,)
+        Along x and y of B, m; 0.1 m or more.
+    friction : float
+        Coefficient of friction.
+    legs : bool
+        Whether to draw four legs of 0.1 m, for a board on a table, or else a mount on
+        the back.
+
+    Returns
+    -------
+    ModelInstanceIndex
+
+    Raises
+    ------
+    StationError
+        Where a size or the friction is not allowed.
+    """
+    x, y = CheckedSize("the board's size", size)
+    if min(x, y) < _SMALLEST:
+        raise StationError(
+            f"the board's size is {x} m x {y} m; each side must be {_SMALLEST} m or "
+            "more."
+        )
+    friction = CheckedFriction("the board's friction", friction)
+    inertia = SpatialInertia(
+        _DENSITY * x * y * _THICK, np.zeros(3), UnitInertia.SolidBox(x, y, _THICK)
+    ).Shift(np.array([0, 0, _THICK / 2]))
+    middle, slab = (0.0, 0.0, -_THICK / 2), Box(x, y, _THICK)
+    parts = [
+        Inertial(inertia),
+        Visual("slab", slab, at=middle, colour=_WHITE),
+        *_Frame(x, y),
+        *(_Legs(x, y) if legs else _Mount(x, y)),
+        Collision(
+            "slab", slab, at=middle, modulus=1e7, dissipation=0, friction=friction
+        ),
+    ]
+    return AddModel(
+        plant,
+        model="whiteboard",
+        link="board",
+        parts="".join(parts),
+        frames='<frame name="surface" attached_to="board"/>',
+    )
+
+
+def _Frame(x: float, y: float) -> list[str]:
+    """Draw four bars around the slab, and round caps on the corners."""
+    gap = _CORNER - _EDGE  # From the slab's edge to a cap's axis.
+    bars = []
+    for sign, side in ((-1, "near"), (1, "far")):
+        at = (sign * (x + _EDGE) / 2, 0.0, -0.0115)
+        bar = Box(_EDGE, y - 2 * gap, 0.026)
+        bars.append(Visual(f"frame_{side}", bar, at=at, colour=_METAL))
+    for sign, side in ((1, "left"), (-1, "right")):
+        at = (0.0, sign * (y + _EDGE) / 2, -0.0115)
+        bar = Box(x - 2 * gap, _EDGE, 0.026)
+        bars.append(Visual(f"frame_{side}", bar, at=at, colour=_METAL))
+    cap = Cylinder(_CORNER, 0.028)
+    return bars + [
+        Visual(f"corner_{i}", cap, at=(*corner, -0.0115), colour=_DARK)
+        for i, corner in enumerate(_Corners(x, y, gap), start=1)
+    ]
+
+
+def _Corners(x: float, y: float, inset: float) -> list[tuple[float, float]]:
+    a, b = x / 2 - inset, y / 2 - inset
+    return [(a, b), (a, -b), (-a, b), (-a, -b)]
+
+
+def _Legs(x: float, y: float) -> list[str]:
+    leg, foot = Cylinder(0.012, 0.072), Cylinder(0.020, 0.008)
+    legs = []
+    for i, corner in enumerate(_Corners(x, y, 0.03), start=1):
+        legs.append(Visual(f"leg_{i}", leg, at=(*corner, -0.056), colour=_METAL))
+        legs.append(Visual(f"foot_{i}", foot, at=(*corner, -0.096), colour=_DARK))
+    return legs
+
+
+def _Mount(x: float, y: float) -> list[str]:
+    """Draw two rails behind the slab and a plate that joins them."""
+    rail, plate = Box(0.72 * x, 0.03, 0.014), Box(0.16 * x, 0.5 * y + 0.03, 0.012)
+    return [
+        Visual("rail_1", rail, at=(0, 0.25 * y, -0.027), colour=_METAL),
+        Visual("rail_2", rail, at=(0, -0.25 * y, -0.027), colour=_METAL),
+        Visual("plate", plate, at=(0, 0, -0.040), colour=_DARK),
+    ]

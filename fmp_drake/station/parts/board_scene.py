@@ -1,0 +1,236 @@
+"""The scene that every station shares: arm, eraser and whiteboard."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.geometry import SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    Frame,
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticJoint,
+)
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Multiplexer, Sine
+
+from fmp_drake.errors import StationError
+from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.parts.posture import SolvePosture
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.joint_friction import JointFriction
+
+# The servo of a moving board: its natural frequency, rad/s.
+_SERVO = 120.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoardScene:
+    """The parts of a scene that was added to a builder.
+
+    Attributes
+    ----------
+    plant, scene_graph
+        What is simulated: arm, eraser and board.
+    panda, eraser, whiteboard : ModelInstanceIndex
+        In `plant`.
+    tip, surface : Frame
+        E and B in `plant`.
+    arm : MultibodyPlant
+        What the controller knows: the arm and its eraser, no board.
+    arm_tip : Frame
+        E in `arm`.
+    X_WB : RigidTransform
+        The board in the world at time 0.
+    X_WA : RigidTransform
+        The assumed board: what the controller takes for X_WB.
+    rail : Sine or None
+        The wanted motion of a board on a rail: position, velocity, acceleration.
+    """
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    panda: ModelInstanceIndex
+    eraser: ModelInstanceIndex
+    whiteboard: ModelInstanceIndex
+    tip: Frame
+    surface: Frame
+    arm: MultibodyPlant
+    arm_tip: Frame
+    X_WB: RigidTransform
+    X_WA: RigidTransform
+    rail: Sine | None
+
+
+def AddBoardModels(
+    plant: MultibodyPlant, scenario: Scenario, *, visuals: str = "own"
+) -> tuple[ModelInstanceIndex, ModelInstanceIndex, ModelInstanceIndex]:
+    """Add arm, eraser and board to a plant that is not finalized.
+
+    A board that moves slides on the joint `rail`, whose actuator is a stiff servo;
+    any other is welded to the world.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+    scenario : Scenario
+    visuals : str
+        Of the arm: `own` or `drake_models`.
+
+    Returns
+    -------
+    panda, eraser, whiteboard : ModelInstanceIndex
+    """
+    panda, eraser = _AddArm(plant, scenario, visuals)
+    board = scenario.board
+    whiteboard = AddWhiteboard(
+        plant, size=board.size, friction=board.friction, legs=board.legs
+    )
+    surface = plant.GetFrameByName("surface", whiteboard)
+    if board.motion.amplitude == 0:
+        plant.WeldFrames(plant.world_frame(), surface, board.pose())
+        return panda, eraser, whiteboard
+    middle = plant.AddFrame(
+        FixedOffsetFrame("rail", plant.world_frame(), board.pose(), whiteboard)
+    )
+    rail: Any = plant.AddJoint(
+        PrismaticJoint("rail", middle, surface, np.array(board.axis()))
+    )
+    rail.set_default_translation(-board.motion.amplitude)
+    mass = plant.GetBodyByName("board", whiteboard).default_mass()
+    plant.AddJointActuator("rail", rail).set_controller_gains(
+        PdControllerGains(p=mass * _SERVO**2, d=2 * mass * _SERVO)
+    )
+    return panda, eraser, whiteboard
+
+
+def _AddArm(
+    plant: MultibodyPlant, scenario: Scenario, visuals: str
+) -> tuple[ModelInstanceIndex, ModelInstanceIndex]:
+    eraser = scenario.eraser
+    return AddPandaWithEraser(
+        plant,
+        footprint=eraser.footprint,
+        modulus=eraser.modulus,
+        friction=eraser.friction,
+        visuals=visuals,
+    )
+
+
+def AddBoardScene(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    *,
+    start: ArrayLike,
+    visuals: str = "own",
+) -> BoardScene:
+    """Add the plant with arm, eraser and board, the eraser held at a start.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    scenario : Scenario
+    start : array_like, shape (3,)
+        p_BE, m: where the board is assumed to be.
+    visuals : str
+        As for `AddBoardModels`.
+
+    Raises
+    ------
+    StationError
+        Where the scenario has values that do not fit, or the arm cannot reach the start.
+    """
+    scenario.check()
+    arm = MultibodyPlant(time_step=0.0)
+    arm.set_name("arm")
+    _, arm_eraser = _AddArm(arm, scenario, "own")
+    arm.Finalize()
+    arm_tip = arm.GetFrameByName("eraser_tip", arm_eraser)
+
+    plant, scene_graph = _AddPlant(builder, scenario)
+    panda, eraser, whiteboard = AddBoardModels(plant, scenario, visuals=visuals)
+    plant.Finalize()
+
+    board = scenario.board
+    moved = RigidTransform(-board.motion.amplitude * np.array(board.axis()))
+    X_WA = board.assumed_pose() @ moved
+    X_AE = RigidTransform(scenario.eraser_orientation(), np.asarray(start, dtype=float))
+    posture = SolvePosture(
+        arm, frame=arm_tip, X_WE=X_WA @ X_AE, q_preferred=scenario.posture
+    )
+    plant.SetDefaultPositions(panda, posture)
+    if scenario.friction.enabled:
+        friction = builder.AddSystem(
+            JointFriction(plant, arm=panda, config=scenario.friction)
+        )
+        builder.Connect(
+            plant.get_state_output_port(panda), friction.GetInputPort("state")
+        )
+        builder.Connect(
+            friction.get_output_port(),
+            plant.get_applied_generalized_force_input_port(),
+        )
+    return BoardScene(
+        plant=plant,
+        scene_graph=scene_graph,
+        panda=panda,
+        eraser=eraser,
+        whiteboard=whiteboard,
+        tip=plant.GetFrameByName("eraser_tip", eraser),
+        surface=plant.GetFrameByName("surface", whiteboard),
+        arm=arm,
+        arm_tip=arm_tip,
+        X_WB=board.pose() @ moved,
+        X_WA=X_WA,
+        rail=_AddRail(builder, plant, whiteboard, scenario),
+    )
+
+
+def _AddPlant(
+    builder: DiagramBuilder, scenario: Scenario
+) -> tuple[MultibodyPlant, SceneGraph]:
+    time_step = scenario.plant.time_step
+    if not (np.isfinite(time_step) and time_step >= 0):
+        raise StationError(
+            f"plant.time_step is {time_step} s; it must not be negative."
+        )
+    try:
+        plant, scene_graph = AddMultibodyPlant(scenario.plant, builder)
+    except RuntimeError as error:
+        raise StationError(f"the scenario's plant cannot be built: {error}.") from None
+    return plant, scene_graph
+
+
+def _AddRail(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    whiteboard: ModelInstanceIndex,
+    scenario: Scenario,
+) -> Sine | None:
+    """Add what drives a board on a rail: systems rail and rail_state."""
+    motion = scenario.board.motion
+    if motion.amplitude == 0:
+        return None
+    # It starts at rest, at one end.
+    rail = Sine(
+        amplitude=motion.amplitude,
+        frequency=2 * math.pi * motion.frequency,
+        phase=-math.pi / 2,
+        size=1,
+    )
+    rail.set_name("rail")
+    builder.AddSystem(rail)
+    state = builder.AddSystem(Multiplexer(2))
+    state.set_name("rail_state")
+    builder.Connect(rail.get_output_port(0), state.get_input_port(0))
+    builder.Connect(rail.get_output_port(1), state.get_input_port(1))
+    builder.Connect(
+        state.get_output_port(), plant.get_desired_state_input_port(whiteboard)
+    )
+    return rail

@@ -1,0 +1,154 @@
+"""What a page shows of a station, added to its diagram."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+
+from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.station.parts.board_scene import BoardScene
+from fmp_drake.station.parts.mouse import AddMousePull
+from fmp_drake.station.parts.stage import SetStage
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.force_arrow import ForceArrow
+from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.systems.ink_board import InkBoard
+from fmp_drake.systems.ink_visualizer import InkVisualizer
+from fmp_drake.systems.page_controls import PageControls
+from fmp_drake.systems.plan_visualizer import PlanVisualizer
+from fmp_drake.systems.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
+
+# Every station's bodies are drawn under this path of Meshcat's tree.
+_BODIES = "bodies"
+BOARD = f"{_BODIES}/whiteboard/board"
+"""Where the board's body is in Meshcat's tree: what is drawn on the board is under
+it, and moves with it, on the page and in recordings."""
+INK = f"{BOARD}/ink"
+"""Where the ink is drawn."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PagePorts:
+    """What comes from the page: None where it is switched off.
+
+    Attributes
+    ----------
+    controls : PageControls
+        The sliders.
+    pull : OutputPort
+        The forces of the mouse on the bodies.
+    """
+
+    controls: PageControls | None
+    pull: OutputPort | None
+
+
+def AddBodies(
+    builder: DiagramBuilder, scene: BoardScene, scenario: Scenario, meshcat: Meshcat
+) -> None:
+    """Show arm, eraser and board, lit and seen by the scenario's camera.
+
+    System: meshcat_visualizer.
+    """
+    meshcat.Delete(_BODIES)
+    visualizer = MeshcatVisualizer.AddToBuilder(
+        builder,
+        scene.scene_graph,
+        meshcat,
+        # What others draw on the board outlives an initialisation.
+        MeshcatVisualizerParams(prefix=_BODIES, delete_on_initialization_event=False),
+    )
+    visualizer.set_name("meshcat_visualizer")
+    SetStage(meshcat, eye=scenario.camera.eye, target=scenario.camera.target)
+
+
+def AddPage(
+    builder: DiagramBuilder,
+    scene: BoardScene,
+    scenario: Scenario,
+    *,
+    meshcat: Meshcat,
+    skill: FourierMovementPrimitive,
+    sample: bool,
+    primitive: FourierPrimitiveSystem,
+    measured_position: OutputPort,
+    ink: InkBoard,
+    demonstrated: Sequence[NDArray[np.float64]],
+) -> PagePorts:
+    """Show a wiping station as far as the scenario's `show` says.
+
+    Systems: meshcat_visualizer, ink_visualizer, trail_visualizer, plan_visualizer,
+    force_arrow, page_controls, and those of `AddMousePull`.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    scene : BoardScene
+    scenario : Scenario
+    meshcat : Meshcat
+    skill : FourierMovementPrimitive
+    sample : bool
+        Whether samples are tracked at first.
+    primitive : FourierPrimitiveSystem
+        It plays the skill.
+    measured_position : OutputPort
+        p_BE, m.
+    ink : InkBoard
+    demonstrated : sequence of ndarray, shape (N, 3)
+        Paths in B, m.
+    """
+    show = scenario.show
+    AddBodies(builder, scene, scenario, meshcat)
+    if show.ink:
+        InkVisualizer.AddToBuilder(
+            builder, ink.GetOutputPort("ink"), meshcat=meshcat, grid=ink.grid, path=INK
+        )
+    if show.demonstrations:
+        draw_demonstrations(meshcat, f"{BOARD}/demonstrations", demonstrated)
+    if show.trail:
+        trail = builder.AddSystem(
+            TrailVisualizer(meshcat, path=f"{BOARD}/trail", names=("measured",))
+        )
+        builder.Connect(measured_position, trail.GetInputPort("measured"))
+    # First, so that its sliders come first.
+    controls = None
+    if show.controls:
+        controls = PageControls(
+            meshcat,
+            tempo=scenario.skill.tempo,
+            press_force=scenario.press.force,
+            sample=sample,
+        )
+        builder.AddSystem(controls)
+    if show.plan or show.tube or show.component:
+        names = ("plan", "plan_covariance", "component")
+        plan = builder.AddSystem(
+            PlanVisualizer(
+                meshcat,
+                points=primitive.GetOutputPort("plan").size() // 3,
+                component_paths=[skill.synthesize(c.mean) for c in skill.components_],
+                path=f"{BOARD}/plan",
+                rate=5.0,  # A plan takes 6 ms.
+                show_plan=show.plan,
+                show_tube=show.tube,
+                show_component=show.component,
+            )
+        )
+        for name in names:
+            builder.Connect(primitive.GetOutputPort(name), plan.GetInputPort(name))
+    if show.force:
+        arrow = builder.AddSystem(
+            ForceArrow(scene.plant, body=scene.tip.body(), meshcat=meshcat)
+        )
+        builder.Connect(
+            scene.plant.GetOutputPort("contact_results"),
+            arrow.GetInputPort("contact_results"),
+        )
+    pull = None
+    if show.mouse:
+        pull = AddMousePull(builder, scene.plant, scene.scene_graph, meshcat)
+    return PagePorts(controls=controls, pull=pull)

@@ -1,0 +1,1 @@
+"""The impedance law and its safety, as pure functions and value types."""

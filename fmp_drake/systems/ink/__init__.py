@@ -1,0 +1,1 @@
+"""Ink on a whiteboard, as pure functions and value types."""

@@ -1,0 +1,78 @@
+"""Which of several movements passes over the most ink."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.errors import StationError
+from fmp_drake.primitives.data.numeric import is_whole
+from fmp_drake.systems.ink.grid import InkGrid
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoverageChoice:
+    """Chooses among samples of a skill by the ink that they would wipe.
+
+    Attributes
+    ----------
+    grid : InkGrid
+        The board.
+    footprint : tuple of float
+        Edges of the eraser along x and y of B, m.
+    candidates : int
+        How many samples are drawn.
+    margin : float
+        At each edge of the eraser, m: what only the edge touches is not wiped.
+    height : float
+        Up to which the eraser counts as on the board, m.
+    """
+
+    grid: InkGrid
+    footprint: tuple[float, float]
+    candidates: int
+    margin: float = 0.005
+    height: float = 0.01
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if not (is_whole(self.candidates) and self.candidates >= 1):
+            raise StationError(
+                f"the number of candidates is {self.candidates}; it must be a whole "
+                "number, at least 1."
+            )
+
+    def wiped(
+        self, ink: NDArray[np.float64], paths: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return how much ink each path would wipe, in cells.
+
+        Parameters
+        ----------
+        ink : ndarray, shape (ny, nx)
+        paths : ndarray, shape (S, T, 3)
+            p_BE, m.
+
+        Returns
+        -------
+        ndarray, shape (S,)
+        """
+        pitch, (rows, columns) = self.grid.pitch, self.grid.shape
+        half = np.maximum(np.array(self.footprint) / 2 - self.margin, 0.0)
+        reach = np.floor(half / pitch + 1e-9)
+        x, y = (np.arange(-r, r + 1, dtype=np.intp) for r in reach)
+        cell = np.floor((paths[..., :2] - self.grid.corner) / pitch).astype(np.intp)
+        total = np.empty(len(paths))
+        for i, path in enumerate(cell):
+            on_board = path[paths[i, :, 2] <= self.height]
+            # With a rim for what hangs over the board's edge.
+            over = np.zeros((rows + 2, columns + 2), dtype=bool)
+            column = np.clip(on_board[:, 0, None] + x + 1, 0, columns + 1)
+            row = np.clip(on_board[:, 1, None] + y + 1, 0, rows + 1)
+            over[row[:, :, None], column[:, None, :]] = True
+            total[i] = ink[over[1:-1, 1:-1]].sum()
+        return total
+
+    def best(self, ink: NDArray[np.float64], paths: NDArray[np.float64]) -> int:
+        """Return the path that wipes most; the first of equals."""
+        return int(np.argmax(self.wiped(ink, paths)))

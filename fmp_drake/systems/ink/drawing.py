@@ -1,0 +1,261 @@
+"""Words and pictures as the ink on a board."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.textpath import TextPath
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image, ImageDraw, UnidentifiedImageError
+from pydrake.math import RigidTransform
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.ink.grid import InkGrid
+
+type FloatArray = NDArray[np.float64]
+
+QUARTER_TURNS = 1
+"""Turn of writing for somebody who sits opposite the robot at a table-top board: it
+runs along y of B, and its lines follow one another along x. See `upright_turns`."""
+
+MARGIN = 0.05
+"""Share of the board's edges that a drawing keeps free on either side."""
+
+_LINE_STEP = 1.3  # line to line, in letter heights
+_FINE = 4  # samples along the edge of a cell
+
+
+def upright_turns(
+    grid: InkGrid, *, X_WB: RigidTransform, eye: ArrayLike = (1.12, -0.60, 0.72)
+) -> int:
+    """Find the turn that makes writing upright for an eye, along the longer edge.
+
+    Parameters
+    ----------
+    grid : InkGrid
+        The board.
+    X_WB : RigidTransform
+        The board in the world, whose z axis points up.
+    eye : array_like, shape (3,)
+        p_WEye in metres; by default the camera of the station's page.
+
+    Returns
+    -------
+    int
+        `quarter_turns` for `draw_words` and `draw_picture`.
+    """
+    view = X_WB.translation() - np.asarray(eye, dtype=float)
+    view /= np.linalg.norm(view)
+    up_W = np.array([0.0, 0.0, 1.0])
+    up_B = X_WB.rotation().matrix().T @ (up_W - (up_W @ view) * view)
+    if grid.size[0] >= grid.size[1]:
+        return 0 if up_B[1] >= 0.0 else 2
+    return 1 if up_B[0] <= 0.0 else 3
+
+
+def draw_words(
+    grid: InkGrid,
+    text: str,
+    *,
+    height: float | None = None,
+    centre: tuple[float, float] = (0.0, 0.0),
+    quarter_turns: int = QUARTER_TURNS,
+    bold: bool = True,
+) -> FloatArray:
+    """Write words on a board.
+
+    Parameters
+    ----------
+    grid : InkGrid
+        The cells; 2.5 mm or less for letters below 10 cm.
+    text : str
+        The words; a line break begins a new line.
+    height : float, optional
+        Height of a capital letter in metres; by default as large as fits.
+    centre : tuple of float
+        Middle of the writing in B, in metres.
+    quarter_turns : int
+        Counterclockwise turns by 90 degrees, seen from outside: at 0 the writing
+        runs along x of B with y upward.
+    bold : bool
+        Write with a broad marker.
+
+    Returns
+    -------
+    ndarray, shape (ny, nx)
+        Initial ink, from 0 to 1: the share of each cell that is written on.
+
+    Raises
+    ------
+    StationError
+        If there is nothing to write, the height is not positive, or the words
+        leave no ink on the board.
+    """
+    if not text.strip():
+        raise StationError("draw_words got no words: give text that can be seen.")
+    if height is not None and not (np.isfinite(height) and height > 0.0):
+        raise StationError(f"draw_words height is {height}: give a positive length.")
+    outlines: list[FloatArray] = []
+    for i, line in enumerate(text.strip("\n").split("\n")):
+        polygons = _outlines(line, bold=bold)
+        if polygons:
+            x = np.concatenate([p[:, 0] for p in polygons])
+            start = np.array([0.5 * (x.min() + x.max()), i * _LINE_STEP])
+            outlines += [p - start for p in polygons]
+    points = np.concatenate(outlines)
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = _room(grid, quarter_turns)
+    if height is None:
+        height = float(np.min(room / (high - low)))
+    middle = 0.5 * (low + high)
+    canvas = np.zeros(_canvas_shape(grid, quarter_turns), dtype=bool)
+    pitch = grid.pitch[::-1] if quarter_turns % 2 else grid.pitch
+    size = np.array(canvas.shape[::-1])
+    shift = _turned(centre, -quarter_turns)
+    for outline in outlines:
+        # Letters with holes: outline within outline is no ink.
+        p = ((outline - middle) * height + shift) * (_FINE / pitch)
+        pixel = np.column_stack([p[:, 0] + 0.5 * size[0], 0.5 * size[1] - p[:, 1]])
+        canvas ^= _filled(pixel - 0.5, canvas.shape)
+    ink = _on_board(canvas.astype(float), grid, quarter_turns)
+    if not ink.any():
+        raise StationError(
+            f"draw_words of {text!r} leaves no ink on the board: move it there, or "
+            "make it larger."
+        )
+    return ink
+
+
+def draw_picture(
+    grid: InkGrid,
+    path: str | Path,
+    *,
+    size: float | None = None,
+    centre: tuple[float, float] = (0.0, 0.0),
+    quarter_turns: int = QUARTER_TURNS,
+    invert: bool = False,
+) -> FloatArray:
+    """Draw a picture on a board: dark is ink, white and transparent is none.
+
+    Parameters
+    ----------
+    grid : InkGrid
+        The cells.
+    path : str or Path
+        File of the picture, in any format that Pillow reads, such as PNG or JPEG.
+    size : float, optional
+        Width of the picture in metres; by default as large as fits.
+    centre : tuple of float
+        Middle of the picture in B, in metres.
+    quarter_turns : int
+        As for `draw_words`.
+    invert : bool
+        Take bright for ink instead.
+
+    Returns
+    -------
+    ndarray, shape (ny, nx)
+        Initial ink, from 0 to 1: the mean darkness over each cell.
+
+    Raises
+    ------
+    StationError
+        If there is no such file, it is no picture or broken, the size is not
+        positive, or the picture leaves no ink on the board.
+    """
+    if size is not None and not (np.isfinite(size) and size > 0.0):
+        raise StationError(f"draw_picture size is {size}: give a positive length.")
+    picture = _read(Path(path), invert=invert)
+    room = _room(grid, quarter_turns)
+    if size is None:
+        size = float(min(room[0], room[1] * picture.width / picture.height))
+    pitch = grid.pitch[::-1] if quarter_turns % 2 else grid.pitch
+    shape = _canvas_shape(grid, quarter_turns)
+    extent = np.array([size, size * picture.height / picture.width])
+    pixels = np.maximum(np.rint(extent * _FINE / pitch), 1).astype(int)
+    small = picture.resize((int(pixels[0]), int(pixels[1])), Image.Resampling.BOX)
+    shift = _turned(centre, -quarter_turns) * (_FINE / pitch)
+    canvas = Image.new("F", shape[::-1], 0.0)
+    corner = 0.5 * (np.array(shape[::-1]) - pixels) + shift * [1.0, -1.0]
+    canvas.paste(small, (int(np.rint(corner[0])), int(np.rint(corner[1]))))
+    ink = _on_board(np.array(canvas, dtype=float), grid, quarter_turns)
+    if not ink.max(initial=0.0) > 1.0 / 255.0:
+        raise StationError(
+            f"the picture {Path(path).name} leaves no ink on the board: it is white or "
+            "off the board; dark is ink."
+        )
+    return ink
+
+
+def _outlines(line: str, *, bold: bool) -> list[FloatArray]:
+    """Return the outlines of a line of text, in heights of a capital letter."""
+    if not line.strip():
+        return []
+    prop = FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")
+    face = get_font(findfont(prop))
+    missing = [
+        c for c in line if not c.isprintable() or not face.get_char_index(ord(c))
+    ]
+    if missing:
+        raise StationError(
+            f"draw_words cannot write {missing[0]!r}: {face.family_name} has no such "
+            "letter."
+        )
+    capital = TextPath((0, 0), "H", size=100.0, prop=prop).get_extents().height
+    # Escaped, a dollar sign is a dollar sign.
+    path = TextPath((0, 0), line.replace("$", r"\$"), size=100.0, prop=prop)
+    return [np.asarray(p) / float(capital) for p in path.to_polygons()]
+
+
+def _read(path: Path, *, invert: bool) -> Image.Image:
+    """Return a picture's darkness from 0 to 1, mode F."""
+    try:
+        with Image.open(path) as picture:
+            rgba = picture.convert("RGBA")
+    except FileNotFoundError:
+        raise StationError(f"there is no picture {path}.") from None
+    except UnidentifiedImageError:
+        raise StationError(
+            f"{path} is not a picture that Pillow reads: give a PNG or JPEG."
+        ) from None
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise StationError(f"the picture {path} cannot be read: {error}.") from None
+    values = np.asarray(rgba, dtype=np.float32) / 255.0
+    grey = values[..., :3] @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
+    dark = grey if invert else 1.0 - grey
+    return Image.fromarray(dark * values[..., 3])
+
+
+def _room(grid: InkGrid, quarter_turns: int) -> FloatArray:
+    """Width and height in metres that a drawing may have."""
+    size = grid.size[::-1] if quarter_turns % 2 else grid.size
+    return np.array(size) * (1.0 - 2.0 * MARGIN)
+
+
+def _canvas_shape(grid: InkGrid, quarter_turns: int) -> tuple[int, int]:
+    ny, nx = grid.shape[::-1] if quarter_turns % 2 else grid.shape
+    return ny * _FINE, nx * _FINE
+
+
+def _turned(p: ArrayLike, quarter_turns: int) -> FloatArray:
+    """Turn a vector of the plane counterclockwise."""
+    x, y = np.asarray(p, dtype=float)
+    turned = [(x, y), (-y, x), (-x, -y), (y, -x)][quarter_turns % 4]
+    return np.array(turned)
+
+
+def _filled(pixel: FloatArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    image = Image.new("1", shape[::-1])
+    if len(pixel) > 2:
+        ImageDraw.Draw(image).polygon([tuple(p) for p in pixel], fill=1)
+    return np.array(image, dtype=bool)
+
+
+def _on_board(canvas: FloatArray, grid: InkGrid, quarter_turns: int) -> FloatArray:
+    """Average a canvas (first row at the top) over the cells of a board."""
+    turned = np.rot90(canvas, quarter_turns)[::-1]
+    ny, nx = grid.shape
+    cells: FloatArray = turned.reshape(ny, _FINE, nx, _FINE).mean(axis=(1, 3))
+    return np.clip(cells, 0.0, 1.0)

@@ -1,0 +1,168 @@
+"""How well and how fast a board was cleaned, from ink and erase times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from fmp_drake.errors import StationError
+from fmp_drake.systems.ink.grid import CLEAN_BELOW, InkGrid, cleaned_fraction
+
+type FloatArray = NDArray[np.float64]
+
+_ALL_NEIGHBOURS = np.ones((3, 3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissedSpots:
+    """What was left on an area that should have been cleaned.
+
+    Attributes
+    ----------
+    cleaned_fraction : float
+        Share of the area's cells with less than 10 % ink, from 0 to 1.
+    count : int
+        Number of spots: groups of cells that are not clean and touch one another
+        at an edge or a corner. No spot is too small to count.
+    area_cm2, largest_cm2 : float
+        Area of all spots and of the largest in cm^2.
+    """
+
+    cleaned_fraction: float
+    count: int
+    area_cm2: float
+    largest_cm2: float
+
+
+def missed_spots(ink: ArrayLike, mask: ArrayLike, *, grid: InkGrid) -> MissedSpots:
+    """Find the spots of an area that are not clean.
+
+    Parameters
+    ----------
+    ink : array_like, shape (ny, nx) or (ny nx,)
+        Ink at the end, from 0 to 1.
+    mask : array_like of bool, same size
+        The area that should be clean.
+    grid : InkGrid
+        The cells.
+
+    Raises
+    ------
+    StationError
+        If an array does not fit the grid.
+    """
+    values = _on_grid("ink", np.asarray(ink, dtype=float), grid)
+    wanted = _on_grid("mask", np.asarray(mask, dtype=bool), grid)
+    labels, count = ndimage.label(
+        wanted & (values >= CLEAN_BELOW), structure=_ALL_NEIGHBOURS
+    )
+    cells = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    cell_cm2 = 1e4 * float(np.prod(grid.pitch))
+    return MissedSpots(
+        cleaned_fraction=cleaned_fraction(values, wanted),
+        count=int(count),
+        area_cm2=cell_cm2 * int(cells.sum()),
+        largest_cm2=cell_cm2 * int(cells.max(initial=0)),
+    )
+
+
+def cleaned_history(
+    erase_time: ArrayLike,
+    mask: ArrayLike,
+    times: ArrayLike,
+    *,
+    initial_ink: ArrayLike | None = None,
+) -> FloatArray:
+    """Return how much of an area was clean at given times.
+
+    Parameters
+    ----------
+    erase_time : array_like, shape (ny, nx) or (ny nx,)
+        Time in seconds at which a cell got clean, `inf` for never: the
+        `erase_time` output of `InkBoard` at the end of a run.
+    mask : array_like of bool, same size
+        The cells to be cleaned.
+    times : array_like, shape (num_times,)
+        Times in seconds.
+    initial_ink : array_like, same size, optional
+        Ink at the start; cells with less than 10 % are clean all the time. By
+        default none are.
+
+    Returns
+    -------
+    ndarray, shape (num_times,)
+        Fraction from 0 to 1, as `cleaned_fraction` would have given it then; 1
+        where there is nothing to be cleaned.
+    """
+    erased = np.array(erase_time, dtype=float).ravel()
+    arrays = [("mask", np.asarray(mask, dtype=bool).ravel())]
+    if initial_ink is not None:
+        arrays.append(("initial_ink", np.asarray(initial_ink, dtype=float).ravel()))
+    for name, array in arrays:
+        if array.shape != erased.shape:
+            raise StationError(
+                f"cleaned_history got {array.size} values of {name} for {erased.size} "
+                "erase times: give one per cell."
+            )
+    if initial_ink is not None:
+        erased[arrays[1][1] < CLEAN_BELOW] = -np.inf
+    moments = np.sort(erased[arrays[0][1]])
+    if not moments.size:
+        return np.ones(np.shape(times))
+    clean = np.searchsorted(moments, np.asarray(times, dtype=float), side="right")
+    fraction: FloatArray = clean / moments.size
+    return fraction
+
+
+def times_to_clean(
+    times: ArrayLike,
+    cleaned: ArrayLike,
+    fractions: Sequence[float] = (0.5, 0.9, 0.99),
+) -> dict[float, float | None]:
+    """Find when an area was clean to given fractions for the first time.
+
+    Parameters
+    ----------
+    times : array_like, shape (num_times,)
+        Times in seconds, ascending.
+    cleaned : array_like, shape (num_times,)
+        Cleaned fraction at these times, from 0 to 1.
+    fractions : sequence of float
+        The fractions asked for.
+
+    Returns
+    -------
+    dict
+        For each fraction the first of the times at which it was reached, None if
+        it was not.
+
+    Raises
+    ------
+    StationError
+        If the two arrays differ in length.
+    """
+    moments = np.asarray(times, dtype=float).ravel()
+    history = np.asarray(cleaned, dtype=float).ravel()
+    if moments.shape != history.shape:
+        raise StationError(
+            f"times_to_clean got {history.size} fractions for {moments.size} times: "
+            "give one per time."
+        )
+    reached: dict[float, float | None] = {}
+    for fraction in fractions:
+        hits = np.flatnonzero(history >= fraction)
+        reached[fraction] = float(moments[hits[0]]) if hits.size else None
+    return reached
+
+
+def _on_grid[T: np.generic](name: str, array: NDArray[T], grid: InkGrid) -> NDArray[T]:
+    if array.size != grid.num_cells:
+        raise StationError(
+            f"missed_spots got {array.size} values of {name}, but the grid has "
+            f"{grid.num_cells} cells."
+        )
+    return array.reshape(grid.shape)

@@ -1,0 +1,151 @@
+import json
+import re
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from fmp_drake.experiments.finding import Closeness, Finding, roughness
+from fmp_drake.experiments.heatmaps import divergences, grid_extent
+from fmp_drake.experiments.held_out import evaluate, held_out_finding, summary
+from fmp_drake.experiments.methods import FMP, MULT
+from fmp_drake.experiments.profile import QUICK
+from fmp_drake.experiments.report import write_report
+from fmp_drake.primitives import Demonstration
+from fmp_drake.systems.teaching.hand_motion import HandMotion
+
+FIGURES = (
+    "fig3",
+    "fig4",
+    "fig5",
+    "fig6",
+    "fig7",
+    "fig8",
+    "fig9",
+    "fig10",
+    "fig10_robot",
+    "sensitivity",
+    "held_out_eight",
+)
+
+
+@pytest.fixture(scope="module")
+def own_recording(tmp_path_factory):
+    """30 s of a hand's eight in the y-z plane, without a frame."""
+    path = HandMotion.make("eight", seconds=31, seed=5).position[:6000:10]
+    values = np.column_stack([np.zeros(len(path)), path[:, 1], path[:, 0]])
+    file = tmp_path_factory.mktemp("own") / "mine.npz"
+    np.savez(file, time=np.arange(len(path)) / 20, position=values)
+    return file
+
+
+@pytest.fixture(scope="module")
+def reproduced(tmp_path_factory, own_recording):
+    """The folder that a quick run writes, and what it prints."""
+    from click.testing import CliRunner
+
+    from fmp_drake.apps.main import app
+
+    out = tmp_path_factory.mktemp("reproduced") / "made" / "here"
+    call = ["reproduce", "--quick", "--out", str(out), "--demo", str(own_recording)]
+    result = CliRunner().invoke(app, call, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return out, result.output
+
+
+def test_every_figure_and_the_numbers_are_written(reproduced):
+    out, printed = reproduced
+    names = {f"{name}.png" for name in FIGURES} | {"report.html", "results.json"}
+    assert {p.name for p in out.iterdir()} == names
+    assert "report.html" in printed
+    assert "Table I" in printed
+
+
+def test_results_hold_table_one_the_held_out_scores_and_the_settings(reproduced):
+    results = json.loads((reproduced[0] / "results.json").read_text())
+    for row in results["table1"].values():
+        assert row["forward_kl"] > 0
+        assert row["reverse_kl"] > 0
+    assert set(results["table1"]) == {MULT, "FMP, paper's settings", FMP}
+    assert results["held_out"]["eight"][FMP]["log_density"]["mean"] > 10
+    assert results["settings"]["samples"] == QUICK.samples
+    assert results["settings"]["fmp"]["n_components"] == 80
+    assert set(results["demonstrations"]["mine"]) == set(results["table1"])
+
+
+def test_fmp_is_at_most_half_as_far_from_the_eight_as_promp_vm_mult(reproduced):
+    table = json.loads((reproduced[0] / "results.json").read_text())["table1"]
+    for divergence in ("forward_kl", "reverse_kl"):
+        assert table[FMP][divergence] <= 0.5 * table[MULT][divergence]
+
+
+def test_claims_that_the_paper_makes_of_fmp_hold(reproduced):
+    findings = json.loads((reproduced[0] / "results.json").read_text())["findings"]
+    for name in ("fig4", "fig5", "fig6", "fig9", "fig10", "fig10_robot", "table1"):
+        assert findings[name]["agrees"], findings[name]["shows"]
+
+
+def test_report_needs_nothing_but_itself(reproduced):
+    page = (reproduced[0] / "report.html").read_text()
+    sources = re.findall(r'src="([^"]{0,30})', page)
+    assert len(sources) == len(FIGURES)
+    assert all(s.startswith("data:image/png;base64,") for s in sources)
+    assert "http" not in page
+    assert "does not hold" in page
+
+
+def test_recording_that_is_too_short_is_refused(refused, make_npz, tmp_path):
+    demo = make_npz(seconds=5)
+    line = refused("reproduce", "--quick", "--out", tmp_path / "x", "--demo", demo)
+    assert "at least 6.5 s" in line
+    assert not (tmp_path / "x").exists()
+
+
+def test_missing_recording_is_refused(refused, tmp_path):
+    line = refused(
+        "reproduce", "--out", tmp_path / "x", "--demo", tmp_path / "none.npz"
+    )
+    assert "none.npz" in line
+
+
+def test_divergences_of_the_demonstrations_themselves_are_zero():
+    path = np.random.default_rng(0).random((50, 3))
+    assert divergences(path, path, extent=grid_extent(path)) == (0.0, 0.0)
+
+
+def test_closeness_is_the_distance_to_the_nearest_sample():
+    near = Closeness(np.array([[0.0, 0.0], [1.0, 0.0]]))
+    np.testing.assert_allclose(
+        near.distances(np.array([[[0.0, 0.3], [0.9, 0.0]]])), [[0.3, 0.1]]
+    )
+
+
+def test_roughness_of_a_cubic_is_its_third_derivative():
+    t = np.arange(0, 1, 0.01)
+    assert roughness((t**3)[:, None], 100.0) == pytest.approx(6.0, rel=1e-6)
+
+
+def test_held_out_scores_are_collected_over_parts_and_seeds():
+    path = HandMotion.make("eight", seconds=61, seed=1).position[:12000:10]
+    values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])
+    demonstration = Demonstration(time=np.arange(len(path)) / 20, values=values)
+    told = []
+    scores = evaluate(demonstration, QUICK, told.append)
+    assert told
+    assert len(scores[FMP]["log_density"]) == QUICK.folds * QUICK.seeds
+    assert summary(scores)[FMP]["log_density"]["std"] == 0
+    finding = held_out_finding("eight", scores)
+    assert isinstance(finding.figure, Figure)
+    assert finding.table[0][0] == ""
+    assert {row[0] for row in finding.table[1:]} == set(scores)
+
+
+def test_report_escapes_what_it_prints(tmp_path):
+    finding = Finding(name="a", title="<b>", shows="1 < 2", claim="x & y", agrees=False)
+    write_report(
+        tmp_path, sections=[("S", [finding])], introduction="", results={"a": 1}
+    )
+    page = (tmp_path / "report.html").read_text()
+    assert "&lt;b&gt;" in page
+    assert "1 &lt; 2" in page
+    assert "x &amp; y" in page

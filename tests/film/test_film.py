@@ -1,0 +1,460 @@
+"""Facts about films, on a board of 0.5 m by 0.7 m under a box."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from films import read_film
+from PIL import Image, ImageSequence
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from fmp_drake.errors import FmpError
+from fmp_drake.film import (
+    FilmCamera,
+    FilmReel,
+    Trail,
+    check_film,
+    checks,
+    render_film,
+)
+from fmp_drake.film.board_paint import BoardPaint
+from fmp_drake.film.overlay import paint_trail
+from fmp_drake.film.render import _shrink
+from fmp_drake.film.scene import FilmScene
+from fmp_drake.systems.ink.colours import ink_colours
+from fmp_drake.systems.ink.grid import InkGrid
+
+GRID = InkGrid(size=(0.5, 0.7), cell=0.05)
+CAMERA = FilmCamera(eye=(1.2, 0.0, 1.0), target=(0.0, 0.0, 0.0))
+SIZE = (160, 120)
+BOARD_AND_BOX = """
+<sdf version="1.9"><model name="all">
+  <link name="board">
+    <visual name="slab"><pose>0 0 -0.01 0 0 0</pose>
+      <geometry><box><size>0.5 0.7 0.02</size></box></geometry>
+      <material><diffuse>1 1 1 1</diffuse></material></visual>
+  </link>
+  <frame name="surface" attached_to="board"/>
+  <joint name="slides" type="prismatic">
+    <parent>world</parent><child>board</child><axis><xyz>0 1 0</xyz></axis></joint>
+  <link name="box">
+    <visual name="box"><pose>0 0 0.05 0 0 0</pose>
+      <geometry><box><size>0.1 0.1 0.1</size></box></geometry>
+      <material><diffuse>0.8 0.1 0.1 1</diffuse></material></visual>
+  </link>
+  <joint name="carries" type="prismatic">
+    <parent>world</parent><child>box</child><axis><xyz>0 1 0</xyz></axis></joint>
+</model></sdf>
+"""
+# Positions: the board along y, then the box.
+FAR_BOX = [0.0, 3.0]
+
+
+@pytest.fixture
+def egl():
+    if not checks.renders():
+        pytest.skip("films need EGL")
+
+
+@pytest.fixture
+def ffmpeg():
+    return pytest.importorskip(
+        "imageio_ffmpeg", reason="an .mp4 needs the extra fmp-drake[video]"
+    )
+
+
+@pytest.fixture(scope="module")
+def station():
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.01)
+    plant.set_name("plant")
+    Parser(plant).AddModelsFromString(BOARD_AND_BOX, "sdf")
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, 0.0])
+    plant.Finalize()
+    ink = builder.AddSystem(ConstantVectorSource(half_inked().ravel()))
+    builder.ExportOutput(ink.get_output_port(), "ink")
+    return builder.Build()
+
+
+def half_inked():
+    """Ink where x > 0: nearer to the camera."""
+    ink = np.zeros(GRID.shape)
+    ink[:, GRID.shape[1] // 2 :] = 1.0
+    return ink
+
+
+def shoot(station, q, *, ink=None, camera=CAMERA, size=SIZE):
+    """Return a painted shot, where the board is seen, and the scene."""
+    scene = FilmScene(station, camera=camera, size=size)
+    shot = scene.render(q)
+    seen = BoardPaint(GRID, rays=scene.rays).paint(
+        shot, half_inked() if ink is None else ink
+    )
+    return shot, seen
+
+
+def blue(picture):
+    """Return the pixels that are clearly blue, (height, width)."""
+    r, g, b = np.moveaxis(np.asarray(picture).astype(int), -1, 0)
+    return (b > r + 60) & (b > g + 40)
+
+
+def pixel_of(shot, p_B, *, camera=CAMERA, size=SIZE):
+    """Return row and column at which a point of the board is seen."""
+    x, y, z = shot.X_CB @ np.asarray(p_B, dtype=float)
+    info = camera.core("", size).intrinsics()
+    column = info.focal_x() * x / z + info.center_x()
+    row = info.focal_y() * y / z + info.center_y()
+    return int(row), int(column)
+
+
+@pytest.mark.usefixtures("egl")
+class TestInk:
+    def test_ink_is_blue_and_what_is_wiped_stays_as_it_was(self, station):
+        bare, _ = shoot(station, FAR_BOX, ink=np.zeros(GRID.shape))
+        shot, seen = shoot(station, FAR_BOX)
+        painted = blue(shot.color)
+        for x in (0.05, 0.12, 0.2):
+            for y in (-0.3, 0.0, 0.3):
+                assert painted[pixel_of(shot, [x, y, 0.0])]
+                wiped = pixel_of(shot, [-x, y, 0.0])
+                assert seen[wiped]
+                np.testing.assert_array_equal(shot.color[wiped], bare.color[wiped])
+        assert not blue(bare.color).any()
+        assert not painted[~seen].any()
+
+    @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
+    def test_colours_are_those_of_the_ink_in_the_light_of_the_board(
+        self, station, share
+    ):
+        # Close to the box: some of the board is in its shadow.
+        bare, _ = shoot(station, [0.0, 0.0], ink=np.zeros(GRID.shape))
+        shot, seen = shoot(station, [0.0, 0.0], ink=np.full(GRID.shape, share))
+        assert np.ptp(bare.color[seen].astype(int), axis=0).min() > 40
+        np.testing.assert_allclose(
+            shot.color[seen],
+            bare.color[seen] * ink_colours(share, srgb=True),
+            atol=2.0,
+        )
+
+    def test_what_stands_on_the_board_hides_its_ink(self, station):
+        inked = np.ones(GRID.shape)
+        open_board, seen_open = shoot(station, FAR_BOX, ink=inked)
+        hidden, seen = shoot(station, [0.0, 0.0], ink=inked)
+        # In the middle of the face of the box that looks at the camera.
+        pixel = pixel_of(hidden, [0.05, 0.0, 0.05])
+        assert seen_open[pixel]
+        assert blue(open_board.color)[pixel]
+        assert not seen[pixel]
+        assert not blue(hidden.color)[pixel]
+        assert 0.02 < 1 - seen.sum() / seen_open.sum() < 0.3
+
+    def test_ink_moves_with_the_board(self, station):
+        scene = FilmScene(station, camera=CAMERA, size=SIZE)
+        paint = BoardPaint(GRID, rays=scene.rays)
+        columns = []
+        for y in (0.0, 0.1, 0.0):
+            shot = scene.render([y, 3.0])
+            paint.paint(shot, half_inked())
+            columns.append(np.mean(np.nonzero(blue(shot.color))[1]))
+            assert blue(shot.color)[pixel_of(shot, [0.1, 0.3, 0.0])]
+        # The camera looks along -x: y grows to the right.
+        assert columns[1] > columns[0] + 5
+        assert columns[2] == columns[0]
+
+    def test_the_back_of_a_board_shows_no_ink(self, station):
+        below = FilmCamera(eye=(1.2, 0.0, -1.0), target=(0.0, 0.0, 0.0))
+        shot, seen = shoot(station, FAR_BOX, camera=below)
+        assert not seen.any()
+        assert not blue(shot.color).any()
+        assert np.isfinite(shot.depth).any()
+
+    def test_the_board_is_found_to_the_pixel(self, station):
+        shot, seen = shoot(station, FAR_BOX, size=(640, 480))
+        corners = [[x, y, 0.0] for x in (-0.25, 0.25) for y in (-0.35, 0.35)]
+        rows, columns = np.transpose(
+            [pixel_of(shot, corner, size=(640, 480)) for corner in corners]
+        )
+        found = np.nonzero(seen)
+        assert abs(found[0].min() - rows.min()) <= 1
+        assert abs(found[0].max() - rows.max()) <= 1
+        assert abs(found[1].min() - columns.min()) <= 1
+        assert abs(found[1].max() - columns.max()) <= 1
+
+    def test_ink_of_another_shape_is_refused(self, station):
+        with pytest.raises(FmpError, match="the grid has"):
+            shoot(station, FAR_BOX, ink=np.zeros((3, 4)))
+
+    def test_positions_of_another_size_are_refused(self, station):
+        with pytest.raises(FmpError, match="expected 2 finite numbers"):
+            shoot(station, [0.0, np.nan])
+
+
+@pytest.mark.usefixtures("egl")
+def test_a_trail_is_drawn_on_the_board_only(station):
+    clean = np.zeros(GRID.shape)
+    points = np.column_stack(
+        [np.full(50, -0.1), np.linspace(-0.6, 0.6, 50), np.zeros(50)]
+    )
+    before, seen = shoot(station, [0.0, 0.0], ink=clean)
+    color = before.color.copy()
+    paint_trail(color, points, where=seen, X_CB=before.X_CB, focal=143.0, width=3)
+    changed = np.any(color != before.color, axis=-1)
+    assert changed.sum() > 50
+    assert not changed[~seen].any()
+    r, g, b = color[pixel_of(before, [-0.1, 0.3, 0.0])].astype(int)
+    assert r > b + 60 > g - 60
+
+
+class TestTrail:
+    def test_a_trail_is_the_last_seconds_at_the_height_of_the_board(self):
+        times = np.linspace(0, 10, 1001)
+        path = np.column_stack([times, 2 * times, 0 * times - 0.002])
+        points = Trail(times=times, positions=path, seconds=2.0).points(6.0)
+        assert points[0] == pytest.approx([4.0, 8.0, 0.0])
+        assert np.all(points[:, 0] < 6.0)
+        assert np.all(points[:, 2] == 0.0)
+
+    @pytest.mark.parametrize(
+        ("change", "match"),
+        [
+            ({"positions": np.zeros((3, 2))}, "a trail has"),
+            ({"times": [0.0, 1.0]}, "a trail has"),
+            ({"seconds": 0.0}, "must be positive"),
+        ],
+    )
+    def test_a_bad_trail_is_refused(self, change, match):
+        good = {"times": [0.0, 1.0, 2.0], "positions": np.zeros((3, 3))}
+        with pytest.raises(FmpError, match=match):
+            Trail(**{**good, **change}).check()
+
+
+def frames_of(count):
+    """Return a film's arguments: the box comes, and half the board is inked."""
+    ink = np.rint(255 * half_inked()).astype(np.uint8)
+    return {
+        "grid": GRID,
+        "times": np.arange(count) / 10,
+        "positions": np.column_stack([np.zeros(count), np.linspace(0.0, 0.3, count)]),
+        "ink": np.tile(ink.ravel(), (count, 1)),
+        "camera": CAMERA,
+        "size": SIZE,
+    }
+
+
+@pytest.mark.usefixtures("egl")
+class TestFilms:
+    def test_an_mp4_plays_every_frame(self, ffmpeg, station, outputs):
+        film = outputs / "film.mp4"
+        done = []
+        render_film(
+            film,
+            station=station,
+            fps=20,
+            captions=[f"{t:.1f} s" for t in range(7)],
+            on_frame=done.append,
+            **frames_of(7),
+        )
+        assert done == list(range(1, 8))
+        assert list(outputs.iterdir()) == [film]
+        frames, about = read_film(ffmpeg, film)
+        assert about["codec"] == "h264"
+        assert about["pix_fmt"].startswith("yuv420p")
+        assert about["fps"] == 20
+        assert tuple(about["source_size"]) == SIZE
+        assert frames.shape == (7, SIZE[1], SIZE[0], 3)
+        for frame in frames:
+            assert 0.05 < blue(frame).mean() < 0.5
+        assert np.mean(frames[0] != frames[-1]) > 0.01
+
+    def test_a_gif_plays_every_frame_in_its_time(self, station, outputs):
+        film = outputs / "film.gif"
+        trail = Trail(times=[0.0, 1.0], positions=[[-0.1, -0.2, 0.0], [-0.1, 0.2, 0.0]])
+        render_film(film, station=station, fps=12, trail=trail, **frames_of(7))
+        assert list(outputs.iterdir()) == [film]
+        with Image.open(film) as opened:
+            assert opened.size == SIZE
+            assert opened.info["loop"] == 0
+            frames, durations = [], []
+            for frame in ImageSequence.Iterator(opened):
+                frames.append(np.asarray(frame.convert("RGB")))
+                durations.append(frame.info["duration"])
+        assert len(frames) == 7
+        assert sum(durations) == pytest.approx(1000 * 7 / 12, abs=10)
+        assert all(0.05 < blue(frame).mean() < 0.5 for frame in frames)
+        # The box keeps its own colour, although it is small.
+        r, g, b = np.moveaxis(frames[0].astype(int), -1, 0)
+        assert np.mean((r > g + 60) & (r > b + 60)) > 0.005
+        assert film.stat().st_size < 60_000
+
+    @pytest.mark.parametrize("supersample", [1, 3])
+    def test_supersampling_keeps_the_size(self, supersample, station, outputs):
+        film = outputs / "film.gif"
+        frames = frames_of(1)
+        render_film(film, station=station, fps=10, supersample=supersample, **frames)
+        with Image.open(film) as opened:
+            assert opened.size == SIZE
+            assert 0.05 < blue(opened.convert("RGB")).mean() < 0.5
+
+    @pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+    def test_a_film_that_fails_leaves_the_older_one(self, name, station, outputs):
+        if name.endswith("mp4"):
+            pytest.importorskip("imageio_ffmpeg")
+        film = outputs / name
+        film.write_bytes(b"precious")
+        frames = frames_of(5)
+        frames["positions"][3] = np.nan
+        with pytest.raises(FmpError, match="finite numbers"):
+            render_film(film, station=station, fps=10, **frames)
+        assert film.read_bytes() == b"precious"
+        assert list(outputs.iterdir()) == [film]
+
+    def test_an_ffmpeg_that_fails_is_an_error(self, station, outputs, monkeypatch):
+        program = outputs / "ffmpeg"
+        program.write_text("#!/bin/sh\necho out of order >&2\nexit 3\n")
+        program.chmod(0o755)
+        monkeypatch.setattr(
+            "fmp_drake.film.encode.ffmpeg_program", lambda: str(program)
+        )
+        monkeypatch.setattr(
+            "fmp_drake.film.checks.ffmpeg_program", lambda: str(program)
+        )
+        with pytest.raises(FmpError, match="out of order"):
+            render_film(outputs / "f.mp4", station=station, fps=10, **frames_of(3))
+        assert list(outputs.iterdir()) == [program]
+
+    @pytest.mark.parametrize(
+        ("change", "match"),
+        [
+            ({"ink": np.zeros((3, GRID.num_cells))}, "expected uint8"),
+            ({"ink": np.zeros((2, GRID.num_cells), dtype=np.uint8)}, "a film has"),
+            ({"positions": np.zeros((2, 2))}, "a film has"),
+            ({"times": np.zeros((0,))}, "a film has"),
+            ({"captions": ["one"]}, "1 captions for 3 frames"),
+            ({"supersample": 0}, "supersample is 0"),
+            ({"size": (161, 120)}, "must be even"),
+            ({"fps": 0}, "fps is 0"),
+            ({"camera": FilmCamera(eye=(0, 0, 1), target=(0, 0, 0))}, "straight"),
+            ({"camera": FilmCamera(fov_y=4.0)}, "fov_y is 4"),
+        ],
+    )
+    def test_what_does_not_fit_is_refused(self, change, match, station, outputs):
+        arguments = {"fps": 10, **frames_of(3), **change}
+        with pytest.raises(FmpError, match=match):
+            render_film(outputs / "film.gif", station=station, **arguments)
+        assert list(outputs.iterdir()) == []
+
+
+def test_pixels_are_averages_of_what_was_rendered():
+    fine = np.zeros((4, 2, 3), dtype=np.uint8)
+    fine[:2] = [[[0, 1, 255], [100, 1, 255]], [[200, 1, 255], [101, 2, 255]]]
+    np.testing.assert_array_equal(_shrink(fine, 2), [[[100, 1, 255]], [[0, 0, 0]]])
+    np.testing.assert_array_equal(_shrink(fine, 1), fine)
+
+
+class TestReel:
+    def run(self, station, reel, until):
+        simulator = Simulator(station)
+        reel.watch(simulator)
+        plant = station.GetSubsystemByName("plant")
+        context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        plant.SetVelocities(context, [0.0, 0.1])
+        simulator.AdvanceTo(until)
+        return simulator
+
+    def test_a_reel_keeps_a_frame_for_each_time_of_the_film(self, station):
+        reel = FilmReel(station, fps=10, speed=2.0)
+        self.run(station, reel, 1.0)
+        np.testing.assert_allclose(reel.times, np.arange(6) * 0.2, atol=1e-9)
+        np.testing.assert_allclose(reel.positions[:, 1], 0.1 * reel.times, atol=1e-6)
+        assert reel.ink.dtype == np.uint8
+        np.testing.assert_array_equal(
+            reel.ink, np.tile(np.rint(255 * half_inked()).ravel(), (6, 1))
+        )
+
+    def test_times_between_steps_do_not_drift(self, station):
+        reel = FilmReel(station, fps=30)
+        self.run(station, reel, 2.0)
+        assert len(reel.times) == 61
+        assert np.max(np.abs(reel.times - np.arange(61) / 30)) < 0.0101
+
+    def test_a_restarted_simulation_begins_a_new_reel(self, station):
+        reel = FilmReel(station, fps=10)
+        simulator = self.run(station, reel, 0.5)
+        assert len(reel.times) == 6
+        simulator.get_mutable_context().SetTime(0.0)
+        simulator.Initialize()
+        np.testing.assert_allclose(reel.times, [0.0])
+
+    @pytest.mark.parametrize("change", [{"fps": 0}, {"fps": np.nan}, {"speed": -1}])
+    def test_bad_rates_are_refused(self, change, station):
+        with pytest.raises(FmpError, match="must be positive"):
+            FilmReel(station, **{"fps": 10, **change})
+
+
+class TestChecks:
+    @pytest.fixture(autouse=True)
+    def can_render(self, monkeypatch):
+        monkeypatch.setattr(checks, "renders", lambda: True)
+
+    @pytest.mark.parametrize(
+        ("name", "options", "match"),
+        [
+            ("film.avi", {}, r"end in \.mp4 or \.gif"),
+            ("film", {}, r"end in \.mp4 or \.gif"),
+            ("film.gif", {"fps": 0}, "fps is 0"),
+            ("film.gif", {"fps": 51}, r"at most 50 in a \.gif"),
+            ("film.gif", {"fps": np.inf}, "fps is inf"),
+            ("film.mp4", {"fps": 200}, r"at most 120 in a \.mp4"),
+            ("film.gif", {"speed": 0}, "speed is 0"),
+            ("film.gif", {"size": (641, 480)}, "must be even"),
+            ("film.gif", {"size": (0, 480)}, "must be even"),
+            ("no/film.gif", {}, "there is no folder"),
+        ],
+    )
+    def test_what_cannot_be_made_is_refused(self, name, options, match, outputs):
+        with pytest.raises(FmpError, match=match):
+            check_film(outputs / name, **options)
+
+    def test_no_film_and_a_good_one_pass(self, outputs):
+        check_film(None)
+        check_film(outputs / "film.gif", fps=12, speed=3)
+        check_film(outputs / "FILM.GIF")
+
+    def test_the_missing_extra_is_named(self, monkeypatch, outputs):
+        monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+        with pytest.raises(FmpError, match=r"pip install 'fmp-drake\[video\]'"):
+            check_film(outputs / "film.mp4")
+        check_film(outputs / "film.gif")
+
+    def test_missing_egl_is_named(self, monkeypatch, outputs):
+        monkeypatch.setattr(checks, "renders", lambda: False)
+        with pytest.raises(FmpError, match="libegl1"):
+            check_film(outputs / "film.gif")
+
+
+def test_a_machine_without_egl_is_found_out(monkeypatch):
+    # Where it is missing, VTK ends the process with a segmentation fault.
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
+    assert checks.renders.__wrapped__() is False
+
+
+@pytest.mark.parametrize(
+    "failure", [OSError("no python"), subprocess.TimeoutExpired("python", 1)]
+)
+def test_a_probe_that_cannot_run_is_no_egl(failure, monkeypatch):
+    def fail(*_, **__):
+        raise failure
+
+    monkeypatch.setattr(
+        checks,
+        "subprocess",
+        SimpleNamespace(run=fail, TimeoutExpired=subprocess.TimeoutExpired),
+    )
+    assert checks.renders.__wrapped__() is False

@@ -1,0 +1,756 @@
+"""Facts about the pictures of skills and runs."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from fmp_drake.errors import DemonstrationError, FmpError, SkillError
+from fmp_drake.plots import (
+    draw_component_in_plane,
+    draw_component_over_time,
+    draw_demonstrations_in_plane,
+    draw_demonstrations_over_time,
+    draw_heatmap,
+    draw_heatmaps,
+    draw_rollout_over_time,
+    draw_samples_in_plane,
+    draw_skill,
+    draw_spectra,
+    draw_way_back,
+    draw_windows_in_plane,
+    draw_windows_over_time,
+    plot_run,
+    plot_skill,
+    run_page,
+)
+from fmp_drake.plots.style import TIME_MAP, component_color
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
+
+SIX = ("x", "y", "z", "force", "roll", "pitch")
+UNITS = ("m", "m", "m", "N", "rad", "rad")
+
+
+def waves(channels, *, seconds=20.0, rate=10.0, seed=0):
+    """Return a demonstration of noisy sines, its first channels of those of SIX."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(seconds * rate)) / rate
+    phase = 2 * np.pi * 0.4 * time + 0.3 * np.cumsum(rng.standard_normal(len(time))) / 9
+    scale = np.array([0.1, 0.2, 0.01, 5.0, 0.3, 0.4])[:channels]
+    values = scale * np.sin(phase[:, None] + np.arange(channels))
+    return Demonstration(
+        time=time, values=values, channels=SIX[:channels], units=UNITS[:channels]
+    )
+
+
+def learn(demonstrations):
+    return FourierMovementPrimitive(
+        n_steps=24, rate=10.0, overlap=4, n_components=3, stride=3
+    ).fit(demonstrations)
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """Demonstrations with 1, 2, 3 and 6 channels."""
+    return {d: waves(d) for d in (1, 2, 3, 6)}
+
+
+@pytest.fixture(scope="module")
+def skills(shown):
+    """What was learned of them: T = 24 at 10 Hz, M = 3."""
+    return {d: learn(demonstration) for d, demonstration in shown.items()}
+
+
+@pytest.fixture
+def two(skills, shown):
+    return skills[2], shown[2]
+
+
+def start_outside(skill):
+    low, high = skill.extent_
+    return high + 0.5 * (high - low)
+
+
+# Every function, as called with a skill and a demonstration.
+OVER_TIME = {
+    "demonstrations": lambda _, d, **o: draw_demonstrations_over_time(d, **o),
+    "windows": draw_windows_over_time,
+    "spectra": draw_spectra,
+    "component": lambda s, _, **o: draw_component_over_time(s, **o),
+    "rollout": lambda s, _, **o: draw_rollout_over_time(
+        Player(s), start_outside(s), duration=5.0, **o
+    ),
+}
+IN_PLANE = {
+    "demonstrations": lambda _, d, **o: draw_demonstrations_in_plane(d, **o),
+    "windows": draw_windows_in_plane,
+    "samples": lambda s, d, **o: draw_samples_in_plane(s, demonstrations=d, **o),
+    "component": lambda s, d, **o: draw_component_in_plane(s, demonstrations=d, **o),
+    "heatmap of a skill": lambda s, _, **o: draw_heatmap(s, n=20, **o),
+    "heatmap": lambda _, d, **o: draw_heatmap(d, **o),
+    "way back": lambda s, d, **o: draw_way_back(
+        Player(s), start_outside(s), duration=5.0, demonstrations=d, **o
+    ),
+}
+over_time = pytest.mark.parametrize("draw", OVER_TIME.values(), ids=OVER_TIME)
+in_plane = pytest.mark.parametrize("draw", IN_PLANE.values(), ids=IN_PLANE)
+everything = pytest.mark.parametrize(
+    "draw",
+    [*OVER_TIME.values(), *IN_PLANE.values()],
+    ids=[*(f"{n} over time" for n in OVER_TIME), *IN_PLANE],
+)
+
+
+def strips(draw):
+    return draw is OVER_TIME["rollout"]
+
+
+class TestEveryPicture:
+    @pytest.mark.parametrize("channels", [1, 2, 3, 6])
+    @over_time
+    def test_over_time_has_one_axes_for_each_channel(
+        self, draw, channels, skills, shown
+    ):
+        axes = draw(skills[channels], shown[channels])
+        assert len(axes) == channels + strips(draw)
+        labels = [f"{n} ({u})" for n, u in zip(SIX, UNITS, strict=True)][:channels]
+        assert [ax.get_ylabel() for ax in axes[:channels]] == labels
+        assert axes[-1].get_xlabel().endswith(("(s)", "(Hz)"))
+        assert axes[0].get_title(loc="left")
+        axes[0].figure.canvas.draw()
+
+    @pytest.mark.parametrize("channels", [2, 3, 6])
+    @in_plane
+    def test_in_plane_x_is_up_and_y_to_the_left(self, draw, channels, skills, shown):
+        ax = draw(skills[channels], shown[channels])
+        assert (ax.get_ylabel(), ax.get_xlabel()) == ("x (m)", "y (m)")
+        assert ax.get_aspect() == 1.0
+        assert ax.xaxis_inverted()
+        assert not ax.yaxis_inverted()
+        assert ax.get_title(loc="left")
+        ax.figure.canvas.draw()
+
+    @over_time
+    def test_over_time_draws_into_given_axes(self, draw, two):
+        figure = Figure()
+        given = figure.subplots(2 + strips(draw), 1)
+        assert draw(*two, axes=given) == tuple(given)
+        assert all(ax.has_data() for ax in given)
+
+    @in_plane
+    def test_in_plane_draws_into_given_axes(self, draw, two):
+        figure = Figure(figsize=(3, 2))
+        given = figure.subplots()
+        assert draw(*two, ax=given) is given
+        assert given.has_data()
+        assert tuple(figure.get_size_inches()) == (3, 2)
+
+    @over_time
+    def test_over_time_draws_the_named_channels_in_their_order(
+        self, draw, skills, shown
+    ):
+        axes = draw(skills[3], shown[3], channels=["z", "x"])
+        assert [ax.get_ylabel() for ax in axes[:2]] == ["z (m)", "x (m)"]
+        low, high = shown[3].values[:, 2].min(), shown[3].values[:, 2].max()
+        bottom, top = axes[0].get_ylim()
+        assert top - bottom < 10 * (high - low)
+
+    @in_plane
+    def test_in_plane_draws_the_named_channels(self, draw, skills, shown):
+        ax = draw(skills[3], shown[3], plane=["z", "y"])
+        assert (ax.get_ylabel(), ax.get_xlabel()) == ("z (m)", "y (m)")
+
+    @in_plane
+    def test_channels_of_different_units_are_not_drawn_to_one_scale(
+        self, draw, skills, shown
+    ):
+        ax = draw(skills[6], shown[6], plane=["x", "force"])
+        assert ax.get_aspect() == "auto"
+        assert ax.get_xlabel() == "force (N)"
+        ax.figure.canvas.draw()
+
+    @everything
+    def test_the_skill_and_the_demonstration_stay_as_they_are(self, draw, two):
+        skill, demonstration = two
+
+        def numbers():
+            arrays = [demonstration.time, demonstration.values]
+            arrays += [skill.proportions_, skill.extent_]
+            for c in skill.components_:
+                arrays += [c.mean, c.basis, c.variances, np.array(c.noise)]
+            return [np.array(a) for a in arrays], skill.get_params()
+
+        arrays, parameters = numbers()
+        components = skill.components_
+        draw(skill, demonstration)
+        for before, after in zip(arrays, numbers()[0], strict=True):
+            np.testing.assert_array_equal(before, after)
+        assert skill.components_ is components
+        assert skill.get_params() == parameters
+
+    @everything
+    def test_pyplot_is_not_touched(self, draw, two):
+        mine = plt.figure()
+        current = plt.gca()
+        settings = dict(plt.rcParams)
+        try:
+            draw(*two)
+            assert plt.get_fignums() == [mine.number]
+            assert plt.gca() is current
+            assert not current.has_data()
+            assert dict(plt.rcParams) == settings
+        finally:
+            plt.close(mine)
+
+    @over_time
+    def test_a_wrong_number_of_axes_is_an_error(self, draw, two):
+        axes = Figure().subplots(4)
+        with pytest.raises(FmpError, match=r"4 axes are given; .* needs [23]"):
+            draw(*two, axes=axes)
+
+    @over_time
+    def test_an_unknown_channel_is_an_error(self, draw, two):
+        with pytest.raises(FmpError, match="no channel 'w'; the channels are x, y"):
+            draw(*two, channels=["w"])
+        with pytest.raises(FmpError, match="no channel is named"):
+            draw(*two, channels=[])
+
+    @in_plane
+    def test_one_channel_has_no_plane(self, draw, skills, shown):
+        with pytest.raises(FmpError, match=r"only the channel x; .* needs two"):
+            draw(skills[1], shown[1])
+
+    @pytest.mark.parametrize("plane", [["x"], ["x", "x"], ["x", "y", "x"], ["x", "w"]])
+    @in_plane
+    def test_a_plane_is_two_different_channels(self, draw, plane, two):
+        with pytest.raises(FmpError, match=r"two different channels|no channel 'w'"):
+            draw(*two, plane=plane)
+
+    @pytest.mark.parametrize("name", ["samples", "component", "windows", "way back"])
+    def test_a_demonstration_of_other_channels_is_an_error(self, name, skills, shown):
+        with pytest.raises(DemonstrationError, match=r"channels x, y, z; .* have x, y"):
+            IN_PLANE[name](skills[2], shown[3])
+
+
+class TestDemonstrations:
+    def test_every_recording_is_a_line(self):
+        recordings = [waves(2, seed=i) for i in range(3)]
+        for ax, i in zip(
+            draw_demonstrations_over_time(recordings), (0, 1), strict=True
+        ):
+            for line, recording in zip(ax.lines, recordings, strict=True):
+                np.testing.assert_array_equal(line.get_xdata(), recording.time)
+                np.testing.assert_array_equal(line.get_ydata(), recording.values[:, i])
+        ax = draw_demonstrations_in_plane(recordings)
+        for line, recording in zip(ax.lines, recordings, strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), recording.values[:, 0])
+            np.testing.assert_array_equal(line.get_xdata(), recording.values[:, 1])
+        assert len({line.get_color() for line in ax.lines}) == 3
+        assert "3 recordings, 60 s" in ax.get_title(loc="left")
+
+    @pytest.mark.parametrize(
+        "draw", [draw_demonstrations_over_time, draw_demonstrations_in_plane]
+    )
+    def test_none_or_unlike_recordings_are_an_error(self, draw, shown):
+        with pytest.raises(DemonstrationError, match="no demonstration"):
+            draw([])
+        with pytest.raises(
+            DemonstrationError, match="demonstration 1 has the channels"
+        ):
+            draw([shown[2], shown[3]])
+
+
+class TestWindows:
+    def test_every_window_is_a_line_coloured_by_its_start(self, two):
+        skill, demonstration = two
+        axes = draw_windows_over_time(skill, demonstration, color_by="start", most=1000)
+        starts = np.arange(skill.n_windows_) * skill.stride / skill.rate
+        for i, ax in enumerate(axes):
+            (lines,) = ax.collections
+            assert isinstance(lines, LineCollection)
+            np.testing.assert_allclose(lines.get_array(), starts)
+            assert lines.get_cmap() is TIME_MAP
+            for k, line in enumerate(lines.get_segments()):
+                first = k * skill.stride
+                window = demonstration.values[first : first + skill.n_steps, i]
+                np.testing.assert_allclose(line[:, 1], window)
+                np.testing.assert_allclose(line[:, 0], np.arange(24) / 10)
+        assert any("start" in ax.get_ylabel() for ax in axes[0].figure.axes)
+
+    def test_starts_count_from_the_beginning_of_each_recording(self, skills):
+        late = waves(2, seconds=5.0)
+        late = Demonstration(
+            time=late.time + 100, values=late.values, channels=("x", "y")
+        )
+        ax = draw_windows_in_plane(skills[2], [late, late], color_by="start")
+        starts = np.arange(9) * 0.3
+        np.testing.assert_allclose(
+            ax.collections[0].get_array(), np.concatenate([starts, starts])
+        )
+
+    def test_a_window_has_the_colour_of_its_most_probable_component(self, skills):
+        # Windows near to the mean of a component belong to it.
+        skill = skills[2]
+        for j, component in enumerate(skill.components_):
+            window = skill.synthesize(component.mean)
+            one = Demonstration(time=np.arange(24) / 10, values=window)
+            ax = draw_windows_in_plane(skill, one, color_by="component")
+            lines = ax.collections[0]
+            lines.update_scalarmappable()
+            np.testing.assert_allclose(
+                lines.get_edgecolor()[0, :3], to_rgb(component_color(j))
+            )
+
+    def test_many_windows_are_thinned_and_the_title_says_so(self, two):
+        ax = draw_windows_in_plane(*two, most=7)
+        assert len(ax.collections[0].get_segments()) == 7
+        assert f"7 of {two[0].n_windows_} windows" in ax.get_title(loc="left")
+
+    def test_without_colour_bar_there_are_no_other_axes(self, two):
+        axes = draw_windows_over_time(*two, colorbar=False)
+        assert axes[0].figure.axes == list(axes)
+
+    def test_bad_wishes_are_errors(self, two):
+        with pytest.raises(SkillError, match="color_by is 'phase'; choose"):
+            draw_windows_in_plane(*two, color_by="phase")
+        with pytest.raises(SkillError, match="most is 0"):
+            draw_windows_over_time(*two, most=0)
+
+    def test_a_recording_shorter_than_a_window_is_an_error(self, two):
+        with pytest.raises(DemonstrationError, match="give 0 windows"):
+            draw_windows_over_time(two[0], waves(2, seconds=2.0))
+
+
+class TestSpectra:
+    def test_points_are_the_amplitudes_of_the_sines(self):
+        # Two whole periods and five in a window of 2.4 s.
+        time = np.arange(120) / 10
+        values = np.column_stack(
+            [
+                3 + 0.1 * np.sin(2 * np.pi * 2 / 2.4 * time),
+                0.02 * np.cos(2 * np.pi * 5 / 2.4 * time + 1),
+            ]
+        )
+        steady = Demonstration(time=time, values=values)
+        axes = draw_spectra(learn(steady), steady)
+        for ax, k, amplitude in zip(axes, (2, 5), (0.1, 0.02), strict=True):
+            frequency, height = ax.lines[0].get_data()
+            np.testing.assert_allclose(frequency, np.arange(1, 13) / 2.4)
+            expected = np.where(np.arange(1, 13) == k, amplitude, 0)
+            np.testing.assert_allclose(height, expected, atol=1e-9)
+
+    def test_the_nyquist_harmonic_is_an_amplitude_too(self):
+        time = np.arange(100) / 10
+        values = 0.1 * (-1.0) ** np.arange(100)
+        values = np.column_stack([values, np.sin(time)])
+        steady = Demonstration(time=time, values=values)
+        ax, _ = draw_spectra(learn(steady), steady, highest=5.0)
+        frequency, height = ax.lines[0].get_data()
+        assert frequency[-1] == pytest.approx(5.0)
+        assert height[-1] == pytest.approx(0.1)
+
+    def test_bars_hold_nine_of_ten_windows(self, two):
+        skill, demonstration = two
+        ax = draw_spectra(skill, demonstration)[0]
+        (bars,) = ax.collections
+        heights = np.array([bar[:, 1] for bar in bars.get_segments()])
+        middle = ax.lines[0].get_ydata()
+        assert np.all((heights[:, 0] <= middle) & (middle <= heights[:, 1]))
+        windows = np.stack(
+            [
+                demonstration.values[i : i + 24, 0]
+                for i in range(0, len(demonstration.values) - 23, 3)
+            ]
+        )
+        amplitude = np.abs(np.fft.rfft(windows))[:, 1] * 2 / 24
+        np.testing.assert_allclose(heights[0], np.percentile(amplitude, [5, 95]))
+
+    def test_the_highest_frequency_is_kept(self, two):
+        ax = draw_spectra(*two, highest=2.0)[0]
+        assert ax.lines[0].get_xdata()[-1] == pytest.approx(4 / 2.4)
+        with pytest.raises(SkillError, match="highest is -1"):
+            draw_spectra(*two, highest=-1)
+
+
+class TestLearned:
+    def test_samples_are_those_of_the_skill(self, two):
+        skill, demonstration = two
+        ax = draw_samples_in_plane(skill, n=5, seed=3, demonstrations=demonstration)
+        grey, *lines = ax.lines
+        np.testing.assert_array_equal(grey.get_ydata(), demonstration.values[:, 0])
+        samples = skill.sample(5, seed=3, with_noise=False)
+        for line, sample in zip(lines, samples, strict=True):
+            np.testing.assert_allclose(line.get_xydata(), sample[:, ::-1])
+        with pytest.raises(SkillError, match="n is 0"):
+            draw_samples_in_plane(skill, n=0)
+
+    @pytest.mark.parametrize("channels", [1, 3, 6])
+    def test_the_band_is_two_standard_deviations(self, channels, skills):
+        skill = skills[channels]
+        # Of samples with their noise, which the skill draws by itself.
+        gaussian = skill.components_[1]
+        weights = gaussian.sample(np.random.default_rng(0), 4000)
+        samples = skill.synthesize(weights)
+        for i, ax in enumerate(draw_component_over_time(skill, component=1)):
+            mean = ax.lines[0].get_ydata()
+            np.testing.assert_allclose(mean, skill.synthesize(gaussian.mean)[:, i])
+            (band,) = ax.collections
+            edge = band.get_paths()[0].vertices
+            for t in (0, 11, 23):
+                at = np.isclose(edge[:, 0], t / 10)
+                width = np.ptp(edge[at, 1])
+                assert width == pytest.approx(4 * samples[:, t, i].std(), rel=0.06)
+            assert to_rgb(ax.lines[0].get_color()) == to_rgb(component_color(1))
+
+    @pytest.mark.parametrize("plane", [("x", "y"), ("x", "force")])
+    @pytest.mark.parametrize("confidence", [0.5, 0.95])
+    def test_an_ellipse_holds_its_share_of_the_component(
+        self, plane, confidence, skills
+    ):
+        skill = skills[6]
+        ax = draw_component_in_plane(skill, plane=plane, confidence=confidence)
+        tube, outlines = ax.collections
+        assert isinstance(tube, PolyCollection)
+        assert len(tube.get_paths()) == skill.n_steps - 1
+        assert len(outlines.get_paths()) == 12
+        weights = skill.components_[0].sample(np.random.default_rng(1), 4000)
+        indices = [SIX.index(plane[1]), SIX.index(plane[0])]
+        samples = skill.synthesize(weights)[:, :, indices]
+        for k, t in enumerate(range(0, 24, 2)):
+            inside = outlines.get_paths()[k].contains_points(samples[:, t])
+            assert inside.mean() == pytest.approx(confidence, abs=0.03)
+            # The tube holds the ellipses of both of its ends.
+            for end in (t, t + 1):
+                piece = tube.get_paths()[t].contains_points(samples[:, end])
+                assert piece.mean() >= confidence - 0.03
+        np.testing.assert_allclose(
+            ax.lines[0].get_xydata(),
+            skill.synthesize(skill.components_[0].mean)[:, indices],
+        )
+
+    @pytest.mark.parametrize(
+        "draw", [draw_component_over_time, draw_component_in_plane]
+    )
+    def test_an_unknown_component_is_an_error(self, draw, two):
+        for component in (-1, 3):
+            with pytest.raises(SkillError, match="the skill has 0 to 2"):
+                draw(two[0], component=component)
+
+    def test_confidence_is_a_share(self, two):
+        for confidence in (0.0, 1.0):
+            with pytest.raises(SkillError, match="confidence is"):
+                draw_component_in_plane(two[0], confidence=confidence)
+
+
+class TestHeatmaps:
+    def test_the_density_of_all_positions_is_one(self, two):
+        ax = draw_heatmap(two[1], cells=25)
+        (mesh,) = ax.collections
+        assert isinstance(mesh, QuadMesh)
+        corners = mesh.get_coordinates()
+        width, height = corners[1, 1] - corners[0, 0]
+        assert width == pytest.approx(height)
+        assert np.sum(mesh.get_array()) * width * height == pytest.approx(1.0)
+        bar = ax.child_axes[0]
+        assert bar.get_ylabel() == "density (1/m²)"
+
+    def test_density_counts_time_not_samples(self):
+        # One second at x = 0 and three at x = 1, recorded ten times as often at 0.
+        time = np.concatenate([np.linspace(0, 0.99, 100), 1 + np.linspace(0, 3, 31)])
+        x = (time >= 1).astype(float)
+        ax = draw_heatmap(
+            Demonstration(time=time, values=np.column_stack([x, 0.1 * x])),
+            cells=2,
+            bounds=[[-0.5, 1.5], [-1, 1]],
+        )
+        density = ax.collections[0].get_array().filled(0).sum(axis=1)
+        assert density[1] / density[0] == pytest.approx(3.0, rel=0.05)
+
+    def test_a_visited_place_is_drawn_where_it_is(self):
+        time = np.arange(50) / 10
+        still = np.column_stack([np.full(50, 0.35), np.full(50, -0.15)])
+        ax = draw_heatmap(
+            Demonstration(time=time, values=still),
+            cells=10,
+            bounds=[[0, 1], [-1, 0]],
+        )
+        mesh = ax.collections[0]
+        ((row, column),) = np.argwhere(mesh.get_array().filled(0) > 0)
+        (x0, y0), (x1, y1) = (
+            mesh.get_coordinates()[row, column],
+            mesh.get_coordinates()[row + 1, column + 1],
+        )
+        assert x0 <= -0.15 <= x1
+        assert y0 <= 0.35 <= y1
+
+    def test_cells_of_different_units_are_as_many_both_ways(self, shown):
+        ax = draw_heatmap(shown[6], plane=["x", "force"], cells=20)
+        assert ax.collections[0].get_array().shape == (20, 20)
+        assert ax.child_axes[0].get_ylabel() == "density (1/(m N))"
+
+    def test_both_heatmaps_can_be_compared(self, two):
+        axes = draw_heatmaps(*two, n=50)
+        a, b = (ax.collections[0] for ax in axes)
+        np.testing.assert_array_equal(a.get_coordinates(), b.get_coordinates())
+        assert a.get_clim() == b.get_clim()
+        assert a.get_clim()[1] == max(a.get_array().max(), b.get_array().max())
+        given = Figure().subplots(1, 2)
+        assert draw_heatmaps(*two, n=5, axes=given) == tuple(given)
+
+    def test_bad_wishes_are_errors(self, two):
+        skill, demonstration = two
+        with pytest.raises(SkillError, match="cells is 0"):
+            draw_heatmap(skill, cells=0)
+        with pytest.raises(SkillError, match="bounds are"):
+            draw_heatmap(demonstration, bounds=[[1, 0], [0, 1]])
+        with pytest.raises(SkillError, match="n is 0"):
+            draw_heatmap(skill, n=0)
+        with pytest.raises(SkillError, match="two heatmaps need 2"):
+            draw_heatmaps(skill, demonstration, axes=Figure().subplots(1, 3))
+        with pytest.raises(DemonstrationError, match="no demonstration"):
+            draw_heatmaps(skill, [])
+        with pytest.raises(DemonstrationError, match="no demonstration"):
+            draw_heatmap([])
+
+
+class TestPlayed:
+    def test_the_way_back_is_the_rollout_coloured_by_time(self, two):
+        skill, _ = two
+        player, start = Player(skill), start_outside(skill)
+        ax = draw_way_back(player, start, duration=4.0)
+        (lines,) = ax.collections
+        played = player.rollout(start, 4.0)[:, 0, ::-1]
+        segments = np.array(lines.get_segments())
+        np.testing.assert_allclose(segments[:, 0], played[:-1])
+        np.testing.assert_allclose(segments[:, 1], played[1:])
+        np.testing.assert_allclose(lines.get_array(), np.arange(40) / 10)
+        assert lines.get_clim() == (0, 4.0)
+        (ring,) = ax.lines
+        np.testing.assert_allclose(ring.get_xydata(), [start[::-1]])
+        assert ax.child_axes[0].get_ylabel() == "time (s)"
+
+    def test_several_starts_are_drawn_at_once(self, two):
+        skill, _ = two
+        starts = start_outside(skill) * np.array([[1.0], [-1.0], [0.5]])
+        ax = draw_way_back(Player(skill), starts, duration=2.0)
+        assert len(ax.collections[0].get_segments()) == 3 * 20
+        np.testing.assert_allclose(ax.lines[0].get_xydata(), starts[:, ::-1])
+
+    @pytest.mark.parametrize("sample", [False, True])
+    def test_a_rollout_over_time_is_that_of_the_player(self, sample, skills):
+        skill = skills[3]
+        player = Player(skill, sample=sample, seed=4)
+        start = start_outside(skill)
+        *axes, _ = draw_rollout_over_time(player, start, duration=9.0)
+        played = player.rollout(start, 9.0)[:, 0]
+        for i, ax in enumerate(axes):
+            time, value = ax.lines[0].get_data()
+            np.testing.assert_allclose(time, np.arange(91) / 10)
+            np.testing.assert_allclose(value, played[:, i], atol=1e-9)
+
+    def test_remap_instants_and_components_are_those_of_the_player(self, two):
+        skill, _ = two
+        player, start = Player(skill), start_outside(skill)
+        ax, _, strip = draw_rollout_over_time(player, start, duration=9.0)
+        # Every T - K = 20 ticks of 0.1 s.
+        instants = [line.get_xdata()[0] for line in ax.lines[1:]]
+        np.testing.assert_allclose(instants, [2.0, 4.0, 6.0, 8.0])
+        boxes = [p for p in strip.patches if isinstance(p, Rectangle)]
+        np.testing.assert_allclose([b.get_x() for b in boxes], [0, 2, 4, 6, 8])
+        np.testing.assert_allclose([b.get_width() for b in boxes], [2, 2, 2, 2, 1])
+        state, components = player.start(start), []
+        for _ in range(5):
+            components.append(state.component)
+            while state.step < skill.n_steps - 1:
+                state = player.tick(state)
+            state = player.remap(state)
+        assert [text.get_text() for text in strip.texts] == [str(j) for j in components]
+        for box, component in zip(boxes, components, strict=True):
+            assert to_rgb(box.get_facecolor()[:3]) == to_rgb(component_color(component))
+
+    def test_the_band_is_that_of_the_tracked_component(self, two):
+        skill, _ = two
+        player, start = Player(skill), start_outside(skill)
+        ax, *_ = draw_rollout_over_time(player, start, duration=1.0)
+        edge = ax.collections[0].get_paths()[0].vertices
+        width = np.ptp(edge[np.isclose(edge[:, 0], 0.0), 1])
+        variance = player.covariance(player.start(start))[0, 0]
+        assert width == pytest.approx(4 * np.sqrt(variance))
+
+    def test_bad_starts_and_durations_are_errors(self, two):
+        player = Player(two[0])
+        for draw in (draw_way_back, draw_rollout_over_time):
+            with pytest.raises(SkillError):
+                draw(player, [0.0, 0.0, 0.0])
+            with pytest.raises(SkillError):
+                draw(player, [np.nan, 0.0])
+            for duration in (0.0, -1.0, np.inf, np.nan):
+                with pytest.raises(SkillError, match="at least one tick"):
+                    draw(player, [0.0, 0.0], duration=duration)
+
+
+class TestPages:
+    @pytest.mark.parametrize(("channels", "count"), [(1, 4), (2, 8), (3, 8), (6, 8)])
+    def test_the_page_of_a_skill_shows_everything(self, channels, count, skills, shown):
+        figure = draw_skill(skills[channels], shown[channels])
+        titled = [ax for ax in figure.axes if ax.get_title(loc="left")]
+        spectra_and_rollout = 2 if channels > 1 else 0
+        assert len(titled) == count + spectra_and_rollout
+
+    def test_a_skill_of_one_component_leaves_places_empty(self, shown):
+        skill = FourierMovementPrimitive(
+            n_steps=24, rate=10.0, overlap=4, n_components=1, stride=3
+        ).fit(shown[2])
+        figure = draw_skill(skill, shown[2])
+        titles = [ax.get_title(loc="left") for ax in figure.axes]
+        assert sum(title.startswith("component") for title in titles) == 1
+
+    @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
+    def test_a_page_is_written_by_its_ending(self, ending, two, tmp_path):
+        path = tmp_path / f"page.{ending}"
+        plot_skill(*two, path)
+        start = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}[ending]
+        assert path.read_bytes().startswith(start)
+        assert path.stat().st_size < 3_000_000
+
+    def test_a_page_that_cannot_be_written_is_an_error(self, two, tmp_path):
+        for path in (tmp_path / "page.xyz", tmp_path / "no" / "page.png"):
+            with pytest.raises(FmpError, match="cannot write"):
+                plot_skill(*two, path)
+
+    def test_the_page_of_a_run_shows_path_ink_force_and_error(self, skills, tmp_path):
+        run = fake_run(skills[3])
+        path, ink, _, force, error = run_axes(run)
+        np.testing.assert_allclose(
+            path.lines[-1].get_xydata(),
+            run.log("measured_position")[::20, [1, 0]],
+        )
+        # The wiped corner has the least x and the greatest y: below, at the left.
+        mesh = ink.collections[0]
+        ((row, column),) = np.argwhere(mesh.get_array() == 0)
+        x, y = mesh.get_coordinates()[row, column]
+        assert y == pytest.approx(-0.2)
+        assert x == pytest.approx(0.3 - 0.6 / 12)
+        # Both show the board, as it is seen from behind the robot.
+        for ax in (path, ink):
+            assert ax.get_xlim() == (0.3, -0.3)
+            assert ax.get_ylim() == (-0.2, 0.2)
+        assert force.get_ylabel() == "normal force (N)"
+        np.testing.assert_allclose(force.lines[0].get_ydata(), 10.0)
+        band = force.patches[0]
+        low, high = band.get_y(), band.get_y() + band.get_height()
+        assert (low, high) == (5.0, 15.0)
+        assert error.get_ylabel() == "measured - desired (mm)"
+        assert [line.get_label() for line in error.lines[:3]] == ["x", "y", "z"]
+        np.testing.assert_allclose(error.lines[2].get_ydata(), 2.0)
+        plot_run(run, tmp_path / "run.png")
+        assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+
+    def test_the_page_of_a_run_shows_when_the_board_got_clean(self, skills):
+        run = fake_run(skills[3], clean=np.arange(10) / 10)
+        cleaned = run_axes(run)[2]
+        board, demonstrated, *marks = cleaned.lines
+        np.testing.assert_allclose(board.get_ydata(), 25.0)
+        time, percent = demonstrated.get_data()
+        # Ten of the twelve cells get clean, one more every 0.1 s.
+        np.testing.assert_allclose(time[:3], [0.0, 0.0, 0.1])
+        np.testing.assert_allclose(percent[-2:], 1000 / 12)
+        assert time[-1] == pytest.approx(2.0)
+        # Half of them, six, at 0.5 s; never 90 %.
+        dots = [mark for mark in marks if mark.get_marker() == "o"]
+        assert len(dots) == 1
+        np.testing.assert_allclose(dots[0].get_xydata(), [[0.5, 50.0]])
+        assert [text.get_text() for text in cleaned.texts] == ["50 % after 0.5 s"]
+        assert "83.3 %" in cleaned.get_title(loc="left")
+
+    def test_cells_without_ink_are_not_to_be_cleaned(self, skills):
+        run = fake_run(skills[3], clean=np.arange(10) / 10)
+        run.initial_ink[0, :] = 0.0
+        run.initial_ink[1, :2] = 0.0
+        cleaned = run_axes(run)[2]
+        assert "clean area: 0.0 %" in cleaned.get_title(loc="left")
+
+    def test_the_page_of_a_run_marks_re_mappings_and_disturbances(self, skills):
+        time = np.linspace(0, 2, 200)
+        run = fake_run(
+            skills[3],
+            remaps=np.column_stack([1.0 * (time > 0.5) + (time > 1.5), time > 1.5]),
+            disturbance=np.column_stack(
+                [0 * time, 30.0 * (abs(time - 1) < 0.2), time * 0]
+            ),
+        )
+        for ax in run_axes(run)[2:]:
+            marks = {
+                line.get_linestyle(): line.get_xdata()[0]
+                for line in ax.lines
+                if line.get_linestyle() in (":", "--")
+            }
+            assert marks == {
+                ":": pytest.approx(0.5, abs=0.02),
+                "--": pytest.approx(1.5, abs=0.02),
+            }
+            span = ax.patches[-1]
+            assert span.get_x() == pytest.approx(0.8, abs=0.02)
+            assert span.get_width() == pytest.approx(0.4, abs=0.03)
+        # Without them there is nothing to mark.
+        for ax in run_axes(fake_run(skills[3]))[2:]:
+            assert all(
+                line.get_linestyle() == "-"
+                for line in ax.lines
+                if len(line.get_xdata()) > 1
+            )
+
+
+def run_axes(run):
+    """Return the axes of a run's page: path, ink, cleaned, force, error."""
+    return [ax for ax in run_page.draw_run(run).axes if ax.get_title(loc="left")]
+
+
+def fake_run(skill, *, clean=(), **more):
+    """Return what a page needs of a `WipingRun`: a board of 0.4 m by 0.6 m.
+
+    The demonstrated area are the first 12 cells, and `clean` says when the first of
+    them got clean.
+    """
+    time = np.arange(2000) / 1000
+    measured = np.column_stack([0.1 * np.sin(time), 0.2 * np.cos(time), 0 * time])
+    logs = {
+        "measured_position": measured,
+        "desired_position": measured - [0.0, 0.0, 0.002],
+        "normal_force": np.full((200, 1), 10.0),
+        "cleaned_fraction": np.full((200, 1), 0.25),
+        **more,
+    }
+    ink = np.ones((12, 8))
+    ink[-1, 0] = 0.0
+    erase_time = np.full(ink.size, np.inf)
+    erase_time[: len(clean)] = clean
+    area = np.arange(ink.size).reshape(ink.shape) < 12
+    return SimpleNamespace(
+        skill=skill,
+        grid=SimpleNamespace(size=(0.4, 0.6), shape=ink.shape),
+        demonstrated=[measured],
+        log=logs.__getitem__,
+        log_times=lambda name: np.linspace(0, 2, len(logs[name])),
+        ink=lambda: ink,
+        initial_ink=np.ones_like(ink),
+        output=lambda _: erase_time,
+        demonstrated_area=lambda: area,
+    )
+
+
+def test_pictures_need_no_drake():
+    code = """
+import sys
+sys.modules["pydrake"] = None
+import fmp_drake.plots
+assert "matplotlib.pyplot" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
