@@ -21,7 +21,7 @@ LAYERS = (
     "apps",
 )
 # Below all layers.
-BASE = {"errors", "__init__"}
+BASE = {"errors", "compiled", "__init__"}
 
 
 def imported(source, module):

@@ -6,7 +6,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives import FourierBasis, mixture
+from fmp_drake.primitives import FourierBasis
+from fmp_drake.primitives.model import mixture
 from fmp_drake.primitives.model.mixture import fit_mixture, log_densities
 
 OPTIONS = {
