@@ -26,8 +26,9 @@ _PLACES = (Path(__file__).parent, Path(os.environ.get("HOME", "/")) / ".cache")
 if "NUMBA_CACHE_DIR" not in os.environ and not any(map(_is_writable, _PLACES)):
     os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="fmp_drake_")
 
-import numba  # noqa: E402 - it reads the environment when it is imported.
-from numba.core import event  # noqa: E402
+# numba reads the environment when it is imported.
+import numba
+from numba.core import event
 
 
 class _Announcer(event.Listener):  # type: ignore[misc]
@@ -46,7 +47,7 @@ class _Announcer(event.Listener):  # type: ignore[misc]
         """Nothing is said at the end."""
 
 
-event.register("numba:compile", _Announcer())
+event.register("numba:compile", _Announcer())  # type: ignore[no-untyped-call]
 
 
 def compiled[F: Callable[..., Any]](function: F) -> F:
@@ -55,5 +56,4 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
     Its cache is beside the module, in the user's cache folder where that is read-only,
     or else in a temporary folder for this process.
     """
-    function_compiled: F = numba.njit(cache=True, error_model="numpy")(function)
-    return function_compiled
+    return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[return-value]
