@@ -31,7 +31,7 @@ import numba
 from numba.core import event
 
 
-class _Announcer(event.Listener):  # type: ignore[misc]
+class _Announcer(event.Listener):
     """Says once that something is compiled, because that takes seconds."""
 
     def __init__(self) -> None:
