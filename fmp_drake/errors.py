@@ -17,5 +17,21 @@ class SkillFileError(FmpError, ValueError):
     """A skill or demonstration file that cannot be read."""
 
 
+class SystemsError(FmpError, ValueError):
+    """A value that a Drake system of this package cannot be built from."""
+
+
+class ControllerError(SystemsError):
+    """A plant, a gain or a limit that the impedance controller cannot use."""
+
+
 class StationError(FmpError, ValueError):
     """A scenario, a model or a start that the station cannot realise."""
+
+
+class RunError(FmpError, ValueError):
+    """A run, or a log, a picture or a film of one, that cannot be made or read."""
+
+
+class ExperimentError(FmpError, ValueError):
+    """A comparison of methods that cannot be made."""
