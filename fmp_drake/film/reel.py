@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 
 
 class FilmReel:
@@ -29,7 +29,7 @@ class FilmReel:
     def __init__(self, station: Diagram, *, fps: float, speed: float = 1.0) -> None:
         for name, value in (("fps", fps), ("speed", speed)):
             if not (np.isfinite(value) and value > 0):
-                raise FmpError(f"{name} is {value}; it must be positive.")
+                raise RunError(f"{name} is {value}; it must be positive.")
         self.fps = float(fps)
         self.speed = float(speed)
         self._station = station

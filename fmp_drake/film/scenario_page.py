@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from threadpoolctl import threadpool_limits
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.film import FilmCamera, FilmReel, render_picture
 from fmp_drake.runs.metrics import Figures, run_figures
 from fmp_drake.runs.skills import scenario_skill
@@ -48,7 +48,7 @@ def measure_scenario(name: str, duration: float, folder: Path) -> Measured:
                 camera=camera,
                 size=_SIZE,
             )
-        except FmpError:
+        except RunError:
             return Measured(figures, False)
     return Measured(figures, True)
 
