@@ -184,6 +184,7 @@ def write_log(
         "versions": current_versions(),
         "figures": dict(metrics),  # As version 1 of the format calls them.
     }
+    arrays: dict[str, NDArray[Any] | Blocks]
     arrays = {"metadata": np.array(json.dumps(metadata))}
     arrays |= {name: values for name, (_, values) in signals.items()}
     arrays |= {names[number]: times for number, times in clocks.items()}

@@ -3,6 +3,7 @@
 import math
 import os
 import tempfile
+import weakref
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,6 +30,7 @@ class Spill:
         self, row: tuple[int, ...] = (), dtype: DTypeLike = np.float64
     ) -> None:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115
+        weakref.finalize(self, self._file.close)
         self._dtype = np.dtype(dtype)
         self._row = row
         self._rows = 0

@@ -65,6 +65,8 @@ class WipingRun:
         The cells of the ink.
     initial_ink : ndarray, shape (ny, nx)
         From 0 to 1.
+    kept : set of str
+        The signals that are kept.
     demonstrated : list of ndarray, shape (N, 3)
         The demonstrated paths in B, or those of the skill's components, m.
     """
@@ -104,13 +106,13 @@ class WipingRun:
         builder.AddSystem(self.station)
         self._recording = recording and meshcat is not None
         path = ("measured_position",) if self._recording else ()
-        self._kept = {
+        self.kept = {
             name
             for name in {*keep, *path}
             if isfinite(signal_kind(name).period) and self.station.HasOutputPort(name)
         }
         self._sinks: dict[str, VectorLogSink] = {}
-        for name in sorted({*RunMetrics.SIGNALS, *self._kept}):
+        for name in sorted({*RunMetrics.SIGNALS, *self.kept}):
             port = self.station.GetOutputPort(name)
             sink = LogVectorOutput(port, builder, signal_kind(name).period)
             sink.set_name(f"log_{name}")
@@ -129,9 +131,9 @@ class WipingRun:
         self._metrics = RunMetrics(self._joint_limits())
         self._values = {
             name: Spill((self.station.GetOutputPort(name).size(),))
-            for name in self._kept
+            for name in self.kept
         }
-        self._times = {signal_kind(name).period: Spill() for name in self._kept}
+        self._times = {signal_kind(name).period: Spill() for name in self.kept}
         if self.meshcat is not None and self._recording:
             self.meshcat.DeleteRecording()
             self.meshcat.StartRecording(frames_per_second=30.0)
@@ -174,7 +176,7 @@ class WipingRun:
         except KeyError:
             raise RunError(
                 f"the signal {name} was not kept; the run keeps "
-                f"{', '.join(sorted(self._kept)) or 'none'}."
+                f"{', '.join(sorted(self.kept)) or 'none'}."
             ) from None
 
     def log_times(self, name: str) -> NDArray[np.float64]:
@@ -240,7 +242,7 @@ class WipingRun:
         signals: dict[str, tuple[Rows, Rows]] = {
             name: (self._times[kind.period], self._values[name])
             for name, kind in SIGNALS.items()
-            if name in self._kept
+            if name in self.kept
         }
         now = np.array([self.simulator.get_context().get_time()])
         for name, kind in SIGNALS.items():
