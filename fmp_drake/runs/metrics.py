@@ -1,7 +1,7 @@
 """The metrics of a run, computed while it goes: nothing of it is kept in memory.
 
-Each class takes the logged samples in chunks of any length, in the order of time, and
-says at any moment what they amount to so far.
+Each class takes chunks of the logged signals, of any length and in the order of time,
+and says at any moment what they amount to so far. `METRIC_SIGNALS` are those it takes.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,14 @@ _BIN, _LARGEST_FORCE = 0.01, 500.0
 # What the controller should not have to do.
 _FAULTS = StatusFlag.HOLD | StatusFlag.JOINT_WALL
 
+METRIC_SIGNALS = (
+    *("normal_force", "desired_position", "desired_velocity"),
+    *("measured_position", "state", "actuation", "torque", "status"),
+)
+"""Names of the signals that the metrics are computed from."""
+
 type Metrics = dict[str, float | int | None]
+type Chunk = Mapping[str, Samples]
 
 
 class Samples(NamedTuple):
@@ -41,8 +48,9 @@ class ForceMetrics:
         self._sum = 0.0
         self._wanted = self._samples = 0
 
-    def update(self, force: NDArray[np.float64]) -> None:
-        """Take the next normal forces, shape (N,), N."""
+    def update(self, chunk: Chunk) -> None:
+        """Take the next normal forces."""
+        force = chunk["normal_force"].values[:, 0]
         touching = force > _CONTACT_FORCE
         if not self._samples:
             first = int(np.argmax(touching)) if np.any(touching) else len(force)
@@ -85,8 +93,10 @@ class TrackingMetrics:
         self._samples = 0
         self._last: NDArray[np.float64] = np.zeros((0, 7))
 
-    def update(self, desired: Samples, velocity: Samples, measured: Samples) -> None:
-        """Take the next positions, m, and desired velocities, m/s, all (N, 3)."""
+    def update(self, chunk: Chunk) -> None:
+        """Take the next positions and desired velocities."""
+        desired, velocity = chunk["desired_position"], chunk["desired_velocity"]
+        measured = chunk["measured_position"]
         squares = np.sum((desired.values - measured.values) ** 2, axis=1)
         self._squares += float(np.sum(squares))
         self._largest = float(np.sqrt(np.max(squares, initial=self._largest**2)))
@@ -133,38 +143,22 @@ class LimitMetrics:
         self._faults = self._samples = 0
         self._last: NDArray[np.float64] = np.zeros((0, len(limits.lower)))
 
-    def update(
-        self,
-        *,
-        state: NDArray[np.float64],
-        actuation: NDArray[np.float64],
-        torque: NDArray[np.float64],
-        status: NDArray[np.float64],
-    ) -> None:
-        """Take the next samples, a millisecond apart.
-
-        Parameters
-        ----------
-        state : ndarray, shape (N, 2 n)
-            Angles, rad, and angular velocities, rad/s.
-        actuation, torque : ndarray, shape (N, n)
-            With and without gravity, N m.
-        status : ndarray, shape (N, columns)
-            Of the controller: flags first.
-        """
+    def update(self, chunk: Chunk) -> None:
+        """Take the next states of the arm, torques and states of the controller."""
         limits = self._limits
-        q, v = np.split(state, 2, axis=1)
+        q, v = np.split(chunk["state"].values, 2, axis=1)
         margin = np.minimum(q - limits.lower, limits.upper - q)
         self._margin = float(np.min(margin, initial=self._margin))
         self._speed = float(np.max(np.abs(v) / limits.speed, initial=self._speed))
-        effort = np.abs(actuation) / limits.torque
+        effort = np.abs(chunk["actuation"].values) / limits.torque
         self._effort = float(np.max(effort, initial=self._effort))
-        torque = np.concatenate([self._last, torque])
+        torque = np.concatenate([self._last, chunk["torque"].values])
         rate = np.abs(np.diff(torque, axis=0)) / MILLISECOND
         self._rate = float(np.max(rate, initial=self._rate))
         self._last = torque[-1:]
-        self._faults += int(np.count_nonzero(status[:, 0].astype(int) & int(_FAULTS)))
-        self._samples += len(status)
+        flags = chunk["status"].values[:, 0].astype(int)
+        self._faults += int(np.count_nonzero(flags & int(_FAULTS)))
+        self._samples += len(flags)
 
     def result(self) -> Metrics:
         """Return the metrics."""
@@ -174,47 +168,4 @@ class LimitMetrics:
             "joint_limit_margin_min_rad": self._margin,
             "joint_speed_ratio_max": self._speed,
             "fault_fraction": self._faults / max(1, self._samples),
-        }
-
-
-class RunMetrics:
-    """The metrics of force, tracking and limits together.
-
-    Parameters
-    ----------
-    limits : JointLimits
-    """
-
-    SIGNALS = (
-        *("normal_force", "desired_position", "desired_velocity"),
-        *("measured_position", "state", "actuation", "torque", "status"),
-    )
-    """Names of the signals that are needed."""
-
-    def __init__(self, limits: JointLimits) -> None:
-        self._force = ForceMetrics()
-        self._tracking = TrackingMetrics()
-        self._limits = LimitMetrics(limits)
-
-    def update(self, chunk: Mapping[str, Samples]) -> None:
-        """Take the next samples of all signals, by their names."""
-        self._force.update(chunk["normal_force"].values[:, 0])
-        self._tracking.update(
-            chunk["desired_position"],
-            chunk["desired_velocity"],
-            chunk["measured_position"],
-        )
-        self._limits.update(
-            **{
-                name: chunk[name].values
-                for name in ("state", "actuation", "torque", "status")
-            }
-        )
-
-    def result(self) -> Metrics:
-        """Return the metrics of what was taken so far."""
-        return {
-            **self._force.result(),
-            **self._tracking.result(),
-            **self._limits.result(),
         }

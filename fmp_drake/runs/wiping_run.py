@@ -18,7 +18,15 @@ from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs.ink_metrics import ink_metrics
 from fmp_drake.runs.log import Rows, write_log
-from fmp_drake.runs.metrics import JointLimits, Metrics, RunMetrics, Samples
+from fmp_drake.runs.metrics import (
+    METRIC_SIGNALS,
+    ForceMetrics,
+    JointLimits,
+    LimitMetrics,
+    Metrics,
+    Samples,
+    TrackingMetrics,
+)
 from fmp_drake.runs.signals import SIGNALS, signal_kind
 from fmp_drake.runs.spill import Spill
 from fmp_drake.station.parts.page_scene import BOARD, INK
@@ -112,7 +120,7 @@ class WipingRun:
             if isfinite(signal_kind(name).period) and self.station.HasOutputPort(name)
         }
         self._sinks: dict[str, VectorLogSink] = {}
-        for name in sorted({*RunMetrics.SIGNALS, *self.kept}):
+        for name in sorted({*METRIC_SIGNALS, *self.kept}):
             port = self.station.GetOutputPort(name)
             sink = LogVectorOutput(port, builder, signal_kind(name).period)
             sink.set_name(f"log_{name}")
@@ -128,7 +136,8 @@ class WipingRun:
 
     def begin_again(self) -> None:
         """Forget what was taken in, for a simulation that was reset; record anew."""
-        self._metrics = RunMetrics(self._joint_limits())
+        limits = LimitMetrics(self._joint_limits())
+        self._metrics = (ForceMetrics(), TrackingMetrics(), limits)
         self._values = {
             name: Spill((self.station.GetOutputPort(name).size(),))
             for name in self.kept
@@ -160,7 +169,8 @@ class WipingRun:
             log = sink.FindMutableLog(context)
             chunk[name] = Samples(log.sample_times().copy(), log.data().T.copy())
             log.Clear()
-        self._metrics.update(chunk)
+        for metrics in self._metrics:
+            metrics.update(chunk)
         times = {}
         for name, values in self._values.items():
             values.append(chunk[name].values)
@@ -196,7 +206,7 @@ class WipingRun:
                 grid=self.grid,
                 seconds=self.simulator.get_context().get_time(),
             ),
-            **self._metrics.result(),
+            **{k: v for each in self._metrics for k, v in each.result().items()},
             "remap_count": int(remaps),
             "reactive_remap_count": int(reactive),
         }

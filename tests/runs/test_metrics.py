@@ -5,7 +5,14 @@ import itertools
 import numpy as np
 import pytest
 
-from fmp_drake.runs.metrics import JointLimits, RunMetrics, Samples
+from fmp_drake.runs.metrics import (
+    METRIC_SIGNALS,
+    ForceMetrics,
+    JointLimits,
+    LimitMetrics,
+    Samples,
+    TrackingMetrics,
+)
 from fmp_drake.systems.impedance.status import StatusFlag
 
 LIMITS = JointLimits(
@@ -24,6 +31,20 @@ PERIODS = {
     "torque": (7, 0.001),
     "status": (6, 0.001),
 }
+
+
+class Together:
+    """All metrics of a run."""
+
+    def __init__(self):
+        self.parts = ForceMetrics(), TrackingMetrics(), LimitMetrics(LIMITS)
+
+    def update(self, chunk):
+        for part in self.parts:
+            part.update(chunk)
+
+    def result(self):
+        return {k: v for part in self.parts for k, v in part.result().items()}
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +73,7 @@ def chunk(samples, start, end):
 
 
 def metrics_in_chunks(samples, seconds):
-    metrics = RunMetrics(LIMITS)
+    metrics = Together()
     edges = np.array([-1.0, *np.arange(seconds, 7.3, seconds), 7.3]) + 1e-9
     for start, end in itertools.pairwise(edges):
         metrics.update(chunk(samples, start, end))
@@ -111,7 +132,7 @@ def test_jumps_between_two_chunks_are_seen():
     desired[10:, 1] = 0.02
     signals["desired_position"] = Samples(times, desired)
     signals["torque"].values[10:, 3] = 1.5
-    metrics = RunMetrics(LIMITS)
+    metrics = Together()
     for part in (slice(10), slice(10, 20)):
         metrics.update({n: Samples(t[part], v[part]) for n, (t, v) in signals.items()})
     assert metrics.result()["desired_position_jump_max_m"] == pytest.approx(0.02)
@@ -119,10 +140,14 @@ def test_jumps_between_two_chunks_are_seen():
 
 
 def test_a_run_without_contact_has_no_force():
-    metrics = RunMetrics(LIMITS)
+    metrics = Together()
     none = {n: Samples(np.zeros(1), np.zeros((1, s))) for n, (s, _) in PERIODS.items()}
     metrics.update(none)
     found = metrics.result()
     assert found["contact_fraction"] == 0
     assert found["normal_force_mean_n"] == found["normal_force_p95_n"] == 0
     assert found["normal_force_wanted_fraction"] == 0
+
+
+def test_every_signal_of_the_metrics_is_taken():
+    assert set(METRIC_SIGNALS) == set(PERIODS)
