@@ -12,6 +12,7 @@ import subprocess
 import time
 
 import matplotlib.image
+import numpy as np
 import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -108,13 +109,15 @@ class Page:
     url : str
     folder : Path
         For the browser's profile.
+    *options : str
+        Of the browser.
     size : tuple of 2 ints
         Width and height of the picture.
     timeout : float
         Longest wait for an answer, s.
     """
 
-    def __init__(self, url, folder, *, size=(800, 500), timeout=60.0):
+    def __init__(self, url, folder, *options, size=(800, 500), timeout=60.0):
         self._timeout = timeout
         self._number = 0
         self._unread = b""
@@ -131,6 +134,7 @@ class Page:
                 "--remote-debugging-pipe",
                 "--hide-scrollbars",
                 f"--user-data-dir={folder / 'live_profile'}",
+                *options,
                 "about:blank",
             ],
             os.environ,
@@ -156,7 +160,7 @@ class Page:
                 deviceScaleFactor=1,
                 mobile=False,
             )
-            self.call("Page.navigate", url=url)
+            self.go(url)
         except BaseException:
             self.close()
             raise
@@ -166,6 +170,10 @@ class Page:
 
     def __exit__(self, *_):
         self.close()
+
+    def go(self, url):
+        """Open another page in the same browser."""
+        self.call("Page.navigate", url=url)
 
     def close(self):
         """End the browser."""
@@ -282,3 +290,14 @@ class Page:
         """Return a picture of the page, shape (height, width, 3), from 0 to 1."""
         data = self.call("Page.captureScreenshot", format="png")["data"]
         return matplotlib.image.imread(io.BytesIO(base64.b64decode(data)))[..., :3]
+
+    def settled_picture(self):
+        """Return a picture, as `picture` does, when the page stopped changing."""
+        last, deadline = None, time.monotonic() + self._timeout
+        while time.monotonic() < deadline:
+            time.sleep(0.2)
+            new = self.picture()
+            if last is not None and np.array_equal(new, last):
+                return new
+            last = new
+        raise TimeoutError("the page goes on changing")

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from browser import CTRL, OFFLINE, Page, needs_chromium, screenshot
+from browser import CTRL, OFFLINE, Page, needs_chromium
 
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import open_page
@@ -37,6 +37,26 @@ def wiped_patch(picture):
             before = np.maximum.accumulate(view, axis=axis)
             inside &= np.flip(before, axis) if flip else before
     return inside
+
+
+def shown(url, folder, *options, when=lambda picture: picture is not None):
+    """Return what a page shows once something holds of it, or else in the end."""
+    with Page(url, folder, *options) as page:
+        if not options:
+            page.wait_for_meshcat()
+        return settled(page, when)
+
+
+def settled(page, when):
+    for _ in range(20):
+        picture = page.settled_picture()
+        if when(picture):
+            break
+    return picture
+
+
+def has_ink(picture):
+    return np.mean(blue_ink(picture)) > INKED
 
 
 def assert_shows_a_wiped_board(picture):
@@ -90,12 +110,15 @@ def run(learned, meshcat):
 
 def test_running_page_shows_arm_board_and_wiped_ink(run, meshcat, tmp_path):
     assert run.output("cleaned_fraction")[0] > 0.01
-    picture = screenshot(meshcat.web_url(), tmp_path)
-    assert_shows_a_wiped_board(picture)
-    # The arm and the board are what Drake's visualizer shows.
-    meshcat.SetProperty("/drake/bodies", "visible", False)
-    bare = screenshot(meshcat.web_url(), tmp_path)
-    meshcat.SetProperty("/drake/bodies", "visible", True)
+    with Page(meshcat.web_url(), tmp_path) as page:
+        page.wait_for_meshcat()
+        picture = settled(page, has_ink)
+        assert_shows_a_wiped_board(picture)
+        # The arm and the board are what Drake's visualizer shows.
+        meshcat.SetProperty("/drake/bodies", "visible", False)
+        meshcat.Flush()
+        bare = settled(page, has_ink)
+        meshcat.SetProperty("/drake/bodies", "visible", True)
     gone = np.abs(picture - bare).max(axis=-1) > 0.1
     assert np.mean(gone) > 0.01
     # Above the board, where only the arm is.
@@ -105,7 +128,7 @@ def test_running_page_shows_arm_board_and_wiped_ink(run, meshcat, tmp_path):
 
 def test_running_page_shows_trail_and_plan(run, meshcat, tmp_path):
     assert run is not None
-    picture = screenshot(meshcat.web_url(), tmp_path)
+    picture = shown(meshcat.web_url(), tmp_path, when=has_ink)
     assert np.sum(orange(picture)) > 20
     assert np.sum(green(picture)) > 100
 
@@ -115,7 +138,7 @@ def test_everything_but_the_bodies_can_be_switched_off(learned, tmp_path):
     run = make_run(learned, meshcat, show=())
     run.advance_to(1.0)
     assert meshcat.GetSliderNames() == []
-    picture = screenshot(meshcat.web_url(), tmp_path)
+    picture = shown(meshcat.web_url(), tmp_path)
     for part in (orange, green, blue_ink):
         assert np.mean(part(picture)) < 1e-3
     assert np.mean(picture.max(axis=-1) < 0.3) > 0.002
@@ -151,7 +174,12 @@ def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, meshcat, tmp_
 def test_replay_page_needs_no_network(command, tmp_path):
     html = tmp_path / "run.html"
     assert command("wipe", "--headless", "--duration", 6, "--html", html).code == 0
-    picture = screenshot(html.as_uri(), tmp_path, *OFFLINE)
+    picture = shown(
+        html.as_uri(),
+        tmp_path,
+        *OFFLINE,
+        when=lambda picture: np.mean(wiped_patch(picture)) > 0.001,
+    )
     assert_shows_a_wiped_board(picture)
 
 
@@ -167,7 +195,7 @@ def test_command_opens_the_page_that_it_names(command, monkeypatch, tmp_path):
     assert result.code == 0
     (page,) = pages
     assert f"watch it at {page.web_url()}" in result.out
-    picture = screenshot(page.web_url(), tmp_path)
+    picture = shown(page.web_url(), tmp_path, when=has_ink)
     assert np.mean(blue_ink(picture)) > INKED
     # The eraser has not come down yet.
     assert np.mean(wiped_patch(picture)) < 0.0003

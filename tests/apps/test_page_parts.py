@@ -1,7 +1,5 @@
 """Facts about the parts of the page: each is seen, and each can be left out."""
 
-import time
-
 import numpy as np
 import pytest
 from browser import Page, needs_chromium
@@ -112,14 +110,7 @@ def page(meshcat, tmp_path_factory):
 def picture(page, meshcat):
     """Return what the page shows when it stopped changing."""
     meshcat.Flush()
-    last, deadline = None, time.monotonic() + 20
-    while time.monotonic() < deadline:
-        time.sleep(0.2)
-        new = page.picture()[30:]  # Without the bar of the controls.
-        if last is not None and np.array_equal(new, last):
-            return new
-        last = new
-    raise TimeoutError("the page goes on changing")
+    return page.settled_picture()[30:]  # Without the bar of the controls.
 
 
 @pytest.mark.parametrize("name", PARTS)

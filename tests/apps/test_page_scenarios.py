@@ -1,8 +1,10 @@
 """Facts about what is seen of each scenario in a browser, running and replayed."""
 
+import time
+
 import numpy as np
 import pytest
-from browser import OFFLINE, needs_chromium, screenshot
+from browser import OFFLINE, Page, needs_chromium
 
 from fmp_drake.apps.page import open_page
 from fmp_drake.runs.skills import scenario_skill
@@ -47,24 +49,30 @@ def run_of():
     return get
 
 
-def drawn(url, folder):
-    """Return what a page shows once it has its ink, or else in the end.
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    with Page("about:blank", tmp_path_factory.mktemp("page")) as page:
+        yield page
 
-    A page's virtual time does not wait for what comes through the web socket.
-    """
-    for _ in range(4):
-        picture = screenshot(url, folder)
+
+def drawn(run, page):
+    """Return what the page of a run shows once it has its ink, or else in the end."""
+    run.meshcat.Flush()
+    for _ in range(20):
+        picture = page.settled_picture()
         if np.mean(blue_ink(picture)) > 0.001:
             break
     return picture
 
 
-def pictures(run, folder):
+def pictures(run, page):
     """Return what the page shows, and what it shows without the arm."""
-    url, arm = run.meshcat.web_url(), "/drake/bodies/panda"
-    whole = drawn(url, folder)
+    arm = "/drake/bodies/panda"
+    page.go(run.meshcat.web_url())
+    page.wait_for_meshcat()
+    whole = drawn(run, page)
     run.meshcat.SetProperty(arm, "visible", False)
-    bare = drawn(url, folder)
+    bare = drawn(run, page)
     run.meshcat.SetProperty(arm, "visible", True)
     return whole, bare
 
@@ -88,20 +96,25 @@ def assert_shows_the_scene(whole, bare):
 
 
 @pytest.mark.parametrize("name", ListScenarios())
-def test_page_shows_arm_board_and_ink_of_a_scenario(run_of, tmp_path, name):
+def test_page_shows_arm_board_and_ink_of_a_scenario(run_of, page, name):
     run = run_of(name)
     assert run.output("cleaned_fraction")[0] > 0.002
-    whole, bare = pictures(run, tmp_path)
+    whole, bare = pictures(run, page)
     assert_shows_the_scene(whole, bare)
 
 
-def test_recording_of_a_scenario_opens_offline_and_shows_the_same(run_of, tmp_path):
+def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
+    run_of, page, tmp_path
+):
     run = run_of(REPLAYED)
     run.remove_controls()
     html = tmp_path / "run.html"
     html.write_text(run.html(SECONDS), encoding="utf-8")
-    picture = screenshot(html.as_uri(), tmp_path, *OFFLINE)
-    live = drawn(run.meshcat.web_url(), tmp_path)
+    with Page(html.as_uri(), tmp_path, *OFFLINE) as offline:
+        offline.wait_for("typeof viewer !== 'undefined'")
+        time.sleep(SECONDS)  # The replay ends.
+        picture = drawn(run, offline)
+    live, _ = pictures(run, page)
     ink, live_ink = blue_ink(picture), blue_ink(live)
     assert np.mean(live_ink) > 0.05
     # The board on its rail, arm and ink where the run left them.
