@@ -172,9 +172,9 @@ class WipingRun:
         for metrics in self._metrics:
             metrics.update(chunk)
         times = {}
-        for name, values in self._values.items():
-            values.append(chunk[name].values)
-            times[signal_kind(name).period] = chunk[name].times
+        for name, spill in self._values.items():
+            times[signal_kind(name).period], values = chunk[name]
+            spill.append(values)
         for period, added in times.items():
             self._times[period].append(added)
 
@@ -191,7 +191,8 @@ class WipingRun:
 
     def log_times(self, name: str) -> NDArray[np.float64]:
         """Return the times of the values of a kept signal, shape (samples,), s."""
-        return self._times[signal_kind(name).period].array()[: len(self.log(name))]
+        self.log(name)  # Refuses a signal that was not kept.
+        return self._times[signal_kind(name).period].array()
 
     def metrics(self) -> Metrics:
         """Return the metrics of the run so far; what was never reached is None."""

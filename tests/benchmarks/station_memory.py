@@ -1,23 +1,27 @@
-"""Simulates the station in a process of its own; prints its memory as JSON.
+"""Wipes a board in a process of its own; prints its memory as JSON.
 
-Arguments: the scenario and the minutes. MB resident after every minute.
+Arguments: the scenario and the minutes, and `log` to keep all signals. MB resident after
+every minute.
 """
 
 import json
 import sys
 
 from learn_large import resident
-from station_replay import make_simulator, make_station
 
+from fmp_drake.runs import WipingRun, scenario_skill
+from fmp_drake.runs.signals import SIGNALS
 from fmp_drake.station.scenario import LoadScenario
 
 
 def main():
     scenario = LoadScenario(sys.argv[1])
-    simulator = make_simulator(make_station(scenario), scenario)
+    skill, demonstrations, _ = scenario_skill(scenario)
+    keep = SIGNALS if "log" in sys.argv else ()
+    run = WipingRun(scenario, skill, demonstrations=demonstrations, keep=keep)
     memory = []
     for minute in range(int(sys.argv[2])):
-        simulator.AdvanceTo(60.0 * (minute + 1))
+        run.advance_to(60.0 * (minute + 1))
         memory.append(resident("VmRSS"))
     sys.stdout.write(json.dumps(memory))
 

@@ -110,11 +110,12 @@ def test_who_takes_the_time(benchmark, figures):
 
 
 @pytest.mark.timeout(3600)
-def test_memory_over_ten_minutes(benchmark, figures):
+@pytest.mark.parametrize("kept", ["nothing", "log"])
+def test_memory_over_ten_minutes(benchmark, figures, kept):
     memory = benchmark.pedantic(
-        run_script, args=("station_memory.py", "table_top", MINUTES), rounds=1
+        run_script, args=("station_memory.py", "table_top", MINUTES, kept), rounds=1
     )
     assert len(memory) == MINUTES
-    figures.section = f"Memory of a station over {MINUTES} minutes"
+    figures.section = f"Memory of a run over {MINUTES} minutes, kept: {kept}"
     figures.add("after 2 minutes", memory[1], "MB")
     figures.add("growth from 2 to 10 minutes", memory[-1] - memory[1], "MB", below=5)

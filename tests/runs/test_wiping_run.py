@@ -1,0 +1,87 @@
+"""Facts about runs of the wiping station."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from pydrake.common.yaml import yaml_load_typed
+
+from fmp_drake.errors import RunError
+from fmp_drake.runs import RunLog, WipingRun
+from fmp_drake.runs.advancing import reset
+from fmp_drake.runs.signals import SIGNALS
+from fmp_drake.station.scenario import LoadScenario, Scenario
+
+KEPT = ("measured_position", "state", "weights")
+# No multiple of a chunk, nor of the period of any signal but the fastest.
+SECONDS = 1.237
+
+
+@pytest.fixture(scope="module", params=["table_top", "cenic"])
+def scenario(request):
+    scenario = LoadScenario(request.param)
+    scenario.start = [0.0, 0.0, 0.0]
+    return scenario
+
+
+@pytest.fixture(scope="module")
+def whole(scenario, wiping_skill):
+    """A run that is taken in at once."""
+    run = WipingRun(scenario, wiping_skill, keep=KEPT)
+    run.simulator.AdvanceTo(SECONDS)
+    return run
+
+
+@pytest.fixture(scope="module")
+def parts(scenario, wiping_skill):
+    """The same run in chunks, after another one that was reset."""
+    run = WipingRun(scenario, wiping_skill, keep=KEPT)
+    run.advance_to(0.3)
+    reset(run.simulator)
+    run.simulator.Initialize()
+    run.begin_again()
+    # At multiples of a millisecond, where the integrator stops anyway.
+    for until in (0.1, 0.5, SECONDS):
+        run.advance_to(until)
+    return run
+
+
+def test_metrics_do_not_depend_on_the_chunks(whole, parts):
+    expected = whole.metrics()
+    never = {name for name, value in expected.items() if value is None}
+    assert parts.metrics() == {
+        name: None if name in never else pytest.approx(value, rel=1e-9)
+        for name, value in expected.items()
+    }
+    assert parts.metrics()["normal_force_mean_n"] > 5
+    assert parts.metrics()["tracking_max_m"] > 0
+
+
+def test_kept_signals_do_not_depend_on_the_chunks(whole, parts):
+    for name in KEPT:
+        assert_array_equal(parts.log(name), whole.log(name))
+        assert_array_equal(parts.log_times(name), whole.log_times(name))
+    times = parts.log_times("state")
+    assert np.all(np.diff(times) > 0)
+    assert times[0] == 0.0
+    assert len(times) == 1238
+
+
+def test_a_signal_that_was_not_kept_is_refused(whole):
+    for get in (whole.log, whole.log_times):
+        with pytest.raises(
+            RunError, match=r"torque was not kept; .* measured_position,"
+        ):
+            get("torque")
+
+
+def test_the_log_of_a_run_is_what_it_has_kept(parts, tmp_path):
+    parts.save_log(tmp_path / "run.npz", {"tempo": 1.0})
+    log = RunLog.load(tmp_path / "run.npz")
+    at_the_end = {n for n, kind in SIGNALS.items() if not np.isfinite(kind.period)}
+    assert set(log.signals) == {*KEPT, *at_the_end}
+    for name in KEPT:
+        assert_array_equal(log[name].values, parts.log(name))
+        assert_array_equal(log[name].times, parts.log_times(name))
+    assert_array_equal(log["ink"].values[0], parts.output("ink"))
+    assert log.metrics == {"tempo": 1.0}
+    assert yaml_load_typed(schema=Scenario, data=log.scenario).start == [0.0, 0.0, 0.0]
