@@ -20,10 +20,6 @@ from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.normal_press import NormalPress
 
-# How often the primitive stores its state without a page, whose controls must act at
-# once, s.
-_EVENT_PERIOD = 0.25
-
 
 def MakeWipingStation(
     scenario: Scenario,
@@ -112,8 +108,6 @@ def MakeWipingStation(
         seed=plays.seed if seed is None else seed,
         push_threshold=plays.push_threshold,
         push_dwell=plays.push_dwell,
-        jerk_window=scenario.impedance.model_period,
-        event_period=None if meshcat is not None else _EVENT_PERIOD,
         choice=choice,
     )
     builder.AddSystem(primitive)
@@ -124,7 +118,7 @@ def MakeWipingStation(
     )
     measured = controller.GetOutputPort("measured_position")
     builder.Connect(measured, primitive.GetInputPort("measured_position"))
-    for name in ("position", "velocity", "acceleration", "jerk"):
+    for name in ("position", "velocity", "acceleration"):
         builder.Connect(
             primitive.GetOutputPort(name), controller.GetInputPort(f"desired_{name}")
         )

@@ -10,7 +10,10 @@ from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
 SETTINGS = {"defaults": {}, "M = 10, stride 10": PAPER_SETTINGS}
 PERIODS = {"polishing": 2.0, "eight": 3.0}
 STARTS = 1000
-SECONDS = 600.0
+SECONDS = 20.0
+# Some of them play on for longer.
+FEW = 20
+LONG = 600.0
 
 
 @pytest.mark.parametrize("task", list(PERIODS))
