@@ -43,6 +43,17 @@ class PlaybackState:
         Of these samples.
     remaps : int
         Number of re-mappings so far.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import FourierMovementPrimitive, Player
+    >>> windows = np.random.default_rng(0).standard_normal((40, 24, 2))
+    >>> skill = FourierMovementPrimitive(n_steps=24, rate=10, overlap=4).fit(windows)
+    >>> player = Player(skill)
+    >>> state = player.advance(player.start([0.0, 0.0]), 3.27)
+    >>> state.step, state.remaps, round(state.time_since_tick, 6)
+    (15, 1, 0.07)
     """
 
     weights: NDArray[np.float64]

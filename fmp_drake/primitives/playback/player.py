@@ -56,7 +56,7 @@ class Player:
     component and inside its ellipsoid of a given confidence, and what that leaves of
     the position and velocity is an offset that decays like a critically damped
     spring. It also makes position and velocity exactly continuous at every
-    re-mapping, and lets the movement start from rest.
+    re-mapping, and lets the movement start at rest.
 
     Parameters
     ----------
@@ -78,7 +78,8 @@ class Player:
         are kept in, in (0, 1]; 1 is no bound.
     start_tolerance : float
         How closely the mapped weights meet the start, as a fraction of the movement's
-        half width (`start_variances`); the offset takes the rest. 0 is as closely as
+        half width (`start_variances`); the offset makes up for what
+        remains. 0 is as closely as
         the skill's tolerance says, which buys millimetres where the demonstrations did
         not vary by metres where they did.
 

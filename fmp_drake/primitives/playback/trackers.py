@@ -13,7 +13,14 @@ from fmp_drake.primitives.playback.relaxation import Relaxation
 
 
 class Tracker(Protocol):
-    """A rule that moves weights towards a target."""
+    """A rule that moves weights towards a target.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import LqrTracker, Tracker
+    >>> tracker: Tracker = LqrTracker(time_constant=1.5)
+    """
 
     def relaxation(
         self, component: LowRankGaussian, *, n_steps: int, tick: float
@@ -48,6 +55,21 @@ class LqrTracker:
     shortest : float
         Seconds; no direction returns faster. The orthogonal complement would otherwise
         return within milliseconds: a jump for the robot.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import LowRankGaussian, LqrTracker
+    >>> component = LowRankGaussian(
+    ...     mean=np.zeros(8),
+    ...     basis=np.eye(8)[:, :1],
+    ...     variances=np.array([1.0]),
+    ...     noise=0.01,
+    ... )
+    >>> tracker = LqrTracker(time_constant=1.0)
+    >>> relaxation = tracker.relaxation(component, n_steps=8, tick=0.1)
+    >>> print(relaxation.after(np.ones(8), component.mean, 1.0).round(2)[:2])
+    [0.37 0.04]
     """
 
     time_constant: float = 2.0
@@ -87,6 +109,21 @@ class ProportionalTracker:
     ----------
     beta : float
         The gain of (17), positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import LowRankGaussian, ProportionalTracker
+    >>> component = LowRankGaussian(
+    ...     mean=np.zeros(8),
+    ...     basis=np.eye(8)[:, :1],
+    ...     variances=np.array([1.0]),
+    ...     noise=0.01,
+    ... )
+    >>> tracker = ProportionalTracker(beta=0.1)
+    >>> relaxation = tracker.relaxation(component, n_steps=8, tick=0.1)
+    >>> print(relaxation.after(np.ones(8), component.mean, 0.1).round(2)[:2])
+    [1.   0.88]
     """
 
     beta: float
@@ -126,6 +163,21 @@ class ExponentialTracker:
     ----------
     beta : float
         The gain of (17), positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import LowRankGaussian, ExponentialTracker
+    >>> component = LowRankGaussian(
+    ...     mean=np.zeros(8),
+    ...     basis=np.eye(8)[:, :1],
+    ...     variances=np.array([1.0]),
+    ...     noise=0.01,
+    ... )
+    >>> tracker = ExponentialTracker(beta=0.1)
+    >>> relaxation = tracker.relaxation(component, n_steps=8, tick=0.1)
+    >>> print(relaxation.after(np.ones(8), component.mean, 0.5).round(2)[:2])
+    [0.99 0.54]
     """
 
     beta: float
