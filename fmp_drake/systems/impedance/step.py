@@ -18,7 +18,7 @@ from fmp_drake.systems.impedance.inputs import StepInputs, unpack
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
 from fmp_drake.systems.impedance.limits import rate_scale, torque_scale, wall_torque
 from fmp_drake.systems.impedance.memory import ImpedanceMemory, decode, encode
-from fmp_drake.systems.impedance.poses import Pose, compose, relative, rotate_halves
+from fmp_drake.systems.impedance.poses import Pose, compose, relative, twist_rotation
 from fmp_drake.systems.impedance.settings import ImpedanceSettings
 from fmp_drake.systems.impedance.spring import task_error, unwrapped
 from fmp_drake.systems.impedance.status import StatusFlag
@@ -147,7 +147,7 @@ def impedance_step(
     period = config.control_period
     inputs = unpack(packed, settings.X_WT, settings.R_TE, time)
     X_WT = inputs.X_WT
-    X_WE = Pose(arm.X_WE[:3].T.copy(), arm.X_WE[3])
+    X_WE = Pose(np.ascontiguousarray(arm.X_WE[:3].T), arm.X_WE[3])
     X_TE = relative(X_WT, X_WE)
 
     # Which target is followed, and how far.
@@ -190,14 +190,14 @@ def impedance_step(
     # The law.
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error)
     K, energy, stiffness_flags = _stiffness(settings, memory, inputs, error)
-    R_TW, n = X_WT.R.T, len(previous)
+    rotation, n = twist_rotation(X_WT.R.T), len(previous)
     q, v = arm.state[:n], arm.state[n:]
     dynamics = ArmDynamics(
         v,
         arm.M,
         arm.Cv,
-        rotate_halves(R_TW, np.ascontiguousarray(arm.J_WE.T)),
-        rotate_halves(R_TW, arm.A_WE_bias),
+        rotation @ arm.J_WE.T,
+        rotation @ arm.A_WE_bias,
     )
     law = impedance_law(
         config, dynamics, K, error, target.V, target.A, wrench, settings.q_posture - q
