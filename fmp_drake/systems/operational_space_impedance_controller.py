@@ -254,7 +254,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
             name: self.DeclareVectorInputPort(name, size)
             for name, size in PORTS.items()
         }
-        config = self._settings.config
+        config = self._settings.config[0]
         enabled = {
             "covariance": config.covariance_stiffness.enabled,
             "normal_force": config.force_control.enabled,
@@ -281,7 +281,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     def _initial_memory(self) -> Array:
         settings = self._settings
-        energy = float(settings.config.tank.initial_energy)
+        energy = float(settings.config[0].tank.initial_energy)
         return encode(initial_memory(settings.stiffness, tank_energy=energy))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:

@@ -1,6 +1,6 @@
 """Everything that stays the same from update to update of the impedance controller."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,9 @@ class ImpedanceSettings(NamedTuple):
 
     Attributes
     ----------
-    config : ImpedanceConfig
-        Its values, checked and copied.
+    config : array, shape (1,)
+        The values of `ImpedanceConfig`, checked and copied; an array of one record
+        goes into a compiled function faster than the record.
     stiffness : array, shape (6, 6)
         K where no port brings another, in T.
     R_TE : array, shape (3, 3)
@@ -36,7 +37,7 @@ class ImpedanceSettings(NamedTuple):
         Height over T's plane below which the normal force comes in, m.
     """
 
-    config: ImpedanceConfig
+    config: NDArray[Any]
     stiffness: Array
     R_TE: Array
     X_WT: Pose
@@ -67,7 +68,7 @@ class ImpedanceSettings(NamedTuple):
         if config.friction_compensation.enabled:
             friction = SigmoidFriction.of(config.friction_compensation, n=n)
         return cls(
-            config=values_of(config),
+            config=np.array([values_of(config)]),
             stiffness=config.stiffness(),
             R_TE=config.desired_rotation(),
             X_WT=X_WT,

@@ -141,7 +141,7 @@ def impedance_step(
     -------
     StepResult
     """
-    config, memory = settings.config, decode(memory_vector)
+    config, memory = settings.config[0], decode(memory_vector)
     if not arm.known:
         return _without_state(settings, memory, previous)
     period = config.control_period
@@ -251,7 +251,7 @@ def _without_state(
     settings: ImpedanceSettings, memory: ImpedanceMemory, previous: Array
 ) -> StepResult:
     """Bring the torque to zero: nothing can be said about the arm."""
-    config = settings.config
+    config = settings.config[0]
     slowness = rate_scale(-previous, config.max_torque_rate * config.control_period)
     flags = float(_PROTECTIVE_STOP | _NO_STATE)
     return StepResult(
@@ -280,7 +280,7 @@ def _stiffness(
     error: Array,
 ) -> tuple[Array, float, int]:
     """Return K, the energy left in the tank, and flags."""
-    config, K, energy = settings.config, settings.stiffness, memory.tank_energy
+    config, K, energy = settings.config[0], settings.stiffness, memory.tank_energy
     if not (inputs.has_stiffness or inputs.has_covariance):
         return K, energy, 0
     present = memory.stiffness
@@ -312,11 +312,12 @@ def _force_correction(
     """Return the correction of the normal force that `wrench` feeds forward."""
     if not inputs.has_normal_force:
         return ForceCorrection(0.0, ForceState(0.0, math.inf), False, False, False)
+    config = settings.config[0]
     return correct_normal_force(
-        settings.config.force_control,
+        config.force_control,
         memory.force,
         -wrench[5] if fraction == 1 else 0.0,
         inputs.normal_force if inputs.finite else 0.0,
         memory.saturated,
-        settings.config.control_period,
+        config.control_period,
     )
