@@ -2,7 +2,7 @@
 
 import math
 from itertools import accumulate
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from fmp_drake.systems.impedance.poses import (
     stacked,
     twist_rotation,
 )
+from fmp_drake.systems.impedance.settings import ImpedanceSettings
 from fmp_drake.systems.impedance.target import TaskTarget
 
 Array = NDArray[np.float64]
@@ -92,20 +93,23 @@ class StepInputs(NamedTuple):
 
 
 @compiled
-def unpack(packed: Array, X_WT: Pose, R_TE: Array, time: float) -> StepInputs:
+def unpack(
+    packed: NDArray[Any], settings: ImpedanceSettings, time: float
+) -> StepInputs:
     """Read the packed inputs.
 
     Parameters
     ----------
     packed : array, shape (1,)
         Of the type `PACKED`, without NaN where a port is not used.
-    X_WT : Pose
-        The task frame where the port brings none, or none that is finite.
-    R_TE : array, shape (3, 3)
-        The desired orientation where the port brings none.
+    settings : ImpedanceSettings
+        With the task frame where the port brings none, or none that is finite, and
+        the desired orientation where the port brings none.
     time : float
         s.
     """
+    X_WT = Pose(settings.X_WT.R.copy(), settings.X_WT.p.copy())
+    R_TE = settings.R_TE.copy()
     ports, finite = packed[0], True
     numbers = packed.view(np.float64)
     for i in range(len(numbers)):
