@@ -5,7 +5,7 @@ import pytest
 from arm_loop import make_arm
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fmp_drake.errors import SystemsError
+from fmp_drake.errors import FmpError
 from fmp_drake.systems.impedance.friction import FrictionConfig, SigmoidFriction
 from fmp_drake.systems.joint_friction import JointFriction
 
@@ -52,7 +52,7 @@ def test_the_gain_scales_it():
     ],
 )
 def test_values_that_are_no_friction_are_refused(values, message):
-    with pytest.raises(SystemsError, match=message):
+    with pytest.raises(FmpError, match=message):
         panda_friction(**values)
 
 
