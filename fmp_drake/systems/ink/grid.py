@@ -125,6 +125,15 @@ class InkGrid:
         centres.setflags(write=False)
         return centres
 
+    def cells[T: np.generic](self, name: str, values: NDArray[T]) -> NDArray[T]:
+        """Return values of the cells in shape (ny, nx); refuse another number of them."""
+        if values.size != self.num_cells:
+            raise SystemsError(
+                f"{name} has {values.size} values, but the grid has {self.num_cells} "
+                "cells: give one value per cell."
+            )
+        return values.reshape(self.shape)
+
     def full(self) -> FloatArray:
         """Return an ink array of shape (ny, nx) that is inked all over."""
         return np.ones(self.shape)
