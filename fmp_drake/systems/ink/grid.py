@@ -1,25 +1,26 @@
-"""The ink on a whiteboard as a grid of cells: geometry, wear and coverage.
+"""The ink on a whiteboard as a grid of cells: geometry and coverage.
 
-Pure NumPy. B is the board frame: origin at the centre of the wiping surface, x
+B is the board frame: origin at the centre of the wiping surface, x
 and y along its edges, z the outward normal.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fmp_drake.errors import StationError
+from fmp_drake.compiled import compiled
+from fmp_drake.errors import SystemsError
 
 type FloatArray = NDArray[np.float64]
-type IntArray = NDArray[np.intp]
 type BoolArray = NDArray[np.bool_]
 
 WEAR_CONSTANT = 20.0
-"""Wear constant c of the ink in Pa m; see `wear`.
+"""Wear constant c of the ink in Pa m; see `fmp_drake.systems.ink.rubbing.wear`.
 
 A felt of 0.12 m x 0.05 m pressed with 10 N carries 10 / 0.006 = 1667 Pa. When
 it is drawn across a cell along its short side, that cell feels an exposure of
@@ -30,8 +31,6 @@ the 10 % that count as clean, and a light touch of 3 N leaves 29 %.
 
 CLEAN_BELOW = 0.1
 """Fraction of ink left below which a cell counts as clean."""
-
-_CHUNK = 1 << 20  # cells looked at in one go by `swept_area`
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class InkGrid:
 
     Raises
     ------
-    StationError
+    SystemsError
         If a length is not positive and finite.
     """
 
@@ -63,7 +62,7 @@ class InkGrid:
     def __post_init__(self) -> None:
         """Check the lengths."""
         if len(self.size) != 2:
-            raise StationError(
+            raise SystemsError(
                 f"InkGrid.size has {len(self.size)} entries: give the 2 edge "
                 "lengths (x, y) in metres."
             )
@@ -73,7 +72,7 @@ class InkGrid:
             ("cell", self.cell),
         ):
             if not (np.isfinite(value) and value > 0.0):
-                raise StationError(
+                raise SystemsError(
                     f"InkGrid.{name} is {value}: give a positive length in metres."
                 )
 
@@ -126,6 +125,15 @@ class InkGrid:
         centres.setflags(write=False)
         return centres
 
+    def cells[T: np.generic](self, name: str, values: NDArray[T]) -> NDArray[T]:
+        """Return values of the cells in shape (ny, nx); refuse another number of them."""
+        if values.size != self.num_cells:
+            raise SystemsError(
+                f"{name} has {values.size} values, but the grid has {self.num_cells} "
+                "cells: give one value per cell."
+            )
+        return values.reshape(self.shape)
+
     def full(self) -> FloatArray:
         """Return an ink array of shape (ny, nx) that is inked all over."""
         return np.ones(self.shape)
@@ -140,8 +148,8 @@ class InkGrid:
     ) -> BoolArray:
         """Find the cells that an eraser passes over while it is on the board.
 
-        The path is interpolated linearly and sampled every half cell or closer;
-        a sample counts if it is on the board.
+        The path is interpolated linearly in steps of half a cell or less; a step
+        counts if it is on the board.
 
         Parameters
         ----------
@@ -162,92 +170,65 @@ class InkGrid:
         """
         path = np.asarray(p_BE, dtype=float)
         if path.ndim != 2 or path.shape[1] != 3 or len(path) == 0:
-            raise StationError(
+            raise SystemsError(
                 f"swept_area got a path of shape {path.shape}: give (num_points, 3)."
             )
         yaws = np.broadcast_to(np.asarray(yaw, dtype=float), (len(path),))
-        radius = 0.5 * float(np.hypot(*footprint))
-        samples = _resample(
-            np.column_stack([path, yaws]), radius, 0.5 * float(self.pitch.min())
+        swept = np.zeros(self.shape, dtype=np.bool_)
+        length, width = footprint
+        _sweep(
+            np.column_stack([path, yaws]),
+            (0.5 * length + 1e-9, 0.5 * width + 1e-9),
+            height,
+            self.corner,
+            self.pitch,
+            swept,
         )
-        samples = samples[samples[:, 2] <= height]
-        swept = np.zeros(self.num_cells, dtype=bool)
-        half = 0.5 * np.asarray(footprint) + 1e-9
-        cells_each = np.prod(2.0 * radius / self.pitch + 2.0)
-        for start in range(0, len(samples), step := max(1, int(_CHUNK / cells_each))):
-            p, angle = samples[start : start + step, :2], samples[start:, 3][:step]
-            c, s = np.cos(angle), np.sin(angle)
-            reach = np.column_stack(
-                [
-                    np.abs(c) * half[0] + np.abs(s) * half[1],
-                    np.abs(s) * half[0] + np.abs(c) * half[1],
-                ]
-            )
-            owner, cells = self._cells_in_boxes(p - reach, p + reach)
-            d = self.centres[cells] - p[owner]
-            along = np.abs(c[owner] * d[:, 0] + s[owner] * d[:, 1]) <= half[0]
-            across = np.abs(c[owner] * d[:, 1] - s[owner] * d[:, 0]) <= half[1]
-            swept[cells[along & across]] = True
-        return swept.reshape(self.shape)
-
-    def _cells_in_boxes(
-        self, low: FloatArray, high: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """List, box by box, the cells whose centres lie in axis-aligned boxes.
-
-        Parameters
-        ----------
-        low, high : ndarray, shape (num_boxes, 2)
-            Opposite corners in B, in metres.
-
-        Returns
-        -------
-        owner, cells : ndarray of int, shape (num_hits,)
-            Index of the box and flat index of the cell.
-        """
-        nx = self.shape[1]
-        limit = np.array(self.shape[::-1])
-        first = np.ceil((low - self.corner) / self.pitch - (0.5 + 1e-6))
-        last = np.floor((high - self.corner) / self.pitch - (0.5 - 1e-6))
-        first = np.maximum(first, 0.0)
-        count = np.maximum(np.minimum(last + 1.0, limit) - first, 0.0).astype(np.intp)
-        corner = first.astype(np.intp)
-        total = count[:, 0] * count[:, 1]
-        owner = np.repeat(np.arange(len(total)), total)
-        within = np.arange(len(owner)) - (np.cumsum(total) - total)[owner]
-        row, column = np.divmod(within, count[owner, 0])
-        return owner, (corner[:, 1] * nx + corner[:, 0])[owner] + row * nx + column
+        return swept
 
 
-def wear(
-    ink: ArrayLike, exposure: ArrayLike, *, constant: float = WEAR_CONSTANT
-) -> FloatArray:
-    """Wear ink down: the exact solution of d(ink)/dt = -ink p v / c.
+@compiled
+def _sweep(
+    path: FloatArray,
+    half: tuple[float, float],
+    height: float,
+    corner: FloatArray,
+    pitch: FloatArray,
+    swept: BoolArray,
+) -> None:
+    """Mark the cells under a rectangle that follows a path of position and yaw."""
+    radius = math.hypot(half[0], half[1])
+    for i in range(len(path)):
+        start, end = path[i], path[min(i + 1, len(path) - 1)]
+        dx, dy, turn = end[0] - start[0], end[1] - start[1], end[3] - start[3]
+        # No point of the eraser goes further than half a cell in a step.
+        way = math.hypot(dx, dy) + radius * abs(turn)
+        steps = max(1, math.ceil(way / (0.5 * pitch.min())))
+        for step in range(steps):
+            x, y, z, yaw = start + (step / steps) * (end - start)
+            if z > height:
+                continue
+            c, s = math.cos(yaw), math.sin(yaw)
+            reach_x = abs(c) * half[0] + abs(s) * half[1]
+            reach_y = abs(s) * half[0] + abs(c) * half[1]
+            first, last = _cells_within(y, reach_y, corner[1], pitch[1], len(swept))
+            left, right = _cells_within(x, reach_x, corner[0], pitch[0], swept.shape[1])
+            for row in range(first, last):
+                v = corner[1] + (row + 0.5) * pitch[1] - y
+                for column in range(left, right):
+                    u = corner[0] + (column + 0.5) * pitch[0] - x
+                    if abs(c * u + s * v) <= half[0] and abs(c * v - s * u) <= half[1]:
+                        swept[row, column] = True
 
-    Parameters
-    ----------
-    ink : array_like
-        Ink before.
-    exposure : array_like
-        Integral of pressure times sliding speed over time in Pa m, of a shape
-        that broadcasts with `ink`; for constant p and v over a step h it is
-        p v h.
-    constant : float
-        Wear constant c in Pa m.
 
-    Returns
-    -------
-    ndarray
-        Ink after, ink exp(-exposure / c).
-
-    Notes
-    -----
-    Archard's law: the rate of wear is proportional to pressure times sliding
-    speed; here also to the ink that is left, which makes steps compose exactly.
-    J. F. Archard, "Contact and rubbing of flat surfaces", J. Appl. Phys. 24,
-    1953.
-    """
-    return np.asarray(ink, dtype=float) * np.exp(-np.asarray(exposure) / constant)
+@compiled
+def _cells_within(
+    centre: float, reach: float, corner: float, pitch: float, count: int
+) -> tuple[int, int]:
+    """Return the first cell whose centre may be in an interval, and one after it."""
+    first = math.floor((centre - reach - corner) / pitch - 0.5)
+    last = math.ceil((centre + reach - corner) / pitch - 0.5)
+    return max(first, 0), min(last + 1, count)
 
 
 def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
@@ -269,31 +250,9 @@ def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
     if mask is not None:
         chosen = np.asarray(mask, dtype=bool).ravel()
         if chosen.shape != clean.shape:
-            raise StationError(
+            raise SystemsError(
                 f"cleaned_fraction got a mask of {chosen.size} cells for "
                 f"{clean.size} cells of ink: give one value per cell."
             )
         clean = clean[chosen]
     return float(np.count_nonzero(clean) / clean.size) if clean.size else 1.0
-
-
-def _resample(path: FloatArray, radius: float, step: float) -> FloatArray:
-    """Put points on a path so that no point of the eraser moves more than a step.
-
-    Parameters
-    ----------
-    path : ndarray, shape (num_points, 4)
-        Position in B (metres) and yaw (rad).
-    radius : float
-        Largest distance of a point of the eraser from its centre in metres.
-    step : float
-        Longest step in metres.
-    """
-    change = np.abs(np.diff(path, axis=0))
-    travel = np.hypot(change[:, 0], change[:, 1]) + radius * change[:, 3]
-    pieces = np.maximum(1, np.ceil(travel / step)).astype(np.intp)
-    segment = np.repeat(np.arange(len(pieces)), pieces)
-    within = np.arange(len(segment)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    t = (within / pieces[segment])[:, np.newaxis]
-    samples = path[segment] * (1.0 - t) + path[segment + 1] * t
-    return np.vstack([samples, path[-1:]])
