@@ -130,7 +130,7 @@ class PeriodicDMP(TrajectoryModel):
         y = finite_array(start, "the start", shape, error=ExperimentError)
         z = np.zeros(shape) if velocity is None else np.asarray(velocity)
         step = self.frequency_ / _SUBSTEPS
-        phases = phase + step * np.arange((n_steps - 1) * _SUBSTEPS + 1)
+        phases = phase + step * np.arange((n_steps - 1.0) * _SUBSTEPS + 1)
         return self._integrate(y, z / self.frequency_, phases)[::_SUBSTEPS]
 
     def cycle(self, phases: ArrayLike) -> NDArray[np.float64]:

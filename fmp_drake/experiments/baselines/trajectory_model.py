@@ -82,8 +82,13 @@ class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
     def _check_parameters(self, **least: float) -> None:
         """Check that parameters are at least so great, or positive where that is 0."""
         for name, bound in least.items():
-            limit = {"least": bound} if bound > 0 else {"above": 0.0}
-            check_number(getattr(self, name), name, error=ExperimentError, **limit)
+            check_number(
+                getattr(self, name),
+                name,
+                above=None if bound else 0.0,
+                least=bound or None,
+                error=ExperimentError,
+            )
 
     def _checked_windows(self, windows: ArrayLike) -> NDArray[np.float64]:
         """Return windows to be scored, (N, T, D)."""

@@ -110,10 +110,11 @@ def check_number(
     given = [(limit, text, fits) for limit, text, fits in limits if limit is not None]
     is_kind = is_whole(value) if whole else is_number(value)
     if not is_kind or not all(fits(value, limit) for limit, _, fits in given):
-        kind = "a whole number" if whole else "a number"
-        allowed = " and ".join(f"{text} {limit:.10g}" for limit, text, _ in given)
+        kind = "a whole number" if whole else "" if given else "a number"
+        limits_text = " and ".join(f"{text} {limit:.10g}" for limit, text, _ in given)
+        allowed = ", ".join(part for part in (kind, limits_text) if part)
         unit = f" {unit}" if unit else ""
-        raise error(f"{what} is {value}{unit}; it must be {kind} {allowed}{unit}.")
+        raise error(f"{what} is {value}{unit}; it must be {allowed}{unit}.")
 
 
 def all_finite(array: NDArray[np.float64]) -> bool:

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import circmean, circstd
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
@@ -181,7 +180,7 @@ def window_spectrum(
         raise SkillError(f"{len(names)} channel names for {y.shape[2]} channels.")
     (index,) = channel_indices([reference], names)
     n = y.shape[1]
-    magnitude, phase = polar(FourierBasis(n), y)
+    magnitude, phase = polar(y)
     relative = _relative(phase, phase[:, :, index], reference_harmonic)
     power = np.mean(magnitude**2, axis=0) / 2
     power[0] = 0
@@ -238,18 +237,14 @@ def skill_spectrum(
 
 
 def polar(
-    basis: FourierBasis, windows: NDArray[np.float64]
+    windows: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return magnitudes and phases of windows (N, T, D), each (N, H, D)."""
-    n = basis.n_steps
-    w = np.swapaxes(basis.by_channel(basis.analyze(windows)), -1, -2)
-    last = (n + 1) // 2
-    spectrum = np.zeros((len(w), n // 2 + 1, w.shape[-1]), dtype=complex)
-    spectrum[:, 0] = w[:, 0] / np.sqrt(n)
-    cosine, sine = w[:, 1 : 2 * last - 1 : 2], w[:, 2 : 2 * last : 2]
-    spectrum[:, 1:last] = np.sqrt(2 / n) * (cosine - 1j * sine)
+    n = windows.shape[1]
+    spectrum = np.fft.rfft(windows, axis=1) * 2 / n
+    spectrum[:, 0] /= 2
     if n % 2 == 0:
-        spectrum[:, -1] = w[:, -1] / np.sqrt(n)
+        spectrum[:, -1] /= 2
     return np.abs(spectrum), np.angle(spectrum)
 
 
