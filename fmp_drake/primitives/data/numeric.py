@@ -13,7 +13,11 @@ GREATEST = 1e100
 
 
 def as_floats(
-    value: Any, what: str, *, error: type[FmpError] = SkillError
+    value: Any,
+    what: str,
+    shape: tuple[int | str, ...] | None = None,
+    *,
+    error: type[FmpError] = SkillError,
 ) -> NDArray[np.float64]:
     """Return an array of real numbers, which may be NaN or infinite.
 
@@ -22,18 +26,36 @@ def as_floats(
     value : array_like
     what : str
         The name of the value, for the error.
+    shape : tuple of int and str, optional
+        The length of each axis; a name stands for any length but 0, a leading "..." for
+        any further axes. Where one axis is expected, a number is an array of length 1.
+        None is any shape.
     error : type
-        Of the error where `value` holds anything but real numbers.
+        Raised where the shape differs or there is anything but real numbers.
     """
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "biufO":
             raise TypeError
-        return array.astype(float, copy=False)
+        array = array.astype(float, copy=False)
+        if shape is not None and len(shape) == 1 and array.ndim == 0:
+            array = array[None]
     except (TypeError, ValueError, OverflowError):
         shown = repr(value)
         shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
         raise error(f"{what}: {shown} cannot be read as real numbers.") from None
+    if shape is not None and array.shape != shape:
+        lengths = [length for length in shape if length != "..."]
+        any_more = len(lengths) < len(shape) and array.ndim > len(lengths)
+        fits = any_more or array.ndim == len(lengths)
+        last = array.shape[array.ndim - len(lengths) :]
+        if not fits or not all(
+            have > 0 if isinstance(want, str) else have == want
+            for have, want in zip(last, lengths, strict=True)
+        ):
+            form = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
+            raise error(f"cannot use {what} of shape {array.shape}; expected ({form}).")
+    return array
 
 
 def finite_array(
@@ -47,29 +69,12 @@ def finite_array(
 
     Parameters
     ----------
-    value : array_like
-    what : str
-        The name of the value, for the error.
-    shape : tuple of int and str, optional
-        The length of each axis; a name stands for any length but 0, a leading "..." for
-        any further axes. None is any shape.
-    error : type
-        Raised where the shape differs or a number is NaN, infinite or above `GREATEST`.
+    value, what, shape, error
+        As for `as_floats`; also NaN, infinity and numbers above `GREATEST` are errors.
     """
-    array = as_floats(value, what, error=error)
-    if shape is not None:
-        lengths = [length for length in shape if length != "..."]
-        any_more = len(lengths) < len(shape) and array.ndim > len(lengths)
-        fits = any_more or array.ndim == len(lengths)
-        last = array.shape[array.ndim - len(lengths) :]
-        if not fits or not all(
-            have > 0 if isinstance(want, str) else have == want
-            for have, want in zip(last, lengths, strict=True)
-        ):
-            form = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
-            raise error(f"cannot use {what} of shape {array.shape}; expected ({form}).")
+    array = as_floats(value, what, shape, error=error)
     if not all_finite(array):
-        raise error(f"cannot use {what}: NaN, infinite or too great numbers in it.")
+        raise error(f"there are NaN or infinite numbers in {what}.")
     return array
 
 
@@ -110,11 +115,17 @@ def check_number(
     given = [(limit, text, fits) for limit, text, fits in limits if limit is not None]
     is_kind = is_whole(value) if whole else is_number(value)
     if not is_kind or not all(fits(value, limit) for limit, _, fits in given):
-        kind = "a whole number" if whole else "" if given else "a number"
-        limits_text = " and ".join(f"{text} {limit:.10g}" for limit, text, _ in given)
-        allowed = ", ".join(part for part in (kind, limits_text) if part)
         unit = f" {unit}" if unit else ""
-        raise error(f"{what} is {value}{unit}; it must be {allowed}{unit}.")
+        texts = [
+            "positive"
+            if (limit, text) == (0, "greater than")
+            else f"{text} {limit:.10g}{unit}"
+            for limit, text, _ in given
+        ]
+        kind = ["a whole number"] if whole else [] if given else ["a number"]
+        allowed = ", ".join([*kind, " and ".join(texts)] if texts else kind)
+        shown = repr(value) if isinstance(value, str) else value
+        raise error(f"{what} is {shown}{unit}; it must be {allowed}.")
 
 
 def all_finite(array: NDArray[np.float64]) -> bool:

@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import all_finite, as_floats, is_number, is_whole
+from fmp_drake.primitives.data.numeric import is_whole
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Keypoint:
-    """Values that some channels have at one step of a window.
+    """Where a movement has to pass: values of some channels at one step of a window.
 
     Attributes
     ----------
@@ -26,6 +26,15 @@ class Keypoint:
         0 for values, 1 for velocities, 2 for accelerations.
     tolerance : float or array_like, shape (C,), optional
         lambda of (13), in squared units of the values; the skill's where None.
+
+    Examples
+    --------
+    Through x = 0.1 m at step 40, upwards at 0.2 m/s in the middle of the window:
+
+    >>> at = Keypoint(step=40, values=[0.1], channels=["x"])
+    >>> fast = Keypoint(step=60, values=[0.2], channels=["z"], derivative=1)
+
+    `FourierMovementPrimitive.map_keypoints` takes them.
     """
 
     step: float
@@ -33,22 +42,6 @@ class Keypoint:
     channels: Sequence[str | int] | None = None
     derivative: int = 0
     tolerance: ArrayLike | None = None
-
-    def checked_values(self, count: int) -> NDArray[np.float64]:
-        """Return the values of `count` channels as an array."""
-        values = np.atleast_1d(as_floats(self.values, "the values of a keypoint"))
-        if values.shape != (count,) or not all_finite(values):
-            raise SkillError(
-                f"the keypoint at step {self.step:g} has the values {values}; expected "
-                f"{count} finite numbers."
-            )
-        return values
-
-    def checked_step(self) -> float:
-        """Return the step, one number."""
-        if not is_number(self.step):
-            raise SkillError(f"a keypoint is at step {self.step!r}; give one number.")
-        return float(self.step)
 
 
 def channel_indices(
