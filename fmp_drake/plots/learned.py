@@ -103,9 +103,13 @@ def draw_band(
 ) -> None:
     """Draw 2 standard deviations about a mean over time, each of shape (N,)."""
     deviation = 2 * np.sqrt(variance)
-    style = {"color": lighten(color, 0.7), "linewidth": 0}
     ax.fill_between(
-        time, mean - deviation, mean + deviation, label="2 standard deviations", **style
+        time,
+        mean - deviation,
+        mean + deviation,
+        color=lighten(color, 0.7),
+        linewidth=0,
+        label="2 standard deviations",
     )
 
 

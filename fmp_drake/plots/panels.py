@@ -106,10 +106,12 @@ class TimePanels:
         if axes is None:
             figure = Figure(figsize=(9, 1 + 1.5 * count + strip), layout="constrained")
             ratios = [1.0] * count + [0.25] * strip
-            axes = figure.subplots(
+            rows = figure.subplots(
                 count + strip, sharex=True, squeeze=False, height_ratios=ratios
-            )[:, 0]
-        self.axes = (axes,) if isinstance(axes, Axes) else tuple(axes)
+            )
+            self.axes = tuple(rows[:, 0])
+        else:
+            self.axes = (axes,) if isinstance(axes, Axes) else tuple(axes)
         if len(self.axes) != count + strip:
             raise RunError(
                 f"{len(self.axes)} axes are given; this picture needs {count + strip}: "

@@ -50,8 +50,8 @@ def draw_spectra(
     frequencies = np.arange(1, count + 1) * skill.rate / skill.n_steps
     for ax, i in panels:
         low, middle, high = np.percentile(amplitudes[:, :count, i], [5, 50, 95], axis=0)
-        style = {"color": DEMONSTRATED, "linewidth": 3.0, "label": "5 to 95 %"}
-        ax.vlines(frequencies, low, high, **style)
+        bars = ax.vlines(frequencies, low, high, color=DEMONSTRATED, linewidth=3.0)
+        bars.set_label("5 to 95 %")
         ax.plot(frequencies, middle, "o", color="0.15", markersize=3.5, label="median")
         ax.set_ylim(bottom=0)
         ax.set_xlim(left=0)

@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
+from fmp_drake.primitives.data.csv_table import read_recording
 from fmp_drake.primitives.data.files import read_npz, write_npz
 from fmp_drake.primitives.data.numeric import GREATEST, as_floats, check_number
 
@@ -275,7 +276,7 @@ class Demonstration:
             raise SkillFileError(f"there is no demonstration file {path}.")
         try:
             if path.suffix == ".csv":
-                return cls(**_read_csv(path))
+                return cls(**read_recording(path))
             return cls(**_read_npz(path))
         except DemonstrationError as error:
             raise DemonstrationError(f"{path}: {error}") from None
@@ -357,45 +358,3 @@ def _parse_metadata(path: Path, array: NDArray[np.generic]) -> dict[str, Any]:
         raise SkillFileError(foreign) from None
     out: dict[str, Any] = metadata
     return out
-
-
-def _read_csv(path: Path) -> dict[str, Any]:
-    try:
-        # A spreadsheet's file may start with a byte order mark.
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
-            table = [(reader.line_num, row) for row in reader if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise SkillFileError(f"{path} is not a readable .csv file ({error}).") from None
-    if not table:
-        raise SkillFileError(f"{path} is empty.")
-    names, units = [], []
-    for cell in table[0][1]:
-        name, _, unit = cell.partition("[")
-        names.append(name.strip())
-        units.append(unit.rstrip("] ").strip() or "m")
-    if "time" not in names or len(names) < 2:
-        raise SkillFileError(
-            f"{path} has the columns {', '.join(names)}; a demonstration needs a "
-            "header line with `time` (s) and at least one channel, such as "
-            "`time,x,y,z`."
-        )
-    numbers = np.empty((len(table) - 1, len(names)))
-    for i, (line, row) in enumerate(table[1:]):
-        if len(row) != len(names):
-            raise SkillFileError(
-                f"{path}: line {line} has {len(row)} cells; the header has "
-                f"{len(names)}."
-            )
-        try:
-            numbers[i] = [float(cell) for cell in row]
-        except ValueError as error:
-            raise SkillFileError(f"{path}: line {line}: {error}.") from None
-    at = names.index("time")
-    keep = [i for i in range(len(names)) if i != at]
-    return {
-        "time": numbers[:, at],
-        "values": numbers[:, keep],
-        "channels": tuple(names[i] for i in keep),
-        "units": tuple(units[i] for i in keep),
-    }

@@ -9,13 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, DensityMixin
 from sklearn.utils.validation import check_is_fitted
 
-from fmp_drake.errors import SkillError
 from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
 from fmp_drake.primitives.data.numeric import as_floats, check_number, finite_array
 from fmp_drake.primitives.data.scaling import ChannelScales, channel_scales
 from fmp_drake.primitives.data.windows import Windows, as_windows, window_weights
 from fmp_drake.primitives.model.basis import FourierBasis
-from fmp_drake.primitives.model.keypoint import Keypoint, channel_indices
+from fmp_drake.primitives.model.keypoint import (
+    Keypoint,
+    channel_indices,
+    stack_keypoints,
+)
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.mapping import Mapping, MappingPlan, Selection
 from fmp_drake.primitives.model.mixture import Progress, fit_mixture, log_densities
@@ -96,10 +99,10 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     Examples
     --------
     >>> import numpy as np
-    >>> time = np.arange(0, 60, 0.05)
+    >>> time = np.arange(0, 20, 0.05)
     >>> circles = 0.1 * np.column_stack([np.cos(2 * time), np.sin(2 * time)])
     >>> demonstration = Demonstration(time=time, values=circles)
-    >>> skill = FourierMovementPrimitive(n_components=4).fit(demonstration)
+    >>> skill = FourierMovementPrimitive(n_components=2).fit(demonstration)
     >>> mapping = skill.map_partial(circles[:10])  # half a second has been seen
     >>> future = skill.synthesize(mapping.weights)
     >>> bool(np.allclose(future, circles[:120], atol=1e-3))
@@ -296,7 +299,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         rows = self.observation_rows(steps, channels=channels, derivative=derivative)
         if tolerance is None:
             index = channel_indices(channels, self.channels_)
-            tolerance = np.tile(self._tolerance(index), np.size(steps))
+            tolerance = np.tile(self._tolerances()[index], np.size(steps))
         return self._plan(rows, tolerance)
 
     def _plan(self, rows: NDArray[np.float64], tolerance: ArrayLike) -> MappingPlan:
@@ -311,35 +314,17 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     def map_keypoints(self, keypoints: Sequence[Keypoint]) -> Mapping:
         """Map keypoints, of any steps, channels and derivatives, to weights."""
         self.check_fitted()
-        if not isinstance(keypoints, Sequence) or not all(
-            isinstance(point, Keypoint) for point in keypoints
-        ):
-            raise SkillError(f"{keypoints!r} is no list of Keypoint; give one.")
-        if not keypoints:
-            raise SkillError("there is no keypoint; give at least one.")
-        rows, values, tolerances = [], [], []
-        for point in keypoints:
-            check_number(point.step, "the step of a keypoint")
-            index = channel_indices(point.channels, self.channels_)
-            shape, derivative = (len(index),), point.derivative
-            what = f"of the keypoint at step {point.step:g}"
-            rows.append(
-                self.observation_rows(point.step, channels=index, derivative=derivative)
-            )
-            values.append(finite_array(point.values, f"the values {what}", shape))
-            tolerance = as_floats(
-                self._tolerance(index) if point.tolerance is None else point.tolerance,
-                f"the tolerance {what}",
-            )
-            if tolerance.ndim == 0:
-                tolerance = np.full(shape, tolerance)
-            tolerances.append(as_floats(tolerance, f"the tolerance {what}", shape))
-        plan = self._plan(np.concatenate(rows), np.concatenate(tolerances))
-        return plan.map(np.concatenate(values))
+        rows, values, tolerances = stack_keypoints(
+            keypoints,
+            names=self.channels_,
+            tolerance=self._tolerances(),
+            rows_of=self.observation_rows,
+        )
+        return self._plan(rows, tolerances).map(values)
 
-    def _tolerance(self, index: list[int]) -> NDArray[np.float64]:
-        """Return lambda of some channels, in their squared units, shape (C,)."""
-        return self.tolerance * self.scales_[index] ** 2
+    def _tolerances(self) -> NDArray[np.float64]:
+        """Return lambda of each channel, in its squared unit, shape (D,)."""
+        return self.tolerance * self.scales_**2
 
     def map_partial(self, values: ArrayLike, *, first_step: int = 0) -> Mapping:
         """Map a partial trajectory (K, D) to weights (Algorithm 1).
