@@ -124,7 +124,7 @@ def draw_component_in_plane(
 ) -> Axes:
     """Draw the mean of a component and the tube that its ellipses sweep.
 
-    At every step of the window the tube holds `confidence` of the component; the
+    At every step of the window the tube contains `confidence` of the component; the
     outlines are ellipses at twelve steps, the dot is the start.
 
     Parameters

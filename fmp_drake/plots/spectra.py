@@ -26,7 +26,7 @@ def draw_spectra(
 ) -> tuple[Axes, ...]:
     """Draw the amplitude of every harmonic of the windows, with its spread.
 
-    A point is the median over the windows, its bar holds 90 % of them. The constant
+    A point is the median over the windows, its bar contains 90 % of them. The constant
     part is left out, and so are frequencies above which there is hardly any power.
 
     Parameters
@@ -60,7 +60,7 @@ def draw_spectra(
 
 
 def _harmonics_with_energy(amplitudes: NDArray[np.float64]) -> int:
-    """Return how many harmonics hold nearly all the power of every channel."""
+    """Return how many harmonics contain nearly all the power of every channel."""
     power = np.mean(amplitudes**2, axis=0)
     total = np.maximum(np.sum(power, axis=0), 1e-300)
     fraction = np.cumsum(power, axis=0) / total

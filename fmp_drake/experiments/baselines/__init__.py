@@ -1,4 +1,4 @@
-"""Other movement primitives, behind one small interface, to compare FMP with."""
+"""Other movement primitives to compare FMP with, all with the same methods."""
 
 from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
 from fmp_drake.experiments.baselines.alignment import AlignedPeriods, align_periods

@@ -37,16 +37,16 @@ class PeriodicGP(TrajectoryModel):
     A window is a posterior trajectory that starts at an unknown moment after the memory
     has ended, within one period: a mixture over that moment, the same for all
     channels. So a prefix is first placed in time, by its evidence, and then
-    continued. What a component is to a mixture, a moment is here.
+    continued.
 
     Parameters
     ----------
     n_points : int
-        Of the memory; the cost grows with the cube.
+        Samples of the memory that are used; the cost grows with the cube.
     n_periods : float
         Length of the memory, periods; at least two windows.
     n_moments : int
-        In a period.
+        Starts of a window that are tried, in a period.
     random_state : int
         Seed of the drawn points.
 

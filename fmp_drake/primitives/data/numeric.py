@@ -119,7 +119,7 @@ def check_number(
         texts = [
             "positive"
             if (limit, text) == (0, "greater than")
-            else f"{text} {limit:.10g}{unit}"
+            else f"{text} {limit}{unit}"
             for limit, text, _ in given
         ]
         kind = ["a whole number"] if whole else [] if given else ["a number"]

@@ -1,4 +1,4 @@
-"""Laying a demonstration from anywhere onto a board."""
+"""Placing a demonstration that was recorded anywhere onto a board."""
 
 from dataclasses import dataclass, replace
 

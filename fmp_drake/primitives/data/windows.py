@@ -20,9 +20,11 @@ class Windows:
     ----------
     values : ndarray, shape (N, T, D)
     source : ndarray, shape (N,)
-        The index of the demonstration, or of the window itself, each comes from.
+        The index of the demonstration that each window comes from, or its own index
+        where the windows were given as an array.
     example : Demonstration or None
-        One that names the channels; None for bare windows.
+        The first demonstration, which names channels, units and frame; None where the
+        windows were given as an array.
     """
 
     values: NDArray[np.float64]
@@ -132,7 +134,7 @@ def as_windows(
 def window_weights(
     windows: Windows, weights: ArrayLike | None
 ) -> NDArray[np.float64] | None:
-    """Return how often each window counts, shape (N,), on average 1.
+    """Return the weight of each window in the fit, shape (N,), on average 1.
 
     Parameters
     ----------

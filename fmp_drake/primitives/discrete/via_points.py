@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ViaPoint:
-    """Where a discrete movement has to pass.
+    """A place that a discrete movement passes at a given phase.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Other magnitudes and phases of chosen harmonics: section VII of the paper.
+"""Changing magnitude and phase of chosen harmonics: section VII of the paper.
 
 See `fmp_drake.primitives.editing.spectrum` for what magnitude and phase are.
 """

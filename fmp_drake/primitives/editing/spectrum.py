@@ -1,4 +1,4 @@
-"""Magnitude and phase, each on its own: the outlook of section VII of the paper.
+"""Spectra: magnitude and phase of each harmonic (outlook of section VII of the paper).
 
 A channel of a window is the sum over the harmonics k = 0 to T/2 of
 
@@ -24,7 +24,7 @@ from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimiti
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralPeak:
-    """One of the frequencies that a channel is made of.
+    """A dominant frequency of a channel: a local maximum of its spectrum.
 
     Attributes
     ----------
@@ -58,11 +58,11 @@ class Spectrum:
     magnitude_mean, magnitude_std : ndarray, shape (H, D)
         In the units of the channels.
     phase_mean, phase_std : ndarray, shape (H, D)
-        Circular mean, -pi to pi, and circular standard deviation, rad. Sliding windows
-        start anywhere, so these phases are uniform: see the next.
+        Circular mean, -pi to pi, and circular standard deviation, rad. They mean little
+        for sliding windows, which start at any phase: use the relative ones.
     relative_phase_mean, relative_phase_std : ndarray, shape (H, D)
-        The same of the phase relative to the reference, rad. It does not depend on
-        where a window starts.
+        The same of the phase relative to the reference channel, rad, which does not
+        depend on where a window starts.
     reference : str
         The reference channel.
     reference_harmonic : int or None
@@ -104,7 +104,7 @@ class Spectrum:
         ----------
         channel : str or int
         count : int
-            At most so many.
+            The greatest number of peaks.
         least_fraction : float
             Weaker peaks are left out.
         """

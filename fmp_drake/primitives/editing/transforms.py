@@ -1,4 +1,4 @@
-"""Skills in another tempo, place, direction or size."""
+"""Copies of a skill in another tempo, place, direction or size."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -78,7 +78,7 @@ def transform_space(
         The C channels that form a vector.
     rotate_orientation : bool
         Where the skill has rotation channels (see `add_orientation`), rotate the
-        orientations R_BE to R R_BE along. False where the named channels are, say, a
+        orientations R_BE to R R_BE along. False where the named channels are, for example, a
         force measured in another frame.
     frame : str, optional
         Name of the frame that the new values are in; the old one where None.

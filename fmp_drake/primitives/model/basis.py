@@ -77,7 +77,7 @@ class FourierBasis:
         return np.swapaxes(np.fft.irfft(spectrum, n=n, axis=-1), -1, -2)
 
     def by_channel(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Return a view of weights (..., D*T) as (..., D, T)."""
+        """Return weights (..., D*T) with an axis for the channels, (..., D, T)."""
         w = as_floats(weights, "the weights")
         if w.ndim < 1 or w.shape[-1] == 0 or w.shape[-1] % self.n_steps:
             raise SkillError(
@@ -88,7 +88,7 @@ class FourierBasis:
         return w.reshape(*w.shape[:-1], channels, self.n_steps)
 
     def series(self, steps: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
-        """Return rows of the Fourier series at any time, shape (..., T).
+        """Return the values of all basis functions at any time, shape (..., T).
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class FourierBasis:
         return out
 
     def rows(self, steps: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
-        """Return the rows Phi(t) that turn one channel's weights into its value.
+        """Return the rows Phi(t) that map one channel's weights to its value.
 
         At the samples these are the rows of (4). Between samples they follow
         the quintic spline through the samples of the series instead of the
@@ -161,7 +161,7 @@ class FourierBasis:
         )
 
     def local_rows(self, step: float) -> NDArray[np.float64]:
-        """Return rows and their first two derivatives at one time, fast.
+        """Return `rows` and its first two derivatives at one time, fast.
 
         Parameters
         ----------
@@ -185,10 +185,10 @@ class FourierBasis:
         return powers @ self.local_polynomial(i)
 
     def local_polynomial(self, interval: int) -> NDArray[np.float64]:
-        """Return the Taylor coefficients of `rows` in an interval, shape (6, T).
+        """Return the polynomials that `rows` are between two samples, shape (6, T).
 
-        Of the powers 0 to 5 of the time in samples since sample `interval`, from 0 to
-        n_steps - 2.
+        The coefficients of the powers 0 to 5 of the time in samples since the sample
+        `interval`, which is a whole number from 0 to n_steps - 2.
         """
         cache = self._polynomials
         if interval not in cache:

@@ -117,7 +117,7 @@ class LowRankGaussian:
     def marginal(
         self, rows: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return mean (m,) and covariance (m, m) of rows (m, n) times x."""
+        """Return mean (m,) and covariance (m, m) of A x, for A of shape (m, n)."""
         a = np.asarray(rows, dtype=float)
         factor = a @ self.basis
         cov = (factor * self.variances) @ factor.T + self.noise * (a @ a.T)

@@ -218,12 +218,9 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         over trajectories, in units^-(T*D).
         """
         self.check_fitted()
-        windows = self._windows(X, at_least=1).values
+        weights = self.analyze(self._windows(X, at_least=1).values)
         stretch = self.n_steps * float(np.sum(np.log(self.scales_)))
-        densities = log_densities(
-            self.analyze(windows), self.proportions_, self.components_
-        )
-        return densities - stretch
+        return log_densities(weights, self.proportions_, self.components_) - stretch
 
     def score(self, X: ArrayLike, y: object = None) -> float:  # noqa: ARG002
         """Return the mean log density per sample (time step) of windows."""
@@ -242,9 +239,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
             [
                 component.sample(rng, size, with_noise=with_noise)
                 for component, size in zip(self.components_, counts, strict=True)
-                if size
             ]
-            or [np.empty((0, self.components_[0].dim))]
         )
         return self.synthesize(rng.permutation(weights))
 
