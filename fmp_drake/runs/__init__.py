@@ -1,1 +1,28 @@
-"""A station with loggers, its metrics, its log file."""
+"""A wiping station with loggers, its metrics, its log file and its saved state."""
+
+from fmp_drake.runs.advancing import RunButtons, advance
+from fmp_drake.runs.context_file import load_context, save_context
+from fmp_drake.runs.log import RunLog, Signal
+from fmp_drake.runs.skills import (
+    bundled_demonstrations,
+    default_demonstration,
+    learn_skill,
+    load_on_board,
+    scenario_skill,
+)
+from fmp_drake.runs.wiping_run import WipingRun
+
+__all__ = [
+    "RunButtons",
+    "RunLog",
+    "Signal",
+    "WipingRun",
+    "advance",
+    "bundled_demonstrations",
+    "default_demonstration",
+    "learn_skill",
+    "load_context",
+    "load_on_board",
+    "save_context",
+    "scenario_skill",
+]

@@ -6,14 +6,12 @@ and y along its edges, z the outward normal.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fmp_drake.compiled import compiled
 from fmp_drake.errors import SystemsError
 
 type FloatArray = NDArray[np.float64]
@@ -143,7 +141,6 @@ class InkGrid:
         p_BE: ArrayLike,
         footprint: tuple[float, float],
         *,
-        yaw: ArrayLike = 0.0,
         height: float = 1e-3,
     ) -> BoolArray:
         """Find the cells that an eraser passes over while it is on the board.
@@ -156,9 +153,7 @@ class InkGrid:
         p_BE : array_like, shape (num_points, 3)
             Path of the centre of the eraser's face in B, in metres.
         footprint : tuple of float
-            Edge lengths of the eraser's face along its own x and y, in metres.
-        yaw : array_like, shape () or (num_points,)
-            Angle of the eraser's x axis from B's x axis about B's z, in rad.
+            Edge lengths of the eraser's face along B's x and y, in metres.
         height : float
             The eraser counts as on the board where z <= height, in metres; pressing
             makes z negative.
@@ -173,62 +168,21 @@ class InkGrid:
             raise SystemsError(
                 f"swept_area got a path of shape {path.shape}: give (num_points, 3)."
             )
-        yaws = np.broadcast_to(np.asarray(yaw, dtype=float), (len(path),))
-        swept = np.zeros(self.shape, dtype=np.bool_)
-        length, width = footprint
-        _sweep(
-            np.column_stack([path, yaws]),
-            (0.5 * length + 1e-9, 0.5 * width + 1e-9),
-            height,
-            self.corner,
-            self.pitch,
-            swept,
-        )
-        return swept
-
-
-@compiled
-def _sweep(
-    path: FloatArray,
-    half: tuple[float, float],
-    height: float,
-    corner: FloatArray,
-    pitch: FloatArray,
-    swept: BoolArray,
-) -> None:
-    """Mark the cells under a rectangle that follows a path of position and yaw."""
-    radius = math.hypot(half[0], half[1])
-    for i in range(len(path)):
-        start, end = path[i], path[min(i + 1, len(path) - 1)]
-        dx, dy, turn = end[0] - start[0], end[1] - start[1], end[3] - start[3]
-        # No point of the eraser goes further than half a cell in a step.
-        way = math.hypot(dx, dy) + radius * abs(turn)
-        steps = max(1, math.ceil(way / (0.5 * pitch.min())))
-        for step in range(steps):
-            x, y, z, yaw = start + (step / steps) * (end - start)
-            if z > height:
-                continue
-            c, s = math.cos(yaw), math.sin(yaw)
-            reach_x = abs(c) * half[0] + abs(s) * half[1]
-            reach_y = abs(s) * half[0] + abs(c) * half[1]
-            first, last = _cells_within(y, reach_y, corner[1], pitch[1], len(swept))
-            left, right = _cells_within(x, reach_x, corner[0], pitch[0], swept.shape[1])
-            for row in range(first, last):
-                v = corner[1] + (row + 0.5) * pitch[1] - y
-                for column in range(left, right):
-                    u = corner[0] + (column + 0.5) * pitch[0] - x
-                    if abs(c * u + s * v) <= half[0] and abs(c * v - s * u) <= half[1]:
-                        swept[row, column] = True
-
-
-@compiled
-def _cells_within(
-    centre: float, reach: float, corner: float, pitch: float, count: int
-) -> tuple[int, int]:
-    """Return the first cell whose centre may be in an interval, and one after it."""
-    first = math.floor((centre - reach - corner) / pitch - 0.5)
-    last = math.ceil((centre + reach - corner) / pitch - 0.5)
-    return max(first, 0), min(last + 1, count)
+        samples = _resample(path, 0.5 * float(self.pitch.min()))
+        p = samples[samples[:, 2] <= height, :2] - self.corner
+        half = 0.5 * np.asarray(footprint) + 1e-9
+        first = np.ceil((p - half) / self.pitch - 0.5)
+        end = np.floor((p + half) / self.pitch - 0.5) + 1.0
+        limit = self.shape[::-1]
+        i, j = np.clip(first, 0, limit).astype(np.intp).T
+        i_end, j_end = np.clip(end, 0, limit).astype(np.intp).T
+        # How often a cell was passed over, as differences along both axes.
+        change = np.zeros((self.shape[0] + 1, self.shape[1] + 1), dtype=np.intp)
+        np.add.at(change, (j, i), 1)
+        np.add.at(change, (j, i_end), -1)
+        np.add.at(change, (j_end, i), -1)
+        np.add.at(change, (j_end, i_end), 1)
+        return np.cumsum(np.cumsum(change, axis=0), axis=1)[:-1, :-1] > 0
 
 
 def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
@@ -256,3 +210,15 @@ def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
             )
         clean = clean[chosen]
     return float(np.count_nonzero(clean) / clean.size) if clean.size else 1.0
+
+
+def _resample(path: FloatArray, step: float) -> FloatArray:
+    """Put points on a path (num_points, 3) so that none is farther off than a step."""
+    change = np.diff(path, axis=0)
+    travel = np.hypot(change[:, 0], change[:, 1])
+    pieces = np.maximum(1, np.ceil(travel / step)).astype(np.intp)
+    segment = np.repeat(np.arange(len(pieces)), pieces)
+    within = np.arange(len(segment)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    t = (within / pieces[segment])[:, np.newaxis]
+    samples = path[segment] * (1.0 - t) + path[segment + 1] * t
+    return np.vstack([samples, path[-1:]])
