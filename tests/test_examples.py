@@ -1,13 +1,17 @@
 """Every example runs, headless, as its first lines say."""
 
+import ast
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+REPOSITORY = Path(__file__).resolve().parents[1]
+EXAMPLES = REPOSITORY / "examples"
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 
 
 def run(name, folder, *options):
@@ -31,6 +35,21 @@ def test_every_example_is_run_here():
         "02_primitive_in_your_diagram.py",
         "03_wiping_station.py",
     }
+
+
+def test_readme_and_examples_enter_by_the_front_doors():
+    programs = {path.name: path.read_text("utf-8") for path in EXAMPLES.glob("*.py")}
+    programs["README.md"] = "".join(
+        re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    )
+    imported = {
+        (program, node.module)
+        for program, source in programs.items()
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.ImportFrom) and node.module.startswith("fmp_drake")
+    }
+    assert {program for program, _ in imported} == set(programs)
+    assert not [each for each in imported if each[1].count(".") > 1]
 
 
 def test_skill_is_learned_saved_and_drawn(tmp_path):

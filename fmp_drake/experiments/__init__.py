@@ -3,7 +3,7 @@
 `fmp_drake.experiments.baselines` has the movement primitives it compares with.
 """
 
-from fmp_drake.experiments.finding import Closeness, Finding
+from fmp_drake.experiments.finding import Finding
 from fmp_drake.experiments.held_out import evaluate, held_out_finding, score, summary
 from fmp_drake.experiments.methods import compared, fmp, fmp_paper, promp_mult
 from fmp_drake.experiments.metrics import heatmap, kl_divergence
@@ -13,7 +13,6 @@ from fmp_drake.experiments.report import write_report
 __all__ = [
     "FULL",
     "QUICK",
-    "Closeness",
     "Finding",
     "Profile",
     "compared",

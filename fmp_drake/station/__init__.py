@@ -16,7 +16,7 @@ from fmp_drake.station.parts.board_scene import (
 )
 from fmp_drake.station.parts.external_forces import AddExternalForces
 from fmp_drake.station.parts.mouse import AddMousePull
-from fmp_drake.station.parts.page_scene import AddBodies, AddPage, PagePorts
+from fmp_drake.station.parts.page_scene import AddBodies, AddPage
 from fmp_drake.station.parts.posture import SolvePosture
 from fmp_drake.station.parts.stage import RenderLights, SetStage
 from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
@@ -64,7 +64,6 @@ __all__ = [
     "LoadScenario",
     "MakeTeachingStation",
     "MakeWipingStation",
-    "PagePorts",
     "PressConfig",
     "RenderLights",
     "Scenario",
