@@ -12,11 +12,13 @@ from fmp_drake.errors import FmpError
 
 # The module `fmp_drake.apps.wipe` has the command `wipe`, and so on.
 _COMMANDS = {
-    "learn": "Learn a skill from demonstrations and write it to a file.",
-    "record": "Record a demonstration: a simulated person guides the arm.",
-    "reproduce": "Rerun the paper's experiments and write a report.",
+    "learn": "Learn a skill from DEMONSTRATIONS (.npz or .csv) and write it to a file.",
+    "record": "Record a demonstration: a simulated person guides the arm over the "
+    "board.",
+    "reproduce": "Rerun the paper's experiments and write a report with figures and "
+    "tables.",
     "scenarios": "List the scenarios that come with the package.",
-    "video": "Turn frames that the page's recorder has saved into a film.",
+    "video": "Turn FRAMES, the .tar that the page's recorder saves, into the film OUT.",
     "wipe": "Learn whiteboard wiping from a demonstration and wipe the board.",
 }
 
