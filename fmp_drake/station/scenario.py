@@ -15,6 +15,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from fmp_drake.errors import StationError
+from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.scenario_parts import (
     BoardConfig,
@@ -26,7 +27,6 @@ from fmp_drake.station.scenario_parts import (
     SensorConfig,
     ShowConfig,
     SkillConfig,
-    finite,
 )
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.friction import FrictionConfig
@@ -86,10 +86,8 @@ class Scenario:
     ink: InkConfig = field(default_factory=InkConfig)
     skill: SkillConfig = field(default_factory=SkillConfig)
     disturbances: list[Disturbance] = field(default_factory=list)
-    posture: list[float] = field(
-        default_factory=lambda: [0.0, 0.38, 0.0, -2.22, 0.0, 2.60, 0.785]
-    )
-    start: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.05])
+    posture: list[float] = bounded([0.0, 0.38, 0.0, -2.22, 0.0, 2.60, 0.785])
+    start: list[float] = bounded([0.0, 0.0, 0.05])
     camera: CameraConfig = field(default_factory=CameraConfig)
     show: ShowConfig = field(default_factory=ShowConfig)
 
@@ -101,22 +99,17 @@ class Scenario:
         StationError
             That names the value and what is allowed.
         """
-        for part in (self.board, self.eraser, self.ink, self.skill, self.sensors):
-            part.check()
+        check_settings(self, StationError)
+        self.board.motion.check()
+        self.ink.check()
+        self.sensors.check()
+        self.camera.check()
         for disturbance in self.disturbances:
             disturbance.check()
-        self.camera.check()
-        self.start_position()
-        self.eraser_orientation()
 
     def eraser_orientation(self) -> RotationMatrix:
         """Return R_BE, how the eraser is held over the board."""
-        rpy = finite("impedance.orientation", self.impedance.orientation, 3)
-        return RotationMatrix(RollPitchYaw(np.array(rpy)))
-
-    def start_position(self) -> list[float]:
-        """Return the checked start p_BE."""
-        return finite("start", self.start, 3)
+        return RotationMatrix(RollPitchYaw(np.array(self.impedance.orientation)))
 
 
 def ListScenarios() -> list[str]:

@@ -88,7 +88,7 @@ def test_pushes_break_no_limit(pushed):
 # A person who leads the arm to a point and holds it there -----------------------
 
 GRIP = Disturbance(
-    kind="hold",
+    kind="grasp",
     start=6.0,
     duration=4.0,
     position=[0.05, 0.12, 0.0],

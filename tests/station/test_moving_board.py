@@ -184,7 +184,7 @@ def test_rail_may_lie_across_a_tilted_board(bundled_skill):
 
 
 def scene_of(scenario):
-    return AddBoardScene(DiagramBuilder(), scenario, start=scenario.start_position())
+    return AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)
 
 
 def poses(scene):

@@ -87,11 +87,9 @@ def AddBoardModels(
     -------
     panda, eraser, whiteboard : ModelInstanceIndex
     """
-    panda, eraser = _AddArm(plant, scenario, visuals)
+    panda, eraser = AddPandaWithEraser(plant, eraser=scenario.eraser, visuals=visuals)
     board = scenario.board
-    whiteboard = AddWhiteboard(
-        plant, size=board.size, friction=board.friction, legs=board.legs
-    )
+    whiteboard = AddWhiteboard(plant, board)
     surface = plant.GetFrameByName("surface", whiteboard)
     if board.motion.amplitude == 0:
         plant.WeldFrames(plant.world_frame(), surface, board.pose())
@@ -108,19 +106,6 @@ def AddBoardModels(
         PdControllerGains(p=mass * _SERVO**2, d=2 * mass * _SERVO)
     )
     return panda, eraser, whiteboard
-
-
-def _AddArm(
-    plant: MultibodyPlant, scenario: Scenario, visuals: str
-) -> tuple[ModelInstanceIndex, ModelInstanceIndex]:
-    eraser = scenario.eraser
-    return AddPandaWithEraser(
-        plant,
-        footprint=eraser.footprint,
-        modulus=eraser.modulus,
-        friction=eraser.friction,
-        visuals=visuals,
-    )
 
 
 def AddBoardScene(
@@ -149,7 +134,7 @@ def AddBoardScene(
     scenario.check()
     arm = MultibodyPlant(time_step=0.0)
     arm.set_name("arm")
-    _, arm_eraser = _AddArm(arm, scenario, "own")
+    _, arm_eraser = AddPandaWithEraser(arm, eraser=scenario.eraser)
     arm.Finalize()
     arm_tip = arm.GetFrameByName("eraser_tip", arm_eraser)
 
