@@ -10,7 +10,6 @@ from fmp_drake.station.models.whiteboard import AddWhiteboard
 from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_ink import AddInk
 from fmp_drake.station.parts.board_scene import (
-    AddBoardModels,
     AddBoardScene,
     BoardScene,
 )
@@ -41,7 +40,6 @@ from fmp_drake.station.wiping_station import MakeWipingStation
 
 __all__ = [
     "AddArmController",
-    "AddBoardModels",
     "AddBoardScene",
     "AddBodies",
     "AddEraser",

@@ -2,7 +2,7 @@
 
 import dataclasses
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -138,7 +138,7 @@ def LoadScenario(path: str | Path) -> Scenario:
             f"{', '.join(ListScenarios())}."
         )
     try:
-        _check_keys(yaml.safe_load(file.read_bytes()), Scenario())
+        _check_types(yaml.safe_load(file.read_bytes()), Scenario())
         scenario: Scenario = yaml_load_typed(  # type: ignore[no-untyped-call]
             schema=Scenario, filename=str(file), defaults=Scenario()
         )
@@ -153,69 +153,51 @@ def LoadScenario(path: str | Path) -> Scenario:
     ) as error:
         reason = str(error).strip().splitlines()[0]
         raise StationError(f"{file.name} is not a scenario: {reason}") from None
-    if scenario.skill.demonstration.endswith((".csv", ".npz")):
-        scenario.skill.demonstration = str(file.parent / scenario.skill.demonstration)
-    if scenario.skill.file:
-        scenario.skill.file = str(file.parent / scenario.skill.file)
-    if scenario.ink.picture:
-        scenario.ink.picture = str(file.parent / scenario.ink.picture)
+    skill, ink = scenario.skill, scenario.ink
+    if skill.demonstration.endswith((".csv", ".npz")):
+        skill.demonstration = str(file.parent / skill.demonstration)
+    if skill.file:
+        skill.file = str(file.parent / skill.file)
+    if ink.picture:
+        ink.picture = str(file.parent / ink.picture)
     return scenario
 
 
-def _check_keys(given: Any, default: Any, where: str = "") -> None:
-    """Refuse keys and types that a default value has not, and list what it has."""
+def _check_types(given: Any, default: Any, name: str = "") -> None:
+    """Refuse what cannot stand in place of a default value, and say what can."""
     fields = _fields(default)
-    if not fields:
-        expected, fits = _expected(default)
-        if not fits(given):
+    if fields:
+        place, allowed = name or "a scenario", ", ".join(fields)
+        if not isinstance(given, Mapping):
             raise StationError(
-                f"{where.rstrip('.')} is {given!r}; expected {expected}."
+                f"{place} is {given!r} ({type(given).__name__}); expected a mapping "
+                f"with any of: {allowed}."
             )
-        return
-    place = where.rstrip(".") or "a scenario"
-    if not isinstance(given, Mapping):
-        raise StationError(
-            f"{place} is {given!r} ({type(given).__name__}); expected a mapping with "
-            f"any of: {', '.join(fields)}."
-        )
-    for key, value in given.items():
-        if key not in fields:
-            raise StationError(
-                f"{place} has no key {key!r}; allowed are: {', '.join(fields)}."
-            )
-        if key == "disturbances":
-            if not isinstance(value, list):
-                raise StationError(f"{key} is {value!r}; expected a list of mappings.")
-            for i, entry in enumerate(value):
-                _check_keys(entry, Disturbance(), f"disturbances[{i}].")
-        else:
-            _check_keys(value, getattr(default, key), f"{where}{key}.")
+        for key, value in given.items():
+            if key not in fields:
+                raise StationError(
+                    f"{place} has no key {key!r}; allowed are: {allowed}."
+                )
+            _check_types(value, getattr(default, key), f"{name}.{key}".lstrip("."))
+    elif default == [] and isinstance(given, list):
+        for i, each in enumerate(given):
+            _check_types(each, Disturbance(), f"{name}[{i}]")
+    elif not _fits(given, default):
+        expected = f"a list like {default}" if isinstance(default, list) else "a number"
+        expected = _EXPECTED.get(type(default), expected)
+        raise StationError(f"{name} is {given!r}; expected {expected}.")
 
 
-def _expected(default: Any) -> tuple[str, Callable[[Any], bool]]:
-    """Return what may stand in place of a default value, and its check."""
-    if isinstance(default, bool):
-        return "true or false", _is_bool
-    if isinstance(default, str):
-        return "text", lambda given: isinstance(given, str)
+_EXPECTED = {bool: "true or false", str: "text", type(None): "a number or null"}
+
+
+def _fits(given: Any, default: Any) -> bool:
     if isinstance(default, list):
-        what, each = "numbers", _is_number
-        if default and isinstance(default[0], bool):
-            what, each = "true and false", _is_bool
-        return (
-            f"a list of {what}",
-            lambda given: isinstance(given, list) and all(map(each, given)),
-        )
-    if default is None:
-        return "a number or null", lambda given: given is None or _is_number(given)
-    return "a number", _is_number
-
-
-def _is_bool(given: Any) -> bool:
-    return isinstance(given, bool)
-
-
-def _is_number(given: Any) -> bool:
+        return isinstance(given, list) and all(_fits(g, default[0]) for g in given)
+    if isinstance(default, bool | str):
+        return isinstance(given, type(default))
+    if given is None:
+        return default is None
     if isinstance(given, str):  # YAML 1.1 reads 1e-3, without a point, as text.
         return re.fullmatch(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+", given) is not None
     return isinstance(given, int | float) and not isinstance(given, bool)
