@@ -34,6 +34,7 @@ def test_every_example_is_run_here():
         "01_learn_a_skill.py",
         "02_primitive_in_your_diagram.py",
         "03_wiping_station.py",
+        "04_tilting_tool.py",
     }
 
 
@@ -67,8 +68,17 @@ def test_primitive_in_a_diagram_of_ones_own_is_followed(tmp_path):
 
 @pytest.mark.slow
 def test_station_wipes_the_moved_board_and_is_pushed(tmp_path):
-    lines = run("03_wiping_station.py", tmp_path, "--headless").splitlines()
-    steps = [line for line in lines if "off the path" in line]
-    assert len(steps) == 12
+    printed = run("03_wiping_station.py", tmp_path, "--headless", "--duration", "8")
+    steps = [line for line in printed.splitlines() if "off the path" in line]
+    assert len(steps) == 8
     assert sum("(pushed)" in line for line in steps) == 1
     assert "cleaned  0.0 %" not in steps[-1]
+
+
+def test_tool_follows_while_it_tilts_and_its_stiffness_changes(tmp_path):
+    printed = run("04_tilting_tool.py", tmp_path)
+    degrees, millimetres = map(
+        float, re.findall(r"most ([\d.]+) .* ([\d.]+) mm", printed)[0]
+    )
+    assert degrees < 0.5
+    assert millimetres < 2.0
