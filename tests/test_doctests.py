@@ -22,11 +22,12 @@ def examples():
     finder = doctest.DocTestFinder(recurse=False)
     for door in FRONT_DOORS:
         module = importlib.import_module(f"fmp_drake.{door}")
-        for name in module.__all__:
-            exported = getattr(module, name)
+        offered = {name: getattr(module, name) for name in module.__all__}
+        for name, exported in offered.items():
             if not (inspect.isclass(exported) or inspect.isfunction(exported)):
                 continue
-            for test in finder.find(exported, name, globs={}):
+            # As after `from fmp_drake.<room> import *`, in the module's own place.
+            for test in finder.find(exported, name, extraglobs=offered):
                 if test.examples:
                     yield pytest.param(test, id=f"fmp_drake.{door}.{name}")
 

@@ -61,6 +61,13 @@ class Scenario:
         p_BE of the eraser at the start, in the frame of the board, m.
     camera : CameraConfig
     show : ShowConfig
+
+    Examples
+    --------
+    >>> scenario = Scenario(description="A tilted board that is pressed softly.")
+    >>> scenario.board.rpy = [0.0, -0.2, 0.0]
+    >>> scenario.press.force = 6.0
+    >>> scenario.check()
     """
 
     description: str = ""
@@ -128,6 +135,11 @@ def LoadScenario(path: str | Path) -> Scenario:
     StationError
         Where the file is missing, or holds keys or values that do not fit; it lists
         what is allowed.
+
+    Examples
+    --------
+    >>> LoadScenario("vertical").skill.tempo
+    0.9
     """
     file = Path(path)
     if file.suffix not in (".yaml", ".yml"):

@@ -6,6 +6,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from fmp_drake.errors import StationError
@@ -26,6 +27,12 @@ class BoardMotion:
         m; 0 for a board that stands still.
     frequency : float
         Hz.
+
+    Examples
+    --------
+    >>> motion = BoardMotion(axis=[1.0, 1.0, 0.0], amplitude=0.05)
+    >>> BoardConfig(motion=motion).axis()
+    array([0.70710678, 0.70710678, 0.        ])
     """
 
     axis: list[float] = bounded([0.0, 1.0, 0.0])
@@ -48,6 +55,12 @@ class BoardError:
         Of the real board in the frame of the assumed one, m.
     rpy : list of 3 floats
         Roll, pitch, yaw of it, rad.
+
+    Examples
+    --------
+    >>> board = BoardConfig(error=BoardError(translation=[0.0, 0.0, 0.01]))
+    >>> board.pose().translation() - board.assumed_pose().translation()
+    array([0.  , 0.  , 0.01])
     """
 
     translation: list[float] = bounded([0.0, 0.0, 0.0])
@@ -72,6 +85,12 @@ class BoardConfig:
         Whether it is drawn with the legs of a table.
     error : BoardError
     motion : BoardMotion
+
+    Examples
+    --------
+    >>> board = BoardConfig(translation=[0.5, 0.1, 0.2], rpy=[0.0, -0.3, 0.0])
+    >>> board.pose().translation()
+    array([0.5, 0.1, 0.2])
     """
 
     translation: list[float] = bounded([0.55, 0.0, 0.10])
@@ -90,10 +109,10 @@ class BoardConfig:
         """Return X_WB, at the middle of the rail."""
         return self.assumed_pose() @ _pose(self.error.translation, self.error.rpy)
 
-    def axis(self) -> list[float]:
+    def axis(self) -> NDArray[np.float64]:
         """Return the direction of the rail in B, a unit vector."""
         axis = np.array(self.motion.axis)
-        return list(axis / np.linalg.norm(axis))
+        return axis / np.linalg.norm(axis)
 
 
 @dataclass(kw_only=True)
@@ -110,6 +129,15 @@ class EraserConfig:
         Coefficient of friction of its felt.
     worn : float
         Fraction of the felt's face that does not rub any more, from 0 to 1.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> panda, eraser = AddPandaWithEraser(plant, eraser=EraserConfig(friction=0.3))
+    >>> plant.GetModelInstanceName(eraser)
+    'eraser'
     """
 
     footprint: list[float] = bounded([0.12, 0.05], above=0)
@@ -120,7 +148,14 @@ class EraserConfig:
 
 @dataclass(kw_only=True)
 class PressConfig:
-    """How the eraser is pressed on the board: see `NormalPress`."""
+    """How the eraser is pressed on the board: see `NormalPress`.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> Scenario(press=PressConfig(force=8.0)).press.force
+    8.0
+    """
 
     force: float = bounded(10.0, at_least=0)
     engage_height: float = bounded(0.01, above=0)
@@ -142,6 +177,12 @@ class InkConfig:
         File of a picture that is drawn on the board, relative to the scenario's.
     size : float or None
         Height of the capital letters, or width of the picture, m; None for as large as fits.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(ink=InkConfig(words="hello", size=0.1))
+    >>> scenario.check()
     """
 
     cell: float = bounded(0.005, above=0)
@@ -183,6 +224,12 @@ class SkillConfig:
         robot; None for the periodic mode only.
     push_dwell : float
         Seconds until the motion of a pushed robot is mapped.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(skill=SkillConfig(demonstration="eight", tempo=0.8))
+    >>> scenario.check()
     """
 
     demonstration: str = "wiping"
@@ -217,6 +264,14 @@ class Disturbance:
         Of a grasp, N/m; it is critically damped for a mass of 5 kg.
     max_force : float
         Greatest force of a grasp, N.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> push = Disturbance(start=2.0, duration=1.0, force=[0.0, 20.0, 0.0])
+    >>> scenario = Scenario(disturbances=[push])
+    >>> scenario.disturbances[0].kind
+    'push'
     """
 
     kind: str = "push"
@@ -256,6 +311,14 @@ class SensorConfig:
         Standard deviations, rad and rad/s.
     seed : int
         Of the noise.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(sensors=SensorConfig(delay=0.002))
+    >>> scenario.check()
+    Traceback (most recent call last):
+    fmp_drake.errors.StationError: sensors.delay needs a sensors.rate, 1000 Hz for example.
     """
 
     rate: float = bounded(0.0, at_least=0, at_most=1000)
@@ -275,7 +338,15 @@ class SensorConfig:
 
 @dataclass(kw_only=True)
 class CameraConfig:
-    """From where the page and films look, in the frame of the robot's base, m."""
+    """From where the page and films look, in the frame of the robot's base, m.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(camera=CameraConfig(eye=[0.0, -1.5, 1.2]))
+    >>> scenario.camera.target
+    [0.37, 0.0, 0.2]
+    """
 
     eye: list[float] = bounded([1.50, -0.98, 0.86])
     target: list[float] = bounded([0.37, 0.0, 0.20])
@@ -288,7 +359,15 @@ class CameraConfig:
 
 @dataclass(kw_only=True)
 class ShowConfig:
-    """What the page shows beside arm, eraser and board; each can be switched off."""
+    """What the page shows beside arm, eraser and board; each can be switched off.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(show=ShowConfig(tube=False, mouse=False))
+    >>> scenario.show.plan
+    True
+    """
 
     ink: bool = True
     demonstrations: bool = True

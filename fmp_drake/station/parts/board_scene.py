@@ -53,6 +53,14 @@ class BoardScene:
         The assumed board: what the controller takes for X_WB.
     rail : Sine or None
         The wanted motion of a board on a rail: position, velocity, acceleration.
+
+    Examples
+    --------
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> from fmp_drake.station import AddBoardScene, Scenario
+    >>> scene = AddBoardScene(DiagramBuilder(), Scenario(), start=[0.0, 0.0, 0.05])
+    >>> scene.plant.num_positions(), scene.arm.num_positions()
+    (7, 7)
     """
 
     plant: MultibodyPlant
@@ -105,7 +113,7 @@ def AddBoardScene(
     _Mount(plant, whiteboard, board)
     plant.Finalize()
 
-    moved = RigidTransform(-board.motion.amplitude * np.array(board.axis()))
+    moved = RigidTransform(-board.motion.amplitude * board.axis())
     X_WA = board.assumed_pose() @ moved
     X_AE = RigidTransform(scenario.eraser_orientation(), np.asarray(start, dtype=float))
     posture = SolvePosture(
@@ -149,9 +157,7 @@ def _Mount(
     middle = plant.AddFrame(
         FixedOffsetFrame("rail", plant.world_frame(), board.pose(), whiteboard)
     )
-    rail: Any = plant.AddJoint(
-        PrismaticJoint("rail", middle, surface, np.array(board.axis()))
-    )
+    rail: Any = plant.AddJoint(PrismaticJoint("rail", middle, surface, board.axis()))
     rail.set_default_translation(-board.motion.amplitude)
     mass = plant.GetBodyByName("board", whiteboard).default_mass()
     plant.AddJointActuator("rail", rail).set_controller_gains(
