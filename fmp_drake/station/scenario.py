@@ -101,7 +101,14 @@ class Scenario:
         StationError
             That names the value and what is allowed.
         """
-        for part in (self.board, self.eraser, self.ink, self.skill, self.sensors):
+        for part in (
+            self.board,
+            self.eraser,
+            self.press,
+            self.ink,
+            self.skill,
+            self.sensors,
+        ):
             part.check()
         for disturbance in self.disturbances:
             disturbance.check()

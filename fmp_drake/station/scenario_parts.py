@@ -142,10 +142,24 @@ class EraserConfig:
 
 @dataclass(kw_only=True)
 class PressConfig:
-    """How the eraser is pressed on the board: see `NormalPress`."""
+    """How the eraser is pressed on the board.
+
+    Attributes
+    ----------
+    force : float
+        Along the board's normal, N; not negative.
+    engage_height : float
+        Height of the eraser and its target over the board below which the force comes
+        in smoothly, m.
+    """
 
     force: float = 10.0
     engage_height: float = 0.01
+
+    def check(self) -> None:
+        """Check every value."""
+        number("press.force", self.force, at_least=0)
+        number("press.engage_height", self.engage_height, above=0)
 
 
 @dataclass(kw_only=True)

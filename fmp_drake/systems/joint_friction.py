@@ -8,7 +8,11 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.errors import StationError
-from fmp_drake.systems.impedance.friction import FrictionConfig, SigmoidFriction
+from fmp_drake.systems.impedance.friction import (
+    FrictionConfig,
+    SigmoidFriction,
+    friction_torque,
+)
 
 
 class JointFriction(LeafSystem):
@@ -58,5 +62,5 @@ class JointFriction(LeafSystem):
         state: Any = self._state.Eval(context)
         v = state[state.size // 2 :]
         force = np.zeros(output.size())
-        force[self._indices] = -self._friction.torque(v)
+        force[self._indices] = -friction_torque(self._friction, v)
         output.SetFromVector(force)
