@@ -181,7 +181,7 @@ class InkConfig:
     """
 
     cell: float = 0.005
-    period: float = 0.1
+    period: float = 0.05
     words: str = ""
     picture: str = ""
     size: float | None = None

@@ -5,7 +5,7 @@ import pytest
 from arm_loop import make_arm
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fmp_drake.errors import ControllerError, StationError
+from fmp_drake.errors import ControllerError, SystemsError
 from fmp_drake.systems.impedance.friction import (
     FrictionConfig,
     SigmoidFriction,
