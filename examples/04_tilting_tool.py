@@ -39,7 +39,6 @@ def main() -> None:
         "desired_orientation": [0, cos(angle / 2), 0, -sin(angle / 2)],  # w, x, y, z
         "desired_angular_velocity": [0, rate, 0],
         "desired_angular_acceleration": [0, rate.Differentiate(t), 0],
-        "feedforward_wrench": [0] * 6,
         "stiffness": np.diag([30, 30, 30, spring, spring, spring]).ravel(),
     }
     for port, output in signals.items():

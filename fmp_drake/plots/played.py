@@ -161,9 +161,7 @@ def _play(player: Player, start: ArrayLike, duration: float) -> list[PlaybackSta
     state = player.start(start)
     states = [state]
     for _ in range(int(np.floor(duration * player.skill.rate * (1 + 1e-9)))):
-        state = player.tick(state)
-        if state.step == player.skill.n_steps - 1:
-            state = player.remap(state)
+        state = player.advance(state, player.tick_seconds)
         states.append(state)
     return states
 

@@ -35,7 +35,7 @@ from fmp_drake.primitives.model.movement_primitive import (
 from fmp_drake.primitives.model.skill_file import load_skill, save_skill
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.player import Player
-from fmp_drake.primitives.playback.tracking import (
+from fmp_drake.primitives.playback.trackers import (
     ExponentialTracker,
     LqrTracker,
     ProportionalTracker,

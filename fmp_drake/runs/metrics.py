@@ -19,7 +19,7 @@ WANTED_FORCE = (5.0, 15.0)
 """The press that is wanted, N."""
 
 # What the controller should not have to do.
-_FAULTS = StatusFlag.HOLD | StatusFlag.JOINT_WALL
+_FAULTS = StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL
 
 type Figures = dict[str, float | int | None]
 

@@ -148,7 +148,15 @@ class EraserConfig:
 
 @dataclass(kw_only=True)
 class PressConfig:
-    """How the eraser is pressed on the board: see `NormalPress`.
+    """How the eraser is pressed on the board.
+
+    Attributes
+    ----------
+    force : float
+        Along the board's normal, N; not negative.
+    engage_height : float
+        Height of the eraser and its target over the board below which the force comes
+        in smoothly, m.
 
     Examples
     --------
@@ -186,7 +194,7 @@ class InkConfig:
     """
 
     cell: float = bounded(0.005, above=0)
-    period: float = bounded(0.1, above=0)
+    period: float = bounded(0.05, above=0)
     words: str = ""
     picture: str = ""
     size: float | None = bounded(None, above=0)

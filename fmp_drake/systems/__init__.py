@@ -10,11 +10,13 @@ from fmp_drake.systems.human_hand import GripConfig, HumanHand
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
 from fmp_drake.systems.impedance.friction import FrictionConfig
+from fmp_drake.systems.impedance.limits import JointWallConfig
 from fmp_drake.systems.impedance.status import ImpedanceStatus, StatusFlag
-from fmp_drake.systems.impedance.stiffness import CovarianceStiffnessConfig
-from fmp_drake.systems.impedance.tank import EnergyTankConfig
-from fmp_drake.systems.impedance.walls import JointWallConfig
-from fmp_drake.systems.impedance.watchdog import WatchdogConfig
+from fmp_drake.systems.impedance.stiffness import (
+    CovarianceStiffnessConfig,
+    EnergyTankConfig,
+)
+from fmp_drake.systems.impedance.supervision import WatchdogConfig
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.ink.drawing import draw_picture, draw_words
 from fmp_drake.systems.ink.grid import InkGrid, cleaned_fraction
@@ -29,7 +31,6 @@ from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.ink_visualizer import InkVisualizer
 from fmp_drake.systems.joint_friction import JointFriction
 from fmp_drake.systems.mouse_pull import MousePull
-from fmp_drake.systems.normal_press import NormalPress
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -65,7 +66,6 @@ __all__ = [
     "JointWallConfig",
     "MissedSpots",
     "MousePull",
-    "NormalPress",
     "OperationalSpaceImpedanceController",
     "PageControls",
     "PlanVisualizer",

@@ -11,7 +11,7 @@ from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 FORCE_COLOR = Rgba(0.85, 0.10, 0.10, 1.0)
 """Colour of the arrow."""
@@ -65,10 +65,10 @@ class ForceArrow(LeafSystem):
         self.set_name("force_arrow")
         for name, value in (("metres_per_newton", metres_per_newton), ("rate", rate)):
             if not (np.isfinite(value) and value > 0):
-                raise StationError(f"{name} is {value}; it must be positive.")
+                raise SystemsError(f"{name} is {value}; it must be positive.")
         self._ids = frozenset(plant.GetCollisionGeometriesForBody(body))
         if not self._ids:
-            raise StationError(
+            raise SystemsError(
                 f"the body {body.name()} has no collision geometry; it never feels a "
                 "contact."
             )

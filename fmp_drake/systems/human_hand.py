@@ -11,7 +11,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 
@@ -83,11 +83,11 @@ class HumanHand(LeafSystem):
         super().__init__()
         self.set_name("human_hand")
         if not plant.is_finalized():
-            raise StationError("the plant is not finalized; call Finalize() first.")
+            raise SystemsError("the plant is not finalized; call Finalize() first.")
         self._config = GripConfig() if config is None else config
         for name, value in vars(self._config).items():
             if not (np.isfinite(value) and value >= 0):
-                raise StationError(f"{name} is {value}; it must not be negative.")
+                raise SystemsError(f"{name} is {value}; it must not be negative.")
         self._motion = motion
         self._X_WB = X_WB
         self._X_BW = X_WB.inverse()

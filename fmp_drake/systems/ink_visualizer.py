@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import ShadeArray, corner_shades, draw_ink, ink_mesh
 
@@ -53,7 +53,7 @@ class InkVisualizer(LeafSystem):
 
     Raises
     ------
-    StationError
+    SystemsError
         If the rate is not positive.
     """
 
@@ -69,7 +69,7 @@ class InkVisualizer(LeafSystem):
         super().__init__()
         self.set_name("ink_visualizer")
         if not (np.isfinite(rate) and rate > 0.0):
-            raise StationError(f"InkVisualizer rate is {rate}: give a positive rate.")
+            raise SystemsError(f"InkVisualizer rate is {rate}: give a positive rate.")
         self._meshcat = meshcat
         self._grid = grid
         self._path = path

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 _NONE = np.array([-1.0, *np.zeros(9)])
 
@@ -63,7 +63,7 @@ class MousePull(LeafSystem):
             "period": period,
         }.items():
             if not (np.isfinite(value) and value > 0):
-                raise StationError(f"{name} is {value}; it must be positive.")
+                raise SystemsError(f"{name} is {value}; it must be positive.")
         masses = np.array(
             [
                 plant.get_body(BodyIndex(i)).default_mass()

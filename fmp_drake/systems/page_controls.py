@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 # Output port: name of the slider, smallest value, largest value, step.
 _SLIDERS = {
@@ -56,11 +56,11 @@ class PageControls(LeafSystem):
         super().__init__()
         self.set_name("page_controls")
         if not (np.isfinite(period) and period > 0):
-            raise StationError(f"period is {period} s; it must be positive.")
+            raise SystemsError(f"period is {period} s; it must be positive.")
         initial = {"tempo": tempo, "press_force": press_force, "sample": float(sample)}
         for name, value in initial.items():
             if not (np.isfinite(value) and value >= 0):
-                raise StationError(f"{name} is {value}; it must not be negative.")
+                raise SystemsError(f"{name} is {value}; it must not be negative.")
         self._meshcat = meshcat
         self._initial = {name: float(value) for name, value in initial.items()}
         self._states: dict[str, int] = {}

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod, lifted
 from fmp_drake.systems.viewer.swept_mesh import covariance_band
 
@@ -71,15 +71,15 @@ class PlanVisualizer(LeafSystem):
         super().__init__()
         self.set_name("plan_visualizer")
         if points < 2:
-            raise StationError(f"points is {points}; a plan has at least 2.")
+            raise SystemsError(f"points is {points}; a plan has at least 2.")
         if not (np.isfinite(rate) and rate > 0):
-            raise StationError(f"rate is {rate} Hz; it must be positive.")
+            raise SystemsError(f"rate is {rate} Hz; it must be positive.")
         if not (np.isfinite(deviations) and deviations > 0):
-            raise StationError(f"deviations is {deviations}; it must be positive.")
+            raise SystemsError(f"deviations is {deviations}; it must be positive.")
         self._component_paths = [np.array(p, dtype=float) for p in component_paths]
         for p in self._component_paths:
             if p.ndim != 2 or p.shape[1] != 3 or len(p) < 2:
-                raise StationError(
+                raise SystemsError(
                     f"a component's path has shape {p.shape}; expected (T, 3)."
                 )
         self._meshcat = meshcat

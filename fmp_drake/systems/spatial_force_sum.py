@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 
 class SpatialForceSum(LeafSystem):
@@ -35,7 +35,7 @@ class SpatialForceSum(LeafSystem):
         super().__init__()
         self.set_name("spatial_force_sum")
         if not names:
-            raise StationError("there is nothing to add; name at least one input.")
+            raise SystemsError("there is nothing to add; name at least one input.")
         self._inputs = [
             self.DeclareAbstractInputPort(
                 name, Value[list[ExternallyAppliedSpatialForce]]()

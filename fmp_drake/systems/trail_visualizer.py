@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod
 
 COLORS = {
@@ -61,13 +61,13 @@ class TrailVisualizer(LeafSystem):
         super().__init__()
         self.set_name("trail_visualizer")
         if not (seconds > 0 and rate > 0 and radius > 0):
-            raise StationError(
+            raise SystemsError(
                 f"seconds is {seconds}, rate {rate} Hz and radius {radius} m; all "
                 "must be positive."
             )
         unknown = sorted(set(names) - set(COLORS))
         if unknown or not names:
-            raise StationError(
+            raise SystemsError(
                 f"the paths to draw are {list(names)}; expected some of {list(COLORS)}."
             )
         self._meshcat = meshcat

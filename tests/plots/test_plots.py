@@ -568,9 +568,9 @@ class TestPlayed:
         state, components = player.start(start), []
         for _ in range(5):
             components.append(state.component)
-            while state.step < skill.n_steps - 1:
-                state = player.tick(state)
-            state = player.remap(state)
+            remaps = state.remaps
+            while state.remaps == remaps:
+                state = player.advance(state, player.tick_seconds)
         assert [text.get_text() for text in strip.texts] == [str(j) for j in components]
         for box, component in zip(boxes, components, strict=True):
             assert to_rgb(box.get_facecolor()[:3]) == to_rgb(component_color(component))

@@ -81,7 +81,9 @@ def test_pushes_move_the_arm_out_of_the_tube(outside):
 def test_pushes_break_no_limit(pushed):
     check_limits(pushed)
     flags = pushed.log("status")[:, 0].astype(int)
-    broken = StatusFlag.HOLD | StatusFlag.JOINT_WALL | StatusFlag.TORQUE_LIMITED
+    broken = (
+        StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL | StatusFlag.TORQUE_LIMITED
+    )
     assert not np.any(flags & int(broken))
 
 

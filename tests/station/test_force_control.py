@@ -101,14 +101,17 @@ def press_run(*, enabled, height, friction, tilt=5.0, seconds=4.5, lift=np.inf):
     builder.Connect(
         total.get_output_port(), plant.get_actuation_input_port(scene.panda)
     )
-    sensor = InkBoard.AddToBuilder(
-        builder,
-        plant=plant,
-        eraser=scene.tip.body(),
-        surface=scene.surface,
-        grid=InkGrid(size=(0.5, 0.7), cell=0.1),
-        period=1.0,
+    sensor = builder.AddSystem(
+        InkBoard(
+            plant=plant,
+            eraser=scene.tip,
+            surface=scene.surface,
+            grid=InkGrid(size=(0.5, 0.7), cell=0.1),
+            period=1.0,
+        )
     )
+    for name in ("contact_results", "body_poses", "body_spatial_velocities"):
+        builder.Connect(plant.GetOutputPort(name), sensor.GetInputPort(name))
     force = sensor.GetOutputPort("normal_force")
     builder.Connect(force, controller.GetInputPort("normal_force"))
     logs = [

@@ -149,7 +149,7 @@ def test_sliding_board_is_wiped_within_the_limits(moved):
     check_limits(moved)
     assert moved.log("cleaned_fraction")[-1, 0] > 0.2
     flags = moved.log("status")[:, 0].astype(int)
-    assert not np.any(flags & int(StatusFlag.HOLD | StatusFlag.STALE))
+    assert not np.any(flags & int(StatusFlag.PROTECTIVE_STOP | StatusFlag.STALE))
 
 
 def test_controller_is_told_how_the_board_moves(moved):

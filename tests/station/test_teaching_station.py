@@ -27,7 +27,6 @@ SYSTEMS = {
     "human_hand",
     "recorder",
     "rest",
-    "no_press",
 }
 
 

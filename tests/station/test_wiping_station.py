@@ -49,7 +49,7 @@ SYSTEMS = {
     "scene_graph",
     "fourier_primitive",
     "tempo",
-    "normal_press",
+    "desired_normal_force",
     "controller",
     "gravity_compensation",
     "actuation",
@@ -416,7 +416,12 @@ def test_start_close_above_the_board_is_as_good_as_any(bundled_skill, start):
 
 def test_controller_never_holds_while_it_wipes(wiped):
     flags = wiped.log("status")[:, 0].astype(int)
-    bad = StatusFlag.HOLD | StatusFlag.STALE | StatusFlag.JUMP | StatusFlag.NOT_FINITE
+    bad = (
+        StatusFlag.PROTECTIVE_STOP
+        | StatusFlag.STALE
+        | StatusFlag.JUMP
+        | StatusFlag.NOT_FINITE
+    )
     assert not np.any(flags & int(bad))
     # It does say something: the torque's rate is limited when the arm starts.
     assert np.any(flags)

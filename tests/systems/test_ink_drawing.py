@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.drawing import (
     MARGIN,
     draw_picture,
@@ -101,7 +101,7 @@ def test_dollars_are_no_formula():
     ],
 )
 def test_words_without_ink_are_refused(text, options, what):
-    with pytest.raises(StationError, match=what):
+    with pytest.raises(SystemsError, match=what):
         draw_words(GRID, text, **options)
 
 
@@ -177,23 +177,23 @@ def test_transparent_is_no_ink(tmp_path):
 
 
 def test_pictures_that_are_none_are_refused(tmp_path, picture):
-    with pytest.raises(StationError, match=r"there is no picture .*missing\.png"):
+    with pytest.raises(SystemsError, match=r"there is no picture .*missing\.png"):
         draw_picture(GRID, tmp_path / "missing.png")
     text = tmp_path / "text.png"
     text.write_text("no picture")
-    with pytest.raises(StationError, match=r"text\.png is not a picture"):
+    with pytest.raises(SystemsError, match=r"text\.png is not a picture"):
         draw_picture(GRID, text)
     broken = tmp_path / "broken.png"
     broken.write_bytes(picture.read_bytes()[:60])
-    with pytest.raises(StationError, match=r"broken\.png"):
+    with pytest.raises(SystemsError, match=r"broken\.png"):
         draw_picture(GRID, broken)
-    with pytest.raises(StationError, match="cannot be read"):
+    with pytest.raises(SystemsError, match="cannot be read"):
         draw_picture(GRID, tmp_path)
     white = tmp_path / "white.png"
     Image.new("L", (5, 5), 255).save(white)
-    with pytest.raises(StationError, match="no ink on the board"):
+    with pytest.raises(SystemsError, match="no ink on the board"):
         draw_picture(GRID, white)
-    with pytest.raises(StationError, match="no ink on the board"):
+    with pytest.raises(SystemsError, match="no ink on the board"):
         draw_picture(GRID, picture, size=0.1, centre=(3.0, 0.0))
-    with pytest.raises(StationError, match="size is -1"):
+    with pytest.raises(SystemsError, match="size is -1"):
         draw_picture(GRID, picture, size=-1)

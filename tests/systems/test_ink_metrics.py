@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import InkGrid, cleaned_fraction
 from fmp_drake.systems.ink.metrics import (
     cleaned_history,
@@ -71,13 +71,13 @@ def test_times_to_clean_are_the_first_times_or_none():
 
 
 def test_arrays_that_do_not_fit_are_refused():
-    with pytest.raises(StationError, match="7 values of ink, but the grid has 60"):
+    with pytest.raises(SystemsError, match="7 values of ink, but the grid has 60"):
         missed_spots(np.ones(7), EVERYWHERE, grid=GRID)
-    with pytest.raises(StationError, match="7 values of mask"):
+    with pytest.raises(SystemsError, match="7 values of mask"):
         missed_spots(np.ones(60), np.ones(7), grid=GRID)
-    with pytest.raises(StationError, match="7 values of mask for 60"):
+    with pytest.raises(SystemsError, match="7 values of mask for 60"):
         cleaned_history(np.ones(60), np.ones(7), [0.0])
-    with pytest.raises(StationError, match="7 values of initial_ink for 60"):
+    with pytest.raises(SystemsError, match="7 values of initial_ink for 60"):
         cleaned_history(np.ones(60), EVERYWHERE, [0.0], initial_ink=np.ones(7))
-    with pytest.raises(StationError, match="3 fractions for 2 times"):
+    with pytest.raises(SystemsError, match="3 fractions for 2 times"):
         times_to_clean([0.0, 1.0], [0.0, 0.5, 1.0])

@@ -9,7 +9,7 @@ from browser import needs_chromium, open_page
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink import recording as ink_recording
 from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.ink.grid import InkGrid
@@ -88,7 +88,7 @@ def test_a_recording_replaces_the_live_ink_and_leaves_all_else(meshcat):
 
 def test_a_recording_refuses_arrays_of_another_grid(meshcat):
     for name in ("initial_ink", "final_ink", "fade_time"):
-        with pytest.raises(StationError, match=f"7 values of {name}"):
+        with pytest.raises(SystemsError, match=f"7 values of {name}"):
             record(meshcat, **{name: np.ones(7)})
 
 

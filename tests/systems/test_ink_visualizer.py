@@ -12,7 +12,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems import ink_visualizer
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import LEVELS, ink_mesh
@@ -187,5 +187,5 @@ def test_a_forgotten_input_is_named(meshcat):
 
 @pytest.mark.parametrize("rate", [0.0, np.nan])
 def test_a_bad_rate_is_refused(meshcat, rate):
-    with pytest.raises(StationError, match="rate is"):
+    with pytest.raises(SystemsError, match="rate is"):
         InkVisualizer(meshcat=meshcat, grid=GRID, rate=rate)

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.mouse_pull import MousePull
 
 SPECIFIC = 100.0
@@ -137,5 +137,5 @@ def test_a_forgotten_input_is_named(plant):
 
 @pytest.mark.parametrize("name", ["stiffness", "max_force", "period"])
 def test_values_that_do_not_fit_are_refused(plant, name):
-    with pytest.raises(StationError, match=f"{name} is -1.0; it must be positive"):
+    with pytest.raises(SystemsError, match=f"{name} is -1.0; it must be positive"):
         make_pull(plant, **{name: -1.0})

@@ -5,7 +5,7 @@ import pytest
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.page_controls import PageControls
 
 NAMES = {
@@ -116,5 +116,5 @@ def test_two_pages_do_not_disturb_each_other():
     "options", [{"tempo": -1.0}, {"press_force": np.nan}, {"period": 0.0}]
 )
 def test_values_that_do_not_fit_are_refused(meshcat, options):
-    with pytest.raises(StationError, match="must"):
+    with pytest.raises(SystemsError, match="must"):
         PageControls(meshcat, **options)

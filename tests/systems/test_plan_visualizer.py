@@ -7,7 +7,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems import plan_visualizer
 from fmp_drake.systems.plan_visualizer import SLIDER, PlanVisualizer, component_color
 
@@ -188,7 +188,7 @@ def test_a_forgotten_input_is_named(meshcat, forgotten):
     ],
 )
 def test_values_that_do_not_fit_are_refused(meshcat, options, message):
-    with pytest.raises(StationError, match=message):
+    with pytest.raises(SystemsError, match=message):
         PlanVisualizer(meshcat, **{"points": N, **options})
 
 

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems import trail_visualizer
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
 
@@ -115,7 +115,7 @@ def test_a_trail_that_is_not_asked_for_has_no_port(meshcat):
     assert visualizer.num_input_ports() == 1
     assert visualizer.GetInputPort("measured").size() == 3
     for names in ((), ("measured", "wished")):
-        with pytest.raises(StationError, match="expected some of"):
+        with pytest.raises(SystemsError, match="expected some of"):
             TrailVisualizer(meshcat, names=names)
 
 
@@ -216,5 +216,5 @@ def test_a_forgotten_input_is_named(meshcat, forgotten):
     [{"seconds": 0.0}, {"rate": -1.0}, {"rate": np.nan}, {"radius": 0.0}],
 )
 def test_times_that_are_not_positive_are_refused(meshcat, options):
-    with pytest.raises(StationError, match="must be positive"):
+    with pytest.raises(SystemsError, match="must be positive"):
         TrailVisualizer(meshcat, **options)

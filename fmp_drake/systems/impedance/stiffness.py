@@ -1,10 +1,13 @@
-"""Stiffness that varies: from a covariance, from a port, smooth in time."""
+"""Stiffness that varies: from a covariance or a port, and paid for by energy."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+
+from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.cholesky import cholesky
 
 Array = NDArray[np.float64]
 
@@ -33,6 +36,26 @@ class CovarianceStiffnessConfig:
     axes: list[bool] = field(default_factory=lambda: [True, True, False])
 
 
+@dataclass(kw_only=True)
+class EnergyTankConfig:
+    """How much energy a varying stiffness may bring into the motion.
+
+    Attributes
+    ----------
+    initial_energy, capacity : float
+        In the tank at the start, and at most, J. A stretched spring that is made
+        stiffer has more energy, which the tank pays for: whatever the stiffness does,
+        the environment gains at most the `capacity` from it.
+    stored_fraction : float
+        Part of the power dissipated by the controller's damping that is stored.
+    """
+
+    initial_energy: float = 0.5
+    capacity: float = 1.0
+    stored_fraction: float = 0.9
+
+
+@compiled
 def stiffness_from_covariance(
     config: CovarianceStiffnessConfig, covariance: Array, stiffness: Array
 ) -> Array:
@@ -60,50 +83,82 @@ def stiffness_from_covariance(
     .. [1] S. Calinon, D. Bruno, D. G. Caldwell, "A task-parameterized probabilistic
        model with minimal intervention control", ICRA 2014.
     """
-    chosen = np.flatnonzero(config.axes)
-    block = np.ix_(chosen, chosen)
-    identity = np.eye(len(chosen))
-    share = np.linalg.inv(identity + covariance[block] / config.deviation**2)
-    share = 0.5 * (share + share.T)
-    span = config.max_stiffness - config.min_stiffness
     K = stiffness.copy()
-    rows = chosen + 3
-    K[rows, :] = 0.0
-    K[:, rows] = 0.0
-    K[np.ix_(rows, rows)] = config.min_stiffness * identity + span * share
+    span = config.max_stiffness - config.min_stiffness
+    # An axis that is not chosen has no part in Σ and keeps its row and column of K.
+    chosen = np.asarray(config.axes)
+    both = chosen.reshape(3, 1) * chosen
+    softness = np.linalg.inv(np.eye(3) + both * covariance / config.deviation**2)
+    K[3:, :3] *= 1 - chosen.reshape(3, 1)
+    K[:3, 3:] *= 1 - chosen
+    either = np.maximum(chosen.reshape(3, 1), chosen)
+    block = config.min_stiffness * np.eye(3) + 0.5 * span * (softness + softness.T)
+    K[3:, 3:] = (1 - either) * K[3:, 3:] + both * block
     return K
 
 
-def is_covariance(covariance: Array) -> bool:
-    """Tell whether a matrix is symmetric and positive semidefinite, up to rounding."""
-    size = float(np.abs(covariance).max())
-    if not np.abs(covariance - covariance.T).max() <= 1e-6 * size:
-        return False
-    return is_spring(covariance + 1e-6 * max(size, 1e-12) * np.eye(len(covariance)))
-
-
+@compiled
 def is_spring(stiffness: Array) -> bool:
     """Tell whether a matrix is symmetric, positive definite and finite."""
-    size = float(np.abs(stiffness).max())
-    if not np.abs(stiffness - stiffness.T).max() <= 1e-6 * size:
+    size = np.max(np.abs(stiffness))
+    if not np.max(np.abs(stiffness - stiffness.T)) <= 1e-6 * size:
         return False
-    _, info = lapack.dpotrf(stiffness, lower=1)
-    return bool(info == 0)
+    return cholesky(stiffness)[1]
 
 
-def spring_of(values: Array) -> Array | None:
-    """Return the stiffness that a port's vector means, or None if it is no spring.
+@compiled
+def is_covariance(covariance: Array) -> bool:
+    """Tell whether a matrix is symmetric and positive semidefinite, up to rounding."""
+    size = np.max(np.abs(covariance))
+    return is_spring(covariance + 1e-6 * max(size, 1e-12) * np.eye(3))
+
+
+@compiled
+def filter_fraction(period: float, time_constant: float) -> float:
+    """Return the part of a step that a low-pass filter passes in one period, in s."""
+    return 1 - math.exp(-period / time_constant) if time_constant > 0 else 1.0
+
+
+@compiled
+def admit_stiffness(
+    stiffness: Array, wanted: Array, error: Array, energy: float
+) -> tuple[Array, float, bool]:
+    """Go from one stiffness towards another as far as the energy allows.
+
+    Stretching by ``e`` a spring whose stiffness changes by ``ΔK`` costs
+    ``½ eᵀ ΔK e``. Where the tank has less, only the part of ``ΔK`` that it can pay
+    is admitted; what a softer spring releases is lost, not stored.
 
     Parameters
     ----------
-    values : array, shape (6,) or (36,)
-        The diagonal, or all rows, of K: rotations first, Nm/rad and N/m.
+    stiffness, wanted : array, shape (6, 6)
+        Present and wanted K; the result is between them, thus a spring as well.
+    error : array, shape (6,)
+        e, rad and m.
+    energy : float
+        In the tank, J.
 
     Returns
     -------
-    array, shape (6, 6), or None
+    stiffness : array, shape (6, 6)
+    energy : float
+        What is left, J.
+    held_back : bool
+        Whether the tank was too empty.
+
+    References
+    ----------
+    .. [1] F. Ferraguti, C. Secchi, C. Fantuzzi, "A tank-based approach to impedance
+       control with variable stiffness", ICRA 2013.
     """
-    if values.size == 6:
-        return np.diag(values) if min(values.tolist()) > 0 else None
-    K = values.reshape(6, 6)
-    return 0.5 * (K + K.T) if is_spring(K) else None
+    change = wanted - stiffness
+    cost = 0.5 * float(error @ (change @ error))
+    if cost <= energy:
+        return wanted, energy - max(cost, 0.0), False
+    return stiffness + (energy / cost) * change, 0.0, True
+
+
+@compiled
+def refill(config: EnergyTankConfig, energy: float, dissipated: float) -> float:
+    """Store a part of what the damping has dissipated, J, up to the capacity."""
+    return min(energy + config.stored_fraction * dissipated, config.capacity)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.primitives.data.numeric import is_whole
 from fmp_drake.systems.ink.grid import InkGrid
 
@@ -37,7 +37,7 @@ class CoverageChoice:
     def __post_init__(self) -> None:
         """Check the values."""
         if not (is_whole(self.candidates) and self.candidates >= 1):
-            raise StationError(
+            raise SystemsError(
                 f"the number of candidates is {self.candidates}; it must be a whole "
                 "number, at least 1."
             )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, UnidentifiedImageError
 from pydrake.math import RigidTransform
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import InkGrid
 
 type FloatArray = NDArray[np.float64]
@@ -89,14 +89,14 @@ def draw_words(
 
     Raises
     ------
-    StationError
+    SystemsError
         If there is nothing to write, the height is not positive, or the words
         leave no ink on the board.
     """
     if not text.strip():
-        raise StationError("draw_words got no words: give text that can be seen.")
+        raise SystemsError("draw_words got no words: give text that can be seen.")
     if height is not None and not (np.isfinite(height) and height > 0.0):
-        raise StationError(f"draw_words height is {height}: give a positive length.")
+        raise SystemsError(f"draw_words height is {height}: give a positive length.")
     outlines: list[FloatArray] = []
     for i, line in enumerate(text.strip("\n").split("\n")):
         polygons = _outlines(line, bold=bold)
@@ -121,7 +121,7 @@ def draw_words(
         canvas ^= _filled(pixel - 0.5, canvas.shape)
     ink = _on_board(canvas.astype(float), grid, quarter_turns)
     if not ink.any():
-        raise StationError(
+        raise SystemsError(
             f"draw_words of {text!r} leaves no ink on the board: move it there, or "
             "make it larger."
         )
@@ -161,12 +161,12 @@ def draw_picture(
 
     Raises
     ------
-    StationError
+    SystemsError
         If there is no such file, it is no picture or broken, the size is not
         positive, or the picture leaves no ink on the board.
     """
     if size is not None and not (np.isfinite(size) and size > 0.0):
-        raise StationError(f"draw_picture size is {size}: give a positive length.")
+        raise SystemsError(f"draw_picture size is {size}: give a positive length.")
     picture = _read(Path(path), invert=invert)
     room = _room(grid, quarter_turns)
     if size is None:
@@ -182,7 +182,7 @@ def draw_picture(
     canvas.paste(small, (int(np.rint(corner[0])), int(np.rint(corner[1]))))
     ink = _on_board(np.array(canvas, dtype=float), grid, quarter_turns)
     if not ink.max(initial=0.0) > 1.0 / 255.0:
-        raise StationError(
+        raise SystemsError(
             f"the picture {Path(path).name} leaves no ink on the board: it is white or "
             "off the board; dark is ink."
         )
@@ -199,7 +199,7 @@ def _outlines(line: str, *, bold: bool) -> list[FloatArray]:
         c for c in line if not c.isprintable() or not face.get_char_index(ord(c))
     ]
     if missing:
-        raise StationError(
+        raise SystemsError(
             f"draw_words cannot write {missing[0]!r}: {face.family_name} has no such "
             "letter."
         )
@@ -215,13 +215,13 @@ def _read(path: Path, *, invert: bool) -> Image.Image:
         with Image.open(path) as picture:
             rgba = picture.convert("RGBA")
     except FileNotFoundError:
-        raise StationError(f"there is no picture {path}.") from None
+        raise SystemsError(f"there is no picture {path}.") from None
     except UnidentifiedImageError:
-        raise StationError(
+        raise SystemsError(
             f"{path} is not a picture that Pillow reads: give a PNG or JPEG."
         ) from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise StationError(f"the picture {path} cannot be read: {error}.") from None
+        raise SystemsError(f"the picture {path} cannot be read: {error}.") from None
     values = np.asarray(rgba, dtype=np.float32) / 255.0
     grey = values[..., :3] @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
     dark = grey if invert else 1.0 - grey

@@ -1,4 +1,4 @@
-"""The ink on a whiteboard as a grid of cells: geometry, wear and coverage.
+"""The ink on a whiteboard as a grid of cells: geometry and coverage.
 
 Pure NumPy. B is the board frame: origin at the centre of the wiping surface, x
 and y along its edges, z the outward normal.
@@ -12,14 +12,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 type FloatArray = NDArray[np.float64]
 type IntArray = NDArray[np.intp]
 type BoolArray = NDArray[np.bool_]
 
 WEAR_CONSTANT = 20.0
-"""Wear constant c of the ink in Pa m; see `wear`.
+"""Wear constant c of the ink in Pa m; see `fmp_drake.systems.ink.rubbing.wear`.
 
 A felt of 0.12 m x 0.05 m pressed with 10 N carries 10 / 0.006 = 1667 Pa. When
 it is drawn across a cell along its short side, that cell feels an exposure of
@@ -53,7 +53,7 @@ class InkGrid:
 
     Raises
     ------
-    StationError
+    SystemsError
         If a length is not positive and finite.
     """
 
@@ -63,7 +63,7 @@ class InkGrid:
     def __post_init__(self) -> None:
         """Check the lengths."""
         if len(self.size) != 2:
-            raise StationError(
+            raise SystemsError(
                 f"InkGrid.size has {len(self.size)} entries: give the 2 edge "
                 "lengths (x, y) in metres."
             )
@@ -73,7 +73,7 @@ class InkGrid:
             ("cell", self.cell),
         ):
             if not (np.isfinite(value) and value > 0.0):
-                raise StationError(
+                raise SystemsError(
                     f"InkGrid.{name} is {value}: give a positive length in metres."
                 )
 
@@ -162,7 +162,7 @@ class InkGrid:
         """
         path = np.asarray(p_BE, dtype=float)
         if path.ndim != 2 or path.shape[1] != 3 or len(path) == 0:
-            raise StationError(
+            raise SystemsError(
                 f"swept_area got a path of shape {path.shape}: give (num_points, 3)."
             )
         yaws = np.broadcast_to(np.asarray(yaw, dtype=float), (len(path),))
@@ -219,37 +219,6 @@ class InkGrid:
         return owner, (corner[:, 1] * nx + corner[:, 0])[owner] + row * nx + column
 
 
-def wear(
-    ink: ArrayLike, exposure: ArrayLike, *, constant: float = WEAR_CONSTANT
-) -> FloatArray:
-    """Wear ink down: the exact solution of d(ink)/dt = -ink p v / c.
-
-    Parameters
-    ----------
-    ink : array_like
-        Ink before.
-    exposure : array_like
-        Integral of pressure times sliding speed over time in Pa m, of a shape
-        that broadcasts with `ink`; for constant p and v over a step h it is
-        p v h.
-    constant : float
-        Wear constant c in Pa m.
-
-    Returns
-    -------
-    ndarray
-        Ink after, ink exp(-exposure / c).
-
-    Notes
-    -----
-    Archard's law: the rate of wear is proportional to pressure times sliding
-    speed; here also to the ink that is left, which makes steps compose exactly.
-    J. F. Archard, "Contact and rubbing of flat surfaces", J. Appl. Phys. 24,
-    1953.
-    """
-    return np.asarray(ink, dtype=float) * np.exp(-np.asarray(exposure) / constant)
-
-
 def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
     """Fraction of the cells to be cleaned that have less than 10 % of their ink.
 
@@ -269,7 +238,7 @@ def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
     if mask is not None:
         chosen = np.asarray(mask, dtype=bool).ravel()
         if chosen.shape != clean.shape:
-            raise StationError(
+            raise SystemsError(
                 f"cleaned_fraction got a mask of {chosen.size} cells for "
                 f"{clean.size} cells of ink: give one value per cell."
             )

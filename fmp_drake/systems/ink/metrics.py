@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, InkGrid, cleaned_fraction
 
 type FloatArray = NDArray[np.float64]
@@ -52,7 +52,7 @@ def missed_spots(ink: ArrayLike, mask: ArrayLike, *, grid: InkGrid) -> MissedSpo
 
     Raises
     ------
-    StationError
+    SystemsError
         If an array does not fit the grid.
     """
     values = _on_grid("ink", np.asarray(ink, dtype=float), grid)
@@ -104,7 +104,7 @@ def cleaned_history(
         arrays.append(("initial_ink", np.asarray(initial_ink, dtype=float).ravel()))
     for name, array in arrays:
         if array.shape != erased.shape:
-            raise StationError(
+            raise SystemsError(
                 f"cleaned_history got {array.size} values of {name} for {erased.size} "
                 "erase times: give one per cell."
             )
@@ -142,13 +142,13 @@ def times_to_clean(
 
     Raises
     ------
-    StationError
+    SystemsError
         If the two arrays differ in length.
     """
     moments = np.asarray(times, dtype=float).ravel()
     history = np.asarray(cleaned, dtype=float).ravel()
     if moments.shape != history.shape:
-        raise StationError(
+        raise SystemsError(
             f"times_to_clean got {history.size} fractions for {moments.size} times: "
             "give one per time."
         )
@@ -161,7 +161,7 @@ def times_to_clean(
 
 def _on_grid[T: np.generic](name: str, array: NDArray[T], grid: InkGrid) -> NDArray[T]:
     if array.size != grid.num_cells:
-        raise StationError(
+        raise SystemsError(
             f"missed_spots got {array.size} values of {name}, but the grid has "
             f"{grid.num_cells} cells."
         )

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import Meshcat
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import LIFT, corner_shades, draw_ink, ink_mesh
 
@@ -59,7 +59,7 @@ def AddInkToRecording(
 
     Raises
     ------
-    StationError
+    SystemsError
         If the arrays do not fit the grid.
     """
     arrays = []
@@ -70,7 +70,7 @@ def AddInkToRecording(
     ):
         values = np.asarray(array, dtype=float)
         if values.size != grid.num_cells:
-            raise StationError(
+            raise SystemsError(
                 f"AddInkToRecording got {values.size} values of {name}, but the "
                 f"grid has {grid.num_cells} cells."
             )

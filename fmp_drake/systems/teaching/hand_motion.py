@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 Task = Literal["wiping", "polishing", "eight"]
 TASKS: tuple[Task, ...] = ("wiping", "polishing", "eight")
@@ -86,9 +86,9 @@ class HandMotion:
     ) -> "HandMotion":
         """Draw a path for a task; the same seed gives the same path."""
         if task not in _FIGURES:
-            raise StationError(f"task is {task!r}; choose from {', '.join(TASKS)}.")
+            raise SystemsError(f"task is {task!r}; choose from {', '.join(TASKS)}.")
         if not (np.isfinite(seconds) and seconds > 0):
-            raise StationError(f"the motion lasts {seconds} s; it must be positive.")
+            raise SystemsError(f"the motion lasts {seconds} s; it must be positive.")
         figure = _FIGURES[task]
         human = HandVariability() if variability is None else variability
         rng = np.random.default_rng(seed)
