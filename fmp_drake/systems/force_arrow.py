@@ -47,8 +47,8 @@ class ForceArrow(LeafSystem):
         way of the mouse.
     metres_per_newton : float
         Length of the arrow.
-    rate : float
-        Pictures per second.
+    period : float
+        Between two pictures, s.
     """
 
     def __init__(
@@ -59,11 +59,14 @@ class ForceArrow(LeafSystem):
         meshcat: Meshcat,
         path: str = "/force",
         metres_per_newton: float = 0.012,
-        rate: float = 30.0,
+        period: float = 0.032,
     ) -> None:
         super().__init__()
         self.set_name("force_arrow")
-        for name, value in (("metres_per_newton", metres_per_newton), ("rate", rate)):
+        for name, value in (
+            ("metres_per_newton", metres_per_newton),
+            ("period", period),
+        ):
             if not (np.isfinite(value) and value > 0):
                 raise SystemsError(f"{name} is {value}; it must be positive.")
         self._ids = frozenset(plant.GetCollisionGeometriesForBody(body))
@@ -78,7 +81,6 @@ class ForceArrow(LeafSystem):
         self._results = self.DeclareAbstractInputPort(
             "contact_results", AbstractValue.Make(ContactResults())
         )
-        period = 1 / rate
         self.DeclareInitializationPublishEvent(self._begin)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
 

@@ -52,7 +52,7 @@ class MousePull(LeafSystem):
         specific_stiffness: float,
         stiffness: float = 400.0,
         max_force: float = 40.0,
-        period: float = 0.01,
+        period: float = 0.016,
     ) -> None:
         super().__init__()
         self.set_name("mouse_pull")
@@ -86,11 +86,7 @@ class MousePull(LeafSystem):
             self._calc,
             prerequisites_of_calc={self.discrete_state_ticket(pull)},
         )
-        self.DeclareInitializationDiscreteUpdateEvent(self._let_go)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._read)
-
-    def _let_go(self, context: Context, values: DiscreteValues) -> None:  # noqa: ARG002
-        values.set_value(self._pull, _NONE)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._read)
 
     def _read(self, context: Context, values: DiscreteValues) -> None:
         springs: Any = self._spring.Eval(context)

@@ -144,7 +144,7 @@ def test_it_needs_contact_results(drawings):
 
 
 def test_values_that_do_not_fit_are_refused(drawings):
-    for options in ({"rate": 0.0}, {"metres_per_newton": np.nan}):
+    for options in ({"period": 0.0}, {"metres_per_newton": np.nan}):
         with pytest.raises(SystemsError, match="must be positive"):
             make_diagram(drawings, **options)
     builder = DiagramBuilder()
