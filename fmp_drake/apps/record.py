@@ -8,9 +8,10 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.apps.options import PATH
-from fmp_drake.apps.page import advance, make_console, open_page
+from fmp_drake.apps.page import make_console, open_page, show_progress
 from fmp_drake.errors import FmpError
 from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.runs.advancing import advance
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.teaching_station import (
     DemonstrationFromRecorder,
@@ -48,7 +49,9 @@ def record(
     simulator = Simulator(station)
     simulator.set_target_realtime_rate(1.0 if page else 0.0)
     started = time.perf_counter()
-    advance(simulator, _SETTLE + seconds, console=console, label=f"guiding: {task}")
+    until = _SETTLE + seconds
+    times = advance(simulator, until)
+    show_progress(console, times, until=until, label=f"guiding: {task}")
     demonstration = DemonstrationFromRecorder(
         station,
         simulator.get_context(),

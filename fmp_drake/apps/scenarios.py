@@ -1,8 +1,5 @@
 """`fmp-drake scenarios`."""
 
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
-from os import cpu_count
 from pathlib import Path
 
 import click
@@ -11,9 +8,9 @@ from rich.table import Table
 
 from fmp_drake.apps.options import PATH
 from fmp_drake.apps.page import make_console
-from fmp_drake.errors import FmpError
-from fmp_drake.film.scenario_page import Measured, measure_scenario, scenario_page
-from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.errors import FmpError, RunError
+from fmp_drake.film.scenario_page import measure_scenarios, scenario_page
+from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 
@@ -47,17 +44,9 @@ def scenarios(page: Path | None, duration: float) -> None:
         console.print(table)
         console.print("run one of them: fmp-drake wipe --scenario NAME")
         return
-    measured: dict[str, Measured] = {}
-    # Each run in a process of its own: as if it were alone.
-    with ProcessPoolExecutor(
-        cpu_count(), mp_context=get_context("spawn"), max_tasks_per_child=1
-    ) as pool:
-        jobs = {
-            name: pool.submit(measure_scenario, name, duration, page.parent)
-            for name in names
-        }
-        for name, job in jobs.items():
-            measured[name] = job.result()
-            console.print(f"measured {name}")
-    page.write_text(scenario_page(measured, duration=duration), encoding="utf-8")
+    measured = {}
+    for name, each in measure_scenarios(names, duration, page.parent):
+        measured[name] = each
+        console.print(f"measured {name}")
+    write_text(page, scenario_page(measured, duration=duration), RunError)
     console.print(f"wrote {page}")

@@ -10,16 +10,18 @@ import click
 import numpy as np
 
 from fmp_drake.apps.options import PATH, skill_options
-from fmp_drake.apps.page import advance, make_console, open_page
+from fmp_drake.apps.page import make_console, open_page, show_progress
 from fmp_drake.apps.report import print_report
-from fmp_drake.errors import FmpError
-from fmp_drake.film import FilmCamera, FilmReel, Trail, check_film, render_film
+from fmp_drake.errors import FmpError, RunError
+from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
 from fmp_drake.plots import plot_run
 from fmp_drake.plots.graphviz import check_graph, write_graph
 from fmp_drake.plots.outputs import check_picture
-from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
+from fmp_drake.primitives.data.files import check_writable, write_text
+from fmp_drake.runs.advancing import advance
 from fmp_drake.runs.log import check_log
-from fmp_drake.runs.metrics import run_figures
+from fmp_drake.runs.signals import SIGNALS
 from fmp_drake.runs.skills import scenario_skill
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.models.panda import VISUALS
@@ -101,7 +103,7 @@ _PARTS = list(vars(ShowConfig()))
 )
 @click.option("--plot", type=PATH, help="Write a picture of the run.")
 @click.option("--log", type=PATH, help="Write all signals of the run (.npz).")
-@click.option("--report", type=PATH, help="Write the figures of the run (.json).")
+@click.option("--report", type=PATH, help="Write the metrics of the run (.json).")
 @click.option(
     "--graphviz", type=PATH, help="Write a picture of the diagram (.svg, .png, .dot)."
 )
@@ -137,13 +139,9 @@ def wipe(
     for target in (html, report):
         check_writable(target)
     check_picture(plot)
-    size = (video_width, 2 * round(video_width * 3 / 8))
-    if video is not None:
-        check_film(video, fps=video_fps, speed=video_speed, size=size)
-    if log is not None:
-        check_log(log)
-    if graphviz is not None:
-        check_graph(graphviz)
+    check_film(video, fps=video_fps, speed=video_speed, size=film_size(video_width))
+    check_log(log)
+    check_graph(graphviz)
     if not (np.isfinite(duration) and duration > 0):
         raise FmpError(f"duration is {duration:g} s; it must be positive.")
     if rate is not None and not (np.isfinite(rate) and rate >= 0):
@@ -183,7 +181,11 @@ def wipe(
         visuals=visuals,
         meshcat=meshcat,
         recording=html is not None,
-        complete=log is not None,
+        keep={
+            *(SIGNALS if log is not None else ()),
+            *(RUN_PAGE_SIGNALS if plot is not None else ()),
+            *(FILM_SIGNALS if video is not None else ()),
+        },
     )
     if graphviz is not None:
         write_graph(run.station, graphviz)
@@ -195,64 +197,40 @@ def wipe(
     realtime = (0.0 if headless else 1.0) if rate is None else rate
     run.simulator.set_target_realtime_rate(realtime)
     started = time.perf_counter()
-    advance(
+    times = advance(
         run.simulator,
         duration,
-        console=console,
-        label="wiping",
         meshcat=None if headless else meshcat,
-        on_reset=run.record_again,
+        advance_to=run.advance_to,
+        on_reset=run.begin_again,
     )
+    show_progress(console, times, until=duration, label="wiping")
     wall_seconds = time.perf_counter() - started
     run.remove_controls()
 
-    figures: dict[str, Any] = {
+    metrics: dict[str, Any] = {
         "scenario": scenario,
         "simulated_seconds": duration,
         "wall_seconds": wall_seconds,
         "real_time_factor": duration / wall_seconds,
         "learn_seconds": learn_seconds,
-        **run_figures(run),
+        **run.metrics(),
     }
-    print_report(console, figures)
+    print_report(console, metrics)
     if report is not None:
-        report.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+        write_text(report, json.dumps(metrics, indent=2) + "\n", RunError)
         console.print(f"wrote {report}")
     if log is not None:
-        run.run_log(figures).save(log)
+        run.save_log(log, metrics)
         console.print(f"wrote {log}")
     if plot is not None:
         plot_run(run, plot)
         console.print(f"wrote {plot}")
     if html is not None:
-        html.write_text(run.html(duration), encoding="utf-8")
+        write_text(html, run.html(duration), RunError)
         console.print(f"wrote {html}")
     if video is not None and reel is not None:
-        _film(run, reel, video, size=size)
+        film_run(run, reel, video, width=video_width)
         console.print(f"wrote {video}")
     if not headless and sys.stdin is not None and sys.stdin.isatty():
         console.input("the page stays open; press Enter to quit ")
-
-
-def _film(
-    run: WipingRun, reel: FilmReel, video: Path, *, size: tuple[int, int]
-) -> None:
-    camera = run.scenario.camera
-    speed = f", {reel.speed:g} times as fast" if reel.speed != 1 else ""
-    render_film(
-        video,
-        station=run.station,
-        diagram=run.diagram,
-        grid=run.grid,
-        times=reel.times,
-        positions=reel.positions,
-        ink=reel.ink,
-        fps=reel.fps,
-        size=size,
-        camera=FilmCamera(eye=camera.eye, target=camera.target),
-        trail=Trail(
-            times=run.log_times("measured_position"),
-            positions=run.log("measured_position"),
-        ),
-        captions=[f"{time:.0f} s{speed}" for time in reel.times],
-    )

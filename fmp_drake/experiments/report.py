@@ -10,7 +10,9 @@ from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.finding import Finding
+from fmp_drake.primitives.data.files import replaced, write_text
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 70rem;
@@ -47,9 +49,9 @@ def write_report(
         + "\n".join(parts)
         + "</body></html>\n"
     )
-    (folder / "report.html").write_text(page, encoding="utf-8")
-    (folder / "results.json").write_text(
-        json.dumps(results, indent=2) + "\n", encoding="utf-8"
+    write_text(folder / "report.html", page, ExperimentError)
+    write_text(
+        folder / "results.json", json.dumps(results, indent=2) + "\n", ExperimentError
     )
 
 
@@ -76,7 +78,8 @@ def _finding(folder: Path, finding: Finding) -> str:
         buffer = io.BytesIO()
         FigureCanvasAgg(finding.figure)
         finding.figure.savefig(buffer, dpi=110, format="png")
-        (folder / f"{finding.name}.png").write_bytes(buffer.getvalue())
+        with replaced(folder / f"{finding.name}.png", ExperimentError) as part:
+            part.write_bytes(buffer.getvalue())
         data = base64.b64encode(buffer.getvalue()).decode()
         parts.append(
             f'<img alt="{html.escape(finding.title)}" src="data:image/png;base64,{data}">'

@@ -44,10 +44,11 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
             demonstrations=[demonstration],
             start=_START,
             sample=sample,
+            keep=["measured_position"],
         )
-        run.simulator.AdvanceTo(profile.robot_seconds)
+        run.advance_to(profile.robot_seconds)
         runs[sample] = run.log("measured_position")[::4]
-        errors[sample] = _tracking_rms(run)
+        errors[sample] = run.metrics()["tracking_rms_m"] or 0.0
     findings.append(
         Finding(
             name="fig10_robot",
@@ -61,12 +62,6 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
         )
     )
     return findings
-
-
-def _tracking_rms(run: WipingRun) -> float:
-    """Return how far the robot was from the desired position, m."""
-    away = run.log("measured_position") - run.log("desired_position")
-    return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
 
 
 def _visited(path: NDArray[np.float64]) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.film.scene import Shot
 from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.ink.grid import InkGrid
@@ -70,7 +70,7 @@ class BoardPaint:
         """
         values = np.asarray(ink, dtype=np.float32)
         if values.shape != self._grid.shape:
-            raise FmpError(
+            raise RunError(
                 f"the ink of a frame has shape {values.shape}; the grid has "
                 f"{self._grid.shape}."
             )

@@ -9,7 +9,7 @@ from pydrake.geometry import ClippingRange, RenderCameraCore
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,14 +33,14 @@ class FilmCamera:
 
         Raises
         ------
-        FmpError
+        RunError
             Where the camera looks straight up or down, or at itself.
         """
         eye, target = (np.array(p, dtype=float) for p in (self.eye, self.target))
         z = target - eye
         x = np.cross(z, [0.0, 0.0, 1.0])
         if not np.linalg.norm(x) > 1e-6 * np.linalg.norm(z):
-            raise FmpError(
+            raise RunError(
                 f"the camera at {self.eye} m looks at {self.target} m; it must not "
                 "look straight up or down, or at itself."
             )
@@ -52,7 +52,7 @@ class FilmCamera:
     def core(self, renderer: str, size: tuple[int, int]) -> RenderCameraCore:
         """Return Drake's camera of a renderer, for pictures (width, height)."""
         if not 0.01 < self.fov_y < 3.0:
-            raise FmpError(f"fov_y is {self.fov_y} rad; it must be between 0.01 and 3.")
+            raise RunError(f"fov_y is {self.fov_y} rad; it must be between 0.01 and 3.")
         width, height = size
         focal = 0.5 * height / np.tan(0.5 * self.fov_y)
         info = CameraInfo(width, height, focal, focal, width / 2, height / 2)

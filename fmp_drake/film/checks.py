@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.files import check_writable
 
 _GREATEST_FPS = {".mp4": 120.0, ".gif": 50.0}
@@ -51,7 +51,7 @@ def check_film(
 
     Raises
     ------
-    FmpError
+    RunError
         Also where the packages for films, or EGL, are missing.
     """
     if path is None:
@@ -59,16 +59,16 @@ def check_film(
     check_writable(path)
     suffix = path.suffix.lower()
     if suffix not in _GREATEST_FPS:
-        raise FmpError(f"{path} is no film; let its name end in .mp4 or .gif.")
+        raise RunError(f"{path} is no film; let its name end in .mp4 or .gif.")
     if not (np.isfinite(fps) and 0 < fps <= _GREATEST_FPS[suffix]):
-        raise FmpError(
+        raise RunError(
             f"fps is {fps:g}; it must be positive and at most "
             f"{_GREATEST_FPS[suffix]:g} in a {suffix}."
         )
     if not (np.isfinite(speed) and speed > 0):
-        raise FmpError(f"speed is {speed:g}; it must be positive.")
+        raise RunError(f"speed is {speed:g}; it must be positive.")
     if any(edge < 16 or edge > 4096 or edge % 2 for edge in size):
-        raise FmpError(
+        raise RunError(
             f"a film of {size[0]} x {size[1]} pixels: both must be even, and from 16 "
             "to 4096."
         )
@@ -80,7 +80,7 @@ def check_film(
 def check_renderer() -> None:
     """Refuse to render where EGL does not work."""
     if not renders():
-        raise FmpError(
+        raise RunError(
             "films are rendered through EGL, which does not work here; install it "
             "(on Ubuntu and Debian: apt-get install libegl1 libgl1-mesa-dri)."
         )
@@ -91,12 +91,12 @@ def ffmpeg_program() -> str:
     try:
         return str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except ImportError:
-        raise FmpError(
+        raise RunError(
             "an .mp4 needs the extra packages: pip install 'fmp-drake[video]'; "
             "a .gif needs none."
         ) from None
     except RuntimeError as error:
-        raise FmpError(f"there is no ffmpeg: {error}.") from None
+        raise RunError(f"there is no ffmpeg: {error}.") from None
 
 
 @functools.cache

@@ -1,7 +1,6 @@
 """Films from frames: .mp4 through ffmpeg, .gif through Pillow."""
 
 import contextlib
-import os
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -11,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.film.checks import ffmpeg_program
+from fmp_drake.primitives.data.files import replaced
 
 type Frame = NDArray[np.uint8]
 type AddFrame = Callable[[Frame], None]
@@ -50,21 +50,15 @@ def open_film(
 
     Raises
     ------
-    FmpError
+    RunError
         Where it cannot be written; an existing film is then as before.
     """
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     gif = path.suffix.lower() == ".gif"
-    try:
-        with (
-            _gif(part, fps, _palette(samples)) if gif else _mp4(part, fps, size) as add
-        ):
-            yield add
-        os.replace(part, path)
-    except OSError as error:
-        raise FmpError(f"cannot write {path}: {error.strerror or error}.") from None
-    finally:
-        part.unlink(missing_ok=True)
+    with (
+        replaced(path, RunError) as part,
+        _gif(part, fps, _palette(samples)) if gif else _mp4(part, fps, size) as add,
+    ):
+        yield add
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, ImageFont
 from pydrake.math import RigidTransform
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 
 _TRAIL_COLOR = (217, 95, 2)
 _TRAIL_PIECES = 12
@@ -37,15 +37,15 @@ class Trail:
     seconds: float = 4.0
 
     def check(self) -> None:
-        """Raise FmpError where times and positions do not fit."""
+        """Raise RunError where times and positions do not fit."""
         times, path = np.asarray(self.times), np.asarray(self.positions)
         if times.ndim != 1 or path.shape != (len(times), 3) or len(times) < 2:
-            raise FmpError(
+            raise RunError(
                 f"a trail has times {times.shape} and positions {path.shape}; "
                 "expected (M,) and (M, 3)."
             )
         if not (np.isfinite(self.seconds) and self.seconds > 0):
-            raise FmpError(f"a trail lasts {self.seconds} s; it must be positive.")
+            raise RunError(f"a trail lasts {self.seconds} s; it must be positive.")
 
     def points(self, time: float) -> NDArray[np.float64]:
         """Return the feet p_B of the trail at a time, every 20 ms, shape (k, 3)."""

@@ -7,14 +7,16 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
+from fmp_drake.runs.spill import Spill
 
 
 class FilmReel:
     """Keeps the plant's positions and the ink at the times of a film's frames.
 
     `watch` it before the simulation starts; a simulation that is initialised again
-    begins a new reel. A frame costs the positions and one byte per cell of ink.
+    begins a new reel. Of a frame the positions stay in memory; the ink, a byte for each
+    cell, goes into a temporary file.
 
     Parameters
     ----------
@@ -29,7 +31,7 @@ class FilmReel:
     def __init__(self, station: Diagram, *, fps: float, speed: float = 1.0) -> None:
         for name, value in (("fps", fps), ("speed", speed)):
             if not (np.isfinite(value) and value > 0):
-                raise FmpError(f"{name} is {value}; it must be positive.")
+                raise RunError(f"{name} is {value}; it must be positive.")
         self.fps = float(fps)
         self.speed = float(speed)
         self._station = station
@@ -40,7 +42,7 @@ class FilmReel:
     def _clear(self) -> None:
         self._times: list[float] = []
         self._positions: list[NDArray[np.float64]] = []
-        self._inks: list[NDArray[np.uint8]] = []
+        self._inks = Spill((self._ink.size(),), np.uint8)
 
     def watch(self, simulator: Simulator) -> None:
         """Become the monitor of a simulator of the station, or of a diagram with it."""
@@ -75,4 +77,4 @@ class FilmReel:
     @property
     def ink(self) -> NDArray[np.uint8]:
         """Ink that was left, in 255ths, shape (N, ny nx)."""
-        return np.array(self._inks)
+        return self._inks.array()

@@ -9,7 +9,7 @@ from PIL import Image
 from pydrake.geometry import RenderEngineVtkParams
 from pydrake.systems.framework import Diagram
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.film.board_paint import BoardPaint
 from fmp_drake.film.camera import FilmCamera
 from fmp_drake.film.checks import check_film, check_renderer
@@ -21,6 +21,7 @@ from fmp_drake.film.overlay import (
     paint_trail,
 )
 from fmp_drake.film.scene import FilmScene
+from fmp_drake.primitives.data.files import replaced
 from fmp_drake.systems.ink.grid import InkGrid
 
 # Frames from which the palette of a .gif is made.
@@ -82,16 +83,16 @@ def render_film(
 
     Raises
     ------
-    FmpError
+    RunError
         Where the film cannot be made; an existing one is then as before.
     """
     path = Path(path)
     check_film(path, fps=fps, size=size)
     moments, q, inks = _checked_frames(times, positions, ink, grid)
     if not 1 <= supersample <= 4:
-        raise FmpError(f"supersample is {supersample}; it must be from 1 to 4.")
+        raise RunError(f"supersample is {supersample}; it must be from 1 to 4.")
     if captions is not None and len(captions) != len(moments):
-        raise FmpError(f"{len(captions)} captions for {len(moments)} frames.")
+        raise RunError(f"{len(captions)} captions for {len(moments)} frames.")
     if trail is not None:
         trail.check()
     fine = (size[0] * supersample, size[1] * supersample)
@@ -154,7 +155,7 @@ def render_picture(
 
     Raises
     ------
-    FmpError
+    RunError
         Where EGL does not work.
     """
     check_renderer()
@@ -163,9 +164,10 @@ def render_picture(
         station, diagram=diagram, camera=camera or FilmCamera(), size=fine
     )
     shot = scene.render(positions)
-    share = np.asarray(ink).reshape(grid.shape) / np.float32(255)
-    BoardPaint(grid, rays=scene.rays).paint(shot, share)
-    Image.fromarray(_shrink(shot.color, supersample)).save(path)
+    blend = np.asarray(ink).reshape(grid.shape) / np.float32(255)
+    BoardPaint(grid, rays=scene.rays).paint(shot, blend)
+    with replaced(path, RunError) as part:
+        Image.fromarray(_shrink(shot.color, supersample)).save(part)
 
 
 def _checked_frames(
@@ -176,10 +178,10 @@ def _checked_frames(
     q = np.asarray(positions, dtype=float)
     inks = np.asarray(ink)
     if inks.dtype != np.uint8:
-        raise FmpError(f"the ink of a film is {inks.dtype}; expected uint8, 255ths.")
+        raise RunError(f"the ink of a film is {inks.dtype}; expected uint8, 255ths.")
     n = len(moments) if moments.ndim == 1 else 0
     if n == 0 or q.ndim != 2 or len(q) != n or inks.size != n * grid.num_cells:
-        raise FmpError(
+        raise RunError(
             f"a film has times {moments.shape}, positions {q.shape} and ink "
             f"{inks.shape}; expected (N,), (N, nq) and (N, {grid.num_cells}), N > 0."
         )

@@ -1,14 +1,17 @@
 """The page that says how the scenarios go."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from os import cpu_count
 from pathlib import Path
 from typing import NamedTuple
 
 from threadpoolctl import threadpool_limits
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.film import FilmCamera, FilmReel, render_picture
-from fmp_drake.runs.metrics import Figures, run_figures
+from fmp_drake.runs.metrics import Metrics
 from fmp_drake.runs.skills import scenario_skill
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.scenario import LoadScenario
@@ -17,9 +20,9 @@ _SIZE = (480, 360)
 
 
 class Measured(NamedTuple):
-    """One run: the figures, and whether there is a picture of it."""
+    """One run: its metrics, and whether there is a picture of it."""
 
-    figures: Figures
+    metrics: Metrics
     pictured: bool
 
 
@@ -32,8 +35,8 @@ def measure_scenario(name: str, duration: float, folder: Path) -> Measured:
     with threadpool_limits(limits=1):
         skill, demonstrations, _ = scenario_skill(scenario)
         run = WipingRun(scenario, skill, demonstrations=demonstrations)
-        run.simulator.AdvanceTo(duration)
-        figures = run_figures(run)
+        run.advance_to(duration)
+        metrics = run.metrics()
         reel = FilmReel(run.station, fps=1.0)
         reel.observe(run.simulator.get_context())
         camera = FilmCamera(eye=scenario.camera.eye, target=scenario.camera.target)
@@ -48,9 +51,24 @@ def measure_scenario(name: str, duration: float, folder: Path) -> Measured:
                 camera=camera,
                 size=_SIZE,
             )
-        except FmpError:
-            return Measured(figures, False)
-    return Measured(figures, True)
+        except RunError:
+            return Measured(metrics, False)
+    return Measured(metrics, True)
+
+
+def measure_scenarios(
+    names: Iterable[str], duration: float, folder: Path
+) -> Iterator[tuple[str, Measured]]:
+    """Run scenarios, each in a process of its own, and yield what was measured."""
+    with ProcessPoolExecutor(
+        cpu_count(), mp_context=get_context("spawn"), max_tasks_per_child=1
+    ) as pool:
+        jobs = {
+            name: pool.submit(measure_scenario, name, duration, folder)
+            for name in names
+        }
+        for name, job in jobs.items():
+            yield name, job.result()
 
 
 def scenario_page(measured: Mapping[str, Measured], *, duration: float) -> str:
@@ -64,36 +82,36 @@ def scenario_page(measured: Mapping[str, Measured], *, duration: float) -> str:
         ),
         "",
         (
-            "| | demonstrated area cleaned | 50 / 90 / 99 % after | press, 90 % within "
+            "| | demonstrated area cleaned | 50 / 90 / 99 % after | force, 90 % within "
             "| in 5 to 15 N | followed to | largest joint torque / speed | nearest joint "
             "limit |"
         ),
         "|---|---|---|---|---|---|---|---|",
     ]
-    lines += [_row(name, each.figures) for name, each in measured.items()]
+    lines += [_row(name, each.metrics) for name, each in measured.items()]
     lines += [
         "",
         (
-            "Press and its share within 5 to 15 N are of the time in contact after the first; "
-            "torque and speed are shares of the joints' limits. No run had a hold or a "
-            "joint at a wall unless it is said here."
+            "The normal force and how long it was within 5 to 15 N are of the time in "
+            "contact; torque and speed are relative to the joints' limits. No run had a "
+            "protective stop or a joint at a wall unless it is said here."
         ),
     ]
     for name, each in measured.items():
         lines += ["", f"## {name}", "", LoadScenario(name).description]
-        faults = each.figures["fault_fraction"] or 0.0
+        faults = each.metrics["fault_fraction"] or 0.0
         if faults > 0:
-            lines += ["", f"Held or at a wall {100 * faults:.1f} % of the time."]
+            lines += ["", f"Stopped or at a wall {100 * faults:.1f} % of the time."]
         if each.pictured:
             lines += ["", f"![{name} after {duration:g} s]({name}.png)"]
     return "\n".join(lines) + "\n"
 
 
-def _row(name: str, figures: Figures) -> str:
-    f = {key: 0.0 if value is None else value for key, value in figures.items()}
+def _row(name: str, metrics: Metrics) -> str:
+    f = {key: 0.0 if value is None else value for key, value in metrics.items()}
     reached = " / ".join(
-        "-" if figures[key] is None else f"{figures[key]:.0f}"
-        for key in (f"seconds_to_{share}_percent" for share in (50, 90, 99))
+        "-" if metrics[key] is None else f"{metrics[key]:.0f}"
+        for key in (f"seconds_to_{percent}_percent" for percent in (50, 90, 99))
     )
     cells = [
         f"[{name}](#{name})",

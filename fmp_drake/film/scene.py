@@ -14,7 +14,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.film.camera import FilmCamera, pixel_rays
 from fmp_drake.station.parts.stage import RenderLights
 
@@ -94,7 +94,7 @@ class FilmScene:
         """Render the station with the plant at positions (nq,)."""
         values = np.asarray(q, dtype=float)
         if values.shape != (self.num_positions,) or not np.all(np.isfinite(values)):
-            raise FmpError(
+            raise RunError(
                 f"the positions of a frame are {values}; expected "
                 f"{self.num_positions} finite numbers."
             )

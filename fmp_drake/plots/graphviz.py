@@ -6,7 +6,6 @@ plant is cut in two, what it measures at the left, what acts on it at the right.
 """
 
 import html
-import os
 import shutil
 import subprocess
 from collections import Counter
@@ -17,8 +16,8 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex
 
-from fmp_drake.errors import FmpError
-from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.errors import RunError
+from fmp_drake.primitives.data.files import check_writable, replaced, write_text
 
 _FORMATS = (".svg", ".png", ".pdf", ".dot")
 _DOTS_PER_INCH = "110"
@@ -40,12 +39,12 @@ def check_graph(path: Path | None) -> None:
     check_writable(path)
     suffix = path.suffix.lower()
     if suffix not in _FORMATS:
-        raise FmpError(
+        raise RunError(
             f"{path} is no picture of a diagram; let its name end in "
             f"{', '.join(_FORMATS[:-1])} or {_FORMATS[-1]}."
         )
     if suffix != ".dot" and shutil.which("dot") is None:
-        raise FmpError(
+        raise RunError(
             f"{path.name} needs the program dot of Graphviz; install it (on Ubuntu "
             "and Debian: apt-get install graphviz), or write a .dot."
         )
@@ -56,32 +55,27 @@ def write_graph(diagram: Diagram, path: Path) -> None:
 
     Raises
     ------
-    FmpError
+    RunError
         Where it cannot be made; an existing file is then as before.
     """
     path = Path(path)
     check_graph(path)
     text = graph_text(diagram)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     suffix = path.suffix.lower()
+    if suffix == ".dot":
+        write_text(path, text, RunError)
+        return
     try:
-        if suffix == ".dot":
-            part.write_text(text, encoding="utf-8")
-        else:
+        with replaced(path, RunError) as part:
             command = ["dot", f"-T{suffix[1:]}", "-o", str(part)]
             if suffix == ".png":
                 command.append(f"-Gdpi={_DOTS_PER_INCH}")
             subprocess.run(
                 command, input=text.encode(), capture_output=True, check=True
             )
-        os.replace(part, path)
     except subprocess.CalledProcessError as error:
         said = error.stderr.decode(errors="replace").strip() or error.returncode
-        raise FmpError(f"dot could not make {path}: {said}.") from None
-    except OSError as error:
-        raise FmpError(f"cannot write {path}: {error.strerror}.") from None
-    finally:
-        part.unlink(missing_ok=True)
+        raise RunError(f"dot could not make {path}: {said}.") from None
 
 
 def graph_text(diagram: Diagram, *, split: Collection[str] = ("plant",)) -> str:

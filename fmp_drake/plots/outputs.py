@@ -4,7 +4,7 @@ from pathlib import Path
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.files import check_writable
 
 
@@ -13,4 +13,4 @@ def check_picture(path: Path | None) -> None:
     check_writable(path)
     kinds = FigureCanvasAgg.get_supported_filetypes()
     if path is not None and path.suffix.lower().removeprefix(".") not in kinds:
-        raise FmpError(f"{path} is no picture; let its name end in .png, .svg or .pdf.")
+        raise RunError(f"{path} is no picture; let its name end in .png, .svg or .pdf.")

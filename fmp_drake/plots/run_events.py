@@ -34,20 +34,18 @@ class RunEvents:
 
     @classmethod
     def of(cls, run: "WipingRun") -> Self:
-        """Return the events in a run's logs, none where they were not logged."""
-        remaps, reactive = np.zeros(0), np.zeros(0)
+        """Return the events of a run; disturbances where its scenario has any."""
+        time, counts = run.log_times("remaps"), run.log("remaps")
+        total, after_push = rises(time, counts[:, 0]), rises(time, counts[:, 1])
         disturbed = np.zeros((0, 2))
-        counts = _logged(run, "remaps")
-        if counts is not None:
-            time, values = counts
-            total, after_push = rises(time, values[:, 0]), rises(time, values[:, 1])
-            remaps, reactive = np.setdiff1d(total, after_push), after_push
-        forces = _logged(run, "disturbance")
-        if forces is not None:
-            time, values = forces
-            acts = np.linalg.norm(values, axis=1) > _LEAST_FORCE
-            disturbed = spans(time, acts)
-        return cls(remaps=remaps, reactive=reactive, disturbed=disturbed)
+        if "disturbance" in run.kept:
+            acts = np.linalg.norm(run.log("disturbance"), axis=1) > _LEAST_FORCE
+            disturbed = spans(run.log_times("disturbance"), acts)
+        return cls(
+            remaps=np.setdiff1d(total, after_push),
+            reactive=after_push,
+            disturbed=disturbed,
+        )
 
 
 def rises(time: NDArray[np.float64], counter: ArrayLike) -> NDArray[np.float64]:
@@ -80,13 +78,3 @@ def draw_events(ax: Axes, events: RunEvents, *, labels: bool = True) -> None:
                 zorder=0.9,
                 label=name if labels and i == 0 else None,
             )
-
-
-def _logged(
-    run: "WipingRun", name: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return the times and values of a log, where there is one."""
-    try:
-        return run.log_times(name), run.log(name)
-    except KeyError:
-        return None

@@ -33,6 +33,12 @@ _AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")
 _FORCE_BAND = (5.0, 15.0)
 _MILESTONES = (0.5, 0.9, 0.99)
 
+RUN_PAGE_SIGNALS = (
+    *("measured_position", "desired_position", "normal_force"),
+    *("cleaned_fraction", "remaps", "disturbance"),
+)
+"""Names of the signals that a run must keep for its page."""
+
 
 def plot_run(run: "WipingRun", path: Path) -> None:
     """Write the page `draw_run` draws to a file (.png, .pdf, .svg)."""
@@ -43,7 +49,7 @@ def draw_run(run: "WipingRun") -> Figure:
     """Return a page: path, ink left; cleaned area, force and tracking error over time.
 
     Dotted lines are re-mappings, dashed ones those after a push, and shaded times are
-    those of a disturbance, where the run has logged `remaps` and `disturbance`.
+    those of a disturbance. The run must have kept `RUN_PAGE_SIGNALS`.
     """
     figure = Figure(figsize=(11, 10.5), layout="constrained")
     grid = figure.add_gridspec(4, 2, height_ratios=[2.1, 1, 1, 1])
@@ -104,13 +110,13 @@ def _draw_ink(ax: Axes, run: "WipingRun") -> None:
     ax.contour(
         (y_edges[1:] + y_edges[:-1]) / 2,
         (x_edges[1:] + x_edges[:-1]) / 2,
-        run.demonstrated_area().T.astype(float),
+        run.demonstrated_area.T.astype(float),
         levels=[0.5],
         colors=PLAYED,
         linewidths=1.2,
     )
     ax.plot([], [], color=PLAYED, linewidth=1.2, label="demonstrated area")
-    add_colorbar(ax, image, "share of the ink")
+    add_colorbar(ax, image, "fraction of the ink")
     set_title(ax, "ink left")
     legend_above(ax)
     finish_plane(ax, Channels.of_skill(run.skill), _PLANE)
@@ -127,12 +133,12 @@ def _show_board(ax: Axes, run: "WipingRun") -> None:
 def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
     """Draw how much of the ink is gone, with the times to 50, 90 and 99 %."""
     inked = run.initial_ink.reshape(run.grid.shape) >= CLEAN_BELOW
-    area = run.demonstrated_area() & inked
+    area = run.demonstrated_area & inked
     end = float(run.log_times("measured_position")[-1])
     erased = run.output("erase_time").reshape(area.shape)
     times = cleaning_times(erased, area)
     count = max(1, int(np.count_nonzero(area)))
-    shares = np.arange(len(times) + 1) / count
+    fractions = np.arange(len(times) + 1) / count
     ax.plot(
         run.log_times("cleaned_fraction"),
         100 * run.log("cleaned_fraction")[:, 0],
@@ -142,21 +148,21 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
     )
     ax.step(
         np.concatenate([[0.0], times, [end]]),
-        100 * np.concatenate([shares, shares[-1:]]),
+        100 * np.concatenate([fractions, fractions[-1:]]),
         where="post",
         color=SAMPLED,
         linewidth=1.6,
         label="demonstrated area",
     )
-    for share in _MILESTONES:
-        needed = int(np.ceil(share * count - 1e-9))
+    for fraction in _MILESTONES:
+        needed = int(np.ceil(fraction * count - 1e-9))
         if needed > len(times):
             continue
         at = float(times[needed - 1])
-        ax.plot(at, 100 * share, "o", color=SAMPLED, markersize=4, zorder=3)
+        ax.plot(at, 100 * fraction, "o", color=SAMPLED, markersize=4, zorder=3)
         ax.annotate(
-            f"{100 * share:.0f} % after {at:.1f} s",
-            (at, 100 * share),
+            f"{100 * fraction:.0f} % after {at:.1f} s",
+            (at, 100 * fraction),
             xytext=(6, -5),
             textcoords="offset points",
             ha="left",
@@ -166,7 +172,7 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
         )
     ax.set_ylim(0, 105)
     set_title(
-        ax, f"clean area: {100 * shares[-1]:.1f} % of the demonstrated at the end"
+        ax, f"clean area: {100 * fractions[-1]:.1f} % of the demonstrated at the end"
     )
 
 

@@ -13,8 +13,9 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.plots.channels import Channels
+from fmp_drake.primitives.data.files import replaced
 
 # Of the palette of Okabe and Ito, which stays apart for colour-blind people.
 DEMONSTRATED = "0.65"
@@ -219,9 +220,12 @@ def set_title(ax: Axes, title: str) -> None:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure; the ending of the name says in which format."""
-    try:
-        # Text stays text in a PDF.
-        with matplotlib.rc_context({"pdf.fonttype": 42}):
-            figure.savefig(path, dpi=150)
-    except (ValueError, OSError) as error:
-        raise FmpError(f"cannot write {path}: {error}.") from None
+    # Text stays text in a PDF.
+    with (
+        replaced(path, RunError) as part,
+        matplotlib.rc_context({"pdf.fonttype": 42}),
+    ):
+        try:
+            figure.savefig(part, dpi=150)
+        except ValueError as error:
+            raise RunError(f"cannot write {path}: {error}.") from None

@@ -1,7 +1,8 @@
-"""A wiping station with loggers, its metrics and its log file."""
+"""A wiping station with loggers, its metrics, its log file and its saved state."""
 
+from fmp_drake.runs.advancing import RunButtons, advance
+from fmp_drake.runs.context_file import load_context, save_context
 from fmp_drake.runs.log import RunLog, Signal
-from fmp_drake.runs.metrics import run_figures
 from fmp_drake.runs.skills import (
     bundled_demonstrations,
     default_demonstration,
@@ -12,13 +13,16 @@ from fmp_drake.runs.skills import (
 from fmp_drake.runs.wiping_run import WipingRun
 
 __all__ = [
+    "RunButtons",
     "RunLog",
     "Signal",
     "WipingRun",
+    "advance",
     "bundled_demonstrations",
     "default_demonstration",
     "learn_skill",
+    "load_context",
     "load_on_board",
-    "run_figures",
+    "save_context",
     "scenario_skill",
 ]

@@ -1,7 +1,8 @@
 """Logs of a run: all its signals in one `.npz`, without pickle.
 
-An array of the file is a signal, named as in `run_signals.SIGNALS`, (N, columns); its
-times (N,) are in the array that the metadata name, shared where they are equal:
+An array of the file is a signal, named as in `runs.signals.SIGNALS`, (N, columns); its
+times (N,) are in the array that the metadata name, shared by signals that were sampled
+together:
 
     with np.load("run.npz") as file:
         about = json.loads(str(file["metadata"]))
@@ -20,15 +21,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from fmp_drake import __version__
-from fmp_drake.errors import FmpError, SkillFileError
-from fmp_drake.primitives.data.files import check_writable, read_versioned, write_npz
-from fmp_drake.runs.signals import signal_kind
+from fmp_drake.errors import RunError
+from fmp_drake.primitives.data.files import (
+    Blocks,
+    check_writable,
+    read_versioned,
+    write_npz,
+)
+from fmp_drake.runs.signals import SignalKind, signal_kind
 
 FORMAT = "fmp-drake-run"
 VERSION = 1
+
+type Rows = NDArray[np.float64] | Blocks
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,29 +65,16 @@ class Signal:
         """Check that everything has the same length."""
         n = len(self.times) if self.times.ndim == 1 else -1
         if self.values.ndim != 2 or len(self.values) != n:
-            raise FmpError(
+            raise RunError(
                 f"times are {self.times.shape} and values {self.values.shape}; expected "
                 "(N,) and (N, columns)"
             )
         if self.columns and len(self.columns) != self.values.shape[1]:
-            raise FmpError(
+            raise RunError(
                 f"{len(self.columns)} names are given for {self.values.shape[1]} columns"
             )
         if not np.all(np.isfinite(self.times)) or np.any(np.diff(self.times) < 0):
-            raise FmpError("times are not finite or not ascending")
-
-    @classmethod
-    def named(cls, name: str, times: ArrayLike, values: ArrayLike) -> "Signal":
-        """Return a signal with the unit, frame and columns that its name has."""
-        kind = signal_kind(name)
-        data = np.asarray(values, dtype=float)
-        data = data[:, None] if data.ndim == 1 else data
-        try:
-            return cls(
-                times=np.asarray(times, dtype=float), values=data, **kind._asdict()
-            )
-        except FmpError as error:
-            raise FmpError(f"signal {name}: {error}.") from None
+            raise RunError("times are not finite or not ascending")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,7 +89,7 @@ class RunLog:
     seed : int
     versions : mapping from str to str
         Of the packages that made it.
-    figures : mapping from str to number, str or None
+    metrics : mapping from str to number, str or None
         What the run reported, if anything.
     """
 
@@ -102,54 +97,16 @@ class RunLog:
     scenario: str = ""
     seed: int = 0
     versions: Mapping[str, str] = field(default_factory=lambda: current_versions())
-    figures: Mapping[str, float | str | None] = field(default_factory=dict)
+    metrics: Mapping[str, float | str | None] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Signal:
         """Return a signal by its name."""
         try:
             return self.signals[name]
         except KeyError:
-            raise FmpError(
+            raise RunError(
                 f"this log has no signal {name!r}; it has {', '.join(self.signals)}."
             ) from None
-
-    def save(self, path: str | Path) -> None:
-        """Write the log; an existing file is replaced at the end.
-
-        Raises
-        ------
-        FmpError
-            Where it cannot be written; an existing file is then as before.
-        """
-        arrays: dict[str, Any] = {}
-        about: dict[str, Any] = {}
-        clocks: list[NDArray[np.float64]] = []
-        for name, signal in self.signals.items():
-            number = _place(clocks, signal.times)
-            arrays[name] = signal.values
-            about[name] = {
-                "times": f"time_{number}",
-                "unit": signal.unit,
-                "frame": signal.frame,
-                "meaning": signal.meaning,
-                "columns": list(signal.columns),
-            }
-        arrays |= {f"time_{i}": times for i, times in enumerate(clocks)}
-        metadata = {
-            "format": FORMAT,
-            "version": VERSION,
-            "signals": about,
-            "scenario": self.scenario,
-            "seed": self.seed,
-            "versions": dict(self.versions),
-            "figures": dict(self.figures),
-        }
-        try:
-            write_npz(
-                Path(path), {"metadata": np.array(json.dumps(metadata)), **arrays}
-            )
-        except SkillFileError as error:
-            raise FmpError(str(error)) from None
 
     @classmethod
     def load(cls, path: str | Path) -> "RunLog":
@@ -157,23 +114,21 @@ class RunLog:
 
         Raises
         ------
-        FmpError
+        RunError
             Where the file is missing, broken, foreign or from a newer version.
         """
         path = Path(path)
         if not path.is_file():
-            raise FmpError(f"there is no log {path}.")
-        try:
-            metadata, arrays, _ = read_versioned(
-                path,
-                hint="a log is written by `fmp-drake wipe --log`",
-                foreign=f"{path} is no log of a run; write one with `fmp-drake wipe "
-                "--log`.",
-                form=FORMAT,
-                newest=VERSION,
-            )
-        except SkillFileError as error:
-            raise FmpError(str(error)) from None
+            raise RunError(f"there is no log {path}.")
+        metadata, arrays, _ = read_versioned(
+            path,
+            hint="a log is written by `fmp-drake wipe --log`",
+            foreign=f"{path} is no log of a run; write one with `fmp-drake wipe "
+            "--log`.",
+            form=FORMAT,
+            newest=VERSION,
+            error=RunError,
+        )
         try:
             return cls(
                 signals={
@@ -183,17 +138,75 @@ class RunLog:
                 scenario=str(metadata["scenario"]),
                 seed=int(metadata["seed"]),
                 versions={str(k): str(v) for k, v in metadata["versions"].items()},
-                figures=dict(metadata["figures"]),
+                metrics=dict(metadata["figures"]),
             )
-        except (KeyError, TypeError, ValueError, AttributeError, FmpError) as error:
-            raise FmpError(f"{path} is an incomplete log: {error}.") from None
+        except (KeyError, TypeError, ValueError, AttributeError, RunError) as error:
+            raise RunError(f"{path} is an incomplete log: {error}.") from None
+
+
+def write_log(
+    path: Path,
+    signals: Mapping[str, tuple[Rows, Rows]],
+    *,
+    scenario: str,
+    seed: int,
+    metrics: Mapping[str, Any],
+) -> None:
+    """Write a log that `RunLog.load` reads, whole or not at all.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    signals : mapping from str to (times, values)
+        Shapes (N,) or (N, 1), s, and (N, columns), by names of `SIGNALS`; in memory or
+        in a `Spill`. Signals with the same object of times share it in the file.
+    scenario : str
+        YAML.
+    seed : int
+    metrics : mapping from str to number, str or None
+
+    Raises
+    ------
+    RunError
+        Where it cannot be written; an existing file is then as before.
+    """
+    clocks = {id(times): times for times, _ in signals.values()}
+    names = {number: f"time_{i}" for i, number in enumerate(clocks)}
+    metadata = {
+        "format": FORMAT,
+        "version": VERSION,
+        "signals": {
+            name: _described(signal_kind(name), names[id(times)])
+            for name, (times, _) in signals.items()
+        },
+        "scenario": scenario,
+        "seed": seed,
+        "versions": current_versions(),
+        "figures": dict(metrics),  # As version 1 of the format calls them.
+    }
+    arrays: dict[str, NDArray[Any] | Blocks]
+    arrays = {"metadata": np.array(json.dumps(metadata))}
+    arrays |= {name: values for name, (_, values) in signals.items()}
+    arrays |= {names[number]: times for number, times in clocks.items()}
+    write_npz(path, arrays, RunError)
+
+
+def _described(kind: SignalKind, times: str) -> dict[str, Any]:
+    """Return what the metadata say of a signal."""
+    return {
+        "times": times,
+        "unit": kind.unit,
+        "frame": kind.frame,
+        "meaning": kind.meaning,
+        "columns": kind.columns,
+    }
 
 
 def check_log(path: Path | None) -> None:
     """Refuse a log that cannot be written, before any work is done."""
     check_writable(path)
     if path is not None and path.suffix.lower() != ".npz":
-        raise FmpError(f"{path} is no log; let its name end in .npz.")
+        raise RunError(f"{path} is no log; let its name end in .npz.")
 
 
 def current_versions() -> dict[str, str]:
@@ -207,21 +220,12 @@ def current_versions() -> dict[str, str]:
     return found
 
 
-def _place(clocks: list[NDArray[np.float64]], times: NDArray[np.float64]) -> int:
-    """Return where equal times are among the clocks; they are added if nowhere."""
-    for number, clock in enumerate(clocks):
-        if np.array_equal(clock, times):
-            return number
-    clocks.append(times)
-    return len(clocks) - 1
-
-
 def _read_signal(
     values: NDArray[Any], times: NDArray[Any], about: Mapping[str, Any]
 ) -> Signal:
     """Return a signal of a file."""
     if values.dtype.kind != "f" or times.dtype.kind != "f":
-        raise FmpError("a signal holds something other than numbers")
+        raise RunError("a signal holds something other than numbers")
     return Signal(
         times=times,
         values=values,

@@ -1,117 +1,171 @@
-"""The figures of a run: how well it wiped, and how far it was from every limit."""
+"""The metrics of a run, computed while it goes: nothing of it is kept in memory.
 
-from typing import Any
+Each class takes chunks of the logged signals, of any length and in the order of time,
+and says at any moment what they amount to so far. `METRIC_SIGNALS` are those it takes.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.runs.wiping_run import STEP, WipingRun
+from fmp_drake.runs.signals import MILLISECOND
 from fmp_drake.systems.impedance.status import StatusFlag
-from fmp_drake.systems.ink.grid import CLEAN_BELOW, cleaned_fraction
-from fmp_drake.systems.ink.metrics import (
-    cleaned_history,
-    missed_spots,
-    times_to_clean,
-)
 
 _CONTACT_FORCE = 0.5
 WANTED_FORCE = (5.0, 15.0)
-"""The press that is wanted, N."""
+"""The normal force that is wanted, N."""
 
+# Of the histogram of forces, N; larger forces than the largest count as that one.
+_BIN, _LARGEST_FORCE = 0.01, 500.0
 # What the controller should not have to do.
 _FAULTS = StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL
 
-type Figures = dict[str, float | int | None]
+METRIC_SIGNALS = (
+    *("normal_force", "desired_position", "desired_velocity"),
+    *("measured_position", "state", "actuation", "torque", "status"),
+)
+"""Names of the signals that the metrics are computed from."""
+
+type Metrics = dict[str, float | int | None]
+type Chunk = Mapping[str, Samples]
 
 
-def run_figures(run: WipingRun) -> Figures:
-    """Return the figures of a run; what was never reached is None."""
-    return {**_ink(run), **_force(run), **_motion(run), **_limits(run)}
+class Samples(NamedTuple):
+    """Logged samples of one signal: times (N,) in s and values (N, columns)."""
+
+    times: NDArray[np.float64]
+    values: NDArray[np.float64]
 
 
-def _ink(run: WipingRun) -> Figures:
-    ink = run.ink()
-    inked = run.initial_ink >= CLEAN_BELOW
-    area = run.demonstrated_area() & inked
-    spots = missed_spots(ink, area, grid=run.grid)
-    times = run.log_times("cleaned_fraction")
-    reached = times_to_clean(
-        times, cleaned_history(run.output("erase_time"), area, times)
-    )
-    return {
-        "cleaned_fraction": cleaned_fraction(ink, inked),
-        "cleaned_fraction_of_demonstrated_area": spots.cleaned_fraction,
-        **{f"seconds_to_{100 * f:.0f}_percent": t for f, t in reached.items()},
-        "missed_spots": spots.count,
-        "missed_area_cm2": spots.area_cm2,
-        "missed_largest_cm2": spots.largest_cm2,
-    }
+class ForceMetrics:
+    """How hard and how constantly the eraser presses, from its first contact on."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(round(_LARGEST_FORCE / _BIN), dtype=np.int64)
+        self._sum = 0.0
+        self._wanted = self._samples = 0
+
+    def update(self, chunk: Chunk) -> None:
+        """Take the next normal forces."""
+        force = chunk["normal_force"].values[:, 0]
+        touching = force > _CONTACT_FORCE
+        if not self._samples:
+            first = int(np.argmax(touching)) if np.any(touching) else len(force)
+            force, touching = force[first:], touching[first:]
+        self._samples += len(force)
+        pressed = force[touching]
+        low, high = WANTED_FORCE
+        self._sum += float(np.sum(pressed))
+        self._wanted += int(np.sum((pressed >= low) & (pressed <= high)))
+        bins = np.minimum((pressed / _BIN).astype(int), len(self._counts) - 1)
+        self._counts += np.bincount(bins, minlength=len(self._counts))
+
+    def result(self) -> Metrics:
+        """Return the metrics; all are zero before the first contact."""
+        pressed = int(np.sum(self._counts))
+        return {
+            "normal_force_mean_n": self._sum / max(1, pressed),
+            "normal_force_p05_n": self._percentile(0.05) if pressed else 0.0,
+            "normal_force_p95_n": self._percentile(0.95) if pressed else 0.0,
+            "normal_force_wanted_fraction": self._wanted / max(1, pressed),
+            "contact_fraction": pressed / max(1, self._samples),
+        }
+
+    def _percentile(self, fraction: float) -> float:
+        """Return a percentile of the forces in contact, to the width of a bin."""
+        until = np.cumsum(self._counts)
+        rank = fraction * (until[-1] - 1)
+        ranks = np.array([np.floor(rank), np.ceil(rank)])
+        found = np.searchsorted(until, ranks, side="right")
+        within = (ranks + 0.5 - until[found]) / self._counts[found] + 1
+        low, high = _BIN * (found + within)
+        return float(low + (rank - ranks[0]) * (high - low))
 
 
-def _force(run: WipingRun) -> Figures:
-    force = run.log("normal_force")[:, 0]
-    touching = force > _CONTACT_FORCE
-    since = force[np.argmax(touching) :] if np.any(touching) else force[:0]
-    pressed = since[since > _CONTACT_FORCE]
-    if not len(pressed):
-        pressed = np.zeros(1)
-    low, high = WANTED_FORCE
-    p05, p95 = np.percentile(pressed, [5, 95])
-    return {
-        "normal_force_mean_n": float(np.mean(pressed)),
-        "normal_force_p05_n": float(p05),
-        "normal_force_p95_n": float(p95),
-        "normal_force_wanted_fraction": float(
-            np.mean((pressed >= low) & (pressed <= high))
-        ),
-        "contact_fraction": float(np.mean(since > _CONTACT_FORCE))
-        if len(since)
-        else 0.0,
-    }
+class TrackingMetrics:
+    """How closely the desired motion is followed, and how smooth it is."""
+
+    def __init__(self) -> None:
+        self._squares = self._largest = self._jump = 0.0
+        self._samples = 0
+        self._last: NDArray[np.float64] = np.zeros((0, 7))
+
+    def update(self, chunk: Chunk) -> None:
+        """Take the next positions and desired velocities."""
+        desired, velocity = chunk["desired_position"], chunk["desired_velocity"]
+        measured = chunk["measured_position"]
+        squares = np.sum((desired.values - measured.values) ** 2, axis=1)
+        self._squares += float(np.sum(squares))
+        self._largest = float(np.sqrt(np.max(squares, initial=self._largest**2)))
+        self._samples += len(squares)
+        rows = np.column_stack([desired.times, desired.values, velocity.values])
+        rows = np.concatenate([self._last, rows])
+        # What the velocity explains of the way from a sample to the next.
+        explained = np.diff(rows[:, :1], axis=0) * (rows[1:, 4:] + rows[:-1, 4:]) / 2
+        jumps = np.linalg.norm(np.diff(rows[:, 1:4], axis=0) - explained, axis=1)
+        self._jump = float(np.max(jumps, initial=self._jump))
+        self._last = rows[-1:]
+
+    def result(self) -> Metrics:
+        """Return the metrics."""
+        return {
+            "tracking_rms_m": float(np.sqrt(self._squares / max(1, self._samples))),
+            "tracking_max_m": self._largest,
+            "desired_position_jump_max_m": self._jump,
+        }
 
 
-def _motion(run: WipingRun) -> Figures:
-    desired = run.log("desired_position")
-    error = np.linalg.norm(desired - run.log("measured_position"), axis=1)
-    every, reactive = run.log("remaps")[-1]
-    return {
-        "tracking_rms_m": float(np.sqrt(np.mean(error**2))),
-        "tracking_max_m": float(np.max(error)),
-        "remap_count": int(every),
-        "reactive_remap_count": int(reactive),
-        "desired_position_jump_max_m": _jump(run, desired),
-    }
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointLimits:
+    """Limits of the arm's n joints: positions, speeds and torques, each (n,)."""
+
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    torque: NDArray[np.float64]
 
 
-def _jump(run: WipingRun, desired: NDArray[np.float64]) -> float:
-    """Return the largest jump of the desired position, m.
+class LimitMetrics:
+    """How far the arm stays from every limit, and how often the controller steps in.
 
-    What it changes by from a sample to the next, less what its velocity explains.
+    Parameters
+    ----------
+    limits : JointLimits
     """
-    velocity = run.log("desired_velocity")
-    seconds = np.diff(run.log_times("desired_position"))[:, None]
-    moved = np.diff(desired, axis=0)
-    explained = seconds * (velocity[1:] + velocity[:-1]) / 2
-    return float(np.max(np.linalg.norm(moved - explained, axis=1), initial=0.0))
 
+    def __init__(self, limits: JointLimits) -> None:
+        self._limits = limits
+        self._effort = self._rate = self._speed = 0.0
+        self._margin = np.inf
+        self._faults = self._samples = 0
+        self._last: NDArray[np.float64] = np.zeros((0, len(limits.lower)))
 
-def _limits(run: WipingRun) -> Figures:
-    plant: Any = run.station.GetSubsystemByName("plant")
-    panda = plant.GetModelInstanceByName("panda")
-    n = plant.num_positions(panda)
-    lower = plant.GetPositionLowerLimits()[:n]
-    upper = plant.GetPositionUpperLimits()[:n]
-    state = run.log("state")
-    q, v = state[:, :n], state[:, n:]
-    effort = np.abs(run.log("actuation")) / plant.GetEffortUpperLimits()[:n]
-    torque_rate = np.abs(np.diff(run.log("torque"), axis=0)) / STEP
-    flags = run.log("status")[:, 0].astype(int)
-    return {
-        "torque_ratio_max": float(np.max(effort)),
-        "torque_rate_max_nm_per_s": float(np.max(torque_rate, initial=0.0)),
-        "joint_limit_margin_min_rad": float(min(np.min(q - lower), np.min(upper - q))),
-        "joint_speed_ratio_max": float(
-            np.max(np.abs(v) / plant.GetVelocityUpperLimits()[:n])
-        ),
-        "fault_fraction": float(np.mean(flags & int(_FAULTS) != 0)),
-    }
+    def update(self, chunk: Chunk) -> None:
+        """Take the next states of the arm, torques and states of the controller."""
+        limits = self._limits
+        q, v = np.split(chunk["state"].values, 2, axis=1)
+        margin = np.minimum(q - limits.lower, limits.upper - q)
+        self._margin = float(np.min(margin, initial=self._margin))
+        self._speed = float(np.max(np.abs(v) / limits.speed, initial=self._speed))
+        effort = np.abs(chunk["actuation"].values) / limits.torque
+        self._effort = float(np.max(effort, initial=self._effort))
+        torque = np.concatenate([self._last, chunk["torque"].values])
+        rate = np.abs(np.diff(torque, axis=0)) / MILLISECOND
+        self._rate = float(np.max(rate, initial=self._rate))
+        self._last = torque[-1:]
+        flags = chunk["status"].values[:, 0].astype(int)
+        self._faults += int(np.count_nonzero(flags & int(_FAULTS)))
+        self._samples += len(flags)
+
+    def result(self) -> Metrics:
+        """Return the metrics."""
+        return {
+            "torque_ratio_max": self._effort,
+            "torque_rate_max_nm_per_s": self._rate,
+            "joint_limit_margin_min_rad": self._margin,
+            "joint_speed_ratio_max": self._speed,
+            "fault_fraction": self._faults / max(1, self._samples),
+        }

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.errors import DemonstrationError, FmpError
+from fmp_drake.errors import DemonstrationError, RunError
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
@@ -59,7 +59,7 @@ def scenario_skill(
     remarks : list of str
     """
     if skill_file is not None and demos:
-        raise FmpError("give either --demo or --skill, not both.")
+        raise RunError("give either --demo or --skill, not both.")
     plays = scenario.skill
     if skill_file is None and plays.file and not demos:
         skill_file = Path(plays.file)

@@ -1,7 +1,9 @@
 """One run of the wiping station, with everything that is measured on it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
+from math import floor, isfinite
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,11 +12,23 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.runs.log import RunLog, Signal
+from fmp_drake.runs.ink_metrics import ink_metrics
+from fmp_drake.runs.log import Rows, write_log
+from fmp_drake.runs.metrics import (
+    METRIC_SIGNALS,
+    ForceMetrics,
+    JointLimits,
+    LimitMetrics,
+    Metrics,
+    Samples,
+    TrackingMetrics,
+)
+from fmp_drake.runs.signals import SIGNALS, signal_kind
+from fmp_drake.runs.spill import Spill
 from fmp_drake.station.parts.page_scene import BOARD, INK
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.wiping_station import MakeWipingStation
@@ -22,38 +36,17 @@ from fmp_drake.systems.ink.recording import AddInkToRecording
 from fmp_drake.systems.trail_visualizer import COLORS
 from fmp_drake.systems.viewer.path_drawing import draw_line
 
-STEP = 0.001
-"""Seconds between samples of what is state of the diagram, and cheap to log."""
-
-# What is logged in every run, with its period in seconds.
-_LOGGED = {
-    "torque": STEP,
-    "actuation": STEP,
-    "state": STEP,
-    "status": STEP,
-    "desired_position": 0.005,
-    "desired_velocity": 0.005,
-    "measured_position": 0.005,
-    "remaps": 0.005,
-    "normal_force": 0.01,
-    "cleaned_fraction": 0.05,
-    "disturbance": 0.01,
-}
-# What is added for a complete log.
-_COMPLETE = {
-    "desired_acceleration": 0.005,
-    "measured_velocity": 0.005,
-    "tracking_error": 0.005,
-    "covariance": 0.05,
-    "weights": 0.05,
-    "component": 0.05,
-    "contact_area": 0.01,
-}
-_AT_THE_END = ("ink", "erase_time", "fade_time")
+# Simulated seconds after which the logged samples are taken in, at the latest.
+_CHUNK = 1.0
+# Points of the path that a page replays.
+_PATH_POINTS = 20_000
 
 
 class WipingRun:
     """A wiping station with loggers and a simulator.
+
+    What is logged is taken in while the run goes: into the metrics, and into temporary
+    files as far as it is to be kept. Memory does not grow with the run.
 
     Parameters
     ----------
@@ -66,8 +59,24 @@ class WipingRun:
         As for `MakeWipingStation`.
     recording : bool
         Record the run for `html`.
-    complete : bool
-        Log every signal, for `run_log`.
+    keep : iterable of str
+        Signals to keep for `log` and `save_log`, by names of `SIGNALS`; those that the
+        scenario does not have are left out.
+
+    Attributes
+    ----------
+    station : Diagram
+    diagram : Diagram
+        The station with its loggers: the simulator's system.
+    simulator : Simulator
+    grid : InkGrid
+        The cells of the ink.
+    initial_ink : ndarray, shape (ny, nx)
+        From 0 to 1.
+    kept : set of str
+        The signals that are kept.
+    demonstrated : list of ndarray, shape (N, 3)
+        The demonstrated paths in B, or those of the skill's components, m.
     """
 
     def __init__(
@@ -82,7 +91,7 @@ class WipingRun:
         visuals: str = "own",
         meshcat: Meshcat | None = None,
         recording: bool = False,
-        complete: bool = False,
+        keep: Iterable[str] = (),
     ) -> None:
         self.scenario = scenario
         self.skill = skill
@@ -103,11 +112,17 @@ class WipingRun:
         )
         builder = DiagramBuilder()
         builder.AddSystem(self.station)
-        self._sinks = {}
-        for name, period in (_LOGGED | (_COMPLETE if complete else {})).items():
-            if not self.station.HasOutputPort(name):
-                continue
-            sink = LogVectorOutput(self.station.GetOutputPort(name), builder, period)
+        self._recording = recording and meshcat is not None
+        path = ("measured_position",) if self._recording else ()
+        self.kept = {
+            name
+            for name in {*keep, *path}
+            if isfinite(signal_kind(name).period) and self.station.HasOutputPort(name)
+        }
+        self._sinks: dict[str, VectorLogSink] = {}
+        for name in sorted({*METRIC_SIGNALS, *self.kept}):
+            port = self.station.GetOutputPort(name)
+            sink = LogVectorOutput(port, builder, signal_kind(name).period)
             sink.set_name(f"log_{name}")
             self._sinks[name] = sink
         self.diagram = builder.Build()
@@ -117,11 +132,17 @@ class WipingRun:
         ink_board: Any = self.station.GetSubsystemByName("ink_board")
         self.grid = ink_board.grid
         self.initial_ink = ink_board.initial_ink
-        self._recording = recording and meshcat is not None
-        self.record_again()
+        self.begin_again()
 
-    def record_again(self) -> None:
-        """Begin the recording, if there is one, anew."""
+    def begin_again(self) -> None:
+        """Forget what was taken in, for a simulation that was reset; record anew."""
+        limits = LimitMetrics(self._joint_limits())
+        self._metrics = (ForceMetrics(), TrackingMetrics(), limits)
+        self._values = {
+            name: Spill((self.station.GetOutputPort(name).size(),))
+            for name in self.kept
+        }
+        self._times = {signal_kind(name).period: Spill() for name in self.kept}
         if self.meshcat is not None and self._recording:
             self.meshcat.DeleteRecording()
             self.meshcat.StartRecording(frames_per_second=30.0)
@@ -133,20 +154,72 @@ class WipingRun:
                 system: Any = self.station.GetSubsystemByName(name)
                 system.Delete()
 
-    @property
-    def logged(self) -> tuple[str, ...]:
-        """The names of the logged signals."""
-        return tuple(self._sinks)
+    def advance_to(self, time: float) -> None:
+        """Advance the simulation to a time, s, and take in what is logged."""
+        while (now := self.simulator.get_context().get_time()) < time:
+            chunk_end = (floor(now / _CHUNK) + 1) * _CHUNK
+            self.simulator.AdvanceTo(min(chunk_end, time))
+            self._take_in()
+
+    def _take_in(self) -> None:
+        """Move what was logged since the last time into metrics and kept signals."""
+        context = self.simulator.get_mutable_context()
+        chunk = {}
+        for name, sink in self._sinks.items():
+            log = sink.FindMutableLog(context)
+            chunk[name] = Samples(log.sample_times().copy(), log.data().T.copy())
+            log.Clear()
+        for metrics in self._metrics:
+            metrics.update(chunk)
+        times = {}
+        for name, values in self._values.items():
+            values.append(chunk[name].values)
+            times[signal_kind(name).period] = chunk[name].times
+        for period, added in times.items():
+            self._times[period].append(added)
 
     def log(self, name: str) -> NDArray[np.float64]:
-        """Return the logged values of an output port, shape (samples, size)."""
-        log: Any = self._sinks[name].FindLog(self.simulator.get_context())
-        return np.array(log.data().T)
+        """Return the values of a kept signal, shape (samples, size), read only."""
+        self._take_in()
+        try:
+            return self._values[name].array()
+        except KeyError:
+            raise RunError(
+                f"the signal {name} was not kept; the run keeps "
+                f"{', '.join(sorted(self.kept)) or 'none'}."
+            ) from None
 
     def log_times(self, name: str) -> NDArray[np.float64]:
-        """Return the times of the logged values, shape (samples,), s."""
-        log: Any = self._sinks[name].FindLog(self.simulator.get_context())
-        return np.array(log.sample_times())
+        """Return the times of the values of a kept signal, shape (samples,), s."""
+        return self._times[signal_kind(name).period].array()[: len(self.log(name))]
+
+    def metrics(self) -> Metrics:
+        """Return the metrics of the run so far; what was never reached is None."""
+        self._take_in()
+        remaps, reactive = self.output("remaps")
+        return {
+            **ink_metrics(
+                ink=self.ink(),
+                initial_ink=self.initial_ink,
+                erase_time=self.output("erase_time"),
+                area=self.demonstrated_area,
+                grid=self.grid,
+                seconds=self.simulator.get_context().get_time(),
+            ),
+            **{k: v for each in self._metrics for k, v in each.result().items()},
+            "remap_count": int(remaps),
+            "reactive_remap_count": int(reactive),
+        }
+
+    def _joint_limits(self) -> JointLimits:
+        plant: Any = self.station.GetSubsystemByName("plant")
+        n = plant.num_positions(plant.GetModelInstanceByName("panda"))
+        return JointLimits(
+            lower=plant.GetPositionLowerLimits()[:n],
+            upper=plant.GetPositionUpperLimits()[:n],
+            speed=plant.GetVelocityUpperLimits()[:n],
+            torque=plant.GetEffortUpperLimits()[:n],
+        )
 
     def output(self, name: str) -> NDArray[np.float64]:
         """Return what an output port of the station says now."""
@@ -159,30 +232,34 @@ class WipingRun:
         return self.output("ink").reshape(self.grid.shape)
 
     @cached_property
-    def _demonstrated_area(self) -> NDArray[np.bool_]:
+    def demonstrated_area(self) -> NDArray[np.bool_]:
+        """The cells that the demonstrated eraser passed over, shape (ny, nx)."""
         x, y = self.scenario.eraser.footprint
         area = np.zeros(self.grid.shape, dtype=bool)
         for path in self.demonstrated:
             area |= self.grid.swept_area(path, (x, y))
         return area
 
-    def demonstrated_area(self) -> NDArray[np.bool_]:
-        """Return the cells that the demonstrated eraser passed over, (ny, nx)."""
-        return self._demonstrated_area
+    def save_log(self, path: Path, metrics: Mapping[str, Any]) -> None:
+        """Write the kept signals, and the ink at the end, to a file for `RunLog.load`.
 
-    def run_log(self, figures: dict[str, Any]) -> RunLog:
-        """Return everything that was logged, with the ink at the end."""
-        signals = {
-            name: Signal.named(name, self.log_times(name), self.log(name))
-            for name in self._sinks
+        Raises
+        ------
+        RunError
+            Where it cannot be written; an existing file is then as before.
+        """
+        self._take_in()
+        signals: dict[str, tuple[Rows, Rows]] = {
+            name: (self._times[kind.period], self._values[name])
+            for name, kind in SIGNALS.items()
+            if name in self.kept
         }
-        now = self.simulator.get_context().get_time()
-        for name in _AT_THE_END:
-            signals[name] = Signal.named(name, [now], self.output(name)[None])
+        now = np.array([self.simulator.get_context().get_time()])
+        for name, kind in SIGNALS.items():
+            if not isfinite(kind.period):
+                signals[name] = (now, self.output(name)[None])
         scenario = yaml_dump_typed(self.scenario)  # type: ignore[no-untyped-call]
-        return RunLog(
-            signals=signals, scenario=scenario, seed=self.seed, figures=figures
-        )
+        write_log(path, signals, scenario=scenario, seed=self.seed, metrics=metrics)
 
     def html(self, duration: float) -> str:
         """Return a page of its own that replays the arm, the force and the ink.
@@ -190,7 +267,7 @@ class WipingRun:
         Call it once, after the run; it needs `recording` and a Meshcat.
         """
         if self.meshcat is None or not self._recording:
-            raise FmpError(
+            raise RunError(
                 "nothing was recorded; give the run a Meshcat and recording."
             )
         self.meshcat.StopRecording()
@@ -208,10 +285,11 @@ class WipingRun:
         for name in ("plan", "trail"):
             self.meshcat.Delete(f"{BOARD}/{name}")
         if self.scenario.show.trail:
+            path = self.log("measured_position")
             draw_line(
                 self.meshcat,
                 f"{BOARD}/measured",
-                self.log("measured_position")[::4],
+                path[:: max(4, -(-len(path) // _PATH_POINTS))],
                 color=COLORS["measured"],
             )
         self.meshcat.PublishRecording()

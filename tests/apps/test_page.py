@@ -84,7 +84,7 @@ def make_run(learned, meshcat, *, show=None):
 def run(learned, meshcat):
     """Simulate three seconds of what `fmp-drake wipe` shows."""
     run = make_run(learned, meshcat)
-    run.simulator.AdvanceTo(3.0)
+    run.advance_to(3.0)
     return run
 
 
@@ -113,7 +113,7 @@ def test_running_page_shows_trail_and_plan(run, meshcat, tmp_path):
 def test_everything_but_the_bodies_can_be_switched_off(learned, tmp_path):
     meshcat = open_page()
     run = make_run(learned, meshcat, show=())
-    run.simulator.AdvanceTo(1.0)
+    run.advance_to(1.0)
     assert meshcat.GetSliderNames() == []
     picture = screenshot(meshcat.web_url(), tmp_path)
     for part in (orange, green, blue_ink):

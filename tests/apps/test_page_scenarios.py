@@ -41,7 +41,7 @@ def run_of():
                 meshcat=open_page(),
                 recording=name == REPLAYED,
             )
-            runs[name].simulator.AdvanceTo(SECONDS)
+            runs[name].advance_to(SECONDS)
         return runs[name]
 
     return get

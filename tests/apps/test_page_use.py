@@ -10,9 +10,8 @@ from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
-from rich.console import Console
 
-from fmp_drake.apps.page import RunButtons, advance
+from fmp_drake.runs.advancing import RunButtons, advance
 from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.mouse import AddMousePull
@@ -233,14 +232,13 @@ def test_buttons_pause_a_run_and_reset_it(begun, page):
     simulator.set_target_realtime_rate(0.2)
     clicking = threading.Thread(target=click)
     clicking.start()
-    advance(
+    for _ in advance(
         simulator,
         3.0,
-        console=Console(quiet=True),
-        label="holding",
         meshcat=begun.meshcat,
         on_reset=lambda: resets.append(now()),
-    )
+    ):
+        pass
     clicking.join()
     assert 0.1 < seen["paused"] < 3.0
     assert seen["reset"] == 0.0

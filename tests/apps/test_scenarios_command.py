@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from fmp_drake.apps import scenarios as scenarios_module
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import RunError
 from fmp_drake.film import checks
 from fmp_drake.film import scenario_page as page_module
 from fmp_drake.film.scenario_page import Measured, measure_scenario, scenario_page
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
-FIGURES = {
+METRICS = {
     "cleaned_fraction_of_demonstrated_area": 0.987,
     "seconds_to_50_percent": 12.3,
     "seconds_to_90_percent": 40.0,
@@ -89,7 +89,7 @@ def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
 
 
 def test_page_says_what_was_measured():
-    measured = {"table_top": Measured(FIGURES, True)}
+    measured = {"table_top": Measured(METRICS, True)}
     page = scenario_page(measured, duration=60.0)
     (row,) = rows(page)[2:]
     assert row == [
@@ -104,24 +104,24 @@ def test_page_says_what_was_measured():
     ]
     assert "![table_top after 60 s](table_top.png)" in page
     assert "60 s of each" in page
-    assert "Held" not in page
+    assert "Stopped" not in page
 
 
 def test_page_names_faults_and_leaves_out_pictures_that_are_not_there():
-    faulty = FIGURES | {"fault_fraction": 0.123}
+    faulty = METRICS | {"fault_fraction": 0.123}
     page = scenario_page({"pushed": Measured(faulty, False)}, duration=10.0)
-    assert "Held or at a wall 12.3 % of the time." in page
+    assert "Stopped or at a wall 12.3 % of the time." in page
     assert "![" not in page
 
 
-def test_without_egl_there_are_figures_and_no_picture(monkeypatch, outputs):
+def test_without_egl_there_are_metrics_and_no_picture(monkeypatch, outputs):
     def blind(*_, **__):
-        raise FmpError("films are rendered through EGL, which does not work here")
+        raise RunError("films are rendered through EGL, which does not work here")
 
     monkeypatch.setattr(page_module, "render_picture", blind)
-    figures, pictured = measure_scenario("table_top", 0.2, outputs)
+    metrics, pictured = measure_scenario("table_top", 0.2, outputs)
     assert not pictured
-    assert set(FIGURES) <= set(figures)
+    assert set(METRICS) <= set(metrics)
     assert list(outputs.iterdir()) == []
 
 
@@ -144,7 +144,7 @@ def test_wrong_option_is_refused_before_the_work(
     def work(*_, **__):
         raise AssertionError("it began to work")
 
-    monkeypatch.setattr(scenarios_module, "ProcessPoolExecutor", work)
+    monkeypatch.setattr(scenarios_module, "measure_scenarios", work)
     monkeypatch.chdir(outputs)
     assert reason in refused("scenarios", *options)
     assert list(outputs.iterdir()) == []

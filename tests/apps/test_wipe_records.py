@@ -10,8 +10,9 @@ from pydrake.common.yaml import yaml_load_typed
 
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import open_page
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import FmpError, RunError
 from fmp_drake.film import checks
+from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.primitives import Demonstration
 from fmp_drake.runs.log import RunLog
 from fmp_drake.runs.signals import SIGNALS
@@ -233,7 +234,7 @@ def test_unknown_visuals_list_the_known_ones(refused):
 # Records ----------------------------------------------------------------------
 
 
-def test_log_has_all_signals_and_the_figures(command, runs, outputs, write):
+def test_log_has_all_signals_and_the_metrics(command, runs, outputs, write):
     path, report = outputs / "run.npz", outputs / "report.json"
     scene = write(
         "description: Pushed.\n"
@@ -252,7 +253,7 @@ def test_log_has_all_signals_and_the_figures(command, runs, outputs, write):
         assert log[name].values.shape == (1, run.grid.num_cells)
         assert_array_equal(log[name].times, [1.0])
     assert_array_equal(log["ink"].values[0], run.output("ink"))
-    for name, count in (("state", 1001), ("measured_position", 201), ("weights", 21)):
+    for name, count in (("state", 1001), ("measured_position", 201), ("weights", 26)):
         assert len(log[name].values) == count
         assert_allclose(log[name].times[[0, -1]], [0.0, 1.0])
         assert_array_equal(log[name].values, run.log(name))
@@ -260,15 +261,18 @@ def test_log_has_all_signals_and_the_figures(command, runs, outputs, write):
     pushed = (pushes.times > 0.505) & (pushes.times < 0.595)
     assert_allclose(pushes.values[pushed], [[0.0, 5.0, 0.0]] * sum(pushed))
     assert log.seed == 4
-    assert log.figures == json.loads(report.read_text(encoding="utf-8"))
+    assert log.metrics == json.loads(report.read_text(encoding="utf-8"))
     scenario = yaml_load_typed(schema=Scenario, data=log.scenario)
     assert scenario.description == "Pushed."
 
 
-def test_run_without_a_log_logs_no_more_than_its_figures_need(command, runs):
+def test_run_keeps_what_its_files_need_and_no_more(command, runs, outputs):
     wiped(command)
-    assert "weights" not in runs[0].logged
-    assert "disturbance" not in runs[0].logged
+    wiped(command, "--plot", outputs / "run.png")
+    assert runs[0].kept == set()
+    assert runs[1].kept == set(RUN_PAGE_SIGNALS) - {"disturbance"}
+    with pytest.raises(RunError, match=r"the signal state was not kept; .*keeps none"):
+        runs[0].log("state")
 
 
 def test_gif_shows_the_run_without_a_screen(command, outputs):

@@ -726,6 +726,7 @@ def fake_run(skill, *, clean=(), **more):
         "desired_position": measured - [0.0, 0.0, 0.002],
         "normal_force": np.full((200, 1), 10.0),
         "cleaned_fraction": np.full((200, 1), 0.25),
+        "remaps": np.zeros((200, 2)),
         **more,
     }
     ink = np.ones((12, 8))
@@ -737,12 +738,13 @@ def fake_run(skill, *, clean=(), **more):
         skill=skill,
         grid=SimpleNamespace(size=(0.4, 0.6), shape=ink.shape),
         demonstrated=[measured],
+        kept=set(logs),
         log=logs.__getitem__,
         log_times=lambda name: np.linspace(0, 2, len(logs[name])),
         ink=lambda: ink,
         initial_ink=np.ones_like(ink),
         output=lambda _: erase_time,
-        demonstrated_area=lambda: area,
+        demonstrated_area=area,
     )
 
 

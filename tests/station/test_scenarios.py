@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from fmp_drake.runs.metrics import WANTED_FORCE, run_figures
+from fmp_drake.runs.metrics import WANTED_FORCE
 from fmp_drake.runs.skills import scenario_skill
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
@@ -22,8 +22,8 @@ def metrics_of(name):
     scenario = LoadScenario(name)
     skill, demonstrations, _ = scenario_skill(scenario)
     run = WipingRun(scenario, skill, demonstrations=demonstrations)
-    run.simulator.AdvanceTo(SECONDS)
-    return run_figures(run)
+    run.advance_to(SECONDS)
+    return run.metrics()
 
 
 class Run:
@@ -31,34 +31,34 @@ class Run:
 
     @pytest.fixture(scope="class")
     @classmethod
-    def figures(cls):
-        figures = metrics_of(cls.scenario)
+    def metrics(cls):
+        metrics = metrics_of(cls.scenario)
         # Shown where a test fails.
-        print(cls.scenario, json.dumps(figures, indent=1))  # noqa: T201
-        return figures
+        print(cls.scenario, json.dumps(metrics, indent=1))  # noqa: T201
+        return metrics
 
-    def test_keeps_every_limit(self, figures):
-        assert 0 < figures["torque_ratio_max"] < 1
-        assert 0 < figures["joint_speed_ratio_max"] < 1
-        assert 0 < figures["torque_rate_max_nm_per_s"] < 1000
-        assert figures["joint_limit_margin_min_rad"] > 0
-        assert figures["fault_fraction"] == 0
+    def test_keeps_every_limit(self, metrics):
+        assert 0 < metrics["torque_ratio_max"] < 1
+        assert 0 < metrics["joint_speed_ratio_max"] < 1
+        assert 0 < metrics["torque_rate_max_nm_per_s"] < 1000
+        assert metrics["joint_limit_margin_min_rad"] > 0
+        assert metrics["fault_fraction"] == 0
 
-    def test_presses_as_wanted_while_it_touches(self, figures):
+    def test_presses_as_wanted_while_it_touches(self, metrics):
         assert WANTED_FORCE == (5.0, 15.0)
-        assert figures["normal_force_wanted_fraction"] >= 0.95
-        assert figures["contact_fraction"] > 0.9
+        assert metrics["normal_force_wanted_fraction"] >= 0.95
+        assert metrics["contact_fraction"] > 0.9
 
-    def test_remaps_without_a_jump(self, figures):
-        assert figures["remap_count"] >= 4
-        assert figures["desired_position_jump_max_m"] < 1e-4
+    def test_remaps_without_a_jump(self, metrics):
+        assert metrics["remap_count"] >= 4
+        assert metrics["desired_position_jump_max_m"] < 1e-4
 
 
 class FixedBoardRun(Run):
     """What holds on a board that stands still, too."""
 
-    def test_cleans_the_demonstrated_area(self, figures):
-        assert figures["cleaned_fraction_of_demonstrated_area"] >= 0.9
+    def test_cleans_the_demonstrated_area(self, metrics):
+        assert metrics["cleaned_fraction_of_demonstrated_area"] >= 0.9
 
 
 for _name in ListScenarios():

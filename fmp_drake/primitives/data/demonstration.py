@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
-from fmp_drake.primitives.data.files import read_npz, write_npz
+from fmp_drake.primitives.data.files import read_npz, replaced, write_npz
 from fmp_drake.primitives.data.numeric import GREATEST, as_floats, is_number
 
 FORMAT = "fmp-drake-demonstration"
@@ -228,14 +228,14 @@ class Demonstration:
                 "rotation channels; save an .npz."
             )
         names = zip(self.channels, self.units, strict=True)
-        try:
-            with path.open("w", newline="", encoding="utf-8") as stream:
-                writer = csv.writer(stream)
-                writer.writerow(["time [s]", *(f"{n} [{u}]" for n, u in names)])
-                for t, row in zip(self.time, self.values, strict=True):
-                    writer.writerow([repr(float(t)), *(repr(float(v)) for v in row)])
-        except OSError as error:
-            raise SkillFileError(f"cannot write {path}: {error.strerror}.") from None
+        with (
+            replaced(path, SkillFileError) as part,
+            part.open("w", newline="", encoding="utf-8") as stream,
+        ):
+            writer = csv.writer(stream)
+            writer.writerow(["time [s]", *(f"{n} [{u}]" for n, u in names)])
+            for t, row in zip(self.time, self.values, strict=True):
+                writer.writerow([repr(float(t)), *(repr(float(v)) for v in row)])
 
     @classmethod
     def load(cls, path: str | Path) -> "Demonstration":

@@ -1,17 +1,67 @@
-"""Reading and writing `.npz` files so that nothing broken gets in or out."""
+"""Reading and writing files so that nothing broken gets in or out."""
 
 import json
 import os
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from fmp_drake.errors import FmpError, SkillFileError
 
 
-def read_npz(path: Path, expected: str) -> dict[str, NDArray[Any]]:
+class Blocks(Protocol):
+    """A float64 array that is read block by block, for it may not fit in memory."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the whole array."""
+
+    def blocks(self) -> Iterator[NDArray[np.float64]]:
+        """Yield the rows of the array in their order, some at a time."""
+
+
+@contextmanager
+def replaced(path: Path, error: type[FmpError] = FmpError) -> Iterator[Path]:
+    """Yield the path of a temporary file that becomes `path` if nothing fails.
+
+    The file appears whole or not at all: it is written under another name in the same
+    folder, with the same ending, and renamed at the end. A process that is killed
+    before leaves an older file as it was.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    error : type of FmpError
+        Raised where the operating system does not let the file be written.
+    """
+    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        yield part
+        with part.open("rb+") as stream:
+            os.fsync(stream.fileno())
+        os.replace(part, path)
+    except OSError as reason:
+        raise error(f"cannot write {path}: {reason.strerror or reason}.") from None
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str, error: type[FmpError] = FmpError) -> None:
+    """Write a text file in UTF-8, whole or not at all."""
+    with replaced(path, error) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def read_npz(
+    path: Path, expected: str, error: type[FmpError] = SkillFileError
+) -> dict[str, NDArray[Any]]:
     """Return the arrays of an `.npz` file, none of them pickled.
 
     Parameters
@@ -19,43 +69,57 @@ def read_npz(path: Path, expected: str) -> dict[str, NDArray[Any]]:
     path : pathlib.Path
     expected : str
         What the file should have been, for the error.
-
-    Raises
-    ------
-    SkillFileError
-        Where the file cannot be read in full.
+    error : type of FmpError
+        Raised where the file cannot be read in full.
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except Exception as error:  # noqa: BLE001
+    except Exception as reason:  # noqa: BLE001
         # Broken bytes surface from NumPy, zipfile and zlib as a dozen types.
-        raise SkillFileError(
-            f"{path} is not a readable .npz file ({error}); {expected}."
+        raise error(
+            f"{path} is not a readable .npz file ({reason}); {expected}."
         ) from None
 
 
-def write_npz(path: Path, arrays: dict[str, Any]) -> None:
-    """Write arrays to an `.npz` file; an existing one is replaced at the end.
+def write_npz(
+    path: Path,
+    arrays: Mapping[str, NDArray[Any] | Blocks],
+    error: type[FmpError] = SkillFileError,
+) -> None:
+    """Write arrays to a compressed `.npz` file, whole or not at all.
 
-    Raises
-    ------
-    SkillFileError
-        Where the file cannot be written; an existing one is then as before.
+    Parameters
+    ----------
+    path : pathlib.Path
+    arrays : mapping from str to ndarray or Blocks
+        Those given in blocks are never in memory as a whole.
+    error : type of FmpError
+        Raised where the file cannot be written.
     """
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as stream:
-            np.savez_compressed(stream, allow_pickle=False, **arrays)
-        os.replace(part, path)
-    except OSError as error:
-        raise SkillFileError(f"cannot write {path}: {error.strerror}.") from None
-    finally:
-        part.unlink(missing_ok=True)
+    with (
+        replaced(path, error) as part,
+        zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                if isinstance(array, np.ndarray):
+                    npy.write_array(stream, array, allow_pickle=False)
+                    continue
+                header = {"descr": "<f8", "fortran_order": False, "shape": array.shape}
+                npy.write_array_header_1_0(stream, header)
+                for block in array.blocks():
+                    stream.write(np.ascontiguousarray(block, dtype="<f8").tobytes())
 
 
 def read_versioned(
-    path: Path, *, hint: str, foreign: str, form: str, newest: int
+    path: Path,
+    *,
+    hint: str,
+    foreign: str,
+    form: str,
+    newest: int,
+    error: type[FmpError] = SkillFileError,
 ) -> tuple[dict[str, Any], dict[str, NDArray[Any]], int]:
     """Read a file whose array `metadata` is JSON with a format and a version.
 
@@ -70,26 +134,23 @@ def read_versioned(
         The format.
     newest : int
         The newest version that can be read.
+    error : type of FmpError
+        Raised where the file is broken, foreign or newer.
 
     Returns
     -------
     metadata, arrays, version
-
-    Raises
-    ------
-    SkillFileError
-        Where the file is broken, foreign or newer.
     """
-    arrays = read_npz(path, hint)
+    arrays = read_npz(path, hint, error)
     try:
         metadata = json.loads(str(arrays["metadata"]))
         is_foreign, version = metadata["format"] != form, int(metadata["version"])
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise SkillFileError(foreign) from None
+        raise error(foreign) from None
     if is_foreign:
-        raise SkillFileError(foreign)
+        raise error(foreign)
     if version > newest:
-        raise SkillFileError(
+        raise error(
             f"{path} has version {version}; this fmp_drake reads up to version "
             f"{newest}. Update fmp_drake."
         )

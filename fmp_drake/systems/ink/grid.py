@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from fmp_drake.errors import SystemsError
 
 type FloatArray = NDArray[np.float64]
-type IntArray = NDArray[np.intp]
 type BoolArray = NDArray[np.bool_]
 
 WEAR_CONSTANT = 20.0
@@ -30,8 +29,6 @@ the 10 % that count as clean, and a light touch of 3 N leaves 29 %.
 
 CLEAN_BELOW = 0.1
 """Fraction of ink left below which a cell counts as clean."""
-
-_CHUNK = 1 << 20  # cells looked at in one go by `swept_area`
 
 
 @dataclass(frozen=True)
@@ -135,7 +132,6 @@ class InkGrid:
         p_BE: ArrayLike,
         footprint: tuple[float, float],
         *,
-        yaw: ArrayLike = 0.0,
         height: float = 1e-3,
     ) -> BoolArray:
         """Find the cells that an eraser passes over while it is on the board.
@@ -148,9 +144,7 @@ class InkGrid:
         p_BE : array_like, shape (num_points, 3)
             Path of the centre of the eraser's face in B, in metres.
         footprint : tuple of float
-            Edge lengths of the eraser's face along its own x and y, in metres.
-        yaw : array_like, shape () or (num_points,)
-            Angle of the eraser's x axis from B's x axis about B's z, in rad.
+            Edge lengths of the eraser's face along B's x and y, in metres.
         height : float
             The eraser counts as on the board where z <= height, in metres; pressing
             makes z negative.
@@ -165,58 +159,21 @@ class InkGrid:
             raise SystemsError(
                 f"swept_area got a path of shape {path.shape}: give (num_points, 3)."
             )
-        yaws = np.broadcast_to(np.asarray(yaw, dtype=float), (len(path),))
-        radius = 0.5 * float(np.hypot(*footprint))
-        samples = _resample(
-            np.column_stack([path, yaws]), radius, 0.5 * float(self.pitch.min())
-        )
-        samples = samples[samples[:, 2] <= height]
-        swept = np.zeros(self.num_cells, dtype=bool)
+        samples = _resample(path, 0.5 * float(self.pitch.min()))
+        p = samples[samples[:, 2] <= height, :2] - self.corner
         half = 0.5 * np.asarray(footprint) + 1e-9
-        cells_each = np.prod(2.0 * radius / self.pitch + 2.0)
-        for start in range(0, len(samples), step := max(1, int(_CHUNK / cells_each))):
-            p, angle = samples[start : start + step, :2], samples[start:, 3][:step]
-            c, s = np.cos(angle), np.sin(angle)
-            reach = np.column_stack(
-                [
-                    np.abs(c) * half[0] + np.abs(s) * half[1],
-                    np.abs(s) * half[0] + np.abs(c) * half[1],
-                ]
-            )
-            owner, cells = self._cells_in_boxes(p - reach, p + reach)
-            d = self.centres[cells] - p[owner]
-            along = np.abs(c[owner] * d[:, 0] + s[owner] * d[:, 1]) <= half[0]
-            across = np.abs(c[owner] * d[:, 1] - s[owner] * d[:, 0]) <= half[1]
-            swept[cells[along & across]] = True
-        return swept.reshape(self.shape)
-
-    def _cells_in_boxes(
-        self, low: FloatArray, high: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """List, box by box, the cells whose centres lie in axis-aligned boxes.
-
-        Parameters
-        ----------
-        low, high : ndarray, shape (num_boxes, 2)
-            Opposite corners in B, in metres.
-
-        Returns
-        -------
-        owner, cells : ndarray of int, shape (num_hits,)
-            Index of the box and flat index of the cell.
-        """
-        nx = self.shape[1]
-        limit = np.array(self.shape[::-1])
-        first = np.ceil((low - self.corner) / self.pitch - (0.5 + 1e-6))
-        last = np.floor((high - self.corner) / self.pitch - (0.5 - 1e-6))
-        first = np.maximum(first, 0.0)
-        count = np.maximum(np.minimum(last + 1.0, limit) - first, 0.0).astype(np.intp)
-        corner = first.astype(np.intp)
-        total = count[:, 0] * count[:, 1]
-        owner = np.repeat(np.arange(len(total)), total)
-        within = np.arange(len(owner)) - (np.cumsum(total) - total)[owner]
-        row, column = np.divmod(within, count[owner, 0])
-        return owner, (corner[:, 1] * nx + corner[:, 0])[owner] + row * nx + column
+        first = np.ceil((p - half) / self.pitch - 0.5)
+        end = np.floor((p + half) / self.pitch - 0.5) + 1.0
+        limit = self.shape[::-1]
+        i, j = np.clip(first, 0, limit).astype(np.intp).T
+        i_end, j_end = np.clip(end, 0, limit).astype(np.intp).T
+        # How often a cell was passed over, as differences along both axes.
+        change = np.zeros((self.shape[0] + 1, self.shape[1] + 1), dtype=np.intp)
+        np.add.at(change, (j, i), 1)
+        np.add.at(change, (j, i_end), -1)
+        np.add.at(change, (j_end, i), -1)
+        np.add.at(change, (j_end, i_end), 1)
+        return np.cumsum(np.cumsum(change, axis=0), axis=1)[:-1, :-1] > 0
 
 
 def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
@@ -246,20 +203,10 @@ def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
     return float(np.count_nonzero(clean) / clean.size) if clean.size else 1.0
 
 
-def _resample(path: FloatArray, radius: float, step: float) -> FloatArray:
-    """Put points on a path so that no point of the eraser moves more than a step.
-
-    Parameters
-    ----------
-    path : ndarray, shape (num_points, 4)
-        Position in B (metres) and yaw (rad).
-    radius : float
-        Largest distance of a point of the eraser from its centre in metres.
-    step : float
-        Longest step in metres.
-    """
-    change = np.abs(np.diff(path, axis=0))
-    travel = np.hypot(change[:, 0], change[:, 1]) + radius * change[:, 3]
+def _resample(path: FloatArray, step: float) -> FloatArray:
+    """Put points on a path (num_points, 3) so that none is farther off than a step."""
+    change = np.diff(path, axis=0)
+    travel = np.hypot(change[:, 0], change[:, 1])
     pieces = np.maximum(1, np.ceil(travel / step)).astype(np.intp)
     segment = np.repeat(np.arange(len(pieces)), pieces)
     within = np.arange(len(segment)) - np.repeat(np.cumsum(pieces) - pieces, pieces)

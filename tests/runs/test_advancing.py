@@ -9,12 +9,8 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
-from rich.console import Console
 
-from fmp_drake.apps import page
-from fmp_drake.apps.page import RunButtons, advance, reset
-
-QUIET = Console(quiet=True)
+from fmp_drake.runs.advancing import RunButtons, advance, reset
 
 
 class Walk(LeafSystem):
@@ -64,6 +60,11 @@ class Clicks:
         self.clicks[name] += 1
 
 
+def run(*arguments, **options):
+    """Advance to the end; return the times of the stretches."""
+    return list(advance(*arguments, **options))
+
+
 def make(calls=None, *, nested=False):
     builder = DiagramBuilder()
     walk = builder.AddSystem(Walk(calls))
@@ -91,7 +92,7 @@ def test_a_reset_run_is_the_same_as_the_first(nested):
     simulator, log = make(nested=nested)
     runs = []
     for _ in range(2):
-        advance(simulator, 2.0, console=QUIET, label="walk")
+        run(simulator, 2.0)
         runs.append(walked(simulator, log))
         reset(simulator)
         assert simulator.get_context().get_time() == 0.0
@@ -104,17 +105,15 @@ def test_a_click_on_reset_begins_again(clicks):
     calls = {0.95: lambda: clicks.click(RunButtons.RESET)}
     simulator, log = make(calls)
     resets = []
-    advance(
+    run(
         simulator,
         2.0,
-        console=QUIET,
-        label="walk",
         meshcat=clicks,
         on_reset=lambda: resets.append(simulator.get_context().get_time()),
     )
     assert resets == [0.0]
     undisturbed, other = make()
-    advance(undisturbed, 2.0, console=QUIET, label="walk")
+    run(undisturbed, 2.0)
     expected = walked(undisturbed, other)
     for one, two in zip(walked(simulator, log), expected, strict=True):
         assert_array_equal(one, two)
@@ -129,26 +128,26 @@ def test_a_pause_stops_the_simulation_and_a_reset_in_it_goes_to_the_start(clicks
         clicks.at[question] = lambda: times.append(simulator.get_context().get_time())
     clicks.at[10] = lambda: clicks.click(RunButtons.RESET)
     clicks.at[15] = lambda: clicks.click(RunButtons.PAUSE)
-    advance(simulator, 1.0, console=QUIET, label="walk", meshcat=clicks)
+    run(simulator, 1.0, meshcat=clicks)
     assert times == pytest.approx([0.6, 0.6, 0.0])
     assert simulator.get_context().get_time() == 1.0
 
 
-def test_a_pause_is_not_made_up_for(clicks, monkeypatch):
-    monkeypatch.setattr(page, "_POLL", 0.5)
+def test_a_pause_is_not_made_up_for(clicks):
     calls = {0.05: lambda: clicks.click(RunButtons.PAUSE)}
     simulator, _ = make(calls)
     simulator.set_target_realtime_rate(1.0)
-    clicks.at[3] = lambda: clicks.click(RunButtons.PAUSE)
+    # 25 looks at the buttons, 20 ms apart.
+    clicks.at[27] = lambda: clicks.click(RunButtons.PAUSE)
     start = time.monotonic()
-    advance(simulator, 0.5, console=QUIET, label="walk", meshcat=clicks)
+    run(simulator, 0.5, meshcat=clicks)
     # 0.1 s, a pause of 0.5 s, and 0.4 s.
     assert time.monotonic() - start > 0.9
 
 
 def test_the_buttons_are_there_while_the_run_is(clicks):
     simulator, _ = make()
-    advance(simulator, 0.5, console=QUIET, label="walk", meshcat=clicks)
+    run(simulator, 0.5, meshcat=clicks)
     assert clicks.added == [(RunButtons.PAUSE, "KeyP"), (RunButtons.RESET, "KeyR")]
     assert clicks.clicks == {}
 
@@ -163,15 +162,28 @@ def test_the_buttons_go_when_the_run_fails():
         {0.05: lambda: names.extend(meshcat.GetButtonNames()), 0.15: fail}
     )
     with pytest.raises(ValueError, match="it fell"):
-        advance(simulator, 1.0, console=QUIET, label="walk", meshcat=meshcat)
+        run(simulator, 1.0, meshcat=meshcat)
     assert names == [RunButtons.PAUSE, RunButtons.RESET]
     assert meshcat.GetButtonNames() == []
     # And they can come back.
     simulator, _ = make()
-    advance(simulator, 1.0, console=QUIET, label="walk", meshcat=meshcat)
+    run(simulator, 1.0, meshcat=meshcat)
 
 
-def test_a_run_without_a_page_has_no_buttons():
+def test_stretches_end_at_multiples_of_a_millisecond():
     simulator, _ = make()
-    advance(simulator, 0.5, console=QUIET, label="walk")
-    assert simulator.get_context().get_time() == 0.5
+    times = run(simulator, 7.05)
+    assert times == [*(100 * i * 0.001 for i in range(1, 71)), 7.05]
+    assert simulator.get_context().get_time() == 7.05
+
+
+def test_what_advances_may_be_given():
+    simulator, _ = make()
+    ends = []
+
+    def advance_to(time):
+        ends.append(time)
+        simulator.AdvanceTo(time)
+
+    assert run(simulator, 0.35, advance_to=advance_to) == ends
+    assert len(ends) == 4

@@ -1,0 +1,153 @@
+"""Facts about the metrics that are computed while a run goes."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from fmp_drake.runs.metrics import (
+    METRIC_SIGNALS,
+    ForceMetrics,
+    JointLimits,
+    LimitMetrics,
+    Samples,
+    TrackingMetrics,
+)
+from fmp_drake.systems.impedance.status import StatusFlag
+
+LIMITS = JointLimits(
+    lower=-3 * np.ones(7),
+    upper=2.5 * np.ones(7),
+    speed=np.full(7, 2.0),
+    torque=np.full(7, 80.0),
+)
+PERIODS = {
+    "normal_force": (1, 0.01),
+    "desired_position": (3, 0.005),
+    "desired_velocity": (3, 0.005),
+    "measured_position": (3, 0.005),
+    "state": (14, 0.001),
+    "actuation": (7, 0.001),
+    "torque": (7, 0.001),
+    "status": (6, 0.001),
+}
+
+
+class Together:
+    """All metrics of a run."""
+
+    def __init__(self):
+        self.parts = ForceMetrics(), TrackingMetrics(), LimitMetrics(LIMITS)
+
+    def update(self, chunk):
+        for part in self.parts:
+            part.update(chunk)
+
+    def result(self):
+        return {k: v for part in self.parts for k, v in part.result().items()}
+
+
+@pytest.fixture(scope="module")
+def samples():
+    """Random signals of 7.3 s; the first contact is after 2.15 s."""
+    rng = np.random.default_rng(0)
+    signals = {}
+    for name, (size, period) in PERIODS.items():
+        times = period * np.arange(round(7.3 / period) + 1)
+        signals[name] = Samples(times, rng.normal(size=(len(times), size)))
+    force = signals["normal_force"]
+    force.values[:] = 10 + 3 * force.values
+    force.values[force.times < 2.15] = 0.0
+    status = signals["status"].values
+    status[:, 0] = rng.choice([0, int(StatusFlag.HOLD)], len(status), p=[0.9, 0.1])
+    return signals
+
+
+def chunk(samples, start, end):
+    """Return the samples after a time until another."""
+    return {
+        name: Samples(*(part[(times > start) & (times <= end)] for part in signal))
+        for name, signal in samples.items()
+        for times in [signal.times]
+    }
+
+
+def metrics_in_chunks(samples, seconds):
+    metrics = Together()
+    edges = np.array([-1.0, *np.arange(seconds, 7.3, seconds), 7.3]) + 1e-9
+    for start, end in itertools.pairwise(edges):
+        metrics.update(chunk(samples, start, end))
+    return metrics.result()
+
+
+@pytest.mark.parametrize("seconds", [0.007, 0.1, 1.0, 2.0])
+def test_chunks_of_any_length_give_the_same_metrics(samples, seconds):
+    whole = metrics_in_chunks(samples, 10.0)
+    assert metrics_in_chunks(samples, seconds) == pytest.approx(whole, rel=1e-12)
+
+
+def test_metrics_are_what_their_names_say(samples):
+    found = metrics_in_chunks(samples, 1.0)
+    force = samples["normal_force"].values[:, 0]
+    since = force[np.argmax(force > 0.5) :]
+    pressed = since[since > 0.5]
+    state, torque = samples["state"].values, samples["torque"].values
+    desired, velocity, measured = (
+        samples[name].values
+        for name in ("desired_position", "desired_velocity", "measured_position")
+    )
+    away = np.linalg.norm(desired - measured, axis=1)
+    jumps = np.diff(desired, axis=0) - 0.005 * (velocity[1:] + velocity[:-1]) / 2
+    wanted = (pressed >= 5) & (pressed <= 15)
+    assert found == pytest.approx(
+        {
+            "normal_force_mean_n": pressed.mean(),
+            "normal_force_p05_n": np.percentile(pressed, 5),
+            "normal_force_p95_n": np.percentile(pressed, 95),
+            "normal_force_wanted_fraction": wanted.mean(),
+            "contact_fraction": len(pressed) / len(since),
+            "tracking_rms_m": np.sqrt(np.mean(away**2)),
+            "tracking_max_m": away.max(),
+            "desired_position_jump_max_m": np.linalg.norm(jumps, axis=1).max(),
+            "torque_ratio_max": np.abs(samples["actuation"].values).max() / 80,
+            "torque_rate_max_nm_per_s": np.abs(np.diff(torque, axis=0)).max() / 1e-3,
+            "joint_limit_margin_min_rad": min(
+                np.min(state[:, :7] + 3), np.min(2.5 - state[:, :7])
+            ),
+            "joint_speed_ratio_max": np.abs(state[:, 7:]).max() / 2,
+            "fault_fraction": np.mean(samples["status"].values[:, 0] > 0),
+        },
+        abs=0.005,
+        rel=1e-9,
+    )
+
+
+def test_jumps_between_two_chunks_are_seen():
+    times = 0.005 * np.arange(20)
+    signals = {
+        name: Samples(period * np.arange(20), np.zeros((20, size)))
+        for name, (size, period) in PERIODS.items()
+    }
+    desired = np.zeros((20, 3))
+    desired[10:, 1] = 0.02
+    signals["desired_position"] = Samples(times, desired)
+    signals["torque"].values[10:, 3] = 1.5
+    metrics = Together()
+    for part in (slice(10), slice(10, 20)):
+        metrics.update({n: Samples(t[part], v[part]) for n, (t, v) in signals.items()})
+    assert metrics.result()["desired_position_jump_max_m"] == pytest.approx(0.02)
+    assert metrics.result()["torque_rate_max_nm_per_s"] == pytest.approx(1500)
+
+
+def test_a_run_without_contact_has_no_force():
+    metrics = Together()
+    none = {n: Samples(np.zeros(1), np.zeros((1, s))) for n, (s, _) in PERIODS.items()}
+    metrics.update(none)
+    found = metrics.result()
+    assert found["contact_fraction"] == 0
+    assert found["normal_force_mean_n"] == found["normal_force_p95_n"] == 0
+    assert found["normal_force_wanted_fraction"] == 0
+
+
+def test_every_signal_of_the_metrics_is_taken():
+    assert set(METRIC_SIGNALS) == set(PERIODS)
