@@ -36,7 +36,7 @@ from fmp_drake.systems.operational_space_impedance_controller import (
 )
 from fmp_drake.systems.page_controls import PageControls
 from fmp_drake.systems.plan_visualizer import PlanVisualizer
-from fmp_drake.systems.scripted_disturbances import Hold, Push, ScriptedDisturbances
+from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 from fmp_drake.systems.sensor_model import SensorModel
 from fmp_drake.systems.spatial_force_sum import SpatialForceSum
 from fmp_drake.systems.teaching.hand_motion import HandMotion, HandVariability
@@ -52,10 +52,10 @@ __all__ = [
     "ForceControlConfig",
     "FourierPrimitiveSystem",
     "FrictionConfig",
+    "Grasp",
     "GripConfig",
     "HandMotion",
     "HandVariability",
-    "Hold",
     "HumanHand",
     "ImpedanceConfig",
     "ImpedanceStatus",
