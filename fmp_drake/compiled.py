@@ -42,12 +42,13 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
     Its cache is beside the module, in the user's cache folder where that is read-only,
     or else in a temporary folder that lasts as long as the process.
     """
-    compile_later = numba.njit(cache=True, error_model="numpy")
+    options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+    compile_later = numba.njit(cache=True, **options)
     try:
-        return compile_later(function)  # type: ignore[return-value]
+        return compile_later(function)
     except RuntimeError:
         # There is no place for a cache, and without one numba refuses to compile.
         folder = tempfile.mkdtemp(prefix="fmp_drake_")
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
-        return compile_later(function)  # type: ignore[return-value]
+        return compile_later(function)

@@ -115,7 +115,7 @@ from fmp_drake.systems.impedance.inputs import (
 )
 from fmp_drake.systems.impedance.memory import encode, initial_memory
 from fmp_drake.systems.impedance.poses import Pose, relative
-from fmp_drake.systems.impedance.settings import ImpedanceSettings
+from fmp_drake.systems.impedance.settings import settings_of
 from fmp_drake.systems.impedance.spring import task_error
 from fmp_drake.systems.impedance.status import STATUS_SIZE
 from fmp_drake.systems.impedance.step import impedance_step
@@ -235,7 +235,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
             raise ControllerError(
                 f"engage_height must be finite and greater than 0, got {engage_height}"
             )
-        self._settings = ImpedanceSettings.of(
+        self._settings = settings_of(
             config,
             X_WT=Pose(X_WT.rotation().matrix().copy(), np.array(X_WT.translation())),
             limits=joint_limits(plant),
@@ -259,11 +259,11 @@ class OperationalSpaceImpedanceController(LeafSystem):
         n = plant.num_velocities()
         impedance_step(
             self._settings,
-            self._initial_memory(),
-            self._arm.read(plant.CreateDefaultContext(), np.zeros(2 * n)),
             np.zeros(1, PACKED),
             0.0,
             np.zeros(n),
+            self._initial_memory(),
+            *self._arm.read(plant.CreateDefaultContext(), np.zeros(2 * n)),
         )
 
     def _declare_inputs(self, n: int) -> None:
@@ -272,7 +272,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
             name: self.DeclareVectorInputPort(name, size)
             for name, size in PORTS.items()
         }
-        config = self._settings.config
+        config = self._settings[0].config
         enabled = {
             "covariance": config.covariance_stiffness.enabled,
             "normal_force": config.force_control.enabled,
@@ -298,25 +298,25 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self.DeclareStateOutputPort("status", status)
 
     def _initial_memory(self) -> Array:
-        settings = self._settings
+        settings = self._settings[0]
         energy = float(settings.config.tank.initial_energy)
         return encode(initial_memory(settings.stiffness, tank_energy=energy))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         discrete = context.get_discrete_state()
-        result = impedance_step(
+        torque, status, memory = impedance_step(
             self._settings,
-            discrete.value(_MEMORY),
-            self._arm.read(
-                self._eval_plant_context(context), _eval(self._state, context)
-            ),
             self._pack(context, self._used_ports),
             context.get_time(),
             discrete.value(_TORQUE),
+            discrete.value(_MEMORY),
+            *self._arm.read(
+                self._eval_plant_context(context), _eval(self._state, context)
+            ),
         )
-        values.set_value(_TORQUE, result.torque)
-        values.set_value(_STATUS, result.status)
-        values.set_value(_MEMORY, result.memory)
+        values.set_value(_TORQUE, torque)
+        values.set_value(_STATUS, status)
+        values.set_value(_MEMORY, memory)
 
     def _eval_plant_context(self, context: Context) -> Context:
         return cast(Context, self._plant_context.Eval(context))
@@ -330,7 +330,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
                 begin, flag = PLACES[name]
                 values[begin : begin + PORTS[name]] = _eval(port, context)
                 values[flag] = 1.0
-        return values.view(PACKED)
+        return np.frombuffer(values, PACKED)
 
     # What is measured is computed when somebody asks.
 
@@ -338,9 +338,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self, context: Context, names: Iterable[str]
     ) -> tuple[StepInputs, Pose]:
         """Return what comes in at some ports, and X_TE."""
-        settings = self._settings
         packed = self._pack(context, names)
-        inputs = unpack(packed, settings.X_WT, settings.R_TE, context.get_time())
+        inputs = unpack(packed, self._settings[0], context.get_time())
         X_WE = self._arm.pose(
             self._eval_plant_context(context), _eval(self._state, context)
         )

@@ -9,9 +9,9 @@ from pydrake.systems.framework import Context
 from fmp_drake.errors import ControllerError
 from fmp_drake.systems.impedance.limits import JointLimits
 from fmp_drake.systems.impedance.poses import Pose
-from fmp_drake.systems.impedance.step import ArmReading
 
 Array = NDArray[np.float64]
+ArmReading = tuple[bool, Array, Array, Array, Array, Array, Array]
 
 
 class ArmModel:
@@ -38,7 +38,7 @@ class ArmModel:
         self._origin = np.zeros(3)
 
     def read(self, plant_context: Context, state: Array) -> ArmReading:
-        """Compute everything that an update needs.
+        """Return what `impedance_step` wants to know of the arm, in its order.
 
         Parameters
         ----------
@@ -61,7 +61,8 @@ class ArmModel:
             self._world,
             self._world,
         )
-        return ArmReading(
+        # Drake's matrices are stored by columns; their transposes by rows.
+        return (
             known,
             state,
             plant.CalcMassMatrix(plant_context).T,

@@ -2,7 +2,7 @@
 
 import math
 from itertools import accumulate
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 from fmp_drake.compiled import compiled
 from fmp_drake.systems.impedance.poses import (
     Pose,
-    rotate_halves,
     rotation_from_quaternion,
+    stacked,
+    twist_rotation,
 )
+from fmp_drake.systems.impedance.settings import ImpedanceSettings
 from fmp_drake.systems.impedance.target import TaskTarget
 
 Array = NDArray[np.float64]
+
+# Numbers that are larger are taken for an error.
+_LARGEST = 1e12
 
 # Ports and their sizes, in the order of the packed vector.
 REQUIRED = {"desired_position": 3, "desired_velocity": 3, "desired_acceleration": 3}
@@ -88,45 +93,56 @@ class StepInputs(NamedTuple):
 
 
 @compiled
-def unpack(packed: Array, X_WT: Pose, R_TE: Array, time: float) -> StepInputs:
+def unpack(
+    packed: NDArray[Any], settings: ImpedanceSettings, time: float
+) -> StepInputs:
     """Read the packed inputs.
 
     Parameters
     ----------
     packed : array, shape (1,)
         Of the type `PACKED`, without NaN where a port is not used.
-    X_WT : Pose
-        The task frame where the port brings none, or none that is finite.
-    R_TE : array, shape (3, 3)
-        The desired orientation where the port brings none.
+    settings : ImpedanceSettings
+        With the task frame where the port brings none, or none that is finite, and
+        the desired orientation where the port brings none.
     time : float
         s.
     """
-    ports = packed[0]
-    finite = np.sum(np.abs(packed.view(np.float64))) < 1e12
+    X_WT = Pose(settings.X_WT.R.copy(), settings.X_WT.p.copy())
+    R_TE = settings.R_TE.copy()
+    ports, finite = packed[0], True
+    numbers = packed.view(np.float64)
+    for i in range(len(numbers)):
+        finite = finite and abs(numbers[i]) < _LARGEST
     if ports["has_desired_orientation"]:
         R_TE = rotation_from_quaternion(ports["desired_orientation"].copy())
-        finite = finite and math.isfinite(np.sum(R_TE))
+        finite = finite and math.isfinite(R_TE[0, 0])
     if ports["has_task_frame"]:
         pose = ports["task_frame"].copy()
         R_WT = rotation_from_quaternion(pose[:4])
-        if math.isfinite(np.sum(R_WT) + np.sum(pose)):
+        if math.isfinite(R_WT[0, 0] + pose[4] + pose[5] + pose[6]):
             X_WT = Pose(R_WT, pose[4:])
         else:
             finite = False
-    V, A = np.empty(6), np.empty(6)
-    V[:3], V[3:] = ports["desired_angular_velocity"], ports["desired_velocity"]
-    A[:3], A[3:] = ports["desired_angular_acceleration"], ports["desired_acceleration"]
+    rotation = twist_rotation(X_WT.R.T)
     # A frame that has no velocity stands still.
-    moving = ports["has_task_frame_velocity"]
+    frame_acceleration = ports["task_frame_acceleration"].copy()
+    if not ports["has_task_frame_velocity"]:
+        frame_acceleration = np.zeros(6)
     age = time - ports["target_time"][0]
     return StepInputs(
         finite,
-        TaskTarget(Pose(R_TE, ports["desired_position"].copy()), V, A),
+        TaskTarget(
+            Pose(R_TE, ports["desired_position"].copy()),
+            stacked(ports["desired_angular_velocity"], ports["desired_velocity"]),
+            stacked(
+                ports["desired_angular_acceleration"], ports["desired_acceleration"]
+            ),
+        ),
         ports["feedforward_wrench"].copy(),
         X_WT,
-        rotate_halves(X_WT.R.T, ports["task_frame_velocity"].copy()),
-        rotate_halves(X_WT.R.T, moving * ports["task_frame_acceleration"]),
+        rotation @ ports["task_frame_velocity"].copy(),
+        rotation @ frame_acceleration,
         age if ports["has_target_time"] else math.nan,
         ports["stiffness"].copy().reshape(6, 6),
         ports["covariance"].copy().reshape(3, 3),

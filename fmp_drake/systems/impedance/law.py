@@ -100,6 +100,12 @@ class TaskModes(NamedTuple):
 
 
 @compiled
+def _eigen(A: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues, ascending, and eigenvectors of a symmetric matrix."""
+    return np.linalg.eigh(A)
+
+
+@compiled
 def mobility(M: Array, J: Array) -> Array:
     """Return ``Λ⁻¹ = J M⁻¹ Jᵀ``, shape (6, 6); NaN where M is not positive definite."""
     L, positive = cholesky(M)
@@ -139,21 +145,22 @@ def task_modes(
     TaskModes
     """
     scale = np.ones((6, 1))
-    scale[:3] = characteristic_length
+    for i in range(3):
+        scale[i, 0] = characteristic_length
     L, _ = cholesky(stiffness)
-    squared, V = np.linalg.eigh(L.T @ mobility @ L)
+    squared, V = _eigen(L.T @ mobility @ L)
     if squared[0] > 0:
         omega = np.sqrt(squared)
         B = L @ V / omega
         # The trace of the scaled Λ is more than its largest eigenvalue.
         if np.sum((B / scale) ** 2) < max_effective_mass:
             return TaskModes(B, omega, False)
-    values, U = np.linalg.eigh(scale * mobility * scale.T)
+    values, U = _eigen(scale * mobility * scale.T)
     root = np.sqrt(np.maximum(values, 1 / max_effective_mass))
     # Λ = Wᵀ W and Λ⁻¹ = H Hᵀ.
     W = (U / root).T * scale.T
     H = U * root / scale
-    squared, V = np.linalg.eigh(H.T @ stiffness @ H)
+    squared, V = _eigen(H.T @ stiffness @ H)
     omega = np.sqrt(np.maximum(squared, 0.0))
     return TaskModes(W.T @ V, omega, values[0] * max_effective_mass < 1)
 

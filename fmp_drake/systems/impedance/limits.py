@@ -152,8 +152,10 @@ def torque_scale(torque: Array, lower: Array, upper: Array) -> float:
     lower, upper : array, shape (n,)
         Limits, ``lower < 0 < upper``, Nm; infinite where there is none.
     """
-    excess = np.max(np.maximum(torque / upper, torque / lower))
-    return 1 / excess if excess > 1 else 1.0
+    excess = 1.0
+    for i in range(len(torque)):
+        excess = max(excess, torque[i] / upper[i], torque[i] / lower[i])
+    return 1 / excess
 
 
 @compiled
@@ -167,4 +169,7 @@ def rate_scale(change: Array, max_change: float) -> float:
     max_change : float
         Greatest change of any joint, Nm.
     """
-    return max_change / max(max_change, np.max(np.abs(change)))
+    greatest = max_change
+    for i in range(len(change)):
+        greatest = max(greatest, abs(change[i]))
+    return max_change / greatest

@@ -90,10 +90,16 @@ def encode(memory: ImpedanceMemory) -> Array:
     vector[6] = memory.saturated
     vector[7] = memory.target.known
     vector[8] = memory.target.frozen_time
-    vector[9:18] = memory.target.X.R.ravel()
-    vector[18:21] = memory.target.X.p
-    vector[21:30] = memory.held.R.ravel()
-    vector[30:33] = memory.held.p
-    vector[33:69] = memory.stiffness.ravel()
-    vector[69:] = memory.rotation_error
+    _put(vector, 9, memory.target.X.R.ravel())
+    _put(vector, 18, memory.target.X.p)
+    _put(vector, 21, memory.held.R.ravel())
+    _put(vector, 30, memory.held.p)
+    _put(vector, 33, memory.stiffness.ravel())
+    _put(vector, 69, memory.rotation_error)
     return vector
+
+
+@compiled
+def _put(vector: Array, begin: int, values: Array) -> None:
+    for i in range(len(values)):
+        vector[begin + i] = values[i]

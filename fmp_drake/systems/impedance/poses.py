@@ -35,18 +35,35 @@ def relative(X_AB: Pose, X_AC: Pose) -> Pose:
 
 
 @compiled
-def rotate_halves(R: Array, x: Array) -> Array:
-    """Rotate both halves of a twist, a wrench or a Jacobian.
+def stacked(rotation: Array, translation: Array) -> Array:
+    """Put two vectors, shape (3,), into one, shape (6,)."""
+    both = np.empty(6)
+    for i in range(3):
+        both[i] = rotation[i]
+        both[3 + i] = translation[i]
+    return both
 
-    Parameters
-    ----------
-    R : array, shape (3, 3)
-    x : array, shape (6,) or (6, n)
-    """
-    rotated = np.empty_like(x)
-    rotated[:3] = R @ x[:3]
-    rotated[3:] = R @ x[3:]
-    return rotated
+
+@compiled
+def twist_rotation(R: Array) -> Array:
+    """Return the matrix, shape (6, 6), that rotates both halves of a twist."""
+    both = np.zeros((6, 6))
+    for i in range(3):
+        for j in range(3):
+            both[i, j] = both[3 + i, 3 + j] = R[i, j]
+    return both
+
+
+@compiled
+def cross(a: Array, b: Array) -> Array:
+    """Return ``a × b``, shape (3,)."""
+    return np.array(
+        (
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        )
+    )
 
 
 @compiled
@@ -75,10 +92,10 @@ def rotation_from_quaternion(wxyz: Array) -> Array:
 def rotation_from_vector(phi: Array) -> Array:
     """Return the rotation matrix, shape (3, 3), of a rotation vector in rad."""
     half = 0.5 * math.sqrt(phi @ phi)
-    wxyz = np.empty(4)
-    wxyz[0] = math.cos(half)
-    wxyz[1:] = (0.5 * math.sin(half) / half if half > 1e-8 else 0.5) * phi
-    return rotation_from_quaternion(wxyz)
+    s = 0.5 * math.sin(half) / half if half > 1e-8 else 0.5
+    return rotation_from_quaternion(
+        np.array((math.cos(half), s * phi[0], s * phi[1], s * phi[2]))
+    )
 
 
 @compiled
@@ -123,7 +140,10 @@ def rotation_vector(R: Array) -> Array:
 @compiled
 def rotation_angle(R: Array, S: Array) -> float:
     """Return the angle between two orientations in rad."""
-    cosine = 0.5 * (np.sum(R * S) - 1)
+    trace = 0.0
+    for i in range(3):
+        trace += R[i] @ S[i]
+    cosine = 0.5 * (trace - 1)
     return math.acos(min(max(cosine, -1.0), 1.0))
 
 
@@ -146,5 +166,5 @@ def inverse_left_jacobian(phi: Array, x: Array) -> Array:
         c = 1 / squared - 0.5 / (theta * math.tan(0.5 * theta))
     else:
         c = 1 / 12 + squared / 720
-    once = np.cross(phi, x)
-    return x - 0.5 * once + c * np.cross(phi, once)
+    once = cross(phi, x)
+    return x - 0.5 * once + c * cross(phi, once)

@@ -1,6 +1,7 @@
 """Everything that stays the same from update to update of the impedance controller."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,13 @@ from fmp_drake.systems.impedance.values import values_of
 Array = NDArray[np.float64]
 
 
-class ImpedanceSettings(NamedTuple):
-    """The settings of the controller of one arm, as compiled functions take them.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImpedanceSettings:
+    """The settings of the controller of one arm.
 
     Attributes
     ----------
     config : ImpedanceConfig
-        Its values, checked and copied.
     stiffness : array, shape (6, 6)
         K where no port brings another, in T.
     R_TE : array, shape (3, 3)
@@ -45,34 +46,40 @@ class ImpedanceSettings(NamedTuple):
     q_posture: Array
     engage_height: float
 
-    @classmethod
-    def of(
-        cls,
-        config: ImpedanceConfig,
-        *,
-        X_WT: Pose,
-        limits: JointLimits,
-        q_posture: Array,
-        engage_height: float,
-    ) -> "ImpedanceSettings":
-        """Check a configuration for an arm of n joints.
 
-        Raises
-        ------
-        ControllerError
-            If a value cannot be used.
-        """
-        n = len(q_posture)
-        friction = SigmoidFriction(np.zeros(n), np.zeros(n), np.zeros(n))
-        if config.friction_compensation.enabled:
-            friction = SigmoidFriction.of(config.friction_compensation, n=n)
-        return cls(
-            config=values_of(config),
-            stiffness=config.stiffness(),
-            R_TE=config.desired_rotation(),
-            X_WT=X_WT,
-            limits=limits,
-            friction=friction,
-            q_posture=q_posture,
-            engage_height=engage_height,
-        )
+def settings_of(
+    config: ImpedanceConfig,
+    *,
+    X_WT: Pose,
+    limits: JointLimits,
+    q_posture: Array,
+    engage_height: float,
+) -> NDArray[Any]:
+    """Check a configuration for an arm of n joints and complete it.
+
+    Returns
+    -------
+    array, shape (1,)
+        The values of `ImpedanceSettings`; an array of one record goes into a compiled
+        function faster than the record.
+
+    Raises
+    ------
+    ControllerError
+        If a value cannot be used.
+    """
+    n = len(q_posture)
+    friction = SigmoidFriction(np.zeros(n), np.zeros(n), np.zeros(n))
+    if config.friction_compensation.enabled:
+        friction = SigmoidFriction.of(config.friction_compensation, n=n)
+    settings = ImpedanceSettings(
+        config=config,
+        stiffness=config.stiffness(),
+        R_TE=config.desired_rotation(),
+        X_WT=X_WT,
+        limits=limits,
+        friction=friction,
+        q_posture=q_posture,
+        engage_height=engage_height,
+    )
+    return np.array([values_of(settings)])

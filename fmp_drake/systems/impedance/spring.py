@@ -10,6 +10,7 @@ from fmp_drake.systems.impedance.poses import (
     Pose,
     inverse_left_jacobian,
     rotation_vector,
+    stacked,
 )
 
 Array = NDArray[np.float64]
@@ -29,10 +30,7 @@ def task_error(measured: Pose, desired: Pose) -> Array:
     array, shape (6,)
         ``(log(R_TE_desired R_TEᵀ), p_TE_desired − p_TE)``: rad and m, in T.
     """
-    error = np.empty(6)
-    error[:3] = rotation_vector(desired.R @ measured.R.T)
-    error[3:] = desired.p - measured.p
-    return error
+    return stacked(rotation_vector(desired.R @ measured.R.T), desired.p - measured.p)
 
 
 @compiled
@@ -60,10 +58,11 @@ def unwrapped(error: Array, previous: Array) -> Array:
     # Up to 90 degrees nothing but the shortest way is near; NaN ends here as well.
     if not angle > 0.5 * math.pi or phi @ previous >= 0:
         return error
-    other = error.copy()
-    other[:3] *= 1 - 2 * math.pi / angle
-    near = np.linalg.norm(other[:3] - previous) < np.linalg.norm(phi - previous)
-    return other if near and 2 * math.pi - angle < 1.5 * math.pi else error
+    other = (1 - 2 * math.pi / angle) * phi
+    this_way, other_way = phi - previous, other - previous
+    if other_way @ other_way < this_way @ this_way:
+        return stacked(other, error[3:])
+    return error
 
 
 @compiled
@@ -102,9 +101,8 @@ def spring_wrench(
         math.sqrt(rotation @ rotation) > max_rotation
         or math.sqrt(translation @ translation) > max_translation
     )
-    seen = np.empty(6)
-    seen[:3] = shortened(rotation, max_rotation)
-    seen[3:] = shortened(translation, max_translation)
-    wrench = stiffness @ seen
-    wrench[:3] = inverse_left_jacobian(rotation, wrench[:3])
-    return wrench, clipped
+    wrench = stiffness @ stacked(
+        shortened(rotation, max_rotation), shortened(translation, max_translation)
+    )
+    torque = inverse_left_jacobian(rotation, wrench[:3])
+    return stacked(torque, wrench[3:]), clipped

@@ -1,12 +1,13 @@
 """One update of the impedance controller, as a function of arrays."""
 
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import (
     ForceCorrection,
     ForceState,
@@ -18,7 +19,7 @@ from fmp_drake.systems.impedance.inputs import StepInputs, unpack
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
 from fmp_drake.systems.impedance.limits import rate_scale, torque_scale, wall_torque
 from fmp_drake.systems.impedance.memory import ImpedanceMemory, decode, encode
-from fmp_drake.systems.impedance.poses import Pose, compose, relative, rotate_halves
+from fmp_drake.systems.impedance.poses import Pose, compose, relative, twist_rotation
 from fmp_drake.systems.impedance.settings import ImpedanceSettings
 from fmp_drake.systems.impedance.spring import task_error, unwrapped
 from fmp_drake.systems.impedance.status import StatusFlag
@@ -62,15 +63,39 @@ _TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
 _TORQUE_LIMITED = int(StatusFlag.TORQUE_LIMITED)
 
 
-class ArmReading(NamedTuple):
-    """The arm at one state, in W.
+@compiled
+def impedance_step(
+    settings: NDArray[Any],
+    packed: NDArray[Any],
+    time: float,
+    previous: Array,
+    memory: Array,
+    known: bool,
+    state: Array,
+    M: Array,
+    Cv: Array,
+    X_WE: Array,
+    J_WE: Array,
+    A_WE_bias: Array,
+) -> tuple[Array, Array, Array]:
+    """Compute the next torque.
 
-    Matrices have the layout in which Drake's, transposed, are in order in memory.
+    Only numbers and arrays go in and out, because that is fastest.
 
-    Attributes
+    Parameters
     ----------
+    settings : array, shape (1,)
+        From `settings_of`.
+    packed : array, shape (1,)
+        The inputs, see `unpack`.
+    time : float
+        s.
+    previous : array, shape (n,)
+        The torque of the update before, Nm.
+    memory : array, shape (72,)
+        The vector of `ImpedanceMemory`, of the update before; not changed.
     known : bool
-        Whether the state is finite; where it is not, nothing else matters.
+        Whether the state is finite; where it is not, the torque goes to zero.
     state : array, shape (2n,)
         ``[q, v]``, rad and rad/s.
     M : array, shape (n, n)
@@ -83,22 +108,9 @@ class ArmReading(NamedTuple):
         Transposed Jacobian of V_WE.
     A_WE_bias : array, shape (6,)
         ``J̇ v``, rad/s² and m/s².
-    """
 
-    known: bool
-    state: Array
-    M: Array
-    Cv: Array
-    X_WE: Array
-    J_WE: Array
-    A_WE_bias: Array
-
-
-class StepResult(NamedTuple):
-    """What an update leaves behind.
-
-    Attributes
-    ----------
+    Returns
+    -------
     torque : array, shape (n,)
         Nm.
     status : array, shape (6,)
@@ -106,48 +118,36 @@ class StepResult(NamedTuple):
     memory : array, shape (72,)
         The vector of `ImpedanceMemory`.
     """
-
-    torque: Array
-    status: Array
-    memory: Array
+    measured = Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3])
+    arm = ArmDynamics(state[len(previous) :], M, Cv, J_WE.T, A_WE_bias)
+    remembered = decode(memory)
+    if not known:
+        return _without_state(settings[0].config, remembered, previous)
+    return _next_torque(
+        settings[0],
+        remembered,
+        unpack(packed, settings[0], time),
+        measured,
+        arm,
+        state[: len(previous)],
+        previous,
+    )
 
 
 @compiled
-def impedance_step(
+def _next_torque(
     settings: ImpedanceSettings,
-    memory_vector: Array,
-    arm: ArmReading,
-    packed: Array,
-    time: float,
+    memory: ImpedanceMemory,
+    inputs: StepInputs,
+    X_WE: Pose,
+    arm: ArmDynamics,
+    q: Array,
     previous: Array,
-) -> StepResult:
-    """Compute the next torque.
-
-    Parameters
-    ----------
-    settings : ImpedanceSettings
-    memory_vector : array, shape (72,)
-        Of the update before; not changed.
-    arm : ArmReading
-        Where its state is not known the torque goes to zero.
-    packed : array, shape (1,)
-        The inputs, see `unpack`.
-    time : float
-        s.
-    previous : array, shape (n,)
-        The torque of the update before, Nm.
-
-    Returns
-    -------
-    StepResult
-    """
-    config, memory = settings.config, decode(memory_vector)
-    if not arm.known:
-        return _without_state(settings, memory, previous)
+) -> tuple[Array, Array, Array]:
+    """Compute the next torque, status and memory; the arm is expressed in W."""
+    config = settings.config
     period = config.control_period
-    inputs = unpack(packed, settings.X_WT, settings.R_TE, time)
     X_WT = inputs.X_WT
-    X_WE = Pose(arm.X_WE[:3].T.copy(), arm.X_WE[3])
     X_TE = relative(X_WT, X_WE)
 
     # Which target is followed, and how far.
@@ -190,28 +190,21 @@ def impedance_step(
     # The law.
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error)
     K, energy, stiffness_flags = _stiffness(settings, memory, inputs, error)
-    R_TW, n = X_WT.R.T, len(previous)
-    q, v = arm.state[:n], arm.state[n:]
-    dynamics = ArmDynamics(
-        v,
-        arm.M,
-        arm.Cv,
-        rotate_halves(R_TW, np.ascontiguousarray(arm.J_WE.T)),
-        rotate_halves(R_TW, arm.A_WE_bias),
-    )
+    rotation = twist_rotation(X_WT.R.T)
+    arm_T = ArmDynamics(arm.v, arm.M, arm.Cv, rotation @ arm.J, rotation @ arm.Jdot_v)
     law = impedance_law(
-        config, dynamics, K, error, target.V, target.A, wrench, settings.q_posture - q
+        config, arm_T, K, error, target.V, target.A, wrench, settings.q_posture - q
     )
-    torque = law.torque + friction_torque(settings.friction, v)
+    torque = law.torque + friction_torque(settings.friction, arm.v)
     if not math.isfinite(np.sum(torque)):
-        return _without_state(settings, memory, previous)
+        return _without_state(config, memory, previous)
 
     # The limits.
     limits = settings.limits
     lower, upper = limits.lower_effort, limits.upper_effort
     scale = torque_scale(torque, lower, upper)
     torque *= scale
-    wall = wall_torque(config.walls, limits, q, v, np.diag(arm.M).copy())
+    wall = wall_torque(config.walls, limits, q, arm.v, np.diag(arm.M).copy())
     if wall.at_wall or wall.too_fast:
         torque = np.minimum(np.maximum(torque + wall.torque, lower), upper)
     change = torque - previous
@@ -228,7 +221,7 @@ def impedance_step(
         | _CONTACT_LOST * force.lost
         | _FORCE_LIMITED * force.limited
     )
-    return StepResult(
+    return (
         previous + slowness * change,
         np.array((float(flags), fraction, scale, slowness, force.correction, energy)),
         encode(
@@ -248,13 +241,12 @@ def impedance_step(
 
 @compiled
 def _without_state(
-    settings: ImpedanceSettings, memory: ImpedanceMemory, previous: Array
-) -> StepResult:
+    config: ImpedanceConfig, memory: ImpedanceMemory, previous: Array
+) -> tuple[Array, Array, Array]:
     """Bring the torque to zero: nothing can be said about the arm."""
-    config = settings.config
     slowness = rate_scale(-previous, config.max_torque_rate * config.control_period)
     flags = float(_PROTECTIVE_STOP | _NO_STATE)
-    return StepResult(
+    return (
         (1 - slowness) * previous,
         np.array((flags, 0.0, 1.0, slowness, 0.0, memory.tank_energy)),
         encode(
@@ -280,7 +272,7 @@ def _stiffness(
     error: Array,
 ) -> tuple[Array, float, int]:
     """Return K, the energy left in the tank, and flags."""
-    config, K, energy = settings.config, settings.stiffness, memory.tank_energy
+    config, K, energy = settings.config, settings.stiffness.copy(), memory.tank_energy
     if not (inputs.has_stiffness or inputs.has_covariance):
         return K, energy, 0
     present = memory.stiffness
@@ -312,11 +304,12 @@ def _force_correction(
     """Return the correction of the normal force that `wrench` feeds forward."""
     if not inputs.has_normal_force:
         return ForceCorrection(0.0, ForceState(0.0, math.inf), False, False, False)
+    config = settings.config
     return correct_normal_force(
-        settings.config.force_control,
+        config.force_control,
         memory.force,
         -wrench[5] if fraction == 1 else 0.0,
         inputs.normal_force if inputs.finite else 0.0,
         memory.saturated,
-        settings.config.control_period,
+        config.control_period,
     )

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
-from fmp_drake.systems.impedance.cholesky import cholesky
+from fmp_drake.systems.impedance.cholesky import cholesky, solve_lower
 
 Array = NDArray[np.float64]
 
@@ -94,17 +94,26 @@ def stiffness_from_covariance(
     .. [1] S. Calinon, D. Bruno, D. G. Caldwell, "A task-parameterized probabilistic
        model with minimal intervention control", ICRA 2014.
     """
+    chosen, span = config.axes, config.max_stiffness - config.min_stiffness
+    # An axis that is not chosen has no part in Σ.
+    precision = np.eye(3)
+    for i in range(3):
+        for j in range(3):
+            part = chosen[i] * chosen[j] / config.deviation**2
+            precision[i, j] += part * covariance[i, j]
+    L, _ = cholesky(precision)
+    inverse = solve_lower(L, np.eye(3))
     K = stiffness.copy()
-    span = config.max_stiffness - config.min_stiffness
-    # An axis that is not chosen has no part in Σ and keeps its row and column of K.
-    chosen = np.asarray(config.axes)
-    both = chosen.reshape(3, 1) * chosen
-    softness = np.linalg.inv(np.eye(3) + both * covariance / config.deviation**2)
-    K[3:, :3] *= 1 - chosen.reshape(3, 1)
-    K[:3, 3:] *= 1 - chosen
-    either = np.maximum(chosen.reshape(3, 1), chosen)
-    block = config.min_stiffness * np.eye(3) + 0.5 * span * (softness + softness.T)
-    K[3:, 3:] = (1 - either) * K[3:, 3:] + both * block
+    for i in range(3):
+        if chosen[i]:
+            K[3 + i, :] = 0.0
+            K[:, 3 + i] = 0.0
+    for i in range(3):
+        for j in range(3):
+            if chosen[i] and chosen[j]:
+                K[3 + i, 3 + j] = span * (inverse[:, i].copy() @ inverse[:, j].copy())
+        if chosen[i]:
+            K[3 + i, 3 + i] += config.min_stiffness
     return K
 
 
@@ -112,8 +121,10 @@ def stiffness_from_covariance(
 def is_spring(stiffness: Array) -> bool:
     """Tell whether a matrix is symmetric, positive definite and finite."""
     size = np.max(np.abs(stiffness))
-    if not np.max(np.abs(stiffness - stiffness.T)) <= 1e-6 * size:
-        return False
+    for i in range(len(stiffness)):
+        for j in range(i):
+            if not abs(stiffness[i, j] - stiffness[j, i]) <= 1e-6 * size:
+                return False
     return cholesky(stiffness)[1]
 
 

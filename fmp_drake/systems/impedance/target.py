@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from fmp_drake.compiled import compiled
 from fmp_drake.systems.impedance.poses import (
     Pose,
+    cross,
     rotation_from_vector,
+    stacked,
 )
 from fmp_drake.systems.impedance.spring import task_error
 
@@ -66,9 +68,11 @@ def motion_in_world(
         A_WT, its derivative in W, in T's axes, rad/s² and m/s².
     """
     w, alpha, p = frame_twist[:3], frame_acceleration[:3], target.X.p
-    V, A = target.V + frame_twist, target.A + frame_acceleration
-    velocity = np.cross(w, p)
-    V[3:] += velocity
-    A[:3] += np.cross(w, target.V[:3])
-    A[3:] += np.cross(alpha, p) + np.cross(w, velocity + 2 * target.V[3:])
-    return TaskTarget(target.X, V, A)
+    velocity = cross(w, p)
+    V = stacked(np.zeros(3), velocity)
+    A = stacked(
+        cross(w, target.V[:3]), cross(alpha, p) + cross(w, velocity + 2 * target.V[3:])
+    )
+    return TaskTarget(
+        target.X, target.V + frame_twist + V, target.A + frame_acceleration + A
+    )
