@@ -42,9 +42,8 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
     Its cache is beside the module, in the user's cache folder where that is read-only,
     or else in a temporary folder that lasts as long as the process.
     """
-    compile_later: Callable[[F], F] = numba.njit(  # type: ignore[call-overload]
-        cache=True, error_model="numpy", no_cfunc_wrapper=True
-    )
+    options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+    compile_later = numba.njit(cache=True, **options)
     try:
         return compile_later(function)
     except RuntimeError:

@@ -27,6 +27,14 @@ class Finding:
     figure : Figure or None
     table : list of rows of str, or None
         The first row is the header.
+
+    Examples
+    --------
+    >>> finding = Finding(
+    ...     name="table_1", title="Table I", shows="Divergences.", agrees=True
+    ... )
+    >>> finding.agrees
+    True
     """
 
     name: str

@@ -23,6 +23,13 @@ class Profile:
         Simulated seconds of wiping by the Panda.
     slow_methods : bool
         Include the Gaussian process.
+
+    Examples
+    --------
+    >>> from fmp_drake.experiments import QUICK
+    >>> from dataclasses import replace
+    >>> replace(QUICK, samples=100).samples
+    100
     """
 
     samples: int

@@ -23,6 +23,12 @@ class FilmCamera:
         p_WC and the point looked at, in W, m.
     fov_y : float
         Vertical field of view, rad.
+
+    Examples
+    --------
+    >>> camera = FilmCamera(eye=(1.0, -1.0, 1.0), target=(0.4, 0.0, 0.2))
+    >>> camera.pose().translation()
+    array([ 1., -1.,  1.])
     """
 
     eye: Sequence[float] = (1.45, -0.80, 0.88)

@@ -31,6 +31,12 @@ class Trail:
         p_BE, m; the trail is its foot on the board.
     seconds : float
         Length of the trail.
+
+    Examples
+    --------
+    >>> trail = Trail(times=[0.0, 1.0, 2.0], positions=np.eye(3), seconds=1.0)
+    >>> trail.points(2.0).shape
+    (50, 3)
     """
 
     times: ArrayLike

@@ -86,7 +86,7 @@ def MakeWipingStation(
             "coordinates of a position."
         )
     builder = DiagramBuilder()
-    start = scenario.start_position() if start is None else start
+    start = scenario.start if start is None else start
     scene = AddBoardScene(builder, scenario, start=start, visuals=visuals)
     plant = scene.plant
     controller = AddArmController(

@@ -49,6 +49,19 @@ class ForceArrow(LeafSystem):
         Length of the arrow.
     period : float
         Between two pictures, s.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> from fmp_drake.station import AddBoardScene, Scenario
+    >>> builder = DiagramBuilder()
+    >>> scene = AddBoardScene(builder, Scenario(), start=[0.0, 0.0, 0.05])
+    >>> plant, meshcat = scene.plant, Meshcat()
+    >>> arrow = ForceArrow(plant, body=scene.tip.body(), meshcat=meshcat)
+    >>> arrow = builder.AddSystem(arrow)
+    >>> port = plant.GetOutputPort("contact_results")
+    >>> _ = builder.Connect(port, arrow.GetInputPort("contact_results"))
     """
 
     def __init__(

@@ -31,6 +31,12 @@ class GripConfig:
         Nm/rad.
     rotational_damping : float
         Nms/rad.
+
+    Examples
+    --------
+    >>> firm = GripConfig(stiffness=3000.0, damping=200.0)
+    >>> firm.press
+    9.0
     """
 
     stiffness: float = 1500.0
@@ -68,6 +74,25 @@ class HumanHand(LeafSystem):
     R_BE : RotationMatrix
         How the hand holds the tool.
     config : GripConfig, optional
+
+    Examples
+    --------
+    >>> from pydrake.math import RigidTransform, RotationMatrix
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> from fmp_drake.systems import HandMotion
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> _ = AddPandaWithEraser(plant)
+    >>> plant.Finalize()
+    >>> hand = HumanHand(
+    ...     plant,
+    ...     grip=plant.GetFrameByName("eraser_tip"),
+    ...     X_WB=RigidTransform([0.55, 0.0, 0.1]),
+    ...     motion=HandMotion.make("eight", seconds=5.0, seed=0),
+    ...     R_BE=RotationMatrix.MakeXRotation(np.pi),
+    ... )
+    >>> hand.GetOutputPort("position").size()
+    3
     """
 
     def __init__(

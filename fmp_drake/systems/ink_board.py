@@ -100,6 +100,22 @@ class InkBoard(LeafSystem):
     SystemsError
         If the ink does not fit the grid, a number is out of range, or a body has
         no collision geometry.
+
+    Examples
+    --------
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> from fmp_drake.station import AddBoardScene, Scenario
+    >>> from fmp_drake.systems import InkGrid
+    >>> builder = DiagramBuilder()
+    >>> scene = AddBoardScene(builder, Scenario(), start=[0.0, 0.0, 0.05])
+    >>> ink = InkBoard(
+    ...     plant=scene.plant,
+    ...     eraser=scene.tip,
+    ...     surface=scene.surface,
+    ...     grid=InkGrid(size=(0.5, 0.7)),
+    ... )
+    >>> ink.GetOutputPort("ink").size()
+    14000
     """
 
     def __init__(

@@ -54,6 +54,18 @@ class InkVisualizer(LeafSystem):
     ------
     SystemsError
         If the period is not positive.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> from fmp_drake.systems import InkGrid
+    >>> grid, meshcat = InkGrid(size=(0.5, 0.7)), Meshcat()
+    >>> visualizer = InkVisualizer(meshcat=meshcat, grid=grid, path="board/ink")
+    >>> context = visualizer.CreateDefaultContext()
+    >>> _ = visualizer.get_input_port().FixValue(context, grid.full().ravel())
+    >>> visualizer.ForcedPublish(context)
+    >>> meshcat.HasPath("board/ink")
+    True
     """
 
     def __init__(

@@ -35,6 +35,20 @@ class JointFriction(LeafSystem):
     ------
     SystemsError
         If the plant is not finalized or the configuration does not fit the arm.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> from fmp_drake.systems import FrictionConfig
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> panda, _ = AddPandaWithEraser(plant)
+    >>> plant.Finalize()
+    >>> friction = JointFriction(plant, arm=panda, config=FrictionConfig(enabled=True))
+    >>> context = friction.CreateDefaultContext()
+    >>> _ = friction.get_input_port().FixValue(context, np.r_[np.zeros(7), np.ones(7)])
+    >>> bool(np.all(friction.get_output_port().Eval(context) < 0))
+    True
     """
 
     def __init__(

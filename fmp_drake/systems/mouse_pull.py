@@ -43,6 +43,17 @@ class MousePull(LeafSystem):
         N.
     period : float
         Between two readings, s.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> _ = AddPandaWithEraser(plant)
+    >>> plant.Finalize()
+    >>> pull = MousePull(plant, specific_stiffness=1000.0, max_force=20.0)
+    >>> pull.GetInputPort("spring").get_name()
+    'spring'
     """
 
     def __init__(

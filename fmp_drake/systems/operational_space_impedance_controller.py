@@ -198,6 +198,24 @@ class OperationalSpaceImpedanceController(LeafSystem):
     ------
     ControllerError
         If the plant, the configuration, the posture or the height cannot be used.
+
+    Examples
+    --------
+    >>> from pydrake.math import RigidTransform
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> plant = MultibodyPlant(time_step=0.0)
+    >>> _ = AddPandaWithEraser(plant)
+    >>> plant.Finalize()
+    >>> controller = OperationalSpaceImpedanceController(
+    ...     plant,
+    ...     end_effector=plant.GetFrameByName("eraser_tip"),
+    ...     X_WT=RigidTransform([0.55, 0.0, 0.1]),
+    ...     config=ImpedanceConfig(damping_ratio=0.8),
+    ... )
+    >>> controller.GetOutputPort("torque").size()
+    7
     """
 
     def __init__(

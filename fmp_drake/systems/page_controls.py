@@ -45,6 +45,14 @@ class PageControls(LeafSystem):
         Initial value.
     period : float
         Between two readings, s.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> controls = PageControls(Meshcat(), tempo=0.8)
+    >>> context = controls.CreateDefaultContext()
+    >>> float(controls.GetOutputPort("tempo").Eval(context)[0])
+    0.8
     """
 
     def __init__(

@@ -53,6 +53,13 @@ class PlanVisualizer(LeafSystem):
         Size of the tube in standard deviations.
     show_plan, show_tube, show_component : bool
         What to draw.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> visualizer = PlanVisualizer(Meshcat(), points=40, path="board/plan")
+    >>> visualizer.GetInputPort("plan").size()
+    120
     """
 
     def __init__(

@@ -32,6 +32,12 @@ class SensorModel(LeafSystem):
     ------
     SystemsError
         If a value is out of range.
+
+    Examples
+    --------
+    >>> sensors = SensorModel(initial=np.zeros(14), rate=1000.0, delay=0.002)
+    >>> sensors.GetInputPort("state").size()
+    14
     """
 
     def __init__(

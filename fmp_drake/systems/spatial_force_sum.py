@@ -29,6 +29,12 @@ class SpatialForceSum(LeafSystem):
     ----------
     *names : str
         Of the input ports.
+
+    Examples
+    --------
+    >>> total = SpatialForceSum("mouse", "people")
+    >>> total.GetInputPort("people").get_name()
+    'people'
     """
 
     def __init__(self, *names: str) -> None:

@@ -46,6 +46,13 @@ class TrailVisualizer(LeafSystem):
         Between two points, and two pictures, s.
     radius : float
         Of the newest end of the measured trail, m; the desired one is half as thick.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> trail = TrailVisualizer(Meshcat(), path="board/trail", names=("measured",))
+    >>> trail.GetInputPort("measured").size()
+    3
     """
 
     def __init__(

@@ -72,7 +72,7 @@ def record(scenario, seconds):
 def make_bare(scenario, times, torques):
     """Return the plant alone with its torques."""
     builder = DiagramBuilder()
-    scene = AddBoardScene(builder, scenario, start=scenario.start_position())
+    scene = AddBoardScene(builder, scenario, start=scenario.start)
     held = PiecewisePolynomial.ZeroOrderHold(times, torques)
     source = builder.AddSystem(TrajectorySource(held))
     torque = source.get_output_port()

@@ -27,6 +27,12 @@ class ForceControlConfig:
         Measured force from which on there is contact, N.
     release_time : float
         Without contact for this long, the correction is taken back, s.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> config = ImpedanceConfig(force_control=ForceControlConfig(enabled=True))
+    >>> config.check()
     """
 
     enabled: bool = False

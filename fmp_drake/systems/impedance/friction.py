@@ -36,6 +36,12 @@ class FrictionConfig:
     .. [1] C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic
        identification of the Franka Emika Panda robot with retrieval of feasible
        parameters using penalty-based optimization", IEEE RA-L 4(4), 2019.
+
+    Examples
+    --------
+    >>> config = FrictionConfig(enabled=True, gain=0.9)
+    >>> len(config.height)
+    7
     """
 
     enabled: bool = False

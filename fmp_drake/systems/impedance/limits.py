@@ -30,6 +30,12 @@ class JointWallConfig:
         Part of the model's velocity limit from which on a joint is braked.
     braking_time : float
         Time constant at which speed above what is allowed goes, s.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> config = ImpedanceConfig(walls=JointWallConfig(width=0.05))
+    >>> config.check()
     """
 
     width: float = 0.1

@@ -32,6 +32,12 @@ class StatusFlag(IntFlag):
     - `FORCE_LIMITED`: the correction of the normal force is at its limit.
     - `STIFFNESS_REFUSED`: the stiffness or covariance at the port was no spring.
     - `TANK_EMPTY`: the energy tank held the stiffness back.
+
+    Examples
+    --------
+    >>> flags = StatusFlag(576)
+    >>> StatusFlag.RATE_LIMITED in flags, StatusFlag.PROTECTIVE_STOP in flags
+    (True, False)
     """
 
     PROTECTIVE_STOP = 1
@@ -69,6 +75,12 @@ class ImpedanceStatus(NamedTuple):
         What the closed loop adds to the wanted normal force, N.
     tank_energy : float
         Energy that the stiffness may still take from the tank, J.
+
+    Examples
+    --------
+    >>> status = ImpedanceStatus.from_vector([512.0, 1.0, 1.0, 0.8, 0.0, 0.5])
+    >>> status.flags.name, status.rate_scale
+    ('RATE_LIMITED', 0.8)
     """
 
     flags: StatusFlag

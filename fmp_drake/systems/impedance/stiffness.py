@@ -27,6 +27,12 @@ class CovarianceStiffnessConfig:
     axes : list of 3 bools
         Which of T's axes are concerned; the others keep their stiffness. By default
         not the normal, along which the force, not the position, is to be held.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> soft = CovarianceStiffnessConfig(enabled=True, min_stiffness=200.0)
+    >>> ImpedanceConfig(covariance_stiffness=soft).check()
     """
 
     enabled: bool = False
@@ -48,6 +54,11 @@ class EnergyTankConfig:
         the environment gains at most the `capacity` from it.
     stored_fraction : float
         Part of the power dissipated by the controller's damping that is stored.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> ImpedanceConfig(tank=EnergyTankConfig(initial_energy=0.2)).check()
     """
 
     initial_energy: float = 0.5

@@ -34,6 +34,12 @@ class WatchdogConfig:
     recovery_speed, recovery_angular_speed : float
         Greatest speed at which the arm is led from where it was stopped to where the
         target is, m/s, rad/s.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> config = ImpedanceConfig(watchdog=WatchdogConfig(max_jump=0.02))
+    >>> config.check()
     """
 
     max_jump: float = 0.05

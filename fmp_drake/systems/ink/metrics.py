@@ -30,6 +30,16 @@ class MissedSpots:
         at an edge or a corner. No spot is too small to count.
     area_cm2, largest_cm2 : float
         Area of all spots and of the largest in cm^2.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import InkGrid, missed_spots
+    >>> grid = InkGrid(size=(0.5, 0.7))
+    >>> ink = np.zeros(grid.shape)
+    >>> ink[10:14, 20:30] = 1.0
+    >>> spots = missed_spots(ink, np.full(grid.shape, True), grid=grid)
+    >>> spots.count, spots.area_cm2
+    (1, 10.0)
     """
 
     cleaned_fraction: float
