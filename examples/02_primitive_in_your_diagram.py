@@ -20,7 +20,7 @@ from pydrake.systems.primitives import (
 )
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.systems import FourierPrimitiveSystem
 
 BUNDLED = Path(__file__).parent.parent / "models" / "demonstrations" / "polishing.npz"
 STIFFNESS = 400.0  # N/m

@@ -17,9 +17,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.station import LoadScenario, MakeWipingStation, models_dir
 
 
 def main() -> None:

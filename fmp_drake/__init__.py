@@ -1,6 +1,6 @@
 """Fourier movement primitives (FMP) for Drake.
 
-Layers, each importing only from the ones before it:
+The rooms, each importing only from the ones before it:
 
 - `fmp_drake.primitives` learns and plays rhythmic skills (NumPy, SciPy,
   scikit-learn; no Drake);
@@ -15,4 +15,59 @@ The method is Kulak, Silvério and Calinon, "Fourier movement primitives: an
 approach for learning rhythmic robot skills from demonstrations", RSS 2020.
 """
 
+from typing import TYPE_CHECKING, Any
+
+from fmp_drake.errors import (
+    ControllerError,
+    DemonstrationError,
+    ExperimentError,
+    FmpError,
+    RunError,
+    SkillError,
+    SkillFileError,
+    StationError,
+    SystemsError,
+)
+
+if TYPE_CHECKING:
+    from fmp_drake.primitives import (
+        Demonstration,
+        FourierMovementPrimitive,
+        Player,
+        load_skill,
+        save_skill,
+    )
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "ControllerError",
+    "Demonstration",
+    "DemonstrationError",
+    "ExperimentError",
+    "FmpError",
+    "FourierMovementPrimitive",
+    "Player",
+    "RunError",
+    "SkillError",
+    "SkillFileError",
+    "StationError",
+    "SystemsError",
+    "__version__",
+    "load_skill",
+    "save_skill",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the skill layer when one of its names is first asked for."""
+    if name in __all__:
+        from fmp_drake import primitives
+
+        return getattr(primitives, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List the public names, also those that are not imported yet."""
+    return sorted({*globals(), *__all__})

@@ -4,31 +4,17 @@
 at its attribute `py_func`, which is what the tests compare with.
 """
 
+import atexit
 import logging
-import os
+import shutil
 import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-logger = logging.getLogger("fmp_drake")
-
-
-def _is_writable(folder: Path) -> bool:
-    """Tell whether files can be made in a folder, or in the one that would hold it."""
-    while not folder.exists():
-        folder = folder.parent
-    return os.access(folder, os.W_OK)
-
-
-# Without a place for its cache numba refuses to compile.
-_PLACES = (Path(__file__).parent, Path(os.environ.get("HOME", "/")) / ".cache")
-if "NUMBA_CACHE_DIR" not in os.environ and not any(map(_is_writable, _PLACES)):
-    os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="fmp_drake_")
-
-# numba reads the environment when it is imported.
 import numba
 from numba.core import event
+
+logger = logging.getLogger("fmp_drake")
 
 
 class _Announcer(event.Listener):
@@ -41,7 +27,7 @@ class _Announcer(event.Listener):
         """Say it at the first function that is not in the cache."""
         if not self._said:
             self._said = True
-            logger.info("compiling, once for this computer; it takes about 10 s")
+            logger.info("compiling, once for this computer; it takes some seconds")
 
     def on_end(self, event: Any) -> None:
         """Nothing is said at the end."""
@@ -54,6 +40,15 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
     """Compile a function of arrays, numbers and named tuples of them at its first call.
 
     Its cache is beside the module, in the user's cache folder where that is read-only,
-    or else in a temporary folder for this process.
+    or else in a temporary folder that lasts as long as the process.
     """
-    return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[return-value]
+    options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+    compile_later = numba.njit(cache=True, **options)
+    try:
+        return compile_later(function)
+    except RuntimeError:
+        # There is no place for a cache, and without one numba refuses to compile.
+        folder = tempfile.mkdtemp(prefix="fmp_drake_")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
+        return compile_later(function)

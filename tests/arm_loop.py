@@ -152,7 +152,6 @@ class ArmLoop:
         q_posture: np.ndarray | None = None,
         push: Signal | None = None,
         load: Signal | None = None,
-        stiffness_size: int = 36,
         stops: bool = True,
         log: bool = True,
     ) -> None:
@@ -168,7 +167,6 @@ class ArmLoop:
         signals.setdefault("desired_position", lambda _t: p)
         for name in ("desired_velocity", "desired_acceleration"):
             signals.setdefault(name, lambda _t: np.zeros(3))
-        signals.setdefault("feedforward_wrench", lambda _t: np.zeros(6))
 
         builder = DiagramBuilder()
         self.plant = builder.AddSystem(make_arm(gravity=False, stops=stops))
@@ -179,7 +177,6 @@ class ArmLoop:
                 X_WT=X_WT,
                 config=config,
                 q_posture=self.q if q_posture is None else q_posture,
-                stiffness_size=stiffness_size,
             )
         )
         sized = {

@@ -31,6 +31,20 @@ settings.load_profile("repeatable")
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
+def pytest_configure(config):
+    """Forget compiled functions that are older than what they may call.
+
+    Compiled code is kept for each file, and does not notice changes in another one.
+    """
+    if hasattr(config, "workerinput"):  # The first process has done it.
+        return
+    package = REPOSITORY / "fmp_drake"
+    newest = max(path.stat().st_mtime for path in package.rglob("*.py"))
+    for kept in package.rglob("__pycache__/*.nb[ci]"):
+        if kept.stat().st_mtime < newest:
+            kept.unlink()
+
+
 def hand_demonstration(task, *, seconds, seed, rate=50):
     """Return a demonstration (x, y, z) in metres, with a height that wanders."""
     position = HandMotion.make(task, seconds=seconds, seed=seed).position

@@ -1,11 +1,14 @@
-"""Facts about who imports whom: each layer only from those before it."""
+"""Facts about the rooms: who imports whom, what is in them, what their doors offer."""
 
 import ast
+import importlib
+import inspect
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from pydrake.systems.framework import LeafSystem
 
 import fmp_drake
 
@@ -21,7 +24,10 @@ LAYERS = (
     "apps",
 )
 # Below all layers.
-BASE = {"errors", "compiled", "__init__"}
+BASE = {"errors", "settings", "compiled", "__init__"}
+FRONT_DOORS = ("fmp_drake", *(f"fmp_drake.{layer}" for layer in LAYERS[:-1]))
+MOST_MODULES = 16
+MOST_LINES = 400
 
 
 def imported(source, module):
@@ -52,7 +58,9 @@ def modules():
 
 def broken_rules(name, layer, source):
     """Return what a module imports and must not."""
-    if layer in BASE:
+    if layer == "__init__":
+        allowed = {*BASE, "primitives"}  # The front door opens into the skill layer.
+    elif layer in BASE:
         allowed = BASE
     else:
         allowed = BASE | set(LAYERS[: LAYERS.index(layer) + 1])
@@ -92,6 +100,7 @@ def test_imports_point_one_way():
         ("primitives.x", "import pydrake.math"),
         ("primitives.x", "def f():\n    import fmp_drake.station.z"),
         ("errors", "from fmp_drake.primitives import basis"),
+        ("__init__", "from fmp_drake.systems import InkBoard"),
         ("systems.x", "import fmp_drake.station"),
         ("systems.x", "from pydrake.all import LeafSystem"),
         ("systems.x", "from pydrake import all"),
@@ -110,25 +119,102 @@ def test_wrong_imports_are_found(name, source):
         ("primitives.x", "from . import basis"),
         ("systems.x", "import pydrake.math\nfrom fmp_drake.primitives import y"),
         ("apps.x", "from fmp_drake import station, __version__"),
+        ("__init__", "from fmp_drake.primitives import Player"),
     ],
 )
 def test_right_imports_pass(name, source):
     assert not broken_rules(f"fmp_drake.{name}", name.split(".")[0], source)
 
 
-@pytest.mark.parametrize("module", ["fmp_drake", "fmp_drake.primitives"])
-def test_learning_works_without_drake(module):
-    # In a process of its own, where importing Drake is an error.
-    code = f"""
-import sys
-sys.modules["pydrake"] = None
-import {module}
-if "{module}" != "fmp_drake":
-    import numpy as np
-    from fmp_drake.primitives import FourierMovementPrimitive, Player
-    skill = FourierMovementPrimitive(n_steps=8, overlap=2)
-    skill.fit(np.random.default_rng(0).standard_normal((9, 8, 2)))
-    assert Player(skill).rollout([0.0, 0.0], 3.0).shape == (61, 3, 2)
-assert not [m for m in sys.modules if m.startswith("pydrake.")]
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
+def run_alone(code):
+    """Run a program in a process of its own, where importing Drake is an error."""
+    alone = f"import sys\nsys.modules['pydrake'] = None\n{code}"
+    subprocess.run([sys.executable, "-c", alone], check=True)
+
+
+def test_skill_is_learned_and_played_without_drake():
+    run_alone("""
+import numpy as np
+from fmp_drake.primitives import FourierMovementPrimitive, Player
+skill = FourierMovementPrimitive(n_steps=8, overlap=2)
+skill.fit(np.random.default_rng(0).standard_normal((9, 8, 2)))
+assert Player(skill).rollout([0.0, 0.0], 3.0).shape == (61, 3, 2)
+import fmp_drake
+assert fmp_drake.Player is Player
+""")
+
+
+def test_importing_the_package_imports_nothing_heavy():
+    run_alone("""
+import fmp_drake
+from fmp_drake.errors import FmpError
+assert fmp_drake.FmpError is FmpError
+assert {"Player", "load_skill", "__version__"} <= set(dir(fmp_drake))
+heavy = {"numpy", "scipy", "sklearn", "numba", "matplotlib", "click", "logging"}
+assert not heavy & set(sys.modules)
+""")
+
+
+# What is in the rooms.
+
+
+@pytest.mark.parametrize(
+    "name", [p.stem for p in (PACKAGE / "systems").glob("*.py") if p.stem != "__init__"]
+)
+def test_every_module_of_systems_is_one_leaf_system_of_its_name(name):
+    module = importlib.import_module(f"fmp_drake.systems.{name}")
+    systems = [
+        each.__name__
+        for _, each in inspect.getmembers(module, inspect.isclass)
+        if issubclass(each, LeafSystem) and each.__module__ == module.__name__
+    ]
+    assert systems == ["".join(word.capitalize() for word in name.split("_"))]
+
+
+def test_no_folder_is_crowded():
+    folders = {path.parent for path in PACKAGE.rglob("*.py")}
+    crowded = {}
+    for folder in folders:
+        modules_of = [p for p in folder.glob("*.py") if p.stem != "__init__"]
+        if len(modules_of) > MOST_MODULES:
+            crowded[str(folder.relative_to(PACKAGE))] = len(modules_of)
+    assert crowded == {}
+
+
+def test_no_file_is_long():
+    lengths = {
+        str(path.relative_to(PACKAGE)): len(path.read_text("utf-8").splitlines())
+        for path in PACKAGE.rglob("*.py")
+    }
+    assert {p: n for p, n in lengths.items() if n > MOST_LINES} == {}
+
+
+# What the front doors offer.
+
+
+@pytest.mark.parametrize("door", FRONT_DOORS)
+def test_front_door_offers_names_that_exist(door):
+    module = importlib.import_module(door)
+    assert len(set(module.__all__)) == len(module.__all__)
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+        assert name in dir(module)
+
+
+def exported_classes():
+    """Yield the classes that the front doors offer, but for errors."""
+    for door in FRONT_DOORS[1:]:
+        module = importlib.import_module(door)
+        for name in module.__all__:
+            if inspect.isclass(getattr(module, name)):
+                yield pytest.param(getattr(module, name), id=f"{door}.{name}")
+
+
+@pytest.mark.parametrize("exported", list(exported_classes()))
+def test_exported_class_shows_an_example(exported):
+    assert "Examples\n--------" in inspect.getdoc(exported)
+
+
+def test_name_that_no_front_door_has_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'Robot'"):
+        _ = fmp_drake.Robot

@@ -1,7 +1,7 @@
 """A tracker of every kind, each stable for a given skill."""
 
 from fmp_drake.primitives import ExponentialTracker, LqrTracker, ProportionalTracker
-from fmp_drake.primitives.playback.tracking import paper_precision_diagonal
+from fmp_drake.primitives.playback.trackers import paper_precision_diagonal
 
 
 def greatest_precision(skill):

@@ -56,14 +56,12 @@ class Tube:
         ]
         return np.array(means), np.array(precisions)
 
-    def inside(self, values, components):
-        """Tell which values (S, ticks, D) of a window are in the tube, (S, ticks)."""
+    def inside(self, values, components, steps):
+        """Tell which values (n, D), of components and steps (n,), are in the tube."""
         means, precisions = self._tables
-        ticks = values.shape[1]
-        delta = values - means[components, :ticks]
-        squares = np.einsum(
-            "sld,slde,sle->sl", delta, precisions[components, :ticks], delta
-        )
+        steps = np.asarray(steps) - (self.skill.overlap - 1)
+        delta = values - means[components, steps]
+        squares = np.einsum("ld,lde,le->l", delta, precisions[components, steps], delta)
         return squares <= self.threshold
 
 
@@ -83,22 +81,13 @@ class Return(NamedTuple):
     seconds: float
 
 
-def windows_with_components(player, starts):
-    """Yield windows (S, T - K, 3, D) of a stream and the components (S,) they track.
-
-    A re-mapping maps the last K values, the first of the next window among them.
-    """
-    skill = player.skill
-    plan = skill.mapping_plan(np.arange(skill.overlap))
-    components = np.array([player.start(start).component for start in starts])
-    before = None
-    for window in player.stream(starts):
-        if before is not None:
-            last = [before[:, 1 - skill.overlap :, 0], window[:, :1, 0]]
-            last = np.concatenate(last, axis=1)
-            components = plan.map_many(last.reshape(len(starts), -1))[1]
-        yield window, components
-        before = window
+def played(player, start, ticks, **options):
+    """Yield the states of a playback at the start and at so many ticks."""
+    state = player.start(start, **options)
+    yield state
+    for _ in range(ticks):
+        state = player.advance(state, player.tick_seconds)
+        yield state
 
 
 def measure_return(skill, *, starts, seconds, period, peak, **options):
@@ -109,7 +98,7 @@ def measure_return(skill, *, starts, seconds, period, peak, **options):
     skill : FourierMovementPrimitive
     starts : ndarray, shape (S, D)
     seconds : float
-        Whole windows are played, at least as long as this.
+        How long is played.
     period : float
         Of the movement, s.
     peak : float
@@ -117,16 +106,16 @@ def measure_return(skill, *, starts, seconds, period, peak, **options):
     **options
         Of the player.
     """
-    tube = Tube(skill)
-    inside, ticks = [], 0
-    speeds = np.zeros(len(starts))
-    for window, components in windows_with_components(Player(skill, **options), starts):
-        inside.append(tube.inside(window[:, :, 0], components))
-        speeds = np.maximum(speeds, np.linalg.norm(window[:, :, 1], axis=2).max(axis=1))
-        ticks += window.shape[1]
-        if ticks >= seconds * skill.rate:
-            break
-    inside = np.concatenate(inside, axis=1)
+    tube, player = Tube(skill), Player(skill, **options)
+    ticks = round(seconds * skill.rate)
+    inside, greatest = [], []
+    for i, start in enumerate(starts):
+        states = list(played(player, start, ticks, seed=player.seed + i))
+        motions = np.array([player.motion(state) for state in states])
+        components, steps = np.array([(s.component, s.step) for s in states]).T
+        inside.append(tube.inside(motions[:, 0], components, steps))
+        greatest.append(np.linalg.norm(motions[:, 1], axis=1).max())
+    inside, speeds = np.array(inside), np.array(greatest)
     first = round(2 * period * skill.rate)
     return Return(
         at=float(inside[:, first].mean()),
@@ -153,10 +142,14 @@ def remapping_jumps(skill, start, seconds, **options):
     state = player.start(start)
     jumps, offsets = [], []
     for _ in range(int(seconds * skill.rate)):
-        state = player.tick(state)
-        if state.step == skill.n_steps - 1:
-            before = player.motion(state)
-            state = player.remap(state)
-            jumps.append(np.linalg.norm(player.motion(state) - before, axis=1)[:2])
-            offsets.append(np.linalg.norm(state.offset, axis=1))
+        later = player.advance(state, player.tick_seconds)
+        if later.remaps > state.remaps:
+            # The end of a window, seen from a little before it.
+            before = player.motion(player.advance(state, player.tick_seconds - 1e-6))
+            after = player.motion(player.advance(state, player.tick_seconds + 1e-6))
+            middle = (before[:2] + after[:2]) / 2
+            steady = middle - before[:2] - 1e-6 * before[1:]
+            jumps.append(np.linalg.norm(2 * steady, axis=1))
+            offsets.append(np.linalg.norm(later.offset, axis=1))
+        state = later
     return np.max(jumps, axis=0), np.max(offsets, axis=0)

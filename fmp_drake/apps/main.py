@@ -1,40 +1,83 @@
 """The command `fmp-drake`."""
 
+import importlib
 import logging
 import sys
 from collections.abc import Sequence
 
 import click
-from threadpoolctl import threadpool_limits
 
 from fmp_drake import __version__
-from fmp_drake.apps.learn import learn
-from fmp_drake.apps.record import record
-from fmp_drake.apps.reproduce import reproduce
-from fmp_drake.apps.scenarios import scenarios
-from fmp_drake.apps.video import video
-from fmp_drake.apps.wipe import wipe
 from fmp_drake.errors import FmpError
 
+# The module `fmp_drake.apps.wipe` has the command `wipe`, and so on.
+_COMMANDS = {
+    "learn": "Learn a skill from DEMONSTRATIONS (.npz or .csv) and write it to a file.",
+    "record": "Record a demonstration: a simulated person guides the arm over the "
+    "board.",
+    "reproduce": "Rerun the paper's experiments and write a report with figures and "
+    "tables.",
+    "scenarios": "List the scenarios that come with the package.",
+    "video": "Turn FRAMES, the .tar that the page's recorder saves, into the film OUT.",
+    "wipe": "Learn whiteboard wiping from a demonstration and wipe the board.",
+}
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+
+class _LazyGroup(click.Group):
+    """A group that imports a command only when it is run, because that takes seconds."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Return the commands' names."""
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command; what it runs uses one thread of BLAS."""
+        if cmd_name not in _COMMANDS:
+            return None
+        module = importlib.import_module(f"fmp_drake.apps.{cmd_name}")
+        from threadpoolctl import threadpool_limits
+
+        # The matrices of a control step are small: more threads would only spin.
+        ctx.with_resource(threadpool_limits(limits=1))
+        command: click.Command = getattr(module, cmd_name)
+        return command
+
+    def format_commands(
+        self,
+        ctx: click.Context,  # noqa: ARG002
+        formatter: click.HelpFormatter,
+    ) -> None:
+        """Write one line about each command, without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+
+class _StderrHandler(logging.Handler):
+    """Writes each record as one plain line to stderr."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record."""
+        print(f"fmp-drake: {record.getMessage()}", file=sys.stderr)
+
+
+_HANDLER = _StderrHandler()
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="fmp-drake")
 def app() -> None:
     """Fourier movement primitives for Drake: teach rhythmic skills, play them."""
-
-
-for command in (wipe, scenarios, learn, record, reproduce, video):
-    app.add_command(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; bad input ends with one line and exit code 2."""
     # Meshcat's address is printed where it is of use.
     logging.getLogger("drake").setLevel(logging.WARNING)
+    logger = logging.getLogger("fmp_drake")
+    logger.setLevel(logging.INFO)
+    logger.addHandler(_HANDLER)
     try:
-        # The matrices of a control step are small: BLAS threads would only spin.
-        with threadpool_limits(limits=1):
-            app.main(args=arguments, prog_name="fmp-drake", standalone_mode=False)
+        app.main(args=arguments, prog_name="fmp-drake", standalone_mode=False)
     except FmpError as error:
         _fail(str(error), 2)
     except click.exceptions.NoArgsIsHelpError as error:

@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
 from fmp_drake.errors import RunError
+from fmp_drake.primitives.data.numeric import check_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +23,12 @@ class FilmCamera:
         p_WC and the point looked at, in W, m.
     fov_y : float
         Vertical field of view, rad.
+
+    Examples
+    --------
+    >>> camera = FilmCamera(eye=(1.0, -1.0, 1.0), target=(0.4, 0.0, 0.2))
+    >>> camera.pose().translation()
+    array([ 1., -1.,  1.])
     """
 
     eye: Sequence[float] = (1.45, -0.80, 0.88)
@@ -51,8 +58,9 @@ class FilmCamera:
 
     def core(self, renderer: str, size: tuple[int, int]) -> RenderCameraCore:
         """Return Drake's camera of a renderer, for pictures (width, height)."""
-        if not 0.01 < self.fov_y < 3.0:
-            raise RunError(f"fov_y is {self.fov_y} rad; it must be between 0.01 and 3.")
+        check_number(
+            self.fov_y, "fov_y", above=0.01, below=3.0, unit="rad", error=RunError
+        )
         width, height = size
         focal = 0.5 * height / np.tan(0.5 * self.fov_y)
         info = CameraInfo(width, height, focal, focal, width / 2, height / 2)

@@ -26,6 +26,20 @@ class FilmReel:
         Frames per second of the film.
     speed : float
         Simulated seconds that pass in a second of the film.
+
+    Examples
+    --------
+    >>> from fmp_drake.runs import scenario_skill
+    >>> from fmp_drake.station import LoadScenario, MakeWipingStation
+    >>> from pydrake.systems.analysis import Simulator
+    >>> scenario = LoadScenario("table_top")
+    >>> skill, _, _ = scenario_skill(scenario)
+    >>> station = MakeWipingStation(scenario, skill)
+    >>> reel, simulator = FilmReel(station, fps=20.0), Simulator(station)
+    >>> reel.watch(simulator)
+    >>> _ = simulator.AdvanceTo(0.1)
+    >>> reel.times
+    array([0.  , 0.05, 0.1 ])
     """
 
     def __init__(self, station: Diagram, *, fps: float, speed: float = 1.0) -> None:

@@ -14,6 +14,7 @@ skill, orange played; every component has a colour of its own, and time runs fro
 violet to green.
 """
 
+from fmp_drake.plots.graphviz import write_graph
 from fmp_drake.plots.heatmaps import draw_heatmap, draw_heatmaps
 from fmp_drake.plots.learned import (
     draw_component_in_plane,
@@ -25,7 +26,7 @@ from fmp_drake.plots.recorded import (
     draw_demonstrations_in_plane,
     draw_demonstrations_over_time,
 )
-from fmp_drake.plots.run_page import plot_run
+from fmp_drake.plots.run_page import draw_run, plot_run
 from fmp_drake.plots.skill_page import draw_skill, plot_skill
 from fmp_drake.plots.spectra import draw_spectra
 from fmp_drake.plots.windows import draw_windows_in_plane, draw_windows_over_time
@@ -38,6 +39,7 @@ __all__ = [
     "draw_heatmap",
     "draw_heatmaps",
     "draw_rollout_over_time",
+    "draw_run",
     "draw_samples_in_plane",
     "draw_skill",
     "draw_spectra",
@@ -46,4 +48,5 @@ __all__ = [
     "draw_windows_over_time",
     "plot_run",
     "plot_skill",
+    "write_graph",
 ]

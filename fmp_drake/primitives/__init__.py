@@ -1,14 +1,28 @@
 """Learning and playing Fourier movement primitives. No Drake in here."""
 
 from fmp_drake.primitives.data.demonstration import Demonstration
-from fmp_drake.primitives.data.windows import sliding_windows
+from fmp_drake.primitives.data.placement import Placement, fit_placement
+from fmp_drake.primitives.data.windows import Windows, sliding_windows
 from fmp_drake.primitives.discrete.discrete_movement_primitive import (
     DiscreteMovementPrimitive,
 )
-from fmp_drake.primitives.discrete.via_points import ViaPoint
+from fmp_drake.primitives.discrete.via_points import DiscreteMovement, ViaPoint
 from fmp_drake.primitives.editing.modulation import modulate_skill, modulate_windows
-from fmp_drake.primitives.editing.orientation import add_orientation, skill_rotations
-from fmp_drake.primitives.editing.spectrum import skill_spectrum, window_spectrum
+from fmp_drake.primitives.editing.orientation import (
+    add_orientation,
+    angular_acceleration,
+    angular_velocity,
+    mean_rotation,
+    rotation_vectors,
+    rotations_of,
+    skill_rotations,
+)
+from fmp_drake.primitives.editing.spectrum import (
+    SpectralPeak,
+    Spectrum,
+    skill_spectrum,
+    window_spectrum,
+)
 from fmp_drake.primitives.editing.transforms import scale_tempo, transform_space
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.keypoint import Keypoint
@@ -21,7 +35,7 @@ from fmp_drake.primitives.model.movement_primitive import (
 from fmp_drake.primitives.model.skill_file import load_skill, save_skill
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.player import Player
-from fmp_drake.primitives.playback.tracking import (
+from fmp_drake.primitives.playback.trackers import (
     ExponentialTracker,
     LqrTracker,
     ProportionalTracker,
@@ -31,6 +45,7 @@ from fmp_drake.primitives.playback.tracking import (
 __all__ = [
     "PAPER_SETTINGS",
     "Demonstration",
+    "DiscreteMovement",
     "DiscreteMovementPrimitive",
     "ExponentialTracker",
     "FourierBasis",
@@ -40,15 +55,25 @@ __all__ = [
     "LqrTracker",
     "Mapping",
     "MappingPlan",
+    "Placement",
     "PlaybackState",
     "Player",
     "ProportionalTracker",
+    "SpectralPeak",
+    "Spectrum",
     "Tracker",
     "ViaPoint",
+    "Windows",
     "add_orientation",
+    "angular_acceleration",
+    "angular_velocity",
+    "fit_placement",
     "load_skill",
+    "mean_rotation",
     "modulate_skill",
     "modulate_windows",
+    "rotation_vectors",
+    "rotations_of",
     "save_skill",
     "scale_tempo",
     "skill_rotations",

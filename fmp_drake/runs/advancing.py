@@ -27,6 +27,13 @@ class RunButtons:
     Parameters
     ----------
     meshcat : Meshcat
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> with RunButtons(Meshcat()) as buttons:
+    ...     buttons.paused
+    False
     """
 
     PAUSE = "pause / resume"

@@ -52,6 +52,13 @@ class Signal:
         As in `SignalKind`.
     columns : tuple of str
         A name for each column, or none.
+
+    Examples
+    --------
+    >>> time, values = np.array([0.0, 0.1]), np.array([[0.05], [0.04]])
+    >>> height = Signal(times=time, values=values, unit="m")
+    >>> height.values.shape
+    (2, 1)
     """
 
     times: NDArray[np.float64]
@@ -91,6 +98,15 @@ class RunLog:
         Of the packages that made it.
     metrics : mapping from str to number, str or None
         What the run reported, if anything.
+
+    Examples
+    --------
+    >>> from fmp_drake.runs import Signal
+    >>> time, values = np.array([0.0, 0.1]), np.array([[0.05], [0.04]])
+    >>> height = Signal(times=time, values=values, unit="m")
+    >>> log = RunLog(signals={"height": height}, scenario="table_top")
+    >>> log["height"].unit
+    'm'
     """
 
     signals: Mapping[str, Signal]

@@ -21,7 +21,7 @@ WANTED_FORCE = (5.0, 15.0)
 # Of the histogram of forces, N; larger forces than the largest count as that one.
 _BIN, _LARGEST_FORCE = 0.01, 500.0
 # What the controller should not have to do.
-_FAULTS = StatusFlag.HOLD | StatusFlag.JOINT_WALL
+_FAULTS = StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL
 
 METRIC_SIGNALS = (
     *("normal_force", "desired_position", "desired_velocity"),

@@ -77,6 +77,17 @@ class WipingRun:
         The signals that are kept.
     demonstrated : list of ndarray, shape (N, 3)
         The demonstrated paths in B, or those of the skill's components, m.
+
+    Examples
+    --------
+    >>> from fmp_drake.runs import scenario_skill
+    >>> from fmp_drake.station import LoadScenario
+    >>> scenario = LoadScenario("table_top")
+    >>> skill, demonstrations, _ = scenario_skill(scenario)
+    >>> run = WipingRun(scenario, skill, demonstrations=demonstrations)
+    >>> run.advance_to(0.2)
+    >>> run.metrics()["remap_count"]
+    0
     """
 
     def __init__(

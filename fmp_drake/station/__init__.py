@@ -1,1 +1,74 @@
-"""The wiping station: Panda, eraser and whiteboard, wired for simulation."""
+"""The Panda, its eraser and a whiteboard, wired for simulation.
+
+`LoadScenario` reads what is built, `MakeWipingStation` and `MakeTeachingStation`
+build it. The `Add...` functions add its parts to a diagram of your own.
+"""
+
+from fmp_drake.station.models.eraser import AddEraser
+from fmp_drake.station.models.model_files import AddPandaWithEraser, models_dir
+from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.parts.arm_controller import AddArmController
+from fmp_drake.station.parts.board_ink import AddInk
+from fmp_drake.station.parts.board_scene import (
+    AddBoardScene,
+    BoardScene,
+)
+from fmp_drake.station.parts.external_forces import AddExternalForces
+from fmp_drake.station.parts.mouse import AddMousePull
+from fmp_drake.station.parts.page_scene import AddBodies, AddPage
+from fmp_drake.station.parts.posture import SolvePosture
+from fmp_drake.station.parts.stage import RenderLights, SetStage
+from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
+from fmp_drake.station.scenario_parts import (
+    BoardConfig,
+    BoardError,
+    BoardMotion,
+    CameraConfig,
+    Disturbance,
+    EraserConfig,
+    InkConfig,
+    PressConfig,
+    SensorConfig,
+    ShowConfig,
+    SkillConfig,
+)
+from fmp_drake.station.teaching_station import (
+    DemonstrationFromRecorder,
+    MakeTeachingStation,
+)
+from fmp_drake.station.wiping_station import MakeWipingStation
+
+__all__ = [
+    "AddArmController",
+    "AddBoardScene",
+    "AddBodies",
+    "AddEraser",
+    "AddExternalForces",
+    "AddInk",
+    "AddMousePull",
+    "AddPage",
+    "AddPandaWithEraser",
+    "AddWhiteboard",
+    "BoardConfig",
+    "BoardError",
+    "BoardMotion",
+    "BoardScene",
+    "CameraConfig",
+    "DemonstrationFromRecorder",
+    "Disturbance",
+    "EraserConfig",
+    "InkConfig",
+    "ListScenarios",
+    "LoadScenario",
+    "MakeTeachingStation",
+    "MakeWipingStation",
+    "PressConfig",
+    "RenderLights",
+    "Scenario",
+    "SensorConfig",
+    "SetStage",
+    "ShowConfig",
+    "SkillConfig",
+    "SolvePosture",
+    "models_dir",
+]

@@ -2,7 +2,7 @@
 
 import dataclasses
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from fmp_drake.errors import StationError
+from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.scenario_parts import (
     BoardConfig,
@@ -26,7 +27,6 @@ from fmp_drake.station.scenario_parts import (
     SensorConfig,
     ShowConfig,
     SkillConfig,
-    finite,
 )
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.friction import FrictionConfig
@@ -61,6 +61,13 @@ class Scenario:
         p_BE of the eraser at the start, in the frame of the board, m.
     camera : CameraConfig
     show : ShowConfig
+
+    Examples
+    --------
+    >>> scenario = Scenario(description="A tilted board that is pressed softly.")
+    >>> scenario.board.rpy = [0.0, -0.2, 0.0]
+    >>> scenario.press.force = 6.0
+    >>> scenario.check()
     """
 
     description: str = ""
@@ -86,10 +93,8 @@ class Scenario:
     ink: InkConfig = field(default_factory=InkConfig)
     skill: SkillConfig = field(default_factory=SkillConfig)
     disturbances: list[Disturbance] = field(default_factory=list)
-    posture: list[float] = field(
-        default_factory=lambda: [0.0, 0.38, 0.0, -2.22, 0.0, 2.60, 0.785]
-    )
-    start: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.05])
+    posture: list[float] = bounded([0.0, 0.38, 0.0, -2.22, 0.0, 2.60, 0.785])
+    start: list[float] = bounded([0.0, 0.0, 0.05])
     camera: CameraConfig = field(default_factory=CameraConfig)
     show: ShowConfig = field(default_factory=ShowConfig)
 
@@ -101,22 +106,17 @@ class Scenario:
         StationError
             That names the value and what is allowed.
         """
-        for part in (self.board, self.eraser, self.ink, self.skill, self.sensors):
-            part.check()
+        check_settings(self, StationError)
+        self.board.motion.check()
+        self.ink.check()
+        self.sensors.check()
+        self.camera.check()
         for disturbance in self.disturbances:
             disturbance.check()
-        self.camera.check()
-        self.start_position()
-        self.eraser_orientation()
 
     def eraser_orientation(self) -> RotationMatrix:
         """Return R_BE, how the eraser is held over the board."""
-        rpy = finite("impedance.orientation", self.impedance.orientation, 3)
-        return RotationMatrix(RollPitchYaw(np.array(rpy)))
-
-    def start_position(self) -> list[float]:
-        """Return the checked start p_BE."""
-        return finite("start", self.start, 3)
+        return RotationMatrix(RollPitchYaw(np.array(self.impedance.orientation)))
 
 
 def ListScenarios() -> list[str]:
@@ -135,6 +135,11 @@ def LoadScenario(path: str | Path) -> Scenario:
     StationError
         Where the file is missing, or holds keys or values that do not fit; it lists
         what is allowed.
+
+    Examples
+    --------
+    >>> LoadScenario("vertical").skill.tempo
+    0.9
     """
     file = Path(path)
     if file.suffix not in (".yaml", ".yml"):
@@ -145,7 +150,7 @@ def LoadScenario(path: str | Path) -> Scenario:
             f"{', '.join(ListScenarios())}."
         )
     try:
-        _check_keys(yaml.safe_load(file.read_bytes()), Scenario())
+        _check_types(yaml.safe_load(file.read_bytes()), Scenario())
         scenario: Scenario = yaml_load_typed(  # type: ignore[no-untyped-call]
             schema=Scenario, filename=str(file), defaults=Scenario()
         )
@@ -160,69 +165,51 @@ def LoadScenario(path: str | Path) -> Scenario:
     ) as error:
         reason = str(error).strip().splitlines()[0]
         raise StationError(f"{file.name} is not a scenario: {reason}") from None
-    if scenario.skill.demonstration.endswith((".csv", ".npz")):
-        scenario.skill.demonstration = str(file.parent / scenario.skill.demonstration)
-    if scenario.skill.file:
-        scenario.skill.file = str(file.parent / scenario.skill.file)
-    if scenario.ink.picture:
-        scenario.ink.picture = str(file.parent / scenario.ink.picture)
+    skill, ink = scenario.skill, scenario.ink
+    if skill.demonstration.endswith((".csv", ".npz")):
+        skill.demonstration = str(file.parent / skill.demonstration)
+    if skill.file:
+        skill.file = str(file.parent / skill.file)
+    if ink.picture:
+        ink.picture = str(file.parent / ink.picture)
     return scenario
 
 
-def _check_keys(given: Any, default: Any, where: str = "") -> None:
-    """Refuse keys and types that a default value has not, and list what it has."""
+def _check_types(given: Any, default: Any, name: str = "") -> None:
+    """Refuse what cannot stand in place of a default value, and say what can."""
     fields = _fields(default)
-    if not fields:
-        expected, fits = _expected(default)
-        if not fits(given):
+    if fields:
+        place, allowed = name or "a scenario", ", ".join(fields)
+        if not isinstance(given, Mapping):
             raise StationError(
-                f"{where.rstrip('.')} is {given!r}; expected {expected}."
+                f"{place} is {given!r} ({type(given).__name__}); expected a mapping "
+                f"with any of: {allowed}."
             )
-        return
-    place = where.rstrip(".") or "a scenario"
-    if not isinstance(given, Mapping):
-        raise StationError(
-            f"{place} is {given!r} ({type(given).__name__}); expected a mapping with "
-            f"any of: {', '.join(fields)}."
-        )
-    for key, value in given.items():
-        if key not in fields:
-            raise StationError(
-                f"{place} has no key {key!r}; allowed are: {', '.join(fields)}."
-            )
-        if key == "disturbances":
-            if not isinstance(value, list):
-                raise StationError(f"{key} is {value!r}; expected a list of mappings.")
-            for i, entry in enumerate(value):
-                _check_keys(entry, Disturbance(), f"disturbances[{i}].")
-        else:
-            _check_keys(value, getattr(default, key), f"{where}{key}.")
+        for key, value in given.items():
+            if key not in fields:
+                raise StationError(
+                    f"{place} has no key {key!r}; allowed are: {allowed}."
+                )
+            _check_types(value, getattr(default, key), f"{name}.{key}".lstrip("."))
+    elif default == [] and isinstance(given, list):
+        for i, each in enumerate(given):
+            _check_types(each, Disturbance(), f"{name}[{i}]")
+    elif not _fits(given, default):
+        expected = f"a list like {default}" if isinstance(default, list) else "a number"
+        expected = _EXPECTED.get(type(default), expected)
+        raise StationError(f"{name} is {given!r}; expected {expected}.")
 
 
-def _expected(default: Any) -> tuple[str, Callable[[Any], bool]]:
-    """Return what may stand in place of a default value, and its check."""
-    if isinstance(default, bool):
-        return "true or false", _is_bool
-    if isinstance(default, str):
-        return "text", lambda given: isinstance(given, str)
+_EXPECTED = {bool: "true or false", str: "text", type(None): "a number or null"}
+
+
+def _fits(given: Any, default: Any) -> bool:
     if isinstance(default, list):
-        what, each = "numbers", _is_number
-        if default and isinstance(default[0], bool):
-            what, each = "true and false", _is_bool
-        return (
-            f"a list of {what}",
-            lambda given: isinstance(given, list) and all(map(each, given)),
-        )
-    if default is None:
-        return "a number or null", lambda given: given is None or _is_number(given)
-    return "a number", _is_number
-
-
-def _is_bool(given: Any) -> bool:
-    return isinstance(given, bool)
-
-
-def _is_number(given: Any) -> bool:
+        return isinstance(given, list) and all(_fits(g, default[0]) for g in given)
+    if isinstance(default, bool | str):
+        return isinstance(given, type(default))
+    if given is None:
+        return default is None
     if isinstance(given, str):  # YAML 1.1 reads 1e-3, without a point, as text.
         return re.fullmatch(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+", given) is not None
     return isinstance(given, int | float) and not isinstance(given, bool)

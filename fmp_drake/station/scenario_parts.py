@@ -1,18 +1,18 @@
 """The parts of a scenario, as dataclasses that mirror the YAML files.
 
-Values are checked by `check`, because loading YAML does not construct anew.
+`Scenario.check` checks their values, because loading YAML does not construct anew.
 """
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from fmp_drake.errors import StationError
+from fmp_drake.settings import bounded
 
-DISTURBANCES = ("push", "hold")
+DISTURBANCES = ("push", "grasp")
 
 
 @dataclass(kw_only=True)
@@ -27,18 +27,22 @@ class BoardMotion:
         m; 0 for a board that stands still.
     frequency : float
         Hz.
+
+    Examples
+    --------
+    >>> motion = BoardMotion(axis=[1.0, 1.0, 0.0], amplitude=0.05)
+    >>> BoardConfig(motion=motion).axis()
+    array([0.70710678, 0.70710678, 0.        ])
     """
 
-    axis: list[float] = field(default_factory=lambda: [0.0, 1.0, 0.0])
-    amplitude: float = 0.0
-    frequency: float = 0.1
+    axis: list[float] = bounded([0.0, 1.0, 0.0])
+    amplitude: float = bounded(0.0, at_least=0)
+    frequency: float = bounded(0.1, above=0)
 
     def check(self) -> None:
-        """Check every value."""
-        if np.linalg.norm(finite("board.motion.axis", self.axis, 3)) == 0:
+        """Check what the ranges do not say."""
+        if not np.any(self.axis):
             raise StationError("board.motion.axis is 0; expected a direction.")
-        number("board.motion.amplitude", self.amplitude, at_least=0)
-        number("board.motion.frequency", self.frequency, above=0)
 
 
 @dataclass(kw_only=True)
@@ -51,10 +55,16 @@ class BoardError:
         Of the real board in the frame of the assumed one, m.
     rpy : list of 3 floats
         Roll, pitch, yaw of it, rad.
+
+    Examples
+    --------
+    >>> board = BoardConfig(error=BoardError(translation=[0.0, 0.0, 0.01]))
+    >>> board.pose().translation() - board.assumed_pose().translation()
+    array([0.  , 0.  , 0.01])
     """
 
-    translation: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    translation: list[float] = bounded([0.0, 0.0, 0.0])
+    rpy: list[float] = bounded([0.0, 0.0, 0.0])
 
 
 @dataclass(kw_only=True)
@@ -75,37 +85,34 @@ class BoardConfig:
         Whether it is drawn with the legs of a table.
     error : BoardError
     motion : BoardMotion
+
+    Examples
+    --------
+    >>> board = BoardConfig(translation=[0.5, 0.1, 0.2], rpy=[0.0, -0.3, 0.0])
+    >>> board.pose().translation()
+    array([0.5, 0.1, 0.2])
     """
 
-    translation: list[float] = field(default_factory=lambda: [0.55, 0.0, 0.10])
-    rpy: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    size: list[float] = field(default_factory=lambda: [0.50, 0.70])
-    friction: float = 0.5
+    translation: list[float] = bounded([0.55, 0.0, 0.10])
+    rpy: list[float] = bounded([0.0, 0.0, 0.0])
+    size: list[float] = bounded([0.50, 0.70], at_least=0.1)
+    friction: float = bounded(0.5, at_least=0)
     legs: bool = True
     error: BoardError = field(default_factory=BoardError)
     motion: BoardMotion = field(default_factory=BoardMotion)
 
-    def check(self) -> None:
-        """Check every value."""
-        self.pose()
-        if min(finite("board.size", self.size, 2)) < 0.1:
-            raise StationError(f"board.size is {self.size}; it must be 0.1 m or more.")
-        number("board.friction", self.friction, at_least=0)
-        self.motion.check()
-
     def assumed_pose(self) -> RigidTransform:
         """Return X_WB as the controller takes it to be, at the middle of the rail."""
-        return _pose("board", self.translation, self.rpy)
+        return _pose(self.translation, self.rpy)
 
     def pose(self) -> RigidTransform:
         """Return X_WB, at the middle of the rail."""
-        error = _pose("board.error", self.error.translation, self.error.rpy)
-        return self.assumed_pose() @ error
+        return self.assumed_pose() @ _pose(self.error.translation, self.error.rpy)
 
-    def axis(self) -> list[float]:
+    def axis(self) -> NDArray[np.float64]:
         """Return the direction of the rail in B, a unit vector."""
         axis = np.array(self.motion.axis)
-        return list(axis / np.linalg.norm(axis))
+        return axis / np.linalg.norm(axis)
 
 
 @dataclass(kw_only=True)
@@ -121,31 +128,45 @@ class EraserConfig:
     friction : float
         Coefficient of friction of its felt.
     worn : float
-        Share of the felt's face that does not rub any more, from 0 to 1.
+        Fraction of the felt's face that does not rub any more, from 0 to 1.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> panda, eraser = AddPandaWithEraser(plant, eraser=EraserConfig(friction=0.3))
+    >>> plant.GetModelInstanceName(eraser)
+    'eraser'
     """
 
-    footprint: list[float] = field(default_factory=lambda: [0.12, 0.05])
-    modulus: float = 1.25e4
-    friction: float = 0.5
-    worn: float = 0.0
-
-    def check(self) -> None:
-        """Check every value."""
-        if min(finite("eraser.footprint", self.footprint, 2)) <= 0:
-            raise StationError(
-                f"eraser.footprint is {self.footprint}; it must be positive."
-            )
-        number("eraser.modulus", self.modulus, above=0)
-        number("eraser.friction", self.friction, at_least=0)
-        number("eraser.worn", self.worn, at_least=0, at_most=1)
+    footprint: list[float] = bounded([0.12, 0.05], above=0)
+    modulus: float = bounded(1.25e4, above=0)
+    friction: float = bounded(0.5, at_least=0)
+    worn: float = bounded(0.0, at_least=0, at_most=1)
 
 
 @dataclass(kw_only=True)
 class PressConfig:
-    """How the eraser is pressed on the board: see `NormalPress`."""
+    """How the eraser is pressed on the board.
 
-    force: float = 10.0
-    engage_height: float = 0.01
+    Attributes
+    ----------
+    force : float
+        Along the board's normal, N; not negative.
+    engage_height : float
+        Height of the eraser and its target over the board below which the force comes
+        in smoothly, m.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> Scenario(press=PressConfig(force=8.0)).press.force
+    8.0
+    """
+
+    force: float = bounded(10.0, at_least=0)
+    engage_height: float = bounded(0.01, above=0)
 
 
 @dataclass(kw_only=True)
@@ -164,20 +185,22 @@ class InkConfig:
         File of a picture that is drawn on the board, relative to the scenario's.
     size : float or None
         Height of the capital letters, or width of the picture, m; None for as large as fits.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(ink=InkConfig(words="hello", size=0.1))
+    >>> scenario.check()
     """
 
-    cell: float = 0.005
-    period: float = 0.1
+    cell: float = bounded(0.005, above=0)
+    period: float = bounded(0.05, above=0)
     words: str = ""
     picture: str = ""
-    size: float | None = None
+    size: float | None = bounded(None, above=0)
 
     def check(self) -> None:
-        """Check every value."""
-        number("ink.cell", self.cell, above=0)
-        number("ink.period", self.period, above=0)
-        if self.size is not None:
-            number("ink.size", self.size, above=0)
+        """Check what the ranges do not say."""
         if self.words and self.picture:
             raise StationError("ink has words and a picture; give one of them.")
 
@@ -209,27 +232,24 @@ class SkillConfig:
         robot; None for the periodic mode only.
     push_dwell : float
         Seconds until the motion of a pushed robot is mapped.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(skill=SkillConfig(demonstration="eight", tempo=0.8))
+    >>> scenario.check()
     """
 
     demonstration: str = "wiping"
     file: str = ""
-    window: float = 6.0
-    components: int = 80
+    window: float = bounded(6.0, above=0)
+    components: int = bounded(80, at_least=1)
     sample: bool = True
-    candidates: int = 32
-    seed: int = 0
-    tempo: float = 1.0
-    push_threshold: float | None = None
-    push_dwell: float = 0.2
-
-    def check(self) -> None:
-        """Check every value."""
-        number("skill.tempo", self.tempo, at_least=0, at_most=4)
-        number("skill.seed", self.seed, at_least=0)
-        number("skill.candidates", self.candidates, at_least=1)
-        number("skill.push_dwell", self.push_dwell, above=0)
-        if self.push_threshold is not None:
-            number("skill.push_threshold", self.push_threshold, above=0)
+    candidates: int = bounded(32, at_least=1)
+    seed: int = bounded(0, at_least=0)
+    tempo: float = bounded(1.0, at_least=0, at_most=4)
+    push_threshold: float | None = bounded(None, above=0)
+    push_dwell: float = bounded(0.2, above=0)
 
 
 @dataclass(kw_only=True)
@@ -239,7 +259,7 @@ class Disturbance:
     Attributes
     ----------
     kind : str
-        `push`: a constant force. `hold`: a grip that pulls to a point like a spring.
+        `push`: a constant force. `grasp`: a hand that pulls to a point like a spring.
     start, duration : float
         s.
     every : float
@@ -247,41 +267,42 @@ class Disturbance:
     force : list of 3 floats
         Of a push, in B, N.
     position : list of 3 floats
-        p_B of a hold, m.
+        p_B of a grasp, m.
     stiffness : float
-        Of a hold, N/m; it is critically damped for a mass of 5 kg.
+        Of a grasp, N/m; it is critically damped for a mass of 5 kg.
     max_force : float
-        Greatest force of a hold, N.
+        Greatest force of a grasp, N.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> push = Disturbance(start=2.0, duration=1.0, force=[0.0, 20.0, 0.0])
+    >>> scenario = Scenario(disturbances=[push])
+    >>> scenario.disturbances[0].kind
+    'push'
     """
 
     kind: str = "push"
-    start: float = 0.0
-    duration: float = 1.0
-    every: float = 0.0
-    force: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    position: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    stiffness: float = 1000.0
-    max_force: float = 60.0
+    start: float = bounded(0.0, at_least=0)
+    duration: float = bounded(1.0, above=0)
+    every: float = bounded(0.0, at_least=0)
+    force: list[float] = bounded([0.0, 0.0, 0.0])
+    position: list[float] = bounded([0.0, 0.0, 0.0])
+    stiffness: float = bounded(1000.0, above=0)
+    max_force: float = bounded(60.0, above=0)
 
     def check(self) -> None:
-        """Check every value."""
+        """Check what the ranges do not say."""
         if self.kind not in DISTURBANCES:
             raise StationError(
                 f"a disturbance's kind is {self.kind}; choose one of: "
                 f"{', '.join(DISTURBANCES)}."
             )
-        number("a disturbance's start", self.start, at_least=0)
-        number("a disturbance's duration", self.duration, above=0)
-        number("a disturbance's every", self.every, at_least=0)
         if 0 < self.every < self.duration:
             raise StationError(
                 f"a disturbance of {self.duration} s comes every {self.every} s; it "
                 "must end before it begins again."
             )
-        finite("a disturbance's force", self.force, 3)
-        finite("a disturbance's position", self.position, 3)
-        number("a disturbance's stiffness", self.stiffness, above=0)
-        number("a disturbance's max_force", self.max_force, above=0)
 
 
 @dataclass(kw_only=True)
@@ -298,20 +319,26 @@ class SensorConfig:
         Standard deviations, rad and rad/s.
     seed : int
         Of the noise.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(sensors=SensorConfig(delay=0.002))
+    >>> scenario.check()
+    Traceback (most recent call last):
+    fmp_drake.errors.StationError: sensors.delay needs a sensors.rate, 1000 Hz for example.
     """
 
-    rate: float = 0.0
-    delay: float = 0.0
-    position_noise: float = 0.0
-    velocity_noise: float = 0.0
-    seed: int = 0
+    rate: float = bounded(0.0, at_least=0, at_most=1000)
+    delay: float = bounded(0.0, at_least=0)
+    position_noise: float = bounded(0.0, at_least=0)
+    velocity_noise: float = bounded(0.0, at_least=0)
+    seed: int = bounded(0, at_least=0)
 
     def check(self) -> None:
-        """Check every value."""
-        number("sensors.rate", self.rate, at_least=0, at_most=1000)
-        for name in ("delay", "position_noise", "velocity_noise", "seed"):
-            number(f"sensors.{name}", getattr(self, name), at_least=0)
-            if self.rate == 0 and name != "seed" and getattr(self, name) > 0:
+        """Check what the ranges do not say."""
+        for name in ("delay", "position_noise", "velocity_noise"):
+            if self.rate == 0 and getattr(self, name) > 0:
                 raise StationError(
                     f"sensors.{name} needs a sensors.rate, 1000 Hz for example."
                 )
@@ -319,21 +346,36 @@ class SensorConfig:
 
 @dataclass(kw_only=True)
 class CameraConfig:
-    """From where the page and films look, in the frame of the robot's base, m."""
+    """From where the page and films look, in the frame of the robot's base, m.
 
-    eye: list[float] = field(default_factory=lambda: [1.50, -0.98, 0.86])
-    target: list[float] = field(default_factory=lambda: [0.37, 0.0, 0.20])
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(camera=CameraConfig(eye=[0.0, -1.5, 1.2]))
+    >>> scenario.camera.target
+    [0.37, 0.0, 0.2]
+    """
+
+    eye: list[float] = bounded([1.50, -0.98, 0.86])
+    target: list[float] = bounded([0.37, 0.0, 0.20])
 
     def check(self) -> None:
-        """Check every value."""
-        eye = finite("camera.eye", self.eye, 3)
-        if eye == finite("camera.target", self.target, 3):
+        """Check what the ranges do not say."""
+        if self.eye == self.target:
             raise StationError("camera.eye and camera.target are the same point.")
 
 
 @dataclass(kw_only=True)
 class ShowConfig:
-    """What the page shows beside arm, eraser and board; each can be switched off."""
+    """What the page shows beside arm, eraser and board; each can be switched off.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(show=ShowConfig(tube=False, mouse=False))
+    >>> scenario.show.plan
+    True
+    """
 
     ink: bool = True
     demonstrations: bool = True
@@ -346,36 +388,5 @@ class ShowConfig:
     mouse: bool = True
 
 
-def finite(name: str, values: Sequence[float], size: int) -> list[float]:
-    """Return values if they are so many finite numbers."""
-    if len(values) != size or not np.all(np.isfinite(values)):
-        raise StationError(f"{name} is {values}; expected {size} finite numbers.")
-    return list(values)
-
-
-def number(
-    name: str,
-    value: float,
-    *,
-    above: float | None = None,
-    at_least: float | None = None,
-    at_most: float | None = None,
-) -> None:
-    """Refuse a value that is not finite or out of range."""
-    bounds = {
-        "above": (above, lambda bound: value > bound),
-        "at least": (at_least, lambda bound: value >= bound),
-        "at most": (at_most, lambda bound: value <= bound),
-    }
-    given = {word: bound for word, (bound, _) in bounds.items() if bound is not None}
-    if math.isfinite(value) and all(bounds[word][1](b) for word, b in given.items()):
-        return
-    allowed = " and ".join(f"{word} {bound:g}" for word, bound in given.items())
-    raise StationError(f"{name} is {value}; it must be {allowed}.")
-
-
-def _pose(name: str, translation: list[float], rpy: list[float]) -> RigidTransform:
-    angles = RollPitchYaw(np.array(finite(f"{name}.rpy", rpy, 3)))
-    return RigidTransform(
-        angles, np.array(finite(f"{name}.translation", translation, 3))
-    )
+def _pose(translation: list[float], rpy: list[float]) -> RigidTransform:
+    return RigidTransform(RollPitchYaw(np.array(rpy)), np.array(translation))

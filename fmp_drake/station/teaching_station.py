@@ -30,7 +30,7 @@ def MakeTeachingStation(
 ) -> Diagram:
     """Build a station where a simulated hand guides the gravity-compensated arm.
 
-    Systems: plant, scene_graph, controller with rest and no_press for its inputs,
+    Systems: plant, scene_graph, controller with rest for its inputs,
     gravity_compensation, actuation, human_hand, recorder, and meshcat_visualizer
     where there is a Meshcat. Output ports: position (3,) of the eraser in the board's
     frame, m, and state (14,) of the arm.
@@ -42,13 +42,8 @@ def MakeTeachingStation(
     controller = AddArmController(builder, scene, GUIDING)
     rest = builder.AddSystem(ConstantVectorSource(np.zeros(3)))
     rest.set_name("rest")
-    no_press = builder.AddSystem(ConstantVectorSource(np.zeros(6)))
-    no_press.set_name("no_press")
     for port in ("desired_position", "desired_velocity", "desired_acceleration"):
         builder.Connect(rest.get_output_port(), controller.GetInputPort(port))
-    builder.Connect(
-        no_press.get_output_port(), controller.GetInputPort("feedforward_wrench")
-    )
     hand = builder.AddSystem(
         HumanHand(
             plant,

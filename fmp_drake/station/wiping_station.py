@@ -18,11 +18,6 @@ from fmp_drake.station.parts.page_scene import AddPage
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
-from fmp_drake.systems.normal_press import NormalPress
-
-# How often the primitive stores its state without a page, whose controls must act at
-# once, s.
-_EVENT_PERIOD = 0.25
 
 
 def MakeWipingStation(
@@ -44,11 +39,12 @@ def MakeWipingStation(
     a plant without a time step (CENIC) give it the scenario's integrator:
     ``ApplySimulatorConfig(scenario.simulator, simulator)``.
 
-    Systems: plant, scene_graph, fourier_primitive, tempo, normal_press, controller,
+    Systems: plant, scene_graph, fourier_primitive, tempo, desired_normal_force,
+    controller,
     gravity_compensation, actuation, ink_board; where the scenario needs them sensors,
     rail, rail_state, task_frame, task_frame_velocity, task_frame_acceleration,
     joint_friction, disturbances and spatial_force_sum; with a Meshcat those of `AddPage`,
-    whose page_controls take the place of tempo.
+    whose page_controls take the place of tempo and desired_normal_force.
 
     Output ports, all vectors: desired_position, desired_velocity,
     desired_acceleration (3,), covariance (9,), weights, component (1,), remaps (2,) of
@@ -90,11 +86,15 @@ def MakeWipingStation(
             "coordinates of a position."
         )
     builder = DiagramBuilder()
-    start = scenario.start_position() if start is None else start
+    start = scenario.start if start is None else start
     scene = AddBoardScene(builder, scenario, start=start, visuals=visuals)
     plant = scene.plant
     controller = AddArmController(
-        builder, scene, scenario.impedance, sensors=scenario.sensors
+        builder,
+        scene,
+        scenario.impedance,
+        engage_height=scenario.press.engage_height,
+        sensors=scenario.sensors,
     )
     plays = scenario.skill
     sample = plays.sample if sample is None else sample
@@ -112,28 +112,15 @@ def MakeWipingStation(
         seed=plays.seed if seed is None else seed,
         push_threshold=plays.push_threshold,
         push_dwell=plays.push_dwell,
-        jerk_window=scenario.impedance.model_period,
-        event_period=None if meshcat is not None else _EVENT_PERIOD,
         choice=choice,
     )
     builder.AddSystem(primitive)
-    press = builder.AddSystem(
-        NormalPress(
-            force=scenario.press.force, engage_height=scenario.press.engage_height
-        )
-    )
     measured = controller.GetOutputPort("measured_position")
     builder.Connect(measured, primitive.GetInputPort("measured_position"))
-    for name in ("position", "velocity", "acceleration", "jerk"):
+    for name in ("position", "velocity", "acceleration"):
         builder.Connect(
             primitive.GetOutputPort(name), controller.GetInputPort(f"desired_{name}")
         )
-    desired = primitive.GetOutputPort("position")
-    builder.Connect(desired, press.GetInputPort("desired_position"))
-    builder.Connect(measured, press.GetInputPort("measured_position"))
-    builder.Connect(
-        press.GetOutputPort("wrench"), controller.GetInputPort("feedforward_wrench")
-    )
     if choice is not None:
         builder.Connect(ink.GetOutputPort("ink"), primitive.GetInputPort("ink"))
     # Used where the impedance's configuration enables them.
@@ -143,7 +130,7 @@ def MakeWipingStation(
     ):
         builder.Connect(port, controller.GetInputPort(port.get_name()))
     forces = []
-    tempo = None
+    tempo = normal_force = None
     if meshcat is not None:
         page = AddPage(
             builder,
@@ -161,16 +148,19 @@ def MakeWipingStation(
             forces.append(page.pull)
         if page.controls is not None:
             tempo = page.controls.GetOutputPort("tempo")
-            for name, target in (
-                ("press_force", press.GetInputPort("force")),
-                ("sample", primitive.GetInputPort("sample")),
-            ):
-                builder.Connect(page.controls.GetOutputPort(name), target)
-    if tempo is None:
-        constant = builder.AddSystem(ConstantVectorSource(np.array([plays.tempo])))
-        constant.set_name("tempo")
-        tempo = constant.get_output_port()
-    builder.Connect(tempo, primitive.GetInputPort("tempo"))
+            normal_force = page.controls.GetOutputPort("press_force")
+            builder.Connect(
+                page.controls.GetOutputPort("sample"), primitive.GetInputPort("sample")
+            )
+    for name, source, value, system in (
+        ("tempo", tempo, plays.tempo, primitive),
+        ("desired_normal_force", normal_force, scenario.press.force, controller),
+    ):
+        if source is None:
+            constant = builder.AddSystem(ConstantVectorSource(np.array([value])))
+            constant.set_name(name)
+            source = constant.get_output_port()
+        builder.Connect(source, system.GetInputPort(name))
     AddExternalForces(builder, scene, scenario, others=forces)
 
     for name in ("position", "velocity", "acceleration"):

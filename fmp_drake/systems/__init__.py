@@ -1,1 +1,86 @@
-"""Drake systems around `fmp_drake.primitives`, one LeafSystem per file."""
+"""Drake systems: the primitive, an impedance controller, ink, people and visualizers.
+
+Every module directly in here is one LeafSystem of its name; the mathematics is in
+the folders below.
+"""
+
+from fmp_drake.systems.force_arrow import ForceArrow
+from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.systems.human_hand import GripConfig, HumanHand
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.force_control import ForceControlConfig
+from fmp_drake.systems.impedance.friction import FrictionConfig
+from fmp_drake.systems.impedance.limits import JointWallConfig
+from fmp_drake.systems.impedance.status import ImpedanceStatus, StatusFlag
+from fmp_drake.systems.impedance.stiffness import (
+    CovarianceStiffnessConfig,
+    EnergyTankConfig,
+)
+from fmp_drake.systems.impedance.supervision import WatchdogConfig
+from fmp_drake.systems.ink.coverage_choice import CoverageChoice
+from fmp_drake.systems.ink.drawing import draw_picture, draw_words
+from fmp_drake.systems.ink.grid import InkGrid, cleaned_fraction
+from fmp_drake.systems.ink.metrics import (
+    MissedSpots,
+    cleaned_history,
+    missed_spots,
+    times_to_clean,
+)
+from fmp_drake.systems.ink.recording import AddInkToRecording
+from fmp_drake.systems.ink_board import InkBoard
+from fmp_drake.systems.ink_visualizer import InkVisualizer
+from fmp_drake.systems.joint_friction import JointFriction
+from fmp_drake.systems.mouse_pull import MousePull
+from fmp_drake.systems.operational_space_impedance_controller import (
+    OperationalSpaceImpedanceController,
+)
+from fmp_drake.systems.page_controls import PageControls
+from fmp_drake.systems.plan_visualizer import PlanVisualizer
+from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
+from fmp_drake.systems.sensor_model import SensorModel
+from fmp_drake.systems.spatial_force_sum import SpatialForceSum
+from fmp_drake.systems.teaching.hand_motion import HandMotion, HandVariability
+from fmp_drake.systems.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
+
+__all__ = [
+    "AddInkToRecording",
+    "CovarianceStiffnessConfig",
+    "CoverageChoice",
+    "EnergyTankConfig",
+    "ForceArrow",
+    "ForceControlConfig",
+    "FourierPrimitiveSystem",
+    "FrictionConfig",
+    "Grasp",
+    "GripConfig",
+    "HandMotion",
+    "HandVariability",
+    "HumanHand",
+    "ImpedanceConfig",
+    "ImpedanceStatus",
+    "InkBoard",
+    "InkGrid",
+    "InkVisualizer",
+    "JointFriction",
+    "JointWallConfig",
+    "MissedSpots",
+    "MousePull",
+    "OperationalSpaceImpedanceController",
+    "PageControls",
+    "PlanVisualizer",
+    "Push",
+    "ScriptedDisturbances",
+    "SensorModel",
+    "SpatialForceSum",
+    "StatusFlag",
+    "TrailVisualizer",
+    "WatchdogConfig",
+    "cleaned_fraction",
+    "cleaned_history",
+    "draw_demonstrations",
+    "draw_picture",
+    "draw_words",
+    "missed_spots",
+    "times_to_clean",
+]

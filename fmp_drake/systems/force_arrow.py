@@ -11,7 +11,7 @@ from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 FORCE_COLOR = Rgba(0.85, 0.10, 0.10, 1.0)
 """Colour of the arrow."""
@@ -47,8 +47,21 @@ class ForceArrow(LeafSystem):
         way of the mouse.
     metres_per_newton : float
         Length of the arrow.
-    rate : float
-        Pictures per second.
+    period : float
+        Between two pictures, s.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> from fmp_drake.station import AddBoardScene, Scenario
+    >>> builder = DiagramBuilder()
+    >>> scene = AddBoardScene(builder, Scenario(), start=[0.0, 0.0, 0.05])
+    >>> plant, meshcat = scene.plant, Meshcat()
+    >>> arrow = ForceArrow(plant, body=scene.tip.body(), meshcat=meshcat)
+    >>> arrow = builder.AddSystem(arrow)
+    >>> port = plant.GetOutputPort("contact_results")
+    >>> _ = builder.Connect(port, arrow.GetInputPort("contact_results"))
     """
 
     def __init__(
@@ -59,16 +72,19 @@ class ForceArrow(LeafSystem):
         meshcat: Meshcat,
         path: str = "/force",
         metres_per_newton: float = 0.012,
-        rate: float = 30.0,
+        period: float = 0.032,
     ) -> None:
         super().__init__()
         self.set_name("force_arrow")
-        for name, value in (("metres_per_newton", metres_per_newton), ("rate", rate)):
+        for name, value in (
+            ("metres_per_newton", metres_per_newton),
+            ("period", period),
+        ):
             if not (np.isfinite(value) and value > 0):
-                raise StationError(f"{name} is {value}; it must be positive.")
+                raise SystemsError(f"{name} is {value}; it must be positive.")
         self._ids = frozenset(plant.GetCollisionGeometriesForBody(body))
         if not self._ids:
-            raise StationError(
+            raise SystemsError(
                 f"the body {body.name()} has no collision geometry; it never feels a "
                 "contact."
             )
@@ -78,7 +94,6 @@ class ForceArrow(LeafSystem):
         self._results = self.DeclareAbstractInputPort(
             "contact_results", AbstractValue.Make(ContactResults())
         )
-        period = 1 / rate
         self.DeclareInitializationPublishEvent(self._begin)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
 

@@ -18,21 +18,15 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from fmp_drake.errors import SkillError
+from fmp_drake.errors import SystemsError
 from fmp_drake.primitives import (
     FourierMovementPrimitive,
     PlaybackState,
     Player,
     Tracker,
 )
-from fmp_drake.primitives.playback.live_playback import (
-    LivePlayback,
-    LiveState,
-    remapped,
-    retargeted,
-)
+from fmp_drake.primitives.playback.segment import Segment, segment_motion
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
-from fmp_drake.systems.playback_book import PlaybackBook
 
 MAX_TEMPO = 4.0
 """Fastest tempo; 1 is as demonstrated."""
@@ -46,40 +40,40 @@ _PUSHED_BLEND_TIME = 0.15
 class FourierPrimitiveSystem(LeafSystem):
     """Plays a learned skill from the measured start, for any duration.
 
-    The Fourier weights are discrete state. Events move them: at initialisation the
-    measured position is mapped to weights (Algorithm 1); periodic ticks, at the
-    rate of the skill, bring the weights closer to the mean (or a sample) of the
-    active component (Algorithm 2), and every T - K ticks they are re-mapped: the last K
-    desired positions become the start of a new window (section V-D of the paper).
-    The outputs are exact at every time between ticks, and no re-mapping makes
-    them jump.
+    The discrete state is a `PlaybackState`, with the Fourier weights, at the last
+    event. At initialisation the measured position is mapped to weights (Algorithm
+    1). Then one periodic event, at the rate of the skill, brings the weights closer to
+    the mean (or a sample) of the active component (Algorithm 2), and re-maps them every
+    T - K samples: the last K desired positions become the start of a new window
+    (section V-D of the paper). The outputs follow from that state in closed form, so
+    they are exact at every time between two events, and no re-mapping makes them jump.
 
     In the reactive mode the movement waits for a robot that is pushed off its path: it
     slows down from half of `push_threshold` on and stands still beyond it. And
     once that has lasted for `push_dwell`, the last K measured positions are mapped to a
     new window, so that the movement goes on from where the robot was led to.
 
+    A simulation may begin at any time. A Context that has been played, saved or cloned
+    goes on in another Simulator; to begin anew, give it the default state first.
+
     Input ports
     -----------
     measured_position : (D,)
         Where the robot is, in the frame of the skill; read at initialisation and, in
-        the reactive mode, at every tick.
+        the reactive mode, at every event.
     tempo : (1,), optional
         How fast the movement is played, from 0 to `MAX_TEMPO`; 1 where unconnected.
         Read at every event; the tempo changes by at most 4 per second.
-    ink : (ny nx,)
-        What is left in the cells of the choice's grid; only where there is a choice.
     sample : (1,), optional
         From 0.5 on, what is tracked after the next re-mapping is a sample, below a
         mean; the parameter where unconnected.
+    ink : (ny nx,)
+        What is left in the cells of the choice's grid; only where there is a choice.
 
     Output ports
     ------------
     position, velocity, acceleration : (D,)
         Desired, in the frame and units of the skill, per second and per second^2.
-    jerk : (D,)
-        How the desired acceleration goes on, per second^3: its mean change over the
-        next `jerk_window`.
     covariance : (D*D,)
         Of the desired position (18), row by row.
     weights : (D*T,)
@@ -92,7 +86,7 @@ class FourierPrimitiveSystem(LeafSystem):
     plan_covariance : (P*D*D,)
         Of the plan (18).
     remaps : (2,)
-        How many re-mappings there were, and how many of them were reactive.
+        Number of re-mappings, and of the reactive ones among them.
 
     Parameters
     ----------
@@ -111,15 +105,28 @@ class FourierPrimitiveSystem(LeafSystem):
         How long it must have been pushed before its motion is mapped, s.
     plan_seconds : float
         Length of the plan, s.
-    jerk_window : float
-        What the jerk is a mean over, s: how long a controller holds it.
-    event_period : float, optional
-        Longest time between two periodic events, s. Each makes the ticks that are due,
-        reads the inputs and stores the state; several ticks at once take less time.
-        Where None, and in the reactive mode, it is a tick.
     choice : CoverageChoice, optional
         After each re-mapping, of several samples the one is tracked that passes over the
         most ink. For skills of 3 position channels in the frame of the board.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pydrake.systems.analysis import Simulator
+    >>> from fmp_drake.primitives import FourierMovementPrimitive
+    >>> from fmp_drake.systems import FourierPrimitiveSystem
+    >>> t = np.arange(1200) / 20
+    >>> circles = np.stack([np.cos(2 * t), np.sin(2 * t)], axis=1)
+    >>> windows = np.stack([circles[i : i + 120] for i in range(0, 1080, 5)])
+    >>> skill = FourierMovementPrimitive(n_components=16).fit(windows)
+    >>> system = FourierPrimitiveSystem(skill)
+    >>> simulator = Simulator(system)
+    >>> context = simulator.get_mutable_context()
+    >>> start = system.GetInputPort("measured_position").FixValue(context, [1.5, 0.0])
+    >>> status = simulator.AdvanceTo(20.0)
+    >>> position = system.GetOutputPort("position").Eval(context)
+    >>> print(round(float(np.hypot(*position)), 1))
+    1.0
     """
 
     def __init__(
@@ -132,8 +139,6 @@ class FourierPrimitiveSystem(LeafSystem):
         push_threshold: float | None = None,
         push_dwell: float = 0.2,
         plan_seconds: float = 3.0,
-        jerk_window: float = 0.025,
-        event_period: float | None = None,
         choice: CoverageChoice | None = None,
     ) -> None:
         super().__init__()
@@ -144,77 +149,61 @@ class FourierPrimitiveSystem(LeafSystem):
             "push_threshold": push_threshold,
             "push_dwell": push_dwell,
             "plan_seconds": plan_seconds,
-            "jerk_window": jerk_window,
-            "event_period": event_period,
         }.items():
             if value is not None and not (math.isfinite(value) and value > 0):
-                raise SkillError(f"{name} is {value}; it must be positive.")
+                raise SystemsError(f"{name} is {value}; it must be positive.")
         self._push_threshold = push_threshold
         self._push_dwell = push_dwell
-        self._ticks_per_event = 1
-        if event_period is not None and push_threshold is None:
-            self._ticks_per_event = _ticks_within(player, event_period)
-        self._jerk_window = jerk_window
         self._plan_ticks = math.ceil(plan_seconds / player.tick_seconds - 1e-6)
+        self._choice = choice
         d = skill.n_channels_
+
         start = player.start(self.resting_value(skill))
-        self._weights = int(self.DeclareDiscreteState(start.weights))
-        self._target = int(self.DeclareDiscreteState(start.target))
-        self._history = int(self.DeclareDiscreteState(start.history.ravel()))
-        self._offset = int(self.DeclareDiscreteState(start.offset.ravel()))
-        self._measurements = int(self.DeclareDiscreteState(start.history.ravel()))
-        self._book = int(
-            self.DeclareDiscreteState(
-                np.array(PlaybackBook(start.step, blend_time=player.blend_time))
-            )
-        )
+        self._playback = [
+            int(self.DeclareDiscreteState(array)) for array in start.to_arrays()
+        ]
+        # When the last event and the start were (never: minus infinity), since when the
+        # robot is pushed (infinity where it is not), number of reactive re-mappings.
+        events = np.array([-math.inf, -math.inf, math.inf, 0.0])
+        self._events = int(self.DeclareDiscreteState(events))
+        # The last K measured positions, the newest last.
+        measurements = start.history.ravel()
+        self._measurements = int(self.DeclareDiscreteState(measurements))
 
         self._measured = self.DeclareVectorInputPort("measured_position", d)
         self._tempo = self.DeclareVectorInputPort("tempo", 1)
         self._sample = self.DeclareVectorInputPort("sample", 1)
-        self._choice = choice
         if choice is not None:
             self._ink = self.DeclareVectorInputPort("ink", choice.grid.num_cells)
         self._declare_outputs(d, len(start.weights))
-        self._period = period = self._ticks_per_event * player.tick_seconds
+        period = player.tick_seconds
         self.DeclareInitializationDiscreteUpdateEvent(self._initialize)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._tick)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)
 
     def _declare_outputs(self, d: int, weights: int) -> None:
         state, now = {self.xd_ticket()}, {self.time_ticket(), self.xd_ticket()}
-        self._playback = self.DeclareCacheEntry(
-            description="playback from the last event on",
-            value_producer=ValueProducer(
-                allocate=Value[object], calc=self._calc_playback
-            ),
-            prerequisites_of_calc=state,
+
+        def cache(name: str, calc: Callable[..., None], needs: set[Any]) -> CacheEntry:
+            producer = ValueProducer(allocate=Value[object], calc=calc)
+            return self.DeclareCacheEntry(name, producer, needs)
+
+        self._segments = cache(
+            "segments until the next event", self._calc_segments, state
         )
-        self._motion = self.DeclareCacheEntry(
-            description="desired motion",
-            value_producer=ValueProducer(
-                allocate=Value[object], calc=self._calc_motion
-            ),
-            prerequisites_of_calc=now,
-        )
-        self._plan = self.DeclareCacheEntry(
-            description="plan",
-            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_plan),
-            prerequisites_of_calc=state,
-        )
+        self._motion = cache("desired motion", self._calc_motion, now)
+        self._plan = cache("plan", self._calc_plan, state)
         declare = self.DeclareVectorOutputPort
-        for order, name in enumerate(("position", "velocity", "acceleration", "jerk")):
-            calc = self._calc_part_of(self._motion, order)
-            declare(name, d, calc, prerequisites_of_calc=now)
-        declare("covariance", d * d, self._calc_covariance, prerequisites_of_calc=now)
-        declare("weights", weights, self._calc_weights, prerequisites_of_calc=now)
-        declare("component", 1, self._calc_component, prerequisites_of_calc=now)
+        for order, name in enumerate(("position", "velocity", "acceleration")):
+            declare(name, d, self._calc_part_of(self._motion, order), now)
+        declare("covariance", d * d, self._calc_covariance, now)
+        declare("weights", weights, self._calc_weights, now)
+        declare("component", 1, self._calc_component, now)
         points = self._plan_ticks + 1
-        for order, (name, size) in enumerate(
-            {"plan": d, "plan_covariance": d**2}.items()
-        ):
-            calc = self._calc_part_of(self._plan, order)
-            declare(name, points * size, calc, prerequisites_of_calc=state)
-        declare("remaps", 2, self._calc_remaps, prerequisites_of_calc=now)
+        declare("plan", points * d, self._calc_part_of(self._plan, 0), state)
+        declare(
+            "plan_covariance", points * d**2, self._calc_part_of(self._plan, 1), state
+        )
+        declare("remaps", 2, self._calc_remaps, now)
 
     @staticmethod
     def resting_value(skill: FourierMovementPrimitive) -> NDArray[np.float64]:
@@ -224,178 +213,105 @@ class FourierPrimitiveSystem(LeafSystem):
 
     @property
     def player(self) -> Player:
-        """The pure playback that this system adapts."""
+        """The playback that this system adapts; it holds no values of a run."""
         return self._player
-
-    def playback_state(self, context: Context) -> PlaybackState:
-        """Return the playback's state at the last tick, its offset of that time."""
-        live, seconds = self._live(context)
-        return replace(live.playback(seconds)[0], offset=live.state.offset)
 
     # State --------------------------------------------------------------------
 
-    def _read_book(self, context: Context) -> PlaybackBook:
-        return PlaybackBook(*context.get_discrete_state().value(self._book).tolist())
+    def playback_state(self, context: Context) -> PlaybackState:
+        """Return where the playback stands at the time of a context."""
+        elapsed = context.get_time() - self._last_event(context)
+        return self._player.advance(self._read(context), elapsed)
 
-    def _read(self, context: Context) -> LiveState:
-        values, book = context.get_discrete_state(), self._read_book(context)
-        d = self._player.skill.n_channels_
-        # `value` is a view of the context's memory, which a later event overwrites.
-        return LiveState(
-            playback=PlaybackState(
-                weights=values.value(self._weights).copy(),
-                target=values.value(self._target).copy(),
-                component=int(book.component),
-                step=int(book.step),
-                history=values.value(self._history).reshape(-1, d).copy(),
-                offset=np.zeros((2, d)),
-                remaps=int(book.remaps),
-            ),
-            offset=values.value(self._offset).reshape(2, d).copy(),
-            rest=book.rest,
-            tempo=book.tempo,
-            slope=book.slope,
-            sample=book.sample > 0,
-            blend_time=book.blend_time,
+    def _last_event(self, context: Context) -> float:
+        """Return the time of the last event, s; now where there was none."""
+        last = float(context.get_discrete_state().value(self._events)[0])
+        return context.get_time() if last == -math.inf else last
+
+    def _read(self, context: Context) -> PlaybackState:
+        """Return the playback at the last event."""
+        values = context.get_discrete_state()
+        return PlaybackState.from_arrays(
+            [values.value(index) for index in self._playback],
+            channels=self._player.skill.n_channels_,
         )
 
     def _store(
         self,
         values: DiscreteValues,
-        state: LiveState,
+        state: PlaybackState,
+        *,
+        events: tuple[float, float, float, float],
         measurements: NDArray[np.float64],
-        book: PlaybackBook,
     ) -> None:
-        playback = state.playback
-        values.set_value(self._weights, playback.weights)
-        values.set_value(self._target, playback.target)
-        values.set_value(self._history, playback.history.ravel())
-        values.set_value(self._offset, state.offset.ravel())
+        for index, array in zip(self._playback, state.to_arrays(), strict=True):
+            values.set_value(index, array)
+        values.set_value(self._events, np.array(events))
         values.set_value(self._measurements, measurements.ravel())
-        book = book._replace(
-            step=playback.step,
-            component=playback.component,
-            remaps=playback.remaps,
-            rest=state.rest,
-            tempo=state.tempo,
-            slope=state.slope,
-            sample=state.sample,
-            blend_time=state.blend_time,
-        )
-        values.set_value(self._book, np.array(book, dtype=float))
-
-    def _live(self, context: Context) -> tuple[LivePlayback, float]:
-        """Return the playback from the last event on, and the seconds since."""
-        cached: Any = self._playback.Eval(context)
-        live, time = cached
-        return live, context.get_time() - time
 
     # Events -------------------------------------------------------------------
 
     def _initialize(self, context: Context, values: DiscreteValues) -> EventStatus:
-        player = self._player
-        time = context.get_time()
-        ticks = round(time / player.tick_seconds)
-        if abs(ticks * player.tick_seconds - time) > 1e-9:
-            raise SkillError(
-                f"{self.get_name()}: the simulation starts at {time} s; it must start "
-                f"at a multiple of the skill's tick of {player.tick_seconds} s."
-            )
-        first = player.skill.overlap - 1
-        step = first + ticks % player.ticks_between_remaps
+        player, time = self._player, context.get_time()
+        last, begin, *_ = context.get_discrete_state().value(self._events).tolist()
+        if begin < time and 0 <= time - last <= player.tick_seconds * (1 + 1e-9):
+            return EventStatus.DidNothing()  # It goes on from where it stands.
         measured: Any = self._measured.Eval(context)
-        start = player.start(measured, step=step)
-        tempo = self._wanted_tempo(context)
-        # The start is at rest in real time: the weights' velocity is scaled.
-        path = player.motion(replace(start, offset=np.zeros_like(start.offset)))
-        state = LiveState(
-            playback=replace(start, offset=np.zeros_like(start.offset)),
-            offset=np.stack([measured - path[0], -tempo * path[1]]),
-            tempo=tempo,
-            sample=self._wanted_sample(context),
-            blend_time=player.blend_time,
+        start = player.start(measured, tempo=self._wanted_tempo(context))
+        self._store(
+            values,
+            replace(start, sample=self._wanted_sample(context)),
+            events=(time, time, math.inf, 0.0),
+            measurements=start.history,
         )
-        self._store(values, state, start.history, PlaybackBook(step, time=time))
         return EventStatus.Succeeded()
 
-    def _tick(self, context: Context, values: DiscreteValues) -> EventStatus:
-        live, seconds = self._live(context)
-        before = self._read_book(context)
-        state, measurements, book = self._ticked(context, live, seconds, before)
-        if book.time - book.pushed_since > self._push_dwell - 1e-6:
-            playback, offset = remapped(
-                self._player,
-                state.playback,
-                state.offset,
-                tempo=state.tempo,
-                seconds=state.rest,
-                observed=measurements,
-                sample=state.sample,
-            )
-            state = replace(
-                state,
-                playback=playback,
-                offset=offset,
-                rest=0.0,
-                blend_time=min(_PUSHED_BLEND_TIME, self._player.blend_time),
-            )
-            book = book._replace(pushed_since=math.inf, reactive=book.reactive + 1)
-        is_new = state.playback.remaps != before.remaps
-        if is_new and self._choice is not None and state.sample:
-            state = self._chosen(context, state, self._choice)
-        self._store(values, state, measurements, book)
-        return EventStatus.Succeeded()
-
-    def _chosen(
-        self, context: Context, live: LiveState, choice: CoverageChoice
-    ) -> LiveState:
-        """Return the state that tracks the sample that wipes most."""
-        ink: Any = self._ink.Eval(context)
-        player = self._player
-        targets = player.candidates(live.playback, choice.candidates)
-        paths = player.skill.synthesize(targets)
-        best = choice.best(ink.reshape(choice.grid.shape), paths)
-        playback, offset = retargeted(
-            player,
-            live.playback,
-            live.offset,
-            target=targets[best],
-            tempo=live.tempo,
-            seconds=live.rest,
+    def _update(self, context: Context, values: DiscreteValues) -> EventStatus:
+        """Advance the playback to now, read the inputs, store it."""
+        player, time = self._player, context.get_time()
+        before, state = self._read(context), self.playback_state(context)
+        _, begin, pushed_since, reactive = (
+            context.get_discrete_state().value(self._events).tolist()
         )
-        return replace(live, playback=playback, offset=offset)
-
-    def _ticked(
-        self,
-        context: Context,
-        live: LivePlayback,
-        seconds: float,
-        book: PlaybackBook,
-    ) -> tuple[LiveState, NDArray[np.float64], PlaybackBook]:
-        """Return state, measurements and book after the ticks that are due now."""
-        state = live.after(seconds)
-        d = self._player.skill.n_channels_
         measurements = context.get_discrete_state().value(self._measurements)
-        measurements = measurements.reshape(-1, d).copy()
-        wanted, since = self._wanted_tempo(context), math.inf
+        measurements = measurements.reshape(state.history.shape)
+        tempo = self._wanted_tempo(context)
+        state = replace(state, sample=self._wanted_sample(context))
         if self._push_threshold is not None:
             measured: Any = self._measured.Eval(context)
             measurements = np.concatenate([measurements[1:], measured[None]])
-            off = np.linalg.norm(measured - live.motion(seconds)[0])
-            off = float(off) / self._push_threshold
-            if off > 1:
-                since = min(book.pushed_since, context.get_time())
-            elif off < 0.5:
-                state = replace(state, blend_time=self._player.blend_time)
-            wanted *= min(max(2 - 2 * off, 0.0), 1.0)
-        slope = (wanted - state.tempo) / self._period
-        state = replace(
+            distance = np.linalg.norm(measured - player.motion(state)[0])
+            off = float(distance) / self._push_threshold
+            pushed_since = min(pushed_since, time) if off > 1 else math.inf
+            if off < 0.5:
+                state = replace(state, blend_time=player.blend_time)
+            tempo *= min(max(2 - 2 * off, 0.0), 1.0)
+            if time - pushed_since > self._push_dwell - 1e-6:
+                state = player.remap(state, observed=measurements)
+                blend_time = min(_PUSHED_BLEND_TIME, player.blend_time)
+                state = replace(state, blend_time=blend_time)
+                pushed_since, reactive = math.inf, reactive + 1
+        if state.remaps != before.remaps and state.sample:
+            state = self._chosen(context, state)
+        rate = (tempo - state.tempo) / player.tick_seconds
+        state = replace(state, tempo_rate=min(max(rate, -_TEMPO_RATE), _TEMPO_RATE))
+        self._store(
+            values,
             state,
-            slope=min(max(slope, -_TEMPO_RATE), _TEMPO_RATE),
-            sample=self._wanted_sample(context),
+            events=(time, begin, pushed_since, reactive),
+            measurements=measurements,
         )
-        book = book._replace(time=context.get_time(), pushed_since=since)
-        return state, measurements, book
+        return EventStatus.Succeeded()
+
+    def _chosen(self, context: Context, state: PlaybackState) -> PlaybackState:
+        """Return the state that tracks the sample that wipes most, if asked for."""
+        if self._choice is None:
+            return state
+        ink: Any = self._ink.Eval(context)
+        targets = self._player.candidates(state, self._choice.candidates)
+        paths = self._player.skill.synthesize(targets)
+        best = self._choice.best(ink.reshape(self._choice.grid.shape), paths)
+        return self._player.retarget(state, targets[best])
 
     def _wanted_tempo(self, context: Context) -> float:
         if not self._tempo.HasValue(context):
@@ -403,7 +319,7 @@ class FourierPrimitiveSystem(LeafSystem):
         port: Any = self._tempo.Eval(context)
         tempo = float(port[0])
         if not 0 <= tempo <= MAX_TEMPO:
-            raise SkillError(
+            raise SystemsError(
                 f"{self.get_name()}: the tempo is {tempo}; it must be from 0 to "
                 f"{MAX_TEMPO:g}."
             )
@@ -417,20 +333,32 @@ class FourierPrimitiveSystem(LeafSystem):
 
     # Outputs ------------------------------------------------------------------
 
-    def _calc_playback(self, context: Any, value: Any) -> None:
-        live = LivePlayback(
-            self._player, self._read(context), ticks_at_once=self._ticks_per_event
-        )
-        value.set_value((live, self._read_book(context).time))
+    def _calc_segments(self, context: Any, value: Any) -> None:
+        """Find the time of the last event, and the segments until the next one."""
+        player, state = self._player, self._read(context)
+        found: list[tuple[float, Segment]] = []
+        begin = 0.0
+        while True:
+            found.append((begin, player.segment(state)))
+            wait = state.seconds_until(player.tick_seconds)
+            begin += wait
+            if begin > player.tick_seconds * (1 - 1e-6):
+                break
+            state = player.advance(state, wait)
+        value.set_value((self._last_event(context), found))
 
     def _calc_motion(self, context: Any, value: Any) -> None:
-        live, seconds = self._live(context)
-        value.set_value(live.motion_and_jerk(seconds, self._jerk_window))
+        cached: Any = self._segments.Eval(context)
+        last_event, segments = cached
+        elapsed = context.get_time() - last_event
+        begin, segment = segments[0]
+        for later, candidate in segments[1:]:
+            if later < elapsed:
+                begin, segment = later, candidate
+        value.set_value(segment_motion(segment, elapsed - begin))
 
     def _calc_plan(self, context: Any, value: Any) -> None:
-        state = self._read(context)
-        start = replace(state.playback, offset=state.offset)
-        value.set_value(self._player.plan(start, self._plan_ticks, sample=state.sample))
+        value.set_value(self._player.plan(self._read(context), self._plan_ticks))
 
     @staticmethod
     def _calc_part_of(
@@ -442,26 +370,17 @@ class FourierPrimitiveSystem(LeafSystem):
 
         return calc
 
-    def _now(self, context: Context) -> tuple[PlaybackState, float]:
-        live, seconds = self._live(context)
-        return live.playback(seconds)
-
     def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._player.covariance(*self._now(context)).ravel())
+        state = self.playback_state(context)
+        output.SetFromVector(self._player.covariance(state).ravel())
 
     def _calc_weights(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._player.weights(*self._now(context)))
+        output.SetFromVector(self._player.weights(self.playback_state(context)))
 
     def _calc_component(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._now(context)[0].component)
+        output.SetAtIndex(0, self.playback_state(context).component)
 
     def _calc_remaps(self, context: Context, output: BasicVector) -> None:
-        book = self._read_book(context)
-        output.SetFromVector(np.array([self._now(context)[0].remaps, book.reactive]))
-
-
-def _ticks_within(player: Player, seconds: float) -> int:
-    """Return how many ticks fit in some seconds, a divisor of those between re-maps."""
-    most = max(math.floor(seconds / player.tick_seconds * (1 + 1e-9)), 1)
-    divides = [n for n in range(1, most + 1) if player.ticks_between_remaps % n == 0]
-    return max(divides)
+        reactive = context.get_discrete_state().value(self._events)[3]
+        remaps = self.playback_state(context).remaps
+        output.SetFromVector(np.array([remaps, reactive]))

@@ -11,7 +11,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 
@@ -31,6 +31,12 @@ class GripConfig:
         Nm/rad.
     rotational_damping : float
         Nms/rad.
+
+    Examples
+    --------
+    >>> firm = GripConfig(stiffness=3000.0, damping=200.0)
+    >>> firm.press
+    9.0
     """
 
     stiffness: float = 1500.0
@@ -68,6 +74,25 @@ class HumanHand(LeafSystem):
     R_BE : RotationMatrix
         How the hand holds the tool.
     config : GripConfig, optional
+
+    Examples
+    --------
+    >>> from pydrake.math import RigidTransform, RotationMatrix
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> from fmp_drake.systems import HandMotion
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> _ = AddPandaWithEraser(plant)
+    >>> plant.Finalize()
+    >>> hand = HumanHand(
+    ...     plant,
+    ...     grip=plant.GetFrameByName("eraser_tip"),
+    ...     X_WB=RigidTransform([0.55, 0.0, 0.1]),
+    ...     motion=HandMotion.make("eight", seconds=5.0, seed=0),
+    ...     R_BE=RotationMatrix.MakeXRotation(np.pi),
+    ... )
+    >>> hand.GetOutputPort("position").size()
+    3
     """
 
     def __init__(
@@ -83,11 +108,11 @@ class HumanHand(LeafSystem):
         super().__init__()
         self.set_name("human_hand")
         if not plant.is_finalized():
-            raise StationError("the plant is not finalized; call Finalize() first.")
+            raise SystemsError("the plant is not finalized; call Finalize() first.")
         self._config = GripConfig() if config is None else config
         for name, value in vars(self._config).items():
             if not (np.isfinite(value) and value >= 0):
-                raise StationError(f"{name} is {value}; it must not be negative.")
+                raise SystemsError(f"{name} is {value}; it must not be negative.")
         self._motion = motion
         self._X_WB = X_WB
         self._X_BW = X_WB.inverse()

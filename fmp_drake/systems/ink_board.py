@@ -1,10 +1,7 @@
 """A system that wears the ink off a whiteboard where an eraser rubs it."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,69 +9,40 @@ from pydrake.common.value import AbstractValue, Value
 from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.plant import (
-    ContactResults,
-    HydroelasticContactInfo,
-    MultibodyPlant,
-)
-from pydrake.multibody.tree import Frame, RigidBody
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DiagramBuilder,
     DiscreteValues,
     LeafSystem,
-    ValueProducer,
 )
 
-from fmp_drake.errors import StationError
-from fmp_drake.systems.ink.checks import (
-    check_ink_options,
-    check_touchable,
-    checked_ink,
-)
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import (
     CLEAN_BELOW,
     WEAR_CONSTANT,
     InkGrid,
     cleaned_fraction,
 )
-from fmp_drake.systems.ink.patch import (
-    PlanarMotion,
-    join_patches,
-    planar_motion,
-    read_patch,
-    rubbing,
-)
-from fmp_drake.systems.ink.sweep import Sweep
+from fmp_drake.systems.ink.patch import planar_motion, read_patch, rectangle
+from fmp_drake.systems.ink.rubbing import Cells, PlanarMotion, exposure, wear
 
 type FloatArray = NDArray[np.float64]
 
 NEVER = math.inf
 """Erase time of a cell that has not been erased."""
 
-# What the next update is: in the middle of a period or at its end.
-_MIDDLE, _END = 0.0, 1.0
-# Periods that are worn at once: a burst takes less time than one now and then.
-_QUEUE = 5
-# A row of the queue: how many vertices the patch has, when the period ended, in its
-# middle the eraser's place (m) and x axis in B, and the velocities at its start, in
-# its middle and at its end (m/s, m/s, rad/s). Then comes the patch.
-_COUNT, _TIME, _P_BE, _X_B, _VELOCITIES = 0, 1, slice(2, 4), slice(4, 6), slice(6, 15)
-_PATCH = 15
-_PATCH_SIZE = 4 * 2048
-
 
 class InkBoard(LeafSystem):
     """Ink on a whiteboard, worn off by the contact patches of an eraser.
 
-    In the middle of every period the hydroelastic contact surfaces between eraser
-    and board are read and projected on the board. At its end they are led along the
-    eraser's way, from its velocities at the start, in the middle and at the end,
-    and the ink under them is worn by pressure times path (see `wear`, `sweep`): for a
-    few periods at once, or when an output is asked for.
-    With 100 ms the ink is within 0.003 (root mean square) of that with 2 ms while a
-    felt wipes at 0.4 m/s, apart from what the last 100 ms will wear.
+    At the end of every period the hydroelastic contact surfaces between eraser and
+    board are read, projected on the board and led back along the way that the eraser
+    has come since the last update; the ink under them is worn by pressure times path,
+    see `exposure` and `wear`. With 50 ms the ink of a board of 0.4 m x 0.3 m is within
+    0.003 (root mean square) of that with 2 ms after a felt has wiped at 0.4 m/s, and
+    within 0.02 after a stroke in which it also landed or was lifted.
 
     .. code-block:: none
 
@@ -91,7 +59,7 @@ class InkBoard(LeafSystem):
     - `body_poses`: abstract, list of `RigidTransform` X_WBody.
     - `body_spatial_velocities`: abstract, list of `SpatialVelocity` V_WBody.
 
-    Output ports:
+    Output ports; the first three are discrete state:
 
     - `ink`, size ny nx: fraction of the ink left in each cell.
     - `erase_time`, size ny nx: time in seconds at which the cell got clean, that
@@ -109,8 +77,9 @@ class InkBoard(LeafSystem):
     ----------
     plant : MultibodyPlant
         Finalized plant that is registered with a SceneGraph.
-    eraser : RigidBody
-        The body that wipes; its patch counts whichever side of a contact it is.
+    eraser : Frame
+        E, fixed to the body that wipes, with its origin at the wiping face and x along
+        its length. The body's patch counts whichever side of a contact it is.
     surface : Frame
         B, fixed to the board's body: origin at the centre of the wiping surface,
         z outward.
@@ -121,47 +90,69 @@ class InkBoard(LeafSystem):
     wear_constant : float
         Wear constant in Pa m.
     worn : float
-        Share of the felt that does not rub any more, from 0 to 1: it is worn in
-        stripes, see `worn_felt`.
+        Fraction of the felt that has gone, from 0 to 1: it goes in stripes, see
+        `exposure`.
     period : float
         In seconds: the ink changes once in it.
 
     Raises
     ------
-    StationError
+    SystemsError
         If the ink does not fit the grid, a number is out of range, or a body has
         no collision geometry.
+
+    Examples
+    --------
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> from fmp_drake.station import AddBoardScene, Scenario
+    >>> from fmp_drake.systems import InkGrid
+    >>> builder = DiagramBuilder()
+    >>> scene = AddBoardScene(builder, Scenario(), start=[0.0, 0.0, 0.05])
+    >>> ink = InkBoard(
+    ...     plant=scene.plant,
+    ...     eraser=scene.tip,
+    ...     surface=scene.surface,
+    ...     grid=InkGrid(size=(0.5, 0.7)),
+    ... )
+    >>> ink.GetOutputPort("ink").size()
+    14000
     """
 
     def __init__(
         self,
         *,
         plant: MultibodyPlant,
-        eraser: RigidBody,
+        eraser: Frame,
         surface: Frame,
         grid: InkGrid,
         initial_ink: ArrayLike | None = None,
         wear_constant: float = WEAR_CONSTANT,
         worn: float = 0.0,
-        period: float = 0.1,
+        period: float = 0.05,
     ) -> None:
         """Declare ports, state and the periodic update."""
         super().__init__()
         self.set_name("ink_board")
-        check_ink_options(wear_constant=wear_constant, worn=worn, period=period)
-        board = surface.body()
-        check_touchable(plant, eraser, board)
-        ink = checked_ink(initial_ink, grid)
-        self._eraser_ids = frozenset(plant.GetCollisionGeometriesForBody(eraser))
-        self._board_ids = frozenset(plant.GetCollisionGeometriesForBody(board))
-        self._eraser_index = int(eraser.index())
-        self._board_index = int(board.index())
-        self._X_BoardB = surface.GetFixedPoseInBodyFrame()
-        self._z_Board = self._X_BoardB.rotation().col(2)
+        for name, value in (("wear_constant", wear_constant), ("period", period)):
+            if not (np.isfinite(value) and value > 0.0):
+                raise SystemsError(
+                    f"InkBoard {name} is {value}: give a positive number."
+                )
+        if not 0.0 <= worn <= 1.0:
+            raise SystemsError(
+                f"InkBoard worn is {worn}: give the fraction of the felt that does not "
+                "rub, from 0 to 1."
+            )
+        self._eraser, self._surface = (
+            (int(frame.body().index()), frame.GetFixedPoseInBodyFrame())
+            for frame in (eraser, surface)
+        )
+        self._eraser_ids, self._board_ids = (
+            _collision_ids(plant, frame) for frame in (eraser, surface)
+        )
         self._grid = grid
-        self._initial_ink = ink
-        self._inked = ink >= CLEAN_BELOW
-        self._half = 0.5 * ink
+        self._cells = Cells.of(grid)
+        self._initial_ink = _checked_ink(initial_ink, grid)
         self._wear_constant = wear_constant
         self._worn = float(worn)
         self._period = period
@@ -176,27 +167,24 @@ class InkBoard(LeafSystem):
             "body_spatial_velocities", Value[list[SpatialVelocity]]()
         )
         never = np.full(grid.num_cells, NEVER)
-        self._cells = [
-            int(self.DeclareDiscreteState(value))
-            for value in (ink.ravel(), never, never)
-        ]
-        # What the next update is, and how many periods are in the queue.
-        self._progress = int(self.DeclareDiscreteState(np.array([_END, 0.0])))
-        self._queue = int(self.DeclareDiscreteState(_QUEUE * (_PATCH + _PATCH_SIZE)))
-        self._board = self.DeclareCacheEntry(
-            description="ink, erase time and fade time with the queue worn",
-            value_producer=ValueProducer(allocate=Value[object], calc=self._calc_board),
-            prerequisites_of_calc={self.xd_ticket()},
-        )
-        for i, name in enumerate(("ink", "erase_time", "fade_time")):
-            self.DeclareVectorOutputPort(
-                name, grid.num_cells, self._calc_layer(i), {self._board.ticket()}
-            )
+        self._layers = []
+        for name, layer in (
+            ("ink", self._initial_ink.ravel()),
+            ("erase_time", never),
+            ("fade_time", never),
+        ):
+            index = self.DeclareDiscreteState(layer)
+            self.DeclareStateOutputPort(name, index)
+            self._layers.append(int(index))
+        # The eraser at the last update.
+        motion = PlanarMotion(-math.inf, *[0.0] * (len(PlanarMotion._fields) - 1))
+        self._motion = int(self.DeclareDiscreteState(np.array(motion)))
+        self._outline = int(self.DeclareDiscreteState(6))
         self.DeclareVectorOutputPort(
             "cleaned_fraction",
             1,
             self._calc_cleaned_fraction,
-            {self._board.ticket()},
+            {self.xd_ticket()},
         )
         contact = {self._contact_results.ticket()}
         self.DeclareVectorOutputPort(
@@ -208,39 +196,8 @@ class InkBoard(LeafSystem):
         self.DeclareVectorOutputPort(
             "contact_area", 1, self._calc_contact_area, contact
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(0.5 * period, 0.0, self._update)
-
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        *,
-        plant: MultibodyPlant,
-        eraser: RigidBody,
-        surface: Frame,
-        grid: InkGrid,
-        initial_ink: ArrayLike | None = None,
-        wear_constant: float = WEAR_CONSTANT,
-        worn: float = 0.0,
-        period: float = 0.1,
-    ) -> InkBoard:
-        """Add an `InkBoard` to a builder and connect it to the plant.
-
-        Takes the builder and the constructor's parameters.
-        """
-        board = InkBoard(
-            plant=plant,
-            eraser=eraser,
-            surface=surface,
-            grid=grid,
-            initial_ink=initial_ink,
-            wear_constant=wear_constant,
-            worn=worn,
-            period=period,
-        )
-        builder.AddSystem(board)
-        for name in ("contact_results", "body_poses", "body_spatial_velocities"):
-            builder.Connect(plant.GetOutputPort(name), board.GetInputPort(name))
-        return board
+        self.DeclareInitializationDiscreteUpdateEvent(self._begin)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)
 
     @property
     def grid(self) -> InkGrid:
@@ -252,135 +209,121 @@ class InkBoard(LeafSystem):
         """Ink at the start, shape (ny, nx); read-only."""
         return self._initial_ink
 
-    def _contacts(
-        self, context: Context
-    ) -> list[tuple[HydroelasticContactInfo, ContactSurface, float]]:
-        """List the contacts of eraser and board.
-
-        With each comes 1 where the eraser is the surface's body M, -1 where it is N.
-        """
-        results = cast(ContactResults, self._contact_results.Eval(context))
+    def _contacts(self, context: Context) -> list[tuple[ContactSurface, FloatArray]]:
+        """List the surfaces between eraser and board, with the force on the eraser."""
+        results: Any = self._contact_results.Eval(context)
         found = []
         for i in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(i)
             surface = info.contact_surface()
             m, n = surface.id_M(), surface.id_N()
+            # The force acts on the body of M.
             if m in self._eraser_ids and n in self._board_ids:
-                found.append((info, surface, 1.0))
+                found.append((surface, info.F_Ac_W().translational()))
             elif n in self._eraser_ids and m in self._board_ids:
-                found.append((info, surface, -1.0))
+                found.append((surface, -info.F_Ac_W().translational()))
         return found
 
+    def _pose(self, context: Context) -> RigidTransform:
+        """Return X_WB."""
+        poses: Any = self._poses.Eval(context)
+        body, X_BodyB = self._surface
+        return poses[body] @ X_BodyB
+
+    def _normal_force(self, context: Context) -> float:
+        contacts = self._contacts(context)
+        if not contacts:
+            return 0.0
+        z_W = self._pose(context).rotation().col(2)
+        return sum(float(force.dot(z_W)) for _, force in contacts)
+
     def _calc_cleaned_fraction(self, context: Context, output: BasicVector) -> None:
-        layers = cast("list[FloatArray]", self._board.Eval(context))
-        output.SetAtIndex(0, cleaned_fraction(layers[0], self._inked))
+        ink = context.get_discrete_state(self._layers[0]).value()
+        inked = self._initial_ink >= CLEAN_BELOW
+        output.SetAtIndex(0, cleaned_fraction(ink, inked))
 
     def _calc_normal_force(self, context: Context, output: BasicVector) -> None:
-        force = 0.0
-        contacts = self._contacts(context)
-        if contacts:
-            poses = cast("list[RigidTransform]", self._poses.Eval(context))
-            z_W = poses[self._board_index].rotation().matrix().dot(self._z_Board)
-            for info, _, sign in contacts:
-                # F_Ac acts on M's body, here turned into the force on the eraser.
-                force += sign * float(info.F_Ac_W().translational().dot(z_W))
-        output.SetAtIndex(0, force)
+        output.SetAtIndex(0, self._normal_force(context))
 
     def _calc_contact_area(self, context: Context, output: BasicVector) -> None:
         contacts = self._contacts(context)
-        output.SetAtIndex(0, sum(surface.total_area() for _, surface, _ in contacts))
+        output.SetAtIndex(0, sum(surface.total_area() for surface, _ in contacts))
+
+    def _planar_motion(self, context: Context) -> PlanarMotion:
+        poses: Any = self._poses.Eval(context)
+        velocities: Any = self._velocities.Eval(context)
+        (X_WE, V_WE), (X_WB, V_WB) = (
+            (
+                poses[body] @ X_BodyF,
+                velocities[body].Shift(poses[body].rotation() @ X_BodyF.translation()),
+            )
+            for body, X_BodyF in (self._eraser, self._surface)
+        )
+        return planar_motion(
+            time=context.get_time(),
+            X_WB=X_WB,
+            V_WB=V_WB,
+            X_WE=X_WE,
+            V_WE=V_WE,
+        )
+
+    def _begin(self, context: Context, values: DiscreteValues) -> None:
+        """Begin the first period, unless the run is continued."""
+        motion = values.get_mutable_value(self._motion)
+        if not 0.0 <= context.get_time() - motion[0] < 1.5 * self._period:
+            motion[:] = self._planar_motion(context)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
-        """Read the patch in the middle of a period, rub at its end."""
-        poses = cast("list[RigidTransform]", self._poses.Eval(context))
-        velocities = cast("list[SpatialVelocity]", self._velocities.Eval(context))
-        motion = planar_motion(
-            X_WB=poses[self._board_index].multiply(self._X_BoardB),
-            X_WBoard=poses[self._board_index],
-            X_WE=poses[self._eraser_index],
-            V_WBoard=velocities[self._board_index],
-            V_WE=velocities[self._eraser_index],
-        )
-        progress = values.get_mutable_value(self._progress)
-        queue = self._rows(values.get_mutable_value(self._queue))
-        row = queue[int(progress[1])]
-        middle = progress[0] == _MIDDLE
-        progress[0] = _END if middle else _MIDDLE
-        velocity = row[_VELOCITIES].reshape(3, 3)
-        if middle:
-            velocity[1] = motion.velocity
-            row[_P_BE], row[_X_B] = motion.p_BE, motion.x_B
-            self._read_patch(context, row, motion)
+        """Wear the ink along the way since the last update."""
+        motion = values.get_mutable_value(self._motion)
+        before, now = PlanarMotion(*motion), self._planar_motion(context)
+        motion[:] = now
+        patch = rectangle(values.get_value(self._outline))
+        outline = np.zeros(6)
+        if surfaces := [surface for surface, _ in self._contacts(context)]:
+            new, outline = read_patch(surfaces, self._pose(context), now)
+            # An eraser that is lifted had a better patch before.
+            if not patch.depth > max(2.0 * new.depth, 0.0):
+                patch = new
+        values.set_value(self._outline, outline)
+        if before.time >= now.time or not patch.vertices.any():
             return
-        velocity[2], row[_TIME] = motion.velocity, context.get_time()
-        if row[_COUNT]:
-            progress[1] += 1.0
-        if progress[1] == _QUEUE:
-            self._wear(queue, [values.get_mutable_value(i) for i in self._cells])
-            progress[1] = 0.0
-        row = queue[int(progress[1])]
-        row[_VELOCITIES][:3] = motion.velocity
-        row[_COUNT] = 0.0
-
-    @staticmethod
-    def _rows(queue: FloatArray) -> FloatArray:
-        return queue.reshape(_QUEUE, -1)
-
-    def _read_patch(
-        self, context: Context, row: FloatArray, motion: PlanarMotion
-    ) -> None:
-        """Remember the patch between eraser and board."""
-        contacts = self._contacts(context)
-        if not contacts:
-            return
-        patch = join_patches([read_patch(part, motion) for _, part, _ in contacts])
-        if patch.size > _PATCH_SIZE:
-            raise StationError(
-                f"The patch of eraser and board has {patch.shape[1]} vertices, but the "
-                f"ink board takes {_PATCH_SIZE // 4}: give the eraser a coarser mesh "
-                "(a larger hydroelastic resolution hint)."
-            )
-        row[_PATCH : _PATCH + patch.size] = patch.ravel()
-        row[_COUNT] = patch.shape[1]
-
-    def _calc_board(self, context: Any, value: Any) -> None:
-        """Wear what is in the queue from copies of the cells."""
-        state = context.get_discrete_state()
-        layers = [state.value(index).copy() for index in self._cells]
-        _, count = state.value(self._progress).tolist()
-        self._wear(self._rows(state.value(self._queue))[: int(count)], layers)
-        value.set_value(layers)
-
-    def _calc_layer(self, index: int) -> Callable[[Context, BasicVector], None]:
-        def calc(context: Context, output: BasicVector) -> None:
-            layers = cast("list[FloatArray]", self._board.Eval(context))
-            output.SetFromVector(layers[index])
-
-        return calc
-
-    def _wear(self, rows: FloatArray, layers: list[FloatArray]) -> None:
-        """Wear the ink of some periods; the layers are changed."""
-        for row in rows:
-            patch = row[_PATCH : _PATCH + 4 * int(row[_COUNT])].reshape(4, -1)
-            rubbed = rubbing(
-                self._grid,
-                patch,
-                p_BE=row[_P_BE],
-                x_B=row[_X_B],
-                velocities=row[_VELOCITIES].reshape(3, 3),
-                period=self._period,
-                worn=self._worn,
-            )
-            self._rub(rubbed, float(row[_TIME]), layers)
-
-    def _rub(self, rubbed: Sweep, now: float, layers: list[FloatArray]) -> None:
-        """Wear the ink of the cells that were rubbed."""
-        rows, columns, exposure = rubbed
-        ink, erase_time, fade_time = (
-            layer.reshape(self._grid.shape)[rows, columns] for layer in layers
+        felt = exposure(self._cells, patch, before, now, self._worn)
+        ink, erase_time, fade_time = map(values.get_mutable_value, self._layers)
+        wear(
+            ink,
+            erase_time,
+            fade_time,
+            felt.ravel(),
+            self._initial_ink.ravel(),
+            self._wear_constant,
+            now.time,
         )
-        half = self._half[rows, columns]
-        was_inked, was_strong = ink >= CLEAN_BELOW, ink >= half
-        ink *= np.exp(exposure * (-1.0 / self._wear_constant))
-        erase_time[was_inked & (ink < CLEAN_BELOW)] = now
-        fade_time[was_strong & (ink < half)] = now
+
+
+def _collision_ids(plant: MultibodyPlant, frame: Frame) -> frozenset[Any]:
+    ids = frozenset(plant.GetCollisionGeometriesForBody(frame.body()))
+    if not ids:
+        raise SystemsError(
+            f"The body '{frame.body().name()}' has no collision geometry, so the "
+            "eraser and the board can never touch: add hydroelastic collision "
+            "geometries to both, and register the plant with a SceneGraph first."
+        )
+    return ids
+
+
+def _checked_ink(initial_ink: ArrayLike | None, grid: InkGrid) -> FloatArray:
+    """Return a read-only copy of the ink at the start, shape (ny, nx)."""
+    ink = grid.full() if initial_ink is None else np.array(initial_ink, dtype=float)
+    if ink.shape != grid.shape:
+        raise SystemsError(
+            f"InkBoard initial_ink has shape {ink.shape}, but the grid has "
+            f"{grid.shape} (ny, nx) cells."
+        )
+    if not bool(np.all((ink >= 0.0) & (ink <= 1.0))):
+        raise SystemsError(
+            f"InkBoard initial_ink goes from {ink.min()} to {ink.max()}: give "
+            "fractions from 0 to 1."
+        )
+    ink.setflags(write=False)
+    return ink

@@ -1,22 +1,20 @@
 """Showing the ink of a whiteboard in Meshcat while it is simulated."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import (
     Context,
-    DiagramBuilder,
     DiscreteValues,
     LeafSystem,
-    OutputPort,
+    ValueProducer,
 )
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import ShadeArray, corner_shades, draw_ink, ink_mesh
 
@@ -35,10 +33,11 @@ class InkVisualizer(LeafSystem):
 
     - `ink`, size ny nx: fraction of the ink left in each cell, row-major.
 
-    The shades drawn last are discrete state. The ink is drawn in the frame of
+    The shades of the last picture are discrete state. The ink is drawn in the frame of
     Meshcat's path `path`, which is the caller's and must be at B; this system and
     `AddInkToRecording` own `path`/live and `path`/recorded under it and touch
-    nothing else. An initialisation deletes both and draws anew.
+    nothing else. An initialisation deletes both and draws anew, and leaves the state
+    as it is.
 
     Parameters
     ----------
@@ -48,13 +47,25 @@ class InkVisualizer(LeafSystem):
         Division of the surface into cells.
     path : str
         Meshcat path that the caller has put at the board frame B.
-    rate : float
-        Highest rate of drawing in Hz.
+    period : float
+        Between two pictures, s.
 
     Raises
     ------
-    StationError
-        If the rate is not positive.
+    SystemsError
+        If the period is not positive.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> from fmp_drake.systems import InkGrid
+    >>> grid, meshcat = InkGrid(size=(0.5, 0.7)), Meshcat()
+    >>> visualizer = InkVisualizer(meshcat=meshcat, grid=grid, path="board/ink")
+    >>> context = visualizer.CreateDefaultContext()
+    >>> _ = visualizer.get_input_port().FixValue(context, grid.full().ravel())
+    >>> visualizer.ForcedPublish(context)
+    >>> meshcat.HasPath("board/ink")
+    True
     """
 
     def __init__(
@@ -63,63 +74,52 @@ class InkVisualizer(LeafSystem):
         meshcat: Meshcat,
         grid: InkGrid,
         path: str = "ink",
-        rate: float = 15.0,
+        period: float = 0.128,
     ) -> None:
         """Declare the port, the state and the events."""
         super().__init__()
         self.set_name("ink_visualizer")
-        if not (np.isfinite(rate) and rate > 0.0):
-            raise StationError(f"InkVisualizer rate is {rate}: give a positive rate.")
+        if not (np.isfinite(period) and period > 0.0):
+            raise SystemsError(
+                f"InkVisualizer period is {period} s: give a positive one."
+            )
         self._meshcat = meshcat
         self._grid = grid
         self._path = path
         self._ink = self.DeclareVectorInputPort("ink", grid.num_cells)
+        self._shades = self.DeclareCacheEntry(
+            description="shades at the corners of the cells",
+            value_producer=ValueProducer(
+                allocate=Value[object], calc=self._calc_shades
+            ),
+            prerequisites_of_calc={self._ink.ticket()},
+        )
         ny, nx = grid.shape
         self._drawn_index = int(self.DeclareDiscreteState((ny + 1) * (nx + 1)))
-        # A publish event may not write state, so each one has an update beside
-        # it. At one time publish comes first, and both see the same input.
-        period = 1.0 / rate
-        self.DeclareInitializationDiscreteUpdateEvent(self._remember)
+        # A publish event may not write state, so there is an update beside it. At one
+        # time publish comes first, and both see the same input.
         self.DeclareInitializationPublishEvent(self._redraw)
         self.DeclareForcedPublishEvent(self._redraw)
-        self.DeclarePeriodicPublishEvent(period, period, self._draw_changes)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._remember)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw_changes)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
 
-    @staticmethod
-    def AddToBuilder(
-        builder: DiagramBuilder,
-        ink: OutputPort,
-        *,
-        meshcat: Meshcat,
-        grid: InkGrid,
-        path: str = "ink",
-        rate: float = 15.0,
-    ) -> InkVisualizer:
-        """Add an `InkVisualizer` to a builder and connect it to an ink output.
-
-        Takes the builder, the output port and the constructor's parameters.
-        """
-        visualizer = InkVisualizer(meshcat=meshcat, grid=grid, path=path, rate=rate)
-        builder.AddSystem(visualizer)
-        builder.Connect(ink, visualizer.GetInputPort("ink"))
-        return visualizer
-
-    def _shades(self, context: Context) -> ShadeArray:
-        ink = cast(NDArray[np.float64], self._ink.Eval(context))
-        return corner_shades(ink.reshape(self._grid.shape))
+    def _calc_shades(self, context: Any, value: Any) -> None:
+        ink: Any = self._ink.Eval(context)
+        value.set_value(corner_shades(ink.reshape(self._grid.shape)))
 
     def _remember(self, context: Context, values: DiscreteValues) -> None:
-        values.get_mutable_value(self._drawn_index)[:] = self._shades(context).ravel()
+        shades: Any = self._shades.Eval(context)
+        values.get_mutable_value(self._drawn_index)[:] = shades.ravel()
 
     def _redraw(self, context: Context) -> None:
         for name in ("live", "recorded"):
             self._meshcat.Delete(f"{self._path}/{name}")
-        new = self._shades(context)
+        new: Any = self._shades.Eval(context)
         for row, column in _tiles(np.ones(new.shape, dtype=bool)):
             self._draw(new, row, column)
 
     def _draw_changes(self, context: Context) -> None:
-        new = self._shades(context)
+        new: Any = self._shades.Eval(context)
         drawn = context.get_discrete_state(self._drawn_index).value()
         for row, column in _tiles(new != drawn.reshape(new.shape)):
             self._draw(new, row, column)

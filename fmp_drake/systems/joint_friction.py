@@ -7,8 +7,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from fmp_drake.errors import StationError
-from fmp_drake.systems.impedance.friction import FrictionConfig, SigmoidFriction
+from fmp_drake.errors import SystemsError
+from fmp_drake.systems.impedance.friction import (
+    FrictionConfig,
+    SigmoidFriction,
+    friction_torque,
+)
 
 
 class JointFriction(LeafSystem):
@@ -29,8 +33,22 @@ class JointFriction(LeafSystem):
 
     Raises
     ------
-    StationError
+    SystemsError
         If the plant is not finalized or the configuration does not fit the arm.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> from fmp_drake.systems import FrictionConfig
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> panda, _ = AddPandaWithEraser(plant)
+    >>> plant.Finalize()
+    >>> friction = JointFriction(plant, arm=panda, config=FrictionConfig(enabled=True))
+    >>> context = friction.CreateDefaultContext()
+    >>> _ = friction.get_input_port().FixValue(context, np.r_[np.zeros(7), np.ones(7)])
+    >>> bool(np.all(friction.get_output_port().Eval(context) < 0))
+    True
     """
 
     def __init__(
@@ -39,7 +57,7 @@ class JointFriction(LeafSystem):
         super().__init__()
         self.set_name("joint_friction")
         if not plant.is_finalized():
-            raise StationError("the plant is not finalized; call Finalize() first.")
+            raise SystemsError("the plant is not finalized; call Finalize() first.")
         n = plant.num_velocities(arm)
         self._friction = SigmoidFriction.of(config, n=n)
         indices = plant.GetVelocitiesFromArray(
@@ -58,5 +76,5 @@ class JointFriction(LeafSystem):
         state: Any = self._state.Eval(context)
         v = state[state.size // 2 :]
         force = np.zeros(output.size())
-        force[self._indices] = -self._friction.torque(v)
+        force[self._indices] = -friction_torque(self._friction, v)
         output.SetFromVector(force)

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 _NONE = np.array([-1.0, *np.zeros(9)])
 
@@ -43,6 +43,17 @@ class MousePull(LeafSystem):
         N.
     period : float
         Between two readings, s.
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> _ = AddPandaWithEraser(plant)
+    >>> plant.Finalize()
+    >>> pull = MousePull(plant, specific_stiffness=1000.0, max_force=20.0)
+    >>> pull.GetInputPort("spring").get_name()
+    'spring'
     """
 
     def __init__(
@@ -52,7 +63,7 @@ class MousePull(LeafSystem):
         specific_stiffness: float,
         stiffness: float = 400.0,
         max_force: float = 40.0,
-        period: float = 0.01,
+        period: float = 0.016,
     ) -> None:
         super().__init__()
         self.set_name("mouse_pull")
@@ -63,7 +74,7 @@ class MousePull(LeafSystem):
             "period": period,
         }.items():
             if not (np.isfinite(value) and value > 0):
-                raise StationError(f"{name} is {value}; it must be positive.")
+                raise SystemsError(f"{name} is {value}; it must be positive.")
         masses = np.array(
             [
                 plant.get_body(BodyIndex(i)).default_mass()
@@ -86,11 +97,7 @@ class MousePull(LeafSystem):
             self._calc,
             prerequisites_of_calc={self.discrete_state_ticket(pull)},
         )
-        self.DeclareInitializationDiscreteUpdateEvent(self._let_go)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._read)
-
-    def _let_go(self, context: Context, values: DiscreteValues) -> None:  # noqa: ARG002
-        values.set_value(self._pull, _NONE)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._read)
 
     def _read(self, context: Context, values: DiscreteValues) -> None:
         springs: Any = self._spring.Eval(context)

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 # Output port: name of the slider, smallest value, largest value, step.
 _SLIDERS = {
@@ -12,14 +12,17 @@ _SLIDERS = {
     "press_force": ("press force (N)", 0.0, 15.0, 0.5),
     "sample": ("sample (0: mean)", 0.0, 1.0, 1.0),
 }
+# Largest difference, in steps, of a slider from the value that it stands for.
+_ROUNDING = 0.501
 
 
 class PageControls(LeafSystem):
-    """Sliders for the tempo, the press and mean or sample, as outputs.
+    """Sliders for the tempo, the normal force and mean or sample, as outputs.
 
-    The page is part of the outside world: it is read at a rate and held in the
-    Context. The sliders come with the initialisation of a simulation, which sets them
-    to the initial values, and stay until `Delete`.
+    The page is part of the outside world: it is read at a rate, and what was read is
+    the state. The sliders come with the initialisation of a simulation, which sets them
+    to the values in its Context, and stay until `Delete`. A slider rounds: as long as
+    nobody moves it, its output keeps the exact value.
 
     Output ports
     ------------
@@ -42,6 +45,14 @@ class PageControls(LeafSystem):
         Initial value.
     period : float
         Between two readings, s.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> controls = PageControls(Meshcat(), tempo=0.8)
+    >>> context = controls.CreateDefaultContext()
+    >>> float(controls.GetOutputPort("tempo").Eval(context)[0])
+    0.8
     """
 
     def __init__(
@@ -51,53 +62,52 @@ class PageControls(LeafSystem):
         tempo: float = 1.0,
         press_force: float = 10.0,
         sample: bool = False,
-        period: float = 0.1,
+        period: float = 0.128,
     ) -> None:
         super().__init__()
         self.set_name("page_controls")
         if not (np.isfinite(period) and period > 0):
-            raise StationError(f"period is {period} s; it must be positive.")
+            raise SystemsError(f"period is {period} s; it must be positive.")
         initial = {"tempo": tempo, "press_force": press_force, "sample": float(sample)}
         for name, value in initial.items():
             if not (np.isfinite(value) and value >= 0):
-                raise StationError(f"{name} is {value}; it must not be negative.")
+                raise SystemsError(f"{name} is {value}; it must not be negative.")
         self._meshcat = meshcat
-        self._initial = {name: float(value) for name, value in initial.items()}
         self._states: dict[str, int] = {}
-        for name, value in self._initial.items():
-            index = self.DeclareDiscreteState(np.array([value]))
+        for name, value in initial.items():
+            index = self.DeclareDiscreteState(np.array([float(value)]))
             self._states[name] = int(index)
             self.DeclareStateOutputPort(name, index)
-        self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclareInitializationPublishEvent(self._show)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._read)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._read)
 
     def Delete(self) -> None:
         """Remove the sliders from the page; the outputs keep their values."""
         for slider, *_ in _SLIDERS.values():
             self._meshcat.DeleteSlider(slider, strict=False)
 
-    def _begin(self, context: Context, values: DiscreteValues) -> None:  # noqa: ARG002
-        for name, index in self._states.items():
-            values.set_value(index, np.array([self._initial[name]]))
-
-    def _show(self, context: Context) -> None:  # noqa: ARG002
+    def _show(self, context: Context) -> None:
         shown = self._meshcat.GetSliderNames()
         for name, (slider, low, high, step) in _SLIDERS.items():
-            initial = self._initial[name]
+            value = self._value(context, name)
             if slider in shown:
-                self._meshcat.SetSliderValue(slider, initial)
-            else:
-                ends = min(low, initial), max(high, initial)
-                self._meshcat.AddSlider(slider, *ends, step, initial)
+                there = self._meshcat.SetSliderValue(slider, value)
+                if abs(there - value) <= _ROUNDING * step:
+                    continue
+                # Another simulation's slider ends before this value.
+                self._meshcat.DeleteSlider(slider)
+            ends = min(low, value), max(high, value)
+            self._meshcat.AddSlider(slider, *ends, step, value)
 
-    def _read(self, context: Context, values: DiscreteValues) -> None:  # noqa: ARG002
+    def _value(self, context: Context, name: str) -> float:
+        return float(context.get_discrete_state(self._states[name]).value()[0])
+
+    def _read(self, context: Context, values: DiscreteValues) -> None:
         shown = self._meshcat.GetSliderNames()
         for name, index in self._states.items():
             slider, _, _, step = _SLIDERS[name]
             if slider not in shown:
                 continue
-            value, initial = self._meshcat.GetSliderValue(slider), self._initial[name]
-            # A slider rounds: untouched it stands for the exact initial value.
-            untouched = abs(value - initial) <= 0.501 * step
-            values.set_value(index, np.array([initial if untouched else value]))
+            value = self._meshcat.GetSliderValue(slider)
+            if abs(value - self._value(context, name)) > _ROUNDING * step:
+                values.set_value(index, np.array([value]))

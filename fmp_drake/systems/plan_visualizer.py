@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat, Rgba
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod, lifted
 from fmp_drake.systems.viewer.swept_mesh import covariance_band
 
@@ -27,7 +27,7 @@ class PlanVisualizer(LeafSystem):
     """Draws the plan as a line in the tube of its covariance, and the component.
 
     The mean path of the active component is a line in the component's own colour; its
-    number is shown by a slider among the page's controls, which only shows.
+    number is shown by a slider among the page's controls, which nothing reads but this.
 
     Input ports
     -----------
@@ -47,12 +47,19 @@ class PlanVisualizer(LeafSystem):
         Mean path in B of each component, m.
     path : str
         Where in Meshcat's tree; its transform, the caller's, is X_WB.
-    rate : float
-        Highest rate of drawing, Hz.
+    period : float
+        Between two pictures, s.
     deviations : float
         Size of the tube in standard deviations.
     show_plan, show_tube, show_component : bool
         What to draw.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> visualizer = PlanVisualizer(Meshcat(), points=40, path="board/plan")
+    >>> visualizer.GetInputPort("plan").size()
+    120
     """
 
     def __init__(
@@ -62,7 +69,7 @@ class PlanVisualizer(LeafSystem):
         points: int,
         component_paths: Sequence[ArrayLike] = (),
         path: str = "plan",
-        rate: float = 10.0,
+        period: float = 0.256,
         deviations: float = 2.0,
         show_plan: bool = True,
         show_tube: bool = True,
@@ -71,15 +78,15 @@ class PlanVisualizer(LeafSystem):
         super().__init__()
         self.set_name("plan_visualizer")
         if points < 2:
-            raise StationError(f"points is {points}; a plan has at least 2.")
-        if not (np.isfinite(rate) and rate > 0):
-            raise StationError(f"rate is {rate} Hz; it must be positive.")
+            raise SystemsError(f"points is {points}; a plan has at least 2.")
+        if not (np.isfinite(period) and period > 0):
+            raise SystemsError(f"period is {period} s; it must be positive.")
         if not (np.isfinite(deviations) and deviations > 0):
-            raise StationError(f"deviations is {deviations}; it must be positive.")
+            raise SystemsError(f"deviations is {deviations}; it must be positive.")
         self._component_paths = [np.array(p, dtype=float) for p in component_paths]
         for p in self._component_paths:
             if p.ndim != 2 or p.shape[1] != 3 or len(p) < 2:
-                raise StationError(
+                raise SystemsError(
                     f"a component's path has shape {p.shape}; expected (T, 3)."
                 )
         self._meshcat = meshcat
@@ -90,16 +97,9 @@ class PlanVisualizer(LeafSystem):
         self._plan = self.DeclareVectorInputPort("plan", 3 * points)
         self._covariance = self.DeclareVectorInputPort("plan_covariance", 9 * points)
         self._component = self.DeclareVectorInputPort("component", 1)
-        # What was drawn last: component, first and last point of the plan.
-        self._drawn = int(self.DeclareDiscreteState(np.full(7, np.nan)))
-        # A publish event may not write state, so each one has an update beside it; at
-        # one time both see the same input and the same state.
-        period = 1 / rate
-        self.DeclareInitializationDiscreteUpdateEvent(self._remember)
         self.DeclareInitializationPublishEvent(self._redraw)
         self.DeclareForcedPublishEvent(self._redraw)
-        self.DeclarePeriodicPublishEvent(period, period, self._draw_if_changed)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._remember)
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
 
     def Delete(self) -> None:
         """Remove the control from the page."""
@@ -113,13 +113,6 @@ class PlanVisualizer(LeafSystem):
         component: Any = self._component.Eval(context)
         return int(component[0])
 
-    def _now(self, context: Context) -> NDArray[np.float64]:
-        plan = self._plan_points(context)
-        return np.concatenate([[self._active(context)], plan[0], plan[-1]])
-
-    def _remember(self, context: Context, values: DiscreteValues) -> None:
-        values.set_value(self._drawn, self._now(context))
-
     def _redraw(self, context: Context) -> None:
         self._meshcat.Delete(self._path)
         if self._show_component:
@@ -127,13 +120,16 @@ class PlanVisualizer(LeafSystem):
             self._draw_component(self._active(context))
         self._draw_plan(context)
 
-    def _draw_if_changed(self, context: Context) -> None:
-        now = self._now(context)
-        drawn = context.get_discrete_state().value(self._drawn)
-        if self._show_component and now[0] != drawn[0]:
-            self._draw_component(int(now[0]))
-        if not np.array_equal(now[1:], drawn[1:]):
-            self._draw_plan(context)
+    def _draw(self, context: Context) -> None:
+        component = self._active(context)
+        # The slider tells which component has been drawn.
+        if (
+            self._show_component
+            and SLIDER in self._meshcat.GetSliderNames()
+            and self._meshcat.GetSliderValue(SLIDER) != component
+        ):
+            self._draw_component(component)
+        self._draw_plan(context)
 
     def _draw_plan(self, context: Context) -> None:
         plan = self._plan_points(context)
@@ -165,8 +161,7 @@ class PlanVisualizer(LeafSystem):
             radius=0.0015,
             color=component_color(component),
         )
-        if SLIDER in self._meshcat.GetSliderNames():
-            self._meshcat.SetSliderValue(SLIDER, component)
+        self._meshcat.SetSliderValue(SLIDER, component)
 
     def _add_slider(self) -> None:
         if SLIDER not in self._meshcat.GetSliderNames():

@@ -13,7 +13,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
 
-# What a hold is damped for, kg.
+# What a grasp is damped for, kg.
 _MASS = 5.0
 
 
@@ -28,7 +28,13 @@ class Push:
     every : float
         It comes again after so many seconds; 0 for once.
     force : ndarray, shape (3,)
-        In W, N; of a `Hold`, nothing.
+        In W, N; of a `Grasp`, nothing.
+
+    Examples
+    --------
+    >>> push = Push(start=2.0, duration=1.0, every=5.0, force=np.array([0.0, 20.0, 0.0]))
+    >>> push.acts(2.5), push.acts(4.0), push.acts(7.5)
+    (True, False, True)
     """
 
     start: float
@@ -45,7 +51,7 @@ class Push:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hold(Push):
+class Grasp(Push):
     """A grip that pulls the tool to a point like a spring, up to a force.
 
     Attributes
@@ -56,6 +62,19 @@ class Hold(Push):
         N/m; it is critically damped for a mass of 5 kg.
     max_force : float
         N.
+
+    Examples
+    --------
+    >>> grasp = Grasp(
+    ...     start=2.0,
+    ...     duration=1.0,
+    ...     force=np.zeros(3),
+    ...     point=np.array([0.5, 0.0, 0.1]),
+    ...     stiffness=1000.0,
+    ...     max_force=60.0,
+    ... )
+    >>> grasp.pull(np.array([0.48, 0.0, 0.1]), np.zeros(3)).round(6)
+    array([20.,  0.,  0.])
     """
 
     point: NDArray[np.float64]
@@ -78,7 +97,7 @@ class ScriptedDisturbances(LeafSystem):
     Input ports
     -----------
     body_poses, body_spatial_velocities
-        Abstract: the plant's; needed where there is a hold.
+        Abstract: the plant's; needed where there is a grasp.
 
     Output ports
     ------------
@@ -91,7 +110,21 @@ class ScriptedDisturbances(LeafSystem):
     ----------
     grip : Frame
         Of the plant: they act at its origin.
-    disturbances : sequence of Push or Hold
+    disturbances : sequence of Push or Grasp
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> from fmp_drake.systems import Push
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> _ = AddPandaWithEraser(plant)
+    >>> plant.Finalize()
+    >>> push = Push(start=2.0, duration=1.0, force=np.array([0.0, 20.0, 0.0]))
+    >>> tip = plant.GetFrameByName("eraser_tip")
+    >>> system = ScriptedDisturbances(grip=tip, disturbances=[push])
+    >>> system.GetOutputPort("force").size()
+    3
     """
 
     def __init__(self, *, grip: Frame, disturbances: Sequence[Push]) -> None:
@@ -107,7 +140,7 @@ class ScriptedDisturbances(LeafSystem):
             "body_spatial_velocities", Value[list[SpatialVelocity]]()
         )
         needed = {self.time_ticket()}
-        if any(isinstance(each, Hold) for each in self._disturbances):
+        if any(isinstance(each, Grasp) for each in self._disturbances):
             needed |= {self._poses.ticket(), self._velocities.ticket()}
         self._force = self.DeclareCacheEntry(
             description="force of the disturbances",
@@ -134,7 +167,7 @@ class ScriptedDisturbances(LeafSystem):
             if not each.acts(time):
                 continue
             force = force + each.force
-            if isinstance(each, Hold):
+            if isinstance(each, Grasp):
                 poses: Any = self._poses.Eval(context)
                 velocities: Any = self._velocities.Eval(context)
                 X_WBody = poses[self._body]

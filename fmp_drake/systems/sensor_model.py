@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 
 class SensorModel(LeafSystem):
@@ -30,8 +30,14 @@ class SensorModel(LeafSystem):
 
     Raises
     ------
-    StationError
+    SystemsError
         If a value is out of range.
+
+    Examples
+    --------
+    >>> sensors = SensorModel(initial=np.zeros(14), rate=1000.0, delay=0.002)
+    >>> sensors.GetInputPort("state").size()
+    14
     """
 
     def __init__(
@@ -47,11 +53,11 @@ class SensorModel(LeafSystem):
         super().__init__()
         self.set_name("sensors")
         if not (math.isfinite(rate) and rate > 0):
-            raise StationError(f"the sensors' rate is {rate} Hz; it must be positive.")
+            raise SystemsError(f"the sensors' rate is {rate} Hz; it must be positive.")
         noise = {"position_noise": position_noise, "velocity_noise": velocity_noise}
         for name, value in {"delay": delay, "seed": seed, **noise}.items():
             if not (math.isfinite(value) and value >= 0):
-                raise StationError(
+                raise SystemsError(
                     f"the sensors' {name} is {value}; it must not be negative."
                 )
         first = np.array(initial, dtype=float)

@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 
 class SpatialForceSum(LeafSystem):
@@ -29,13 +29,19 @@ class SpatialForceSum(LeafSystem):
     ----------
     *names : str
         Of the input ports.
+
+    Examples
+    --------
+    >>> total = SpatialForceSum("mouse", "people")
+    >>> total.GetInputPort("people").get_name()
+    'people'
     """
 
     def __init__(self, *names: str) -> None:
         super().__init__()
         self.set_name("spatial_force_sum")
         if not names:
-            raise StationError("there is nothing to add; name at least one input.")
+            raise SystemsError("there is nothing to add; name at least one input.")
         self._inputs = [
             self.DeclareAbstractInputPort(
                 name, Value[list[ExternallyAppliedSpatialForce]]()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod
 
 COLORS = {
@@ -42,10 +42,17 @@ class TrailVisualizer(LeafSystem):
         Which paths to draw.
     seconds : float
         How much of the past is drawn.
-    rate : float
-        Points, and pictures, per second.
+    period : float
+        Between two points, and two pictures, s.
     radius : float
         Of the newest end of the measured trail, m; the desired one is half as thick.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> trail = TrailVisualizer(Meshcat(), path="board/trail", names=("measured",))
+    >>> trail.GetInputPort("measured").size()
+    3
     """
 
     def __init__(
@@ -55,40 +62,33 @@ class TrailVisualizer(LeafSystem):
         path: str = "trail",
         names: Sequence[str] = ("desired", "measured"),
         seconds: float = 4.0,
-        rate: float = 20.0,
+        period: float = 0.064,
         radius: float = 0.0025,
     ) -> None:
         super().__init__()
         self.set_name("trail_visualizer")
-        if not (seconds > 0 and rate > 0 and radius > 0):
-            raise StationError(
-                f"seconds is {seconds}, rate {rate} Hz and radius {radius} m; all "
+        if not (seconds > 0 and period > 0 and radius > 0):
+            raise SystemsError(
+                f"seconds is {seconds}, period {period} s and radius {radius} m; all "
                 "must be positive."
             )
         unknown = sorted(set(names) - set(COLORS))
         if unknown or not names:
-            raise StationError(
+            raise SystemsError(
                 f"the paths to draw are {list(names)}; expected some of {list(COLORS)}."
             )
         self._meshcat = meshcat
         self._path = path
-        self._points = max(2, round(seconds * rate))
+        self._points = max(2, round(seconds / period))
         self._radii = radius * np.linspace(0.1, 1.0, self._points)
         self._ports = {name: self.DeclareVectorInputPort(name, 3) for name in names}
         # One row of points per path; NaN where there is none yet.
         blank = np.full(3 * self._points, np.nan)
         self._trails = {name: int(self.DeclareDiscreteState(blank)) for name in names}
-        period = 1 / rate
-        self.DeclareInitializationDiscreteUpdateEvent(self._begin)
-        self.DeclareInitializationPublishEvent(self._clear)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._remember)
+        self.DeclareInitializationPublishEvent(self._redraw)
+        self.DeclareForcedPublishEvent(self._redraw)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
-
-    def _begin(self, context: Context, values: DiscreteValues) -> None:
-        for name, index in self._trails.items():
-            trail = np.full((self._points, 3), np.nan)
-            trail[-1] = self._point(name, context)
-            values.set_value(index, trail.ravel())
 
     def _remember(self, context: Context, values: DiscreteValues) -> None:
         for name, index in self._trails.items():
@@ -101,9 +101,10 @@ class TrailVisualizer(LeafSystem):
         point: Any = self._ports[name].Eval(context)
         return np.asarray(point, dtype=float)
 
-    def _clear(self, context: Context) -> None:  # noqa: ARG002
+    def _redraw(self, context: Context) -> None:
         for name in self._trails:
             self._meshcat.Delete(f"{self._path}/{name}")
+        self._draw(context)
 
     def _draw(self, context: Context) -> None:
         for name, index in self._trails.items():

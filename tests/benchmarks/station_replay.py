@@ -33,8 +33,8 @@ def wiping_skill():
     return FourierMovementPrimitive().fit(Demonstration.load(path))
 
 
-def make_station(scenario):
-    return MakeWipingStation(scenario, wiping_skill())
+def make_station(scenario, meshcat=None):
+    return MakeWipingStation(scenario, wiping_skill(), meshcat=meshcat)
 
 
 def make_simulator(diagram, scenario):
@@ -72,7 +72,7 @@ def record(scenario, seconds):
 def make_bare(scenario, times, torques):
     """Return the plant alone with its torques."""
     builder = DiagramBuilder()
-    scene = AddBoardScene(builder, scenario, start=scenario.start_position())
+    scene = AddBoardScene(builder, scenario, start=scenario.start)
     held = PiecewisePolynomial.ZeroOrderHold(times, torques)
     source = builder.AddSystem(TrajectorySource(held))
     torque = source.get_output_port()
@@ -82,6 +82,13 @@ def make_bare(scenario, times, torques):
         builder.Connect(torque, hold.get_input_port())
         torque = hold.get_output_port()
     builder.Connect(torque, scene.plant.get_actuation_input_port(scene.panda))
+    return builder.Build()
+
+
+def make_scene(scenario):
+    """Return the plant and its scene graph alone."""
+    builder = DiagramBuilder()
+    AddBoardScene(builder, scenario, start=scenario.start_position())
     return builder.Build()
 
 

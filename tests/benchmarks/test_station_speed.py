@@ -49,16 +49,22 @@ def test_the_station_beside_its_bare_plant(benchmark, figures, name):
         run_script, args=("station_speed.py", name, WARM_UP, SLICES), rounds=1
     )
     seconds, off = np.array(run["seconds"]), run["off"]
-    assert seconds.shape == (SLICES, 2)
+    assert seconds.shape == (SLICES, 3)
     assert off <= ROWS[name]
-    whole, alone = 1 / np.median(seconds, axis=0)
+    whole, alone, page = 1 / np.median(seconds, axis=0)
     figures.section = f"The whiteboard station: {SLICES} s of {name}, contact on"
     figures.add("bare plant, fed the recorded torques", alone, "x real time")
     figures.add("whole station", whole, "x real time", above=3 if alone >= 4 else None)
     figures.add(
         "station / bare plant (speed)",
         np.median(seconds[:, 1] / seconds[:, 0]),
-        above=0.75,
+        above=0.68,
+    )
+    figures.add("whole station with a page, no browser", page, "x real time")
+    figures.add(
+        "station with a page / bare plant (speed)",
+        np.median(seconds[:, 1] / seconds[:, 2]),
+        above=0.58,
     )
     figures.add("replayed state, largest difference", off, "rad, rad/s")
 
@@ -107,6 +113,16 @@ def test_who_takes_the_time(benchmark, figures):
     rest = whole - alone - sum(python.values())
     figures.add("the rest: gravity compensation, events, C++", rest, "us")
     figures.add("whole station", whole, "us")
+
+
+def test_clone_of_a_context(benchmark, figures):
+    station, scene = benchmark.pedantic(
+        run_script, args=("station_clone.py", "table_top"), rounds=1
+    )
+    figures.section = "A clone of a Context of table_top, all ports evaluated"
+    for i, (unit, limit) in enumerate((("ms", 1.0), ("MB", 1.0))):
+        figures.add("plant and scene graph alone", scene[i], unit)
+        figures.add("station, more than that", station[i] - scene[i], unit, below=limit)
 
 
 @pytest.mark.timeout(3600)

@@ -378,16 +378,7 @@ def test_any_playback_is_refused_or_finite(small_skill, data):
         assert_finite(motion)
     state = outcome(lambda: player.start(start))
     if state is not None:
-        assert_finite(player.motion(player.tick(state), 0.03))
-
-
-@many
-@given(st.one_of(small, numbers, no_numbers), arrays(2))
-def test_any_first_step_is_refused_or_played(small_skill, step, position):
-    player = Player(small_skill)
-    state = outcome(lambda: player.start(position, step=step))
-    if state is not None:
-        assert_finite(player.motion(state), player.motion(state, 0.05))
+        assert_finite(player.motion(player.advance(state, player.tick_seconds + 0.03)))
 
 
 # Files --------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from fmp_drake.primitives import (
     Player,
     ProportionalTracker,
 )
-from fmp_drake.primitives.playback.tracking import paper_precision_diagonal
+from fmp_drake.primitives.playback.trackers import paper_precision_diagonal
 
 
 def proportional(skill):
@@ -50,12 +50,15 @@ def outside(skill):
 
 
 def ticks(player, state, count):
-    """Yield states, at every tick, re-mapped where the window ends."""
+    """Yield the states at the coming ticks."""
     for _ in range(count):
-        state = player.tick(state)
-        if state.step == player.skill.n_steps - 1:
-            state = player.remap(state)
+        state = player.advance(state, player.tick_seconds)
         yield state
+
+
+def motion_after(player, state, seconds):
+    """Return the motion some seconds after a state."""
+    return player.motion(player.advance(state, seconds))
 
 
 def assert_states_equal(one, two):
@@ -68,14 +71,14 @@ def assert_states_equal(one, two):
 # Start --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step", [None, 3, 11, 23])
-def test_starts_at_rest_exactly_where_asked(player, step):
+@pytest.mark.parametrize("tempo", [0.0, 0.7, 1.0])
+def test_starts_at_rest_exactly_where_asked(player, tempo):
     for position in (player.skill.extent_.mean(axis=0), outside(player.skill)):
-        state = player.start(position, step=step)
+        state = player.start(position, tempo=tempo)
         value, velocity, _ = player.motion(state)
         assert_allclose(value, position, atol=1e-14)
         assert_allclose(velocity, 0, atol=1e-12)
-        assert state.step == (3 if step is None else step)
+        assert state.step == 3
         assert state.remaps == 0
         assert_allclose(state.history, np.tile(position, (4, 1)))
 
@@ -111,12 +114,6 @@ def test_start_tolerance_that_is_negative_is_refused(small_skill):
         Player(small_skill, start_tolerance=-1)
 
 
-@pytest.mark.parametrize("step", [-1, 2, 24])
-def test_start_outside_the_window_is_refused(small_skill, step):
-    with pytest.raises(SkillError, match="from 3 to 23"):
-        Player(small_skill).start([0, 0], step=step)
-
-
 @pytest.mark.parametrize(
     "start", [[0.0], [0, 0, 0], [[0, 0]], [0, np.nan], [0, np.inf]]
 )
@@ -128,40 +125,43 @@ def test_start_that_is_no_position_is_refused(small_skill, start):
 # Continuity ---------------------------------------------------------------
 
 
-def test_position_and_velocity_continue_at_every_remapping(player):
-    state, remaps = player.start(outside(player.skill)), 0
-    for _ in range(10 * 20):
-        state = player.tick(state)
-        if state.step == player.skill.n_steps - 1:
-            after = player.remap(state)
-            assert_allclose(
-                player.motion(after)[:2], player.motion(state)[:2], atol=1e-12
-            )
-            assert after.step == player.skill.overlap - 1
-            assert np.array_equal(after.history, state.history)
-            state, remaps = after, remaps + 1
-            assert state.remaps == remaps
-    assert remaps == 10
+@pytest.mark.parametrize("tempo", [1.0, 0.9, 1.37])
+def test_position_and_velocity_continue_at_every_instant(player, tempo):
+    state, h = player.start(outside(player.skill), tempo=tempo), 1e-6
+    linear = player.segment(state).linear
+    for _ in range(450):
+        before, state = state, player.advance(state, player.tick_seconds / 2)
+        wait = before.seconds_until(player.tick_seconds)
+        if not 0 < wait < player.tick_seconds / 2:
+            continue
+        early, late = (motion_after(player, before, wait + s) for s in (-h, h))
+        assert_allclose(late[0], early[0], atol=2e-5)
+        if not linear:  # (17) moves the weights in Euler steps: its velocity jumps.
+            assert_allclose(late[1], early[1], atol=1e-4)
+    assert state.remaps >= 9
 
 
-def test_motion_at_the_end_of_a_tick_is_that_of_the_next(player, options):
-    state = player.start(outside(player.skill))
-    # (17) moves the weights in Euler steps: its velocity jumps at a tick.
-    exact = 1 if "tracker" in options else 3
-    for _ in range(19):
-        end = player.motion(state, player.tick_seconds)
-        state = player.tick(state)
-        assert_allclose(player.motion(state)[:exact], end[:exact], atol=1e-9)
+def test_remapping_changes_neither_position_nor_velocity(player):
+    state = player.advance(player.start(outside(player.skill)), 1.23)
+    after = player.remap(state)
+    assert_allclose(player.motion(after)[:2], player.motion(state)[:2], atol=1e-12)
+    assert after.step == player.skill.overlap - 1
+    assert after.time_since_tick == 0
+    assert after.remaps == state.remaps + 1
+    assert np.array_equal(after.history, state.history)
 
 
-def test_derivatives_of_the_motion_are_finite_differences(player):
+@pytest.mark.parametrize(("tempo", "tempo_rate"), [(1.0, 0.0), (0.6, 0.5)])
+def test_derivatives_of_the_motion_are_finite_differences(player, tempo, tempo_rate):
     h = 1e-5
-    for state in ticks(player, player.start(outside(player.skill)), 45):
-        for seconds in (0.02, 0.05, 0.09):
-            after = player.motion(state, seconds + h)
-            before = player.motion(state, seconds - h)
-            slope = (after - before)[:2] / (2 * h)
-            assert_allclose(player.motion(state, seconds)[1:], slope, atol=1e-5)
+    state = player.start(outside(player.skill), tempo=tempo)
+    for one in ticks(player, replace(state, tempo_rate=tempo_rate), 25):
+        wait = one.seconds_until(player.tick_seconds)
+        for seconds in (0.2 * wait, 0.5 * wait, 0.9 * wait):
+            early, here, late = (
+                motion_after(player, one, seconds + s) for s in (-h, 0, h)
+            )
+            assert_allclose(here[1:], (late - early)[:2] / (2 * h), atol=2e-5)
 
 
 def test_history_holds_the_last_desired_values(player):
@@ -178,30 +178,20 @@ def test_remapping_comes_every_t_minus_k_ticks(player):
     assert remaps == [i // 20 for i in range(1, 66)]
 
 
-def test_tick_past_the_end_of_the_window_is_refused(player):
-    state = player.start([0.0, 0.0], step=23)
-    with pytest.raises(SkillError, match="ends at step 23; re-map"):
-        player.tick(state)
-
-
-def test_weights_drift_to_their_target(player):
+def test_weights_relax_to_their_target(player):
     state = player.start(outside(player.skill))
-    state = replace(state, step=3)
     distances = []
-    for _ in range(20):
-        distances.append(np.linalg.norm(player.weights(state) - state.target))
-        state = player.tick(state)
+    for one in [state, *ticks(player, state, 19)]:
+        distances.append(np.linalg.norm(player.weights(one) - one.target))
     assert np.all(np.diff(distances) < 0)
 
 
 def test_first_values_repeat_what_was_mapped(small_skill):
     # A re-mapped window follows the last K values of the one before.
     player = Player(small_skill)
-    state = player.start(small_skill.extent_.mean(axis=0))
-    for _ in range(20):
-        state = player.tick(state)
-    mapping = small_skill.map_partial(state.history)
-    assert player.remap(state).component == mapping.component
+    state = player.advance(player.start(small_skill.extent_.mean(axis=0)), 2.0)
+    assert state.remaps == 1
+    assert state.component == small_skill.map_partial(state.history).component
 
 
 # Where it goes ------------------------------------------------------------
@@ -352,9 +342,10 @@ def test_rollout_without_an_end_is_refused(small_skill, duration):
 
 def test_covariance_is_that_of_the_component_at_the_time(small_skill):
     player = Player(small_skill)
-    state = player.start([0, 0], step=7)
+    state = replace(player.start([0, 0]), step=7)
     expected = small_skill.covariance(state.component, 7.4)
-    assert_allclose(player.covariance(state, 0.04), expected)
+    later = player.advance(state, 0.04)
+    assert_allclose(player.covariance(later), expected)
     assert np.all(np.linalg.eigvalsh(expected) > 0)
 
 
@@ -371,8 +362,8 @@ def test_offset_decays_like_a_critically_damped_spring(small_skill):
     state = replace(player.start([0, 0]), offset=np.array([[0.1, 0.0], [0.0, 0.2]]))
     without = replace(state, offset=np.zeros((2, 2)))
     for t in (0.0, 0.03, 0.1):
-        value, velocity, acceleration = player.motion(state, t) - player.motion(
-            without, t
+        value, velocity, acceleration = motion_after(player, state, t) - motion_after(
+            player, without, t
         )
         decay = np.exp(-t / 0.3)
         assert_allclose(value, [0.1 * (1 + t / 0.3) * decay, 0.2 * t * decay])
@@ -414,7 +405,7 @@ def test_real_demonstrations_are_played_from_outside(real_demonstration_paths):
         assert np.all(late < skill.extent_[1] + 0.3 * span + 0.01), name
 
 
-# Many starts, streams, targets ------------------------------------------------
+# Many starts, targets ------------------------------------------------
 
 
 def starts_around(skill, count=9):
@@ -438,27 +429,6 @@ def test_rollout_of_many_starts_is_that_of_each(small_skill, options):
         assert_allclose(many[i], one, rtol=1e-9, atol=1e-8)
 
 
-def test_stream_is_the_rollout_a_window_at_a_time(player):
-    start = outside(player.skill)
-    chunks = [c for c, _ in zip(player.stream(start), range(5), strict=False)]
-    assert [c.shape for c in chunks] == [(20, 3, 2)] * 5
-    assert np.array_equal(np.concatenate(chunks), player.rollout(start, 9.9))
-
-
-def test_stream_of_many_starts_is_their_rollout(player):
-    starts = starts_around(player.skill, 3)
-    chunks = [c for c, _ in zip(player.stream(starts), range(3), strict=False)]
-    assert np.array_equal(np.concatenate(chunks, axis=1), player.rollout(starts, 5.9))
-
-
-def test_two_streams_do_not_disturb_each_other(player):
-    one, two = player.stream([0.0, 0.0]), player.stream(outside(player.skill))
-    mixed = [(next(one), next(two)) for _ in range(3)]
-    alone = player.stream([0.0, 0.0])
-    for chunk, _ in mixed:
-        assert np.array_equal(chunk, next(alone))
-
-
 def test_own_target_is_reached(small_skill):
     window = small_skill.sample(1, seed=8, with_noise=False)[0]
     target = small_skill.analyze(window)
@@ -467,12 +437,10 @@ def test_own_target_is_reached(small_skill):
     )
     state = player.start(outside(small_skill))
     assert np.array_equal(state.target, target)
-    for _ in range(19):
-        state = player.tick(state)
+    state = player.advance(state, 1.9)
     assert_allclose(state.weights, target, atol=1e-3)
     assert_allclose(player.motion(state)[0] - state.offset[0], window[22], atol=1e-3)
-    state = player.remap(player.tick(state))
-    assert np.array_equal(state.target, target)
+    assert np.array_equal(player.advance(state, 0.1).target, target)
 
 
 def test_own_target_is_one_for_all_starts(small_skill):
@@ -554,29 +522,28 @@ def test_skill_of_a_movement_that_never_varies_plays():
 @pytest.mark.parametrize("sample", [False, True])
 def test_plan_is_the_coming_ticks(small_skill, sample):
     player = Player(small_skill, sample=sample, seed=4)
-    state = player.tick(player.start([0.1, 0.0]))
+    state = player.advance(player.start([0.1, 0.0]), 0.13)
     values, covariances = player.plan(state, 45)
     assert values.shape == (46, 2)
     assert covariances.shape == (46, 2, 2)
-    coming = [state, *ticks(player, state, 45)]
+    tick = player.advance(state, 0.07)
+    coming = [state, tick, *ticks(player, tick, 44)]
     for one, value, covariance in zip(coming, values, covariances, strict=True):
         assert_allclose(player.motion(one)[0], value, atol=1e-9)
-        if one.step > 3:  # Else a window ends here, and the plan shows its own.
-            assert_allclose(player.covariance(one), covariance, atol=1e-12)
+        assert_allclose(player.covariance(one), covariance, atol=1e-12)
     assert coming[-1].remaps == 2
 
 
 def test_candidates_are_samples_of_the_component_and_follow_from_the_seed(small_skill):
-    player, other = Player(small_skill, seed=1), Player(small_skill, seed=2)
+    player = Player(small_skill, seed=1)
     state = player.start([0.1, 0.0])
     targets = player.candidates(state, 500)
     gaussian = small_skill.components_[state.component]
     spread = (targets - gaussian.mean) @ gaussian.basis
     assert_allclose(spread.std(axis=0), np.sqrt(gaussian.variances), rtol=0.15)
     assert np.array_equal(player.candidates(state, 500), targets)
-    assert not np.array_equal(other.candidates(state, 500), targets)
-    again = player.candidates(replace(state, remaps=1), 500)
-    assert not np.array_equal(again, targets)
+    for other in (replace(state, seed=2), replace(state, remaps=1)):
+        assert not np.array_equal(player.candidates(other, 500), targets)
 
 
 @pytest.mark.parametrize("observed", [np.zeros((3, 2)), np.full((4, 2), np.nan)])
@@ -594,3 +561,66 @@ def test_pushed_robot_is_met_more_closely_than_a_start(small_skill):
     reached = player.motion(replace(mapped, offset=np.zeros((2, 2))))[0]
     assert np.linalg.norm(reached - observed[-1]) < 0.02
     assert_allclose(player.motion(mapped)[0], player.motion(state)[0], atol=1e-9)
+
+
+# Tempo ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("tempo", "tempo_rate"), [(0.5, 0), (2.0, 0), (0.3, 0.7)])
+def test_ticks_come_when_the_skills_time_has_passed(small_skill, tempo, tempo_rate):
+    player = Player(small_skill)
+    state = player.start(outside(small_skill), tempo=tempo)
+    state = replace(state, tempo_rate=tempo_rate)
+    for seconds in np.linspace(0.05, 3, 40):
+        passed = tempo * seconds + tempo_rate * seconds**2 / 2
+        later = player.advance(state, seconds)
+        ticks_made = later.step - 3 + 20 * later.remaps
+        assert_allclose(ticks_made * 0.1 + later.time_since_tick, passed, atol=1e-6)
+        assert later.tempo == pytest.approx(tempo + tempo_rate * seconds)
+
+
+@pytest.mark.parametrize("tempo", [0.5, 1.0, 1.37])
+def test_advancing_in_parts_is_advancing_at_once(player, tempo):
+    state = player.start(outside(player.skill), tempo=tempo)
+    state = replace(state, tempo_rate=0.1)
+    parts = state
+    for _ in range(100):
+        parts = player.advance(parts, 0.0437)
+    once = player.advance(state, 4.37)
+    assert (parts.step, parts.remaps) == (once.step, once.remaps)
+    assert_allclose(player.motion(parts), player.motion(once), atol=1e-6)
+
+
+def test_tempo_scales_the_velocity_and_not_the_path(small_skill):
+    player = Player(small_skill)
+    state = player.advance(player.start(outside(small_skill)), 0.73)
+    state = replace(state, offset=np.zeros((2, 2)))
+    nominal = player.motion(state)
+    quick = player.motion(replace(state, tempo=2.0, tempo_rate=0.5))
+    assert_allclose(quick[0], nominal[0])
+    assert_allclose(quick[1], 2 * nominal[1])
+    assert_allclose(quick[2], 4 * nominal[2] + 0.5 * nominal[1])
+
+
+def test_offset_decays_where_the_tempo_is_0(small_skill):
+    player = Player(small_skill)
+    state = player.start(outside(small_skill), tempo=0.0)
+    later = player.advance(state, 5.0)
+    assert later.step == state.step
+    assert later.time_since_tick == 0
+    assert_allclose(later.offset, 0, atol=1e-3)
+    assert_allclose(player.motion(later)[1:], 0, atol=1e-3)
+
+
+@pytest.mark.parametrize("tempo", [0.5, 1.0, 1.37])
+def test_other_target_and_observation_make_no_jump(player, tempo):
+    state = player.advance(player.start(outside(player.skill), tempo=tempo), 0.87)
+    before = player.motion(state)[:2]
+    target = player.candidates(state, 1)[0]
+    retargeted = player.retarget(state, target)
+    assert np.array_equal(retargeted.target, target)
+    assert_allclose(player.motion(retargeted)[:2], before, atol=1e-12)
+    observed = np.tile([0.04, -0.03], (4, 1))
+    assert_allclose(
+        player.motion(player.remap(state, observed=observed))[:2], before, atol=1e-12
+    )

@@ -14,7 +14,7 @@ from fmp_drake.primitives import (
     LqrTracker,
     ProportionalTracker,
 )
-from fmp_drake.primitives.playback.tracking import Drift, paper_precision_diagonal
+from fmp_drake.primitives.playback.trackers import paper_precision_diagonal
 
 TICK = 0.1
 
@@ -61,13 +61,13 @@ def test_proportional_tracker_is_17_step_by_step(small_skill, paper_mixture):
     gaussian = skill.components_[1]
     precision = np.diag(np.linalg.inv(sigma[1]))
     beta = 1.5 / (TICK * precision.max())
-    drift = ProportionalTracker(beta=beta).drift(
+    relaxation = ProportionalTracker(beta=beta).relaxation(
         gaussian, n_steps=skill.n_steps, tick=TICK
     )
     ours = skill.basis.analyze(skill.sample(seed=4)[0])
     paper = skill.basis.to_paper(ours)
     for _ in range(60):
-        ours = drift.advance(ours, gaussian.mean, TICK)[0]
+        ours = relaxation.after(ours, gaussian.mean, TICK)
         paper = dense_paper.track(paper, mu[1], sigma[1], beta, TICK)
         assert_allclose(skill.basis.to_paper(ours), paper, atol=1e-9)
     assert np.linalg.norm(ours - gaussian.mean) < 1.0
@@ -84,12 +84,12 @@ def test_algorithm_2_is_the_papers(small_skill, paper_mixture):
     )
     mapping = skill.map_partial(y)
     gaussian = skill.components_[mapping.component]
-    drift = ProportionalTracker(beta=beta).drift(
+    relaxation = ProportionalTracker(beta=beta).relaxation(
         gaussian, n_steps=skill.n_steps, tick=TICK
     )
     w = mapping.weights
     for i, step in enumerate(range(k, skill.n_steps)):
-        w = drift.advance(w, gaussian.mean, TICK)[0]
+        w = relaxation.after(w, gaussian.mean, TICK)
         value = skill.basis.synthesize(w)[step]
         assert_allclose(value, values[i].real, atol=1e-7)
         assert_allclose(values[i].imag, 0, atol=1e-9)
@@ -113,30 +113,27 @@ def test_proportional_gain_is_refused_exactly_where_17_diverges():
     precision = paper_precision_diagonal(g, n_steps=16)
     largest = 2 / (TICK * precision.max())
     fine = ProportionalTracker(beta=0.999 * largest)
-    drift = fine.drift(g, n_steps=16, tick=TICK)
+    relaxation = fine.relaxation(g, n_steps=16, tick=TICK)
     w = start(g)
     for _ in range(20_000):
-        w = drift.advance(w, g.mean, TICK)[0]
+        w = relaxation.after(w, g.mean, TICK)
     assert_allclose(w, g.mean, atol=1e-3)
     with pytest.raises(SkillError, match=f"up to {largest:.6g}"):
-        ProportionalTracker(beta=1.001 * largest).drift(g, n_steps=16, tick=TICK)
+        ProportionalTracker(beta=1.001 * largest).relaxation(g, n_steps=16, tick=TICK)
 
 
 @pytest.mark.parametrize("beta", [0.0, -1.0, np.nan])
 def test_proportional_gain_that_is_not_positive_is_refused(beta):
     with pytest.raises(SkillError, match="must be positive"):
-        ProportionalTracker(beta=beta).drift(component(), n_steps=16, tick=TICK)
+        ProportionalTracker(beta=beta).relaxation(component(), n_steps=16, tick=TICK)
 
 
 def test_proportional_tracker_moves_linearly_between_ticks():
     g = component()
-    drift = ProportionalTracker(beta=1e-3).drift(g, n_steps=16, tick=TICK)
+    relaxation = ProportionalTracker(beta=1e-3).relaxation(g, n_steps=16, tick=TICK)
     w0 = start(g)
-    w1 = drift.advance(w0, g.mean, TICK)[0]
-    half = drift.advance(w0, g.mean, TICK / 2)
-    assert_allclose(half[0], (w0 + w1) / 2)
-    assert_allclose(half[1], (w1 - w0) / TICK)
-    assert_allclose(half[2], 0)
+    w1 = relaxation.after(w0, g.mean, TICK)
+    assert_allclose(relaxation.after(w0, g.mean, TICK / 2), (w0 + w1) / 2)
 
 
 def lqr_gain(g, time_constant):
@@ -155,24 +152,21 @@ def lqr_gain(g, time_constant):
 def test_lqr_tracker_solves_the_riccati_equation(seconds):
     g = component()
     tracker = LqrTracker(time_constant=1.5, shortest=1e-9)
-    drift = tracker.drift(g, n_steps=16, tick=TICK)
+    relaxation = tracker.relaxation(g, n_steps=16, tick=TICK)
     gain = lqr_gain(g, 1.5)
     w0 = start(g)
     expected = g.mean + expm(-gain * seconds) @ (w0 - g.mean)
-    w, w_dot, w_ddot = drift.advance(w0, g.mean, seconds)
-    assert_allclose(w, expected, atol=1e-7)
-    assert_allclose(w_dot, -gain @ (expected - g.mean), atol=1e-6)
-    assert_allclose(w_ddot, gain @ gain @ (expected - g.mean), atol=1e-4)
+    assert_allclose(relaxation.after(w0, g.mean, seconds), expected, atol=1e-7)
 
 
 def test_lqr_tracker_follows_its_differential_equation_to_any_target():
     g = component()
-    drift = LqrTracker(shortest=1e-9).drift(g, n_steps=16, tick=TICK)
+    relaxation = LqrTracker(shortest=1e-9).relaxation(g, n_steps=16, tick=TICK)
     gain, target, w0 = lqr_gain(g, 2.0), g.mean + 0.3, start(g)
     solution = solve_ivp(
         lambda _, w: -gain @ (w - target), (0, 1), w0, rtol=1e-9, atol=1e-11
     )
-    assert_allclose(drift.advance(w0, target, 1.0)[0], solution.y[:, -1], atol=1e-7)
+    assert_allclose(relaxation.after(w0, target, 1.0), solution.y[:, -1], atol=1e-7)
 
 
 def test_lqr_cost_is_least_at_the_closed_form():
@@ -193,47 +187,36 @@ def test_lqr_cost_is_least_at_the_closed_form():
         assert cost(gain + step * direction) > cost(gain)
 
 
-def test_lqr_derivatives_are_finite_differences():
-    g = component(noise=0.01)
-    drift = LqrTracker().drift(g, n_steps=16, tick=TICK)
-    w0, h = start(g), 1e-5
-    for seconds in (0.01, 0.3, 2.0):
-        before = drift.advance(w0, g.mean, seconds - h)
-        after = drift.advance(w0, g.mean, seconds + h)
-        here = drift.advance(w0, g.mean, seconds)
-        assert_allclose(here[1:], (after - before)[:2] / (2 * h), atol=1e-6)
-
-
-def test_lqr_advances_compose():
+def test_relaxing_twice_is_relaxing_for_the_sum():
     g = component()
-    drift = LqrTracker().drift(g, n_steps=16, tick=TICK)
+    relaxation = LqrTracker().relaxation(g, n_steps=16, tick=TICK)
     w0 = start(g)
-    twice = drift.advance(drift.advance(w0, g.mean, 0.3)[0], g.mean, 0.5)
-    assert_allclose(twice, drift.advance(w0, g.mean, 0.8), atol=1e-12)
+    twice = relaxation.after(relaxation.after(w0, g.mean, 0.3), g.mean, 0.5)
+    assert_allclose(twice, relaxation.after(w0, g.mean, 0.8), atol=1e-12)
 
 
 def test_lqr_time_constants_follow_the_standard_deviations():
     g = component(noise=1e-6)
     tracker = LqrTracker(time_constant=2.0, shortest=0.3)
-    drift = tracker.drift(g, n_steps=16, tick=TICK)
+    relaxation = tracker.relaxation(g, n_steps=16, tick=TICK)
     eigenvalues = g.variances + g.noise
     for i, eigenvalue in enumerate(eigenvalues):
         tau = max(2.0 * np.sqrt(eigenvalue / eigenvalues[0]), 0.3)
-        w = drift.advance(g.mean + g.basis[:, i], g.mean, tau)[0]
+        w = relaxation.after(g.mean + g.basis[:, i], g.mean, tau)
         assert_allclose(w - g.mean, g.basis[:, i] / np.e, atol=1e-12)
     # What no demonstration showed returns in the shortest time.
-    rest = start(g) - g.mean
-    rest -= g.basis @ (g.basis.T @ rest)
-    w = drift.advance(g.mean + rest, g.mean, 0.3)[0]
-    assert_allclose(w - g.mean, rest / np.e, atol=1e-12)
+    residual = start(g) - g.mean
+    residual -= g.basis @ (g.basis.T @ residual)
+    w = relaxation.after(g.mean + residual, g.mean, 0.3)
+    assert_allclose(w - g.mean, residual / np.e, atol=1e-12)
 
 
 def test_lqr_tracks_a_component_without_a_factor():
     g = LowRankGaussian(
         mean=np.zeros(8), basis=np.zeros((8, 0)), variances=np.zeros(0), noise=0.1
     )
-    drift = LqrTracker(time_constant=2.0).drift(g, n_steps=8, tick=TICK)
-    w = drift.advance(np.ones(8), g.mean, 2.0)[0]
+    relaxation = LqrTracker(time_constant=2.0).relaxation(g, n_steps=8, tick=TICK)
+    w = relaxation.after(np.ones(8), g.mean, 2.0)
     assert_allclose(w, 1 / np.e)
 
 
@@ -248,7 +231,7 @@ def test_time_constants_that_are_not_positive_are_refused(name, value):
 
 
 def exponential(g, beta):
-    return ExponentialTracker(beta=beta).drift(g, n_steps=16, tick=TICK)
+    return ExponentialTracker(beta=beta).relaxation(g, n_steps=16, tick=TICK)
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.013, 0.4, 3.0])
@@ -266,24 +249,23 @@ def test_exponential_tracker_solves_its_differential_equation(seconds):
             rtol=1e-10,
             atol=1e-12,
         ).y[:, -1]
-    w, w_dot, w_ddot = exponential(g, beta).advance(w0, target, seconds)
-    assert_allclose(w, expected, atol=1e-8)
-    slope = beta * precision * (target - expected)
-    assert_allclose(w_dot, slope, atol=1e-7)
-    assert_allclose(w_ddot, -beta * precision * slope, atol=1e-6)
+    relaxed = exponential(g, beta).after(w0, target, seconds)
+    assert_allclose(relaxed, expected, atol=1e-8)
 
 
 def test_exponential_tracker_is_the_limit_of_small_steps_of_17():
     g = component()
     beta = 5 / paper_precision_diagonal(g, n_steps=16).max()
     w0 = start(g)
-    exact = exponential(g, beta).advance(w0, g.mean, TICK)[0]
+    exact = exponential(g, beta).after(w0, g.mean, TICK)
     errors = []
     for steps in (1, 10, 100, 1000):
-        drift = ProportionalTracker(beta=beta).drift(g, n_steps=16, tick=TICK / steps)
+        relaxation = ProportionalTracker(beta=beta).relaxation(
+            g, n_steps=16, tick=TICK / steps
+        )
         w = w0
         for _ in range(steps):
-            w = drift.advance(w, g.mean, TICK / steps)[0]
+            w = relaxation.after(w, g.mean, TICK / steps)
         errors.append(np.max(np.abs(w - exact)))
     # First order: a tenth of the step, a tenth of the error.
     assert_allclose(np.divide(errors[1:], errors[:-1]), 0.1, rtol=0.3)
@@ -298,98 +280,28 @@ def test_exponential_tracker_uses_the_diagonal_of_the_papers_precision(
     ours = skill.basis.analyze(skill.sample(seed=4)[0])
     paper = skill.basis.to_paper(ours)
     for j, gaussian in enumerate(skill.components_):
-        drift = ExponentialTracker(beta=beta).drift(
+        relaxation = ExponentialTracker(beta=beta).relaxation(
             gaussian, n_steps=skill.n_steps, tick=TICK
         )
         rates = beta * np.diag(np.linalg.inv(sigma[j]))
         expected = mu[j] + np.exp(-rates * seconds) * (paper - mu[j])
-        got = drift.advance(ours, gaussian.mean, seconds)[0]
+        got = relaxation.after(ours, gaussian.mean, seconds)
         assert_allclose(skill.basis.to_paper(got), expected, atol=1e-8)
 
 
 @pytest.mark.parametrize("beta", [1e3, 1e9, 1e30, 1e90])
 def test_exponential_tracker_is_stable_for_any_gain(beta):
     g = component()
-    drift = exponential(g, beta)
+    relaxation = exponential(g, beta)
     w = start(g)
     for _ in range(100):
-        before, w = w, drift.advance(w, g.mean, TICK)[0]
+        before, w = w, relaxation.after(w, g.mean, TICK)
         assert np.all(np.abs(w - g.mean) <= np.abs(before - g.mean))
     assert_allclose(w, g.mean, atol=1e-12)
-    assert np.all(np.isfinite(drift.advance(start(g), g.mean, 0.0)))
+    assert np.all(np.isfinite(relaxation.after(start(g), g.mean, 0.0)))
 
 
 @pytest.mark.parametrize("beta", [0.0, -1.0, np.nan, np.inf, "high", None])
 def test_exponential_gain_that_is_not_positive_is_refused(beta):
     with pytest.raises(SkillError, match=f"beta is {beta}; it must be positive"):
         ExponentialTracker(beta=beta)
-
-
-# Decay ---------------------------------------------------------------------------
-
-DRIFTS = {
-    "lqr": lambda g: LqrTracker().drift(g, n_steps=16, tick=TICK),
-    "exponential": lambda g: exponential(g, 1e-3),
-    "proportional": lambda g: ProportionalTracker(beta=1e-3).drift(
-        g, n_steps=16, tick=TICK
-    ),
-}
-
-
-@pytest.mark.parametrize("name", DRIFTS)
-def test_derivatives_of_the_decay_are_finite_differences(name):
-    drift, h = DRIFTS[name](component()), 1e-6
-    rng = np.random.default_rng(0)
-    # (17) moves in straight lines from tick to tick: stay away from the corners.
-    times = (rng.integers(0, 8, 30) + rng.uniform(0.05, 0.95, 30)) * TICK
-    for decay in (drift.decay, drift.rest_decay):
-        here, before, after = decay(times), decay(times - h), decay(times + h)
-        slope = (after - before)[:2] / (2 * h)
-        assert_allclose(here[1:], slope, rtol=1e-5, atol=1e-5)
-        assert_allclose(decay(0.0)[0], 1.0)
-
-
-@pytest.mark.parametrize("name", DRIFTS)
-def test_decay_at_many_times_is_that_at_each(name):
-    drift = DRIFTS[name](component())
-    times = np.array([0.0, 0.03, 0.1, 0.25, 2.0])
-    for i, t in enumerate(times):
-        assert_allclose(drift.decay(times)[:, i], drift.decay(float(t)), rtol=1e-12)
-        assert_allclose(
-            drift.rest_decay(times)[:, i], drift.rest_decay(float(t)), rtol=1e-12
-        )
-
-
-@pytest.mark.parametrize("name", DRIFTS)
-def test_split_and_decay_are_the_advance(name):
-    g = component()
-    drift = DRIFTS[name](g)
-    deviation = start(g) - g.mean
-    inside, rest = drift.split(deviation)
-    left = inside * drift.decay(0.07)[0]
-    if drift.modes is not None:
-        left = left @ drift.modes.T + rest * drift.rest_decay(0.07)[0]
-        assert_allclose(rest @ drift.modes, 0, atol=1e-12)
-    else:
-        assert rest is None
-    got = drift.advance(start(g), g.mean, 0.07)[0]
-    assert_allclose(got, g.mean + left, atol=1e-12)
-
-
-def test_many_weights_advance_like_each_one():
-    g = component()
-    w = g.mean + np.random.default_rng(0).standard_normal((5, g.dim))
-    for name, make in DRIFTS.items():
-        drift = make(g)
-        many = drift.advance(w, g.mean, 0.13)
-        assert many.shape == (3, 5, 16)
-        for i, one in enumerate(w):
-            alone = drift.advance(one, g.mean, 0.13)
-            assert_allclose(many[:, i], alone, atol=1e-12, err_msg=name)
-
-
-def test_euler_steps_stay_exact_over_many_ticks():
-    drift = Drift(modes=None, rates=np.array([3.0]), euler_tick=TICK)
-    for ticks in range(200):
-        held = drift.decay(ticks * TICK)[0, 0]
-        assert held == pytest.approx((1 - 0.3) ** ticks, rel=1e-9)

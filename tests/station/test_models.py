@@ -34,6 +34,7 @@ from fmp_drake.station.models.model_files import (
     models_dir,
 )
 from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.scenario_parts import BoardConfig, EraserConfig
 
 START = np.array([0, -math.pi / 4, 0, -3 * math.pi / 4, 0, math.pi / 2, math.pi / 4])
 REFLECTED_INERTIA = np.array([0.605721456] * 2 + [0.462474144] * 2 + [0.205544064] * 3)
@@ -266,7 +267,7 @@ def test_only_felt_and_slab_touch_and_both_are_compliant():
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), builder)
     AddPandaWithEraser(plant)
-    AddWhiteboard(plant, size=(0.5, 0.7), friction=0.5, legs=True)
+    AddWhiteboard(plant, BoardConfig())
     plant.Finalize()
     inspector = scene_graph.model_inspector()
     touching = inspector.GetAllGeometryIds(Role.kProximity)
@@ -284,7 +285,7 @@ def test_only_felt_and_slab_touch_and_both_are_compliant():
 def test_the_board_is_half_a_metre_by_seven_tenths_with_its_surface_on_top():
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), builder)
-    AddWhiteboard(plant, size=(0.5, 0.7), friction=0.5, legs=True)
+    AddWhiteboard(plant, BoardConfig())
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("surface"))
     plant.Finalize()
     inspector = scene_graph.model_inspector()
@@ -308,8 +309,8 @@ class _Slide:
         )
         plant = self.plant
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
-        AddEraser(plant, footprint=(0.12, 0.05), modulus=1.25e4, friction=0.5)
-        AddWhiteboard(plant, size=(0.5, 0.7), friction=0.5, legs=False)
+        AddEraser(plant, EraserConfig())
+        AddWhiteboard(plant, BoardConfig(legs=False))
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("surface"))
         instance = default_model_instance()
         sled, ram = (

@@ -31,7 +31,7 @@ def dump(scenario):
 @pytest.mark.parametrize("name", BUNDLED)
 def test_bundled_scenario_builds(name):
     scenario = LoadScenario(name)
-    scene = AddBoardScene(DiagramBuilder(), scenario, start=scenario.start_position())
+    scene = AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)
     assert scene.plant.is_finalized()
 
 
@@ -141,11 +141,14 @@ def test_missing_file_is_named(tmp_path):
         ("impedance: {walls: {x: 1}}\n", ["impedance.walls has no key 'x'", "width"]),
         ("board: {motion: {speed: 1}}\n", ["board.motion", "amplitude, frequency"]),
         ("disturbances: [{knd: push}]\n", ["disturbances[0]", "kind, start"]),
-        ("disturbances: [{kind: kick}]\n", ["kick", "push, hold"]),
-        ("disturbances: 3\n", ["disturbances is 3", "a list"]),
+        ("disturbances: [{kind: kick}]\n", ["kick", "push, grasp"]),
+        ("disturbances: 3\n", ["disturbances is 3", "a list like []"]),
         ("press: {force: hard}\n", ["press.force is 'hard'", "a number"]),
         ("press: 10\n", ["press is 10", "force, engage_height"]),
-        ("board: {translation: 3}\n", ["board.translation is 3", "list of numbers"]),
+        (
+            "board: {translation: 3}\n",
+            ["board.translation is 3", "a list like [0.55, 0.0, 0.1]"],
+        ),
         ("board: {legs: 1}\n", ["board.legs is 1", "true or false"]),
         ("ink: {words: [1]}\n", ["ink.words", "text"]),
         ("skill: {push_threshold: no}\n", ["push_threshold", "number or null"]),
@@ -157,7 +160,7 @@ def test_missing_file_is_named(tmp_path):
         # What is well written but cannot be.
         ("board: {translation: [0.5, 0.0]}", ["board.translation", "3 finite"]),
         ("board: {rpy: [0.0, .nan, 0.0]}", ["board.rpy", "3 finite"]),
-        ("board: {size: [0.05, 0.7]}", ["board.size", "0.1 m or more"]),
+        ("board: {size: [0.05, 0.7]}", ["board.size", "at least 0.1"]),
         ("board: {friction: -1}", ["board.friction", "at least 0"]),
         ("board: {motion: {axis: [0, 0, 0]}}", ["board.motion.axis", "a direction"]),
         ("eraser: {worn: 1.5}", ["eraser.worn", "at least 0 and at most 1"]),
@@ -173,6 +176,7 @@ def test_missing_file_is_named(tmp_path):
         ("disturbances: [{every: 0.5, duration: 1}]", ["every 0.5 s"]),
         ("start: [0.0, 0.0, .inf]", ["start"]),
         ("start: []", ["start"]),
+        ("posture: [0.0, 1.0]", ["posture", "7 finite"]),
         ("impedance: {orientation: [0.0]}", ["impedance.orientation"]),
     ],
 )
@@ -194,7 +198,6 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("posture: [0.0, 1.0]", "posture"),
         ("plant: {time_step: -0.001}", "plant.time_step"),
         ("plant: {time_step: .nan}", "plant.time_step"),
         ("plant: {contact_model: glue}", "glue"),
@@ -204,7 +207,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path):
 def test_value_that_does_not_fit_is_named_when_the_scene_is_built(write, text, what):
     scenario = LoadScenario(write(text))
     with pytest.raises(FmpError, match=what.replace(".", r"\.")):
-        AddBoardScene(DiagramBuilder(), scenario, start=scenario.start_position())
+        AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)
 
 
 def test_start_that_the_arm_cannot_reach_is_refused():

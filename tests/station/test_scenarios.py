@@ -1,4 +1,4 @@
-"""Facts about a minute of every scenario that comes with the package.
+"""Facts about half a minute of every scenario that comes with the package.
 
 One class for each scenario, so that `pytest -n auto --dist loadscope` spreads them.
 """
@@ -14,11 +14,11 @@ from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 pytestmark = pytest.mark.slow
 
-SECONDS = 60.0
+SECONDS = 30.0
 
 
-def minute_of(name):
-    """Return the metrics of a minute as `fmp-drake wipe --headless` simulates it."""
+def metrics_of(name):
+    """Return the metrics of a run as `fmp-drake wipe --headless` simulates it."""
     scenario = LoadScenario(name)
     skill, demonstrations, _ = scenario_skill(scenario)
     run = WipingRun(scenario, skill, demonstrations=demonstrations)
@@ -26,13 +26,13 @@ def minute_of(name):
     return run.metrics()
 
 
-class Minute:
+class Run:
     """What holds in every scenario."""
 
     @pytest.fixture(scope="class")
     @classmethod
     def metrics(cls):
-        metrics = minute_of(cls.scenario)
+        metrics = metrics_of(cls.scenario)
         # Shown where a test fails.
         print(cls.scenario, json.dumps(metrics, indent=1))  # noqa: T201
         return metrics
@@ -50,19 +50,19 @@ class Minute:
         assert metrics["contact_fraction"] > 0.9
 
     def test_remaps_without_a_jump(self, metrics):
-        assert metrics["remap_count"] >= 9
+        assert metrics["remap_count"] >= 4
         assert metrics["desired_position_jump_max_m"] < 1e-4
 
 
-class FixedBoardMinute(Minute):
+class FixedBoardRun(Run):
     """What holds on a board that stands still, too."""
 
     def test_cleans_the_demonstrated_area(self, metrics):
-        assert metrics["cleaned_fraction_of_demonstrated_area"] >= 0.95
+        assert metrics["cleaned_fraction_of_demonstrated_area"] >= 0.9
 
 
 for _name in ListScenarios():
     _moves = LoadScenario(_name).board.motion.amplitude > 0
-    _kind = Minute if _moves else FixedBoardMinute
+    _kind = Run if _moves else FixedBoardRun
     _class = f"Test_{_name}"
     globals()[_class] = type(_class, (_kind,), {"scenario": _name})

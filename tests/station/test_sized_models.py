@@ -15,23 +15,22 @@ from fmp_drake.errors import StationError
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.scenario_parts import BoardConfig, EraserConfig
 
 
-def _Scene(add, **values):
+def _Scene(add, config):
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), DiagramBuilder())
-    instance = add(plant, **values)
+    instance = add(plant, config)
     plant.Finalize()
     return plant, scene_graph.model_inspector(), instance
 
 
 def _Eraser(**values):
-    usual = {"footprint": (0.12, 0.05), "modulus": 1.25e4, "friction": 0.5}
-    return _Scene(AddEraser, **usual | values)
+    return _Scene(AddEraser, EraserConfig(**values))
 
 
 def _Board(**values):
-    usual = {"size": (0.5, 0.7), "friction": 0.5, "legs": True}
-    return _Scene(AddWhiteboard, **usual | values)
+    return _Scene(AddWhiteboard, BoardConfig(**values))
 
 
 def _Inertia(plant: MultibodyPlant, name: str) -> SpatialInertia:
@@ -58,7 +57,7 @@ def _Central(inertia: SpatialInertia) -> np.ndarray:
 # The numbers of the two models that every measured figure was taken with.
 
 
-def test_the_usual_eraser_is_the_measured_one():
+def test_the_default_eraser_is_the_measured_one():
     plant, inspector, _ = _Eraser()
     inertia = _Inertia(plant, "eraser")
     assert inertia.get_mass() == 0.253417
@@ -72,7 +71,7 @@ def test_the_usual_eraser_is_the_measured_one():
     assert friction.static_friction() == friction.dynamic_friction() == 0.5
 
 
-def test_the_usual_board_is_the_measured_one():
+def test_the_default_board_is_the_measured_one():
     plant, inspector, _ = _Board()
     inertia = _Inertia(plant, "board")
     assert inertia.get_mass() == 3.5
@@ -111,7 +110,8 @@ def test_an_eraser_has_the_felt_that_it_is_given():
 
 def test_the_arm_carries_the_eraser_that_it_is_given():
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), DiagramBuilder())
-    AddPandaWithEraser(plant, footprint=(0.2, 0.1), modulus=2e4, friction=0.3)
+    eraser = EraserConfig(footprint=[0.2, 0.1], modulus=2e4, friction=0.3)
+    AddPandaWithEraser(plant, eraser=eraser)
     plant.Finalize()
     shape, modulus, _, friction = _Properties(scene_graph.model_inspector())
     np.testing.assert_array_equal(shape.size(), [0.2, 0.1, 0.03])
@@ -165,14 +165,8 @@ def test_the_renderer_gets_the_page_s_colour_without_its_gamma():
 @pytest.mark.parametrize(
     ("add", "values", "complaint"),
     [
-        (_Board, {"size": (0.5, -0.7)}, "the board's size is .*positive"),
-        (_Board, {"size": (0.5,)}, "two positive lengths"),
-        (_Board, {"size": (0.5, np.nan)}, "two positive lengths"),
-        (_Board, {"size": (0.05, 0.7)}, r"0\.1 m or more"),
-        (_Board, {"friction": -0.1}, "friction is -0.1"),
-        (_Eraser, {"footprint": (0.0, 0.05)}, "the eraser's footprint"),
-        (_Eraser, {"modulus": 0.0}, "modulus is 0.0 Pa; it must be positive"),
-        (_Eraser, {"friction": np.inf}, "friction is inf"),
+        (_Board, {"size": (0.05, 0.7)}, r"board\.size .* at least 0\.1"),
+        (_Eraser, {"modulus": 0.0}, r"eraser\.modulus is 0\.0; .* above 0"),
     ],
 )
 def test_a_value_that_cannot_be_is_an_error_that_names_it(add, values, complaint):

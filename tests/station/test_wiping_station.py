@@ -1,7 +1,7 @@
 """Facts about the whiteboard station: what a user would measure on the robot.
 
-A minute of wiping and ten seconds from outside are simulated once, and looked at
-from many sides.
+Eighteen seconds of wiping and ten from outside are simulated once, and looked at from
+many sides.
 """
 
 import re
@@ -49,7 +49,7 @@ SYSTEMS = {
     "scene_graph",
     "fourier_primitive",
     "tempo",
-    "normal_press",
+    "desired_normal_force",
     "controller",
     "gravity_compensation",
     "actuation",
@@ -57,6 +57,7 @@ SYSTEMS = {
 }
 FOOTPRINT = (0.12, 0.05)
 REMAP_SECONDS = 5.5
+REMAPS, SECONDS = 3, 18.0
 ARRIVED = 4.0
 
 
@@ -70,15 +71,15 @@ def remaps(run):
 
 
 @pytest.fixture(scope="module")
-def minute(bundled_skill):
-    """Simulate a minute as `fmp-drake wipe` does it; count the re-mappings."""
+def wiped(bundled_skill):
+    """Simulate what `fmp-drake wipe` does; count the re-mappings."""
     run = StationRun(make_station(bundled_skill, sample=True, seed=0))
     run.remaps = []
-    for number in range(1, 11):
+    for number in range(1, REMAPS + 1):
         for time in (-0.0005, 0.0005):
             run.advance(number * REMAP_SECONDS + time)
             run.remaps.append(remaps(run))
-    return run.advance(60.0)
+    return run.advance(SECONDS)
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +94,7 @@ def from_outside(bundled_skill, outside):
     return StationRun(make_station(bundled_skill, start=outside)).advance(10.0)
 
 
-@pytest.fixture(params=[pytest.param("minute", marks=pytest.mark.slow), "from_outside"])
+@pytest.fixture(params=["wiped", "from_outside"])
 def run(request):
     return request.getfixturevalue(request.param)
 
@@ -101,17 +102,17 @@ def run(request):
 # What is there.
 
 
-def test_exported_ports_have_names_and_sizes(minute):
-    station = minute.station
+def test_exported_ports_have_names_and_sizes(wiped):
+    station = wiped.station
     outputs = [station.get_output_port(i) for i in range(station.num_output_ports())]
     assert {port.get_name(): port.size() for port in outputs} == PORTS
     inputs = [station.get_input_port(i) for i in range(station.num_input_ports())]
     assert [port.get_name() for port in inputs] == ["applied_spatial_force"]
 
 
-def test_every_system_has_a_name(minute):
-    assert minute.station.get_name() == "wiping_station"
-    names = [system.get_name() for system in minute.station.GetSystems()]
+def test_every_system_has_a_name(wiped):
+    assert wiped.station.get_name() == "wiping_station"
+    names = [system.get_name() for system in wiped.station.GetSystems()]
     assert set(names) == SYSTEMS
     assert len(names) == len(SYSTEMS)
 
@@ -121,8 +122,8 @@ def test_documentation_names_every_port_and_system():
     assert set(PORTS) | SYSTEMS <= set(words)
 
 
-def test_only_what_the_contact_tells_follows_a_push_at_once(minute):
-    station = minute.station
+def test_only_what_the_contact_tells_follows_a_push_at_once(wiped):
+    station = wiped.station
     outputs = range(station.num_output_ports())
     assert {
         station.get_output_port(i).get_name()
@@ -134,8 +135,8 @@ def test_only_what_the_contact_tells_follows_a_push_at_once(minute):
 # What the robot does.
 
 
-def test_eraser_starts_exactly_where_it_shall(minute, from_outside, outside):
-    starts = ((minute, [0.0, 0.0, 0.05]), (from_outside, outside))
+def test_eraser_starts_exactly_where_it_shall(wiped, from_outside, outside):
+    starts = ((wiped, [0.0, 0.0, 0.05]), (from_outside, outside))
     for run, start in starts:
         assert_allclose(run.log("measured_position")[0], start, atol=5e-6)
         assert_allclose(run.log("desired_position")[0], start, atol=5e-6)
@@ -212,44 +213,44 @@ def test_outputs_agree_with_each_other(from_outside):
 # What becomes of the ink.
 
 
-def test_a_minute_erases_what_was_demonstrated(minute, bundled_demonstration):
-    grid = minute.station.GetSubsystemByName("ink_board").grid
-    ink = minute.log("ink")[-1].reshape(grid.shape)
+def test_most_of_what_was_demonstrated_is_erased(wiped, bundled_demonstration):
+    grid = wiped.station.GetSubsystemByName("ink_board").grid
+    ink = wiped.log("ink")[-1].reshape(grid.shape)
     area = grid.swept_area(bundled_demonstration.values, FOOTPRINT)
-    assert cleaned_fraction(ink, area) > 0.9
-    assert minute.log("cleaned_fraction")[-1, 0] == cleaned_fraction(ink)
+    assert cleaned_fraction(ink, area) > 0.8
+    assert wiped.log("cleaned_fraction")[-1, 0] == cleaned_fraction(ink)
 
 
-def test_ink_only_goes_and_only_where_the_eraser_has_been(minute):
-    grid = minute.station.GetSubsystemByName("ink_board").grid
-    ink = minute.log("ink")
+def test_ink_only_goes_and_only_where_the_eraser_has_been(wiped):
+    grid = wiped.station.GetSubsystemByName("ink_board").grid
+    ink = wiped.log("ink")
     assert np.all(np.diff(ink, axis=0) <= 0)
     been = grid.swept_area(
-        minute.log("measured_position")[::10], np.array(FOOTPRINT) + 0.03
+        wiped.log("measured_position")[::10], np.array(FOOTPRINT) + 0.03
     )
     assert_array_equal(ink[-1][~been.ravel()], 1.0)
-    assert np.all(np.diff(minute.log("cleaned_fraction"), axis=0) >= 0)
+    assert np.all(np.diff(wiped.log("cleaned_fraction"), axis=0) >= 0)
 
 
-def test_cells_know_when_they_were_erased(minute):
-    ink, times = minute.log("ink")[-1], minute.log("erase_time")[-1]
+def test_cells_know_when_they_were_erased(wiped):
+    ink, times = wiped.log("ink")[-1], wiped.log("erase_time")[-1]
     assert_array_equal(np.isfinite(times), ink < 0.1)
-    assert np.all(times[np.isfinite(times)] <= 60.0)
+    assert np.all(times[np.isfinite(times)] <= SECONDS)
 
 
 # Re-mapping.
 
 
-def test_remapping_comes_every_window_less_its_overlap(minute):
-    before_and_after = np.repeat(np.arange(11), 2)[1:-1]
-    assert minute.remaps == before_and_after.tolist()
-    assert remaps(minute) == 10
+def test_remapping_comes_every_window_less_its_overlap(wiped):
+    before_and_after = np.repeat(np.arange(REMAPS + 1), 2)[1:-1]
+    assert wiped.remaps == before_and_after.tolist()
+    assert remaps(wiped) == REMAPS
 
 
-def test_remapping_does_not_make_the_motion_jump(minute):
-    position = minute.log("desired_position")
-    velocity = minute.log("desired_velocity")
-    for number in range(1, 11):
+def test_remapping_does_not_make_the_motion_jump(wiped):
+    position = wiped.log("desired_position")
+    velocity = wiped.log("desired_velocity")
+    for number in range(1, REMAPS + 1):
         i = round(1000 * number * REMAP_SECONDS)
         around = slice(i - 2, i + 3)
         explained = 0.001 * (velocity[around][1:] + velocity[around][:-1]) / 2
@@ -413,9 +414,14 @@ def test_start_close_above_the_board_is_as_good_as_any(bundled_skill, start):
     check_limits(run)
 
 
-def test_controller_never_holds_while_it_wipes(minute):
-    flags = minute.log("status")[:, 0].astype(int)
-    bad = StatusFlag.HOLD | StatusFlag.STALE | StatusFlag.JUMP | StatusFlag.NOT_FINITE
+def test_controller_never_holds_while_it_wipes(wiped):
+    flags = wiped.log("status")[:, 0].astype(int)
+    bad = (
+        StatusFlag.PROTECTIVE_STOP
+        | StatusFlag.STALE
+        | StatusFlag.JUMP
+        | StatusFlag.NOT_FINITE
+    )
     assert not np.any(flags & int(bad))
     # It does say something: the torque's rate is limited when the arm starts.
     assert np.any(flags)

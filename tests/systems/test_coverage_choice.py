@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.ink.grid import InkGrid
 
@@ -121,5 +121,5 @@ def test_ink_and_paths_stay_as_they_are():
 
 @pytest.mark.parametrize("candidates", [0, -1])
 def test_a_choice_of_nothing_is_refused(candidates):
-    with pytest.raises(StationError, match=f"candidates is {candidates}; "):
+    with pytest.raises(SystemsError, match=f"candidates is {candidates}; "):
         make_choice(candidates=candidates)

@@ -22,7 +22,7 @@ from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.force_arrow import ForceArrow
 
 MASS = 2.0
@@ -144,12 +144,12 @@ def test_it_needs_contact_results(drawings):
 
 
 def test_values_that_do_not_fit_are_refused(drawings):
-    for options in ({"rate": 0.0}, {"metres_per_newton": np.nan}):
-        with pytest.raises(StationError, match="must be positive"):
+    for options in ({"period": 0.0}, {"metres_per_newton": np.nan}):
+        with pytest.raises(SystemsError, match="must be positive"):
             make_diagram(drawings, **options)
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
     ghost = plant.AddRigidBody("ghost")
     plant.Finalize()
-    with pytest.raises(StationError, match="ghost has no collision geometry"):
+    with pytest.raises(SystemsError, match="ghost has no collision geometry"):
         ForceArrow(plant, body=ghost, meshcat=drawings)

@@ -1,7 +1,6 @@
 """Facts about the skill as a Drake system."""
 
 import copy
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,16 +9,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from fmp_drake.errors import SkillError
+from fmp_drake.errors import SkillError, SystemsError
 from fmp_drake.primitives import LqrTracker, Player
-from fmp_drake.primitives.playback.live_playback import LivePlayback, LiveState
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 
 OUTPUTS = {
     "position": 2,
     "velocity": 2,
     "acceleration": 2,
-    "jerk": 2,
     "covariance": 4,
     "weights": 48,
     "component": 1,
@@ -65,14 +62,14 @@ def assert_same_outputs(one, two):
         assert np.array_equal(one[name], two[name]), name
 
 
-def expected_outputs(player, state, seconds):
-    motion = player.motion(state, seconds)
+def expected_outputs(player, state):
+    motion = player.motion(state)
     return {
         "position": motion[0],
         "velocity": motion[1],
         "acceleration": motion[2],
-        "covariance": player.covariance(state, seconds).ravel(),
-        "weights": player.weights(state, seconds),
+        "covariance": player.covariance(state).ravel(),
+        "weights": player.weights(state),
         "component": [state.component],
         "remaps": [state.remaps, 0],
     }
@@ -134,20 +131,14 @@ def test_outputs_are_the_players_at_and_between_ticks(small_skill, start, sample
     player = Player(small_skill, **options)
     simulator = simulator_at(system, start)
     context = simulator.get_context()
-    state = player.start(start)
-    for i in range(65):
-        simulator.AdvanceTo(i * TICK)
-        # AdvanceTo stops before the events of its last instant.
-        simulator.AdvancePendingEvents()
-        if i > 0:
-            state = player.tick(state)
-            if state.step == 23:
-                state = player.remap(state)
-        for seconds in (0.0, 0.01, 0.077):
-            simulator.AdvanceTo(i * TICK + seconds)
-            got = outputs(system, context)
-            for name, value in expected_outputs(player, state, seconds).items():
-                assert_allclose(got[name], value, atol=1e-9, err_msg=name)
+    first = player.start(start)
+    for i in range(1, 200):
+        now = i * 0.0337
+        simulator.AdvanceTo(now)
+        state = player.advance(first, now)
+        got = outputs(system, context)
+        for name, value in expected_outputs(player, state).items():
+            assert_allclose(got[name], value, atol=1e-9, err_msg=name)
     assert state.remaps == 3
 
 
@@ -317,6 +308,33 @@ def test_clone_of_a_context_shows_the_same_and_stays(system, start):
     assert_same_outputs(outputs(system, clone), shown)
 
 
+ODD_INSTANTS = np.cumsum(np.random.default_rng(0).uniform(0.05, 0.3, 20))
+
+
+@pytest.mark.parametrize("tempo", [0.5, 0.9, 1.0, 1.37])
+@pytest.mark.parametrize("threshold", [None, 0.02])
+def test_cloned_context_goes_on_identically(small_skill, start, tempo, threshold):
+    system = FourierPrimitiveSystem(small_skill, sample=True, push_threshold=threshold)
+    context = context_at(system, start)
+    system.GetInputPort("tempo").FixValue(context, tempo)
+    simulator = Simulator(system, context)
+    clones = []
+    for instant in ODD_INSTANTS:
+        simulator.AdvanceTo(instant)
+        outputs(system, context)  # Whatever anybody has looked at.
+        clones.append(context.Clone())
+    simulator.AdvanceTo(np.ceil(ODD_INSTANTS[-1] / TICK) * TICK)
+    clones.append(context.Clone())
+    simulator.AdvancePendingEvents()
+    clones.append(context.Clone())
+    end = ODD_INSTANTS[-1] + 0.777
+    simulator.AdvanceTo(end)
+    expected = outputs(system, context)
+    for clone in clones:
+        Simulator(system, clone).AdvanceTo(end)
+        assert_same_outputs(outputs(system, clone), expected)
+
+
 def test_caching_makes_no_difference(system, start):
     cached = record(simulator_at(system, start), 4.5)
     context = context_at(system, start)
@@ -364,47 +382,17 @@ def test_input_is_read_only_at_initialisation(system, start):
     assert np.array_equal(record(simulator, 4.5), still)
 
 
-@pytest.mark.parametrize("t0", [5.5, 1.0, 0.05, 16.5, 110.0])
-def test_starts_at_any_tick_and_remaps_on_the_same_grid(wiping_skill, t0):
-    system = FourierPrimitiveSystem(wiping_skill)
-    start = wiping_skill.extent_.mean(axis=0)
-    simulator = simulator_at(system, start, t0)
-    context = simulator.get_context()
-    got = system.GetOutputPort("position").Eval(context)
-    assert_allclose(got, start, atol=1e-12)
-    first = 9 + round(t0 / 0.05) % 110
-    assert system.playback_state(context).step == first
-    # The periodic events count from zero, so the window is entered in between.
-    instant = (np.floor(t0 / 5.5 + 1e-9) + 1) * 5.5
-    simulator.AdvanceTo(max(t0, instant - 0.04))
-    state = system.playback_state(context)
-    assert (state.step, state.remaps) == (118, 0)
-    simulator.AdvanceTo(instant + 0.01)
-    state = system.playback_state(context)
-    assert (state.step, state.remaps) == (9, 1)
-    simulator.AdvanceTo(instant + 5.51)
-    assert system.playback_state(context).remaps == 2
-
-
-@pytest.mark.parametrize("t0", [2.0, 1.0])
-def test_late_start_plays_as_the_player_does(system, small_skill, start, t0):
+@pytest.mark.parametrize("t0", [2.0, 0.03, 1.0001, 17.77])
+def test_starts_at_any_time(system, small_skill, start, t0):
     player = Player(small_skill)
+    first = player.start(start)
     simulator = simulator_at(system, start, t0)
-    state = player.start(start, step=3 + round(t0 / TICK) % 20)
-    for i in range(1, 50):
-        state = player.tick(state)
-        if state.step == 23:
-            state = player.remap(state)
-        simulator.AdvanceTo(t0 + i * TICK)
-        simulator.AdvancePendingEvents()
+    for i in range(120):
+        simulator.AdvanceTo(t0 + i * 0.0433)
         got = system.GetOutputPort("position").Eval(simulator.get_context())
-        assert_allclose(got, player.motion(state)[0], atol=1e-9)
-
-
-@pytest.mark.parametrize("t0", [0.03, 1.0001])
-def test_start_between_ticks_is_refused(system, start, t0):
-    with pytest.raises(SkillError, match=r"fourier_primitive: .* multiple of .* 0.1 s"):
-        simulator_at(system, start, t0)
+        state = player.advance(first, i * 0.0433)
+        assert_allclose(got, player.motion(state)[0], atol=1e-7)
+    assert state.remaps == 2
 
 
 def test_start_that_is_not_finite_is_refused(system):
@@ -438,23 +426,16 @@ def played_at(system, start, tempo, until, every=0.01):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("tempo", [0.0, 0.5, 1.0, 2.0])
-def test_tempo_is_that_of_the_live_playback(small_skill, start, tempo):
+@pytest.mark.parametrize("tempo", [0.0, 0.5, 0.9, 1.0, 1.37, 2.0])
+def test_tempo_is_that_of_the_player(small_skill, start, tempo):
     system = FourierPrimitiveSystem(small_skill)
     played = played_at(system, start, lambda _: tempo, 6)
     player = Player(small_skill)
-    state = player.start(start)
-    still = replace(state, offset=np.zeros((2, 2)))
-    path = player.motion(still)
-    offset = np.stack([start - path[0], -tempo * path[1]])
-    live = LivePlayback(
-        player,
-        LiveState(
-            playback=still, offset=offset, tempo=tempo, blend_time=player.blend_time
-        ),
-    )
-    expected = np.array([live.motion(0.01 * i) for i in range(len(played))])
-    assert_allclose(played, expected, atol=1e-7)
+    first = player.start(start, tempo=tempo)
+    expected = [
+        player.motion(player.advance(first, 0.01 * i)) for i in range(len(played))
+    ]
+    assert_allclose(played[:, :2], np.array(expected)[:, :2], atol=1e-6)
 
 
 def test_changing_tempo_makes_no_jump_of_position_and_velocity(system, start):
@@ -479,7 +460,7 @@ def test_tempo_of_zero_stands_still_and_goes_on(system, start):
 def test_tempo_that_cannot_be_is_refused(system, start, tempo):
     context = context_at(system, start)
     system.GetInputPort("tempo").FixValue(context, tempo)
-    with pytest.raises(SkillError, match=r"tempo is .* from 0 to 4"):
+    with pytest.raises(SystemsError, match=r"tempo is .* from 0 to 4"):
         Simulator(system, context).Initialize()
 
 
@@ -518,64 +499,11 @@ def test_plan_is_what_is_played_later(small_skill, start, sample):
         simulator.AdvanceTo(0.7 + i * TICK + 1e-9)
         got = system.GetOutputPort("position").Eval(context)
         assert_allclose(got, plan[i], atol=1e-6)
-        if i != 13:  # Where a window ends, it is the ending window's.
-            covariance = system.GetOutputPort("covariance").Eval(context)
-            assert_allclose(covariance, tubes[i], atol=1e-9)
+        covariance = system.GetOutputPort("covariance").Eval(context)
+        assert_allclose(covariance, tubes[i], atol=1e-9)
 
 
-# Several ticks per event ---------------------------------------------------------
-
-
-@pytest.mark.parametrize("tempo", [1.0, 0.7])
-def test_ticks_made_at_once_play_the_same(small_skill, start, tempo):
-    runs, events = [], []
-    for period in (None, 0.5):
-        system = FourierPrimitiveSystem(small_skill, sample=True, event_period=period)
-        simulator = simulator_at(system, start)
-        context = simulator.get_mutable_context()
-        system.GetInputPort("tempo").FixValue(context, [tempo])
-        simulator.Initialize()
-        simulator.AdvanceTo(0.02)
-        before = simulator.get_num_discrete_updates()
-        rows = []
-        for t in np.arange(0.02, 7.0, 0.03):
-            simulator.AdvanceTo(t)
-            shown = outputs(system, context)
-            # The plan begins at an event, the jerk may leave a tick out.
-            same = [n for n in OUTPUTS if "plan" not in n and n != "jerk"]
-            rows.append(np.concatenate([shown[n] for n in same]))
-        runs.append(rows)
-        events.append(simulator.get_num_discrete_updates() - before)
-    # 20 ticks lie between two re-mappings: 5 at once fit into half a second.
-    assert events == [69, 13]
-    assert_allclose(runs[1], runs[0], atol=1e-7)
-    assert runs[0][-1][-2] > 1
-
-
-def test_tempo_is_reached_within_an_event(small_skill, start):
-    system = FourierPrimitiveSystem(small_skill, event_period=0.4)
-    simulator = simulator_at(system, start)
-    tempo = system.GetInputPort("tempo").FixValue(simulator.get_mutable_context(), [1])
-    simulator.Initialize()
-    simulator.AdvanceTo(0.5)
-    tempo.GetMutableData().get_mutable_value().SetAtIndex(0, 1.8)
-    simulator.AdvanceTo(3.0)
-    moved = system.GetOutputPort("velocity").Eval(simulator.get_context())
-    state = system.playback_state(simulator.get_context())
-    assert system._read_book(simulator.get_context()).tempo == pytest.approx(1.8)
-    assert np.abs(moved).max() > 0
-    # 0.8 s at tempo 1, 0.4 s while it grows, and the rest at 1.8: 46 ticks, of which
-    # the last is now.
-    assert 0.8 + 0.4 * 1.4 + 1.8 * 1.8 == pytest.approx(46 * TICK)
-    assert state.step - 3 + 20 * state.remaps == 45
-
-
-def test_reactive_mode_looks_at_every_tick(small_skill, start):
-    system = FourierPrimitiveSystem(small_skill, push_threshold=0.02, event_period=0.5)
-    simulator = simulator_at(system, start)
-    before = simulator.get_num_discrete_updates()
-    simulator.AdvanceTo(1.05)
-    assert simulator.get_num_discrete_updates() - before == 10
+# The reactive mode ---------------------------------------------------------------
 
 
 @pytest.fixture
@@ -652,7 +580,7 @@ def test_reactive_remapping_goes_on_where_the_robot_was_led(reactive, small_skil
 def test_seconds_and_threshold_must_be_positive(small_skill):
     for name in ("push_threshold", "push_dwell", "plan_seconds"):
         for value in (0.0, -1.0, np.nan):
-            with pytest.raises(SkillError, match=f"{name} is .* must be positive"):
+            with pytest.raises(SystemsError, match=f"{name} is .* must be positive"):
                 FourierPrimitiveSystem(small_skill, **{name: value})
 
 

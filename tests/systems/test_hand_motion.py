@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion, HandVariability
 
 RATE = 200
@@ -111,11 +111,11 @@ def test_path_is_read_only():
 
 
 def test_unknown_task_lists_the_tasks():
-    with pytest.raises(StationError, match="'dance'; choose from wiping, polishing"):
+    with pytest.raises(SystemsError, match="'dance'; choose from wiping, polishing"):
         HandMotion.make("dance", seconds=1, seed=0)
 
 
 @pytest.mark.parametrize("seconds", [0, -1, np.nan, np.inf])
 def test_duration_that_is_not_positive_is_refused(seconds):
-    with pytest.raises(StationError, match="must be positive"):
+    with pytest.raises(SystemsError, match="must be positive"):
         HandMotion.make("eight", seconds=seconds, seed=0)

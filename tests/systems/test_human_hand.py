@@ -22,7 +22,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.human_hand import GripConfig, HumanHand
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
@@ -190,13 +190,13 @@ def test_forgotten_input_is_named(hand, forgotten):
 @pytest.mark.parametrize("name", sorted(vars(GripConfig())))
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
 def test_grip_of_no_person_is_refused(name, value):
-    with pytest.raises(StationError, match=f"{name} is {value}"):
+    with pytest.raises(SystemsError, match=f"{name} is {value}"):
         make_hand(config=GripConfig(**{name: value}))
 
 
 def test_plant_that_is_not_finalized_is_refused():
     plant = MultibodyPlant(1e-3)
-    with pytest.raises(StationError, match=r"Finalize\(\)"):
+    with pytest.raises(SystemsError, match=r"Finalize\(\)"):
         HumanHand(plant, grip=plant.world_frame(), X_WB=X_WB, motion=MOTION, R_BE=R_BE)
 
 

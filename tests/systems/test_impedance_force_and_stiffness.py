@@ -10,23 +10,25 @@ from scipy.spatial.transform import Rotation
 from fmp_drake.systems.impedance.force_control import (
     ForceControlConfig,
     ForceState,
-    correct_press,
+    correct_normal_force,
+    engagement,
+)
+from fmp_drake.systems.impedance.poses import (
+    Pose,
+    rotation_from_quaternion,
+    rotation_from_vector,
 )
 from fmp_drake.systems.impedance.stiffness import (
     CovarianceStiffnessConfig,
+    EnergyTankConfig,
+    admit_stiffness,
     is_covariance,
-    spring_of,
+    is_spring,
+    refill,
     stiffness_from_covariance,
 )
-from fmp_drake.systems.impedance.tank import EnergyTankConfig, admit_stiffness, refill
-from fmp_drake.systems.impedance.target import (
-    TaskTarget,
-    blend,
-    carried,
-    low_pass,
-    rotation_of_quaternion,
-    rotation_of_vector,
-)
+from fmp_drake.systems.impedance.target import TaskTarget, blended, motion_in_world
+from fmp_drake.systems.impedance.values import values_of
 
 FORCE = ForceControlConfig()
 SOFT = CovarianceStiffnessConfig()
@@ -34,65 +36,73 @@ K = np.diag([30.0, 30, 3, 1500, 1500, 200])
 seeds = st.integers(0, 2**32 - 1)
 
 
-def press(measured, *, wanted=10.0, steps=1, state=None, saturated=False):
+def pushed(measured, *, wanted=10.0, steps=1, state=None, saturated=False):
     state = ForceState() if state is None else state
     for _ in range(steps):
-        result = correct_press(
-            FORCE,
-            state,
-            wanted=wanted,
-            measured=measured,
-            saturated=saturated,
-            period=0.001,
+        result = correct_normal_force(
+            values_of(FORCE), state, wanted, measured, saturated, 0.001
         )
         state = result.state
     return result
 
 
-# The press.
+# The normal force.
 
 
-def test_a_press_that_is_too_light_is_increased():
-    once, later = press(8.0), press(8.0, steps=100)
+def test_a_force_that_is_too_small_is_increased():
+    once, later = pushed(8.0), pushed(8.0, steps=100)
     assert 0 < once.correction < later.correction
     assert once.closed
 
 
 def test_the_integral_stops_at_its_limit_and_leaves_it_at_once():
-    result = press(1.0, steps=10000)
+    result = pushed(1.0, steps=10000)
     assert result.correction == FORCE.max_correction
     assert result.limited
     assert result.state.integral == FORCE.max_correction
-    assert press(12.0, state=result.state).state.integral < FORCE.max_correction
+    assert pushed(12.0, state=result.state).state.integral < FORCE.max_correction
 
 
 def test_nothing_is_integrated_while_the_torque_is_saturated():
     state = ForceState(2.0, 0.0)
-    assert press(5.0, state=state, saturated=True).state.integral == 2.0
+    assert pushed(5.0, state=state, saturated=True).state.integral == 2.0
 
 
 def test_the_correction_is_released_when_contact_is_lost():
-    held = press(8.0, steps=500)
-    lost = press(0.0, steps=500, state=held.state)
+    held = pushed(8.0, steps=500)
+    lost = pushed(0.0, steps=500, state=held.state)
     assert lost.lost
     assert not lost.closed
     assert lost.correction < 1e-3 * held.correction
 
 
 def test_nothing_is_added_before_the_first_contact():
-    result = press(0.0, steps=100)
+    result = pushed(0.0, steps=100)
     assert (result.correction, result.lost) == (0.0, True)
 
 
-def test_the_correction_is_released_when_no_press_is_wanted():
-    held = press(8.0, steps=500)
-    result = press(8.0, wanted=0.0, steps=500, state=held.state)
+def test_the_correction_is_released_when_no_force_is_wanted():
+    held = pushed(8.0, steps=500)
+    result = pushed(8.0, wanted=0.0, steps=500, state=held.state)
     assert abs(result.correction) < 1e-3
     assert not result.lost
 
 
-def test_a_press_is_never_turned_into_a_pull():
-    assert press(100.0, wanted=3.0, steps=1000).correction == -3.0
+def test_pushing_is_never_turned_into_pulling():
+    assert pushed(100.0, wanted=3.0, steps=1000).correction == -3.0
+
+
+def test_the_force_comes_in_as_a_smooth_step():
+    heights = np.linspace(-0.01, 0.02, 3001)
+    part = np.array([engagement(z, 0.01) for z in heights])
+    assert_array_equal(part[heights <= 0], 1.0)
+    assert_array_equal(part[heights >= 0.01], 0.0)
+    assert np.all(np.diff(part) <= 0)
+    assert engagement(0.005, 0.01) == pytest.approx(0.5)
+    # A cubic step: steepest in the middle, flat at both ends, no kink.
+    derivative = np.gradient(part, heights)
+    assert np.min(derivative) == pytest.approx(-150, rel=1e-3)
+    assert np.max(np.abs(np.diff(derivative))) < 2
 
 
 # Stiffness of a covariance.
@@ -103,7 +113,7 @@ def test_the_stiffness_of_any_covariance_is_bounded(seed, size):
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(3, rng.integers(1, 4)))
     config = CovarianceStiffnessConfig(axes=[True] * 3)
-    found = stiffness_from_covariance(config, size * A @ A.T, K)
+    found = stiffness_from_covariance(values_of(config), size * A @ A.T, K)
     values = np.linalg.eigvalsh(found[3:, 3:])
     assert values[0] >= config.min_stiffness * (1 - 1e-9)
     assert values[-1] <= config.max_stiffness * (1 + 1e-9)
@@ -113,11 +123,13 @@ def test_the_stiffness_of_any_covariance_is_bounded(seed, size):
 def test_it_is_stiff_where_the_demonstrations_agree():
     R = Rotation.from_rotvec([0, 0, 0.7]).as_matrix()
     covariance = R @ np.diag([1e-8, 1.0, 1.0]) @ R.T
-    found = stiffness_from_covariance(SOFT, covariance, K)
+    found = stiffness_from_covariance(values_of(SOFT), covariance, K)
     along, across = R[:, 0], R[:, 1]
     assert along @ found[3:, 3:] @ along == pytest.approx(1500, rel=1e-3)
     assert across @ found[3:, 3:] @ across == pytest.approx(300, rel=1e-2)
-    middle = stiffness_from_covariance(SOFT, SOFT.deviation**2 * np.eye(3), K)
+    middle = stiffness_from_covariance(
+        values_of(SOFT), SOFT.deviation**2 * np.eye(3), K
+    )
     assert middle[3, 3] == pytest.approx(900)
 
 
@@ -126,13 +138,13 @@ def test_between_its_bounds_it_is_proportional_to_the_precision():
         min_stiffness=1e-6, max_stiffness=1e6, deviation=1e-3, axes=[True] * 3
     )
     covariance = np.diag([0.02, 0.03, 0.05]) ** 2
-    found = stiffness_from_covariance(config, covariance, K)[3:, 3:]
+    found = stiffness_from_covariance(values_of(config), covariance, K)[3:, 3:]
     assert_allclose(found @ covariance, np.eye(3), rtol=0.01, atol=1e-9)
 
 
 def test_the_normal_keeps_its_own_stiffness_by_default():
     covariance = 1e-4 * (np.eye(3) + 0.5 * np.ones((3, 3)))
-    found = stiffness_from_covariance(SOFT, covariance, K)
+    found = stiffness_from_covariance(values_of(SOFT), covariance, K)
     assert_array_equal(found[5], K[5])
     assert_array_equal(found[:, 5], K[:, 5])
     assert found[3, 4] != 0
@@ -143,18 +155,18 @@ def test_what_is_no_covariance_or_spring_is_told():
     assert is_covariance(np.diag([1.0, 0.0, 1e-9]))
     assert not is_covariance(np.diag([1.0, -0.1, 1.0]))
     assert not is_covariance(np.eye(3) + np.eye(3, k=1))
-    assert_array_equal(spring_of(np.arange(1.0, 7)), np.diag(np.arange(1.0, 7)))
-    assert_array_equal(spring_of(K.ravel()), K)
-    assert spring_of(np.array([1.0, 1, 1, 1, 1, 0])) is None
-    assert spring_of(-K.ravel()) is None
-    assert spring_of((K + np.eye(6, k=1)).ravel()) is None
+    assert is_spring(K)
+    assert not is_spring(np.diag([1.0, 1, 1, 1, 1, 0]))
+    assert not is_spring(-K)
+    assert not is_spring(K + np.eye(6, k=1))
+    assert not is_spring(np.full((6, 6), np.nan))
 
 
 # The tank.
 
 
 def test_a_stiffer_spring_that_is_not_stretched_is_free():
-    found, energy, held = admit_stiffness(K, 2 * K, error=np.zeros(6), energy=0.0)
+    found, energy, held = admit_stiffness(K, 2 * K, np.zeros(6), 0.0)
     assert_array_equal(found, 2 * K)
     assert (energy, held) == (0.0, False)
 
@@ -165,7 +177,7 @@ def test_the_tank_pays_for_what_the_spring_gains(seed, energy):
     A = rng.normal(size=(6, 6))
     wanted = A @ A.T + np.eye(6)
     e = rng.normal(size=6)
-    found, left, held = admit_stiffness(np.eye(6), wanted, error=e, energy=energy)
+    found, left, held = admit_stiffness(np.eye(6), wanted, e, energy)
     gained = 0.5 * e @ (found - np.eye(6)) @ e
     assert 0 <= left <= energy
     assert gained <= energy - left + 1e-9
@@ -174,14 +186,14 @@ def test_the_tank_pays_for_what_the_spring_gains(seed, energy):
 
 
 def test_a_softer_spring_fills_nothing():
-    _, energy, _ = admit_stiffness(K, 0.5 * K, error=np.ones(6), energy=0.3)
+    _, energy, _ = admit_stiffness(K, 0.5 * K, np.ones(6), 0.3)
     assert energy == 0.3
 
 
 def test_the_tank_stores_a_part_of_the_dissipation_up_to_its_capacity():
-    config = EnergyTankConfig(capacity=1.0, share=0.5)
-    assert refill(config, 0.2, dissipated=0.4) == pytest.approx(0.4)
-    assert refill(config, 0.9, dissipated=0.4) == 1.0
+    config = values_of(EnergyTankConfig(capacity=1.0, stored_fraction=0.5))
+    assert refill(config, 0.2, 0.4) == pytest.approx(0.4)
+    assert refill(config, 0.9, 0.4) == 1.0
 
 
 # Targets.
@@ -190,8 +202,7 @@ def test_the_tank_stores_a_part_of_the_dissipation_up_to_its_capacity():
 def random_target(seed, scale=0.3):
     rng = np.random.default_rng(seed)
     return TaskTarget(
-        Rotation.random(random_state=rng).as_matrix(),
-        rng.normal(size=3),
+        Pose(Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3)),
         scale * rng.normal(size=6),
         scale * rng.normal(size=6),
     )
@@ -203,42 +214,32 @@ def test_a_quaternion_of_any_length_and_sign_is_a_rotation(seed, size):
     expected = Rotation.from_quat(wxyz[[1, 2, 3, 0]]).as_matrix()
     for sign in (1, -1):
         assert_allclose(
-            rotation_of_quaternion(sign * size * wxyz), expected, atol=1e-12
+            rotation_from_quaternion(sign * size * wxyz), expected, atol=1e-12
         )
 
 
 def test_a_quaternion_of_no_length_is_not_a_number():
-    assert np.isnan(rotation_of_quaternion(np.zeros(4))).any()
+    assert np.isnan(rotation_from_quaternion(np.zeros(4))).any()
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, np.pi, 4.0])
 def test_the_exponential_of_a_rotation_vector(angle):
     phi = angle * np.array([0.6, -0.8, 0.0])
     assert_allclose(
-        rotation_of_vector(phi), Rotation.from_rotvec(phi).as_matrix(), atol=1e-12
-    )
-
-
-def test_a_filter_goes_its_share_of_the_way():
-    old, new = random_target(0), random_target(1)
-    assert_allclose(low_pass(old, new, 1.0).R, new.R, atol=1e-9)
-    half = low_pass(old, new, 0.5)
-    assert_allclose(half.p, 0.5 * (old.p + new.p))
-    assert_allclose(half.V, 0.5 * (old.V + new.V))
-    turn = Rotation.from_matrix(half.R @ old.R.T).magnitude()
-    assert turn == pytest.approx(
-        0.5 * Rotation.from_matrix(new.R @ old.R.T).magnitude()
+        rotation_from_vector(phi), Rotation.from_rotvec(phi).as_matrix(), atol=1e-12
     )
 
 
 def test_a_blend_goes_from_the_pose_to_the_target():
-    pose, target = random_target(2), random_target(3)
-    start = blend(target, R_TE=pose.R, p_TE=pose.p, share=0.0, rate=0.0)
-    assert_allclose(start.R, pose.R)
-    assert_allclose(start.p, pose.p)
+    pose, target = random_target(2).X, random_target(3)
+    start = blended(target, pose, 0.0, 0.0)
+    assert_allclose(start.X.R, pose.R)
+    assert_allclose(start.X.p, pose.p)
     assert_array_equal(start.V, 0.0)
-    end = blend(target, R_TE=pose.R, p_TE=pose.p, share=1.0, rate=0.0)
-    for found, expected in zip(end, target, strict=True):
+    end = blended(target, pose, 1.0, 0.0)
+    for found, expected in zip(
+        (*end.X, *end[1:]), (*target.X, *target[1:]), strict=True
+    ):
         assert_allclose(found, expected, atol=1e-9)
 
 
@@ -259,8 +260,8 @@ def test_a_motion_in_a_moving_frame_is_that_of_its_positions():
         return frame(t) @ Rotation.from_rotvec(w_rel * t).as_matrix()
 
     h = 1e-4
-    found = carried(
-        TaskTarget(np.eye(3), p0, np.r_[w_rel, v], np.r_[np.zeros(3), a]),
+    found = motion_in_world(
+        TaskTarget(Pose(np.eye(3), p0), np.r_[w_rel, v], np.r_[np.zeros(3), a]),
         np.r_[w, u],
         np.r_[alpha, g],
     )

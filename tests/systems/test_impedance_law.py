@@ -9,33 +9,30 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import ControllerError
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.error import rotation_vector, shorten, task_error
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
-from fmp_drake.systems.impedance.gains import ImpedanceGains
 from fmp_drake.systems.impedance.law import (
     ArmDynamics,
-    damping_modes,
     impedance_law,
-    task_inertia,
+    mobility,
     task_modes,
 )
-from fmp_drake.systems.impedance.limits import rate_scale, torque_scale
-from fmp_drake.systems.impedance.spring import spring_wrench
-from fmp_drake.systems.impedance.stiffness import CovarianceStiffnessConfig
-from fmp_drake.systems.impedance.tank import EnergyTankConfig
-from fmp_drake.systems.impedance.walls import JointWallConfig
-from fmp_drake.systems.impedance.watchdog import WatchdogConfig
+from fmp_drake.systems.impedance.limits import (
+    JointWallConfig,
+    rate_scale,
+    torque_scale,
+)
+from fmp_drake.systems.impedance.poses import Pose, rotation_vector
+from fmp_drake.systems.impedance.spring import shortened, spring_wrench, task_error
+from fmp_drake.systems.impedance.stiffness import (
+    CovarianceStiffnessConfig,
+    EnergyTankConfig,
+)
+from fmp_drake.systems.impedance.supervision import WatchdogConfig
+from fmp_drake.systems.impedance.values import values_of
 
 seeds = st.integers(min_value=0, max_value=2**32 - 1)
-unlimited = {
-    "max_rotation_error": 10.0,
-    "max_translation_error": 10.0,
-    "max_posture_error": 100.0,
-    "max_effective_mass": 1e12,
-    "characteristic_length": 0.25,
-}
 
 
 def random_spd(rng: np.random.Generator, size: int) -> np.ndarray:
@@ -43,14 +40,20 @@ def random_spd(rng: np.random.Generator, size: int) -> np.ndarray:
     return A @ A.T + 0.1 * np.eye(size)
 
 
-def random_gains(rng: np.random.Generator) -> ImpedanceGains:
-    return ImpedanceGains(
-        stiffness=100 * random_spd(rng, 6),
+def random_config(rng: np.random.Generator) -> ImpedanceConfig:
+    return ImpedanceConfig(
         damping_ratio=rng.uniform(0.2, 1.5),
         posture_frequency=rng.uniform(0, 10),
         posture_damping_ratio=rng.uniform(0.2, 1.5),
-        **unlimited,
+        max_rotation_error=10.0,
+        max_translation_error=10.0,
+        max_posture_error=100.0,
+        max_effective_mass=1e12,
     )
+
+
+def random_stiffness(rng: np.random.Generator) -> np.ndarray:
+    return 100 * random_spd(rng, 6)
 
 
 def random_arm(rng: np.random.Generator, n: int) -> ArmDynamics:
@@ -63,14 +66,13 @@ def random_arm(rng: np.random.Generator, n: int) -> ArmDynamics:
     )
 
 
-def dense_torque(gains, arm, e, V_d, A_d, F, posture_error):
+def dense_torque(config, arm, K, e, V_d, A_d, F, posture_error):
     """The law as printed, with inverses and the generalized eigenproblem."""
     v, M, Cv, J, Jdot_v = arm
     Lambda = np.linalg.inv(J @ np.linalg.inv(M) @ J.T)
-    K = gains.stiffness
     squared, Q = eigh(K, Lambda)  # Qᵀ Λ Q = I, Qᵀ K Q = diag(ω²)
     Q_inv = np.linalg.inv(Q)
-    D = Q_inv.T @ np.diag(2 * gains.damping_ratio * np.sqrt(squared)) @ Q_inv
+    D = Q_inv.T @ np.diag(2 * config.damping_ratio * np.sqrt(squared)) @ Q_inv
     spring = K @ e
     theta = np.linalg.norm(e[:3])
     x, y, z = e[:3]
@@ -81,49 +83,44 @@ def dense_torque(gains, arm, e, V_d, A_d, F, posture_error):
         + (theta - np.sin(theta)) / theta**3 * hat @ hat
     )
     spring[:3] = np.linalg.inv(left) @ spring[:3]
-    omega = gains.posture_frequency
+    omega = config.posture_frequency
     tau_posture = M @ (
-        omega**2 * posture_error - 2 * gains.posture_damping_ratio * omega * v
+        omega**2 * posture_error - 2 * config.posture_damping_ratio * omega * v
     )
     N_T = np.eye(v.size) - J.T @ Lambda @ J @ np.linalg.inv(M)
     wrench = Lambda @ (A_d - Jdot_v) + spring + D @ (V_d - J @ v) + F
     return J.T @ wrench + Cv + N_T @ tau_posture
 
 
-@given(seeds, st.sampled_from([6, 7, 9]))
-def test_the_torque_equals_a_dense_transcription_of_the_law(seed, n):
+@pytest.mark.parametrize("law", [impedance_law, impedance_law.py_func])
+@given(seed=seeds, n=st.sampled_from([6, 7, 9]))
+def test_the_torque_equals_a_dense_transcription_of_the_law(law, seed, n):
     rng = np.random.default_rng(seed)
-    gains, arm = random_gains(rng), random_arm(rng, n)
+    config, K, arm = random_config(rng), random_stiffness(rng), random_arm(rng, n)
     e, V_d, A_d, F = 0.5 * rng.normal(size=(4, 6))
     posture_error = rng.normal(size=n)
-    torque = impedance_law(
-        gains,
-        arm,
-        error=e,
-        desired_twist=V_d,
-        desired_acceleration=A_d,
-        feedforward_wrench=F,
-        posture_error=posture_error,
-    ).torque
-    expected = dense_torque(gains, arm, e, V_d, A_d, F, posture_error)
+    torque = law(values_of(config), arm, K, e, V_d, A_d, F, posture_error).torque
+    expected = dense_torque(config, arm, K, e, V_d, A_d, F, posture_error)
     scale = np.abs(expected).max() + 1
     np.testing.assert_allclose(torque / scale, expected / scale, atol=1e-7)
 
 
 def test_inputs_are_left_as_they_were():
     rng = np.random.default_rng(1)
-    gains, arm = random_gains(rng), random_arm(rng, 7)
-    vectors = dict(
-        zip(
-            ("error", "desired_twist", "desired_acceleration", "feedforward_wrench"),
-            rng.normal(size=(4, 6)),
-            strict=True,
-        ),
-        posture_error=rng.normal(size=7),
-    )
-    for array in (*arm, *vectors.values()):
-        array.setflags(write=False)
-    impedance_law(gains, arm, **vectors)
+    arm, K = random_arm(rng, 7), random_stiffness(rng)
+    arguments = [K, *rng.normal(size=(4, 6)), rng.normal(size=7)]
+    before = [array.copy() for array in (*arm, *arguments)]
+    impedance_law(values_of(random_config(rng)), arm, *arguments)
+    for array, old in zip((*arm, *arguments), before, strict=True):
+        np.testing.assert_array_equal(array, old)
+
+
+def test_a_mass_matrix_that_is_none_gives_no_torque():
+    rng = np.random.default_rng(1)
+    arm = random_arm(rng, 7)._replace(M=-np.eye(7))
+    arguments = [random_stiffness(rng), *np.zeros((4, 6)), np.zeros(7)]
+    law = impedance_law(values_of(ImpedanceConfig()), arm, *arguments)
+    assert np.isnan(law.torque).all()
 
 
 @given(seeds, st.floats(min_value=0, max_value=np.pi))
@@ -144,115 +141,96 @@ def test_the_rotation_vector_is_accurate_at_its_ends(angle, axis):
     np.testing.assert_allclose(sign * found, angle * axis, rtol=1e-9, atol=1e-15)
 
 
-def test_the_error_is_what_turns_and_moves_the_measured_pose_to_the_desired():
+def test_the_error_is_what_rotates_and_moves_the_measured_pose_to_the_desired():
     rng = np.random.default_rng(2)
     R, R_d = Rotation.random(2, random_state=rng).as_matrix()
     p, p_d = rng.normal(size=(2, 3))
-    e = task_error(R_TE=R, p_TE=p, R_TE_desired=R_d, p_TE_desired=p_d)
-    turned = Rotation.from_rotvec(e[:3]).as_matrix() @ R
-    np.testing.assert_allclose(turned, R_d, atol=1e-12)
+    e = task_error(Pose(R, p), Pose(R_d, p_d))
+    rotated = Rotation.from_rotvec(e[:3]).as_matrix() @ R
+    np.testing.assert_allclose(rotated, R_d, atol=1e-12)
     np.testing.assert_allclose(p + e[3:], p_d)
+
+
+def unclipped(K, error):
+    return spring_wrench(K, error, 10.0, 10.0)[0]
 
 
 @given(seeds, st.floats(min_value=1e-6, max_value=3.1))
 def test_the_spring_gives_back_its_energy(seed, angle):
     """Power on E is the loss of ½ eᵀ K e, for any twist and any error."""
     rng = np.random.default_rng(seed)
-    gains = random_gains(rng)
+    K = random_stiffness(rng)
     axis = rng.normal(size=3)
     R = Rotation.random(random_state=rng).as_matrix()
-    turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
+    rotation = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
     p, p_d, twist_w, twist_v = rng.normal(size=(4, 3))
 
     def error(t):
         return task_error(
-            R_TE=Rotation.from_rotvec(t * twist_w).as_matrix() @ R,
-            p_TE=p + t * twist_v,
-            R_TE_desired=turn @ R,
-            p_TE_desired=p_d,
+            Pose(Rotation.from_rotvec(t * twist_w).as_matrix() @ R, p + t * twist_v),
+            Pose(rotation @ R, p_d),
         )
 
     def energy(t):
-        return 0.5 * error(t) @ gains.stiffness @ error(t)
+        return 0.5 * error(t) @ K @ error(t)
 
     h = 1e-6
     loss = (energy(-h) - energy(h)) / (2 * h)
-    power = spring_wrench(gains, error(0.0))[0] @ np.r_[twist_w, twist_v]
+    power = unclipped(K, error(0.0)) @ np.r_[twist_w, twist_v]
     assert power == pytest.approx(loss, rel=1e-4, abs=1e-3)
 
 
 def test_a_small_displacement_feels_exactly_the_stiffness():
-    gains = random_gains(np.random.default_rng(3))
+    K = random_stiffness(np.random.default_rng(3))
     e = 1e-7 * np.arange(1, 7)
-    np.testing.assert_allclose(
-        spring_wrench(gains, e)[0], gains.stiffness @ e, rtol=1e-6, atol=1e-9
-    )
+    np.testing.assert_allclose(unclipped(K, e), K @ e, rtol=1e-6, atol=1e-9)
 
 
 def test_the_rotational_spring_is_at_full_strength_at_the_antipode():
-    gains = ImpedanceConfig(max_rotation_error=4.0).gains()
+    K = ImpedanceConfig().stiffness()
     for axis in np.eye(3):
-        torque = spring_wrench(gains, np.r_[np.pi * axis, 0, 0, 0])[0][:3]
-        k = axis @ gains.stiffness[:3, :3] @ axis
+        torque = unclipped(K, np.r_[np.pi * axis, 0, 0, 0])[:3]
+        k = axis @ K[:3, :3] @ axis
         np.testing.assert_allclose(torque, np.pi * k * axis, atol=1e-12)
 
 
 def test_a_large_error_is_shortened_in_its_direction():
-    gains = ImpedanceConfig(
-        translational_stiffness=[100.0, 100.0, 100.0], max_translation_error=0.1
-    ).gains()
-    wrench, clipped = spring_wrench(gains, np.array([0, 0, 0, 3.0, 0, -4.0]))
-    force = wrench[3:]
+    K = 100 * np.eye(6)
+    wrench, clipped = spring_wrench(K, np.array([0, 0, 0, 3.0, 0, -4.0]), 0.5, 0.1)
     assert clipped
-    np.testing.assert_allclose(force, [6.0, 0.0, -8.0])
-    np.testing.assert_array_equal(shorten(np.array([0.3, 0.4]), 0.6), [0.3, 0.4])
+    np.testing.assert_allclose(wrench[3:], [6.0, 0.0, -8.0])
+    np.testing.assert_array_equal(shortened(np.array([0.3, 0.4]), 0.6), [0.3, 0.4])
+
+
+def modes_of(M, J, K, max_effective_mass=1e12, characteristic_length=0.3):
+    return task_modes(mobility(M, J), K, max_effective_mass, characteristic_length)
 
 
 @given(seeds)
 def test_double_diagonalization_reproduces_inertia_and_stiffness(seed):
     rng = np.random.default_rng(seed)
     M, J, K = random_spd(rng, 7), rng.normal(size=(6, 7)), random_spd(rng, 6)
-    inertia = task_inertia(M=M, J=J, max_effective_mass=1e12, characteristic_length=0.3)
-    B, d = damping_modes(inertia=inertia, stiffness=K, damping_ratio=0.7)
-    mobility = J @ np.linalg.solve(M, J.T)
-    np.testing.assert_allclose(B @ B.T @ mobility, np.eye(6), atol=1e-6)
-    np.testing.assert_allclose(B * (d / 1.4) ** 2 @ B.T, K, atol=1e-6 * np.abs(K).max())
-    np.testing.assert_allclose(inertia.W @ inertia.H, np.eye(6), atol=1e-9)
-
-
-@given(seeds, st.sampled_from([0.0, 1e12]))
-def test_both_ways_to_the_modes_are_the_same(seed, max_effective_mass):
-    rng = np.random.default_rng(seed)
-    M, J, K = random_spd(rng, 7), rng.normal(size=(6, 7)), random_spd(rng, 6)
-    gains = replace(random_gains(rng), max_effective_mass=max_effective_mass + 1e3)
-    B, d, bounded = task_modes(gains, M=M, J=J, stiffness=K)
-    inertia = task_inertia(
-        M=M,
-        J=J,
-        max_effective_mass=gains.max_effective_mass,
-        characteristic_length=gains.characteristic_length,
-    )
-    expected, rates = damping_modes(
-        inertia=inertia, stiffness=K, damping_ratio=gains.damping_ratio
-    )
-    assert bounded == inertia.bounded
-    for found, known in (
-        (B @ B.T, expected @ expected.T),
-        (B * d @ B.T, expected * rates @ expected.T),
-    ):
-        np.testing.assert_allclose(found, known, atol=1e-6 * np.abs(known).max())
+    B, omega, bounded = modes_of(M, J, K)
+    inverse_inertia = J @ np.linalg.solve(M, J.T)
+    np.testing.assert_allclose(mobility(M, J), inverse_inertia, atol=1e-7)
+    np.testing.assert_allclose(B @ B.T @ inverse_inertia, np.eye(6), atol=1e-6)
+    np.testing.assert_allclose(B * omega**2 @ B.T, K, atol=1e-6 * np.abs(K).max())
+    assert not bounded
 
 
 @given(seeds, st.floats(min_value=0.1, max_value=0.95))
 def test_every_mode_has_the_chosen_damping_ratio(seed, damping_ratio):
     rng = np.random.default_rng(seed)
     M, J, K = random_spd(rng, 7), rng.normal(size=(6, 7)), random_spd(rng, 6)
-    inertia = task_inertia(M=M, J=J, max_effective_mass=1e12, characteristic_length=0.3)
-    B, d = damping_modes(inertia=inertia, stiffness=K, damping_ratio=damping_ratio)
-    mobility = J @ np.linalg.solve(M, J.T)
+    B, omega, _ = modes_of(M, J, K)
+    D = B * (2 * damping_ratio * omega) @ B.T
+    inverse_inertia = J @ np.linalg.solve(M, J.T)
     poles = np.linalg.eigvals(
         np.block(
-            [[np.zeros((6, 6)), np.eye(6)], [-mobility @ K, -mobility @ (B * d @ B.T)]]
+            [
+                [np.zeros((6, 6)), np.eye(6)],
+                [-inverse_inertia @ K, -inverse_inertia @ D],
+            ]
         )
     )
     np.testing.assert_allclose(-poles.real / np.abs(poles), damping_ratio, atol=1e-5)
@@ -260,32 +238,29 @@ def test_every_mode_has_the_chosen_damping_ratio(seed, damping_ratio):
 
 @settings(max_examples=30)
 @given(seeds, st.integers(min_value=0, max_value=6))
-def test_the_inertia_is_bounded_at_a_singularity(seed, rank):
+def test_the_inertia_is_bounded_near_a_singularity(seed, rank):
+    """And only as far as it must be: other directions keep theirs."""
     rng = np.random.default_rng(seed)
     J = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, 7))
-    length = 0.5
-    W, H, bounded = task_inertia(
-        M=random_spd(rng, 7), J=J, max_effective_mass=50.0, characteristic_length=length
-    )
-    scale = np.diag([1 / length] * 3 + [1.0] * 3)
-    assert np.linalg.eigvalsh(scale @ W.T @ W @ scale)[-1] <= 50 * (1 + 1e-9)
-    assert bounded
-    np.testing.assert_allclose(W @ H, np.eye(6), atol=1e-9)
+    M, K, length = random_spd(rng, 7), random_spd(rng, 6), 0.5
+    B, omega, bounded = modes_of(M, J, K, 50.0, length)
+    scale = np.diag([length] * 3 + [1.0] * 3)
+    values, U = np.linalg.eigh(scale @ J @ np.linalg.solve(M, J.T) @ scale)
+    inertia = U / np.maximum(values, 1 / 50) @ U.T
+    assert bounded == (values[0] < 1 / 50)
+    found = B @ B.T
+    np.testing.assert_allclose(scale @ inertia @ scale, found, atol=1e-6)
+    np.testing.assert_allclose(B * omega**2 @ B.T, K, atol=1e-6 * np.abs(K).max())
 
 
 def test_the_posture_does_not_accelerate_the_end_effector():
     rng = np.random.default_rng(4)
-    gains, arm = random_gains(rng), random_arm(rng, 7)
-    rest = {
-        "error": np.zeros(6),
-        "desired_twist": np.zeros(6),
-        "desired_acceleration": np.zeros(6),
-        "feedforward_wrench": np.zeros(6),
-    }
-    with_posture = impedance_law(gains, arm, posture_error=np.ones(7), **rest).torque
-    without = impedance_law(
-        replace(gains, posture_frequency=0.0), arm, posture_error=np.ones(7), **rest
-    ).torque
+    config, K, arm = random_config(rng), random_stiffness(rng), random_arm(rng, 7)
+    still = np.zeros((4, 6))
+    with_posture, without = (
+        impedance_law(values_of(c), arm, K, *still, np.ones(7)).torque
+        for c in (config, replace(config, posture_frequency=0.0))
+    )
     difference = with_posture - without
     assert np.linalg.norm(difference) > 1
     leak = arm.J @ np.linalg.solve(arm.M, difference)
@@ -297,7 +272,7 @@ def test_limits_keep_the_direction_of_the_torque(seed, size):
     rng = np.random.default_rng(seed)
     torque = size * rng.normal(size=7)
     lower, upper = -rng.uniform(0.5, 2, 7), rng.uniform(0.5, 2, 7)
-    limited = torque_scale(torque, lower=lower, upper=upper) * torque
+    limited = torque_scale(torque, lower, upper) * torque
     factor = limited[0] / torque[0]
     assert 0 < factor <= 1
     np.testing.assert_allclose(limited, factor * torque)
@@ -308,8 +283,8 @@ def test_limits_keep_the_direction_of_the_torque(seed, size):
 
 def test_infinite_limits_do_not_limit():
     torque = np.array([1e6, -1e6])
-    none = {"lower": np.full(2, -np.inf), "upper": np.full(2, np.inf)}
-    limited = torque_scale(torque, **none) * torque
+    none = np.full(2, -np.inf), np.full(2, np.inf)
+    limited = torque_scale(torque, *none) * torque
     np.testing.assert_array_equal(limited, torque)
 
 
@@ -318,35 +293,11 @@ def test_the_rate_limit_keeps_the_direction_of_the_change(seed, size):
     rng = np.random.default_rng(seed)
     previous = rng.normal(size=7)
     change = size * rng.normal(size=7)
-    limited = previous + rate_scale(change, max_change=1.0) * change
+    limited = previous + rate_scale(change, 1.0) * change
     factor = (limited - previous)[0] / change[0]
     assert 0 < factor <= 1 + 1e-9
     np.testing.assert_allclose(limited - previous, factor * change, atol=1e-12)
     assert np.abs(limited - previous).max() <= 1 + 1e-12
-
-
-@pytest.mark.parametrize(
-    ("stiffness", "message"),
-    [
-        (np.eye(3), r"shape \(6, 6\), got shape \(3, 3\)"),
-        (np.diag([1, 1, 1, 1, 1, np.nan]), "finite"),
-        (np.diag([1.0, 1, 1, 1, 1, -2]), "smallest eigenvalue -2"),
-        (np.eye(6) + np.eye(6, k=1), "asymmetry 1"),
-    ],
-)
-def test_a_stiffness_that_is_no_spring_is_refused(stiffness, message):
-    gains = ImpedanceConfig().gains()
-    with pytest.raises(StationError, match=message):
-        replace(gains, stiffness=stiffness)
-
-
-def test_gains_keep_a_read_only_copy_of_the_stiffness():
-    K = np.eye(6)
-    gains = replace(ImpedanceConfig().gains(), stiffness=K)
-    K[0, 0] = 2
-    assert gains.stiffness[0, 0] == 1
-    with pytest.raises(ValueError, match="read-only"):
-        gains.stiffness[0, 0] = 3
 
 
 def test_the_default_orientation_points_the_tool_into_the_board():
@@ -356,18 +307,10 @@ def test_the_default_orientation_points_the_tool_into_the_board():
 
 
 def test_the_config_puts_rotations_first():
-    K = ImpedanceConfig(
+    config = ImpedanceConfig(
         rotational_stiffness=[1.0, 2.0, 3.0], translational_stiffness=[4.0, 5.0, 6.0]
-    ).gains()
-    np.testing.assert_array_equal(K.stiffness, np.diag([1, 2, 3, 4, 5, 6]))
-
-
-def test_stiffness_axes_turn_the_stiffness():
-    config = ImpedanceConfig(stiffness_axes=[0.3, -0.2, 0.5])
-    K = config.gains().stiffness
-    assert abs(K[3, 4]) > 10
-    np.testing.assert_allclose(np.linalg.eigvalsh(K[3:, 3:]), [200, 1500, 1500])
-    np.testing.assert_allclose(np.linalg.eigvalsh(K[:3, :3]), [3, 30, 30])
+    )
+    np.testing.assert_array_equal(config.stiffness(), np.diag([1, 2, 3, 4, 5, 6]))
 
 
 def test_nested_settings_load_from_yaml():
@@ -418,15 +361,18 @@ def test_yaml_overrides_single_values():
         ({"max_effective_mass": 0.0}, "max_effective_mass"),
         ({"characteristic_length": 0.0}, "characteristic_length"),
         ({"control_period": 0.0}, "control_period"),
-        ({"model_period": 0.0}, "model_period .* greater than 0, got 0.0"),
-        ({"target_time_constant": -0.1}, "target_time_constant .* at least 0"),
         ({"stiffness_time_constant": math.nan}, "stiffness_time_constant"),
-        ({"stiffness_axes": [0.0]}, "stiffness_axes must be 3"),
         ({"walls": JointWallConfig(width=0.0)}, r"walls\.width .* greater than 0"),
-        ({"walls": JointWallConfig(speed_share=1.1)}, "speed_share must be at most 1"),
+        (
+            {"walls": JointWallConfig(speed_fraction=1.1)},
+            "speed_fraction must be at most 1",
+        ),
         ({"watchdog": WatchdogConfig(max_age=-1.0)}, r"watchdog\.max_age"),
         ({"tank": EnergyTankConfig(initial_energy=2.0)}, "initial_energy must be"),
-        ({"tank": EnergyTankConfig(share=1.1)}, "tank.share .* at most 1"),
+        (
+            {"tank": EnergyTankConfig(stored_fraction=1.1)},
+            "tank.stored_fraction .* at most 1",
+        ),
         (
             {"force_control": ForceControlConfig(release_time=0.0)},
             r"force_control\.release_time",
@@ -443,7 +389,7 @@ def test_yaml_overrides_single_values():
 )
 def test_a_config_that_cannot_be_used_says_what_is_allowed(values, message):
     config = ImpedanceConfig(**values)
-    with pytest.raises(StationError, match=message):
-        config.gains()
-    with pytest.raises(StationError, match=message):
+    with pytest.raises(ControllerError, match=message):
+        config.stiffness()
+    with pytest.raises(ControllerError, match=message):
         config.desired_rotation()

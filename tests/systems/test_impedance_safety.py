@@ -7,43 +7,63 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.systems.impedance.error import continued, task_error
 from fmp_drake.systems.impedance.force_control import ForceState
-from fmp_drake.systems.impedance.memory import MEMORY_SIZE, ImpedanceMemory
+from fmp_drake.systems.impedance.limits import (
+    JointLimits,
+    JointWallConfig,
+    wall_torque,
+)
+from fmp_drake.systems.impedance.memory import (
+    MEMORY_SIZE,
+    ImpedanceMemory,
+    decode,
+    encode,
+)
+from fmp_drake.systems.impedance.poses import Pose
+from fmp_drake.systems.impedance.spring import task_error, unwrapped
 from fmp_drake.systems.impedance.status import (
     STATUS_SIZE,
     ImpedanceStatus,
     StatusFlag,
 )
-from fmp_drake.systems.impedance.walls import (
-    JointLimits,
-    JointWallConfig,
-    wall_torque,
-)
-from fmp_drake.systems.impedance.watchdog import (
+from fmp_drake.systems.impedance.supervision import (
+    LOST,
+    RECOVERING,
+    STOPPED,
+    TRACKING,
+    LastTarget,
     WatchdogConfig,
-    WatchdogMode,
     WatchdogState,
+    target_faults,
+    target_fraction,
     watch,
 )
+from fmp_drake.systems.impedance.values import values_of
 
 WATCHDOG = WatchdogConfig()
 WALLS = JointWallConfig()
-ONE_JOINT = JointLimits.between(
-    np.array([-1.0]), np.array([2.0]), speed=np.array([2.0]), effort=np.array([10.0])
-)
+
+
+def one_joint(lower, upper, *, speed, effort):
+    """The limits of an arm of one joint."""
+    effort = np.array([effort])
+    return JointLimits.between(
+        np.array([lower]),
+        np.array([upper]),
+        speed=np.array([speed]),
+        lower_effort=-effort,
+        upper_effort=effort,
+    )
+
+
+ONE_JOINT = one_joint(-1.0, 2.0, speed=2.0, effort=10.0)
 
 
 def walk(state, faults, *, distance=0.0, angle=0.0):
     states = []
     for fault in faults:
         state = watch(
-            WATCHDOG,
-            state,
-            fault=fault,
-            distance=distance,
-            angle=angle,
-            period=0.001,
+            values_of(WATCHDOG), state, fault, float(distance), float(angle), 0.001
         )
         states.append(state)
     return states
@@ -56,42 +76,42 @@ def test_a_good_target_is_tracked():
     assert walk(WatchdogState(), [False] * 10)[-1] == WatchdogState()
 
 
-def test_a_fault_holds_at_once_and_as_long_as_it_lasts():
+def test_a_fault_stops_at_once_and_as_long_as_it_lasts():
     states = walk(WatchdogState(), [True] * 500)
-    assert {state.mode for state in states} == {WatchdogMode.HOLD}
-    assert states[-1].blend() == (0.0, 0.0)
+    assert {state.mode for state in states} == {STOPPED}
+    assert target_fraction(states[-1]) == (0.0, 0.0)
 
 
-def test_a_hold_ends_when_the_target_was_good_for_the_settle_time():
+def test_a_stop_ends_when_the_target_was_good_for_the_settle_time():
     held = walk(WatchdogState(), [True])[-1]
     modes = [state.mode for state in walk(held, [False] * 1000)]
-    waited = modes.index(WatchdogMode.RECOVER)
+    waited = modes.index(RECOVERING)
     assert waited == pytest.approx(1000 * WATCHDOG.settle_time, abs=2)
-    assert modes[-1] == WatchdogMode.TRACK
+    assert modes[-1] == TRACKING
 
 
-def test_a_fault_while_recovering_holds_again():
+def test_a_fault_while_recovering_stops_again():
     held = walk(WatchdogState(), [True])[-1]
     recovering = walk(held, [False] * 250)[-1]
-    assert recovering.mode == WatchdogMode.RECOVER
-    assert walk(recovering, [True])[-1].mode == WatchdogMode.HOLD
+    assert recovering.mode == RECOVERING
+    assert walk(recovering, [True])[-1].mode == STOPPED
 
 
 @pytest.mark.parametrize(("distance", "angle"), [(0.5, 0.0), (0.1, 2.0), (0.0, 0.0)])
 def test_a_recovery_keeps_to_its_speeds_and_is_smooth(distance, angle):
     held = walk(WatchdogState(), [True])[-1]
     states = walk(held, [False] * 6000, distance=distance, angle=angle)
-    share, rate = np.array([state.blend() for state in states]).T
-    assert np.all(np.diff(share) >= 0)
-    assert share[-1] == 1
+    fraction, rate = np.array([target_fraction(state) for state in states]).T
+    assert np.all(np.diff(fraction) >= 0)
+    assert fraction[-1] == 1
     assert rate.max() * distance <= WATCHDOG.recovery_speed * 1.001
-    assert rate.max() * angle <= WATCHDOG.recovery_turn_rate * 1.001
-    assert_allclose(np.gradient(share, 0.001)[:-2], rate[:-2], atol=0.05)
+    assert rate.max() * angle <= WATCHDOG.recovery_angular_speed * 1.001
+    assert_allclose(np.gradient(fraction, 0.001)[:-2], rate[:-2], atol=0.05)
 
 
-def test_a_lost_state_becomes_a_hold():
-    lost = WatchdogState(WatchdogMode.LOST)
-    assert walk(lost, [False])[-1].mode == WatchdogMode.HOLD
+def test_after_a_lost_state_comes_a_stop():
+    lost = WatchdogState(LOST, 0.0, 0.0)
+    assert walk(lost, [False])[-1].mode == STOPPED
 
 
 # The walls.
@@ -100,12 +120,16 @@ def test_a_lost_state_becomes_a_hold():
 def wall(q, v, limits=ONE_JOINT):
     n = len(limits.middle)
     return wall_torque(
-        WALLS, limits, q=np.full(n, q), v=np.full(n, v), inertia=np.full(n, 0.5)
+        values_of(WALLS), limits, np.full(n, q), np.full(n, v), np.full(n, 0.5)
     )
 
 
+def pushes(found):
+    return found.at_wall or found.too_fast or bool(found.torque.any())
+
+
 def test_there_is_no_wall_in_the_middle():
-    assert wall(0.5, 1.0) is None
+    assert not pushes(wall(0.5, 1.0))
 
 
 @pytest.mark.parametrize(("q", "sign"), [(1.95, -1), (-0.95, 1), (3.0, -1), (-2.0, 1)])
@@ -117,23 +141,18 @@ def test_a_wall_pushes_back_with_the_effort_of_the_joint(q, sign):
 
 @given(st.floats(-1.0, 2.0), st.floats(-4.0, 4.0))
 def test_a_wall_takes_energy_but_for_its_spring(q, v):
-    found = wall(q, v)
-    if found is None:
-        return
-    spring = wall(q, 0.0)
-    still = 0.0 if spring is None else spring.torque[0]
-    assert (found.torque[0] - still) * v <= 1e-12
+    assert (wall(q, v).torque[0] - wall(q, 0.0).torque[0]) * v <= 1e-12
 
 
 def test_the_spring_of_a_wall_grows_towards_the_limit():
     q = np.linspace(1.9, 2.05, 100)
-    torque = np.array([0.0 if (w := wall(x, 0.0)) is None else w.torque[0] for x in q])
+    torque = np.array([wall(x, 0.0).torque[0] for x in q])
     assert np.all(np.diff(torque) <= 0)
     assert torque[-1] == pytest.approx(-20.0)
 
 
 def test_a_joint_is_braked_before_the_wall_the_faster_it_is():
-    assert wall(1.7, 0.5) is None
+    assert not pushes(wall(1.7, 0.5))
     found = wall(1.7, 1.5)
     assert found.too_fast
     assert not found.at_wall
@@ -148,23 +167,12 @@ def test_a_joint_too_fast_for_the_model_is_braked_anywhere(v):
 
 
 def test_a_joint_without_limits_has_no_wall():
-    free = JointLimits.between(
-        np.array([-np.inf]),
-        np.array([np.inf]),
-        speed=np.array([np.inf]),
-        effort=np.array([np.inf]),
-    )
-    with np.errstate(invalid="raise"):
-        assert wall(100.0, 50.0, free) is None
+    free = one_joint(-np.inf, np.inf, speed=np.inf, effort=np.inf)
+    assert not pushes(wall(100.0, 50.0, free))
 
 
 def test_a_joint_without_an_effort_limit_still_has_a_wall():
-    limits = JointLimits.between(
-        np.array([-1.0]),
-        np.array([1.0]),
-        speed=np.array([np.inf]),
-        effort=np.array([np.inf]),
-    )
+    limits = one_joint(-1.0, 1.0, speed=np.inf, effort=np.inf)
     found = wall(1.0, 0.0, limits)
     assert np.isfinite(found.torque).all()
     assert found.torque[0] < -100
@@ -177,13 +185,9 @@ def test_an_error_goes_through_180_degrees_without_a_jump():
     axis = np.array([0.6, 0.0, 0.8])
     previous, seen = np.zeros(3), []
     for angle in np.radians(np.arange(0, 260)):
-        error = task_error(
-            R_TE=np.eye(3),
-            p_TE=np.zeros(3),
-            R_TE_desired=Rotation.from_rotvec(angle * axis).as_matrix(),
-            p_TE_desired=np.ones(3),
-        )
-        error = continued(error, previous)
+        desired = Pose(Rotation.from_rotvec(angle * axis).as_matrix(), np.ones(3))
+        error = task_error(Pose(np.eye(3), np.zeros(3)), desired)
+        error = unwrapped(error, previous)
         assert_array_equal(error[3:], 1.0)
         previous = error[:3]
         seen.append(previous)
@@ -195,15 +199,15 @@ def test_an_error_goes_through_180_degrees_without_a_jump():
 def test_an_error_of_more_than_270_degrees_goes_the_short_way():
     previous = np.radians([269.9, 0, 0])
     error = np.array([*np.radians([-89.8, 0, 0]), 0, 0, 0])
-    assert_array_equal(continued(error, previous), error)
+    assert_array_equal(unwrapped(error, previous), error)
 
 
 @given(st.integers(0, 1000))
-def test_a_continued_error_is_the_same_rotation(seed):
+def test_an_unwrapped_error_is_the_same_rotation(seed):
     rng = np.random.default_rng(seed)
     phi = rng.normal(size=3)
     phi *= rng.uniform(0, np.pi) / np.linalg.norm(phi)
-    found = continued(np.r_[phi, 0, 0, 0], 3 * rng.normal(size=3))[:3]
+    found = unwrapped(np.r_[phi, 0, 0, 0], 3 * rng.normal(size=3))[:3]
     assert_allclose(
         Rotation.from_rotvec(found).as_matrix(),
         Rotation.from_rotvec(phi).as_matrix(),
@@ -218,27 +222,67 @@ def test_a_continued_error_is_the_same_rotation(seed):
 def test_the_memory_survives_its_vector(used):
     rng = np.random.default_rng(0)
     memory = ImpedanceMemory(
-        watchdog=WatchdogState(2, 0.3, 1.5),
+        watchdog=WatchdogState(2, 0.3, 1.1),
         force=ForceState(1.5, 0.02),
         tank_energy=0.7,
-        frozen_time=0.05,
         saturated=used,
-        last=rng.normal(size=12) if used else None,
-        hold=rng.normal(size=12),
-        filtered=rng.normal(size=24) if used else None,
-        stiffness=rng.normal(size=36),
+        target=LastTarget(used, 0.05, random_pose(rng)),
+        held=random_pose(rng),
+        stiffness=rng.normal(size=(6, 6)),
         rotation_error=rng.normal(size=3),
     )
-    vector = memory.to_vector()
+    vector = encode(memory)
     assert vector.shape == (MEMORY_SIZE,)
-    again = ImpedanceMemory.from_vector(vector)
-    for name in ImpedanceMemory.__slots__:
-        assert_array_equal(getattr(again, name), getattr(memory, name), err_msg=name)
+    assert_array_equal(encode(decode(vector)), vector)
+    for found, kept in zip(decode(vector), memory, strict=True):
+        if isinstance(kept, float | bool | np.ndarray):
+            assert_array_equal(found, kept)
+    assert decode(vector).watchdog == memory.watchdog
+    assert decode(vector).force == memory.force
+
+
+def random_pose(rng):
+    return Pose(rng.normal(size=(3, 3)), rng.normal(size=3))
+
+
+# The target.
+
+
+def faults(p, *, R=None, last=None, speed=0.0, age=np.nan):
+    last = LastTarget(True, 0.0, Pose(np.eye(3), np.zeros(3))) if last is None else last
+    target = Pose(np.eye(3) if R is None else R, np.array(p))
+    return target_faults(values_of(WATCHDOG), last, target, speed, age, 0.001)
+
+
+def test_the_first_target_may_be_anywhere():
+    nowhere = LastTarget(False, 0.0, Pose(np.eye(3), np.zeros(3)))
+    flags, last = faults([9.0, 9.0, 9.0], last=nowhere)
+    assert flags == 0
+    assert last.known
+    assert_array_equal(last.X.p, 9.0)
+
+
+def test_a_target_may_move_no_farther_than_it_is_fast():
+    assert faults([0.051, 0.0, 0.0])[0] == StatusFlag.JUMP
+    assert faults([0.051, 0.0, 0.0], speed=2.0)[0] == 0
+    half = Rotation.from_rotvec([0.0, 0.0, 0.31]).as_matrix()
+    assert faults([0.0, 0.0, 0.0], R=half)[0] == StatusFlag.JUMP
+
+
+def test_a_target_is_old_by_its_time_or_because_it_stands_still():
+    assert faults([0.0] * 3, age=0.11)[0] == StatusFlag.STALE
+    assert faults([0.0] * 3, age=0.09, speed=1.0)[0] == 0
+    last, flags = None, []
+    for _ in range(110):
+        found, last = faults([0.0] * 3, last=last, speed=1.0)
+        flags.append(found)
+    assert flags.index(StatusFlag.STALE) == pytest.approx(100, abs=1)
+    assert faults([0.0] * 3, last=last, speed=0.0)[0] == 0
 
 
 def test_the_status_is_read_by_name():
     status = ImpedanceStatus.from_vector([65.0, 0.0, 0.5, 1.0, -2.0, 0.3])
-    assert status.flags == StatusFlag.HOLD | StatusFlag.ERROR_CLIPPED
+    assert status.flags == StatusFlag.PROTECTIVE_STOP | StatusFlag.ERROR_CLIPPED
     assert status[1:] == (0.0, 0.5, 1.0, -2.0, 0.3)
     assert len(status) == STATUS_SIZE
 

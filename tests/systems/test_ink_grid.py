@@ -1,4 +1,4 @@
-"""Facts about the geometry, the wear and the coverage of ink cells."""
+"""Facts about the geometry and the coverage of ink cells."""
 
 import subprocess
 import sys
@@ -8,12 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import (
-    WEAR_CONSTANT,
     InkGrid,
     cleaned_fraction,
-    wear,
 )
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.005)
@@ -62,32 +60,8 @@ def test_grid_is_an_immutable_value():
     ],
 )
 def test_grid_refuses_lengths_that_are_not_positive(size, cell, what):
-    with pytest.raises(StationError, match=what):
+    with pytest.raises(SystemsError, match=what):
         InkGrid(size=size, cell=cell)
-
-
-def test_one_stroke_at_10_newton_removes_more_than_95_percent():
-    pressure = 10.0 / (FELT[0] * FELT[1])
-    assert 0.005 < wear(1.0, pressure * FELT[1]) < 0.05
-    assert wear(1.0, 3.0 / (FELT[0] * FELT[1]) * FELT[1]) > 0.25
-
-
-@given(
-    ink=st.floats(0.0, 1.0),
-    one=st.floats(0.0, 200.0),
-    two=st.floats(0.0, 200.0),
-)
-def test_wear_steps_compose_exactly_and_never_add_ink(ink, one, two):
-    twice = wear(wear(ink, one), two)
-    np.testing.assert_allclose(twice, wear(ink, one + two), rtol=1e-12, atol=1e-300)
-    assert 0.0 <= twice <= ink
-
-
-def test_wear_solves_its_differential_equation():
-    h = 1e-6
-    rate = (wear(0.8, 30.0 + h) - wear(0.8, 30.0 - h)) / (2.0 * h)
-    assert rate == pytest.approx(-wear(0.8, 30.0) / WEAR_CONSTANT, rel=1e-6)
-    assert wear(0.8, 0.0) == 0.8
 
 
 @pytest.mark.parametrize("num_points", [2, 11, 400])
@@ -137,7 +111,7 @@ def test_swept_area_of_a_path_that_is_repeated_is_the_same():
 
 @pytest.mark.parametrize("shape", [(0, 3), (3,), (5, 2)])
 def test_swept_area_refuses_a_path_of_another_shape(shape):
-    with pytest.raises(StationError, match="give \\(num_points, 3\\)"):
+    with pytest.raises(SystemsError, match="give \\(num_points, 3\\)"):
         GRID.swept_area(np.zeros(shape), FELT)
 
 
@@ -146,5 +120,5 @@ def test_cleaned_fraction_counts_cells_below_a_tenth():
     assert cleaned_fraction(ink) == 0.5
     assert cleaned_fraction(ink.ravel(), [[True, False, True, True]]) == 1 / 3
     assert cleaned_fraction(ink, np.zeros(4, dtype=bool)) == 1.0
-    with pytest.raises(StationError, match="3 cells for 4 cells"):
+    with pytest.raises(SystemsError, match="3 cells for 4 cells"):
         cleaned_fraction(ink, [True] * 3)

@@ -5,7 +5,7 @@ import pytest
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.page_controls import PageControls
 
 NAMES = {
@@ -80,19 +80,34 @@ def test_a_slider_reaches_an_unusual_initial_value(meshcat):
     assert outputs(controls, simulator)["press_force"] == 22.0
 
 
-def test_an_initialisation_sets_outputs_and_sliders_back(meshcat):
-    controls = PageControls(meshcat)
+def test_an_initialisation_shows_the_values_of_its_context(meshcat):
+    controls = PageControls(meshcat, tempo=0.83)
     simulator = Simulator(controls)
     simulator.AdvanceTo(0.1)
     meshcat.SetSliderValue("tempo", 2.0)
     simulator.AdvanceTo(0.3)
-    assert outputs(controls, simulator)["tempo"] == 2.0
-    simulator.get_mutable_context().SetTime(0.0)
+    fresh = Simulator(controls)
+    fresh.AdvanceTo(0.3)
+    assert meshcat.GetSliderValue("tempo") == pytest.approx(0.85)
+    assert outputs(controls, fresh)["tempo"] == 0.83
     simulator.Initialize()
-    assert outputs(controls, simulator)["tempo"] == 1.0
-    assert meshcat.GetSliderValue("tempo") == 1.0
+    assert meshcat.GetSliderValue("tempo") == 2.0
     simulator.AdvanceTo(0.5)
-    assert outputs(controls, simulator)["tempo"] == 1.0
+    assert outputs(controls, simulator)["tempo"] == 2.0
+
+
+def test_a_continued_run_keeps_the_exact_values(meshcat):
+    controls = PageControls(meshcat, tempo=0.83, press_force=31.7)
+    simulator = Simulator(controls)
+    simulator.AdvanceTo(0.25)
+    # In between, another simulation has used the page.
+    Simulator(PageControls(meshcat)).Initialize()
+    controls.Delete()
+    Simulator(PageControls(meshcat)).Initialize()
+    copy = Simulator(controls, simulator.get_context().Clone())
+    copy.AdvanceTo(1.0)
+    expected = {"tempo": 0.83, "press_force": 31.7, "sample": 0.0}
+    assert outputs(controls, copy) == expected
 
 
 def test_two_pages_do_not_disturb_each_other():
@@ -116,5 +131,5 @@ def test_two_pages_do_not_disturb_each_other():
     "options", [{"tempo": -1.0}, {"press_force": np.nan}, {"period": 0.0}]
 )
 def test_values_that_do_not_fit_are_refused(meshcat, options):
-    with pytest.raises(StationError, match="must"):
+    with pytest.raises(SystemsError, match="must"):
         PageControls(meshcat, **options)

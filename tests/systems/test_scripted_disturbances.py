@@ -9,10 +9,10 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.station.models.model_files import AddPandaWithEraser
-from fmp_drake.systems.scripted_disturbances import Hold, Push, ScriptedDisturbances
+from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 
 PUSH = Push(start=1.0, duration=0.5, force=np.array([1.0, 2.0, 3.0]))
-HOLD = Hold(
+HOLD = Grasp(
     start=2.0,
     duration=1.0,
     force=np.zeros(3),

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, Sine
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.sensor_model import SensorModel
 
 PHASES = np.array([0.0, 0.5, 1.0, 1.5])
@@ -76,5 +76,5 @@ def test_noise_has_its_deviations_and_follows_from_the_seed():
     ],
 )
 def test_values_out_of_range_are_refused(options):
-    with pytest.raises(StationError, match="sensors'"):
+    with pytest.raises(SystemsError, match="sensors'"):
         SensorModel(initial=np.zeros(4), **options)

@@ -6,7 +6,7 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import BodyIndex
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.spatial_force_sum import SpatialForceSum
 
 
@@ -68,5 +68,5 @@ def test_the_output_follows_its_inputs(system, caching):
 
 
 def test_nothing_to_add_is_refused():
-    with pytest.raises(StationError, match="at least one"):
+    with pytest.raises(SystemsError, match="at least one"):
         SpatialForceSum()

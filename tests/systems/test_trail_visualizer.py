@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems import trail_visualizer
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
 
@@ -73,7 +73,7 @@ def test_ports_have_names_and_sizes(meshcat):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_trail_is_the_last_seconds_of_the_input(meshcat, drawn, name):
-    diagram, _ = make_diagram(meshcat, seconds=1.0, rate=10.0)
+    diagram, _ = make_diagram(meshcat, seconds=1.0, period=0.1)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(2.51)
     points = trail(drawn, name)[-1]
@@ -83,7 +83,7 @@ def test_the_trail_is_the_last_seconds_of_the_input(meshcat, drawn, name):
 
 
 def test_a_young_trail_grows_from_the_first_point(meshcat, drawn):
-    diagram, _ = make_diagram(meshcat, seconds=2.0, rate=10.0)
+    diagram, _ = make_diagram(meshcat, seconds=2.0, period=0.1)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.45)
     lengths = [len(points) for points in trail(drawn, "measured")]
@@ -93,8 +93,8 @@ def test_a_young_trail_grows_from_the_first_point(meshcat, drawn):
         assert_array_equal(points[0], np.zeros(3))
 
 
-def test_pictures_come_at_the_rate(meshcat, drawn):
-    diagram, _ = make_diagram(meshcat, rate=5.0)
+def test_pictures_come_once_in_a_period(meshcat, drawn):
+    diagram, _ = make_diagram(meshcat, period=0.2)
     Simulator(diagram).AdvanceTo(1.99)
     # The first two see one point only.
     assert len(trail(drawn, "desired")) == 8
@@ -115,7 +115,7 @@ def test_a_trail_that_is_not_asked_for_has_no_port(meshcat):
     assert visualizer.num_input_ports() == 1
     assert visualizer.GetInputPort("measured").size() == 3
     for names in ((), ("measured", "wished")):
-        with pytest.raises(StationError, match="expected some of"):
+        with pytest.raises(SystemsError, match="expected some of"):
             TrailVisualizer(meshcat, names=names)
 
 
@@ -126,7 +126,7 @@ def test_a_trail_thins_out_towards_its_old_end(meshcat, monkeypatch):
         "draw_rod",
         lambda _, path, *__, radius, **___: radii.setdefault(path, []).append(radius),
     )
-    diagram, _ = make_diagram(meshcat, seconds=1.0, rate=10.0, radius=0.003)
+    diagram, _ = make_diagram(meshcat, seconds=1.0, period=0.1, radius=0.003)
     Simulator(diagram).AdvanceTo(1.5)
     measured, desired = radii["trail/measured"], radii["trail/desired"]
     assert_allclose(measured[-1], np.linspace(0.0003, 0.003, 10))
@@ -136,7 +136,7 @@ def test_a_trail_thins_out_towards_its_old_end(meshcat, monkeypatch):
 
 
 def test_a_tool_at_rest_is_not_drawn_again(meshcat, drawn):
-    diagram, visualizer = make_diagram(meshcat, rate=10.0)
+    diagram, visualizer = make_diagram(meshcat, period=0.1)
     context = diagram.CreateDefaultContext()
     own = visualizer.GetMyContextFromRoot(context)
     n = own.get_discrete_state(0).size()
@@ -146,7 +146,7 @@ def test_a_tool_at_rest_is_not_drawn_again(meshcat, drawn):
 
 
 def test_two_interleaved_simulations_draw_the_same(meshcat, drawn):
-    diagram, _ = make_diagram(meshcat, rate=10.0)
+    diagram, _ = make_diagram(meshcat, period=0.1)
     simulators = [Simulator(diagram), Simulator(diagram)]
     for time in (0.0, 0.3, 0.7, 1.2):
         start = len(drawn)
@@ -159,17 +159,21 @@ def test_two_interleaved_simulations_draw_the_same(meshcat, drawn):
             assert_array_equal(points, same_points)
 
 
-def test_a_second_simulation_begins_a_new_trail(meshcat, drawn):
-    diagram, _ = make_diagram(meshcat, rate=10.0)
+def test_a_continued_run_shows_its_trail_at_once_and_goes_on_with_it(meshcat, drawn):
+    diagram, _ = make_diagram(meshcat, period=0.1)
     simulator = Simulator(diagram)
-    simulator.AdvanceTo(1.0)
-    first = [points for _, points in drawn]
+    simulator.AdvanceTo(1.03)
+    copy = Simulator(diagram, simulator.get_context().Clone())
+    last = trail(drawn, "measured")[-1]
     drawn.clear()
-    simulator.get_mutable_context().SetTime(0.0)
-    simulator.Initialize()
-    simulator.AdvanceTo(1.0)
-    again = [points for _, points in drawn]
-    for one, two in zip(first, again, strict=True):
+    copy.Initialize()
+    assert_array_equal(trail(drawn, "measured")[0][:-1], last)
+    runs = []
+    for each in (simulator, copy):
+        drawn.clear()
+        each.AdvanceTo(2.0)
+        runs.append(trail(drawn, "desired"))
+    for one, two in zip(*runs, strict=True):
         assert_array_equal(one, two)
 
 
@@ -184,7 +188,7 @@ def test_drawing_leaves_the_context_alone(meshcat):
 
 
 def test_drawing_does_not_depend_on_caching(meshcat, drawn):
-    diagram, _ = make_diagram(meshcat, rate=10.0)
+    diagram, _ = make_diagram(meshcat, period=0.1)
     runs = []
     for caching in (True, False):
         drawn.clear()
@@ -213,8 +217,8 @@ def test_a_forgotten_input_is_named(meshcat, forgotten):
 
 @pytest.mark.parametrize(
     "options",
-    [{"seconds": 0.0}, {"rate": -1.0}, {"rate": np.nan}, {"radius": 0.0}],
+    [{"seconds": 0.0}, {"period": -1.0}, {"period": np.nan}, {"radius": 0.0}],
 )
 def test_times_that_are_not_positive_are_refused(meshcat, options):
-    with pytest.raises(StationError, match="must be positive"):
+    with pytest.raises(SystemsError, match="must be positive"):
         TrailVisualizer(meshcat, **options)

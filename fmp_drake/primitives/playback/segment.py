@@ -1,146 +1,204 @@
 """The desired motion between two ticks, in closed form."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import pascal
 
-from fmp_drake.primitives.playback.tracking import Drift
+from fmp_drake.compiled import compiled
+from fmp_drake.primitives.playback.playback_state import PlaybackState
+from fmp_drake.primitives.playback.relaxation import Relaxation
+
+if TYPE_CHECKING:
+    from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
 
-def critically_damped(
-    offset: NDArray[np.float64], rate: float, seconds: NDArray[np.floating[Any]] | float
-) -> NDArray[np.float64]:
-    """Return a critically damped decay and two derivatives.
+class Segment(NamedTuple):
+    """The motion of a playback from an instant to its next tick.
+
+    Between two samples a window is a polynomial of degree 5 in time, and every mode of
+    the weights' deviation decays exponentially. A segment holds the polynomial that each
+    mode contributes to each channel, so that one evaluation is a short sum, however
+    long the window is.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (D, m, 6)
+        Of the powers 0 to 5 of the skill's time since the tick, for each of m modes.
+    rates : ndarray, shape (D, m)
+        At which each mode decays, per second of the skill.
+    linear : bool
+        Whether the decay is the linear one of Euler's method.
+    time_since_tick, tempo, tempo_rate : float
+        As in `PlaybackState`.
+    offset : ndarray, shape (2, D)
+        As in `PlaybackState`.
+    blend_time : float
+        As in `PlaybackState`, s.
+    """
+
+    coefficients: NDArray[np.float64]
+    rates: NDArray[np.float64]
+    linear: bool
+    time_since_tick: float
+    tempo: float
+    tempo_rate: float
+    offset: NDArray[np.float64]
+    blend_time: float
+
+
+def make_segment(
+    skill: "FourierMovementPrimitive", relaxation: Relaxation, state: PlaybackState
+) -> Segment:
+    """Prepare the motion from a state to its next tick.
 
     Parameters
     ----------
-    offset : ndarray, shape (..., 2, D)
-        Value and velocity at time 0.
-    rate : float
-        Per second.
-    seconds : float or ndarray, shape (m,)
+    skill : FourierMovementPrimitive
+        Fitted.
+    relaxation : Relaxation
+        Of the component that is tracked.
+    state : PlaybackState
+    """
+    d, n = skill.n_channels_, skill.n_steps
+    interval = min(state.step, n - 2)
+    rows = skill.basis.local_polynomial(interval)
+    if interval != state.step:
+        # At the last sample: the last interval's, seen from one sample further on.
+        rows = pascal(len(rows), kind="upper") @ rows
+    rows = rows * (skill.rate ** np.arange(len(rows)))[:, None]
+    inside, residual = relaxation.split(state.weights - state.target)
+    if relaxation.modes is None:
+        decaying = rows.T * inside.reshape(d, n, 1)
+        lasting = (state.target.reshape(d, n) @ rows.T)[:, None]
+        coefficients = np.concatenate([decaying, lasting], axis=1)
+        coefficients *= skill.scales_[:, None, None]
+    else:
+        coefficients = mode_coefficients(
+            rows, relaxation.modes, inside, residual, state.target, skill.scales_
+        )
+    rates = np.zeros(coefficients.shape[:2])  # The last one is the target's.
+    rates[:, :-1] = relaxation.rates_by_channel(d)
+    return Segment(
+        coefficients=coefficients,
+        rates=rates,
+        linear=relaxation.euler_tick > 0,
+        time_since_tick=state.time_since_tick,
+        tempo=state.tempo,
+        tempo_rate=state.tempo_rate,
+        offset=state.offset,
+        blend_time=state.blend_time,
+    )
+
+
+@compiled
+def segment_motion(segment: Segment, seconds: float) -> NDArray[np.float64]:
+    """Return the desired motion some seconds after the beginning of a segment.
+
+    Parameters
+    ----------
+    segment : Segment
+    seconds : float
+        Of real time.
 
     Returns
     -------
-    ndarray, shape (3, [m,] ..., D)
+    ndarray, shape (3, D)
+        Value, velocity (per second) and acceleration (per second^2) of every channel.
     """
-    value, velocity = offset[..., 0, :], offset[..., 1, :]
-    slope = velocity + rate * value
-    decay: NDArray[np.float64] | float
-    if isinstance(seconds, np.ndarray):
-        seconds = seconds.reshape(-1, *[1] * value.ndim)
-        decay = np.exp(-rate * seconds)
-    else:
-        decay = math.exp(-rate * seconds)
-    here = (value + slope * seconds) * decay
-    slope = slope * decay
-    out = np.empty((3, *here.shape))
-    out[0] = here
-    out[1] = slope - rate * here
-    out[2] = rate * (rate * here - 2 * slope)
-    return out
+    tempo = segment.tempo + segment.tempo_rate * seconds
+    t = segment.time_since_tick + 0.5 * (segment.tempo + tempo) * seconds
+    channels, modes = segment.rates.shape
+    out = np.zeros((3, channels))
+    for d in range(channels):
+        for j in range(modes):
+            c, rate = segment.coefficients[d, j], segment.rates[d, j]
+            if segment.linear:
+                left, falling, bending = 1 - rate * t, -rate, 0.0
+            else:
+                left = math.exp(-rate * t)
+                falling, bending = -rate * left, rate * rate * left
+            p = c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * c[5]))))
+            dp = c[1] + t * (2 * c[2] + t * (3 * c[3] + t * (4 * c[4] + 5 * t * c[5])))
+            ddp = 2 * c[2] + t * (6 * c[3] + t * (12 * c[4] + 20 * t * c[5]))
+            out[0, d] += p * left
+            out[1, d] += dp * left + p * falling
+            out[2, d] += ddp * left + 2 * dp * falling + p * bending
+        # From the skill's time to real time.
+        out[2, d] = tempo * tempo * out[2, d] + segment.tempo_rate * out[1, d]
+        out[1, d] *= tempo
+    return out + decayed_offset(segment.offset, segment.blend_time, seconds)
 
 
-class Segment:
-    """Value, velocity and acceleration at any time within one tick.
-
-    Between two samples a window is a polynomial of degree 5 in time, and the weights
-    decay to their target mode by mode. Both are contracted here once, so that an
-    evaluation costs a few small products whatever the length of the window.
+@compiled
+def decayed_offset(
+    offset: NDArray[np.float64], blend_time: float, seconds: float
+) -> NDArray[np.float64]:
+    """Return an offset some seconds later: it decays like a critically damped spring.
 
     Parameters
     ----------
-    polynomial : ndarray, shape (6, T)
-        Taylor coefficients of the rows Phi at the tick, per sample.
-    rate : float
-        Samples per second.
+    offset : ndarray, shape (2, D)
+        Value and velocity.
+    blend_time : float
+        Time constant, s.
+    seconds : float
+
+    Returns
+    -------
+    ndarray, shape (3, D)
+        Value, velocity and acceleration.
+    """
+    rate = 1 / blend_time
+    left = math.exp(-rate * seconds)
+    out = np.empty((3, offset.shape[1]))
+    for d in range(offset.shape[1]):
+        speed = offset[1, d] + rate * offset[0, d]
+        value, speed = left * (offset[0, d] + speed * seconds), left * speed
+        out[0, d] = value
+        out[1, d] = speed - rate * value
+        out[2, d] = rate * (rate * value - 2 * speed)
+    return out
+
+
+@compiled
+def mode_coefficients(
+    rows: NDArray[np.float64],
+    modes: NDArray[np.float64],
+    inside: NDArray[np.float64],
+    residual: NDArray[np.float64],
+    target: NDArray[np.float64],
+    scales: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the coefficients of a `Segment` whose weights relax mode by mode.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (6, T)
+        Taylor coefficients of the basis, per second.
+    modes : ndarray, shape (D*T, r)
+    inside : ndarray, shape (r,)
+        Coordinates of the weights' deviation from their target.
+    residual, target : ndarray, shape (D*T,)
+        The deviation outside the span of the modes, and the target.
     scales : ndarray, shape (D,)
         Units of the channels in units of the weights.
-    drift : Drift
-    weights, target : ndarray, shape (D*T,)
-    offset : ndarray, shape (2, D)
-    blend_rate : float
-        Of the offset's decay, per second.
+
+    Returns
+    -------
+    ndarray, shape (D, r + 2, 6)
+        Of the modes, of the residual and of the target.
     """
-
-    def __init__(
-        self,
-        *,
-        polynomial: NDArray[np.float64],
-        rate: float,
-        scales: NDArray[np.float64],
-        drift: Drift,
-        weights: NDArray[np.float64],
-        target: NDArray[np.float64],
-        offset: NDArray[np.float64],
-        blend_rate: float,
-    ) -> None:
-        d = len(scales)
-        self._drift = drift
-        self._blend_rate = blend_rate
-        # Taylor coefficients per second instead of per sample.
-        powers = rate ** np.arange(len(polynomial))
-        rows = polynomial * powers[:, None]
-        # The target's polynomial, then the offset's two solutions.
-        slope = offset[1] + blend_rate * offset[0]
-        self._smooth = np.concatenate(
-            [
-                rows @ (target.reshape(d, -1) * scales[:, None]).T,
-                offset[:1],
-                slope[None],
-            ]
-        )
-        inside, rest = drift.split(weights - target)
-        if drift.modes is None:
-            # Every weight of a channel is a mode: (6, D, T).
-            modes = rows[:, None, :] * (inside.reshape(d, -1) * scales[:, None])
-            self._rates_by_channel = True
-        else:
-            by_channel = drift.modes.reshape(d, rows.shape[1], len(inside))
-            modes = np.transpose(rows @ by_channel, (1, 0, 2))
-            modes *= scales[:, None] * inside
-            self._rates_by_channel = False
-        self._modes = modes.reshape(len(rows), -1)
-        self._shape = (3, d, modes.shape[2])
-        self._rest = None
-        if rest is not None and np.max(np.abs(rest)) > 1e-12 * np.max(np.abs(weights)):
-            self._rest = rows @ (rest.reshape(d, -1) * scales[:, None]).T
-
-    def motion(self, seconds: float) -> NDArray[np.float64]:
-        """Return value, velocity and acceleration after some seconds, (3, D)."""
-        t = seconds
-        t2 = t * t
-        t3 = t2 * t
-        t4 = t2 * t2
-        r = self._blend_rate
-        fading = math.exp(-r * t)
-        table = np.array(
-            (
-                1.0, t, t2, t3, t4, t2 * t3, fading, fading * t,
-                0.0, 1.0, 2 * t, 3 * t2, 4 * t3, 5 * t4, -r * fading,
-                fading * (1 - r * t),
-                0.0, 0.0, 2.0, 6 * t, 12 * t2, 20 * t3, r * r * fading,
-                fading * r * (r * t - 2),
-            )
-        ).reshape(3, 8)  # fmt: skip
-        out = table @ self._smooth
-        powers = table[:, :6]
-        decay = self._drift.decay(t)
-        rows = (powers @ self._modes).reshape(self._shape)
-        if self._rates_by_channel:
-            decay = decay.reshape(3, *self._shape[1:])
-            products = np.einsum("kdt,jdt->kdj", rows, decay)
-        else:
-            products = rows @ decay.T
-        out[0] += products[0, :, 0]
-        out[1] += products[1, :, 0] + products[0, :, 1]
-        out[2] += products[2, :, 0] + 2 * products[1, :, 1] + products[0, :, 2]
-        if self._rest is not None:
-            rest = powers @ self._rest
-            left = self._drift.rest_decay(t)
-            out[0] += left[0] * rest[0]
-            out[1] += left[0] * rest[1] + left[1] * rest[0]
-            out[2] += left[0] * rest[2] + 2 * left[1] * rest[1] + left[2] * rest[0]
-        return out
+    n, r = rows.shape[1], len(inside)
+    out = np.empty((len(scales), r + 2, len(rows)))
+    for d in range(len(scales)):
+        of_d = slice(d * n, (d + 1) * n)
+        seen = np.dot(rows, modes[of_d])
+        for k in range(len(rows)):
+            for j in range(r):
+                out[d, j, k] = scales[d] * seen[k, j] * inside[j]
+            out[d, r, k] = scales[d] * np.dot(rows[k], residual[of_d])
+            out[d, r + 1, k] = scales[d] * np.dot(rows[k], target[of_d])
+    return out

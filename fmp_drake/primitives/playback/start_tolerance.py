@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def start_variances(
-    skill: "FourierMovementPrimitive", share: float
+    skill: "FourierMovementPrimitive", fraction: float
 ) -> NDArray[np.float64]:
     """Return lambda of (13) for a start, per channel, shape (D,).
 
@@ -21,26 +21,26 @@ def start_variances(
     ----------
     skill : FourierMovementPrimitive
         Fitted.
-    share : float
+    fraction : float
         Of the movement's half width, root 2 of its standard deviation over all channels
-        of a unit together: a turned movement has the same.
+        of a unit together: a rotated movement has the same.
     """
-    if not (is_number(share) and share >= 0):
+    if not (is_number(fraction) and fraction >= 0):
         raise SkillError(
-            f"start_tolerance is {share}; it must be 0 (exact) or positive."
+            f"start_tolerance is {fraction}; it must be 0 (exact) or positive."
         )
     variances, units = _variances(skill), np.array(skill.units_)
     squares = np.array([2 * variances[units == unit].sum() for unit in units])
-    return np.maximum(share**2 * squares, skill.tolerance * np.square(skill.scales_))
+    return np.maximum(fraction**2 * squares, skill.tolerance * np.square(skill.scales_))
 
 
 def _variances(skill: "FourierMovementPrimitive") -> NDArray[np.float64]:
     """Return the variance of each channel over all windows and times, (D,)."""
     n, d = skill.n_steps, skill.n_channels_
     square, middle = np.zeros(d), np.zeros(d)
-    for share, c in zip(skill.proportions_, skill.components_, strict=True):
+    for proportion, c in zip(skill.proportions_, skill.components_, strict=True):
         weights = c.mean.reshape(d, n)
         spread = (c.basis**2 @ c.variances).reshape(d, n)
-        square += share * (weights**2 + spread + c.noise).sum(axis=1) / n
-        middle += share * weights[:, 0] / np.sqrt(n)
+        square += proportion * (weights**2 + spread + c.noise).sum(axis=1) / n
+        middle += proportion * weights[:, 0] / np.sqrt(n)
     return np.maximum(square - middle**2, 0) * skill.scales_**2

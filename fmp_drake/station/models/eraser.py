@@ -1,24 +1,23 @@
 """The eraser on its stem, in any size."""
 
-from collections.abc import Sequence
-from math import isfinite, pi
+from math import pi
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInertia
 
 from fmp_drake.errors import StationError
+from fmp_drake.settings import check_settings
 from fmp_drake.station.models.sdf_text import (
     AddModel,
     Box,
-    CheckedFriction,
-    CheckedSize,
     Collision,
     Cylinder,
     Ellipsoid,
     Inertial,
     Visual,
 )
+from fmp_drake.station.scenario_parts import EraserConfig
 
 _RIM = 0.006  # How much wider the handle is than the felt, m.
 _METAL = (0.55, 0.57, 0.59)
@@ -28,13 +27,7 @@ _FELT = (0.20, 0.21, 0.23)
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-def AddEraser(
-    plant: MultibodyPlant,
-    *,
-    footprint: Sequence[float],
-    modulus: float,
-    friction: float,
-) -> ModelInstanceIndex:
+def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex:
     """Add the model `eraser`: body `eraser` with frames `mount` and `eraser_tip` (E).
 
     The body's frame is `mount`, on the robot's flange, z pointing away from the
@@ -51,12 +44,7 @@ def AddEraser(
     ----------
     plant : MultibodyPlant
         Not finalized, without a model of that name.
-    footprint : sequence, shape (2,)
-        The felt's face along x and y of E, m.
-    modulus : float
-        Hydroelastic modulus of the felt, Pa.
-    friction : float
-        Coefficient of friction.
+    config : EraserConfig
 
     Returns
     -------
@@ -65,14 +53,10 @@ def AddEraser(
     Raises
     ------
     StationError
-        Where a size, the modulus or the friction is not allowed.
+        Where a value of the config is not allowed.
     """
-    x, y = CheckedSize("the eraser's footprint", footprint)
-    friction = CheckedFriction("the eraser's friction", friction)
-    if not (isfinite(modulus) and modulus > 0):
-        raise StationError(
-            f"the eraser's modulus is {modulus} Pa; it must be positive."
-        )
+    check_settings(config, StationError, "eraser.")
+    x, y = config.footprint
     parts = [
         Inertial(_Inertia(x, y)),
         Visual("plate", Cylinder(0.0315, 0.008), at=(0, 0, 0.004), colour=_METAL),
@@ -83,9 +67,9 @@ def AddEraser(
             "felt",
             Box(x, y, 0.030),
             at=(0, 0, 0.085),
-            modulus=modulus,
+            modulus=config.modulus,
             dissipation=20,
-            friction=friction,
+            friction=config.friction,
         ),
     ]
     return AddModel(

@@ -1,7 +1,6 @@
 """The package's models: where they are, and the arm with its eraser."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 from pydrake.math import RigidTransform, RotationMatrix
@@ -12,6 +11,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from fmp_drake.errors import StationError
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.panda import AddPanda
+from fmp_drake.station.scenario_parts import EraserConfig
 
 
 def models_dir() -> Path:
@@ -57,9 +57,7 @@ def AddFmpDrakePackage(parser: Parser) -> None:
 def AddPandaWithEraser(
     plant: MultibodyPlant,
     *,
-    footprint: Sequence[float] = (0.12, 0.05),
-    modulus: float = 1.25e4,
-    friction: float = 0.5,
+    eraser: EraserConfig | None = None,
     visuals: str = "own",
 ) -> tuple[ModelInstanceIndex, ModelInstanceIndex]:
     """Add the arm, welded to the world, with the eraser on its flange.
@@ -73,12 +71,8 @@ def AddPandaWithEraser(
     ----------
     plant : MultibodyPlant
         A plant that is not finalized and has no model named ``panda`` or ``eraser``.
-    footprint : sequence, shape (2,)
-        The felt's face along x and y of E, m.
-    modulus : float
-        Hydroelastic modulus of the felt, Pa.
-    friction : float
-        The felt's coefficient of friction.
+    eraser : EraserConfig, optional
+        The default one where None.
     visuals : {"own", "drake_models"}
         The arm's meshes: our own, or the official ones that Drake downloads.
 
@@ -95,11 +89,11 @@ def AddPandaWithEraser(
     parser = Parser(plant)
     AddFmpDrakePackage(parser)
     panda = AddPanda(plant, packages=parser.package_map(), visuals=visuals)
-    eraser = AddEraser(plant, footprint=footprint, modulus=modulus, friction=friction)
+    tool = AddEraser(plant, eraser or EraserConfig())
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("panda_link0", panda))
     plant.WeldFrames(
         plant.GetFrameByName("panda_link8", panda),
-        plant.GetFrameByName("mount", eraser),
+        plant.GetFrameByName("mount", tool),
         RigidTransform(RotationMatrix.MakeZRotation(-math.pi / 4)),
     )
-    return panda, eraser
+    return panda, tool

@@ -8,8 +8,6 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
 
-from fmp_drake.errors import StationError
-
 Colour = tuple[float, float, float]
 
 
@@ -123,30 +121,3 @@ def AddModel(
 """
     (instance,) = Parser(plant).AddModelsFromString(text, "sdf")
     return instance
-
-
-def CheckedSize(what: str, size: Sequence[float]) -> tuple[float, float]:
-    """Return a size (x, y), m, that is positive and finite.
-
-    Raises
-    ------
-    StationError
-        If it is not.
-    """
-    values = np.asarray(size, dtype=float)
-    if values.shape != (2,) or not np.all(np.isfinite(values)) or values.min() <= 0:
-        raise StationError(f"{what} is {size}; it must be two positive lengths, in m.")
-    return float(values[0]), float(values[1])
-
-
-def CheckedFriction(what: str, friction: float) -> float:
-    """Return a coefficient of friction that is finite and not negative.
-
-    Raises
-    ------
-    StationError
-        If it is not.
-    """
-    if not (np.isfinite(friction) and friction >= 0):
-        raise StationError(f"{what} is {friction}; it must not be negative.")
-    return float(friction)

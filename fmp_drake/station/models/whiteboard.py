@@ -1,37 +1,32 @@
 """The whiteboard, in any size."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInertia
 
 from fmp_drake.errors import StationError
+from fmp_drake.settings import check_settings
 from fmp_drake.station.models.sdf_text import (
     AddModel,
     Box,
-    CheckedFriction,
-    CheckedSize,
     Collision,
     Cylinder,
     Inertial,
     Visual,
 )
+from fmp_drake.station.scenario_parts import BoardConfig
 
 _THICK = 0.02  # The slab, m.
 _DENSITY = 500.0  # kg/m^3: 3.5 kg for a board of 0.5 m x 0.7 m.
 _EDGE = 0.012  # The frame's width, m.
 _CORNER = 0.020  # The radius of its corner caps, m.
-_SMALLEST = 0.1  # m
 
 _WHITE = (0.97, 0.97, 0.97)
 _METAL = (0.70, 0.72, 0.74)
 _DARK = (0.16, 0.17, 0.19)
 
 
-def AddWhiteboard(
-    plant: MultibodyPlant, *, size: Sequence[float], friction: float, legs: bool
-) -> ModelInstanceIndex:
+def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIndex:
     """Add the model `whiteboard`: body `board` with the frame `surface` (B).
 
     B has its origin at the centre of the wiping surface and z as outward normal. The
@@ -43,13 +38,9 @@ def AddWhiteboard(
     ----------
     plant : MultibodyPlant
         Not finalized, without a model of that name.
-    size : sequence, shape (2,)
-        Along x and y of B, m; 0.1 m or more.
-    friction : float
-        Coefficient of friction.
-    legs : bool
-        Whether to draw four legs of 0.1 m, for a board on a table, or else a mount on
-        the back.
+    config : BoardConfig
+        Its size, friction, and whether four legs of 0.1 m are drawn, for a board on a
+        table, or else a mount on the back.
 
     Returns
     -------
@@ -58,15 +49,10 @@ def AddWhiteboard(
     Raises
     ------
     StationError
-        Where a size or the friction is not allowed.
+        Where a value of the config is not allowed.
     """
-    x, y = CheckedSize("the board's size", size)
-    if min(x, y) < _SMALLEST:
-        raise StationError(
-            f"the board's size is {x} m x {y} m; each side must be {_SMALLEST} m or "
-            "more."
-        )
-    friction = CheckedFriction("the board's friction", friction)
+    check_settings(config, StationError, "board.")
+    x, y = config.size
     inertia = SpatialInertia(
         _DENSITY * x * y * _THICK, np.zeros(3), UnitInertia.SolidBox(x, y, _THICK)
     ).Shift(np.array([0, 0, _THICK / 2]))
@@ -75,9 +61,14 @@ def AddWhiteboard(
         Inertial(inertia),
         Visual("slab", slab, at=middle, colour=_WHITE),
         *_Frame(x, y),
-        *(_Legs(x, y) if legs else _Mount(x, y)),
+        *(_Legs(x, y) if config.legs else _Mount(x, y)),
         Collision(
-            "slab", slab, at=middle, modulus=1e7, dissipation=0, friction=friction
+            "slab",
+            slab,
+            at=middle,
+            modulus=1e7,
+            dissipation=0,
+            friction=config.friction,
         ),
     ]
     return AddModel(

@@ -21,6 +21,7 @@ def AddArmController(
     scene: BoardScene,
     config: ImpedanceConfig,
     *,
+    engage_height: float = 0.01,
     sensors: SensorConfig | None = None,
 ) -> OperationalSpaceImpedanceController:
     """Add the controller, and the gravity compensation that the real arm has built in.
@@ -37,6 +38,7 @@ def AddArmController(
         X_WT=scene.X_WA,
         config=config,
         q_posture=plant.GetDefaultPositions(scene.panda),
+        engage_height=engage_height,
     )
     controller.set_name("controller")
     builder.AddSystem(controller)

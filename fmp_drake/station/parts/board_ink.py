@@ -23,16 +23,19 @@ def AddInk(builder: DiagramBuilder, scene: BoardScene, scenario: Scenario) -> In
     """
     x, y = scenario.board.size
     grid = InkGrid(size=(x, y), cell=scenario.ink.cell)
-    return InkBoard.AddToBuilder(
-        builder,
+    ink = InkBoard(
         plant=scene.plant,
-        eraser=scene.tip.body(),
+        eraser=scene.tip,
         surface=scene.surface,
         grid=grid,
         initial_ink=_drawing(grid, scene, scenario),
         worn=scenario.eraser.worn,
         period=scenario.ink.period,
     )
+    builder.AddSystem(ink)
+    for name in ("contact_results", "body_poses", "body_spatial_velocities"):
+        builder.Connect(scene.plant.GetOutputPort(name), ink.GetInputPort(name))
+    return ink
 
 
 def _drawing(

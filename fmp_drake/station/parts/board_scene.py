@@ -24,6 +24,7 @@ from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.station.models.whiteboard import AddWhiteboard
 from fmp_drake.station.parts.posture import SolvePosture
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario_parts import BoardConfig
 from fmp_drake.systems.joint_friction import JointFriction
 
 # The servo of a moving board: its natural frequency, rad/s.
@@ -38,7 +39,7 @@ class BoardScene:
     ----------
     plant, scene_graph
         What is simulated: arm, eraser and board.
-    panda, eraser, whiteboard : ModelInstanceIndex
+    panda, whiteboard : ModelInstanceIndex
         In `plant`.
     tip, surface : Frame
         E and B in `plant`.
@@ -52,12 +53,19 @@ class BoardScene:
         The assumed board: what the controller takes for X_WB.
     rail : Sine or None
         The wanted motion of a board on a rail: position, velocity, acceleration.
+
+    Examples
+    --------
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> from fmp_drake.station import AddBoardScene, Scenario
+    >>> scene = AddBoardScene(DiagramBuilder(), Scenario(), start=[0.0, 0.0, 0.05])
+    >>> scene.plant.num_positions(), scene.arm.num_positions()
+    (7, 7)
     """
 
     plant: MultibodyPlant
     scene_graph: SceneGraph
     panda: ModelInstanceIndex
-    eraser: ModelInstanceIndex
     whiteboard: ModelInstanceIndex
     tip: Frame
     surface: Frame
@@ -66,61 +74,6 @@ class BoardScene:
     X_WB: RigidTransform
     X_WA: RigidTransform
     rail: Sine | None
-
-
-def AddBoardModels(
-    plant: MultibodyPlant, scenario: Scenario, *, visuals: str = "own"
-) -> tuple[ModelInstanceIndex, ModelInstanceIndex, ModelInstanceIndex]:
-    """Add arm, eraser and board to a plant that is not finalized.
-
-    A board that moves slides on the joint `rail`, whose actuator is a stiff servo;
-    any other is welded to the world.
-
-    Parameters
-    ----------
-    plant : MultibodyPlant
-    scenario : Scenario
-    visuals : str
-        Of the arm: `own` or `drake_models`.
-
-    Returns
-    -------
-    panda, eraser, whiteboard : ModelInstanceIndex
-    """
-    panda, eraser = _AddArm(plant, scenario, visuals)
-    board = scenario.board
-    whiteboard = AddWhiteboard(
-        plant, size=board.size, friction=board.friction, legs=board.legs
-    )
-    surface = plant.GetFrameByName("surface", whiteboard)
-    if board.motion.amplitude == 0:
-        plant.WeldFrames(plant.world_frame(), surface, board.pose())
-        return panda, eraser, whiteboard
-    middle = plant.AddFrame(
-        FixedOffsetFrame("rail", plant.world_frame(), board.pose(), whiteboard)
-    )
-    rail: Any = plant.AddJoint(
-        PrismaticJoint("rail", middle, surface, np.array(board.axis()))
-    )
-    rail.set_default_translation(-board.motion.amplitude)
-    mass = plant.GetBodyByName("board", whiteboard).default_mass()
-    plant.AddJointActuator("rail", rail).set_controller_gains(
-        PdControllerGains(p=mass * _SERVO**2, d=2 * mass * _SERVO)
-    )
-    return panda, eraser, whiteboard
-
-
-def _AddArm(
-    plant: MultibodyPlant, scenario: Scenario, visuals: str
-) -> tuple[ModelInstanceIndex, ModelInstanceIndex]:
-    eraser = scenario.eraser
-    return AddPandaWithEraser(
-        plant,
-        footprint=eraser.footprint,
-        modulus=eraser.modulus,
-        friction=eraser.friction,
-        visuals=visuals,
-    )
 
 
 def AddBoardScene(
@@ -139,7 +92,7 @@ def AddBoardScene(
     start : array_like, shape (3,)
         p_BE, m: where the board is assumed to be.
     visuals : str
-        As for `AddBoardModels`.
+        Of the arm: `own` or `drake_models`.
 
     Raises
     ------
@@ -149,16 +102,18 @@ def AddBoardScene(
     scenario.check()
     arm = MultibodyPlant(time_step=0.0)
     arm.set_name("arm")
-    _, arm_eraser = _AddArm(arm, scenario, "own")
+    _, arm_eraser = AddPandaWithEraser(arm, eraser=scenario.eraser)
     arm.Finalize()
     arm_tip = arm.GetFrameByName("eraser_tip", arm_eraser)
 
     plant, scene_graph = _AddPlant(builder, scenario)
-    panda, eraser, whiteboard = AddBoardModels(plant, scenario, visuals=visuals)
+    panda, eraser = AddPandaWithEraser(plant, eraser=scenario.eraser, visuals=visuals)
+    board = scenario.board
+    whiteboard = AddWhiteboard(plant, board)
+    _Mount(plant, whiteboard, board)
     plant.Finalize()
 
-    board = scenario.board
-    moved = RigidTransform(-board.motion.amplitude * np.array(board.axis()))
+    moved = RigidTransform(-board.motion.amplitude * board.axis())
     X_WA = board.assumed_pose() @ moved
     X_AE = RigidTransform(scenario.eraser_orientation(), np.asarray(start, dtype=float))
     posture = SolvePosture(
@@ -180,7 +135,6 @@ def AddBoardScene(
         plant=plant,
         scene_graph=scene_graph,
         panda=panda,
-        eraser=eraser,
         whiteboard=whiteboard,
         tip=plant.GetFrameByName("eraser_tip", eraser),
         surface=plant.GetFrameByName("surface", whiteboard),
@@ -189,6 +143,25 @@ def AddBoardScene(
         X_WB=board.pose() @ moved,
         X_WA=X_WA,
         rail=_AddRail(builder, plant, whiteboard, scenario),
+    )
+
+
+def _Mount(
+    plant: MultibodyPlant, whiteboard: ModelInstanceIndex, board: BoardConfig
+) -> None:
+    """Weld a board to the world, or put it on the joint `rail` with a stiff servo."""
+    surface = plant.GetFrameByName("surface", whiteboard)
+    if board.motion.amplitude == 0:
+        plant.WeldFrames(plant.world_frame(), surface, board.pose())
+        return
+    middle = plant.AddFrame(
+        FixedOffsetFrame("rail", plant.world_frame(), board.pose(), whiteboard)
+    )
+    rail: Any = plant.AddJoint(PrismaticJoint("rail", middle, surface, board.axis()))
+    rail.set_default_translation(-board.motion.amplitude)
+    mass = plant.GetBodyByName("board", whiteboard).default_mass()
+    plant.AddJointActuator("rail", rail).set_controller_gains(
+        PdControllerGains(p=mass * _SERVO**2, d=2 * mass * _SERVO)
     )
 
 

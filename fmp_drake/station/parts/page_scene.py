@@ -22,6 +22,9 @@ from fmp_drake.systems.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 
+# Everything on the page has a period of 2^n milliseconds: its events then fall on steps
+# of the controller to the last bit, and never cut a step of the integrator in two.
+
 # Every station's bodies are drawn under this path of Meshcat's tree.
 _BODIES = "bodies"
 BOARD = f"{_BODIES}/whiteboard/board"
@@ -59,8 +62,12 @@ def AddBodies(
         builder,
         scene.scene_graph,
         meshcat,
-        # What others draw on the board outlives an initialisation.
-        MeshcatVisualizerParams(prefix=_BODIES, delete_on_initialization_event=False),
+        MeshcatVisualizerParams(
+            prefix=_BODIES,
+            publish_period=0.032,
+            # What others draw on the board outlives an initialisation.
+            delete_on_initialization_event=False,
+        ),
     )
     visualizer.set_name("meshcat_visualizer")
     SetStage(meshcat, eye=scenario.camera.eye, target=scenario.camera.target)
@@ -104,9 +111,10 @@ def AddPage(
     show = scenario.show
     AddBodies(builder, scene, scenario, meshcat)
     if show.ink:
-        InkVisualizer.AddToBuilder(
-            builder, ink.GetOutputPort("ink"), meshcat=meshcat, grid=ink.grid, path=INK
+        shown = builder.AddSystem(
+            InkVisualizer(meshcat=meshcat, grid=ink.grid, path=INK)
         )
+        builder.Connect(ink.GetOutputPort("ink"), shown.GetInputPort("ink"))
     if show.demonstrations:
         draw_demonstrations(meshcat, f"{BOARD}/demonstrations", demonstrated)
     if show.trail:
@@ -132,7 +140,6 @@ def AddPage(
                 points=primitive.GetOutputPort("plan").size() // 3,
                 component_paths=[skill.synthesize(c.mean) for c in skill.components_],
                 path=f"{BOARD}/plan",
-                rate=5.0,  # A plan takes 6 ms.
                 show_plan=show.plan,
                 show_tube=show.tube,
                 show_component=show.component,

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import ControllerError
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
 from fmp_drake.systems.impedance.friction import FrictionConfig
-from fmp_drake.systems.impedance.gains import ImpedanceGains
-from fmp_drake.systems.impedance.stiffness import CovarianceStiffnessConfig
-from fmp_drake.systems.impedance.tank import EnergyTankConfig
-from fmp_drake.systems.impedance.walls import JointWallConfig
-from fmp_drake.systems.impedance.watchdog import WatchdogConfig
+from fmp_drake.systems.impedance.limits import JointWallConfig
+from fmp_drake.systems.impedance.stiffness import (
+    CovarianceStiffnessConfig,
+    EnergyTankConfig,
+)
+from fmp_drake.systems.impedance.supervision import WatchdogConfig
 
 
 @dataclass(kw_only=True)
@@ -29,13 +30,10 @@ class ImpedanceConfig:
     ----------
     translational_stiffness : list of 3 floats
         Along T's x, y and z (the board's normal), N/m. Soft along the normal: the
-        feed-forward force presses, and an uneven board is forgiven.
+        normal force presses, and an uneven board is forgiven.
     rotational_stiffness : list of 3 floats
         About T's x, y and z, Nm/rad. Soft about the normal, where the eraser may
-        turn as it likes.
-    stiffness_axes : list of 3 floats
-        Roll, pitch, yaw of the axes of both stiffnesses in T, rad: with any but 0
-        the stiffness matrix is not diagonal in T.
+        rotate as it likes.
     orientation : list of 3 floats
         Roll, pitch, yaw of the desired R_TE, rad: Rz(yaw) Ry(pitch) Rx(roll).
         The default is diag(1, -1, -1), the tool pointing into the board.
@@ -59,12 +57,6 @@ class ImpedanceConfig:
         Length that makes rotational inertia comparable to mass, m.
     control_period : float
         Time between updates of the torque, s.
-    model_period : float
-        Time between full updates, s, rounded to whole control periods; in between
-        the law's model is held. With no more than `control_period` all are full.
-    target_time_constant : float
-        Of the low-pass filter of the target, s; 0 for none. A filtered target is
-        late by about as much.
     stiffness_time_constant : float
         Of the low-pass filter of a stiffness that changes while running, s.
     walls : JointWallConfig
@@ -74,13 +66,24 @@ class ImpedanceConfig:
     tank : EnergyTankConfig
     friction_compensation : FrictionConfig
         The friction of the joints that is compensated, from the measured velocity.
+
+    Examples
+    --------
+    >>> config = ImpedanceConfig(translational_stiffness=[800.0, 800.0, 100.0])
+    >>> config.stiffness().diagonal().tolist()
+    [30.0, 30.0, 3.0, 800.0, 800.0, 100.0]
+    >>> config.damping_ratio = -1.0
+    >>> config.check()
+    Traceback (most recent call last):
+    ...
+    fmp_drake.errors.ControllerError: damping_ratio must be finite and greater than 0, \
+got -1.0
     """
 
     translational_stiffness: list[float] = field(
         default_factory=lambda: [1500.0, 1500.0, 200.0]
     )
     rotational_stiffness: list[float] = field(default_factory=lambda: [30.0, 30.0, 3.0])
-    stiffness_axes: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     orientation: list[float] = field(default_factory=lambda: [math.pi, 0.0, 0.0])
     damping_ratio: float = 1.0
     posture_frequency: float = 5.0
@@ -92,8 +95,6 @@ class ImpedanceConfig:
     max_effective_mass: float = 100.0
     characteristic_length: float = 0.25
     control_period: float = 0.001
-    model_period: float = 0.025
-    target_time_constant: float = 0.0
     stiffness_time_constant: float = 0.05
     walls: JointWallConfig = field(default_factory=JointWallConfig)
     watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
@@ -111,21 +112,19 @@ class ImpedanceConfig:
 
         Raises
         ------
-        StationError
+        ControllerError
             If a value is not finite, has the wrong length or the wrong sign.
         """
         for name in ("translational_stiffness", "rotational_stiffness"):
             if min(_three(name, getattr(self, name))) <= 0:
-                raise StationError(
+                raise ControllerError(
                     f"{name} must be positive in all 3 directions, got "
                     f"{getattr(self, name)}; use a small number for a free direction"
                 )
         _three("orientation", self.orientation)
-        _three("stiffness_axes", self.stiffness_axes)
         for name in (
             "posture_frequency",
             "posture_damping_ratio",
-            "target_time_constant",
             "stiffness_time_constant",
         ):
             _number(name, getattr(self, name), positive=False)
@@ -138,7 +137,6 @@ class ImpedanceConfig:
             "max_effective_mass",
             "characteristic_length",
             "control_period",
-            "model_period",
         ):
             _number(name, getattr(self, name), positive=True)
         self._check_parts()
@@ -150,52 +148,38 @@ class ImpedanceConfig:
             ("watchdog", ()),
             ("force_control", ("proportional_gain", "contact_force")),
             ("covariance_stiffness", ()),
-            ("tank", ("initial_energy", "capacity", "share")),
+            ("tank", ("initial_energy", "capacity", "stored_fraction")),
         ):
             for name, value in vars(getattr(self, part)).items():
                 if isinstance(value, float | int) and not isinstance(value, bool):
                     _number(f"{part}.{name}", value, positive=name not in not_positive)
-        if self.tank.share > 1 or self.walls.speed_share > 1:
-            raise StationError(
-                "tank.share and walls.speed_share must be at most 1, got "
-                f"{self.tank.share} and {self.walls.speed_share}"
+        if self.tank.stored_fraction > 1 or self.walls.speed_fraction > 1:
+            raise ControllerError(
+                "tank.stored_fraction and walls.speed_fraction must be at most 1, got "
+                f"{self.tank.stored_fraction} and {self.walls.speed_fraction}"
             )
         if self.tank.initial_energy > self.tank.capacity:
-            raise StationError(
+            raise ControllerError(
                 f"tank.initial_energy must be at most tank.capacity, got "
                 f"{self.tank.initial_energy} and {self.tank.capacity} J"
             )
         soft = self.covariance_stiffness
         if soft.max_stiffness < soft.min_stiffness or len(soft.axes) != 3:
-            raise StationError(
+            raise ControllerError(
                 "covariance_stiffness must have 3 axes and max_stiffness at least "
                 f"min_stiffness, got {soft}"
             )
 
-    def gains(self) -> ImpedanceGains:
-        """Check the settings and turn them into what the law takes.
+    def stiffness(self) -> NDArray[np.float64]:
+        """Check the settings and compute the stiffness.
 
         Returns
         -------
-        ImpedanceGains
-            With the stiffness in T.
+        array, shape (6, 6)
+            K, in T, rotations first: Nm/rad and N/m.
         """
         self.check()
-        R = Rotation.from_euler("xyz", self.stiffness_axes).as_matrix()
-        stiffness = np.zeros((6, 6))
-        stiffness[:3, :3] = (R * np.array(self.rotational_stiffness)) @ R.T
-        stiffness[3:, 3:] = (R * np.array(self.translational_stiffness)) @ R.T
-        return ImpedanceGains(
-            stiffness=stiffness,
-            damping_ratio=self.damping_ratio,
-            posture_frequency=self.posture_frequency,
-            posture_damping_ratio=self.posture_damping_ratio,
-            max_rotation_error=self.max_rotation_error,
-            max_translation_error=self.max_translation_error,
-            max_posture_error=self.max_posture_error,
-            max_effective_mass=self.max_effective_mass,
-            characteristic_length=self.characteristic_length,
-        )
+        return np.diag([*self.rotational_stiffness, *self.translational_stiffness])
 
     def desired_rotation(self) -> NDArray[np.float64]:
         """Compute the desired orientation.
@@ -206,17 +190,14 @@ class ImpedanceConfig:
             R_TE.
         """
         self.check()
-        R_TE: NDArray[np.float64] = Rotation.from_euler(
-            "xyz", self.orientation
-        ).as_matrix()
-        return R_TE
+        return Rotation.from_euler("xyz", self.orientation).as_matrix()
 
 
 def _three(name: str, values: Sequence[float]) -> list[float]:
     """Return the values if they are three finite numbers."""
     given = np.asarray(values, dtype=float)
     if given.shape != (3,) or not np.all(np.isfinite(given)):
-        raise StationError(f"{name} must be 3 finite numbers, got {values}")
+        raise ControllerError(f"{name} must be 3 finite numbers, got {values}")
     return [float(value) for value in given]
 
 
@@ -225,4 +206,4 @@ def _number(name: str, value: float, *, positive: bool) -> None:
     if math.isfinite(value) and (value > 0 or (value == 0 and not positive)):
         return
     allowed = "greater than 0" if positive else "at least 0"
-    raise StationError(f"{name} must be finite and {allowed}, got {value}")
+    raise ControllerError(f"{name} must be finite and {allowed}, got {value}")

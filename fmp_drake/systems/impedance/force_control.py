@@ -1,21 +1,23 @@
-"""The closed loop of the normal force, around the press that is fed forward."""
+"""The normal force: where it is wanted, and its closed loop."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from fmp_drake.compiled import compiled
+
 
 @dataclass(kw_only=True)
 class ForceControlConfig:
-    """A proportional-integral controller of the force along T's z axis.
+    """A proportional-integral controller of the normal force, along −z of T.
 
     Attributes
     ----------
     enabled : bool
-        Whether the port `normal_force` is used.
+        Whether the measured force at the port `normal_force` is used.
     proportional_gain : float
         Newton of correction for a newton of error.
     integral_gain : float
-        Rate at which the press is corrected, 1/s; with the proportional gain p, the
+        Rate at which the force is corrected, 1/s; with the proportional gain p, the
         bandwidth is this by 1 + p. On a stiff board the loop is stable below
         ``(1 + p) D / Λ``, with the damping D (the law's and the felt's) and the
         inertia Λ along the normal.
@@ -25,6 +27,12 @@ class ForceControlConfig:
         Measured force from which on there is contact, N.
     release_time : float
         Without contact for this long, the correction is taken back, s.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> config = ImpedanceConfig(force_control=ForceControlConfig(enabled=True))
+    >>> config.check()
     """
 
     enabled: bool = False
@@ -43,7 +51,7 @@ class ForceState(NamedTuple):
 
 
 class ForceCorrection(NamedTuple):
-    """What is added to the press in N, and why."""
+    """What is added to the wanted normal force in N, and why."""
 
     correction: float
     state: ForceState
@@ -52,28 +60,39 @@ class ForceCorrection(NamedTuple):
     limited: bool
 
 
-def correct_press(
+@compiled
+def engagement(height: float, engage_height: float) -> float:
+    """Return a smooth step of the height: 0 from `engage_height` on, 1 on the surface.
+
+    Both are in m.
+    """
+    nearness = min(max(1 - height / engage_height, 0.0), 1.0)
+    return nearness * nearness * (3 - 2 * nearness)
+
+
+@compiled
+def correct_normal_force(
     config: ForceControlConfig,
     state: ForceState,
-    *,
     wanted: float,
     measured: float,
     saturated: bool,
     period: float,
 ) -> ForceCorrection:
-    """Correct a press by what is measured of it.
+    """Correct the normal force that is fed forward by what is measured of it.
 
     The integral stands still while the arm's torque is saturated and stops at
     `max_correction`. It is taken back, with `release_time` as time constant, when
-    contact is lost for that long, or no press is wanted.
+    contact is lost for that long, or no force is wanted.
 
     Parameters
     ----------
     config : ForceControlConfig
+        As `values_of` returns it.
     state : ForceState
         Of the update before.
     wanted, measured : float
-        Press, N; positive where the tool pushes along −z of T.
+        Force of the tool along −z of T, N; positive where it pushes.
     saturated : bool
         Whether the torque was limited at the update before.
     period : float
@@ -83,24 +102,20 @@ def correct_press(
     -------
     ForceCorrection
     """
-    integral, lost_time = state
     touching = measured > config.contact_force
-    lost_time = 0.0 if touching else lost_time + period
+    lost_time = 0.0 if touching else state.lost_time + period
     if wanted <= 0 or lost_time > config.release_time:
-        integral *= max(1 - period / config.release_time, 0.0)
+        integral = state.integral * max(1 - period / config.release_time, 0.0)
+        lost = wanted > 0 and not touching
         return ForceCorrection(
-            integral,
-            ForceState(integral, lost_time),
-            False,
-            wanted > 0 and not touching,
-            False,
+            integral, ForceState(integral, lost_time), False, lost, False
         )
-    error = wanted - measured
+    error, integral = wanted - measured, state.integral
     if touching and not saturated:
         integral += config.integral_gain * period * error
     most = config.max_correction
     integral = min(max(integral, -most), most)
-    # The press is never turned into a pull.
+    # Pushing is never turned into pulling.
     total = max(integral + config.proportional_gain * error, -wanted)
     total = min(max(total, -most), most)
     return ForceCorrection(

@@ -1,11 +1,13 @@
 """The friction of the arm's joints."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.errors import StationError
+from fmp_drake.compiled import compiled
+from fmp_drake.errors import ControllerError
 
 Array = NDArray[np.float64]
 
@@ -34,6 +36,12 @@ class FrictionConfig:
     .. [1] C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic
        identification of the Franka Emika Panda robot with retrieval of feasible
        parameters using penalty-based optimization", IEEE RA-L 4(4), 2019.
+
+    Examples
+    --------
+    >>> config = FrictionConfig(enabled=True, gain=0.9)
+    >>> len(config.height)
+    7
     """
 
     enabled: bool = False
@@ -65,12 +73,8 @@ class FrictionConfig:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class SigmoidFriction:
-    """Friction torque as a function of the joints' velocities.
-
-    ``τ = φ1 / (1 + exp(−φ2 (v + φ3))) − φ1 / (1 + exp(−φ2 φ3))``: zero at rest,
-    against the motion where it is subtracted, and bounded by φ1.
+class SigmoidFriction(NamedTuple):
+    """The parameters of the joints' friction, see `friction_torque`.
 
     Attributes
     ----------
@@ -83,34 +87,42 @@ class SigmoidFriction:
     shift: Array
 
     @classmethod
-    def of(cls, config: FrictionConfig, *, n: int) -> "SigmoidFriction":
+    def of(cls, config: FrictionConfig, *, n: int) -> Self:
         """Check a configuration for an arm of n joints.
 
         Raises
         ------
-        StationError
+        ControllerError
             If a list has not n finite numbers, or one has the wrong sign.
         """
         values = []
         for name in ("height", "slope", "shift"):
             value = np.array(getattr(config, name), dtype=float)
             if value.shape != (n,) or not np.isfinite(value).all():
-                raise StationError(
+                raise ControllerError(
                     f"friction.{name} must be {n} finite numbers, one per joint, got "
                     f"{getattr(config, name)}"
                 )
             if name != "shift" and value.min() < 0:
-                raise StationError(f"friction.{name} must not be negative, got {value}")
+                raise ControllerError(
+                    f"friction.{name} must not be negative, got {value}"
+                )
             values.append(value)
         if not (np.isfinite(config.gain) and config.gain >= 0):
-            raise StationError(
+            raise ControllerError(
                 f"friction.gain must be finite and at least 0, got {config.gain}"
             )
         return cls(config.gain * values[0], values[1], values[2])
 
-    def torque(self, v: Array) -> Array:
-        """Return the friction torque, shape (n,) in Nm, at velocities in rad/s."""
-        # 1 / (1 + exp(−x)) = (1 + tanh(x / 2)) / 2, which does not overflow.
-        half = 0.5 * self.slope
-        moving = np.tanh(half * (v + self.shift))
-        return 0.5 * self.height * (moving - np.tanh(half * self.shift))
+
+@compiled
+def friction_torque(friction: SigmoidFriction, v: Array) -> Array:
+    """Return the friction torque, shape (n,) in Nm, at velocities in rad/s.
+
+    ``τ = φ1 / (1 + exp(−φ2 (v + φ3))) − φ1 / (1 + exp(−φ2 φ3))``: zero at rest,
+    against the motion where it is subtracted, and bounded by φ1.
+    """
+    # 1 / (1 + exp(−x)) = (1 + tanh(x / 2)) / 2, which does not overflow.
+    half = 0.5 * friction.slope
+    moving = np.tanh(half * (v + friction.shift))
+    return 0.5 * friction.height * (moving - np.tanh(half * friction.shift))

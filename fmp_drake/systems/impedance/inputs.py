@@ -1,85 +1,154 @@
-"""What one update of the impedance controller is told."""
+"""What comes in at the ports of the impedance controller, packed into one vector."""
 
-from typing import NamedTuple
+import math
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.systems.impedance.law import ArmDynamics
+from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.poses import (
+    Pose,
+    rotation_from_quaternion,
+    stacked,
+    twist_rotation,
+)
+from fmp_drake.systems.impedance.settings import ImpedanceSettings
 from fmp_drake.systems.impedance.target import TaskTarget
 
 Array = NDArray[np.float64]
 
+# Numbers that are larger are taken for an error.
+_LARGEST = 1e12
 
-class ArmMeasurement(NamedTuple):
-    """The arm at one finite state.
-
-    Attributes
-    ----------
-    q : array, shape (n,)
-        rad.
-    dynamics : ArmDynamics
-    R_TE : array, shape (3, 3)
-    p_TE : array, shape (3,)
-        m.
-    error : array, shape (6,)
-        What `task_error` gives for the target as it comes in.
-    """
-
-    q: Array
-    dynamics: ArmDynamics
-    R_TE: Array
-    p_TE: Array
-    error: Array
+# Ports and their sizes, in the order of the packed vector.
+REQUIRED = {"desired_position": 3, "desired_velocity": 3, "desired_acceleration": 3}
+OPTIONAL = {
+    "feedforward_wrench": 6,
+    "desired_orientation": 4,
+    "desired_angular_velocity": 3,
+    "desired_angular_acceleration": 3,
+    "task_frame": 7,
+    "task_frame_velocity": 6,
+    "task_frame_acceleration": 6,
+    "target_time": 1,
+    "stiffness": 36,
+    "covariance": 9,
+    "normal_force": 1,
+    "desired_normal_force": 1,
+}
+PORTS = REQUIRED | OPTIONAL
+# The values of all ports, and behind them 1 for each port that is used.
+PACKED = np.dtype(
+    [(name, float, (size,)) for name, size in PORTS.items()]
+    + [(f"has_{name}", float) for name in PORTS]
+)
+# Where each port's values begin among the packed numbers, and where its flag is.
+PLACES = {
+    name: (end - PORTS[name], sum(PORTS.values()) + k)
+    for k, (name, end) in enumerate(zip(PORTS, accumulate(PORTS.values()), strict=True))
+}
 
 
 class StepInputs(NamedTuple):
-    """What came in at the ports; None where a port is not used.
+    """What came in at the ports.
 
     Attributes
     ----------
+    finite : bool
+        Whether every value is finite, and far from an overflow.
     target : TaskTarget
         Relative to T.
-    jerk : array, shape (3,), or None
-        How the target's acceleration goes on, m/s³, in T.
     wrench : array, shape (6,)
         Feed-forward, Nm and N, in T.
-    finite : bool
-        Whether every input besides the state is.
-    turning : bool
-        Whether the target's orientation may change.
-    age : float or None
-        Of the target, s.
-    R_WT : array, shape (3, 3)
-    p_WT : array, shape (3,)
-        m.
-    moving_frame : bool
-        Whether T may move.
-    frame_twist : array, shape (6,), or None
-        V_WT in T's axes.
-    frame_acceleration : array, shape (6,)
-        A_WT in T's axes.
-    stiffness : array, shape (6,) or (36,), or None
-    covariance : array, shape (9,), or None
+    X_WT : Pose
+    frame_twist, frame_acceleration : array, shape (6,)
+        V_WT and A_WT in T's axes.
+    age : float
+        Of the target, s; NaN where it does not tell.
+    stiffness : array, shape (6, 6)
+    covariance : array, shape (3, 3)
         m².
-    normal_force : float or None
-        N.
-    elapsed : float
-        Since the full update before, s.
+    normal_force, desired_normal_force : float
+        Measured and wanted along −z of T, N.
+    has_stiffness, has_covariance, has_normal_force : bool
+        Whether there is one.
     """
 
-    target: TaskTarget
-    jerk: Array | None
-    wrench: Array
     finite: bool
-    turning: bool
-    age: float | None
-    R_WT: Array
-    p_WT: Array
-    moving_frame: bool
-    frame_twist: Array | None
+    target: TaskTarget
+    wrench: Array
+    X_WT: Pose
+    frame_twist: Array
     frame_acceleration: Array
-    stiffness: Array | None
-    covariance: Array | None
-    normal_force: float | None
-    elapsed: float
+    age: float
+    stiffness: Array
+    covariance: Array
+    normal_force: float
+    desired_normal_force: float
+    has_stiffness: bool
+    has_covariance: bool
+    has_normal_force: bool
+
+
+@compiled
+def unpack(
+    packed: NDArray[Any], settings: ImpedanceSettings, time: float
+) -> StepInputs:
+    """Read the packed inputs.
+
+    Parameters
+    ----------
+    packed : array, shape (1,)
+        Of the type `PACKED`, without NaN where a port is not used.
+    settings : ImpedanceSettings
+        With the task frame where the port brings none, or none that is finite, and
+        the desired orientation where the port brings none.
+    time : float
+        s.
+    """
+    X_WT = Pose(settings.X_WT.R.copy(), settings.X_WT.p.copy())
+    R_TE = settings.R_TE.copy()
+    ports, finite = packed[0], True
+    numbers = packed.view(np.float64)
+    for i in range(len(numbers)):
+        finite = finite and abs(numbers[i]) < _LARGEST
+    if ports["has_desired_orientation"]:
+        R_TE = rotation_from_quaternion(ports["desired_orientation"].copy())
+        finite = finite and math.isfinite(R_TE[0, 0])
+    if ports["has_task_frame"]:
+        pose = ports["task_frame"].copy()
+        R_WT = rotation_from_quaternion(pose[:4])
+        if math.isfinite(R_WT[0, 0] + pose[4] + pose[5] + pose[6]):
+            X_WT = Pose(R_WT, pose[4:])
+        else:
+            finite = False
+    rotation = twist_rotation(X_WT.R.T)
+    # A frame that has no velocity stands still.
+    frame_acceleration = ports["task_frame_acceleration"].copy()
+    if not ports["has_task_frame_velocity"]:
+        frame_acceleration = np.zeros(6)
+    age = time - ports["target_time"][0]
+    return StepInputs(
+        finite,
+        TaskTarget(
+            Pose(R_TE, ports["desired_position"].copy()),
+            stacked(ports["desired_angular_velocity"], ports["desired_velocity"]),
+            stacked(
+                ports["desired_angular_acceleration"], ports["desired_acceleration"]
+            ),
+        ),
+        ports["feedforward_wrench"].copy(),
+        X_WT,
+        rotation @ ports["task_frame_velocity"].copy(),
+        rotation @ frame_acceleration,
+        age if ports["has_target_time"] else math.nan,
+        ports["stiffness"].copy().reshape(6, 6),
+        ports["covariance"].copy().reshape(3, 3),
+        ports["normal_force"][0],
+        max(ports["desired_normal_force"][0], 0.0),
+        ports["has_stiffness"] > 0,
+        ports["has_covariance"] > 0,
+        ports["has_normal_force"] > 0,
+    )

@@ -1,6 +1,6 @@
 """The operational-space impedance law, as functions of arrays.
 
-E is the end effector's frame, T the task frame, whose axes may turn. Twists and
+E is the end effector's frame, T the task frame, whose axes may rotate. Twists and
 wrenches are those of E in the world; like the errors they have six elements,
 rotation first, and are expressed in T's present axes.
 With the arm's equation of motion ``M v̇ + C v = τ + Jᵀ F_ext`` (gravity is
@@ -22,15 +22,15 @@ References
 """
 
 import math
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import blas, lapack
 
-from fmp_drake.systems.impedance.gains import ImpedanceGains
-from fmp_drake.systems.impedance.spring import spring_wrench
+from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.cholesky import cholesky, solve_lower
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.spring import shortened, spring_wrench
 
 Array = NDArray[np.float64]
 
@@ -60,68 +60,81 @@ class ArmDynamics(NamedTuple):
 
 
 class LawTorque(NamedTuple):
-    """What the law commands, and what it tells of itself.
+    """What the law commands, and how it came about.
 
     Parameters
     ----------
     torque : array, shape (n,)
-        Joint torque without gravity, not limited, Nm.
+        Joint torque without gravity, not limited, Nm; NaN where the mass matrix is
+        not positive definite.
     dissipation : float
         Power that the task's damping takes out of the motion, W.
     clipped : bool
         Whether an error was shortened.
     near_singular : bool
         Whether the inertia was bounded.
-    modes : array, shape (6, 6)
-        B: ``Λ = B Bᵀ``, ``D = B diag(d) Bᵀ``.
-    modal_damping : array, shape (6,)
-        d, 1/s.
-    modal_jacobian : array, shape (6, n)
-        ``Bᵀ J``.
-    posture_share : float
-        By how much the posture's error was shortened, in (0, 1].
     """
 
     torque: Array
     dissipation: float
     clipped: bool
     near_singular: bool
-    modes: Array
-    modal_damping: Array
-    modal_jacobian: Array
-    posture_share: float
 
 
-class TaskInertia(NamedTuple):
-    """The operational-space inertia, factored: ``Λ = Wᵀ W`` and ``Λ⁻¹ = H Hᵀ``.
+class TaskModes(NamedTuple):
+    """The modes of the end effector's motion, by double diagonalization [2]_.
 
     Parameters
     ----------
-    W, H : array, shape (6, 6)
-        Inverse to each other; both map between T's axes and unit-mass axes.
+    B : array, shape (6, 6)
+        Mode shapes: ``B Bᵀ = Λ`` and ``B diag(ω²) Bᵀ = K``.
+    omega : array, shape (6,)
+        Natural frequencies, rad/s; the damping matrix is ``D = B diag(2 ζ ω) Bᵀ``.
     bounded : bool
-        Whether an eigenvalue was bounded.
+        Whether Λ was bounded because the arm is near a singularity.
     """
 
-    W: Array
-    H: Array
+    B: Array
+    omega: Array
     bounded: bool
 
 
-def task_inertia(
-    *, M: Array, J: Array, max_effective_mass: float, characteristic_length: float
-) -> TaskInertia:
-    """Compute the operational-space inertia Λ, bounded at singularities.
+@compiled
+def _eigen(A: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues, ascending, and eigenvectors of a symmetric matrix."""
+    return np.linalg.eigh(A)
 
-    The eigenvalues of ``J M⁻¹ Jᵀ``, with rotations scaled to displacements, are
-    raised to ``1 / max_effective_mass`` where they are smaller.
+
+@compiled
+def mobility(M: Array, J: Array) -> Array:
+    """Return ``Λ⁻¹ = J M⁻¹ Jᵀ``, shape (6, 6); NaN where M is not positive definite."""
+    L, positive = cholesky(M)
+    if not positive:
+        return np.full((6, 6), np.nan)
+    Y = solve_lower(L, J.T)
+    return Y.T @ Y
+
+
+@compiled
+def task_modes(
+    mobility: Array,
+    stiffness: Array,
+    max_effective_mass: float,
+    characteristic_length: float,
+) -> TaskModes:
+    """Diagonalize the operational-space inertia Λ and the stiffness K together.
+
+    With ``K = L Lᵀ`` and ``Lᵀ Λ⁻¹ L = V diag(ω²) Vᵀ`` the modes are
+    ``B = L V diag(1/ω)``. At singularities, where Λ grows without bound, the
+    eigenvalues of ``Λ⁻¹``, with rotations scaled to displacements, are first raised to
+    ``1 / max_effective_mass``.
 
     Parameters
     ----------
-    M : array, shape (n, n)
-        Mass matrix, kg m².
-    J : array, shape (6, n)
-        Jacobian of E's twist, expressed in T.
+    mobility : array, shape (6, 6)
+        Λ⁻¹, expressed in T, finite.
+    stiffness : array, shape (6, 6)
+        K, symmetric positive definite, in T.
     max_effective_mass : float
         Upper bound of Λ's eigenvalues, kg.
     characteristic_length : float
@@ -129,96 +142,39 @@ def task_inertia(
 
     Returns
     -------
-    TaskInertia
-        Both factors of Λ.
+    TaskModes
     """
-    scale = _scale(characteristic_length)
-    values, U, _ = lapack.dsyev(_mobility(M, scale[:, None] * J))
-    root = np.sqrt(np.maximum(values, 1 / max_effective_mass))
-    W = U.T * scale / root[:, None]
-    H = U * root / scale[:, None]
-    return TaskInertia(W, H, bool(values[0] * max_effective_mass < 1))
-
-
-def _mobility(M: Array, J: Array) -> Array:
-    """Return ``J M⁻¹ Jᵀ``."""
-    factor, _ = lapack.dpotrf(M, lower=1)
-    # Not dtrtrs: OpenBLAS starts threads for it, and waits milliseconds for them.
-    Y: Array = blas.dtrsm(1.0, factor, J.T, lower=1)
-    return Y.T.dot(Y)
-
-
-@cache
-def _scale(characteristic_length: float) -> Array:
-    """Return what turns twists into velocities."""
-    scale = np.array((characteristic_length,) * 3 + (1.0,) * 3)
-    scale.setflags(write=False)
-    return scale
-
-
-def damping_modes(
-    *, inertia: TaskInertia, stiffness: Array, damping_ratio: float
-) -> tuple[Array, Array]:
-    """Design the damping by double diagonalization of Λ and K [2]_.
-
-    Parameters
-    ----------
-    inertia : TaskInertia
-        Λ, factored.
-    stiffness : array, shape (6, 6)
-        K, symmetric positive definite, in T.
-    damping_ratio : float
-        ζ of every mode.
-
-    Returns
-    -------
-    B : array, shape (6, 6)
-        Mode shapes: ``B Bᵀ = Λ`` and ``B diag(ω²) Bᵀ = K``.
-    d : array, shape (6,)
-        ``2 ζ ω`` of each mode, 1/s; the damping matrix is ``D = B diag(d) Bᵀ``.
-    """
-    H = inertia.H
-    squared, V, _ = lapack.dsyev(H.T.dot(stiffness.dot(H)))
-    d = 2 * damping_ratio * np.sqrt(np.maximum(squared, 0.0))
-    return inertia.W.T.dot(V), d
-
-
-def task_modes(
-    gains: ImpedanceGains, *, M: Array, J: Array, stiffness: Array
-) -> tuple[Array, Array, bool]:
-    """Return B and d as `damping_modes` does, and whether the inertia was bounded.
-
-    Away from singularities one generalized eigenvalue problem does: ``K Λ⁻¹ b = ω² b``
-    with ``Bᵀ Λ⁻¹ B = 1``.
-    """
-    squared, B, info = lapack.dsygv(stiffness, _mobility(M, J), itype=2)
-    if info == 0:
-        scaled = B / _scale(gains.characteristic_length)[:, None]
+    scale = np.ones((6, 1))
+    for i in range(3):
+        scale[i, 0] = characteristic_length
+    L, _ = cholesky(stiffness)
+    squared, V = _eigen(L.T @ mobility @ L)
+    if squared[0] > 0:
+        omega = np.sqrt(squared)
+        B = L @ V / omega
         # The trace of the scaled Λ is more than its largest eigenvalue.
-        if np.vdot(scaled, scaled) < gains.max_effective_mass:
-            return B, 2 * gains.damping_ratio * np.sqrt(np.maximum(squared, 0)), False
-    inertia = task_inertia(
-        M=M,
-        J=J,
-        max_effective_mass=gains.max_effective_mass,
-        characteristic_length=gains.characteristic_length,
-    )
-    B, d = damping_modes(
-        inertia=inertia, stiffness=stiffness, damping_ratio=gains.damping_ratio
-    )
-    return B, d, inertia.bounded
+        if np.sum((B / scale) ** 2) < max_effective_mass:
+            return TaskModes(B, omega, False)
+    values, U = _eigen(scale * mobility * scale.T)
+    root = np.sqrt(np.maximum(values, 1 / max_effective_mass))
+    # Λ = Wᵀ W and Λ⁻¹ = H Hᵀ.
+    W = (U / root).T * scale.T
+    H = U * root / scale
+    squared, V = _eigen(H.T @ stiffness @ H)
+    omega = np.sqrt(np.maximum(squared, 0.0))
+    return TaskModes(W.T @ V, omega, values[0] * max_effective_mass < 1)
 
 
+@compiled
 def impedance_law(
-    gains: ImpedanceGains,
+    config: ImpedanceConfig,
     arm: ArmDynamics,
-    *,
+    stiffness: Array,
     error: Array,
     desired_twist: Array,
     desired_acceleration: Array,
     feedforward_wrench: Array,
     posture_error: Array,
-    stiffness: Array | None = None,
 ) -> LawTorque:
     """Compute the joint torque of the impedance law, without gravity, unlimited.
 
@@ -228,10 +184,12 @@ def impedance_law(
 
     Parameters
     ----------
-    gains : ImpedanceGains
-        Stiffness, damping ratios and clips.
+    config : ImpedanceConfig
+        Damping ratios, posture frequency and clips, as `values_of` returns them.
     arm : ArmDynamics
         The arm at its present state.
+    stiffness : array, shape (6, 6)
+        K, symmetric and positive definite, in T.
     error : array, shape (6,)
         What `task_error` returned, rad and m, in T.
     desired_twist : array, shape (6,)
@@ -242,30 +200,32 @@ def impedance_law(
         Torque and force that the robot shall apply at E, Nm and N, in T.
     posture_error : array, shape (n,)
         Desired posture minus joint positions, rad.
-    stiffness : array, shape (6, 6), optional
-        In place of the gains' own; symmetric and positive definite.
 
     Returns
     -------
     LawTorque
     """
-    v, M, Cv, J, Jdot_v = arm
-    K = gains.stiffness if stiffness is None else stiffness
-    omega = gains.posture_frequency
-    length = math.sqrt(posture_error.dot(posture_error))
-    share = gains.max_posture_error / max(length, gains.max_posture_error)
-    posture = (omega * omega * share) * posture_error
-    posture -= (2 * gains.posture_damping_ratio * omega) * v
-    B, d, bounded = task_modes(gains, M=M, J=J, stiffness=K)
+    inverse_inertia = mobility(arm.M, arm.J)
+    if not math.isfinite(np.sum(inverse_inertia)):
+        return LawTorque(np.full(len(arm.v), np.nan), 0.0, False, False)
+    B, omega, bounded = task_modes(
+        inverse_inertia,
+        stiffness,
+        config.max_effective_mass,
+        config.characteristic_length,
+    )
+    posture = config.posture_frequency**2 * shortened(
+        posture_error, config.max_posture_error
+    )
+    posture -= 2 * config.posture_damping_ratio * config.posture_frequency * arm.v
     # Jᵀ (Λ x + D y) = (Bᵀ J)ᵀ (Bᵀ x + d Bᵀ y); Nᵀ M a = M a − Jᵀ Λ J a.
-    BJ = B.T.dot(J)
-    y = B.T.dot(desired_twist) - BJ.dot(v)
-    damping = d * y
-    x = B.T.dot(desired_acceleration - Jdot_v) - BJ.dot(posture)
-    spring, clipped = spring_wrench(gains, error, stiffness=K)
-    torque: Array = BJ.T.dot(x + damping)
-    torque += J.T.dot(spring + feedforward_wrench)
-    torque += M.dot(posture)
-    torque += Cv
-    dissipation = float(y.dot(damping))
-    return LawTorque(torque, dissipation, clipped, bounded, B, d, BJ, share)
+    BJ = B.T @ arm.J
+    y = B.T @ desired_twist - BJ @ arm.v
+    damping = 2 * config.damping_ratio * omega * y
+    x = B.T @ (desired_acceleration - arm.Jdot_v) - BJ @ posture
+    spring, clipped = spring_wrench(
+        stiffness, error, config.max_rotation_error, config.max_translation_error
+    )
+    torque = BJ.T @ (x + damping) + arm.J.T @ (spring + feedforward_wrench)
+    torque += arm.M @ posture + arm.Cv
+    return LawTorque(torque, float(y @ damping), clipped, bounded)

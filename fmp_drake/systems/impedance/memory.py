@@ -1,29 +1,22 @@
 """What the impedance controller remembers from one update to the next."""
 
-from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fmp_drake.compiled import compiled
 from fmp_drake.systems.impedance.force_control import ForceState
-from fmp_drake.systems.impedance.target import TaskTarget
-from fmp_drake.systems.impedance.watchdog import WatchdogState
+from fmp_drake.systems.impedance.poses import Pose
+from fmp_drake.systems.impedance.supervision import LastTarget, WatchdogState
 
 Array = NDArray[np.float64]
 
-_HEAD = 10
-_LAST = slice(10, 22)
-_HOLD = slice(22, 34)
-_FILTERED = slice(34, 58)
-_STIFFNESS = slice(58, 94)
-_ROTATION = slice(94, 97)
-MEMORY_SIZE = 97
+MEMORY_SIZE = 72
 
 
-@dataclass(slots=True, eq=False)
-class ImpedanceMemory:
-    """The controller's memory, kept as a vector in the discrete state.
+class ImpedanceMemory(NamedTuple):
+    """The controller's memory; in the discrete state it is a vector.
 
     Attributes
     ----------
@@ -31,19 +24,13 @@ class ImpedanceMemory:
     force : ForceState
     tank_energy : float
         J.
-    frozen_time : float
-        How long the target has stood still although it has a velocity, s.
     saturated : bool
         Whether the torque was limited.
-    last : array, shape (12,) or (3,), or None
-        The position (m) and, where it may change, the rows of the orientation of
-        the last finite target, in T or, where T may move, in the world.
-    hold : array, shape (12,)
-        The pose that the watchdog holds, in the world.
-    filtered : array, shape (24,), or None
-        p, R, V and A of the filtered target, in T.
-    stiffness : array, shape (36,)
-        K, its rows, in T.
+    target : LastTarget
+    held : Pose
+        X_WE where the arm was stopped.
+    stiffness : array, shape (6, 6)
+        K, in T.
     rotation_error : array, shape (3,)
         That the spring saw last, rad, in T.
     """
@@ -51,78 +38,68 @@ class ImpedanceMemory:
     watchdog: WatchdogState
     force: ForceState
     tank_energy: float
-    frozen_time: float
     saturated: bool
-    last: Array | None
-    hold: Array
-    filtered: Array | None
+    target: LastTarget
+    held: Pose
     stiffness: Array
     rotation_error: Array
 
-    @classmethod
-    def initial(cls, stiffness: Array, *, tank_energy: float) -> Self:
-        """Make the memory of the start; the stiffness has shape (6, 6)."""
-        return cls(
-            watchdog=WatchdogState(),
-            force=ForceState(),
-            tank_energy=tank_energy,
-            frozen_time=0.0,
-            saturated=False,
-            last=None,
-            hold=np.zeros(12),
-            filtered=None,
-            stiffness=stiffness.ravel(),
-            rotation_error=np.zeros(3),
-        )
 
-    @classmethod
-    def from_vector(cls, vector: Array) -> Self:
-        """Read a vector, shape (97,), without copying it."""
-        mode, clock, duration, i, lost, tank, frozen, sat, last, filtered = vector[
-            :_HEAD
-        ].tolist()
-        return cls(
-            WatchdogState(int(mode), clock, duration),
-            ForceState(i, lost),
-            tank,
-            frozen,
-            sat > 0,
-            vector[_LAST] if last > 0 else None,
-            vector[_HOLD],
-            vector[_FILTERED] if filtered > 0 else None,
-            vector[_STIFFNESS],
-            vector[_ROTATION],
-        )
-
-    def to_vector(self) -> Array:
-        """Return a new vector, shape (97,)."""
-        vector = np.zeros(MEMORY_SIZE)
-        vector[:_HEAD] = (
-            *self.watchdog,
-            *self.force,
-            self.tank_energy,
-            self.frozen_time,
-            self.saturated,
-            self.last is not None,
-            self.filtered is not None,
-        )
-        if self.last is not None:
-            vector[_LAST.start : _LAST.start + self.last.size] = self.last
-        vector[_HOLD] = self.hold
-        if self.filtered is not None:
-            vector[_FILTERED] = self.filtered
-        vector[_STIFFNESS] = self.stiffness
-        vector[_ROTATION] = self.rotation_error
-        return vector
-
-
-def packed(target: TaskTarget) -> Array:
-    """Put a target into a vector, shape (24,)."""
-    return np.concatenate((target.p, target.R.ravel(), target.V, target.A))
-
-
-def unpacked(vector: Array) -> TaskTarget:
-    """Take a target out of a vector, shape (24,)."""
-    return TaskTarget(
-        vector[3:12].reshape(3, 3), vector[:3], vector[12:18], vector[18:]
+def initial_memory(stiffness: Array, *, tank_energy: float) -> ImpedanceMemory:
+    """Make the memory of the start; the stiffness has shape (6, 6)."""
+    nowhere = Pose(np.eye(3), np.zeros(3))
+    return ImpedanceMemory(
+        WatchdogState(),
+        ForceState(),
+        tank_energy,
+        False,
+        LastTarget(False, 0.0, nowhere),
+        nowhere,
+        stiffness,
+        np.zeros(3),
     )
+
+
+@compiled
+def decode(vector: Array) -> ImpedanceMemory:
+    """Read a memory from a vector, shape (72,), without copying it."""
+    return ImpedanceMemory(
+        WatchdogState(int(vector[0]), vector[1], vector[2]),
+        ForceState(vector[3], vector[4]),
+        vector[5],
+        vector[6] > 0,
+        LastTarget(
+            vector[7] > 0, vector[8], Pose(vector[9:18].reshape(3, 3), vector[18:21])
+        ),
+        Pose(vector[21:30].reshape(3, 3), vector[30:33]),
+        vector[33:69].reshape(6, 6),
+        vector[69:],
+    )
+
+
+@compiled
+def encode(memory: ImpedanceMemory) -> Array:
+    """Write a memory into a new vector, shape (72,)."""
+    vector = np.empty(MEMORY_SIZE)
+    vector[0] = memory.watchdog.mode
+    vector[1] = memory.watchdog.clock
+    vector[2] = memory.watchdog.duration
+    vector[3] = memory.force.integral
+    vector[4] = memory.force.lost_time
+    vector[5] = memory.tank_energy
+    vector[6] = memory.saturated
+    vector[7] = memory.target.known
+    vector[8] = memory.target.frozen_time
+    _put(vector, 9, memory.target.X.R.ravel())
+    _put(vector, 18, memory.target.X.p)
+    _put(vector, 21, memory.held.R.ravel())
+    _put(vector, 30, memory.held.p)
+    _put(vector, 33, memory.stiffness.ravel())
+    _put(vector, 69, memory.rotation_error)
+    return vector
+
+
+@compiled
+def _put(vector: Array, begin: int, values: Array) -> None:
+    for i in range(len(values)):
+        vector[begin + i] = values[i]

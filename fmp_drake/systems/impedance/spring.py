@@ -1,32 +1,93 @@
-"""The spring of the impedance law, with its clip."""
+"""The spring of the impedance law: its displacement, its clip and its wrench."""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.systems.impedance.error import shorten
-from fmp_drake.systems.impedance.gains import ImpedanceGains
+from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.poses import (
+    Pose,
+    inverse_left_jacobian,
+    rotation_vector,
+    stacked,
+)
 
 Array = NDArray[np.float64]
 
 
+@compiled
+def task_error(measured: Pose, desired: Pose) -> Array:
+    """Compute the displacement that is left from the measured to the desired pose.
+
+    Parameters
+    ----------
+    measured, desired : Pose
+        X_TE as it is and as it shall be.
+
+    Returns
+    -------
+    array, shape (6,)
+        ``(log(R_TE_desired R_TEᵀ), p_TE_desired − p_TE)``: rad and m, in T.
+    """
+    return stacked(rotation_vector(desired.R @ measured.R.T), desired.p - measured.p)
+
+
+@compiled
+def unwrapped(error: Array, previous: Array) -> Array:
+    """Let an error go on through 180 degrees in the way it rotated before.
+
+    The shortest rotation changes its axis from one side to the other at 180
+    degrees, and a spring would pull the other way at once. Of the two ways round,
+    the one nearer to the previous error is taken, as long as it is shorter than 270
+    degrees.
+
+    Parameters
+    ----------
+    error : array, shape (6,)
+        What `task_error` returned, rad and m; not changed.
+    previous : array, shape (3,)
+        Rotation of the error before, as returned here, rad.
+
+    Returns
+    -------
+    array, shape (6,)
+    """
+    phi = error[:3]
+    angle = math.sqrt(phi @ phi)
+    # Up to 90 degrees nothing but the shortest way is near; NaN ends here as well.
+    if not angle > 0.5 * math.pi or phi @ previous >= 0:
+        return error
+    other = (1 - 2 * math.pi / angle) * phi
+    this_way, other_way = phi - previous, other - previous
+    if other_way @ other_way < this_way @ this_way:
+        return stacked(other, error[3:])
+    return error
+
+
+@compiled
+def shortened(x: Array, limit: float) -> Array:
+    """Return a copy of a vector, shortened to a length at most in its direction."""
+    return x * (limit / max(math.sqrt(x @ x), limit))
+
+
+@compiled
 def spring_wrench(
-    gains: ImpedanceGains, error: Array, *, stiffness: Array | None = None
+    stiffness: Array, error: Array, max_rotation: float, max_translation: float
 ) -> tuple[Array, bool]:
     """Compute the wrench of the spring between measured and desired pose.
 
     Where nothing is clipped it is the gradient of ``½ eᵀ K e``, so the spring
-    gives back the work that was put in, however far it was turned.
+    gives back the work that was put in, however far it was rotated.
 
     Parameters
     ----------
-    gains : ImpedanceGains
-        The stiffness and the clips.
+    stiffness : array, shape (6, 6)
+        K, in T.
     error : array, shape (6,)
         The rotation and translation left, rad and m, in T.
-    stiffness : array, shape (6, 6), optional
-        In place of the gains' own.
+    max_rotation, max_translation : float
+        Lengths to which the halves of the error are shortened, rad and m.
 
     Returns
     -------
@@ -35,44 +96,13 @@ def spring_wrench(
     clipped : bool
         Whether the error was shortened.
     """
-    K = gains.stiffness if stiffness is None else stiffness
-    a, b, c, x, y, z = error.tolist()
+    rotation, translation = error[:3], error[3:]
     clipped = (
-        a * a + b * b + c * c > gains.max_rotation_error**2
-        or x * x + y * y + z * z > gains.max_translation_error**2
+        math.sqrt(rotation @ rotation) > max_rotation
+        or math.sqrt(translation @ translation) > max_translation
     )
-    seen = error
-    if clipped:
-        seen = np.concatenate(
-            (
-                shorten(error[:3], gains.max_rotation_error),
-                shorten(error[3:], gains.max_translation_error),
-            )
-        )
-    wrench: Array = K.dot(seen)
-    wrench[:3] = _unturn((a, b, c), wrench[:3].tolist())
-    return wrench, clipped
-
-
-def _unturn(
-    phi: tuple[float, float, float], t: list[float]
-) -> tuple[float, float, float]:
-    """Multiply by the inverse left Jacobian of SO(3) at `phi`.
-
-    ``t − ½ φ × t + c φ × (φ × t)`` with ``c = 1/θ² − cot(θ/2) / (2 θ)``: it maps
-    a gradient with respect to the rotation vector to a torque.
-    """
-    x, y, z = phi
-    theta2 = x * x + y * y + z * z
-    if theta2 > 1e-4:
-        theta = math.sqrt(theta2)
-        c = 1 / theta2 - 0.5 / (theta * math.tan(0.5 * theta))
-    else:
-        c = 1 / 12 + theta2 / 720
-    a, b, d = t
-    u0, u1, u2 = y * d - z * b, z * a - x * d, x * b - y * a
-    return (
-        a - 0.5 * u0 + c * (y * u2 - z * u1),
-        b - 0.5 * u1 + c * (z * u0 - x * u2),
-        d - 0.5 * u2 + c * (x * u1 - y * u0),
+    wrench = stiffness @ stacked(
+        shortened(rotation, max_rotation), shortened(translation, max_translation)
     )
+    torque = inverse_left_jacobian(rotation, wrench[:3])
+    return stacked(torque, wrench[3:]), clipped

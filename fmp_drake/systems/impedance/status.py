@@ -10,8 +10,8 @@ class StatusFlag(IntFlag):
 
     The target was not followed:
 
-    - `HOLD`: the watchdog holds the arm, damped, where it was caught.
-    - `RECOVER`: the watchdog leads the arm back to its target.
+    - `PROTECTIVE_STOP`: the arm is held, damped, where it was when a fault came.
+    - `RECOVER`: the arm is led back to its target.
     - `NOT_FINITE`: an input was NaN, infinite or above 1e12.
     - `JUMP`: the target jumped.
     - `STALE`: the target is too old, or stands still although it has a velocity.
@@ -27,14 +27,20 @@ class StatusFlag(IntFlag):
 
     The force and the stiffness:
 
-    - `FORCE_CONTROL`: the normal force is held in closed loop.
-    - `CONTACT_LOST`: a press is wanted, but nothing is touched.
-    - `FORCE_LIMITED`: the correction of the press is at its limit.
+    - `FORCE_CONTROL`: the normal force is controlled in closed loop.
+    - `CONTACT_LOST`: a normal force is wanted, but nothing is touched.
+    - `FORCE_LIMITED`: the correction of the normal force is at its limit.
     - `STIFFNESS_REFUSED`: the stiffness or covariance at the port was no spring.
     - `TANK_EMPTY`: the energy tank held the stiffness back.
+
+    Examples
+    --------
+    >>> flags = StatusFlag(576)
+    >>> StatusFlag.RATE_LIMITED in flags, StatusFlag.PROTECTIVE_STOP in flags
+    (True, False)
     """
 
-    HOLD = 1
+    PROTECTIVE_STOP = 1
     RECOVER = 2
     NOT_FINITE = 4
     JUMP = 8
@@ -60,18 +66,25 @@ class ImpedanceStatus(NamedTuple):
     ----------
     flags : StatusFlag
         What was done.
-    target_share : float
-        1 where the target is followed, 0 in a hold, between them in recovery.
+    target_fraction : float
+        1 where the target is followed, 0 in a protective stop, between them in
+        recovery.
     torque_scale, rate_scale : float
         Factors in (0, 1] by which the torque and its change were shortened.
     force_correction : float
-        What the closed loop adds to the wanted press, N.
+        What the closed loop adds to the wanted normal force, N.
     tank_energy : float
         Energy that the stiffness may still take from the tank, J.
+
+    Examples
+    --------
+    >>> status = ImpedanceStatus.from_vector([512.0, 1.0, 1.0, 0.8, 0.0, 0.5])
+    >>> status.flags.name, status.rate_scale
+    ('RATE_LIMITED', 0.8)
     """
 
     flags: StatusFlag
-    target_share: float
+    target_fraction: float
     torque_scale: float
     rate_scale: float
     force_correction: float

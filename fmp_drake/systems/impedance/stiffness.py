@@ -1,10 +1,13 @@
-"""Stiffness that varies: from a covariance, from a port, smooth in time."""
+"""Stiffness that varies: from a covariance or a port, and paid for by energy."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+
+from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.cholesky import cholesky, solve_lower
 
 Array = NDArray[np.float64]
 
@@ -24,6 +27,12 @@ class CovarianceStiffnessConfig:
     axes : list of 3 bools
         Which of T's axes are concerned; the others keep their stiffness. By default
         not the normal, along which the force, not the position, is to be held.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> soft = CovarianceStiffnessConfig(enabled=True, min_stiffness=200.0)
+    >>> ImpedanceConfig(covariance_stiffness=soft).check()
     """
 
     enabled: bool = False
@@ -33,6 +42,31 @@ class CovarianceStiffnessConfig:
     axes: list[bool] = field(default_factory=lambda: [True, True, False])
 
 
+@dataclass(kw_only=True)
+class EnergyTankConfig:
+    """How much energy a varying stiffness may bring into the motion.
+
+    Attributes
+    ----------
+    initial_energy, capacity : float
+        In the tank at the start, and at most, J. A stretched spring that is made
+        stiffer has more energy, which the tank pays for: whatever the stiffness does,
+        the environment gains at most the `capacity` from it.
+    stored_fraction : float
+        Part of the power dissipated by the controller's damping that is stored.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> ImpedanceConfig(tank=EnergyTankConfig(initial_energy=0.2)).check()
+    """
+
+    initial_energy: float = 0.5
+    capacity: float = 1.0
+    stored_fraction: float = 0.9
+
+
+@compiled
 def stiffness_from_covariance(
     config: CovarianceStiffnessConfig, covariance: Array, stiffness: Array
 ) -> Array:
@@ -60,50 +94,93 @@ def stiffness_from_covariance(
     .. [1] S. Calinon, D. Bruno, D. G. Caldwell, "A task-parameterized probabilistic
        model with minimal intervention control", ICRA 2014.
     """
-    chosen = np.flatnonzero(config.axes)
-    block = np.ix_(chosen, chosen)
-    identity = np.eye(len(chosen))
-    share = np.linalg.inv(identity + covariance[block] / config.deviation**2)
-    share = 0.5 * (share + share.T)
-    span = config.max_stiffness - config.min_stiffness
+    chosen, span = config.axes, config.max_stiffness - config.min_stiffness
+    # An axis that is not chosen has no part in Σ.
+    precision = np.eye(3)
+    for i in range(3):
+        for j in range(3):
+            part = chosen[i] * chosen[j] / config.deviation**2
+            precision[i, j] += part * covariance[i, j]
+    L, _ = cholesky(precision)
+    inverse = solve_lower(L, np.eye(3))
     K = stiffness.copy()
-    rows = chosen + 3
-    K[rows, :] = 0.0
-    K[:, rows] = 0.0
-    K[np.ix_(rows, rows)] = config.min_stiffness * identity + span * share
+    for i in range(3):
+        if chosen[i]:
+            K[3 + i, :] = 0.0
+            K[:, 3 + i] = 0.0
+    for i in range(3):
+        for j in range(3):
+            if chosen[i] and chosen[j]:
+                K[3 + i, 3 + j] = span * (inverse[:, i].copy() @ inverse[:, j].copy())
+        if chosen[i]:
+            K[3 + i, 3 + i] += config.min_stiffness
     return K
 
 
-def is_covariance(covariance: Array) -> bool:
-    """Tell whether a matrix is symmetric and positive semidefinite, up to rounding."""
-    size = float(np.abs(covariance).max())
-    if not np.abs(covariance - covariance.T).max() <= 1e-6 * size:
-        return False
-    return is_spring(covariance + 1e-6 * max(size, 1e-12) * np.eye(len(covariance)))
-
-
+@compiled
 def is_spring(stiffness: Array) -> bool:
     """Tell whether a matrix is symmetric, positive definite and finite."""
-    size = float(np.abs(stiffness).max())
-    if not np.abs(stiffness - stiffness.T).max() <= 1e-6 * size:
-        return False
-    _, info = lapack.dpotrf(stiffness, lower=1)
-    return bool(info == 0)
+    size = np.max(np.abs(stiffness))
+    for i in range(len(stiffness)):
+        for j in range(i):
+            if not abs(stiffness[i, j] - stiffness[j, i]) <= 1e-6 * size:
+                return False
+    return cholesky(stiffness)[1]
 
 
-def spring_of(values: Array) -> Array | None:
-    """Return the stiffness that a port's vector means, or None if it is no spring.
+@compiled
+def is_covariance(covariance: Array) -> bool:
+    """Tell whether a matrix is symmetric and positive semidefinite, up to rounding."""
+    size = np.max(np.abs(covariance))
+    return is_spring(covariance + 1e-6 * max(size, 1e-12) * np.eye(3))
+
+
+@compiled
+def filter_fraction(period: float, time_constant: float) -> float:
+    """Return the part of a step that a low-pass filter passes in one period, in s."""
+    return 1 - math.exp(-period / time_constant) if time_constant > 0 else 1.0
+
+
+@compiled
+def admit_stiffness(
+    stiffness: Array, wanted: Array, error: Array, energy: float
+) -> tuple[Array, float, bool]:
+    """Go from one stiffness towards another as far as the energy allows.
+
+    Stretching by ``e`` a spring whose stiffness changes by ``ΔK`` costs
+    ``½ eᵀ ΔK e``. Where the tank has less, only the part of ``ΔK`` that it can pay
+    is admitted; what a softer spring releases is lost, not stored.
 
     Parameters
     ----------
-    values : array, shape (6,) or (36,)
-        The diagonal, or all rows, of K: rotations first, Nm/rad and N/m.
+    stiffness, wanted : array, shape (6, 6)
+        Present and wanted K; the result is between them, thus a spring as well.
+    error : array, shape (6,)
+        e, rad and m.
+    energy : float
+        In the tank, J.
 
     Returns
     -------
-    array, shape (6, 6), or None
+    stiffness : array, shape (6, 6)
+    energy : float
+        What is left, J.
+    held_back : bool
+        Whether the tank was too empty.
+
+    References
+    ----------
+    .. [1] F. Ferraguti, C. Secchi, C. Fantuzzi, "A tank-based approach to impedance
+       control with variable stiffness", ICRA 2013.
     """
-    if values.size == 6:
-        return np.diag(values) if min(values.tolist()) > 0 else None
-    K = values.reshape(6, 6)
-    return 0.5 * (K + K.T) if is_spring(K) else None
+    change = wanted - stiffness
+    cost = 0.5 * float(error @ (change @ error))
+    if cost <= energy:
+        return wanted, energy - max(cost, 0.0), False
+    return stiffness + (energy / cost) * change, 0.0, True
+
+
+@compiled
+def refill(config: EnergyTankConfig, energy: float, dissipated: float) -> float:
+    """Store a part of what the damping has dissipated, J, up to the capacity."""
+    return min(energy + config.stored_fraction * dissipated, config.capacity)

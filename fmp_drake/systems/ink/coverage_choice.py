@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.primitives.data.numeric import is_whole
 from fmp_drake.systems.ink.grid import InkGrid
 
@@ -26,6 +26,16 @@ class CoverageChoice:
         At each edge of the eraser, m: what only the edge touches is not wiped.
     height : float
         Up to which the eraser counts as on the board, m.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import InkGrid
+    >>> grid = InkGrid(size=(0.5, 0.7))
+    >>> choice = CoverageChoice(grid=grid, footprint=(0.12, 0.05), candidates=2)
+    >>> short, long = np.zeros((2, 50, 3))
+    >>> long[:, 1] = np.linspace(-0.2, 0.2, 50)
+    >>> choice.best(grid.full(), np.array([short, long]))
+    1
     """
 
     grid: InkGrid
@@ -37,7 +47,7 @@ class CoverageChoice:
     def __post_init__(self) -> None:
         """Check the values."""
         if not (is_whole(self.candidates) and self.candidates >= 1):
-            raise StationError(
+            raise SystemsError(
                 f"the number of candidates is {self.candidates}; it must be a whole "
                 "number, at least 1."
             )

@@ -1,6 +1,6 @@
-"""The ink on a whiteboard as a grid of cells: geometry, wear and coverage.
+"""The ink on a whiteboard as a grid of cells: geometry and coverage.
 
-Pure NumPy. B is the board frame: origin at the centre of the wiping surface, x
+B is the board frame: origin at the centre of the wiping surface, x
 and y along its edges, z the outward normal.
 """
 
@@ -12,13 +12,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 type FloatArray = NDArray[np.float64]
 type BoolArray = NDArray[np.bool_]
 
 WEAR_CONSTANT = 20.0
-"""Wear constant c of the ink in Pa m; see `wear`.
+"""Wear constant c of the ink in Pa m; see `fmp_drake.systems.ink.rubbing.wear`.
 
 A felt of 0.12 m x 0.05 m pressed with 10 N carries 10 / 0.006 = 1667 Pa. When
 it is drawn across a cell along its short side, that cell feels an exposure of
@@ -50,8 +50,17 @@ class InkGrid:
 
     Raises
     ------
-    StationError
+    SystemsError
         If a length is not positive and finite.
+
+    Examples
+    --------
+    >>> grid = InkGrid(size=(0.5, 0.7), cell=0.005)
+    >>> grid.shape
+    (140, 100)
+    >>> area = grid.swept_area([[0.0, -0.1, 0.0], [0.0, 0.1, 0.0]], (0.12, 0.05))
+    >>> float(area.mean().round(3))  # Of the board, under a stroke of 0.2 m.
+    0.086
     """
 
     size: tuple[float, float] = (0.7, 0.5)
@@ -60,7 +69,7 @@ class InkGrid:
     def __post_init__(self) -> None:
         """Check the lengths."""
         if len(self.size) != 2:
-            raise StationError(
+            raise SystemsError(
                 f"InkGrid.size has {len(self.size)} entries: give the 2 edge "
                 "lengths (x, y) in metres."
             )
@@ -70,7 +79,7 @@ class InkGrid:
             ("cell", self.cell),
         ):
             if not (np.isfinite(value) and value > 0.0):
-                raise StationError(
+                raise SystemsError(
                     f"InkGrid.{name} is {value}: give a positive length in metres."
                 )
 
@@ -123,6 +132,15 @@ class InkGrid:
         centres.setflags(write=False)
         return centres
 
+    def cells[T: np.generic](self, name: str, values: NDArray[T]) -> NDArray[T]:
+        """Return values of the cells in shape (ny, nx); refuse another number of them."""
+        if values.size != self.num_cells:
+            raise SystemsError(
+                f"{name} has {values.size} values, but the grid has {self.num_cells} "
+                "cells: give one value per cell."
+            )
+        return values.reshape(self.shape)
+
     def full(self) -> FloatArray:
         """Return an ink array of shape (ny, nx) that is inked all over."""
         return np.ones(self.shape)
@@ -136,8 +154,8 @@ class InkGrid:
     ) -> BoolArray:
         """Find the cells that an eraser passes over while it is on the board.
 
-        The path is interpolated linearly and sampled every half cell or closer;
-        a sample counts if it is on the board.
+        The path is interpolated linearly in steps of half a cell or less; a step
+        counts if it is on the board.
 
         Parameters
         ----------
@@ -156,7 +174,7 @@ class InkGrid:
         """
         path = np.asarray(p_BE, dtype=float)
         if path.ndim != 2 or path.shape[1] != 3 or len(path) == 0:
-            raise StationError(
+            raise SystemsError(
                 f"swept_area got a path of shape {path.shape}: give (num_points, 3)."
             )
         samples = _resample(path, 0.5 * float(self.pitch.min()))
@@ -174,37 +192,6 @@ class InkGrid:
         np.add.at(change, (j_end, i), -1)
         np.add.at(change, (j_end, i_end), 1)
         return np.cumsum(np.cumsum(change, axis=0), axis=1)[:-1, :-1] > 0
-
-
-def wear(
-    ink: ArrayLike, exposure: ArrayLike, *, constant: float = WEAR_CONSTANT
-) -> FloatArray:
-    """Wear ink down: the exact solution of d(ink)/dt = -ink p v / c.
-
-    Parameters
-    ----------
-    ink : array_like
-        Ink before.
-    exposure : array_like
-        Integral of pressure times sliding speed over time in Pa m, of a shape
-        that broadcasts with `ink`; for constant p and v over a step h it is
-        p v h.
-    constant : float
-        Wear constant c in Pa m.
-
-    Returns
-    -------
-    ndarray
-        Ink after, ink exp(-exposure / c).
-
-    Notes
-    -----
-    Archard's law: the rate of wear is proportional to pressure times sliding
-    speed; here also to the ink that is left, which makes steps compose exactly.
-    J. F. Archard, "Contact and rubbing of flat surfaces", J. Appl. Phys. 24,
-    1953.
-    """
-    return np.asarray(ink, dtype=float) * np.exp(-np.asarray(exposure) / constant)
 
 
 def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
@@ -226,7 +213,7 @@ def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
     if mask is not None:
         chosen = np.asarray(mask, dtype=bool).ravel()
         if chosen.shape != clean.shape:
-            raise StationError(
+            raise SystemsError(
                 f"cleaned_fraction got a mask of {chosen.size} cells for "
                 f"{clean.size} cells of ink: give one value per cell."
             )

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 
+from fmp_drake.compiled import compiled
 from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.ink.grid import InkGrid
 
@@ -18,7 +19,7 @@ LEVELS = 12
 LIFT = 0.0005
 """Height in metres at which the ink is drawn above the board."""
 
-# Share of a cell by which rectangles reach into the next row: their corners do not
+# Fraction of a cell by which rectangles reach into the next row: their corners do not
 # meet those of that row, and the board would shine through along the edge.
 _OVERLAP = 0.02
 
@@ -31,7 +32,7 @@ def corner_shades(ink: ArrayLike) -> ShadeArray:
     Parameters
     ----------
     ink : array_like, shape (ny, nx)
-        Share of the ink that is left, from 0 to 1.
+        Fraction of the ink that is left, from 0 to 1.
 
     Returns
     -------
@@ -84,38 +85,60 @@ def ink_mesh(
     colours : ndarray, shape (3, 4 n)
         Linear RGB of the vertices, from 0 to 1 (Meshcat takes vertex colours so).
     """
-    shade = np.asarray(corners)
-    drawn = (shade[:, 1:] | shade[:, :-1]) != 0
-    drawn = drawn[1:] | drawn[:-1]
-    if cells is not None:
-        drawn &= np.asarray(cells, dtype=bool)
-    # Whether a cell is level along x, at both of its edges.
-    even = shade[:, 1:] == shade[:, :-1]
-    even = even[1:] & even[:-1] & drawn
-    begins = drawn.copy()
-    begins[:, 1:] &= ~(even[:, 1:] & even[:, :-1])
-    ends = drawn.copy()
-    ends[:, :-1] = begins[:, 1:] | (drawn[:, :-1] & ~drawn[:, 1:])
-    ends &= drawn
-    row, begin = np.nonzero(begins)
-    end = np.nonzero(ends)[1] + 1
+    shades = np.ascontiguousarray(corners)
+    m, n = shades.shape[0] - 1, shades.shape[1] - 1
+    chosen = np.ones((m, n), dtype=bool) if cells is None else np.asarray(cells)
+    row, column = origin
+    vertices, faces, tones = _rectangles(
+        shades,
+        chosen,
+        grid.corner[0] + grid.pitch[0] * np.arange(column, column + n + 1),
+        grid.corner[1] + grid.pitch[1] * np.arange(row, row + m + 1),
+        _OVERLAP * grid.pitch[1],
+        lift,
+    )
+    return vertices, faces, _COLOURS.take(tones, axis=1)
 
-    x0, x1 = (grid.corner[0] + grid.pitch[0] * (i + origin[1]) for i in (begin, end))
-    y0, y1 = (
-        grid.corner[1] + grid.pitch[1] * (j + origin[0])
-        for j in (row, row + 1.0 + _OVERLAP)
-    )
-    z = np.full(len(row), lift)
-    places = [[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]]
-    vertices = np.array(places).transpose(1, 2, 0).reshape(3, -1)
-    first = 4 * np.arange(len(row), dtype=np.int32)
-    triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
-    faces = (first[:, np.newaxis, np.newaxis] + triangles).reshape(-1, 3).T
-    of_corner = np.array(
-        [shade[row, begin], shade[row, end], shade[row + 1, end], shade[row + 1, begin]]
-    )
-    colours = _COLOURS.take(of_corner.T.ravel(), axis=1)
-    return vertices, np.ascontiguousarray(faces), colours
+
+@compiled
+def _rectangles(
+    shades: ShadeArray,
+    cells: NDArray[np.bool_],
+    x: FloatArray,
+    y: FloatArray,
+    overlap: float,
+    lift: float,
+) -> tuple[FloatArray, NDArray[np.int32], ShadeArray]:
+    """Return vertices, faces and shades of the rectangles; x and y are edges."""
+    m, n = cells.shape
+    found = np.empty((m * n, 3), dtype=np.int64)
+    count = 0
+    for row in range(m):
+        extends = False
+        for i in range(n):
+            a, b = shades[row, i], shades[row, i + 1]
+            c, d = shades[row + 1, i], shades[row + 1, i + 1]
+            drawn = cells[row, i] and (a | b | c | d) != 0
+            level = drawn and a == b and c == d
+            if level and extends:
+                found[count - 1, 2] = i + 1
+            elif drawn:
+                found[count] = row, i, i + 1
+                count += 1
+            extends = level
+    vertices = np.full((3, 4 * count), lift)
+    faces = np.empty((3, 2 * count), dtype=np.int32)
+    tones = np.empty(4 * count, dtype=np.uint8)
+    for k in range(count):
+        row, begin, end = found[k]
+        # Counterclockwise from the corner (-x, -y).
+        for i, (j, high) in enumerate(((begin, 0), (end, 0), (end, 1), (begin, 1))):
+            vertices[0, 4 * k + i] = x[j]
+            vertices[1, 4 * k + i] = y[row + high] + high * overlap
+            tones[4 * k + i] = shades[row + high, j]
+        faces[:, 2 * k] = 4 * k, 4 * k + 1, 4 * k + 2
+        faces[:, 2 * k + 1] = 4 * k, 4 * k + 2, 4 * k + 3
+    return vertices, faces, tones
 
 
 def draw_ink(

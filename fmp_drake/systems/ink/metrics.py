@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, InkGrid, cleaned_fraction
 
 type FloatArray = NDArray[np.float64]
@@ -24,12 +24,22 @@ class MissedSpots:
     Attributes
     ----------
     cleaned_fraction : float
-        Share of the area's cells with less than 10 % ink, from 0 to 1.
+        Fraction of the area's cells with less than 10 % ink, from 0 to 1.
     count : int
         Number of spots: groups of cells that are not clean and touch one another
         at an edge or a corner. No spot is too small to count.
     area_cm2, largest_cm2 : float
         Area of all spots and of the largest in cm^2.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import InkGrid, missed_spots
+    >>> grid = InkGrid(size=(0.5, 0.7))
+    >>> ink = np.zeros(grid.shape)
+    >>> ink[10:14, 20:30] = 1.0
+    >>> spots = missed_spots(ink, np.full(grid.shape, True), grid=grid)
+    >>> spots.count, spots.area_cm2
+    (1, 10.0)
     """
 
     cleaned_fraction: float
@@ -52,11 +62,11 @@ def missed_spots(ink: ArrayLike, mask: ArrayLike, *, grid: InkGrid) -> MissedSpo
 
     Raises
     ------
-    StationError
+    SystemsError
         If an array does not fit the grid.
     """
-    values = _on_grid("ink", np.asarray(ink, dtype=float), grid)
-    wanted = _on_grid("mask", np.asarray(mask, dtype=bool), grid)
+    values = grid.cells("ink", np.asarray(ink, dtype=float))
+    wanted = grid.cells("mask", np.asarray(mask, dtype=bool))
     labels, count = ndimage.label(
         wanted & (values >= CLEAN_BELOW), structure=_ALL_NEIGHBOURS
     )
@@ -74,8 +84,6 @@ def cleaned_history(
     erase_time: ArrayLike,
     mask: ArrayLike,
     times: ArrayLike,
-    *,
-    initial_ink: ArrayLike | None = None,
 ) -> FloatArray:
     """Return how much of an area was clean at given times.
 
@@ -88,9 +96,6 @@ def cleaned_history(
         The cells to be cleaned.
     times : array_like, shape (num_times,)
         Times in seconds.
-    initial_ink : array_like, same size, optional
-        Ink at the start; cells with less than 10 % are clean all the time. By
-        default none are.
 
     Returns
     -------
@@ -98,19 +103,14 @@ def cleaned_history(
         Fraction from 0 to 1, as `cleaned_fraction` would have given it then; 1
         where there is nothing to be cleaned.
     """
-    erased = np.array(erase_time, dtype=float).ravel()
-    arrays = [("mask", np.asarray(mask, dtype=bool).ravel())]
-    if initial_ink is not None:
-        arrays.append(("initial_ink", np.asarray(initial_ink, dtype=float).ravel()))
-    for name, array in arrays:
-        if array.shape != erased.shape:
-            raise StationError(
-                f"cleaned_history got {array.size} values of {name} for {erased.size} "
-                "erase times: give one per cell."
-            )
-    if initial_ink is not None:
-        erased[arrays[1][1] < CLEAN_BELOW] = -np.inf
-    moments = np.sort(erased[arrays[0][1]])
+    erased = np.asarray(erase_time, dtype=float).ravel()
+    chosen = np.asarray(mask, dtype=bool).ravel()
+    if chosen.shape != erased.shape:
+        raise SystemsError(
+            f"cleaned_history got a mask of {chosen.size} cells for {erased.size} erase "
+            "times: give one per cell."
+        )
+    moments = np.sort(erased[chosen])
     if not moments.size:
         return np.ones(np.shape(times))
     clean = np.searchsorted(moments, np.asarray(times, dtype=float), side="right")
@@ -142,13 +142,13 @@ def times_to_clean(
 
     Raises
     ------
-    StationError
+    SystemsError
         If the two arrays differ in length.
     """
     moments = np.asarray(times, dtype=float).ravel()
     history = np.asarray(cleaned, dtype=float).ravel()
     if moments.shape != history.shape:
-        raise StationError(
+        raise SystemsError(
             f"times_to_clean got {history.size} fractions for {moments.size} times: "
             "give one per time."
         )
@@ -157,12 +157,3 @@ def times_to_clean(
         hits = np.flatnonzero(history >= fraction)
         reached[fraction] = float(moments[hits[0]]) if hits.size else None
     return reached
-
-
-def _on_grid[T: np.generic](name: str, array: NDArray[T], grid: InkGrid) -> NDArray[T]:
-    if array.size != grid.num_cells:
-        raise StationError(
-            f"missed_spots got {array.size} values of {name}, but the grid has "
-            f"{grid.num_cells} cells."
-        )
-    return array.reshape(grid.shape)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import SystemsError
 
 Task = Literal["wiping", "polishing", "eight"]
 TASKS: tuple[Task, ...] = ("wiping", "polishing", "eight")
@@ -47,6 +47,12 @@ class HandVariability:
         Metres, in the band of 8 to 12 Hz of physiological tremor.
     slowness : float
         Seconds over which the frequency, amplitude and centre wander.
+
+    Examples
+    --------
+    >>> steady = HandVariability(amplitude=0.0, tremor=0.0)
+    >>> HandMotion.make("eight", seconds=5.0, seed=0, variability=steady).at(1.0)[0].shape
+    (2,)
     """
 
     frequency: float = 0.06
@@ -64,6 +70,13 @@ class HandMotion:
     ----------
     position : ndarray, shape (N, 2)
         Metres in the board's frame B, 200 samples per second.
+
+    Examples
+    --------
+    >>> motion = HandMotion.make("eight", seconds=10.0, seed=0)
+    >>> position, velocity = motion.at(2.5)
+    >>> position.shape
+    (2,)
     """
 
     position: NDArray[np.float64]
@@ -86,9 +99,9 @@ class HandMotion:
     ) -> "HandMotion":
         """Draw a path for a task; the same seed gives the same path."""
         if task not in _FIGURES:
-            raise StationError(f"task is {task!r}; choose from {', '.join(TASKS)}.")
+            raise SystemsError(f"task is {task!r}; choose from {', '.join(TASKS)}.")
         if not (np.isfinite(seconds) and seconds > 0):
-            raise StationError(f"the motion lasts {seconds} s; it must be positive.")
+            raise SystemsError(f"the motion lasts {seconds} s; it must be positive.")
         figure = _FIGURES[task]
         human = HandVariability() if variability is None else variability
         rng = np.random.default_rng(seed)

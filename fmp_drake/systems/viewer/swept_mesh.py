@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fmp_drake.compiled import compiled
+
 type FloatArray = NDArray[np.float64]
 type Mesh = tuple[FloatArray, NDArray[np.int32]]
 
@@ -28,10 +30,35 @@ def rod_mesh(points: ArrayLike, radius: ArrayLike, *, sides: int = 6) -> Mesh:
     faces : ndarray of int32, shape (3, 2 (N - 1) sides)
         Triangles as indices of vertices.
     """
-    path = np.asarray(points, dtype=float)
-    across, up = _section_axes(path)
-    radii = np.broadcast_to(np.asarray(radius, dtype=float), len(path))[:, np.newaxis]
-    return _sweep(path, radii * across, radii * up, sides)
+    path = np.ascontiguousarray(points, dtype=float)
+    return _rod(path, np.full(len(path), radius, dtype=float), sides)
+
+
+@compiled
+def _rod(path: FloatArray, radii: FloatArray, sides: int) -> Mesh:
+    n = len(path)
+    vertices = np.empty((3, n * sides))
+    faces = np.empty((3, 2 * (n - 1) * sides), dtype=np.int32)
+    for i in range(n):
+        along = path[min(i + 1, n - 1)] - path[max(i - 1, 0)]
+        length = np.sqrt(np.sum(along * along))
+        # Where the path is at rest, any direction will do.
+        x, y, z = along / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
+        # Two unit vectors across, the first level: z x along, or x on the way up.
+        width = np.hypot(x, y)
+        u, v = (-y / width, x / width) if width > 1e-3 else (1.0, 0.0)
+        up = np.array([-z * v, z * u, x * v - y * u])
+        for k in range(sides):
+            angle = 2 * np.pi * k / sides
+            cos, sin = radii[i] * np.cos(angle), radii[i] * np.sin(angle)
+            a, b = i * sides + k, i * sides + (k + 1) % sides
+            vertices[0, a] = path[i, 0] + cos * u + sin * up[0]
+            vertices[1, a] = path[i, 1] + cos * v + sin * up[1]
+            vertices[2, a] = path[i, 2] + sin * up[2]
+            if i < n - 1:
+                faces[:, 2 * a] = a, b, a + sides
+                faces[:, 2 * a + 1] = b, b + sides, a + sides
+    return vertices, faces
 
 
 def covariance_band(
@@ -45,7 +72,7 @@ def covariance_band(
 ) -> Mesh:
     """Sweep the ellipses of covariances along a path, flat in the plane of x and y.
 
-    Each piece of the path gives the convex hull of the ellipses at its ends. It lies a
+    Each segment of the path gives the convex hull of the ellipses at its ends. It lies a
     little lower than the one before it: in a translucent mesh that is drawn in order,
     what overlaps does not become darker.
 
@@ -62,7 +89,7 @@ def covariance_band(
     thinnest : float
         Smallest semi-axis, m.
     descent : float
-        From each piece to the next, m; the last one is as high as the path.
+        From each segment to the next, m; the last one is as high as the path.
 
     Returns
     -------
@@ -92,52 +119,3 @@ def covariance_band(
     offset = sides * np.arange(len(hull), dtype=np.int32)
     faces = (fan[:, np.newaxis] + offset[:, np.newaxis]).reshape(3, -1)
     return hull.transpose(1, 0, 2).reshape(3, -1), faces
-
-
-def _section_axes(path: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors (N, 3) across a path, the first in the plane of x and y.
-
-    Together with the way along the path they are right-handed.
-    """
-    step = np.diff(path, axis=0)
-    along = np.empty_like(path)
-    along[0], along[-1] = step[0], step[-1]
-    along[1:-1] = step[:-1] + step[1:]
-    length = np.sqrt(np.sum(along * along, axis=1, keepdims=True))
-    # Where the path rests, any way will do.
-    along = np.where(length > 1e-9, along / np.maximum(length, 1e-9), [1.0, 0.0, 0.0])
-    x, y, z = along.T
-    width = np.hypot(x, y)
-    level = width > 1e-3
-    scale = np.where(level, 1 / np.maximum(width, 1e-3), 0.0)
-    # z x along; a path along z has no side, and gets x.
-    across = np.stack(
-        [np.where(level, -y * scale, 1.0), x * scale, np.zeros_like(x)], axis=1
-    )
-    up = np.stack(
-        [
-            -z * across[:, 1],
-            z * across[:, 0],
-            x * across[:, 1] - y * across[:, 0],
-        ],
-        axis=1,
-    )
-    return across, up
-
-
-def _sweep(path: FloatArray, first: FloatArray, second: FloatArray, sides: int) -> Mesh:
-    """Join the ellipses with the conjugate semi-axes `first` and `second` (N, 3)."""
-    angle = 2 * np.pi * np.arange(sides) / sides
-    ring = (
-        path[:, np.newaxis]
-        + np.cos(angle)[:, np.newaxis] * first[:, np.newaxis]
-        + np.sin(angle)[:, np.newaxis] * second[:, np.newaxis]
-    )
-    corner = np.arange(sides, dtype=np.int32)
-    following = np.roll(corner, -1)
-    one = np.stack([corner, following, corner + sides])
-    two = np.stack([following, following + sides, corner + sides])
-    strip = np.concatenate([one, two], axis=1)
-    offset = sides * np.arange(len(path) - 1, dtype=np.int32)
-    faces = (strip[:, np.newaxis] + offset[:, np.newaxis]).reshape(3, -1)
-    return ring.reshape(-1, 3).T, faces

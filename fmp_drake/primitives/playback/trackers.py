@@ -1,0 +1,221 @@
+"""Controllers that bring Fourier weights to their target: Algorithm 2."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.errors import SkillError
+from fmp_drake.primitives.data.numeric import GREATEST, is_number
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.playback.relaxation import Relaxation
+
+
+class Tracker(Protocol):
+    """A rule that moves weights towards a target.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import LqrTracker, Tracker
+    >>> tracker: Tracker = LqrTracker(time_constant=1.5)
+    """
+
+    def relaxation(
+        self, component: LowRankGaussian, *, n_steps: int, tick: float
+    ) -> Relaxation:
+        """Prepare the rule for one component.
+
+        Parameters
+        ----------
+        component : LowRankGaussian
+        n_steps : int
+            Length T of a window in samples.
+        tick : float
+            Seconds between two samples.
+        """
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class LqrTracker:
+    """Optimal return: the paper's future work, in closed form.
+
+    Minimises the integral of (w - mu)' Sigma^-1 (w - mu) + rho |dw/dt|^2 over
+    all time. In the eigenbasis of Sigma every coordinate decays with its own time
+    constant sqrt(rho * eigenvalue): quickly where the demonstrations agree, slowly
+    where they vary.
+
+    Attributes
+    ----------
+    time_constant : float
+        Seconds, of the direction in which the component varies most. It sets rho =
+        time_constant^2 / (largest eigenvalue).
+    shortest : float
+        Seconds; no direction returns faster. The orthogonal complement would otherwise
+        return within milliseconds: a jump for the robot.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import LowRankGaussian, LqrTracker
+    >>> component = LowRankGaussian(
+    ...     mean=np.zeros(8),
+    ...     basis=np.eye(8)[:, :1],
+    ...     variances=np.array([1.0]),
+    ...     noise=0.01,
+    ... )
+    >>> tracker = LqrTracker(time_constant=1.0)
+    >>> relaxation = tracker.relaxation(component, n_steps=8, tick=0.1)
+    >>> print(relaxation.after(np.ones(8), component.mean, 1.0).round(2)[:2])
+    [0.37 0.04]
+    """
+
+    time_constant: float = 2.0
+    shortest: float = 0.3
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        for name in ("time_constant", "shortest"):
+            _check_positive(name, getattr(self, name))
+
+    def relaxation(
+        self,
+        component: LowRankGaussian,
+        *,
+        n_steps: int,  # noqa: ARG002 - part of the protocol
+        tick: float,  # noqa: ARG002
+    ) -> Relaxation:
+        """Prepare the closed form for one component; see `Tracker.relaxation`."""
+        eigenvalues = component.variances + component.noise
+        largest = np.max(eigenvalues, initial=component.noise)
+        scale = self.time_constant / np.sqrt(largest)
+        return Relaxation(
+            modes=component.basis,
+            rates=1 / np.maximum(scale * np.sqrt(eigenvalues), self.shortest),
+            complement_rate=1 / max(scale * np.sqrt(component.noise), self.shortest),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProportionalTracker:
+    """The proportional controller (17), one Euler step per tick.
+
+    diag(Sigma^-1) is that of the paper's 2T weights per channel, so a gain of the
+    paper means the same here. In between two ticks the weights move linearly.
+
+    Attributes
+    ----------
+    beta : float
+        The gain of (17), positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import LowRankGaussian, ProportionalTracker
+    >>> component = LowRankGaussian(
+    ...     mean=np.zeros(8),
+    ...     basis=np.eye(8)[:, :1],
+    ...     variances=np.array([1.0]),
+    ...     noise=0.01,
+    ... )
+    >>> tracker = ProportionalTracker(beta=0.1)
+    >>> relaxation = tracker.relaxation(component, n_steps=8, tick=0.1)
+    >>> print(relaxation.after(np.ones(8), component.mean, 0.1).round(2)[:2])
+    [1.   0.88]
+    """
+
+    beta: float
+
+    def __post_init__(self) -> None:
+        """Check the gain."""
+        _check_positive("beta", self.beta)
+
+    def relaxation(
+        self, component: LowRankGaussian, *, n_steps: int, tick: float
+    ) -> Relaxation:
+        """Prepare (17) for one component; see `Tracker.relaxation`.
+
+        Raises
+        ------
+        SkillError
+            Where dt beta max diag(Sigma^-1) > 2: (17) would diverge.
+        """
+        precision = paper_precision_diagonal(component, n_steps=n_steps)
+        largest = 2 / (tick * float(np.max(precision)))
+        if self.beta > largest:
+            raise SkillError(
+                f"beta is {self.beta}; the proportional tracker (17) is stable for "
+                f"this skill up to {largest:.6g}. The exponential tracker is stable "
+                "for every beta."
+            )
+        return Relaxation(modes=None, rates=self.beta * precision, euler_tick=tick)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExponentialTracker:
+    """The exact solution of dw/dt = beta diag(Sigma^-1) (mu - w).
+
+    (17) is its Euler step. Stable for every gain, and exact at every time.
+
+    Attributes
+    ----------
+    beta : float
+        The gain of (17), positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import LowRankGaussian, ExponentialTracker
+    >>> component = LowRankGaussian(
+    ...     mean=np.zeros(8),
+    ...     basis=np.eye(8)[:, :1],
+    ...     variances=np.array([1.0]),
+    ...     noise=0.01,
+    ... )
+    >>> tracker = ExponentialTracker(beta=0.1)
+    >>> relaxation = tracker.relaxation(component, n_steps=8, tick=0.1)
+    >>> print(relaxation.after(np.ones(8), component.mean, 0.5).round(2)[:2])
+    [0.99 0.54]
+    """
+
+    beta: float
+
+    def __post_init__(self) -> None:
+        """Check the gain."""
+        _check_positive("beta", self.beta)
+
+    def relaxation(
+        self,
+        component: LowRankGaussian,
+        *,
+        n_steps: int,
+        tick: float,  # noqa: ARG002 - part of the protocol
+    ) -> Relaxation:
+        """Prepare the solution for one component; see `Tracker.relaxation`."""
+        precision = paper_precision_diagonal(component, n_steps=n_steps)
+        return Relaxation(modes=None, rates=self.beta * precision)
+
+
+def paper_precision_diagonal(
+    component: LowRankGaussian, *, n_steps: int
+) -> NDArray[np.float64]:
+    """Return diag(Sigma^-1) of the paper's weights, as seen by ours, shape (n,).
+
+    The paper's 2T weights of a channel are sqrt(T) G w with G isometric, and its
+    regulariser also fills the T dimensions that describe no real signal. With an
+    isotropic variance `noise` here and T * noise there, the paper's diagonal is
+    ((Sigma^-1)_ii + 1 / noise) / (2 T) for a weight that has a conjugate copy
+    and (Sigma^-1)_ii / T for the mean and the Nyquist weight.
+    """
+    ours = component.precision_diagonal().reshape(-1, n_steps)
+    out = (ours + 1 / component.noise) / (2 * n_steps)
+    single = [0, n_steps - 1] if n_steps % 2 == 0 else [0]
+    out[:, single] = ours[:, single] / n_steps
+    return out.ravel()
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not (is_number(value) and value > 1 / GREATEST):
+        raise SkillError(f"{name} is {value}; it must be positive.")

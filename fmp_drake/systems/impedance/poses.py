@@ -1,0 +1,170 @@
+"""Poses and rotations as plain matrices, for compiled functions.
+
+``X_AB = (R_AB, p_AB)`` is the pose of frame B in frame A.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.compiled import compiled
+
+Array = NDArray[np.float64]
+
+
+class Pose(NamedTuple):
+    """A rotation matrix, shape (3, 3), and a position in m, shape (3,)."""
+
+    R: Array
+    p: Array
+
+
+@compiled
+def compose(X_AB: Pose, X_BC: Pose) -> Pose:
+    """Return X_AC."""
+    return Pose(X_AB.R @ X_BC.R, X_AB.R @ X_BC.p + X_AB.p)
+
+
+@compiled
+def relative(X_AB: Pose, X_AC: Pose) -> Pose:
+    """Return X_BC."""
+    R_BA = X_AB.R.T
+    return Pose(R_BA @ X_AC.R, R_BA @ (X_AC.p - X_AB.p))
+
+
+@compiled
+def stacked(rotation: Array, translation: Array) -> Array:
+    """Put two vectors, shape (3,), into one, shape (6,)."""
+    both = np.empty(6)
+    for i in range(3):
+        both[i] = rotation[i]
+        both[3 + i] = translation[i]
+    return both
+
+
+@compiled
+def twist_rotation(R: Array) -> Array:
+    """Return the matrix, shape (6, 6), that rotates both halves of a twist."""
+    both = np.zeros((6, 6))
+    for i in range(3):
+        for j in range(3):
+            both[i, j] = both[3 + i, 3 + j] = R[i, j]
+    return both
+
+
+@compiled
+def cross(a: Array, b: Array) -> Array:
+    """Return ``a × b``, shape (3,)."""
+    return np.array(
+        (
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        )
+    )
+
+
+@compiled
+def rotation_from_quaternion(wxyz: Array) -> Array:
+    """Return the rotation matrix, shape (3, 3), of a quaternion of any length.
+
+    Both signs give the same matrix. A quaternion of length 0 gives NaN.
+    """
+    w, x, y, z = wxyz
+    squared = w * w + x * x + y * y + z * z
+    s = 2 / squared if squared > 0 else math.nan
+    R = np.empty((3, 3))
+    R[0, 0] = 1 - s * (y * y + z * z)
+    R[0, 1] = s * (x * y - w * z)
+    R[0, 2] = s * (x * z + w * y)
+    R[1, 0] = s * (x * y + w * z)
+    R[1, 1] = 1 - s * (x * x + z * z)
+    R[1, 2] = s * (y * z - w * x)
+    R[2, 0] = s * (x * z - w * y)
+    R[2, 1] = s * (y * z + w * x)
+    R[2, 2] = 1 - s * (x * x + y * y)
+    return R
+
+
+@compiled
+def rotation_from_vector(phi: Array) -> Array:
+    """Return the rotation matrix, shape (3, 3), of a rotation vector in rad."""
+    half = 0.5 * math.sqrt(phi @ phi)
+    s = 0.5 * math.sin(half) / half if half > 1e-8 else 0.5
+    return rotation_from_quaternion(
+        np.array((math.cos(half), s * phi[0], s * phi[1], s * phi[2]))
+    )
+
+
+@compiled
+def rotation_vector(R: Array) -> Array:
+    """Compute the logarithm of a rotation, accurate at 0 and at 180 degrees.
+
+    Parameters
+    ----------
+    R : array, shape (3, 3)
+        A rotation matrix.
+
+    Returns
+    -------
+    array, shape (3,)
+        Axis times angle in rad, the angle in [0, π].
+
+    Notes
+    -----
+    The quaternion is read from its largest element (Shepperd, "Quaternion from
+    rotation matrix", J. Guidance and Control 1(3), 1978), up to a factor that
+    `atan2` does not see. At 180 degrees either axis is right; one is returned.
+    """
+    a, e, i = R[0, 0], R[1, 1], R[2, 2]
+    largest = max(a + e + i, a, e, i)
+    if largest == a + e + i:
+        w, x = 1 + a + e + i, R[2, 1] - R[1, 2]
+        y, z = R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    elif largest == a:
+        w, x = R[2, 1] - R[1, 2], 1 + a - e - i
+        y, z = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]
+    elif largest == e:
+        w, x = R[0, 2] - R[2, 0], R[0, 1] + R[1, 0]
+        y, z = 1 - a + e - i, R[1, 2] + R[2, 1]
+    else:
+        w, x = R[1, 0] - R[0, 1], R[0, 2] + R[2, 0]
+        y, z = R[1, 2] + R[2, 1], 1 - a - e + i
+    sine = math.sqrt(x * x + y * y + z * z)
+    scale = 2 * math.atan2(sine, abs(w)) / sine if sine > 0 else 0.0
+    return (scale if w >= 0 else -scale) * np.array((x, y, z))
+
+
+@compiled
+def rotation_angle(R: Array, S: Array) -> float:
+    """Return the angle between two orientations in rad."""
+    trace = 0.0
+    for i in range(3):
+        trace += R[i] @ S[i]
+    cosine = 0.5 * (trace - 1)
+    return math.acos(min(max(cosine, -1.0), 1.0))
+
+
+@compiled
+def inverse_left_jacobian(phi: Array, x: Array) -> Array:
+    """Multiply x by the inverse of the left Jacobian of SO(3) at a rotation vector.
+
+    ``x − ½ φ × x + c φ × (φ × x)`` with ``c = 1/θ² − cot(θ/2) / (2 θ)``: it maps
+    a gradient with respect to the rotation vector to a torque.
+
+    Parameters
+    ----------
+    phi : array, shape (3,)
+        φ of length θ, rad.
+    x : array, shape (3,)
+    """
+    squared = phi @ phi
+    if squared > 1e-4:
+        theta = math.sqrt(squared)
+        c = 1 / squared - 0.5 / (theta * math.tan(0.5 * theta))
+    else:
+        c = 1 / 12 + squared / 720
+    once = cross(phi, x)
+    return x - 0.5 * once + c * cross(phi, once)

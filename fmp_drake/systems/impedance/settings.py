@@ -1,0 +1,85 @@
+"""Everything that stays the same from update to update of the impedance controller."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.friction import SigmoidFriction
+from fmp_drake.systems.impedance.limits import JointLimits
+from fmp_drake.systems.impedance.poses import Pose
+from fmp_drake.systems.impedance.values import values_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImpedanceSettings:
+    """The settings of the controller of one arm.
+
+    Attributes
+    ----------
+    config : ImpedanceConfig
+    stiffness : array, shape (6, 6)
+        K where no port brings another, in T.
+    R_TE : array, shape (3, 3)
+        The desired orientation where no port brings another.
+    X_WT : Pose
+        The task frame where no port brings another.
+    limits : JointLimits
+    friction : SigmoidFriction
+        What is compensated; zero where the compensation is not enabled.
+    q_posture : array, shape (n,)
+        rad.
+    engage_height : float
+        Height over T's plane below which the normal force comes in, m.
+    """
+
+    config: ImpedanceConfig
+    stiffness: Array
+    R_TE: Array
+    X_WT: Pose
+    limits: JointLimits
+    friction: SigmoidFriction
+    q_posture: Array
+    engage_height: float
+
+
+def settings_of(
+    config: ImpedanceConfig,
+    *,
+    X_WT: Pose,
+    limits: JointLimits,
+    q_posture: Array,
+    engage_height: float,
+) -> NDArray[Any]:
+    """Check a configuration for an arm of n joints and complete it.
+
+    Returns
+    -------
+    array, shape (1,)
+        The values of `ImpedanceSettings`; an array of one record goes into a compiled
+        function faster than the record.
+
+    Raises
+    ------
+    ControllerError
+        If a value cannot be used.
+    """
+    n = len(q_posture)
+    friction = SigmoidFriction(np.zeros(n), np.zeros(n), np.zeros(n))
+    if config.friction_compensation.enabled:
+        friction = SigmoidFriction.of(config.friction_compensation, n=n)
+    settings = ImpedanceSettings(
+        config=config,
+        stiffness=config.stiffness(),
+        R_TE=config.desired_rotation(),
+        X_WT=X_WT,
+        limits=limits,
+        friction=friction,
+        q_posture=q_posture,
+        engage_height=engage_height,
+    )
+    return np.array([values_of(settings)])

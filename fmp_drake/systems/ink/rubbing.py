@@ -1,0 +1,262 @@
+"""How much a contact patch rubs the cells of a board, and what that leaves of the ink.
+
+Plain loops over numbers, compiled. B is the board frame, see `InkGrid`.
+"""
+
+import math
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.compiled import compiled
+from fmp_drake.systems.ink.grid import CLEAN_BELOW, InkGrid
+
+type FloatArray = NDArray[np.float64]
+type IntArray = NDArray[np.int64]
+
+LONGEST_STEP = 0.00125
+"""Longest step in metres in which a patch is led along its way."""
+
+STRIPE_PITCH = 0.02
+"""Distance in metres of the stripes in which a felt wears out."""
+
+# Cell centres are moved by this fraction of a cell, so that none lies on an edge
+# between two polygons: symmetric scenes put whole rows of them there.
+_ASIDE = 1.37e-7
+_SMALLEST_AREA = 1e-8  # In cells; a smaller polygon is seen edge-on.
+
+
+class PlanarMotion(NamedTuple):
+    """Where the eraser is on the board at an instant, and how it moves and presses.
+
+    Attributes
+    ----------
+    time : float
+        s.
+    x, y, yaw : float
+        Position of the eraser's frame E in B (m), and angle of its x axis about z of B
+        (rad).
+    v_x, v_y, yaw_rate : float
+        Their rates, relative to the board (m/s, rad/s).
+    depth, sinking : float
+        How deep E is in the board (m), and how fast it sinks in (m/s).
+    """
+
+    time: float
+    x: float
+    y: float
+    yaw: float
+    v_x: float
+    v_y: float
+    yaw_rate: float
+    depth: float
+    sinking: float
+
+
+class Patch(NamedTuple):
+    """A contact patch, projected on the board: convex polygons that do not overlap.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (num_vertices, 3)
+        Position relative to the eraser, that is to E turned about z of B by the yaw (x
+        and y, m), and pressure (Pa), which is linear on each polygon; polygon by polygon
+        and around each.
+    starts : ndarray of int, shape (num_polygons + 1,)
+        Where each polygon begins among the vertices, and where the last one ends.
+    depth : float
+        The eraser's at the same instant, m.
+    """
+
+    vertices: FloatArray
+    starts: IntArray
+    depth: float
+
+
+class Cells(NamedTuple):
+    """The cells of an `InkGrid`: corner (m), edge lengths (m) and numbers of cells."""
+
+    corner_x: float
+    corner_y: float
+    pitch_x: float
+    pitch_y: float
+    n_x: int
+    n_y: int
+
+    @classmethod
+    def of(cls, grid: InkGrid) -> Self:
+        """Take the numbers of a grid."""
+        (x, y), (pitch_x, pitch_y) = grid.corner.tolist(), grid.pitch.tolist()
+        return cls(x, y, pitch_x, pitch_y, grid.shape[1], grid.shape[0])
+
+
+@compiled
+def exposure(
+    cells: Cells, patch: Patch, before: PlanarMotion, now: PlanarMotion, worn: float
+) -> FloatArray:
+    """Return the pressure times path that the cells have felt between two instants.
+
+    The patch goes along the cubic through position and velocity at both, in steps of
+    `LONGEST_STEP` or less. On the way its pressure is proportional to the eraser's
+    depth, up to twice what is given: so an eraser that lands or is lifted rubs as long as
+    it touches.
+
+    Parameters
+    ----------
+    cells : Cells
+    patch : Patch
+    before, now : PlanarMotion
+        The eraser at the two instants.
+    worn : float
+        Fraction of the felt that has gone, from 0 to 1. It goes in straight stripes
+        across its length, `STRIPE_PITCH` apart, one in the middle. There it still bears
+        pressure, but rubs nothing off.
+
+    Returns
+    -------
+    ndarray, shape (ny, nx)
+        Pa m.
+    """
+    result = np.zeros((cells.n_y, cells.n_x))
+    h = now.time - before.time
+    # The shorter way round.
+    turned = (now.yaw - before.yaw + math.pi) % (2.0 * math.pi) - math.pi
+    way = max(
+        math.hypot(now.x - before.x, now.y - before.y),
+        h * math.hypot(now.v_x, now.v_y),
+        h * math.hypot(before.v_x, before.v_y),
+    )
+    steps = max(1, math.ceil(way / LONGEST_STEP))
+    u = np.empty(len(patch.vertices))
+    v = np.empty(len(patch.vertices))
+    for step in range(steps):
+        s = (step + 0.5) / steps
+        x, v_x = _cubic(s, h, before.x, now.x, before.v_x, now.v_x)
+        y, v_y = _cubic(s, h, before.y, now.y, before.v_y, now.v_y)
+        yaw, rate = _cubic(
+            s, h, before.yaw, before.yaw + turned, before.yaw_rate, now.yaw_rate
+        )
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        seconds = h / steps
+        if patch.depth > 0.0:
+            depth, _ = _cubic(
+                s, h, before.depth, now.depth, before.sinking, now.sinking
+            )
+            seconds *= max(depth / patch.depth, 0.0)
+        # In units of cells, with whole numbers at the cells' centres.
+        for i in range(len(u)):
+            dx, dy = patch.vertices[i, 0], patch.vertices[i, 1]
+            p_x = x + cos * dx - sin * dy
+            p_y = y + sin * dx + cos * dy
+            u[i] = (p_x - cells.corner_x) / cells.pitch_x - 0.5 + _ASIDE
+            v[i] = (p_y - cells.corner_y) / cells.pitch_y - 0.5 + _ASIDE
+        for k in range(len(patch.starts) - 1):
+            begin, end = patch.starts[k], patch.starts[k + 1]
+            level, slope_u, slope_v = _plane(u, v, patch.vertices[:, 2], begin, end)
+            lowest, highest = v[begin:end].min(), v[begin:end].max()
+            for row in range(
+                max(math.ceil(lowest), 0), min(math.ceil(highest), cells.n_y)
+            ):
+                left, right = _crossings(u, v, begin, end, row)
+                for column in range(
+                    max(math.ceil(left), 0), min(math.ceil(right), cells.n_x)
+                ):
+                    pressure = level + slope_u * column + slope_v * row
+                    dx = cells.corner_x + (column + 0.5) * cells.pitch_x - x
+                    dy = cells.corner_y + (row + 0.5) * cells.pitch_y - y
+                    stripe = (cos * dx + sin * dy) / STRIPE_PITCH
+                    if pressure > 0.0 and 2.0 * abs(stripe - round(stripe)) >= worn:
+                        speed = math.hypot(v_x - rate * dy, v_y + rate * dx)
+                        result[row, column] += pressure * speed * seconds
+    return result
+
+
+@compiled
+def _cubic(
+    s: float, h: float, x0: float, x1: float, v0: float, v1: float
+) -> tuple[float, float]:
+    """Return position and velocity after a fraction s of h seconds."""
+    dx = x1 - x0
+    a = h * (v0 + v1) - 2.0 * dx
+    b = 3.0 * dx - h * (2.0 * v0 + v1)
+    position = x0 + s * (h * v0 + s * (b + s * a))
+    return position, v0 + s * (2.0 * b + 3.0 * s * a) / h
+
+
+@compiled
+def _plane(
+    u: FloatArray, v: FloatArray, p: FloatArray, begin: int, end: int
+) -> tuple[float, float, float]:
+    """Return a polygon's pressure as level and slopes, by the divergence theorem."""
+    area = slope_u = slope_v = 0.0
+    j = end - 1
+    for i in range(begin, end):
+        area += u[j] * v[i] - u[i] * v[j]
+        slope_u += (p[j] + p[i]) * (v[i] - v[j])
+        slope_v -= (p[j] + p[i]) * (u[i] - u[j])
+        j = i
+    if abs(area) < _SMALLEST_AREA:
+        return 0.0, 0.0, 0.0
+    slope_u /= area
+    slope_v /= area
+    return p[begin] - slope_u * u[begin] - slope_v * v[begin], slope_u, slope_v
+
+
+@compiled
+def _crossings(
+    u: FloatArray, v: FloatArray, begin: int, end: int, row: int
+) -> tuple[float, float]:
+    """Return where a row of cells enters and leaves a convex polygon."""
+    left, right = np.inf, -np.inf
+    j = end - 1
+    for i in range(begin, end):
+        if (v[i] < row) != (v[j] < row):
+            at = u[i] + (row - v[i]) * (u[j] - u[i]) / (v[j] - v[i])
+            left, right = min(left, at), max(right, at)
+        j = i
+    return left, right
+
+
+@compiled
+def wear(
+    ink: FloatArray,
+    erase_time: FloatArray,
+    fade_time: FloatArray,
+    felt: FloatArray,
+    initial: FloatArray,
+    constant: float,
+    now: float,
+) -> None:
+    """Wear ink down, in place: the exact solution of d(ink)/dt = -ink p v / c.
+
+    Parameters
+    ----------
+    ink : ndarray, shape (num_cells,)
+        From 0 to 1.
+    erase_time, fade_time : ndarray, shape (num_cells,)
+        When a cell fell below `CLEAN_BELOW`, and below half of its initial ink (s).
+    felt : ndarray, shape (num_cells,)
+        Integral of pressure times sliding speed over time, Pa m.
+    initial : ndarray, shape (num_cells,)
+        Initial ink.
+    constant : float
+        Wear constant c, Pa m.
+    now : float
+        s.
+
+    Notes
+    -----
+    Archard's law: the rate of wear is proportional to pressure times sliding
+    speed; here also to the ink that is left, which makes steps compose exactly.
+    J. F. Archard, "Contact and rubbing of flat surfaces", J. Appl. Phys. 24,
+    1953.
+    """
+    for i in range(len(ink)):
+        if felt[i] > 0.0:
+            left = ink[i] * math.exp(-felt[i] / constant)
+            if left < CLEAN_BELOW <= ink[i]:
+                erase_time[i] = now
+            if left < 0.5 * initial[i] <= ink[i]:
+                fade_time[i] = now
+            ink[i] = left

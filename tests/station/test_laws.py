@@ -1,0 +1,158 @@
+"""The four laws of the diagram, for the whole station.
+
+Who looks changes nothing; the state is the state; one datum has one owner; the law of
+the arm is computed at every control period.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, LeafSystem
+
+from fmp_drake.film import FilmReel
+from fmp_drake.runs import WipingRun
+from fmp_drake.station import LoadScenario, MakeWipingStation
+
+PARTS = ("plant", "fourier_primitive", "controller", "ink_board")
+# No multiples of anything.
+ODD_INSTANTS = 0.3 + np.cumsum(np.random.default_rng(1).uniform(0.01, 0.09, 20))
+
+
+@pytest.fixture(scope="module")
+def meshcat():
+    return Meshcat()
+
+
+def scenario_at(tempo, *, reactive=False):
+    """Return the table top, played at a tempo, by a person who pushes or not."""
+    scenario = LoadScenario("pushed" if reactive else "table_top")
+    scenario.skill.tempo = tempo
+    scenario.skill.candidates = 4
+    if reactive:
+        scenario.skill.push_threshold = 0.02
+        scenario.disturbances = [
+            replace(each, start=0.3, duration=0.6, every=0.0)
+            for each in scenario.disturbances[:1]
+        ]
+    return scenario
+
+
+def state_of(station, context):
+    """Return the discrete state of the parts that decide, name by name."""
+    found = {}
+    for name in PARTS:
+        system = station.GetSubsystemByName(name)
+        values = system.GetMyContextFromRoot(context).get_discrete_state()
+        for i in range(values.num_groups()):
+            found[f"{name}[{i}]"] = values.value(i).copy()
+    return found
+
+
+def assert_same(one, two):
+    assert one.keys() == two.keys()
+    for name, value in one.items():
+        assert_array_equal(value, two[name], err_msg=name)
+
+
+def look_at_everything(station, context):
+    """Evaluate all output ports of all systems."""
+    for system in [station, *station.GetSystems()]:
+        own = system.GetMyContextFromRoot(context)
+        for i in range(system.num_output_ports()):
+            if system.get_name() not in ("scene_graph", "plant"):
+                system.get_output_port(i).Eval(own)
+
+
+# 1. Who looks changes nothing ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("tempo", "reactive"),
+    [(0.5, False), (0.9, False), (1.0, False), (1.37, False), (1.0, True)],
+)
+def test_page_recording_log_and_film_change_nothing(
+    restless_skill, meshcat, tempo, reactive
+):
+    scenario = scenario_at(tempo, reactive=reactive)
+    alone = Simulator(MakeWipingStation(scenario, restless_skill))
+    alone.AdvanceTo(1.9)
+    expected = state_of(alone.get_system(), alone.get_context())
+
+    watched = WipingRun(
+        scenario, restless_skill, meshcat=meshcat, recording=True, complete=True
+    )
+    reel = FilmReel(watched.station, fps=20.0, speed=1.0)
+    reel.watch(watched.simulator)
+    for instant in ODD_INSTANTS[:5]:
+        watched.simulator.AdvanceTo(instant)
+        look_at_everything(watched.station, watched.simulator.get_context())
+    watched.simulator.AdvanceTo(1.9)
+    assert_same(state_of(watched.station, watched.simulator.get_context()), expected)
+
+
+# 2. The state is the state ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reactive", [False, True])
+def test_station_goes_on_identically_from_a_clone(restless_skill, reactive):
+    station = MakeWipingStation(scenario_at(0.9, reactive=reactive), restless_skill)
+    simulator = Simulator(station)
+    context = simulator.get_context()
+    clones, expected = [], []
+    for instant in ODD_INSTANTS:
+        simulator.AdvanceTo(instant)
+        look_at_everything(station, context)
+        expected.append(state_of(station, context))
+        clones.append(context.Clone())
+    for i in range(len(clones) - 1):
+        follower = Simulator(station, clones[i])
+        follower.AdvanceTo(ODD_INSTANTS[i + 1])
+        assert_same(state_of(station, follower.get_context()), expected[i + 1])
+
+
+@pytest.mark.parametrize("t0", [0.0137, 100.001])
+def test_simulation_starts_at_any_time(restless_skill, t0):
+    station = MakeWipingStation(scenario_at(1.0), restless_skill)
+    simulator = Simulator(station)
+    simulator.get_mutable_context().SetTime(t0)
+    simulator.AdvanceTo(t0 + 1.0)
+    context = simulator.get_context()
+    desired = station.GetOutputPort("desired_position").Eval(context)
+    measured = station.GetOutputPort("measured_position").Eval(context)
+    assert np.linalg.norm(desired - measured) < 0.02
+    assert station.GetOutputPort("status").Eval(context)[1] == 1.0
+
+
+def is_plain(value):
+    """Tell whether a value is made of arrays, numbers and text, or is a Context."""
+    if isinstance(value, np.ndarray):
+        return value.dtype != object
+    if isinstance(value, tuple | list):
+        return all(map(is_plain, value))
+    plain = bool | int | float | str | np.number | Context
+    return value is None or isinstance(value, plain)
+
+
+def test_caches_hold_arrays_and_plain_values(restless_skill, meshcat, monkeypatch):
+    declared = []
+    declare = LeafSystem.DeclareCacheEntry
+
+    def recording(system, *arguments, **keywords):
+        entry = declare(system, *arguments, **keywords)
+        declared.append((system, entry))
+        return entry
+
+    monkeypatch.setattr(LeafSystem, "DeclareCacheEntry", recording)
+    station = MakeWipingStation(
+        scenario_at(0.9, reactive=True), restless_skill, meshcat=meshcat
+    )
+    simulator = Simulator(station)
+    simulator.AdvanceTo(0.4)
+    assert declared
+    for system, entry in declared:
+        value = entry.Eval(system.GetMyContextFromRoot(simulator.get_context()))
+        assert is_plain(value), (system.get_name(), entry.description())

@@ -1,0 +1,59 @@
+"""Facts about the compilation of plain functions."""
+
+import subprocess
+import sys
+
+import numpy as np
+
+from fmp_drake.primitives.playback.segment import decayed_offset
+
+# Nothing can be written but below the folder for temporary files.
+READ_ONLY = """
+import os, tempfile
+real, temporary = tempfile.TemporaryFile, tempfile.gettempdir()
+
+def refuse(*arguments, dir=None, **keywords):
+    if not str(dir).startswith(os.path.join(temporary, "fmp_drake_")):
+        raise PermissionError(dir)
+    return real(*arguments, dir=dir, **keywords)
+
+tempfile.TemporaryFile = refuse
+"""
+
+USE = """
+import logging, sys
+logging.basicConfig(level=logging.INFO)
+import numpy as np
+from fmp_drake.primitives.playback.segment import decayed_offset
+print(decayed_offset(np.ones((2, 3)), 0.4, 0.1)[0, 0])
+print(decayed_offset.stats.cache_path)
+"""
+
+
+def run(code):
+    return subprocess.run(
+        [sys.executable, "-c", code], check=True, capture_output=True, text=True
+    )
+
+
+def test_compiled_function_is_what_was_written():
+    offset = np.array([[0.1, -0.2], [0.3, 0.0]])
+    np.testing.assert_allclose(
+        decayed_offset(offset, 0.4, 0.07),
+        decayed_offset.py_func(offset, 0.4, 0.07),
+        rtol=1e-14,
+    )
+
+
+def test_it_works_where_neither_the_package_nor_the_home_can_be_written():
+    done = run(READ_ONLY + USE)
+    value, place = done.stdout.split()
+    assert "fmp_drake_" in place
+    assert float(value) == decayed_offset(np.ones((2, 3)), 0.4, 0.1)[0, 0]
+    # Nothing was cached, so the compilation is announced, once.
+    assert done.stderr.count("compiling") == 1
+
+
+def test_nothing_is_announced_where_the_cache_holds_it():
+    run(USE)
+    assert "compiling" not in run(USE).stderr
