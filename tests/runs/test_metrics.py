@@ -59,7 +59,9 @@ def samples():
     force.values[:] = 10 + 3 * force.values
     force.values[force.times < 2.15] = 0.0
     status = signals["status"].values
-    status[:, 0] = rng.choice([0, int(StatusFlag.HOLD)], len(status), p=[0.9, 0.1])
+    status[:, 0] = rng.choice(
+        [0, int(StatusFlag.PROTECTIVE_STOP)], len(status), p=[0.9, 0.1]
+    )
     return signals
 
 

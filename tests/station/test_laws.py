@@ -15,6 +15,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from fmp_drake.film import FilmReel
 from fmp_drake.runs import WipingRun
+from fmp_drake.runs.signals import SIGNALS
 from fmp_drake.station import LoadScenario, MakeWipingStation
 
 PARTS = ("plant", "fourier_primitive", "controller", "ink_board")
@@ -83,7 +84,7 @@ def test_page_recording_log_and_film_change_nothing(
     expected = state_of(alone.get_system(), alone.get_context())
 
     watched = WipingRun(
-        scenario, restless_skill, meshcat=meshcat, recording=True, complete=True
+        scenario, restless_skill, meshcat=meshcat, recording=True, keep=SIGNALS
     )
     reel = FilmReel(watched.station, fps=20.0, speed=1.0)
     reel.watch(watched.simulator)
