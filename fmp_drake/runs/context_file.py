@@ -53,9 +53,9 @@ def save_context(context: Context, path: str | Path) -> None:
 def load_context(context: Context, path: str | Path) -> None:
     """Set a Context to what `save_context` has written.
 
-    A Simulator that goes on from it must not initialise the systems anew:
-    ``Initialize(InitializeParams(suppress_initialization_events=True))``. The step size of
-    an integrator with error control belongs to the Simulator, and is not saved.
+    The systems of this package go on from it in a new Simulator. Others may act on
+    initialization: ``InitializeParams(suppress_initialization_events=True)``. The step
+    size of an integrator with error control belongs to the Simulator, and is not saved.
 
     Parameters
     ----------

@@ -4,6 +4,7 @@ Who looks changes nothing; the state is the state; one datum has one owner; the 
 the arm is computed at every control period.
 """
 
+import multiprocessing
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, LeafSystem
 
 from fmp_drake.film import FilmReel
-from fmp_drake.runs import WipingRun
+from fmp_drake.primitives import load_skill, save_skill
+from fmp_drake.runs import WipingRun, load_context, save_context
 from fmp_drake.runs.signals import SIGNALS
 from fmp_drake.station import LoadScenario, MakeWipingStation
 
@@ -89,9 +91,9 @@ def test_page_recording_log_and_film_change_nothing(
     reel = FilmReel(watched.station, fps=20.0, speed=1.0)
     reel.watch(watched.simulator)
     for instant in ODD_INSTANTS[:5]:
-        watched.simulator.AdvanceTo(instant)
+        watched.advance_to(instant)
         look_at_everything(watched.station, watched.simulator.get_context())
-    watched.simulator.AdvanceTo(1.9)
+    watched.advance_to(1.9)
     assert_same(state_of(watched.station, watched.simulator.get_context()), expected)
 
 
@@ -113,6 +115,32 @@ def test_station_goes_on_identically_from_a_clone(restless_skill, reactive):
         follower = Simulator(station, clones[i])
         follower.AdvanceTo(ODD_INSTANTS[i + 1])
         assert_same(state_of(station, follower.get_context()), expected[i + 1])
+
+
+def continue_run(folder, until):
+    """Go on with a saved station, in a process of its own; save what it comes to."""
+    skill = load_skill(folder / "skill.npz")
+    station = MakeWipingStation(scenario_at(0.9), skill)
+    simulator = Simulator(station)
+    load_context(simulator.get_mutable_context(), folder / "context.npz")
+    simulator.AdvanceTo(until)
+    np.savez(folder / "state.npz", **state_of(station, simulator.get_context()))
+
+
+def test_station_goes_on_identically_in_another_process(restless_skill, tmp_path):
+    save_skill(restless_skill, tmp_path / "skill.npz")
+    station = MakeWipingStation(scenario_at(0.9), restless_skill)
+    simulator = Simulator(station)
+    simulator.AdvanceTo(0.9137)
+    save_context(simulator.get_context(), tmp_path / "context.npz")
+    simulator.AdvanceTo(1.3)
+    process = multiprocessing.get_context("spawn").Process(
+        target=continue_run, args=(tmp_path, 1.3)
+    )
+    process.start()
+    process.join()
+    with np.load(tmp_path / "state.npz") as found:
+        assert_same(dict(found), state_of(station, simulator.get_context()))
 
 
 @pytest.mark.parametrize("t0", [0.0137, 100.001])
