@@ -2,7 +2,7 @@
 
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.placement import Placement, fit_placement
-from fmp_drake.primitives.data.windows import Windows, sliding_windows
+from fmp_drake.primitives.data.windows import sliding_windows
 from fmp_drake.primitives.discrete.discrete_movement_primitive import (
     DiscreteMovementPrimitive,
 )
@@ -63,7 +63,6 @@ __all__ = [
     "Spectrum",
     "Tracker",
     "ViaPoint",
-    "Windows",
     "add_orientation",
     "angular_acceleration",
     "angular_velocity",
