@@ -20,9 +20,9 @@ from fmp_drake.experiments.eight import (
     table_rows,
 )
 from fmp_drake.experiments.finding import Finding
-from fmp_drake.experiments.heatmaps import BINS, FLOOR
 from fmp_drake.experiments.held_out import evaluate, held_out_finding, summary
 from fmp_drake.experiments.methods import N_STEPS, PAPER_STRIDE, RATE
+from fmp_drake.experiments.metrics import BINS, FLOOR
 from fmp_drake.experiments.polishing import polishing
 from fmp_drake.experiments.profile import FULL, QUICK, Profile
 from fmp_drake.experiments.report import Section, write_report

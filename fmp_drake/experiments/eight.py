@@ -11,15 +11,6 @@ from fmp_drake.experiments.finding import (
     millimetres,
     roughness,
 )
-from fmp_drake.experiments.heatmaps import (
-    BINS,
-    FLOOR,
-    SENSITIVITY_BINS,
-    SENSITIVITY_FLOORS,
-    divergences,
-    draw_grids,
-    grid_extent,
-)
 from fmp_drake.experiments.methods import (
     FMP,
     FMP_PAPER,
@@ -32,6 +23,15 @@ from fmp_drake.experiments.methods import (
     fmp_paper,
     play,
     promp_mult,
+)
+from fmp_drake.experiments.metrics import (
+    BINS,
+    FLOOR,
+    SENSITIVITY_BINS,
+    SENSITIVITY_FLOORS,
+    divergences,
+    draw_grids,
+    grid_extent,
 )
 from fmp_drake.experiments.paths import draw_path
 from fmp_drake.experiments.profile import Profile
@@ -172,23 +172,26 @@ def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding
     axes = figure.subplots(1, 2, sharey=True)
     worst = 0.0
     for floor, style in zip(SENSITIVITY_FLOORS, ("-", "--", ":"), strict=True):
-        ratios = []
-        for bins in SENSITIVITY_BINS:
-            kl = [
-                divergences(
-                    samples[name], demonstrated, extent=extent, bins=bins, floor=floor
-                )
-                for name in (FMP, MULT)
-            ]
-            ratios.append([kl[0][i] / kl[1][i] for i in range(2)])
+        kl = {
+            name: np.array(
+                [
+                    divergences(
+                        samples[name],
+                        demonstrated,
+                        extent=extent,
+                        bins=bins,
+                        floor=floor,
+                    )
+                    for bins in SENSITIVITY_BINS
+                ]
+            )
+            for name in (FMP, MULT)
+        }
+        ratios = kl[FMP] / kl[MULT]
         worst = max(worst, float(np.max(ratios)))
-        for i, ax in enumerate(axes):
+        for ax, ratio in zip(axes, ratios.T, strict=True):
             ax.plot(
-                SENSITIVITY_BINS,
-                [r[i] for r in ratios],
-                style,
-                marker="o",
-                label=f"floor {floor:g}",
+                SENSITIVITY_BINS, ratio, style, marker="o", label=f"floor {floor:g}"
             )
     for ax, name in zip(axes, ("forward", "reverse"), strict=True):
         ax.axhline(0.5, color="0.6", linewidth=1)

@@ -1,4 +1,4 @@
-"""What an experiment shows."""
+"""The result of an experiment, and measures of trajectories that it is judged by."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Finding:
-    """One figure or table, what it shows, and whether the paper's claim holds.
+    """One figure or table, what it shows, and whether the paper's claim is true here.
 
     Attributes
     ----------
@@ -23,7 +23,7 @@ class Finding:
     claim : str
         The paper's claim; "" where it makes none.
     agrees : bool or None
-        Whether it holds here; None where there is no claim.
+        Whether it is true of this run; None where there is no claim.
     figure : Figure or None
     table : list of rows of str, or None
         The first row is the header.
@@ -47,7 +47,7 @@ class Finding:
 
 
 class Closeness:
-    """How far trajectories are from a demonstrated path.
+    """Distances from trajectories to a demonstrated path.
 
     Parameters
     ----------

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.experiments.finding import Finding
-from fmp_drake.experiments.heatmaps import divergences, grid_extent
 from fmp_drake.experiments.methods import (
     FMP,
     FMP_PAPER,
@@ -19,6 +18,7 @@ from fmp_drake.experiments.methods import (
     compared,
     cut,
 )
+from fmp_drake.experiments.metrics import divergences, grid_extent
 from fmp_drake.experiments.profile import Profile
 from fmp_drake.primitives import Demonstration
 
@@ -52,20 +52,19 @@ def evaluate(
     scores: Scores = {}
     for fold in range(2, 2 - profile.folds, -1):
         a, b = edges[fold], edges[fold + 1]
-        rest = [
-            part for part in (_part(recorded, 0, a), _part(recorded, b, None)) if part
-        ]
+        sides = (_part(recorded, 0, a), _part(recorded, b, None))
+        learned = [part for part in sides if part is not None]
         held = _part(recorded, a, b)
-        if held is None or not rest:
+        if held is None or not learned:
             continue
         extent = grid_extent(recorded.values)
-        learned_path = np.concatenate([part.values for part in rest])
+        learned_path = np.concatenate([part.values for part in learned])
         forward, reverse = divergences(learned_path, held.values, extent=extent)
         _add(scores, FLOOR_ROW, {"forward_kl": forward, "reverse_kl": reverse})
         for name, (make, stride) in compared(slow=profile.slow_methods).items():
             for seed in range(profile.seeds):
                 progress(f"held-out part {fold + 1}, {name}, seed {seed}")
-                model = make(seed).fit(cut(rest, stride=stride))
+                model = make(seed).fit(cut(learned, stride=stride))
                 _add(scores, name, score(model, held, extent=extent, profile=profile))
                 if name.startswith("periodic"):
                     break  # No seed in it.

@@ -49,6 +49,14 @@ def promp_mult(seed: int = 0) -> ProMP:
     )
 
 
+def aligned_promp(seed: int = 0) -> AlignedProMP:
+    """Return ProMP-VM over one aligned period, 10 Gaussians, bases that fit to all."""
+    model = ProMP(
+        frequencies=(1.0,), width=0.3, ridge=1e-4, n_components=10, random_state=seed
+    )
+    return AlignedProMP(model=model)
+
+
 Maker = Callable[[int], TrajectoryModel]
 
 
@@ -59,10 +67,7 @@ def compared(*, slow: bool) -> dict[str, tuple[Maker, int]]:
         FMP_PAPER: (fmp_paper, PAPER_STRIDE),
         MULT: (promp_mult, PAPER_STRIDE),
         f"{MULT}, FMP's windows": (promp_mult, FMP_STRIDE),
-        ALIGNED: (
-            lambda seed: AlignedProMP(n_components=10, random_state=seed),
-            PAPER_STRIDE,
-        ),
+        ALIGNED: (aligned_promp, PAPER_STRIDE),
         "periodic DMP": (lambda _: PeriodicDMP(), PAPER_STRIDE),
     }
     if slow:

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from fmp_drake.plots import draw_demonstrations_in_plane
-from fmp_drake.plots.style import PLAYED
+from fmp_drake.plots.style import PLAYED, set_title
 from fmp_drake.primitives import Demonstration
 
 
@@ -17,7 +17,4 @@ def draw_path(
     x, y = path[:, 0], path[:, 1]
     ax.plot(y, x, color=PLAYED, linewidth=1.2)
     ax.plot(y[0], x[0], "o", color=PLAYED, fillstyle="none")
-    ax.set_title(title, loc="left")
-    ax.autoscale()
-    if not ax.xaxis_inverted():
-        ax.invert_xaxis()
+    set_title(ax, title)

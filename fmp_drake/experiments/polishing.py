@@ -8,7 +8,6 @@ from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
 from fmp_drake.experiments.baselines.promp import ProMP
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.experiments.finding import Closeness, Finding, millimetres
-from fmp_drake.experiments.heatmaps import divergences, draw_grids, grid_extent
 from fmp_drake.experiments.methods import (
     FMP_STRIDE,
     N_STEPS,
@@ -18,6 +17,7 @@ from fmp_drake.experiments.methods import (
     fmp,
     play,
 )
+from fmp_drake.experiments.metrics import divergences, draw_grids, grid_extent
 from fmp_drake.experiments.paths import draw_path
 from fmp_drake.experiments.profile import Profile
 from fmp_drake.plots import (
@@ -29,6 +29,8 @@ from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 # The paper's polishing has 3 periods in a window of 6 s.
 _FREQUENCY = 3.0
 _SECONDS = 12.0
+# With the paper's cosines as bases.
+_ALIGNED = AlignedProMP(model=ProMP(frequencies=(1.0,)))
 
 
 def polishing(demonstration: Demonstration, profile: Profile) -> list[Finding]:
@@ -96,9 +98,7 @@ def _from_starts(
 def _promp_heatmaps(windows: NDArray[np.float64], profile: Profile) -> Finding:
     extent = grid_extent(windows)
     models: dict[str, TrajectoryModel] = {
-        "aligned, one period (5a)": AlignedProMP(
-            width=ProMP().width, ridge=ProMP().ridge
-        ),
+        "aligned, one period (5a)": _ALIGNED,
         "T = 120, 1 Gaussian (5b)": ProMP(frequencies=(_FREQUENCY,)),
         "T = 120, 10 Gaussians (5c)": ProMP(frequencies=(_FREQUENCY,), n_components=10),
     }
@@ -128,15 +128,15 @@ def _promp_conditioned(
     recorded: Demonstration,
     near: Closeness,
 ) -> Finding:
-    aligned = AlignedProMP(width=ProMP().width, ridge=ProMP().ridge).fit(windows)
+    aligned = _ALIGNED.fit(windows)
     mixture = ProMP(frequencies=(_FREQUENCY,), n_components=10).fit(windows)
     # 6a asks the aligned model for a start of another phase: half a period on.
-    shown = aligned.condition([0], [aligned.condition([0], [inside]).mean[0]]).mean
-    elsewhere = shown[len(shown) // 2]
+    period = aligned.condition([0], [inside])
+    elsewhere = period[len(period) // 2]
     paths = {
-        "aligned, other phase (6a)": aligned.condition([0], [elsewhere]).mean,
-        "mixture, interpolation (6b)": mixture.condition([0], [inside]).mean,
-        "mixture, extrapolation (6c)": mixture.condition([0], [outside]).mean,
+        "aligned, other phase (6a)": aligned.condition([0], [elsewhere]),
+        "mixture, interpolation (6b)": mixture.condition([0], [inside]),
+        "mixture, extrapolation (6c)": mixture.condition([0], [outside]),
     }
     figure = Figure(figsize=(13, 4.5), layout="constrained")
     far = {}

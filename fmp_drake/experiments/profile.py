@@ -1,11 +1,11 @@
-"""How much of everything a run of the experiments does."""
+"""The sizes of the experiments: samples, repetitions, simulated time."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """Sizes of the experiments.
+    """How many samples, repetitions and seconds the experiments use.
 
     Attributes
     ----------

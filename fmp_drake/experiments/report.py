@@ -4,11 +4,9 @@ import base64
 import html
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.finding import Finding
@@ -56,15 +54,10 @@ def write_report(
 
 
 def _verdicts(sections: Sequence[Section]) -> str:
-    rows = []
-    for _, findings in sections:
-        for f in findings:
-            if f.agrees is not None:
-                rows.append(
-                    f'<tr><td><a href="#{f.name}">{html.escape(f.title)}</a></td>'
-                    f"<td>{_verdict(f)}</td></tr>"
-                )
-    return "<table>" + "".join(rows) + "</table>"
+    judged = [f for _, group in sections for f in group if f.agrees is not None]
+    return _table(
+        (f'<a href="#{f.name}">{html.escape(f.title)}</a>', _verdict(f)) for f in judged
+    )
 
 
 def _verdict(finding: Finding) -> str:
@@ -72,26 +65,27 @@ def _verdict(finding: Finding) -> str:
     return f'<span class="verdict {kind}">{text}</span>'
 
 
+def _table(rows: Iterable[Iterable[str]], tag: str = "td") -> str:
+    """Return a table of cells that are HTML already; the tag is that of row 1."""
+    lines = []
+    for row in rows:
+        lines.append("".join(f"<{tag}>{cell}</{tag}>" for cell in row))
+        tag = "td"
+    return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+
+
 def _finding(folder: Path, finding: Finding) -> str:
-    parts = [f'<h3 id="{finding.name}">{html.escape(finding.title)}</h3>']
+    title = html.escape(finding.title)
+    parts = [f'<h3 id="{finding.name}">{title}</h3>']
     if finding.figure is not None:
         buffer = io.BytesIO()
-        FigureCanvasAgg(finding.figure)
         finding.figure.savefig(buffer, dpi=110, format="png")
         with replaced(folder / f"{finding.name}.png", ExperimentError) as part:
             part.write_bytes(buffer.getvalue())
         data = base64.b64encode(buffer.getvalue()).decode()
-        parts.append(
-            f'<img alt="{html.escape(finding.title)}" src="data:image/png;base64,{data}">'
-        )
+        parts.append(f'<img alt="{title}" src="data:image/png;base64,{data}">')
     if finding.table is not None:
-        head, *body = finding.table
-        cells = "".join(f"<th>{html.escape(c)}</th>" for c in head)
-        lines = [f"<tr>{cells}</tr>"]
-        for row in body:
-            cells = "".join(f"<td>{html.escape(c)}</td>" for c in row)
-            lines.append(f"<tr>{cells}</tr>")
-        parts.append(f"<table>{''.join(lines)}</table>")
+        parts.append(_table((map(html.escape, row) for row in finding.table), "th"))
     parts.append(f"<p>{html.escape(finding.shows)}</p>")
     if finding.claim:
         parts.append(f"<p>Claim: {html.escape(finding.claim)} {_verdict(finding)}</p>")

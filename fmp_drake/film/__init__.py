@@ -1,8 +1,8 @@
 """Films of a run, rendered without a screen by Drake's VTK renderer through EGL.
 
 A `FilmReel` keeps what is needed of a simulation while it runs; `film_run`, or
-`render_film`, makes an .mp4 or a .gif of it afterwards. `check_film` says before the run
-what would go wrong.
+`render_film`, makes an .mp4 or a .gif of it afterwards. `check_film` refuses before the
+run what cannot be made.
 """
 
 from fmp_drake.film.camera import FilmCamera

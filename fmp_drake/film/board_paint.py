@@ -13,12 +13,13 @@ from pydrake.math import RigidTransform
 
 from fmp_drake.errors import RunError
 from fmp_drake.film.scene import Shot
+from fmp_drake.primitives.data.numeric import finite_array
 from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.ink.grid import InkGrid
 
 type FloatImage = NDArray[np.float32]
 
-# Colours of ink on a white board by its share, in 255ths.
+# Colours of ink on a white board by the fraction that is left, in 255ths.
 _SHADES = ink_colours(np.linspace(0, 1, 256), srgb=True).astype(np.float32)
 
 # Of a pixel's depth to the plane, m; the renderer's own error is below 1e-6.
@@ -29,17 +30,17 @@ class _Face(NamedTuple):
     """The pixels whose rays meet the grid, for one pose of the board.
 
     `pixels` are flat indices (n,), `depth` (n,) that of the plane, `cells` (4, n) flat
-    indices of the nearest cell centres and `shares` (4, n) their bilinear weights.
+    indices of the nearest cell centres and `weights` (4, n) their bilinear weights.
     """
 
     pixels: NDArray[np.intp]
     depth: FloatImage
     cells: NDArray[np.int32]
-    shares: FloatImage
+    weights: FloatImage
 
 
 class BoardPaint:
-    """Paints ink on the face of a board; remembers where, while the board rests.
+    """Paints ink on the face of a board; remembers where, until the board moves.
 
     Parameters
     ----------
@@ -61,26 +62,23 @@ class BoardPaint:
         ----------
         shot : Shot
         ink : array_like, shape (ny, nx)
-            Share of the ink that is left, from 0 to 1.
+            Fraction of the ink that is left, from 0 to 1.
 
         Returns
         -------
         ndarray of bool, shape (height, width)
             Where the face of the board is seen.
         """
-        values = np.asarray(ink, dtype=np.float32)
-        if values.shape != self._grid.shape:
-            raise RunError(
-                f"the ink of a frame has shape {values.shape}; the grid has "
-                f"{self._grid.shape}."
-            )
+        values = finite_array(
+            ink, "the ink of a frame", self._grid.shape, error=RunError
+        ).astype(np.float32)
         seen = np.zeros(shot.depth.shape, dtype=bool)
         face = self._face_at(shot.X_CB)
         near = np.abs(shot.depth.ravel()[face.pixels] - face.depth) < _TOLERANCE
         pixels = face.pixels[near]
         seen.ravel()[pixels] = True
-        cells, shares = face.cells[:, near], face.shares[:, near]
-        left = np.einsum("kn,kn->n", values.ravel()[cells], shares)
+        cells, weights = face.cells[:, near], face.weights[:, near]
+        left = np.einsum("kn,kn->n", values.ravel()[cells], weights)
         shades = _SHADES[np.rint(255 * left).astype(np.uint8)]
         colors = shot.color.reshape(-1, 3)
         colors[pixels] = np.rint(colors[pixels] * shades).astype(np.uint8)
@@ -122,5 +120,5 @@ def _find_face(grid: InkGrid, rays: FloatImage, X_CB: RigidTransform) -> _Face:
         cells=np.stack(
             [corner, corner + right, corner + above, corner + right + above]
         ).astype(np.int32),
-        shares=np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]),
+        weights=np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]),
     )

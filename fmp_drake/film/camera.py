@@ -10,6 +10,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
 from fmp_drake.errors import RunError
+from fmp_drake.primitives.data.numeric import check_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +58,9 @@ class FilmCamera:
 
     def core(self, renderer: str, size: tuple[int, int]) -> RenderCameraCore:
         """Return Drake's camera of a renderer, for pictures (width, height)."""
-        if not 0.01 < self.fov_y < 3.0:
-            raise RunError(f"fov_y is {self.fov_y} rad; it must be between 0.01 and 3.")
+        check_number(
+            self.fov_y, "fov_y", above=0.01, below=3.0, unit="rad", error=RunError
+        )
         width, height = size
         focal = 0.5 * height / np.tan(0.5 * self.fov_y)
         info = CameraInfo(width, height, focal, focal, width / 2, height / 2)

@@ -1,4 +1,4 @@
-"""What can be said of a film before any work is done."""
+"""Checks of a film before any work is done: its file, its settings, the renderer."""
 
 import functools
 import importlib
@@ -6,10 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
-
 from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.primitives.data.numeric import check_number
 
 _GREATEST_FPS = {".mp4": 120.0, ".gif": 50.0}
 
@@ -60,13 +59,8 @@ def check_film(
     suffix = path.suffix.lower()
     if suffix not in _GREATEST_FPS:
         raise RunError(f"{path} is no film; let its name end in .mp4 or .gif.")
-    if not (np.isfinite(fps) and 0 < fps <= _GREATEST_FPS[suffix]):
-        raise RunError(
-            f"fps is {fps:g}; it must be positive and at most "
-            f"{_GREATEST_FPS[suffix]:g} in a {suffix}."
-        )
-    if not (np.isfinite(speed) and speed > 0):
-        raise RunError(f"speed is {speed:g}; it must be positive.")
+    check_number(fps, "fps", above=0.0, most=_GREATEST_FPS[suffix], error=RunError)
+    check_number(speed, "speed", above=0.0, error=RunError)
     if any(edge < 16 or edge > 4096 or edge % 2 for edge in size):
         raise RunError(
             f"a film of {size[0]} x {size[1]} pixels: both must be even, and from 16 "
@@ -101,7 +95,7 @@ def ffmpeg_program() -> str:
 
 @functools.cache
 def renders() -> bool:
-    """Say whether this machine renders through EGL."""
+    """Return whether this machine renders through EGL."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", _PROBE],

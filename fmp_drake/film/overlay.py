@@ -11,9 +11,10 @@ from PIL import Image, ImageDraw, ImageFont
 from pydrake.math import RigidTransform
 
 from fmp_drake.errors import RunError
+from fmp_drake.primitives.data.numeric import check_number
 
 _TRAIL_COLOR = (217, 95, 2)
-_TRAIL_PIECES = 12
+_TRAIL_SEGMENTS = 12
 _MOST_ALPHA = 0.85
 _CAPTION_COLOR = (70, 76, 84)
 
@@ -50,8 +51,9 @@ class Trail:
                 f"a trail has times {times.shape} and positions {path.shape}; "
                 "expected (M,) and (M, 3)."
             )
-        if not (np.isfinite(self.seconds) and self.seconds > 0):
-            raise RunError(f"a trail lasts {self.seconds} s; it must be positive.")
+        check_number(
+            self.seconds, "the length of a trail", above=0.0, unit="s", error=RunError
+        )
 
     def points(self, time: float) -> NDArray[np.float64]:
         """Return the feet p_B of the trail at a time, every 20 ms, shape (k, 3)."""
@@ -96,11 +98,11 @@ def paint_trail(
     pixels = focal * p_C[:, :2] / p_C[:, 2:] + [across / 2, height / 2]
     mask = Image.new("L", (across, height))
     draw = ImageDraw.Draw(mask)
-    pieces = np.array_split(np.arange(len(pixels)), _TRAIL_PIECES)
-    for number, piece in enumerate(pieces, start=1):
-        if len(piece):
-            chosen = pixels[piece[0] : piece[-1] + 2]
-            shade = round(255 * _MOST_ALPHA * number / _TRAIL_PIECES)
+    segments = np.array_split(np.arange(len(pixels)), _TRAIL_SEGMENTS)
+    for number, segment in enumerate(segments, start=1):
+        if len(segment):
+            chosen = pixels[segment[0] : segment[-1] + 2]
+            shade = round(255 * _MOST_ALPHA * number / _TRAIL_SEGMENTS)
             draw.line(
                 [tuple(p) for p in chosen], fill=shade, width=width, joint="curve"
             )

@@ -16,6 +16,7 @@ from pydrake.systems.framework import Diagram
 
 from fmp_drake.errors import RunError
 from fmp_drake.film.camera import FilmCamera, pixel_rays
+from fmp_drake.primitives.data.numeric import finite_array
 from fmp_drake.station.parts.stage import RenderLights
 
 _RENDERER = "film"
@@ -85,19 +86,10 @@ class FilmScene:
         self._depth = DepthRenderCamera(core, DepthRange(clip.near(), clip.far()))
         self.rays = pixel_rays(core)
 
-    @property
-    def num_positions(self) -> int:
-        """Size of the plant's positions."""
-        return int(self._plant.num_positions())
-
     def render(self, q: ArrayLike) -> Shot:
         """Render the station with the plant at positions (nq,)."""
-        values = np.asarray(q, dtype=float)
-        if values.shape != (self.num_positions,) or not np.all(np.isfinite(values)):
-            raise RunError(
-                f"the positions of a frame are {values}; expected "
-                f"{self.num_positions} finite numbers."
-            )
+        shape = (self._plant.num_positions(),)
+        values = finite_array(q, "the positions of a frame", shape, error=RunError)
         self._plant.SetPositions(self._plant_context, values)
         query = self._scene_graph.get_query_output_port().Eval(self._graph_context)
         world = self._scene_graph.world_frame_id()

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from fmp_drake.errors import DemonstrationError, FmpError, SkillError
+from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 
 type Demonstrations = Demonstration | Sequence[Demonstration]
@@ -12,32 +12,30 @@ type Demonstrations = Demonstration | Sequence[Demonstration]
 
 @dataclass(frozen=True)
 class Channels:
-    """The channels of a skill or of demonstrations.
+    """Names and units of the channels of a skill or of demonstrations.
+
+    Every method raises a RunError where a picture asks for channels that do not exist.
 
     Attributes
     ----------
     names, units : tuple of str
-    error : type
-        What is raised where a picture asks for others.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    error: type[FmpError]
 
     @classmethod
     def of_skill(cls, skill: FourierMovementPrimitive) -> Self:
         """Return the channels of a fitted skill."""
         skill.check_fitted()
-        return cls(skill.channels_, skill.units_, SkillError)
+        return cls(skill.channels_, skill.units_)
 
     @classmethod
     def of_demonstrations(cls, demonstrations: Sequence[Demonstration]) -> Self:
         """Return the channels that all the demonstrations have."""
         if not demonstrations:
-            raise DemonstrationError("there is no demonstration; give at least one.")
-        first = demonstrations[0]
-        out = cls(first.channels, first.units, DemonstrationError)
+            raise RunError("there is no demonstration; give at least one.")
+        out = cls(demonstrations[0].channels, demonstrations[0].units)
         out.check(demonstrations)
         return out
 
@@ -45,7 +43,7 @@ class Channels:
         """Raise where a demonstration has other channels."""
         for number, demonstration in enumerate(demonstrations):
             if demonstration.channels != self.names:
-                raise DemonstrationError(
+                raise RunError(
                     f"demonstration {number} has the channels "
                     f"{', '.join(demonstration.channels)}; the others and the skill "
                     f"in this picture have {', '.join(self.names)}. Select the same "
@@ -56,10 +54,10 @@ class Channels:
         """Return the indices of the named channels, all where None."""
         chosen = self.names if names is None else tuple(names)
         if not chosen:
-            raise self.error("no channel is named; name at least one, or give None.")
+            raise RunError("no channel is named; name at least one, or give None.")
         for name in chosen:
             if name not in self.names:
-                raise self.error(
+                raise RunError(
                     f"there is no channel {name!r}; the channels are "
                     f"{', '.join(self.names)}."
                 )
@@ -68,13 +66,13 @@ class Channels:
     def plane(self, names: Sequence[str] | None) -> tuple[int, int]:
         """Return the indices of the upward and the leftward channel."""
         if names is None and len(self.names) < 2:
-            raise self.error(
+            raise RunError(
                 f"there is only the channel {self.names[0]}; a picture in the plane "
                 "needs two. Draw it over time."
             )
         chosen = self.indices(self.names[:2] if names is None else names)
         if len(chosen) != 2 or chosen[0] == chosen[1]:
-            raise self.error(
+            raise RunError(
                 f"the plane is {tuple(names or ())}; name two different channels."
             )
         return chosen[0], chosen[1]

@@ -8,18 +8,13 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from fmp_drake.errors import SkillError
+from fmp_drake.errors import RunError
 from fmp_drake.plots.channels import Channels, Demonstrations, as_list
 from fmp_drake.plots.learned import sample_windows
-from fmp_drake.plots.style import (
-    DENSITY_MAP,
-    add_colorbar,
-    finish_plane,
-    plane_axes,
-    set_title,
-    shape_of,
-)
+from fmp_drake.plots.panels import PlanePanel
+from fmp_drake.plots.style import DENSITY_MAP, add_colorbar, shape_of
 from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.primitives.data.numeric import check_number, finite_array
 
 _REFINED = 4  # A path passes cells between two samples, too.
 
@@ -31,7 +26,6 @@ def draw_heatmap(
     seed: int = 0,
     cells: int = 60,
     bounds: ArrayLike | None = None,
-    greatest: float | None = None,
     plane: Sequence[str] | None = None,
     colorbar: bool = True,
     ax: Axes | None = None,
@@ -50,8 +44,6 @@ def draw_heatmap(
     bounds : array_like, shape (2, 2), optional
         Least and greatest value of the upward and of the leftward channel; where None,
         those of nearly all positions.
-    greatest : float, optional
-        The density that gets the darkest colour; the greatest where None.
     plane : sequence of two str, optional
         The upward channel and the one to the left; the first two where None.
     colorbar : bool
@@ -59,7 +51,8 @@ def draw_heatmap(
     """
     if isinstance(source, FourierMovementPrimitive):
         names = Channels.of_skill(source)
-        indices = names.plane(plane)
+        panel = PlanePanel(names, plane, ax)
+        indices = list(panel.plane)
         samples = sample_windows(source, n, seed)
         points = _refined(samples)[:, indices]
         bounds = _bounds(_bulk(samples)[:, indices]) if bounds is None else bounds
@@ -68,7 +61,8 @@ def draw_heatmap(
     else:
         recorded = as_list(source)
         names = Channels.of_demonstrations(recorded)
-        indices = names.plane(plane)
+        panel = PlanePanel(names, plane, ax)
+        indices = list(panel.plane)
         points = np.concatenate([_refined(d.values[None]) for d in recorded])
         points = points[:, indices]
         # Samples of a recording need not be spaced evenly.
@@ -81,22 +75,17 @@ def draw_heatmap(
     counts, *_ = np.histogram2d(points[:, 0], points[:, 1], bins=edges, weights=weights)
     size = [np.diff(e)[0] for e in edges]
     density = counts / (np.sum(weights) * size[0] * size[1])
-    fit = ax is None
-    ax = plane_axes(ax)
-    mesh = ax.pcolormesh(
+    mesh = panel.ax.pcolormesh(
         edges[1],
         edges[0],
         np.ma.masked_equal(density, 0),
         cmap=DENSITY_MAP,
         vmin=0,
-        vmax=greatest,
         rasterized=True,
     )
     if colorbar:
-        _add_density_bar(ax, mesh, names, indices)
-    set_title(ax, title)
-    finish_plane(ax, names, indices, fit=fit)
-    return ax
+        _add_density_bar(panel.ax, mesh, names, indices)
+    return panel.finish(title)
 
 
 def draw_heatmaps(
@@ -125,9 +114,9 @@ def draw_heatmaps(
     """
     recorded = as_list(demonstrations)
     names = Channels.of_skill(skill)
-    indices = names.plane(plane)
-    names.check(recorded)
+    indices = list(names.plane(plane))
     Channels.of_demonstrations(recorded)
+    names.check(recorded)
     samples = sample_windows(skill, n, seed)
     shown = [np.concatenate([d.values for d in recorded]), _bulk(samples)]
     bounds = _bounds(np.concatenate(shown)[:, indices])
@@ -137,7 +126,7 @@ def draw_heatmaps(
         axes = figure.subplots(1, 2)
     made = tuple(axes)
     if len(made) != 2:
-        raise SkillError(f"{len(made)} axes are given; two heatmaps need 2.")
+        raise RunError(f"{len(made)} axes are given; two heatmaps need 2.")
     sources: list[FourierMovementPrimitive | Demonstrations] = [recorded, skill]
     for ax, source in zip(made, sources, strict=True):
         draw_heatmap(
@@ -160,8 +149,8 @@ def draw_heatmaps(
 
 def _refined(paths: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points along paths (N, T, D), `_REFINED` for every step: (.., D)."""
-    share = (np.arange(_REFINED) / _REFINED)[:, None]
-    between = paths[:, :-1, None] * (1 - share) + paths[:, 1:, None] * share
+    ratio = (np.arange(_REFINED) / _REFINED)[:, None]
+    between = paths[:, :-1, None] * (1 - ratio) + paths[:, 1:, None] * ratio
     return between.reshape(-1, paths.shape[2])
 
 
@@ -179,14 +168,13 @@ def _bounds(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _edges(bounds: ArrayLike, cells: int, *, square: bool) -> list[NDArray[np.float64]]:
     """Return the edges of cells that fill the bounds."""
-    limits = np.asarray(bounds, dtype=float)
-    if limits.shape != (2, 2) or not np.all(limits[:, 0] < limits[:, 1]):
-        raise SkillError(
+    limits = finite_array(bounds, "the bounds", (2, 2), error=RunError)
+    check_number(cells, "cells", least=1, whole=True, error=RunError)
+    if not np.all(limits[:, 0] < limits[:, 1]):
+        raise RunError(
             f"bounds are {limits.tolist()}; expected [[least, greatest], [least, "
             "greatest]] of the upward and of the leftward channel."
         )
-    if cells < 1:
-        raise SkillError(f"cells is {cells}; it must be at least 1.")
     widths = limits[:, 1] - limits[:, 0]
     cell = (np.full(2, widths.max()) if square else widths) / cells
     counts = np.ceil(widths / cell - 1e-9).astype(int)
@@ -194,7 +182,7 @@ def _edges(bounds: ArrayLike, cells: int, *, square: bool) -> list[NDArray[np.fl
 
 
 def _add_density_bar(
-    ax: Axes, mesh: QuadMesh, names: Channels, plane: tuple[int, int]
+    ax: Axes, mesh: QuadMesh, names: Channels, plane: Sequence[int]
 ) -> None:
     up, left = (names.units[i] for i in plane)
     unit = f"{up}²" if up == left else f"({up} {left})"

@@ -8,24 +8,19 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
 from numpy.typing import ArrayLike, NDArray
 
-from fmp_drake.errors import SkillError
-from fmp_drake.plots.channels import Channels, Demonstrations, as_list
+from fmp_drake.errors import RunError
+from fmp_drake.plots.channels import Channels, Demonstrations
+from fmp_drake.plots.learned import draw_band
+from fmp_drake.plots.panels import PlanePanel, TimePanels
 from fmp_drake.plots.style import (
     PLAYED,
     TIME_MAP,
     add_colorbar,
     add_lines,
     component_color,
-    draw_grey_paths,
-    finish_plane,
-    finish_times,
-    legend_above,
-    lighten,
-    plane_axes,
-    set_title,
-    time_axes,
 )
 from fmp_drake.primitives import PlaybackState, Player
+from fmp_drake.primitives.data.numeric import check_number
 
 _MOST_NUMBERS = 40
 _LUMA = (0.299, 0.587, 0.114)
@@ -38,7 +33,6 @@ def draw_way_back(
     duration: float = 10.0,
     demonstrations: Demonstrations = (),
     plane: Sequence[str] | None = None,
-    colorbar: bool = True,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw what is played from a start, coloured by time (Figs. 4, 9 and 10).
@@ -54,26 +48,20 @@ def draw_way_back(
         Drawn in grey behind.
     plane : sequence of two str, optional
         The upward channel and the one to the left; the first two where None.
-    colorbar : bool
     ax : Axes, optional
     """
-    names = Channels.of_skill(player.skill)
-    up, left = names.plane(plane)
-    recorded = as_list(demonstrations)
-    names.check(recorded)
-    played = player.rollout(start, _checked(player, duration))
-    points = played[..., 0, [left, up]]
+    panel = PlanePanel(Channels.of_skill(player.skill), plane, ax)
+    _check_duration(player, duration)
+    up, left = panel.plane
+    points = player.rollout(start, duration)[..., 0, [left, up]]
     points = points.reshape(-1, *points.shape[-2:])
-    fit = ax is None
-    ax = plane_axes(ax)
-    draw_grey_paths(ax, [d.values for d in recorded], (up, left))
-    pieces = np.stack([points[:, :-1], points[:, 1:]], axis=2)
-    time = np.tile(np.arange(pieces.shape[1]) * player.tick_seconds, len(pieces))
-    lines = add_lines(
-        ax, pieces.reshape(-1, 2, 2), time, cmap=TIME_MAP, linewidths=1.5, zorder=3.0
-    )
+    panel.background(demonstrations)
+    segments = np.stack([points[:, :-1], points[:, 1:]], axis=2)
+    time = np.tile(np.arange(segments.shape[1]) * player.tick_seconds, len(segments))
+    style = {"cmap": TIME_MAP, "linewidths": 1.5, "zorder": 3.0}
+    lines = add_lines(panel.ax, segments.reshape(-1, 2, 2), time, **style)
     lines.set_clim(0, duration)
-    ax.plot(
+    panel.ax.plot(
         *points[:, 0].T,
         "o",
         markerfacecolor="white",
@@ -83,11 +71,8 @@ def draw_way_back(
         label="start",
         zorder=4.0,
     )
-    if colorbar:
-        add_colorbar(ax, lines, "time (s)")
-    set_title(ax, f"played for {duration:g} s from the ring")
-    finish_plane(ax, names, (up, left), fit=fit)
-    return ax
+    add_colorbar(panel.ax, lines, "time (s)")
+    return panel.finish(f"played for {duration:g} s from the ring")
 
 
 def draw_rollout_over_time(
@@ -119,41 +104,25 @@ def draw_rollout_over_time(
     tuple of Axes
         The strip is the last.
     """
-    names = Channels.of_skill(player.skill)
-    indices = names.indices(channels)
-    states = _play(player, start, _checked(player, duration))
-    made = time_axes(axes, names, len(indices), strip=True)
+    panels = TimePanels(Channels.of_skill(player.skill), channels, axes, strip=True)
+    _check_duration(player, duration)
+    states = _play(player, start, duration)
     time = player.tick_seconds * np.arange(len(states), dtype=np.float64)
     values = np.stack([player.motion(state)[0] for state in states])
-    spread = 2 * np.sqrt(
-        np.stack([np.diagonal(player.covariance(state)) for state in states])
-    )
-    instants = _remap_instants(states, time)
-    for ax, i in zip(made[:-1], indices, strict=True):
-        ax.fill_between(
-            time,
-            values[:, i] - spread[:, i],
-            values[:, i] + spread[:, i],
-            color=lighten(PLAYED, 0.75),
-            linewidth=0,
-            label="2 standard deviations",
-        )
+    covariances = np.stack([player.covariance(state) for state in states])
+    instants = time[1:][np.diff([state.remaps for state in states]) > 0]
+    for ax, i in panels:
+        draw_band(ax, time, values[:, i], covariances[:, i, i], PLAYED)
         ax.plot(time, values[:, i], color=PLAYED, linewidth=1.2, label="played")
         for number, instant in enumerate(instants):
-            ax.axvline(
-                instant,
-                color="0.3",
-                linewidth=0.8,
-                linestyle=":",
-                label="re-mapped" if number == 0 else None,
-            )
-    set_title(made[0], "played")
-    legend_above(made[0])
-    _draw_strip(made[-1], states, np.concatenate([[0.0], instants, time[-1:]]))
-    made[0].set_xlim(0, time[-1])
-    finish_times(made, [*(names.label(i) for i in indices), "component"])
-    made[-1].yaxis.label.set(rotation=0, ha="right", va="center", size="small")
-    return made
+            label = "re-mapped" if number == 0 else None
+            ax.axvline(instant, color="0.3", linewidth=0.8, linestyle=":", label=label)
+    strip = panels.axes[-1]
+    _draw_strip(strip, states, np.concatenate([[0.0], instants, time[-1:]]))
+    panels.axes[0].set_xlim(0, time[-1])
+    panels.finish("played", last="component")
+    strip.yaxis.label.set(rotation=0, ha="right", va="center", size="small")
+    return panels.axes
 
 
 def _play(player: Player, start: ArrayLike, duration: float) -> list[PlaybackState]:
@@ -164,15 +133,6 @@ def _play(player: Player, start: ArrayLike, duration: float) -> list[PlaybackSta
         state = player.advance(state, player.tick_seconds)
         states.append(state)
     return states
-
-
-def _remap_instants(
-    states: Sequence[PlaybackState], time: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the times at which a new window began."""
-    count = np.array([state.remaps for state in states])
-    out: NDArray[np.float64] = time[1:][np.diff(count) > 0]
-    return out
 
 
 def _draw_strip(
@@ -208,10 +168,7 @@ def _draw_strip(
     ax.spines["left"].set_visible(False)
 
 
-def _checked(player: Player, duration: float) -> float:
-    if not (np.isfinite(duration) and duration >= player.tick_seconds):
-        raise SkillError(
-            f"duration is {duration} s; it must be at least one tick, "
-            f"{player.tick_seconds:g} s."
-        )
-    return duration
+def _check_duration(player: Player, duration: float) -> None:
+    check_number(
+        duration, "duration", least=player.tick_seconds, unit="s", error=RunError
+    )

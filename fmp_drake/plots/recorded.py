@@ -6,14 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from fmp_drake.plots.channels import Channels, Demonstrations, as_list
-from fmp_drake.plots.style import (
-    draw_path,
-    finish_plane,
-    finish_times,
-    plane_axes,
-    set_title,
-    time_axes,
-)
+from fmp_drake.plots.panels import PlanePanel, TimePanels
 from fmp_drake.primitives import Demonstration
 
 
@@ -38,20 +31,11 @@ def draw_demonstrations_over_time(
     tuple of Axes
     """
     shown = as_list(demonstrations)
-    names = Channels.of_demonstrations(shown)
-    indices = names.indices(channels)
-    made = time_axes(axes, names, len(indices))
-    for ax, i in zip(made, indices, strict=True):
-        for demonstration, grey in zip(shown, _greys(len(shown)), strict=True):
-            ax.plot(
-                demonstration.time,
-                demonstration.values[:, i],
-                color=grey,
-                linewidth=0.8,
-            )
-    set_title(made[0], _demonstrated(shown))
-    finish_times(made, [names.label(i) for i in indices])
-    return made
+    panels = TimePanels(Channels.of_demonstrations(shown), channels, axes)
+    for ax, i in panels:
+        for one, grey in zip(shown, _greys(len(shown)), strict=True):
+            ax.plot(one.time, one.values[:, i], color=grey, linewidth=0.8)
+    return panels.finish(_demonstrated(shown))
 
 
 def draw_demonstrations_in_plane(
@@ -70,15 +54,10 @@ def draw_demonstrations_in_plane(
     ax : Axes, optional
     """
     shown = as_list(demonstrations)
-    names = Channels.of_demonstrations(shown)
-    indices = names.plane(plane)
-    fit = ax is None
-    ax = plane_axes(ax)
-    for demonstration, grey in zip(shown, _greys(len(shown)), strict=True):
-        draw_path(ax, demonstration.values, indices, color=grey, linewidth=0.6)
-    set_title(ax, _demonstrated(shown))
-    finish_plane(ax, names, indices, fit=fit)
-    return ax
+    panel = PlanePanel(Channels.of_demonstrations(shown), plane, ax)
+    for one, grey in zip(shown, _greys(len(shown)), strict=True):
+        panel.path(one.values, color=grey, linewidth=0.6)
+    return panel.finish(_demonstrated(shown))
 
 
 def _greys(count: int) -> list[str]:

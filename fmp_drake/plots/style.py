@@ -46,7 +46,6 @@ DENSITY_MAP: Colormap = LinearSegmentedColormap.from_list(
 )
 
 _GREY_LINE = {"color": DEMONSTRATED, "linewidth": 0.4, "zorder": 1.5}
-_PLANE_WIDTH = 5.5  # inches, of a figure of its own
 
 
 def component_color(component: int) -> str:
@@ -54,65 +53,17 @@ def component_color(component: int) -> str:
     return _COMPONENTS[component % len(_COMPONENTS)]
 
 
-def lighten(color: str, share: float) -> tuple[float, ...]:
-    """Mix a colour with a share of white, opaque: overlaps do not add up."""
-    return tuple(float(c) for c in (1 - share) * np.array(to_rgb(color)) + share)
+def lighten(color: str, white: float) -> tuple[float, ...]:
+    """Mix a colour with a fraction of white, opaque: overlaps do not add up."""
+    return tuple(float(c) for c in (1 - white) * np.array(to_rgb(color)) + white)
 
 
-def plane_axes(ax: Axes | None) -> Axes:
-    """Return the given axes, or those of a new figure for the plane."""
-    if ax is not None:
-        return ax
-    return Figure(figsize=(_PLANE_WIDTH, _PLANE_WIDTH), layout="constrained").subplots()
-
-
-def time_axes(
-    axes: Axes | Sequence[Axes] | None,
-    channels: Channels,
-    count: int,
-    *,
-    strip: bool = False,
-) -> tuple[Axes, ...]:
-    """Return `count` axes below each other, and one more for a strip."""
-    total = count + strip
-    if axes is None:
-        figure = Figure(figsize=(9, 1 + 1.5 * count + strip), layout="constrained")
-        made = figure.subplots(
-            total,
-            sharex=True,
-            squeeze=False,
-            height_ratios=[1.0] * count + [0.25] * strip,
-        )
-        return tuple(made[:, 0])
-    given = (axes,) if isinstance(axes, Axes) else tuple(axes)
-    if len(given) != total or not all(isinstance(ax, Axes) for ax in given):
-        raise channels.error(
-            f"{len(given)} axes are given; this picture needs {total}: one for each "
-            f"of its {count} channels{' and one for the strip' if strip else ''}."
-        )
-    return given
-
-
-def finish_plane(
-    ax: Axes, channels: Channels, plane: tuple[int, int], *, fit: bool = False
-) -> None:
-    """Label the plane and turn it as it is seen: see the package.
-
-    Parameters
-    ----------
-    ax, channels, plane
-    fit : bool
-        Make the figure as high as its picture, where it is ours.
-    """
+def finish_plane(ax: Axes, channels: Channels, plane: tuple[int, int]) -> None:
+    """Label a picture in the plane of two channels and orient it: see the package."""
     up, left = plane
     ax.autoscale_view()
     if channels.units[up] == channels.units[left]:
         ax.set_aspect("equal")
-        if fit:
-            ratio = shape_of(np.ptp(ax.get_ylim()), np.ptp(ax.get_xlim()))
-            figure = ax.get_figure(root=True)
-            assert figure is not None
-            figure.set_figheight(1.0 + (_PLANE_WIDTH - 1.2) * ratio)
     ax.xaxis.set_inverted(True)
     ax.set_xlabel(channels.label(left))
     ax.set_ylabel(channels.label(up))

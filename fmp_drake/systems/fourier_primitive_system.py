@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,11 +35,6 @@ MAX_TEMPO = 4.0
 _TEMPO_RATE = 4.0
 # How fast the desired motion comes to a robot that is led elsewhere, s.
 _PUSHED_BLEND_TIME = 0.15
-
-# Fields of a playback state that are arrays, each a group of the discrete state, and
-# those that are numbers, together a group of their own.
-_ARRAYS = ("weights", "target", "history", "offset")
-_NUMBERS = tuple(f.name for f in fields(PlaybackState) if f.name not in _ARRAYS)
 
 
 class FourierPrimitiveSystem(LeafSystem):
@@ -128,8 +123,7 @@ class FourierPrimitiveSystem(LeafSystem):
     >>> simulator = Simulator(system)
     >>> context = simulator.get_mutable_context()
     >>> start = system.GetInputPort("measured_position").FixValue(context, [1.5, 0.0])
-    >>> simulator.AdvanceTo(20.0)  # doctest: +ELLIPSIS
-    <pydrake.systems.analysis.SimulatorStatus object at ...>
+    >>> status = simulator.AdvanceTo(20.0)
     >>> position = system.GetOutputPort("position").Eval(context)
     >>> print(round(float(np.hypot(*position)), 1))
     1.0
@@ -165,12 +159,9 @@ class FourierPrimitiveSystem(LeafSystem):
         d = skill.n_channels_
 
         start = player.start(self.resting_value(skill))
-        self._arrays = {
-            name: int(self.DeclareDiscreteState(getattr(start, name).ravel()))
-            for name in _ARRAYS
-        }
-        numbers = [float(getattr(start, name)) for name in _NUMBERS]
-        self._numbers = int(self.DeclareDiscreteState(np.array(numbers)))
+        self._playback = [
+            int(self.DeclareDiscreteState(array)) for array in start.to_arrays()
+        ]
         # When the last event and the start were (never: minus infinity), since when the
         # robot is pushed (infinity where it is not), number of reactive re-mappings.
         events = np.array([-math.inf, -math.inf, math.inf, 0.0])
@@ -239,18 +230,11 @@ class FourierPrimitiveSystem(LeafSystem):
 
     def _read(self, context: Context) -> PlaybackState:
         """Return the playback at the last event."""
-        values, d = context.get_discrete_state(), self._player.skill.n_channels_
-        # `value` is a view of the context's memory, which a later event overwrites.
-        read: dict[str, Any] = {
-            name: values.value(index).copy() for name, index in self._arrays.items()
-        }
-        for name in ("history", "offset"):
-            read[name] = read[name].reshape(-1, d)
-        numbers = values.value(self._numbers).tolist()
-        read |= dict(zip(_NUMBERS, numbers, strict=True))
-        for name in ("component", "step", "seed", "remaps"):
-            read[name] = int(read[name])
-        return PlaybackState(**read)
+        values = context.get_discrete_state()
+        return PlaybackState.from_arrays(
+            [values.value(index) for index in self._playback],
+            channels=self._player.skill.n_channels_,
+        )
 
     def _store(
         self,
@@ -260,10 +244,8 @@ class FourierPrimitiveSystem(LeafSystem):
         events: tuple[float, float, float, float],
         measurements: NDArray[np.float64],
     ) -> None:
-        for name, index in self._arrays.items():
-            values.set_value(index, getattr(state, name).ravel())
-        numbers = [float(getattr(state, name)) for name in _NUMBERS]
-        values.set_value(self._numbers, np.array(numbers))
+        for index, array in zip(self._playback, state.to_arrays(), strict=True):
+            values.set_value(index, array)
         values.set_value(self._events, np.array(events))
         values.set_value(self._measurements, measurements.ravel())
 

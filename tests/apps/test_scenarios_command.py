@@ -59,12 +59,12 @@ def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
         scenarios_module, "ListScenarios", lambda: ["moving_board", "words"]
     )
     path = outputs / "README.md"
-    result = command("scenarios", "--page", path, "--duration", 1.5)
+    result = command("scenarios", "--page", path, "--duration", 0.5)
     assert result.code == 0, result
     assert result.err == ""
     assert f"wrote {path}" in result.out
     page = path.read_text(encoding="utf-8")
-    assert "1.5 s of each" in page
+    assert "0.5 s of each" in page
     head, line, *body = rows(page)
     assert set("".join(line)) == {"-"}
     assert [row[0] for row in body] == [

@@ -6,9 +6,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from fmp_drake.experiments.finding import Closeness, Finding, roughness
-from fmp_drake.experiments.heatmaps import divergences, grid_extent
 from fmp_drake.experiments.held_out import evaluate, held_out_finding, summary
 from fmp_drake.experiments.methods import FMP, MULT
+from fmp_drake.experiments.metrics import divergences, grid_extent
 from fmp_drake.experiments.profile import QUICK
 from fmp_drake.experiments.report import write_report
 from fmp_drake.primitives import Demonstration
@@ -93,20 +93,6 @@ def test_report_needs_nothing_but_itself(reproduced):
     # The letters of a picture in base64 may spell anything.
     assert "http" not in re.sub(r"data:image/png;base64,[\w+/=]*", "", page)
     assert "does not hold" in page
-
-
-def test_recording_that_is_too_short_is_refused(refused, make_npz, tmp_path):
-    demo = make_npz(seconds=5)
-    line = refused("reproduce", "--quick", "--out", tmp_path / "x", "--demo", demo)
-    assert "at least 6.5 s" in line
-    assert not (tmp_path / "x").exists()
-
-
-def test_missing_recording_is_refused(refused, tmp_path):
-    line = refused(
-        "reproduce", "--out", tmp_path / "x", "--demo", tmp_path / "none.npz"
-    )
-    assert "none.npz" in line
 
 
 def test_divergences_of_the_demonstrations_themselves_are_zero():

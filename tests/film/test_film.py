@@ -57,6 +57,14 @@ FAR_BOX = [0.0, 3.0]
 
 
 @pytest.fixture
+def outputs(tmp_path):
+    """A folder that holds nothing but films."""
+    folder = tmp_path / "outputs"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
 def egl():
     if not checks.renders():
         pytest.skip("films need EGL")
@@ -129,17 +137,17 @@ class TestInk:
         assert not blue(bare.color).any()
         assert not painted[~seen].any()
 
-    @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
+    @pytest.mark.parametrize("fraction", [0.0, 0.2, 0.5, 1.0])
     def test_colours_are_those_of_the_ink_in_the_light_of_the_board(
-        self, station, share
+        self, station, fraction
     ):
         # Close to the box: some of the board is in its shadow.
         bare, _ = shoot(station, [0.0, 0.0], ink=np.zeros(GRID.shape))
-        shot, seen = shoot(station, [0.0, 0.0], ink=np.full(GRID.shape, share))
+        shot, seen = shoot(station, [0.0, 0.0], ink=np.full(GRID.shape, fraction))
         assert np.ptp(bare.color[seen].astype(int), axis=0).min() > 40
         np.testing.assert_allclose(
             shot.color[seen],
-            bare.color[seen] * ink_colours(share, srgb=True),
+            bare.color[seen] * ink_colours(fraction, srgb=True),
             atol=2.0,
         )
 
@@ -188,11 +196,11 @@ class TestInk:
         assert abs(found[1].max() - columns.max()) <= 1
 
     def test_ink_of_another_shape_is_refused(self, station):
-        with pytest.raises(FmpError, match="the grid has"):
+        with pytest.raises(FmpError, match=r"ink of a frame of shape \(3, 4\)"):
             shoot(station, FAR_BOX, ink=np.zeros((3, 4)))
 
     def test_positions_of_another_size_are_refused(self, station):
-        with pytest.raises(FmpError, match="expected 2 finite numbers"):
+        with pytest.raises(FmpError, match="NaN or infinite numbers in the positions"):
             shoot(station, [0.0, np.nan])
 
 
@@ -310,7 +318,7 @@ class TestFilms:
         film.write_bytes(b"precious")
         frames = frames_of(5)
         frames["positions"][3] = np.nan
-        with pytest.raises(FmpError, match="finite numbers"):
+        with pytest.raises(FmpError, match="NaN or infinite numbers in the positions"):
             render_film(film, station=station, fps=10, **frames)
         assert film.read_bytes() == b"precious"
         assert list(outputs.iterdir()) == [film]
@@ -409,9 +417,9 @@ class TestChecks:
             ("film.avi", {}, r"end in \.mp4 or \.gif"),
             ("film", {}, r"end in \.mp4 or \.gif"),
             ("film.gif", {"fps": 0}, "fps is 0"),
-            ("film.gif", {"fps": 51}, r"at most 50 in a \.gif"),
+            ("film.gif", {"fps": 51}, "at most 50"),
             ("film.gif", {"fps": np.inf}, "fps is inf"),
-            ("film.mp4", {"fps": 200}, r"at most 120 in a \.mp4"),
+            ("film.mp4", {"fps": 200}, "at most 120"),
             ("film.gif", {"speed": 0}, "speed is 0"),
             ("film.gif", {"size": (641, 480)}, "must be even"),
             ("film.gif", {"size": (0, 480)}, "must be even"),

@@ -64,16 +64,6 @@ def test_weights_have_the_documented_order(t):
 
 
 @pytest.mark.parametrize("t", LENGTHS)
-def test_harmonics_count_cycles_per_window(t):
-    basis = FourierBasis(t)
-    harmonics = basis.harmonics()
-    assert harmonics.shape == (t,)
-    for weight, harmonic in zip(np.eye(t), harmonics, strict=True):
-        spectrum = np.abs(np.fft.rfft(basis.synthesize(weight)[:, 0]))
-        assert np.argmax(spectrum) == harmonic
-
-
-@pytest.mark.parametrize("t", LENGTHS)
 def test_map_to_the_paper_is_its_equations_1_to_8(t):
     basis = FourierBasis(t)
     y = windows(t, 1, 1)[0]

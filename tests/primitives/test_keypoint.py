@@ -226,10 +226,10 @@ def test_selection_of_the_skill_is_used(small_skill):
     [
         (Keypoint(step=24, values=[0, 0]), "defined from 0 to 23"),
         (Keypoint(step=-0.5, values=[0, 0]), "defined from 0 to 23"),
-        (Keypoint(step=np.nan, values=[0, 0]), "at step nan; give one number"),
-        (Keypoint(step=[1, 2], values=[0, 0]), r"at step \[1, 2\]; give one number"),
-        (Keypoint(step=3, values=[0]), "step 3 has the values .*expected 2 finite"),
-        (Keypoint(step=3, values=[0, np.nan]), "expected 2 finite numbers"),
+        (Keypoint(step=np.nan, values=[0, 0]), "step of a keypoint is nan"),
+        (Keypoint(step=[1, 2], values=[0, 0]), r"step of a keypoint is \[1, 2\]"),
+        (Keypoint(step=3, values=[0]), "values of the keypoint at step 3 of shape"),
+        (Keypoint(step=3, values=[0, np.nan]), "NaN or infinite numbers"),
         (Keypoint(step=3, values="here"), "'here' cannot be read as real numbers"),
         (Keypoint(step=3, values=[0], channels=["z"]), "no channel 'z'.* x, y"),
         (Keypoint(step=3, values=[0], channels=[2]), r"no channel 2.*\(0 to 1\)"),
@@ -242,10 +242,13 @@ def test_selection_of_the_skill_is_used(small_skill):
         (Keypoint(step=3, values=[0, 0], tolerance=[1, -1]), "must be positive"),
         (
             Keypoint(step=3, values=[0, 0], tolerance=[1, 1, 1]),
-            "step 3 has the tolerance .*one number or 2",
+            "the tolerance of the keypoint at step 3 of shape",
         ),
         (Keypoint(step=3, values=[0, 0], tolerance="low"), "'low' cannot be read"),
-        (Keypoint(step=3, values=[0, 0], derivative=5), "derivative is 5; .* 0 to 4"),
+        (
+            Keypoint(step=3, values=[0, 0], derivative=5),
+            "derivative is 5; .* at most 4",
+        ),
         (Keypoint(step=3, values=[0, 0], derivative=-1), "derivative is -1"),
     ],
 )

@@ -140,7 +140,11 @@ def problems(draw):
 def test_keypoints_with_a_tolerance_each_are_posterior_means(problem):
     pi, components, rows, tolerance, y = problem
     plan = MappingPlan(pi, components, rows=rows, tolerance=tolerance)
-    expected = [c.posterior(rows, y, tolerance).mean for c in components]
+    expected = []
+    for c in components:
+        cross = rows @ ((c.basis * c.variances) @ c.basis.T + c.noise * np.eye(c.dim))
+        observed = cross @ rows.T + np.diag(tolerance)
+        expected.append(c.mean + cross.T @ np.linalg.solve(observed, y - rows @ c.mean))
     assert_allclose(plan.candidates(y), expected, rtol=1e-8, atol=1e-8)
     mapping = plan.map(y)
     assert_allclose(mapping.weights, expected[mapping.component], atol=1e-8)
@@ -217,7 +221,7 @@ def test_observation_that_is_not_finite_is_refused(bad):
 
 
 @settings(deadline=None, max_examples=40)
-@given(problems(), st.integers(0, 6), st.sampled_from(["cost", "evidence"]))
+@given(problems(), st.integers(1, 6), st.sampled_from(["cost", "evidence"]))
 def test_many_mappings_are_each_one(problem, count, selection):
     pi, components, rows, tolerance, _ = problem
     plan = MappingPlan(

@@ -107,7 +107,7 @@ def test_copies_by_pickle_play_the_same(small_skill):
     ],
 )
 def test_parameters_out_of_range_are_named(name, value):
-    with pytest.raises(SkillError, match=f"{name} is {value!r}; it must be"):
+    with pytest.raises(SkillError, match=rf"{name} is {value!r}.*; it must be"):
         tiny(**{name: value}).fit(windows(9))
 
 
@@ -214,13 +214,13 @@ def test_windows_and_demonstrations_teach_the_same(polishing_demonstration):
 @pytest.mark.parametrize(
     ("x", "message"),
     [
-        (np.zeros((5, 8)), r"shape \(5, 8\); expected \(windows, n_steps = 8"),
-        (np.zeros((5, 9, 2)), "n_steps = 8"),
-        (np.zeros((5, 8, 0)), "expected .windows, n_steps = 8, channels"),
-        (np.full((5, 8, 2), np.nan), "windows hold NaN"),
+        (np.zeros((5, 8)), r"shape \(5, 8\); expected \(windows, 8"),
+        (np.zeros((5, 9, 2)), "windows, 8, channels"),
+        (np.zeros((5, 8, 0)), "expected .windows, 8, channels"),
+        (np.full((5, 8, 2), np.nan), "NaN or infinite numbers in the windows"),
         ([], "at least one"),
-        ("demonstration.npz", "cannot be learned from"),
-        ([1, "two"], "cannot be learned from"),
+        ("demonstration.npz", "give a Demonstration, or a list of them"),
+        ([1, "two"], "give a Demonstration, or a list of them"),
         (None, r"shape \(\); expected"),
     ],
 )
@@ -372,12 +372,12 @@ def test_selection_by_evidence_is_used(small_skill):
     [((0, 2), 0), ((25, 2), 0), ((4, 3), 0), ((4,), 0), ((5, 2), 20), ((1, 2), 24)],
 )
 def test_partial_trajectories_that_do_not_fit_are_refused(small_skill, shape, first):
-    with pytest.raises(SkillError, match="the partial trajectory has shape"):
+    with pytest.raises(SkillError, match=r"trajectory|first_step is 24"):
         small_skill.map_partial(np.zeros(shape), first_step=first)
 
 
 def test_partial_trajectories_before_the_window_are_refused(small_skill):
-    with pytest.raises(SkillError, match="defined from 0 to 23"):
+    with pytest.raises(SkillError, match="first_step is -1"):
         small_skill.map_partial(np.zeros((3, 2)), first_step=-1)
 
 
@@ -514,9 +514,9 @@ def test_windows_count_as_often_as_their_weight_says():
 @pytest.mark.parametrize(
     ("weights", "message"),
     [
-        ([1.0], "expected 60 numbers"),
-        (np.full(60, -1.0), "not negative"),
-        (np.full(60, np.nan), "not negative"),
+        ([1.0], "expected .60,"),
+        (np.full(60, -1.0), "none may be negative"),
+        (np.full(60, np.nan), "NaN or infinite"),
         (np.zeros(60), "leave 0 windows; at least 2"),
         (np.eye(60)[0], "leave 1 windows; at least 2"),
         ("heavy", "'heavy' cannot be read as real numbers"),
@@ -582,17 +582,17 @@ def test_two_windows_are_a_skill(n_components):
     ],
 )
 def test_parameters_of_another_kind_are_named(name, value):
-    with pytest.raises(SkillError, match=f"{name} is {value!r}; it must be"):
+    with pytest.raises(SkillError, match=rf"{name} is {value!r}.*; it must be"):
         tiny(**{name: value}).fit(windows(9))
 
 
 @pytest.mark.parametrize("component", [-1, 3, 0.0, None])
 def test_covariance_of_no_component_is_refused(small_skill, component):
-    with pytest.raises(SkillError, match=r"there is no component .*choose 0 to 2"):
+    with pytest.raises(SkillError, match=r"component is .* at least 0 and at most 2"):
         small_skill.covariance(component, 3.0)
 
 
 @pytest.mark.parametrize("step", [-0.1, 23.5, np.nan, "end"])
 def test_covariance_outside_the_window_is_refused(small_skill, step):
-    with pytest.raises(SkillError, match="not defined; a window runs from 0 to 23"):
+    with pytest.raises(SkillError, match="at least 0 and at most 23"):
         small_skill.covariance(0, step)

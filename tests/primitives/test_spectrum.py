@@ -46,14 +46,14 @@ def test_magnitude_and_phase_are_those_of_the_cosines():
     assert_allclose(spectrum.phase_mean[[0, 1, 4], 0], [0, 0.7, -2.5], atol=1e-9)
     assert_allclose(spectrum.frequencies, np.arange(31) / 3)
     variance = np.array([2.0**2, 0.5**2]) / 2
-    assert_allclose(spectrum.shares[[1, 4], 0], variance / variance.sum())
+    assert_allclose(spectrum.fractions[[1, 4], 0], variance / variance.sum())
 
 
 @pytest.mark.parametrize("t", [24, 25])
-def test_shares_add_up_to_the_variance_within_windows(t):
+def test_fractions_add_up_to_the_variance_within_windows(t):
     y = np.random.default_rng(0).standard_normal((9, t, 2))
     spectrum = window_spectrum(y, rate=RATE)
-    assert_allclose(spectrum.shares.sum(axis=0), 1)
+    assert_allclose(spectrum.fractions.sum(axis=0), 1)
     power = spectrum.magnitude_mean**2 + spectrum.magnitude_std**2
     factor = np.full(len(power), 0.5)
     factor[0] = 0
@@ -132,8 +132,8 @@ def test_spectrum_of_a_skill_is_near_that_of_its_windows(polishing_demonstration
     one = window_spectrum(windows, rate=10.0, channels=("x", "y"))
     two = skill_spectrum(skill, n_samples=2000)
     assert two.channels == ("x", "y")
-    assert_allclose(two.shares, one.shares, atol=0.03)
-    strongest = int(np.argmax(one.shares[:, 0]))
+    assert_allclose(two.fractions, one.fractions, atol=0.03)
+    strongest = int(np.argmax(one.fractions[:, 0]))
     assert_allclose(
         two.magnitude_mean[strongest], one.magnitude_mean[strongest], rtol=0.1
     )
@@ -149,11 +149,11 @@ def test_frequency_of_a_sinusoid_is_found_between_harmonics(cycles):
     windows = sliding(lambda t: [np.cos(2 * np.pi * frequency * t)], stride=1)
     (peak, *_) = window_spectrum(windows, rate=RATE).peaks(0)
     assert peak.frequency == pytest.approx(frequency, rel=5e-3)
-    assert peak.share > 0.95
+    assert peak.fraction > 0.95
     assert peak.harmonic in (int(cycles), int(cycles) + 1)
 
 
-def test_frequencies_of_a_superposition_are_found_with_their_shares():
+def test_frequencies_of_a_superposition_are_found_with_their_fractions():
     def signal(t):
         return [0.3 * np.cos(2 * np.pi * t) + 0.1 * np.sin(2 * np.pi * 4 * t)]
 
@@ -161,25 +161,25 @@ def test_frequencies_of_a_superposition_are_found_with_their_shares():
     spectrum = window_spectrum(windows, rate=RATE)
     first, second = spectrum.peaks("c0")
     assert spectrum.peaks("c0", count=1) == (first,)
-    assert spectrum.peaks("c0", least_share=0.2) == (first,)
+    assert spectrum.peaks("c0", least_fraction=0.2) == (first,)
     assert first.frequency == pytest.approx(1.0)
-    assert first.share == pytest.approx(0.9)
+    assert first.fraction == pytest.approx(0.9)
     assert second.frequency == pytest.approx(4.0)
-    assert second.share == pytest.approx(0.1)
+    assert second.fraction == pytest.approx(0.1)
 
 
 def test_constant_channels_have_no_peak():
     spectrum = window_spectrum(np.full((3, T, 1), 0.2), rate=RATE)
     assert spectrum.peaks(0) == ()
     assert_allclose(spectrum.magnitude_mean[0], 0.2)
-    assert np.all(spectrum.shares == 0)
+    assert np.all(spectrum.fractions == 0)
 
 
 def test_spectrum_is_read_only():
     spectrum = window_spectrum(np.ones((3, T, 1)), rate=RATE)
     assert isinstance(spectrum, Spectrum)
     with pytest.raises(ValueError, match="read-only"):
-        spectrum.shares[0] = 1
+        spectrum.fractions[0] = 1
     with pytest.raises(AttributeError):
         spectrum.reference = "y"
 
@@ -188,14 +188,13 @@ def test_spectrum_is_read_only():
     ("windows", "options", "message"),
     [
         (np.zeros((T, 1)), {}, r"shape \(60, 1\)"),
-        (np.zeros((0, T, 1)), {}, "finite numbers"),
-        (np.full((2, T, 1), np.nan), {}, "finite numbers"),
-        (np.zeros((2, 7, 1)), {}, "at least 8 samples"),
+        (np.zeros((0, T, 1)), {}, "windows, samples, channels"),
+        (np.full((2, T, 1), np.nan), {}, "NaN or infinite"),
         (np.zeros((2, T, 1)), {"rate": 0.0}, "must be positive"),
         (np.zeros((2, T, 1)), {"channels": ("x", "y")}, "2 channel names for 1"),
         (np.zeros((2, T, 1)), {"reference": "y"}, "no channel 'y'"),
-        (np.zeros((2, T, 1)), {"reference_harmonic": 0}, "from 1 to 30"),
-        (np.zeros((2, T, 1)), {"reference_harmonic": 31}, "from 1 to 30"),
+        (np.zeros((2, T, 1)), {"reference_harmonic": 0}, "at least 1 and at most 30"),
+        (np.zeros((2, T, 1)), {"reference_harmonic": 31}, "at least 1 and at most 30"),
     ],
 )
 def test_what_has_no_spectrum_is_refused(windows, options, message):
@@ -211,4 +210,4 @@ def test_eight_is_a_superposition_of_two_frequencies(make_demonstration):
     slow, fast = sorted(peaks, key=lambda name: peaks[name].frequency)
     ratio = peaks[fast].frequency / peaks[slow].frequency
     assert ratio == pytest.approx(2, abs=0.25)
-    assert min(peak.share for peak in peaks.values()) > 0.8
+    assert min(peak.fraction for peak in peaks.values()) > 0.8

@@ -46,15 +46,15 @@ def test_words_fill_the_board_up_to_its_margin(turns):
     assert high[along] == pytest.approx(free, abs=0.004)
 
 
-def test_letters_have_the_height_and_place_that_are_asked_for():
-    ink = draw_words(GRID, "HI", height=0.1, centre=(0.05, -0.1), quarter_turns=0)
+def test_letters_have_the_height_that_is_asked_for_around_the_middle():
+    ink = draw_words(GRID, "HI", height=0.1, quarter_turns=0)
     low, high = extent(ink)
     assert high[1] - low[1] == pytest.approx(0.1, abs=0.003)
-    np.testing.assert_allclose(0.5 * (low + high), [0.05, -0.1], atol=0.003)
-    turned = draw_words(GRID, "HI", height=0.1, centre=(0.05, -0.1), quarter_turns=1)
+    np.testing.assert_allclose(0.5 * (low + high), [0.0, 0.0], atol=0.003)
+    turned = draw_words(GRID, "HI", height=0.1, quarter_turns=1)
     low, high = extent(turned)
     assert high[0] - low[0] == pytest.approx(0.1, abs=0.003)
-    np.testing.assert_allclose(0.5 * (low + high), [0.05, -0.1], atol=0.003)
+    np.testing.assert_allclose(0.5 * (low + high), [0.0, 0.0], atol=0.003)
 
 
 def test_words_are_upright_and_not_mirrored():
@@ -96,7 +96,6 @@ def test_dollars_are_no_formula():
         ("\U0001f9fd", {}, "cannot write"),
         ("a", {"height": 0.0}, "height is 0.0"),
         ("a", {"height": np.nan}, "height is nan"),
-        ("a", {"centre": (5.0, 0.0)}, "no ink on the board"),
         ("a", {"height": 1e-5}, "no ink on the board"),
     ],
 )
@@ -159,11 +158,11 @@ def test_dark_is_ink_and_white_is_none(picture):
 
 
 def test_a_picture_fills_the_board_and_turns(picture):
-    ink = draw_picture(GRID, picture, invert=True, quarter_turns=1)
-    high = extent(ink)[1]
-    assert high[1] == pytest.approx(0.5 * 0.7 * (1.0 - 2.0 * MARGIN), abs=0.004)
-    # Bright on the right: along +y.
-    assert by_quarters(ink)[1].sum() > by_quarters(ink)[0].sum()
+    ink = draw_picture(GRID, picture, quarter_turns=1)
+    low = extent(ink)[0]
+    assert low[1] == pytest.approx(-0.5 * 0.7 * (1.0 - 2.0 * MARGIN), abs=0.004)
+    # Dark on the left: along -y.
+    assert by_quarters(ink)[0].sum() > by_quarters(ink)[1].sum()
 
 
 def test_transparent_is_no_ink(tmp_path):
@@ -193,7 +192,5 @@ def test_pictures_that_are_none_are_refused(tmp_path, picture):
     Image.new("L", (5, 5), 255).save(white)
     with pytest.raises(SystemsError, match="no ink on the board"):
         draw_picture(GRID, white)
-    with pytest.raises(SystemsError, match="no ink on the board"):
-        draw_picture(GRID, picture, size=0.1, centre=(3.0, 0.0))
     with pytest.raises(SystemsError, match="size is -1"):
         draw_picture(GRID, picture, size=-1)

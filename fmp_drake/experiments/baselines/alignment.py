@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from fmp_drake.errors import DemonstrationError
+from fmp_drake.errors import ExperimentError
 
 # A period may be this much shorter or longer than the mean one.
 _TEMPO = 0.3
@@ -39,7 +39,7 @@ def align_periods(
 ) -> AlignedPeriods:
     """Cut recordings (n, D) where each period starts, and resample the periods.
 
-    A template of one period, first a piece of the longest recording, is laid around
+    A template of one period, first a part of the longest recording, is laid around
     every possible start; the next start is where it fits best, 0.7 to 1.3 periods
     after the last. The mean of the periods is the next template. The phase is 0
     where the channel that varies most is greatest.
@@ -56,7 +56,7 @@ def align_periods(
     """
     long_enough = [y for y in recordings if len(y) >= 1.5 * period]
     if not long_enough:
-        raise DemonstrationError(
+        raise ExperimentError(
             f"no recording is longer than 1.5 periods of {period:.3g} samples; record "
             "several cycles in one go."
         )
@@ -77,10 +77,10 @@ def align_periods(
             values.append(spline(starts[:-1, None] + lengths[:, None] * phases))
             durations.append(lengths)
         periods = np.concatenate(values)
-        if not len(periods):
-            raise DemonstrationError(
-                f"no full period of {period:.3g} samples was found; record several "
-                "cycles in one go."
+        if len(periods) < 2:
+            raise ExperimentError(
+                f"fewer than 2 full periods of {period:.3g} samples were found; record "
+                "more cycles in one go."
             )
         template = periods.mean(axis=0)
     return AlignedPeriods(values=periods, durations=np.concatenate(durations))

@@ -1,26 +1,16 @@
 """Fourier movement primitives behind the interface of the baselines."""
 
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import softmax
-from sklearn.base import BaseEstimator
-from sklearn.utils.validation import check_is_fitted
 
-from fmp_drake.experiments.baselines.checks import (
-    checked_count,
-    checked_keypoints,
-    checked_prefix,
-    checked_windows,
-)
-from fmp_drake.experiments.baselines.trajectory_model import Conditioned
-from fmp_drake.primitives.model.mapping import MappingPlan
+from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
 
-class FourierModel(BaseEstimator):  # type: ignore[misc]
-    """FMP: mapping instead of conditioning (section IV-B).
+class FourierModel(TrajectoryModel):
+    """A Fourier movement primitive that predicts by mapping (section IV-B).
 
     Parameters
     ----------
@@ -30,78 +20,48 @@ class FourierModel(BaseEstimator):  # type: ignore[misc]
 
     Attributes
     ----------
-    n_steps_, n_channels_ : int
-        T and D.
     skill_ : FourierMovementPrimitive
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import sliding_windows
+    >>> path = np.sin(np.arange(200) * np.pi / 10)[:, None]
+    >>> windows = sliding_windows(path, n_steps=40, stride=3)
+    >>> model = FourierModel(settings={"n_components": 4}).fit(windows)
+    >>> future = model.predict(path[:10], horizon=20)
+    >>> bool(np.allclose(future, path[10:30], atol=1e-3))
+    True
     """
 
     def __init__(self, *, settings: dict[str, Any] | None = None) -> None:
         self.settings = settings
 
-    def fit(self, windows: ArrayLike) -> Self:
-        """Learn from windows, shape (N, T, D), at least 2."""
-        y = checked_windows(windows, at_least=2)
-        settings = {"overlap": min(10, y.shape[1] // 2), **(self.settings or {})}
-        self.skill_ = FourierMovementPrimitive(
-            **{**settings, "n_steps": y.shape[1]}
-        ).fit(y)
-        self.n_steps_, self.n_channels_ = y.shape[1:]
-        return self
+    def _learn(self, windows: NDArray[np.float64]) -> None:
+        settings = {"overlap": min(10, self.n_steps_ // 2), **(self.settings or {})}
+        skill = FourierMovementPrimitive(**{**settings, "n_steps": self.n_steps_})
+        self.skill_ = skill.fit(windows)
 
-    def sample(
-        self, n: int = 1, *, seed: int = 0, with_noise: bool = False
-    ) -> NDArray[np.float64]:
-        """Draw trajectories, shape (n, T, D)."""
-        self.check_fitted()
-        checked_count(n, seed)
-        return self.skill_.sample(n, seed=seed, with_noise=with_noise)
+    def _draw(self, n: int, seed: int) -> NDArray[np.float64]:
+        return self.skill_.sample(n, seed=seed, with_noise=False)
 
     def log_density(self, windows: ArrayLike) -> NDArray[np.float64]:
-        """Return the log density per time step of windows (N, T, D), shape (N,)."""
-        self.check_fitted()
-        y = checked_windows(windows, shape=(self.n_steps_, self.n_channels_))
+        """Return the log density of windows (N, T, D) per time step, shape (N,)."""
+        y = self._checked_windows(windows)
         return self.skill_.score_samples(y) / self.n_steps_
 
-    def condition(self, steps: ArrayLike, values: ArrayLike) -> Conditioned:
-        """Map values (K, D) at steps (K,): (14) to (16), with the covariance (18).
+    def _continue(
+        self, prefix: NDArray[np.float64], horizon: int
+    ) -> NDArray[np.float64]:
+        """Map the samples onto the first steps of a window, and read on.
 
-        The component is the skill's choice; the mean is that of the mapped weights, before
-        any tracking. The responsibilities are those of the evidence, or of the
-        cost (15) in its place where the skill selects by it.
+        Past the end of the window its last samples are mapped anew, as in section V-D,
+        without tracking.
         """
-        self.check_fitted()
-        steps, y = checked_keypoints(
-            steps, values, n_steps=self.n_steps_, n_channels=self.n_channels_
-        )
-        skill = self.skill_
-        mapping = skill.mapping_plan(steps).map(y.ravel())
-        every = range(self.n_steps_)
-        return Conditioned(
-            mean=skill.synthesize(mapping.weights),
-            covariance=np.stack(
-                [skill.covariance(mapping.component, t) for t in every]
-            ),
-            component=mapping.component,
-            responsibilities=softmax(-mapping.costs),
-        )
-
-    def predict(self, prefix: ArrayLike, horizon: int) -> NDArray[np.float64]:
-        """Return the continuation (horizon, D) of samples (K, D).
-
-        They are mapped onto the first K steps; past the end of the window the last K values
-        are mapped anew, as in section V-D, without tracking.
-        """
-        self.check_fitted()
-        y = checked_prefix(prefix, horizon, n_channels=self.n_channels_)
-        k = min(len(y), self.n_steps_ // 2)
-        plan: MappingPlan = self.skill_.mapping_plan(np.arange(k))
-        path = y
-        while len(path) < len(y) + horizon:
-            mapping = plan.map(path[-k:].ravel())
-            window = self.skill_.synthesize(mapping.weights)
+        k = min(len(prefix), self.n_steps_ // 2)
+        plan = self.skill_.mapping_plan(np.arange(k))
+        path = prefix
+        while len(path) < len(prefix) + horizon:
+            window = self.skill_.synthesize(plan.map(path[-k:].ravel()).weights)
             path = np.concatenate([path, window[k:]])
-        return path[len(y) : len(y) + horizon]
-
-    def check_fitted(self) -> None:
-        """Raise scikit-learn's NotFittedError before `fit`."""
-        check_is_fitted(self, "skill_")
+        return path[len(prefix) : len(prefix) + horizon]

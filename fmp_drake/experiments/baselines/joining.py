@@ -1,4 +1,4 @@
-"""From overlapping windows back to the recordings that they were cut from."""
+"""Joining overlapping windows to the recordings that they were cut from."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,26 +1,16 @@
 """Probabilistic movement primitives with von Mises bases, as the paper runs them."""
 
-from typing import Self
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator
-from sklearn.utils.validation import check_is_fitted
 
-from fmp_drake.errors import SkillError
-from fmp_drake.experiments.baselines.checks import (
-    check_ranges,
-    checked_count,
-    checked_keypoints,
-    checked_prefix,
-    checked_windows,
-)
+from fmp_drake.errors import ExperimentError, SkillError
 from fmp_drake.experiments.baselines.mixture_posterior import (
     MixturePosterior,
     condition_mixture,
 )
-from fmp_drake.experiments.baselines.trajectory_model import Conditioned
+from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.experiments.baselines.von_mises_basis import VonMisesBasis
+from fmp_drake.primitives.data.numeric import check_number, finite_array
 from fmp_drake.primitives.model.em import fit_gaussians
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.mixture import log_densities
@@ -29,7 +19,7 @@ from fmp_drake.primitives.model.mixture import log_densities
 _LEAST_NOISE = 1e-8
 
 
-class ProMP(BaseEstimator):  # type: ignore[misc]
+class ProMP(TrajectoryModel):
     """ProMP-VM and ProMP-VM-Mult of section V, one Gaussian or a mixture.
 
     A window is y_t = Phi(t / T) w + noise, with the normalised von Mises bases (21).
@@ -39,20 +29,18 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
 
     Numerics: n bases of one frequency span, but for terms of order h^-2, three
     dimensions, so the bases of one frequency are redundant for any n > 3, and those of
-    several share the constant. The ridge picks the least weights, which makes the
+    several frequencies contain the same constant. The ridge picks the least weights, which makes the
     solution unique; the weights' covariances are singular but for `reg_covar` on their
     diagonals, nothing else. The paper reports instabilities of EM with ProMP-VM-Mult;
     with these two there were none.
 
-    The ridge matters most, and not for the reason one thinks of: the coordinates of
-    what bases still hold of harmonic k grow like h^k, so without enough of it noise
-    rules the weights, k-means clusters that noise, and samples fall into the
-    holes of the pattern. On the bundled 8-shape (f = 1 to 5, M = 10, three quarters
+    The ridge matters most: what the bases contain of harmonic k falls like h^-k, so its
+    coordinates grow like h^k. With too small a ridge noise dominates the weights,
+    k-means clusters that noise, and samples fall into the holes of the pattern. On the bundled 8-shape (f = 1 to 5, M = 10, three quarters
     learned from), ridges of 1e-8, 3e-7 and 1e-4 with h = 100 gave the heatmap of
     the held-out quarter a forward Kullback-Leibler divergence of 2.3, 0.95 and 3.6;
     reg_covar from 1e-8 to 1e-4 made little difference. The defaults are the
-    paper's bases (cosines) with the ridge that was best there; `best_on_held_out`
-    makes the choice for other data.
+    paper's bases (cosines) with the ridge that was best there.
 
     Parameters
     ----------
@@ -76,14 +64,23 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
 
     Attributes
     ----------
-    n_steps_, n_channels_ : int
-        T and D.
     proportions_ : ndarray, shape (M,)
     means_ : ndarray, shape (M, D * B)
         Of the weights, those of a channel together.
     covariances_ : ndarray, shape (M, D * B, D * B)
     noise_ : ndarray, shape (D,)
         Variance of the observation noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import sliding_windows
+    >>> path = np.sin(np.arange(200) * np.pi / 10)[:, None]
+    >>> windows = sliding_windows(path, n_steps=40, stride=3)
+    >>> model = ProMP(frequencies=(2.0,)).fit(windows)
+    >>> trajectory = model.condition([0], [[0.5]])
+    >>> trajectory.shape, round(float(trajectory[0, 0]), 3)
+    ((40, 1), 0.5)
 
     References
     ----------
@@ -112,26 +109,16 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         self.tolerance = tolerance
         self.random_state = random_state
 
-    def fit(self, windows: ArrayLike) -> Self:
-        """Learn from windows, shape (N, T, D), at least 2."""
-        basis = self.basis
-        check_ranges(
-            self,
-            ("ridge", "positive", self.ridge > 0),
-            ("n_components", "at least 1", self.n_components >= 1),
-            ("reg_covar", "positive", self.reg_covar > 0),
-            ("tolerance", "positive", self.tolerance > 0),
-        )
-        y = checked_windows(windows, at_least=2)
-        n, self.n_steps_, self.n_channels_ = y.shape
-        phi = basis.rows(np.arange(self.n_steps_) / self.n_steps_)
-        left, singular, right = np.linalg.svd(phi, full_matrices=False)
+    def _learn(self, windows: NDArray[np.float64]) -> None:
+        self._check_parameters(ridge=0, n_components=1, reg_covar=0, tolerance=0)
+        n = len(windows)
+        left, singular, right = np.linalg.svd(self._rows(), full_matrices=False)
         filters = singular / (singular**2 + self.ridge)
-        seen = np.swapaxes(y, 1, 2) @ left  # (N, D, rank)
-        weights = (seen * filters) @ right
-        rest = np.swapaxes(y, 1, 2) - weights @ phi.T
+        by_channel = np.swapaxes(windows, 1, 2)
+        weights = (by_channel @ left * filters) @ right
+        residual = by_channel - weights @ self._rows().T
         free = self.n_steps_ - float(np.sum(filters * singular))
-        self.noise_ = np.sum(rest**2, axis=(0, 2)) / (n * max(free, 1.0))
+        self.noise_ = np.sum(residual**2, axis=(0, 2)) / (n * max(free, 1.0))
         self.noise_ = np.maximum(self.noise_, _LEAST_NOISE)
         flat = weights.reshape(n, -1)
         most = min(n // 2, len(np.unique(flat, axis=0)))
@@ -145,92 +132,86 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
                 seed=self.random_state,
             )
         except (np.linalg.LinAlgError, SkillError):
-            raise SkillError(
+            raise ExperimentError(
                 f"reg_covar is {self.reg_covar!r}: too little for the covariances of "
                 f"{flat.shape[1]} redundant weights; it must be greater."
             ) from None
         self.proportions_, self.means_ = fit.proportions, fit.means
         self.covariances_ = fit.covariances
-        return self
 
-    def sample(
-        self, n: int = 1, *, seed: int = 0, with_noise: bool = False
-    ) -> NDArray[np.float64]:
-        """Draw trajectories, shape (n, T, D).
-
-        Without the observation noise, which is white in time and nothing that a robot
-        should follow, unless it is asked for.
-        """
-        self.check_fitted()
-        checked_count(n, seed)
+    def _draw(self, n: int, seed: int) -> NDArray[np.float64]:
         rng = np.random.default_rng(seed)
         counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())
         size = self.means_.shape[1]
-        parts = [np.empty((0, size))]
-        for count, mean, covariance in zip(
-            counts, self.means_, self.covariances_, strict=True
-        ):
-            if count:
-                white = rng.standard_normal((count, size))
-                parts.append(mean + white @ _factor(covariance).T)
+        parts = [
+            mean + rng.standard_normal((count, size)) @ _factor(covariance).T
+            for count, mean, covariance in zip(
+                counts, self.means_, self.covariances_, strict=True
+            )
+        ]
         weights = rng.permutation(np.concatenate(parts))
-        out = self._trajectories(weights, np.arange(self.n_steps_))
-        if with_noise:
-            out += np.sqrt(self.noise_) * rng.standard_normal(out.shape)
-        return out
+        return self.trajectory(weights, np.arange(self.n_steps_))
 
     def log_density(self, windows: ArrayLike) -> NDArray[np.float64]:
-        """Return the log density per time step of windows (N, T, D), shape (N,).
+        """Return the log density of windows (N, T, D) per time step, shape (N,).
 
-        Of the observed trajectories: the weights' mixture and the observation noise.
+        That of the weights' mixture and the observation noise.
         """
-        self.check_fitted()
-        y = checked_windows(windows, shape=(self.n_steps_, self.n_channels_))
-        scale = np.sqrt(self.noise_)
+        y, scale = self._checked_windows(windows), np.sqrt(self.noise_)
         scaled = np.swapaxes(y / scale, 1, 2).reshape(len(y), -1)
         components = tuple(
-            self._trajectory_gaussian(mean, covariance, scale)
+            self._trajectory_gaussian(mean, covariance)
             for mean, covariance in zip(self.means_, self.covariances_, strict=True)
         )
         stretch = self.n_steps_ * float(np.sum(np.log(scale)))
         densities = log_densities(scaled, self.proportions_, components)
         return (densities - stretch) / self.n_steps_
 
-    def condition(self, steps: ArrayLike, values: ArrayLike) -> Conditioned:
-        """Condition on values (K, D) at steps (K,), from 0 to T - 1.
+    def condition(self, steps: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:
+        """Return the expected trajectory that meets keypoints.
 
-        Every Gaussian is conditioned; the component is that with the greatest posterior
-        probability (its evidence and its proportion).
+        Every Gaussian is conditioned; the trajectory is that of the component with the
+        greatest probability given the keypoints.
+
+        Parameters
+        ----------
+        steps : array_like, shape (K,)
+            Real numbers from 0 to T - 1.
+        values : array_like, shape (K, D)
+
+        Returns
+        -------
+        ndarray, shape (T, D)
+
+        Raises
+        ------
+        ExperimentError
+            Where the keypoints cannot be used.
         """
         self.check_fitted()
-        steps, y = checked_keypoints(
-            steps, values, n_steps=self.n_steps_, n_channels=self.n_channels_
-        )
-        posterior = self.posterior(steps, y, noise=self.tolerance)
-        j = int(np.argmax(posterior.responsibilities))
-        every = np.arange(self.n_steps_)
-        phi, d = self.basis.rows(every / self.n_steps_), self.n_channels_
-        blocks = posterior.covariance(j).reshape(d, phi.shape[1], d, -1)
-        along = np.tensordot(phi, blocks, axes=(1, 1))  # (T, D, D, B)
-        return Conditioned(
-            mean=self._trajectories(posterior.means[j], every),
-            covariance=np.einsum("tdeb,tb->tde", along, phi),
-            component=j,
-            responsibilities=posterior.responsibilities,
-        )
+        times = finite_array(steps, "the steps", ("K",), error=ExperimentError)
+        for time in times:
+            check_number(
+                time, "a step", least=0, most=self.n_steps_ - 1, error=ExperimentError
+            )
+        shape = (len(times), self.n_channels_)
+        y = finite_array(values, "the values", shape, error=ExperimentError)
+        posterior = self.posterior(times, y, noise=self.tolerance)
+        best = posterior.means[np.argmax(posterior.probabilities)]
+        return self.trajectory(best, np.arange(self.n_steps_))
 
-    def predict(self, prefix: ArrayLike, horizon: int) -> NDArray[np.float64]:
-        """Return the expected continuation (horizon, D) of samples (K, D).
+    def _continue(
+        self, prefix: NDArray[np.float64], horizon: int
+    ) -> NDArray[np.float64]:
+        """Put the samples at the start of a window, with the observation noise.
 
-        The samples are put at the start of a window, with the observation noise; the
-        expectation is over all components. The bases are periodic, so the horizon may
-        be longer than the window.
+        The expectation is over all components. The bases are periodic, so the horizon
+        may be longer than the window.
         """
-        self.check_fitted()
-        y = checked_prefix(prefix, horizon, n_channels=self.n_channels_)
-        steps = np.arange(len(y))
-        posterior = self.posterior(steps, y, noise=self.noise_)
-        return self._trajectories(posterior.mean(), len(y) + np.arange(horizon))
+        k = len(prefix)
+        posterior = self.posterior(np.arange(k), prefix, noise=self.noise_)
+        mean = posterior.probabilities @ posterior.means
+        return self.trajectory(mean, k + np.arange(horizon))
 
     def posterior(
         self, steps: ArrayLike, values: ArrayLike, *, noise: ArrayLike
@@ -244,22 +225,25 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         """
         self.check_fitted()
         y = np.asarray(values, dtype=float)
-        phi = self.basis.rows(np.asarray(steps, dtype=float) / self.n_steps_)
-        d = self.n_channels_
-        rows = np.einsum("kb,de->kdeb", phi, np.eye(d)).reshape(len(phi) * d, -1)
+        rows = np.einsum("kb,de->kdeb", self._rows(steps), np.eye(self.n_channels_))
         return condition_mixture(
             self.proportions_,
             self.means_,
             self.covariances_,
-            rows=rows,
+            rows=rows.reshape(y.size, -1),
             values=y.ravel(),
             noise=np.broadcast_to(noise, y.shape).ravel(),
         )
 
-    def trajectory(self, weights: ArrayLike, steps: ArrayLike) -> NDArray[np.float64]:
+    def trajectory(
+        self, weights: NDArray[np.float64], steps: ArrayLike
+    ) -> NDArray[np.float64]:
         """Return the values (..., K, D) of weights (..., D * B) at steps (K,)."""
-        self.check_fitted()
-        return self._trajectories(np.asarray(weights), np.asarray(steps))
+        phi = self._rows(steps)
+        by_channel = weights.reshape(
+            *weights.shape[:-1], self.n_channels_, phi.shape[1]
+        )
+        return np.swapaxes(by_channel @ phi.T, -1, -2)
 
     @property
     def basis(self) -> VonMisesBasis:
@@ -270,32 +254,22 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
             width=self.width,
         )
 
-    def check_fitted(self) -> None:
-        """Raise scikit-learn's NotFittedError before `fit`."""
-        check_is_fitted(self, "means_")
-
-    def _trajectories(
-        self, weights: NDArray[np.float64], steps: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
-        phi = self.basis.rows(steps / self.n_steps_)
-        each = weights.reshape(*weights.shape[:-1], self.n_channels_, phi.shape[1])
-        return np.swapaxes(each @ phi.T, -1, -2)
+    def _rows(self, steps: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Return Phi at steps (K,), all of a window where None, shape (K, B)."""
+        at = np.arange(self.n_steps_) if steps is None else np.asarray(steps)
+        return self.basis.rows(at / self.n_steps_)
 
     def _trajectory_gaussian(
-        self,
-        mean: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        scale: NDArray[np.float64],
+        self, mean: NDArray[np.float64], covariance: NDArray[np.float64]
     ) -> LowRankGaussian:
         """Return Phi w + noise, in units of the noise, channel by channel."""
-        phi, d = self.basis.rows(np.arange(self.n_steps_) / self.n_steps_), len(scale)
-        factor = _factor(covariance).reshape(d, phi.shape[1], -1)
-        spread = np.einsum("tb,dbr->dtr", phi, factor, optimize=True)
-        spread /= scale[:, None, None]
+        phi, scale = self._rows(), np.sqrt(self.noise_)
+        factor = _factor(covariance).reshape(len(scale), phi.shape[1], -1)
+        spread = (phi @ factor) / scale[:, None, None]  # (D, T, D * B)
         left, singular, _ = np.linalg.svd(
-            spread.reshape(d * self.n_steps_, -1), full_matrices=False
+            spread.reshape(phi.shape[0] * len(scale), -1), full_matrices=False
         )
-        middle = self._trajectories(mean, np.arange(self.n_steps_)) / scale
+        middle = self.trajectory(mean, np.arange(self.n_steps_)) / scale
         return LowRankGaussian(
             mean=np.ascontiguousarray(middle.T).ravel(),
             basis=left,

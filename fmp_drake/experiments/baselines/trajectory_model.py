@@ -1,64 +1,108 @@
-"""What the models of the experiments have in common."""
+"""The interface of all movement primitives that the experiments compare."""
 
-from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from abc import ABC, abstractmethod
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_is_fitted
+
+from fmp_drake.errors import ExperimentError
+from fmp_drake.primitives.data.numeric import check_number, finite_array
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Conditioned:
-    """A distribution over trajectories that meets keypoints.
-
-    Attributes
-    ----------
-    mean : ndarray, shape (T, D)
-        Of the chosen component.
-    covariance : ndarray, shape (T, D, D), or None
-        Of the movement at every step, without observation noise; None where the model
-        has no distribution.
-    component : int
-        The chosen one: that with the greatest responsibility.
-    responsibilities : ndarray, shape (M,)
-        Probability of each component given the keypoints.
-    """
-
-    mean: NDArray[np.float64]
-    covariance: NDArray[np.float64] | None
-    component: int
-    responsibilities: NDArray[np.float64]
-
-
-@runtime_checkable
-class TrajectoryModel(Protocol):
+class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
     """A movement primitive that learns from windows of T samples of D channels.
 
-    Time is counted in samples. Values are in the units of the windows.
+    The base class of all methods of the comparison. It checks what it is given, so that
+    a method only fills in `_learn`, `_draw`, `_continue` and, where it has a density,
+    `_log_density`. Time is counted in samples, values are in the units of the windows.
 
     Attributes
     ----------
     n_steps_ : int
-        T of what the fitted model gives: that of the windows, or the samples of
-        one period where the model knows only a period.
+        T of the trajectories that the fitted model gives: that of the windows, or the
+        samples of one period where the model knows only a period.
+    n_channels_ : int
+        D.
     """
 
     n_steps_: int
+    n_channels_: int
 
     def fit(self, windows: ArrayLike) -> Self:
-        """Learn from windows, shape (N, T, D)."""
+        """Learn from windows.
+
+        Parameters
+        ----------
+        windows : array_like, shape (N, T, D)
+            At least 2, in the order in which they were cut from the recordings.
+
+        Raises
+        ------
+        ExperimentError
+            Where the windows or a parameter of the model cannot be used.
+        """
+        y = finite_array(windows, "the windows", ("N", "T", "D"), error=ExperimentError)
+        if len(y) < 2:
+            raise ExperimentError("there is 1 window; at least 2 are needed.")
+        self.n_steps_, self.n_channels_ = y.shape[1:]
+        self._learn(y)
+        return self
 
     def sample(self, n: int = 1, *, seed: int = 0) -> NDArray[np.float64]:
-        """Draw trajectories, shape (n, T, D)."""
+        """Draw n trajectories without observation noise, shape (n, T, D)."""
+        self.check_fitted()
+        for name, value in (("n", n), ("seed", seed)):
+            check_number(value, name, least=0, whole=True, error=ExperimentError)
+        return self._draw(n, seed)
 
-    def log_density(self, windows: ArrayLike) -> NDArray[np.float64] | None:
-        """Return the log density per time step of windows (N, T, D), shape (N,).
+    def log_density(self, windows: ArrayLike) -> NDArray[np.float64] | None:  # noqa: ARG002
+        """Return the log density of windows (N, T, D) per time step, shape (N,).
 
-        That of a whole window divided by T; None where the model has no density.
+        The natural logarithm of the density of a whole window, observation noise
+        included, divided by T; None where the model has no density of windows.
         """
-
-    def condition(self, steps: ArrayLike, values: ArrayLike) -> Conditioned:
-        """Meet values (K, D) at steps (K,), each from 0 to T - 1."""
+        self.check_fitted()
+        return None
 
     def predict(self, prefix: ArrayLike, horizon: int) -> NDArray[np.float64]:
-        """Return the expected continuation (horizon, D) of samples (K, D)."""
+        """Return the expected continuation (horizon, D) of observed samples (K, D)."""
+        self.check_fitted()
+        check_number(horizon, "horizon", least=1, whole=True, error=ExperimentError)
+        shape = ("K", self.n_channels_)
+        y = finite_array(prefix, "the prefix", shape, error=ExperimentError)
+        return self._continue(y, horizon)
+
+    def check_fitted(self) -> None:
+        """Raise scikit-learn's NotFittedError before `fit`."""
+        check_is_fitted(self)
+
+    def _check_parameters(self, **least: float) -> None:
+        """Check that parameters are at least so great, or positive where that is 0."""
+        for name, bound in least.items():
+            check_number(
+                getattr(self, name),
+                name,
+                above=None if bound else 0.0,
+                least=bound or None,
+                error=ExperimentError,
+            )
+
+    def _checked_windows(self, windows: ArrayLike) -> NDArray[np.float64]:
+        """Return windows to be scored, (N, T, D)."""
+        self.check_fitted()
+        shape = ("N", self.n_steps_, self.n_channels_)
+        return finite_array(windows, "the windows", shape, error=ExperimentError)
+
+    @abstractmethod
+    def _learn(self, windows: NDArray[np.float64]) -> None: ...
+
+    @abstractmethod
+    def _draw(self, n: int, seed: int) -> NDArray[np.float64]: ...
+
+    @abstractmethod
+    def _continue(
+        self, prefix: NDArray[np.float64], horizon: int
+    ) -> NDArray[np.float64]: ...

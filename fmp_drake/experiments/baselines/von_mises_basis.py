@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fmp_drake.errors import SkillError
+from fmp_drake.errors import ExperimentError
+from fmp_drake.primitives.data.numeric import check_number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +32,12 @@ class VonMisesBasis:
     width : float
         h of (21).
 
+    Examples
+    --------
+    >>> basis = VonMisesBasis(frequencies=(1.0, 2.0), n_bases=5)
+    >>> basis.rows([0.0, 0.25, 0.5]).shape
+    (3, 10)
+
     References
     ----------
     A. Paraschos et al., "Probabilistic movement primitives", NIPS 2013; "Using
@@ -43,16 +50,14 @@ class VonMisesBasis:
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        f = np.asarray(self.frequencies, dtype=float)
-        if f.ndim != 1 or not len(f) or not np.all(np.isfinite(f) & (f > 0)):
-            raise SkillError(
-                f"frequencies is {self.frequencies!r}; it must be positive numbers of "
-                "cycles per window, at least one."
-            )
-        if self.n_bases < 3:
-            raise SkillError(f"n_bases is {self.n_bases}; it must be at least 3.")
-        if not (np.isfinite(self.width) and self.width > 0):
-            raise SkillError(f"width is {self.width}; it must be positive.")
+        for frequency in self.frequencies:
+            check_number(frequency, "a frequency", above=0.0, error=ExperimentError)
+        if not self.frequencies:
+            raise ExperimentError("there are no frequencies; give at least one.")
+        check_number(
+            self.n_bases, "n_bases", least=3, whole=True, error=ExperimentError
+        )
+        check_number(self.width, "width", above=0.0, error=ExperimentError)
 
     @property
     def size(self) -> int:

@@ -13,8 +13,9 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
+from fmp_drake.primitives.data.csv_table import read_recording
 from fmp_drake.primitives.data.files import read_npz, replaced, write_npz
-from fmp_drake.primitives.data.numeric import GREATEST, as_floats, is_number
+from fmp_drake.primitives.data.numeric import GREATEST, as_floats, check_number
 
 FORMAT = "fmp-drake-demonstration"
 VERSION = 1
@@ -30,6 +31,9 @@ ROTATION_CHANNELS = ("rx", "ry", "rz")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
     """One recording of one or several channels over time.
+
+    The arrays are checked once and read-only afterwards, so that all that learns from
+    them may rely on them.
 
     Attributes
     ----------
@@ -48,6 +52,22 @@ class Demonstration:
     rotation_reference : tuple of float, optional
         Unit quaternion (x, y, z, w) of the rotation at which the rotation channels `rx`,
         `ry` and `rz` are 0; None where there are none. See `add_orientation`.
+
+    Raises
+    ------
+    DemonstrationError
+        Where the arrays do not fit together, hold NaN, or time does not increase.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(0, 10, 0.01)
+    >>> circle = 0.1 * np.column_stack([np.cos(time), np.sin(time)])
+    >>> demonstration = Demonstration(time=time, values=circle, frame="board")
+    >>> demonstration.channels, demonstration.units
+    (('x', 'y'), ('m', 'm'))
+    >>> demonstration.resample(20.0).values.shape
+    (200, 2)
     """
 
     time: NDArray[np.float64]
@@ -93,9 +113,9 @@ class Demonstration:
                 f"{time[row + 1]:g} s); it must increase strictly."
             )
         d = values.shape[1]
-        default = tuple("xyz"[:d]) if d <= 3 else tuple(f"c{i}" for i in range(d))
-        for name, usual in (("channels", default), ("units", ("m",) * d)):
-            object.__setattr__(self, name, _names(name, getattr(self, name)) or usual)
+        for name, nominal in (("channels", default_channels(d)), ("units", ("m",) * d)):
+            given = _names(name, getattr(self, name))
+            object.__setattr__(self, name, given or nominal)
         if len(self.channels) != d or len(self.units) != d:
             raise DemonstrationError(
                 f"{len(self.channels)} channel names and {len(self.units)} units for "
@@ -124,7 +144,7 @@ class Demonstration:
         return self.values.shape[1]
 
     def is_uniform(self, rate: float) -> bool:
-        """Tell whether the samples are spaced 1/rate apart, to a thousandth."""
+        """Return whether the samples are spaced 1/rate apart, to a thousandth."""
         return bool(np.all(np.abs(np.diff(self.time) * rate - 1) < _UNIFORM))
 
     def resample(self, rate: float) -> "Demonstration":
@@ -143,8 +163,7 @@ class Demonstration:
         DemonstrationError
             Where a gap between samples is too long to interpolate.
         """
-        if not (is_number(rate) and rate > 0):
-            raise DemonstrationError(f"rate is {rate} Hz; it must be positive.")
+        check_number(rate, "rate", above=0.0, unit="Hz", error=DemonstrationError)
         if self.is_uniform(rate):
             return self
         steps = np.diff(self.time)
@@ -190,13 +209,13 @@ class Demonstration:
                 f"{', '.join(self.channels)}."
             )
         index = [self.channels.index(name) for name in names]
-        turns = set(ROTATION_CHANNELS) <= set(names)
+        has_rotation = set(ROTATION_CHANNELS) <= set(names)
         return replace(
             self,
             values=self.values[:, index],
             channels=tuple(names),
             units=tuple(self.units[i] for i in index),
-            rotation_reference=self.rotation_reference if turns else None,
+            rotation_reference=self.rotation_reference if has_rotation else None,
         )
 
     def save(self, path: str | Path) -> None:
@@ -257,10 +276,15 @@ class Demonstration:
             raise SkillFileError(f"there is no demonstration file {path}.")
         try:
             if path.suffix == ".csv":
-                return cls(**_read_csv(path))
+                return cls(**read_recording(path))
             return cls(**_read_npz(path))
         except DemonstrationError as error:
             raise DemonstrationError(f"{path}: {error}") from None
+
+
+def default_channels(count: int) -> tuple[str, ...]:
+    """Return the names of channels that have none: x, y, z, or c0, c1 and so on."""
+    return tuple("xyz"[:count]) if count <= 3 else tuple(f"c{i}" for i in range(count))
 
 
 def _names(what: str, given: Any) -> tuple[str, ...]:
@@ -334,45 +358,3 @@ def _parse_metadata(path: Path, array: NDArray[np.generic]) -> dict[str, Any]:
         raise SkillFileError(foreign) from None
     out: dict[str, Any] = metadata
     return out
-
-
-def _read_csv(path: Path) -> dict[str, Any]:
-    try:
-        # A spreadsheet's file may start with a byte order mark.
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
-            table = [(reader.line_num, row) for row in reader if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise SkillFileError(f"{path} is not a readable .csv file ({error}).") from None
-    if not table:
-        raise SkillFileError(f"{path} is empty.")
-    names, units = [], []
-    for cell in table[0][1]:
-        name, _, unit = cell.partition("[")
-        names.append(name.strip())
-        units.append(unit.rstrip("] ").strip() or "m")
-    if "time" not in names or len(names) < 2:
-        raise SkillFileError(
-            f"{path} has the columns {', '.join(names)}; a demonstration needs a "
-            "header line with `time` (s) and at least one channel, such as "
-            "`time,x,y,z`."
-        )
-    numbers = np.empty((len(table) - 1, len(names)))
-    for i, (line, row) in enumerate(table[1:]):
-        if len(row) != len(names):
-            raise SkillFileError(
-                f"{path}: line {line} has {len(row)} cells; the header has "
-                f"{len(names)}."
-            )
-        try:
-            numbers[i] = [float(cell) for cell in row]
-        except ValueError as error:
-            raise SkillFileError(f"{path}: line {line}: {error}.") from None
-    at = names.index("time")
-    keep = [i for i in range(len(names)) if i != at]
-    return {
-        "time": numbers[:, at],
-        "values": numbers[:, keep],
-        "channels": tuple(names[i] for i in keep),
-        "units": tuple(units[i] for i in keep),
-    }

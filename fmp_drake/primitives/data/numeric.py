@@ -1,5 +1,6 @@
-"""Numbers from outside: arrays of them, or an error that says what is wrong."""
+"""Checks of numbers and arrays that come from outside, with errors that name them."""
 
+import operator
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,11 @@ GREATEST = 1e100
 
 
 def as_floats(
-    value: Any, what: str, *, error: type[FmpError] = SkillError
+    value: Any,
+    what: str,
+    shape: tuple[int | str, ...] | None = None,
+    *,
+    error: type[FmpError] = SkillError,
 ) -> NDArray[np.float64]:
     """Return an array of real numbers, which may be NaN or infinite.
 
@@ -21,33 +26,121 @@ def as_floats(
     value : array_like
     what : str
         The name of the value, for the error.
+    shape : tuple of int and str, optional
+        The length of each axis; a name stands for any length but 0, a leading "..." for
+        any further axes. Where one axis is expected, a number is an array of length 1.
+        None is any shape.
     error : type
-        Of the error where `value` holds anything but real numbers.
+        Raised where the shape differs or there is anything but real numbers.
     """
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "biufO":
             raise TypeError
-        return array.astype(float, copy=False)
+        array = array.astype(float, copy=False)
+        if shape is not None and len(shape) == 1 and array.ndim == 0:
+            array = array[None]
     except (TypeError, ValueError, OverflowError):
         shown = repr(value)
         shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
         raise error(f"{what}: {shown} cannot be read as real numbers.") from None
+    if shape is not None and array.shape != shape:
+        lengths = [length for length in shape if length != "..."]
+        any_more = len(lengths) < len(shape) and array.ndim > len(lengths)
+        fits = any_more or array.ndim == len(lengths)
+        last = array.shape[array.ndim - len(lengths) :]
+        if not fits or not all(
+            have > 0 if isinstance(want, str) else have == want
+            for have, want in zip(last, lengths, strict=True)
+        ):
+            form = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
+            raise error(f"cannot use {what} of shape {array.shape}; expected ({form}).")
+    return array
+
+
+def finite_array(
+    value: Any,
+    what: str,
+    shape: tuple[int | str, ...] | None = None,
+    *,
+    error: type[FmpError] = SkillError,
+) -> NDArray[np.float64]:
+    """Return an array of finite real numbers of an expected shape.
+
+    Parameters
+    ----------
+    value, what, shape, error
+        As for `as_floats`; also NaN, infinity and numbers above `GREATEST` are errors.
+    """
+    array = as_floats(value, what, shape, error=error)
+    if not all_finite(array):
+        raise error(f"there are NaN or infinite numbers in {what}.")
+    return array
+
+
+def check_number(
+    value: Any,
+    what: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    whole: bool = False,
+    unit: str = "",
+    error: type[FmpError] = SkillError,
+) -> None:
+    """Raise an error, with the value and what is allowed, for a number out of range.
+
+    Parameters
+    ----------
+    value : object
+        What should be one real, finite number.
+    what : str
+        The name of the value, for the error.
+    above, least, below, most : float, optional
+        Limits: excluded and included lower one, excluded and included upper one.
+    whole : bool
+        Whether only integers are allowed.
+    unit : str
+        Of the value, for the error.
+    error : type
+    """
+    limits = (
+        (above, "greater than", operator.gt),
+        (least, "at least", operator.ge),
+        (below, "less than", operator.lt),
+        (most, "at most", operator.le),
+    )
+    given = [(limit, text, fits) for limit, text, fits in limits if limit is not None]
+    is_kind = is_whole(value) if whole else is_number(value)
+    if not is_kind or not all(fits(value, limit) for limit, _, fits in given):
+        unit = f" {unit}" if unit else ""
+        texts = [
+            "positive"
+            if (limit, text) == (0, "greater than")
+            else f"{text} {limit}{unit}"
+            for limit, text, _ in given
+        ]
+        kind = ["a whole number"] if whole else [] if given else ["a number"]
+        allowed = ", ".join([*kind, " and ".join(texts)] if texts else kind)
+        shown = repr(value) if isinstance(value, str) else value
+        raise error(f"{what} is {shown}{unit}; it must be {allowed}.")
 
 
 def all_finite(array: NDArray[np.float64]) -> bool:
-    """Tell whether no number is NaN, infinite or so great that its square may be."""
+    """Return whether no number is NaN, infinite or so great that its square may be."""
     # Comparisons with NaN are false. No copies: windows may fill a gigabyte.
     return array.size == 0 or bool(array.max() < GREATEST and array.min() > -GREATEST)
 
 
 def is_number(value: Any) -> bool:
-    """Tell whether a value is one real, finite number."""
+    """Return whether a value is one real, finite number."""
     return isinstance(value, int | float | np.integer | np.floating) and all_finite(
         as_floats(value, "a number")
     )
 
 
 def is_whole(value: Any) -> bool:
-    """Tell whether a value is an integer."""
+    """Return whether a value is an integer."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)

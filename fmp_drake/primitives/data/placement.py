@@ -1,4 +1,4 @@
-"""Laying a demonstration from anywhere onto a board."""
+"""Placing a demonstration that was recorded anywhere onto a board."""
 
 from dataclasses import dataclass, replace
 
@@ -26,11 +26,11 @@ class Placement:
         p_BD, m.
     scale : float
     touch : float
-        Heights above the board up to this one, and below it, become 0, and greater
-        ones are less by it, m: a hand does not hold a tool level to the millimetre. 0
-        leaves the heights as they are.
+        Heights up to this one become 0, and greater ones are reduced by it, m: a hand
+        does not keep a tool on the surface to the millimetre. 0 leaves all heights as
+        they are.
     touching : float
-        Share of the samples that become 0.
+        Fraction of the samples that become 0.
 
     Examples
     --------
@@ -101,8 +101,8 @@ def fit_placement(
     x = forward - (forward @ normal) * normal
     x /= np.linalg.norm(x)
     rotation = np.stack([x, np.cross(normal, x), normal])
-    turned = (points - centre) @ rotation.T
-    low, high = turned[:, :2].min(axis=0), turned[:, :2].max(axis=0)
+    flat = (points - centre) @ rotation.T
+    low, high = flat[:, :2].min(axis=0), flat[:, :2].max(axis=0)
     extent = np.maximum(high - low, 1e-9)
     scale = float(min(1.0, np.min(np.asarray(usable, dtype=float) / extent)))
     middle = np.array([*(low + high) / 2, 0.0])
@@ -111,7 +111,7 @@ def fit_placement(
         translation=-scale * (rotation @ centre + middle),
         scale=scale,
         touch=scale * touch,
-        touching=float(np.mean(turned[:, 2] <= touch)),
+        touching=float(np.mean(flat[:, 2] <= touch)),
     )
 
 

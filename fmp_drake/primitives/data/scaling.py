@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import GREATEST, all_finite, as_floats
+from fmp_drake.primitives.data.numeric import GREATEST, finite_array
 
 ChannelScales = Literal["units"] | ArrayLike
 
@@ -38,7 +38,7 @@ def channel_scales(
                 spread = float(np.sqrt(variances[same].mean()))
                 out[same] = spread if spread > 0 else 1.0
         return out
-    out = as_floats(scales, "scales is")
-    if out.shape != (d,) or not (all_finite(out) and np.all(out > 1 / GREATEST)):
+    out = finite_array(scales, "the scales", (d,))
+    if not np.all(out > 1 / GREATEST):
         raise SkillError(f"scales is {scales}; expected {d} positive numbers.")
     return out.copy()

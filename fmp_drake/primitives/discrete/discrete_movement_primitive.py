@@ -1,6 +1,7 @@
 """Discrete movements: footnote 1 of the paper."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -12,6 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.primitives.data.demonstration import Demonstration
+from fmp_drake.primitives.data.numeric import check_number, finite_array
 from fmp_drake.primitives.discrete.via_points import DiscreteMovement, ViaPoint
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.mapping import MappingPlan, Selection
@@ -36,9 +38,9 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     explained_variance, regularization, tolerance, selection, random_state
         See `FourierMovementPrimitive`.
     confidence : float
-        Share of a component's own movements inside the ellipsoid that an adapted
-        movement is kept in, in (0, 1]; 1 is no bound. What that leaves of the distance
-        to start, goal and via-points is met by a smooth correction.
+        Probability mass of the ellipsoid of a component's weights that an adapted
+        movement is kept in, in (0, 1]; 1 is no bound. The distance to start, goal and
+        via-points that is left is covered by a smooth correction.
 
     Attributes
     ----------
@@ -52,6 +54,19 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     frame_ : str
     rotation_reference_ : tuple of float or None
         Of the demonstrations.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.linspace(0, 1, 50)
+    >>> reach = 0.5 - 0.5 * np.cos(np.pi * time)
+    >>> demonstrations = [
+    ...     Demonstration(time=time, values=size * reach) for size in (0.8, 1.0, 1.2)
+    ... ]
+    >>> primitive = DiscreteMovementPrimitive().fit(demonstrations)
+    >>> path = primitive.rollout(start=[0.1], goal=[0.9], rate=10.0)
+    >>> path[[0, -1], 0, 0].round(6)
+    array([0.1, 0.9])
     """
 
     def __init__(
@@ -100,10 +115,8 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
                 f"there are {len(demonstrations)} demonstrations; a discrete movement "
                 "needs at least 2, each one whole movement."
             )
-        if self.n_steps < 8:
-            raise SkillError(f"n_steps is {self.n_steps}; it must be at least 8.")
-        if not 0 < self.confidence <= 1:
-            raise SkillError(f"confidence is {self.confidence}; it must be in (0, 1].")
+        check_number(self.n_steps, "n_steps", least=8, whole=True)
+        check_number(self.confidence, "confidence", above=0.0, most=1.0)
         duration = float(np.mean([d.duration for d in demonstrations]))
         rate = self.n_steps / duration
         first = demonstrations[0]
@@ -140,9 +153,9 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         """Return the movement from a measured start, at rest.
 
         The observation is mapped to weights as in Algorithm 1, kept in the span of the
-        component and inside its ellipsoid of the given confidence. What that leaves of
-        the distances to start, goal and via-points is added as the cosine series of
-        least squared acceleration that meets them, so all are met exactly.
+        component and inside its ellipsoid of the given confidence. The distances to
+        start, goal and via-points that are left are covered by the cosine series of
+        least squared acceleration, so all are met exactly.
 
         Parameters
         ----------
@@ -161,21 +174,18 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
             Where a point or the duration cannot be used.
         """
         check_is_fitted(self, "skill_")
-        seconds = self.duration_ if duration is None else float(duration)
-        if not (np.isfinite(seconds) and seconds > 0):
-            raise SkillError(f"duration is {duration} s; it must be positive.")
-        every = list(range(self.n_channels_))
-        points = [(0.0, every, self._checked(start, every, "start"))]
+        seconds = self.duration_ if duration is None else duration
+        check_number(seconds, "duration", above=0.0, unit="s")
+        every, shape = list(range(self.n_channels_)), (self.n_channels_,)
+        points = [(0.0, every, finite_array(start, "the start", shape))]
         if goal is not None:
-            points.append((1.0, every, self._checked(goal, every, "goal")))
+            end = finite_array(goal, "the goal", shape)
+            points.append((1.0, every, end))
         for number, point in enumerate(via):
             index = channel_indices(point.channels, self.channels_)
-            if not 0 < point.phase < 1:
-                raise SkillError(
-                    f"via-point {number} has the phase {point.phase}; it must be between "
-                    "0 and 1."
-                )
-            values = self._checked(point.values, index, f"via-point {number}")
+            name = f"via-point {number}"
+            check_number(point.phase, f"the phase of {name}", above=0.0, below=1.0)
+            values = finite_array(point.values, name, (len(index),))
             points.append((float(point.phase), index, values))
         weights, component = self._mapped(points)
         window = self.skill_.synthesize(weights)
@@ -192,7 +202,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
                 phases, np.array(wanted), coefficients[:, channel]
             )
         return DiscreteMovement(
-            coefficients=coefficients, duration=seconds, component=component
+            coefficients=coefficients, duration=float(seconds), component=component
         )
 
     def rollout(
@@ -218,8 +228,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         ndarray, shape (samples, 3, D)
             Value, velocity and acceleration, as `DiscreteMovement.motion` gives them.
         """
-        if not (np.isfinite(rate) and rate > 0):
-            raise SkillError(f"rate is {rate} Hz; it must be positive.")
+        check_number(rate, "rate", above=0.0, unit="Hz")
         movement = self.plan(start, goal, via=via, duration=duration)
         count = int(np.ceil(movement.duration * rate * (1 - 1e-9))) + 1
         return movement.motion(np.linspace(0.0, movement.duration, count))
@@ -231,16 +240,6 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         check_is_fitted(self, "skill_")
         drawn = self.skill_.sample(n, seed=seed, with_noise=with_noise)
         return drawn[:, : self.n_steps]
-
-    def _checked(
-        self, values: ArrayLike, index: list[int], name: str
-    ) -> NDArray[np.float64]:
-        out = np.atleast_1d(np.asarray(values, dtype=float))
-        if out.shape != (len(index),) or not np.all(np.isfinite(out)):
-            raise SkillError(
-                f"the {name} is {out}; expected {len(index)} finite numbers."
-            )
-        return out
 
     def _mapped(
         self, points: Sequence[tuple[float, list[int], NDArray[np.float64]]]
@@ -280,14 +279,10 @@ def _mirrored(demonstration: Demonstration, n_steps: int, rate: float) -> Demons
     # Every second sample of a grid that ends with the movement is a middle.
     resampled = demonstration.resample(2 * n_steps / demonstration.duration)
     half = resampled.values[1 : 2 * n_steps : 2]
-    return Demonstration(
+    return replace(
+        demonstration,
         time=np.arange(2 * n_steps) / rate,
         values=np.concatenate([half, half[::-1]]),
-        channels=demonstration.channels,
-        units=demonstration.units,
-        frame=demonstration.frame,
-        note=demonstration.note,
-        rotation_reference=demonstration.rotation_reference,
     )
 
 

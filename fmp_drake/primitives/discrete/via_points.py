@@ -9,16 +9,22 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ViaPoint:
-    """Where a discrete movement has to pass.
+    """A place that a discrete movement passes at a given phase.
 
     Attributes
     ----------
     phase : float
-        When, as a share of the duration, between 0 and 1.
+        When, as a fraction of the duration, between 0 and 1.
     values : array_like, shape (C,)
         Of the C channels, in their units.
     channels : sequence of str or int, optional
         Names or indices of the channels; all D where None.
+
+    Examples
+    --------
+    >>> half_way_up = ViaPoint(phase=0.5, values=[0.3], channels=["z"])
+
+    `DiscreteMovementPrimitive.plan` takes it.
     """
 
     phase: float
@@ -58,7 +64,7 @@ class DiscreteMovement:
         Parameters
         ----------
         seconds : array_like, shape (...)
-            Since the start. Before it the movement rests at the start, after
+            Since the start. Before it the movement stands at the start, after
             `duration` at the end.
 
         Returns

@@ -1,4 +1,4 @@
-"""Other magnitudes and phases of chosen harmonics: section VII of the paper.
+"""Changing magnitude and phase of chosen harmonics: section VII of the paper.
 
 See `fmp_drake.primitives.editing.spectrum` for what magnitude and phase are.
 """
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
+from fmp_drake.primitives.data.numeric import as_floats, check_number
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.fitted import copy_skill
 from fmp_drake.primitives.model.keypoint import channel_indices
@@ -52,9 +53,7 @@ def modulate_windows(
         Where a harmonic or a channel does not exist, the gain is negative, or the phase
         of the mean or the Nyquist harmonic would be shifted.
     """
-    y = np.asarray(windows, dtype=float)
-    if y.ndim < 2:
-        raise SkillError(f"the windows have shape {y.shape}; expected (..., T, D).")
+    y = as_floats(windows, "the windows", ("...", "T", "D"))
     basis = FourierBasis(y.shape[-2])
     names = [f"c{i}" for i in range(y.shape[-1])]
     weights = _modulated(
@@ -79,7 +78,7 @@ def modulate_skill(
 
     Means and low-rank factors are mapped exactly, as `modulate_windows` maps
     trajectories, so `sample(with_noise=False)` has exactly the mapped distribution. A
-    shift of phase is orthogonal and maps the isotropic rest, eps I, exactly as well. A
+    shift of phase is orthogonal and maps the isotropic noise, eps I, exactly as well. A
     gain would not leave it isotropic: it stays as it is, so the covariance differs from
     the mapped one by eps (1 - gain^2) in the weights of these harmonics. It is white
     noise and the regulariser, which no playback follows.
@@ -126,12 +125,10 @@ def _with_factor(
     component: LowRankGaussian, factor: NDArray[np.float64]
 ) -> LowRankGaussian:
     """Replace U by any n x r factor: the covariance is factor diag(s) factor' + eps I."""
-    if component.rank == 0:
-        return component
     directions, triangle = np.linalg.qr(factor)
     core = (triangle * component.variances) @ triangle.T
     variances, rotation = np.linalg.eigh((core + core.T) / 2)
-    keep = np.abs(variances) > 1e-12 * np.max(np.abs(variances), initial=1e-300)
+    keep = variances > 1e-12 * np.max(variances, initial=1e-300)
     return replace(
         component,
         basis=np.ascontiguousarray(directions @ rotation[:, keep]),
@@ -154,11 +151,8 @@ def _modulated(
         raise SkillError(
             f"the harmonics are {list(harmonics)}; give some from 0 to {n // 2}."
         )
-    if not (np.isfinite(gain) and gain >= 0 and np.isfinite(phase)):
-        raise SkillError(
-            f"gain is {gain} and phase {phase} rad; both must be finite and the gain "
-            "not negative."
-        )
+    check_number(gain, "gain", least=0.0)
+    check_number(phase, "phase", unit="rad")
     real = [k for k in chosen if k == 0 or 2 * k == n]
     if real and phase != 0:
         raise SkillError(

@@ -7,14 +7,15 @@ vector phi (rad) of
 
 so phi is expressed in B, as the position is, and 0 where the orientation is the
 reference. Its three components are the channels `rx`, `ry` and `rz`, learned together
-with the position. The logarithm is continued past a half turn away from the reference
-and breaks down at a full one.
+with the position. The rotation vectors are unwrapped: they go on past 180 degrees from
+the reference, up to nearly 360.
 
 Sources: J. Sola, J. Deray, D. Atchuthan, "A micro Lie theory for state estimation in
 robotics", arXiv:1812.01537 (logarithm and left Jacobian of SO(3), equations 132 to 146).
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -23,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.primitives.data.demonstration import ROTATION_CHANNELS, Demonstration
+from fmp_drake.primitives.data.numeric import as_floats, finite_array
 from fmp_drake.primitives.model.keypoint import channel_indices
 
 Quaternion = tuple[float, float, float, float]
@@ -35,7 +37,7 @@ _SMALL = 1e-2
 
 
 class HasOrientation(Protocol):
-    """What has rotation channels: a demonstration's or a skill's description."""
+    """A fitted skill, rhythmic or discrete, that may have rotation channels."""
 
     channels_: tuple[str, ...]
     rotation_reference_: Quaternion | None
@@ -67,17 +69,12 @@ def as_rotation(
             f"the order of the quaternions is {order!r}; state 'xyzw' (scalar last) or "
             "'wxyz' (scalar first)."
         )
-    quaternions = np.asarray(rotations, dtype=float)
-    if quaternions.ndim not in (1, 2) or quaternions.shape[-1] != 4:
-        raise DemonstrationError(
-            f"the quaternions have shape {quaternions.shape}; expected (N, 4)."
-        )
-    norms = np.linalg.norm(np.atleast_2d(quaternions), axis=1)
-    bad = ~(np.isfinite(norms) & (norms > 1e-6))
-    if np.any(bad):
-        raise DemonstrationError(
-            f"quaternion {int(np.argmax(bad))} is zero, NaN or infinite."
-        )
+    quaternions = as_floats(rotations, "the quaternions", error=DemonstrationError)
+    shape = (4,) if quaternions.ndim == 1 else ("N", 4)
+    finite_array(quaternions, "the quaternions", shape, error=DemonstrationError)
+    norms = np.linalg.norm(np.atleast_2d(quaternions), axis=-1)
+    if np.any(norms < 1e-6):
+        raise DemonstrationError(f"quaternion {int(np.argmin(norms))} is zero.")
     return Rotation.from_quat(quaternions, scalar_first=order == "wxyz")
 
 
@@ -134,8 +131,8 @@ def add_orientation(
     Raises
     ------
     DemonstrationError
-        Where the rotations do not fit to the demonstration, jump by more than a quarter
-        turn between two samples, or lead to a full turn away from the reference.
+        Where the rotations do not fit to the demonstration, jump by more than 90
+        degrees between two samples, or lead to 360 degrees away from the reference.
     """
     rotation = as_rotation(rotations, order=order)
     if rotation.single or len(rotation) != len(demonstration.time):
@@ -151,13 +148,11 @@ def add_orientation(
     else:
         chosen = _quaternion(as_rotation(reference, order="xyzw"))
     vectors = rotation_vectors(rotation, chosen)
-    return Demonstration(
-        time=demonstration.time,
+    return replace(
+        demonstration,
         values=np.concatenate([demonstration.values, vectors], axis=1),
         channels=(*demonstration.channels, *ROTATION_CHANNELS),
         units=(*demonstration.units, "rad", "rad", "rad"),
-        frame=demonstration.frame,
-        note=demonstration.note,
         rotation_reference=chosen,
     )
 
@@ -189,7 +184,7 @@ def rotation_vectors(
     Raises
     ------
     DemonstrationError
-        Where two samples are more than a quarter turn apart, or the path leads farther
+        Where two samples are more than 90 degrees apart, or the path leads farther
         than `LARGEST_ANGLE` from the reference.
     """
     relative = rotations * Rotation.from_quat(reference).inv()
@@ -211,7 +206,7 @@ def rotation_vectors(
     farthest = int(np.argmax(angles))
     if angles[farthest] > LARGEST_ANGLE:
         raise DemonstrationError(
-            f"sample {farthest} is turned by {np.rad2deg(angles[farthest]):.0f} degrees "
+            f"sample {farthest} is rotated by {np.rad2deg(angles[farthest]):.0f} degrees "
             "from the reference; rotation vectors hold up to "
             f"{np.rad2deg(LARGEST_ANGLE):.0f}. Choose a nearer reference, or cut the "
             "recording."
@@ -296,13 +291,13 @@ def angular_acceleration(
         rad/s^2, in frame B.
     """
     phi, rate = np.asarray(vectors, dtype=float), np.asarray(rates, dtype=float)
-    _, c, b_slope, c_slope = _coefficients(phi)
+    _, c, b_derivative, c_derivative = _coefficients(phi)
     # A coefficient f(a) changes by f'(a) / a times phi . dphi/dt.
     along = np.sum(phi * rate, axis=-1, keepdims=True)
     first = np.cross(phi, rate)
     second = np.cross(phi, first)
     out: NDArray[np.float64] = angular_velocity(phi, accelerations)
-    out = out + along * (b_slope * first + c_slope * second)
+    out = out + along * (b_derivative * first + c_derivative * second)
     return out + c * np.cross(rate, first)
 
 
@@ -315,11 +310,13 @@ def _coefficients(phi: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     # sin(a/2)^2 instead of 1 - cos(a) keeps the digits of small angles.
     b = np.where(small, 1 / 2 - s / 24 + s**2 / 720, 2 * np.sin(a / 2) ** 2 / a**2)
     c = np.where(small, 1 / 6 - s / 120 + s**2 / 5040, (a - np.sin(a)) / a**3)
-    b_slope = np.where(
+    b_derivative = np.where(
         small, -1 / 12 + s / 180 - s**2 / 6720, (np.sin(a) / a - 2 * b) / a**2
     )
-    c_slope = np.where(small, -1 / 60 + s / 1260 - s**2 / 60480, (b - 3 * c) / a**2)
-    return b, c, b_slope, c_slope
+    c_derivative = np.where(
+        small, -1 / 60 + s / 1260 - s**2 / 60480, (b - 3 * c) / a**2
+    )
+    return b, c, b_derivative, c_derivative
 
 
 def _nearest_branch(
@@ -328,13 +325,13 @@ def _nearest_branch(
     """Return the rotation vector of the same rotation that is nearest to another."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-9:
-        # No axis of its own: a full turn from here may be about any.
+        # No axis of its own: 360 degrees from here may be about any.
         length = float(np.linalg.norm(near))
         axis = near / length if length > 0 else np.array([1.0, 0.0, 0.0])
     else:
         axis = vector / angle
-    turns = np.round((float(near @ axis) - angle) / (2 * np.pi))
-    out: NDArray[np.float64] = vector + 2 * np.pi * turns * axis
+    revolutions = np.round((float(near @ axis) - angle) / (2 * np.pi))
+    out: NDArray[np.float64] = vector + 2 * np.pi * revolutions * axis
     return out
 
 

@@ -1,4 +1,4 @@
-"""Magnitude and phase, each on its own: the outlook of section VII of the paper.
+"""Spectra: magnitude and phase of each harmonic (outlook of section VII of the paper).
 
 A channel of a window is the sum over the harmonics k = 0 to T/2 of
 
@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import circmean, circstd
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.model.basis import FourierBasis
+from fmp_drake.primitives.data.numeric import check_number, finite_array
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralPeak:
-    """One of the frequencies that a channel is made of.
+    """A dominant frequency of a channel: a local maximum of its spectrum.
 
     Attributes
     ----------
@@ -32,19 +32,19 @@ class SpectralPeak:
         Hz, interpolated between harmonics.
     harmonic : int
         The strongest harmonic of the peak, cycles per window.
-    share : float
+    fraction : float
         Of the variance of the channel within windows, 0 to 1.
 
     Examples
     --------
-    >>> peak = SpectralPeak(frequency=0.52, harmonic=3, share=0.8)
+    >>> peak = SpectralPeak(frequency=0.52, harmonic=3, fraction=0.8)
     >>> round(1 / peak.frequency, 2)  # The period, s.
     1.92
     """
 
     frequency: float
     harmonic: int
-    share: float
+    fraction: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,16 +59,16 @@ class Spectrum:
     channels : tuple of str
     frequencies : ndarray, shape (H,)
         Hz.
-    shares : ndarray, shape (H, D)
+    fractions : ndarray, shape (H, D)
         Of the variance of each channel within windows; 0 for the mean.
     magnitude_mean, magnitude_std : ndarray, shape (H, D)
         In the units of the channels.
     phase_mean, phase_std : ndarray, shape (H, D)
-        Circular mean, -pi to pi, and circular standard deviation, rad. Sliding windows
-        start anywhere, so these phases are uniform: see the next.
+        Circular mean, -pi to pi, and circular standard deviation, rad. They mean little
+        for sliding windows, which start at any phase: use the relative ones.
     relative_phase_mean, relative_phase_std : ndarray, shape (H, D)
-        The same of the phase relative to the reference, rad. It does not depend on
-        where a window starts.
+        The same of the phase relative to the reference channel, rad, which does not
+        depend on where a window starts.
     reference : str
         The reference channel.
     reference_harmonic : int or None
@@ -86,7 +86,7 @@ class Spectrum:
 
     channels: tuple[str, ...]
     frequencies: NDArray[np.float64]
-    shares: NDArray[np.float64]
+    fractions: NDArray[np.float64]
     magnitude_mean: NDArray[np.float64]
     magnitude_std: NDArray[np.float64]
     phase_mean: NDArray[np.float64]
@@ -104,7 +104,7 @@ class Spectrum:
                 value.setflags(write=False)
 
     def peaks(
-        self, channel: str | int, *, count: int = 3, least_share: float = 0.01
+        self, channel: str | int, *, count: int = 3, least_fraction: float = 0.01
     ) -> tuple[SpectralPeak, ...]:
         """Return the dominant frequencies of a channel, the strongest first.
 
@@ -119,34 +119,36 @@ class Spectrum:
         ----------
         channel : str or int
         count : int
-            At most so many.
-        least_share : float
+            The greatest number of peaks.
+        least_fraction : float
             Weaker peaks are left out.
         """
         (index,) = channel_indices([channel], self.channels)
-        shares = self.shares[1:, index]
-        padded = np.concatenate([[-1.0], shares, [-1.0]])
+        fractions = self.fractions[1:, index]
+        padded = np.concatenate([[-1.0], fractions, [-1.0]])
         tops = np.flatnonzero(
-            (padded[1:-1] > padded[:-2]) & (padded[1:-1] >= padded[2:]) & (shares > 0)
+            (padded[1:-1] > padded[:-2])
+            & (padded[1:-1] >= padded[2:])
+            & (fractions > 0)
         )
-        valleys = [a + int(np.argmin(shares[a : b + 1])) for a, b in pairwise(tops)]
-        edges = [0, *valleys, len(shares)]
+        valleys = [a + int(np.argmin(fractions[a : b + 1])) for a, b in pairwise(tops)]
+        edges = [0, *valleys, len(fractions)]
         resolution = float(self.frequencies[1])
         found = []
         for i, top in enumerate(tops):
             left, right = padded[top], padded[top + 2]
             beside, sign = (left, -1) if left > right else (right, 1)
-            ratio = np.sqrt(max(beside, 0.0) / shares[top])
+            ratio = np.sqrt(max(beside, 0.0) / fractions[top])
             harmonic = int(top) + 1
             found.append(
                 SpectralPeak(
                     frequency=float(harmonic + sign * ratio / (1 + ratio)) * resolution,
                     harmonic=harmonic,
-                    share=float(shares[edges[i] : edges[i + 1]].sum()),
+                    fraction=float(fractions[edges[i] : edges[i + 1]].sum()),
                 )
             )
-        found = [peak for peak in found if peak.share >= least_share]
-        found.sort(key=lambda peak: -peak.share)
+        found = [peak for peak in found if peak.fraction >= least_fraction]
+        found.sort(key=lambda peak: -peak.fraction)
         return tuple(found[:count])
 
 
@@ -183,20 +185,14 @@ def window_spectrum(
     SkillError
         Where the windows, the rate or the reference cannot be used.
     """
-    y = np.asarray(windows, dtype=float)
-    if y.ndim != 3 or len(y) == 0 or not np.all(np.isfinite(y)):
-        raise SkillError(
-            f"the windows have shape {y.shape}; expected finite numbers (windows, "
-            "samples, channels)."
-        )
-    if not (np.isfinite(rate) and rate > 0):
-        raise SkillError(f"rate is {rate} Hz; it must be positive.")
+    y = finite_array(windows, "the windows", ("windows", "samples", "channels"))
+    check_number(rate, "rate", above=0.0, unit="Hz")
     names = tuple(channels) or tuple(f"c{i}" for i in range(y.shape[2]))
     if len(names) != y.shape[2]:
         raise SkillError(f"{len(names)} channel names for {y.shape[2]} channels.")
     (index,) = channel_indices([reference], names)
     n = y.shape[1]
-    magnitude, phase = polar(FourierBasis(n), y)
+    magnitude, phase = polar(y)
     relative = _relative(phase, phase[:, :, index], reference_harmonic)
     power = np.mean(magnitude**2, axis=0) / 2
     power[0] = 0
@@ -208,7 +204,7 @@ def window_spectrum(
     return Spectrum(
         channels=names,
         frequencies=np.arange(n // 2 + 1) * rate / n,
-        shares=power / np.where(total > 0, total, 1.0),
+        fractions=power / np.where(total > 0, total, 1.0),
         magnitude_mean=magnitude.mean(axis=0),
         magnitude_std=magnitude.std(axis=0),
         phase_mean=circmean(phase, low=-np.pi, high=np.pi, axis=0),
@@ -253,18 +249,14 @@ def skill_spectrum(
 
 
 def polar(
-    basis: FourierBasis, windows: NDArray[np.float64]
+    windows: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return magnitudes and phases of windows (N, T, D), each (N, H, D)."""
-    n = basis.n_steps
-    w = np.swapaxes(basis.by_channel(basis.analyze(windows)), -1, -2)
-    last = (n + 1) // 2
-    spectrum = np.zeros((len(w), n // 2 + 1, w.shape[-1]), dtype=complex)
-    spectrum[:, 0] = w[:, 0] / np.sqrt(n)
-    cosine, sine = w[:, 1 : 2 * last - 1 : 2], w[:, 2 : 2 * last : 2]
-    spectrum[:, 1:last] = np.sqrt(2 / n) * (cosine - 1j * sine)
+    n = windows.shape[1]
+    spectrum = np.fft.rfft(windows, axis=1) * 2 / n
+    spectrum[:, 0] /= 2
     if n % 2 == 0:
-        spectrum[:, -1] = w[:, -1] / np.sqrt(n)
+        spectrum[:, -1] /= 2
     return np.abs(spectrum), np.angle(spectrum)
 
 
@@ -275,10 +267,7 @@ def _relative(
     if harmonic is None:
         return phase - reference[:, :, None]
     count = phase.shape[1]
-    if not 1 <= harmonic < count:
-        raise SkillError(
-            f"reference_harmonic is {harmonic}; it must be from 1 to {count - 1}."
-        )
+    check_number(harmonic, "reference_harmonic", least=1, most=count - 1, whole=True)
     k = np.arange(count)
     common = np.gcd(harmonic, k)
     own = (harmonic // common)[:, None] * phase

@@ -1,4 +1,4 @@
-"""Skills in another tempo, place, direction or size."""
+"""Copies of a skill in another tempo, place, direction or size."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives.data.demonstration import ROTATION_CHANNELS
+from fmp_drake.primitives.data.numeric import check_number, finite_array
 from fmp_drake.primitives.model.fitted import copy_skill
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
@@ -39,8 +40,7 @@ def scale_tempo(
     SkillError
         Where the factor is not positive.
     """
-    if not (np.isfinite(factor) and factor > 0):
-        raise SkillError(f"factor is {factor}; it must be positive.")
+    check_number(factor, "factor", above=0.0)
     return copy_skill(skill, parameters={"rate": float(skill.rate * factor)})
 
 
@@ -51,7 +51,7 @@ def transform_space(
     scale: float = 1.0,
     translation: ArrayLike | None = None,
     channels: Sequence[str] = ("x", "y", "z"),
-    turn_orientation: bool = True,
+    rotate_orientation: bool = True,
     frame: str | None = None,
 ) -> FourierMovementPrimitive:
     """Return a copy of a skill whose trajectories are transformed ones.
@@ -61,7 +61,7 @@ def transform_space(
     played, from a start transformed alike, is the transformed movement.
 
     A rotation is an orthogonal map of the scaled values, which leaves the isotropic
-    rest of the mixture isotropic, as long as it mixes channels of equal scale. A change
+    noise of the mixture isotropic, as long as it mixes channels of equal scale. A change
     of size goes into the scales of the channels.
 
     Parameters
@@ -76,9 +76,9 @@ def transform_space(
         t, in the channels' units.
     channels : sequence of str
         The C channels that form a vector.
-    turn_orientation : bool
+    rotate_orientation : bool
         Where the skill has rotation channels (see `add_orientation`), rotate the
-        orientations R_BE to R R_BE along. False where the named channels are, say, a
+        orientations R_BE to R R_BE along. False where the named channels are, for example, a
         force measured in another frame.
     frame : str, optional
         Name of the frame that the new values are in; the old one where None.
@@ -102,31 +102,30 @@ def transform_space(
     skill.check_fitted()
     index = channel_indices(list(channels), skill.channels_)
     count = len(index)
-    if not (np.isfinite(scale) and scale > 0):
-        raise SkillError(f"scale is {scale}; it must be positive.")
-    shift = np.zeros(count) if translation is None else np.asarray(translation, float)
-    if shift.shape != (count,) or not np.all(np.isfinite(shift)):
-        raise SkillError(f"translation is {shift}; expected {count} finite numbers.")
+    check_number(scale, "scale", above=0.0)
+    shift = np.zeros(count)
+    if translation is not None:
+        shift = finite_array(translation, "the translation", (count,))
     matrix = np.eye(count) if rotation is None else _rotation_matrix(rotation, count)
     out = _apply(
         skill, index=index, rotation=matrix, scale=float(scale), translation=shift
     )
     changes: dict[str, Any] = {}
     reference = skill.rotation_reference_
-    if rotation is not None and reference is not None and turn_orientation:
+    if rotation is not None and reference is not None and rotate_orientation:
         if count != 3:
             raise SkillError(
                 f"the skill has an orientation, which a rotation of {count} channels "
-                "does not turn; name three channels, or set turn_orientation=False."
+                "does not rotate; name three channels, or set rotate_orientation=False."
             )
-        turned = channel_indices(list(ROTATION_CHANNELS), skill.channels_)
-        if set(turned) & set(index):
+        along = channel_indices(list(ROTATION_CHANNELS), skill.channels_)
+        if set(along) & set(index):
             raise SkillError(
-                "the rotation channels turn along with a position; name the channels "
+                "the rotation channels are rotated along with a position; name the channels "
                 "of the position."
             )
         out = _apply(
-            out, index=turned, rotation=matrix, scale=1.0, translation=np.zeros(3)
+            out, index=along, rotation=matrix, scale=1.0, translation=np.zeros(3)
         )
         quaternion = Rotation.from_matrix(matrix) * Rotation.from_quat(reference)
         changes["rotation_reference_"] = tuple(
@@ -140,14 +139,7 @@ def transform_space(
 def _rotation_matrix(rotation: Rotation | ArrayLike, count: int) -> NDArray[np.float64]:
     if isinstance(rotation, Rotation):
         rotation = rotation.as_matrix()
-    matrix = np.asarray(rotation, dtype=float)
-    if matrix.shape != (count, count):
-        raise SkillError(
-            f"rotation has shape {matrix.shape}; the {count} channels need "
-            f"({count}, {count})."
-        )
-    if not np.all(np.isfinite(matrix)):
-        raise SkillError("rotation holds NaN or infinite numbers.")
+    matrix = finite_array(rotation, "the rotation", (count, count))
     error = np.max(np.abs(matrix @ matrix.T - np.eye(count)))
     if not error < 1e-6 or np.linalg.det(matrix) < 0:
         raise SkillError(
@@ -172,7 +164,7 @@ def _apply(
     """Transform some channels; `rotation` is orthogonal."""
     old = skill.scales_[index]
     new = _rotated_scales(skill, index, rotation)
-    turn = (rotation * old) / new[:, None]  # orthogonal, of scaled values
+    scaled = (rotation * old) / new[:, None]  # orthogonal
     scales = skill.scales_.copy()
     scales[index] = scale * new
     offset = translation / scales[index] * np.sqrt(skill.n_steps)
@@ -180,10 +172,10 @@ def _apply(
     components = []
     for component in skill.components_:
         mean = component.mean.reshape(shape[:2]).copy()
-        mean[index] = turn @ mean[index]
+        mean[index] = scaled @ mean[index]
         mean[index, 0] += offset
         basis = component.basis.reshape(shape).copy()
-        basis[index] = np.einsum("ab,btr->atr", turn, basis[index])
+        basis[index] = np.einsum("ab,btr->atr", scaled, basis[index])
         components.append(
             replace(
                 component,

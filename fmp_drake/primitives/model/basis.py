@@ -7,13 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import as_floats, is_whole
+from fmp_drake.primitives.data.numeric import as_floats, check_number
 
 _SPLINE_DEGREE = 5
 
 
 class FourierBasis:
-    """Real discrete Fourier transform of windows of `n_steps` samples.
+    """The real discrete Fourier transform of windows of `n_steps` samples.
 
     The paper keeps the real and imaginary parts of all T coefficients of a
     channel (6): 2T numbers of which half are copies, because the signal is
@@ -32,24 +32,26 @@ class FourierBasis:
     ----------
     n_steps : int
         Length T of a window, at least 8.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> basis = FourierBasis(8)
+    >>> window = np.cos(2 * np.pi * np.arange(8) / 8)[:, None]
+    >>> basis.analyze(window).round(6)[1]  # Of the first harmonic's cosine.
+    np.float64(2.0)
+    >>> bool(np.allclose(basis.synthesize(basis.analyze(window)), window))
+    True
     """
 
     def __init__(self, n_steps: int) -> None:
-        if n_steps < 8:
-            raise SkillError(
-                f"n_steps is {n_steps}; a window needs at least 8 samples."
-            )
+        check_number(n_steps, "n_steps", least=8, whole=True)
         self.n_steps = int(n_steps)
 
     def analyze(self, samples: ArrayLike) -> NDArray[np.float64]:
         """Return the weights of windows: shape (..., T, D) to (..., D*T)."""
-        y = as_floats(samples, "the samples")
-        if y.ndim < 2 or y.shape[-2] != self.n_steps:
-            raise SkillError(
-                f"the samples have shape {y.shape}; expected (..., "
-                f"{self.n_steps}, channels)."
-            )
         n = self.n_steps
+        y = as_floats(samples, "the samples", ("...", n, "channels"))
         spectrum = np.fft.rfft(np.swapaxes(y, -1, -2), axis=-1)
         w = np.empty((*spectrum.shape[:-1], n))
         last = (n + 1) // 2
@@ -75,7 +77,7 @@ class FourierBasis:
         return np.swapaxes(np.fft.irfft(spectrum, n=n, axis=-1), -1, -2)
 
     def by_channel(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Return a view of weights (..., D*T) as (..., D, T)."""
+        """Return weights (..., D*T) with an axis for the channels, (..., D, T)."""
         w = as_floats(weights, "the weights")
         if w.ndim < 1 or w.shape[-1] == 0 or w.shape[-1] % self.n_steps:
             raise SkillError(
@@ -85,12 +87,8 @@ class FourierBasis:
         channels = w.shape[-1] // self.n_steps
         return w.reshape(*w.shape[:-1], channels, self.n_steps)
 
-    def harmonics(self) -> NDArray[np.int64]:
-        """Return the harmonic (cycles per window) of each weight, shape (T,)."""
-        return (np.arange(self.n_steps) + 1) // 2
-
     def series(self, steps: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
-        """Return rows of the Fourier series at any time, shape (..., T).
+        """Return the values of all basis functions at any time, shape (..., T).
 
         Parameters
         ----------
@@ -121,7 +119,7 @@ class FourierBasis:
         return out
 
     def rows(self, steps: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
-        """Return the rows Phi(t) that turn one channel's weights into its value.
+        """Return the rows Phi(t) that map one channel's weights to its value.
 
         At the samples these are the rows of (4). Between samples they follow
         the quintic spline through the samples of the series instead of the
@@ -144,10 +142,9 @@ class FourierBasis:
         tau = as_floats(steps, "the steps")
         if tau.size == 0:
             raise SkillError("there is no step; give at least one.")
-        if not (is_whole(derivative) and 0 <= derivative < _SPLINE_DEGREE):
-            raise SkillError(
-                f"derivative is {derivative!r}; it must be 0 to {_SPLINE_DEGREE - 1}."
-            )
+        check_number(
+            derivative, "derivative", least=0, most=_SPLINE_DEGREE - 1, whole=True
+        )
         if not np.all((tau >= -1e-9) & (tau <= self.n_steps - 1 + 1e-9)):
             raise SkillError(
                 f"steps run from {np.min(tau)} to {np.max(tau)}; a window of "
@@ -164,7 +161,7 @@ class FourierBasis:
         )
 
     def local_rows(self, step: float) -> NDArray[np.float64]:
-        """Return rows and their first two derivatives at one time, fast.
+        """Return `rows` and its first two derivatives at one time, fast.
 
         Parameters
         ----------
@@ -188,10 +185,10 @@ class FourierBasis:
         return powers @ self.local_polynomial(i)
 
     def local_polynomial(self, interval: int) -> NDArray[np.float64]:
-        """Return the Taylor coefficients of `rows` in an interval, shape (6, T).
+        """Return the polynomials that `rows` are between two samples, shape (6, T).
 
-        Of the powers 0 to 5 of the time in samples since sample `interval`, from 0 to
-        n_steps - 2.
+        The coefficients of the powers 0 to 5 of the time in samples since the sample
+        `interval`, which is a whole number from 0 to n_steps - 2.
         """
         cache = self._polynomials
         if interval not in cache:

@@ -66,26 +66,30 @@ def fit_gaussians(
     max_rounds, tolerance
         EM ends where the mean log-likelihood grows by less than the tolerance.
     progress : callable, optional
-        Told about every round.
+        Called with a sentence about every round.
     """
     kmeans = KMeans(n_clusters=n_components, n_init=1, random_state=seed)
     labels = kmeans.fit(samples, sample_weight=sample_weights).labels_
-    shares = np.zeros((len(samples), n_components))
-    shares[np.arange(len(samples)), labels] = 1.0
-    fit = _maximise(samples, sample_weights, shares, regularization, shrinkage)
+    responsibilities = np.zeros((len(samples), n_components))
+    responsibilities[np.arange(len(samples)), labels] = 1.0
+    fit = _maximise(
+        samples, sample_weights, responsibilities, regularization, shrinkage
+    )
     previous = -np.inf
     for number in range(max_rounds):
         log_joint = log_gaussians(samples, fit.means, fit.covariances)
         log_joint += np.log(fit.proportions)
         log_density = logsumexp(log_joint, axis=1)
-        shares = np.exp(log_joint - log_density[:, None])
+        responsibilities = np.exp(log_joint - log_density[:, None])
         now = float(np.average(log_density, weights=sample_weights))
         if progress is not None:
             progress(
                 f"{n_components} components, round {number + 1}: mean "
                 f"log-likelihood {now:.3f}"
             )
-        fit = _maximise(samples, sample_weights, shares, regularization, shrinkage, now)
+        fit = _maximise(
+            samples, sample_weights, responsibilities, regularization, shrinkage, now
+        )
         if abs(now - previous) < tolerance:
             break
         previous = now
@@ -117,12 +121,12 @@ def log_gaussians(
 def _maximise(
     samples: NDArray[np.float64],
     sample_weights: NDArray[np.float64],
-    shares: NDArray[np.float64],
+    responsibilities: NDArray[np.float64],
     regularization: float,
     shrinkage: float,
     log_likelihood: float = -np.inf,
 ) -> MixtureFit:
-    counted = shares * sample_weights[:, None]
+    counted = responsibilities * sample_weights[:, None]
     counts = counted.sum(axis=0) + _TINY
     means = counted.T @ samples / counts[:, None]
     scatters = np.empty((len(counts), samples.shape[1], samples.shape[1]))

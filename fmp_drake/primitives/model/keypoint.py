@@ -1,18 +1,23 @@
 """Keypoints: where, and how closely, a movement has to pass."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import all_finite, as_floats, is_number, is_whole
+from fmp_drake.primitives.data.numeric import (
+    as_floats,
+    check_number,
+    finite_array,
+    is_whole,
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Keypoint:
-    """Values that some channels have at one step of a window.
+    """Where a movement has to pass: values of some channels at one step of a window.
 
     Attributes
     ----------
@@ -26,6 +31,15 @@ class Keypoint:
         0 for values, 1 for velocities, 2 for accelerations.
     tolerance : float or array_like, shape (C,), optional
         lambda of (13), in squared units of the values; the skill's where None.
+
+    Examples
+    --------
+    Through x = 0.1 m at step 40, upwards at 0.2 m/s in the middle of the window:
+
+    >>> at = Keypoint(step=40, values=[0.1], channels=["x"])
+    >>> fast = Keypoint(step=60, values=[0.2], channels=["z"], derivative=1)
+
+    `FourierMovementPrimitive.map_keypoints` takes them.
     """
 
     step: float
@@ -34,21 +48,56 @@ class Keypoint:
     derivative: int = 0
     tolerance: ArrayLike | None = None
 
-    def checked_values(self, count: int) -> NDArray[np.float64]:
-        """Return the values of `count` channels as an array."""
-        values = np.atleast_1d(as_floats(self.values, "the values of a keypoint"))
-        if values.shape != (count,) or not all_finite(values):
-            raise SkillError(
-                f"the keypoint at step {self.step:g} has the values {values}; expected "
-                f"{count} finite numbers."
-            )
-        return values
 
-    def checked_step(self) -> float:
-        """Return the step, one number."""
-        if not is_number(self.step):
-            raise SkillError(f"a keypoint is at step {self.step!r}; give one number.")
-        return float(self.step)
+def stack_keypoints(
+    keypoints: Sequence[Keypoint],
+    *,
+    names: Sequence[str],
+    tolerance: NDArray[np.float64],
+    rows_of: Callable[..., NDArray[np.float64]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the one observation that several keypoints are together.
+
+    Parameters
+    ----------
+    keypoints : sequence of Keypoint
+    names : sequence of str
+        Of the D channels.
+    tolerance : ndarray, shape (D,)
+        lambda of (13) for keypoints that have none.
+    rows_of : callable
+        Returns the rows Phi^D (20) of a step, some channels and a derivative.
+
+    Returns
+    -------
+    rows : ndarray, shape (m, D*T)
+    values, tolerances : ndarray, shape (m,)
+
+    Raises
+    ------
+    SkillError
+        Where a keypoint is not one of this skill, or there is none.
+    """
+    if not isinstance(keypoints, Sequence) or not all(
+        isinstance(point, Keypoint) for point in keypoints
+    ):
+        raise SkillError(f"{keypoints!r} is no list of Keypoint; give one.")
+    if not keypoints:
+        raise SkillError("there is no keypoint; give at least one.")
+    rows, values, tolerances = [], [], []
+    for point in keypoints:
+        check_number(point.step, "the step of a keypoint")
+        name = f"of the keypoint at step {point.step:g}"
+        index = channel_indices(point.channels, names)
+        shape = (len(index),)
+        rows.append(rows_of(point.step, channels=index, derivative=point.derivative))
+        values.append(finite_array(point.values, f"the values {name}", shape))
+        given = tolerance[index] if point.tolerance is None else point.tolerance
+        squares = as_floats(given, f"the tolerance {name}")
+        if squares.ndim == 0:
+            squares = np.full(shape, squares)
+        tolerances.append(as_floats(squares, f"the tolerance {name}", shape))
+    return np.concatenate(rows), np.concatenate(values), np.concatenate(tolerances)
 
 
 def channel_indices(

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from fmp_drake.errors import SkillError
 
@@ -21,10 +20,19 @@ class LowRankGaussian:
     basis : ndarray, shape (n, r)
         U, with orthonormal columns.
     variances : ndarray, shape (r,)
-        s, each greater than -noise (a posterior varies less than the isotropic rest
-        where it has been observed).
+        s, none negative: what each column varies more than the noise.
     noise : float
-        Variance of the isotropic rest, positive.
+        Variance in every direction, positive; the only one in the orthogonal complement
+        of U.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> gaussian = LowRankGaussian(
+    ...     mean=np.zeros(3), basis=np.eye(3)[:, :1], variances=np.array([4.0]), noise=1.0
+    ... )
+    >>> gaussian.multiply(np.eye(3)).diagonal()
+    array([5., 1., 1.])
     """
 
     mean: NDArray[np.float64]
@@ -41,11 +49,11 @@ class LowRankGaussian:
                 f"mean has shape {self.mean.shape}, basis {self.basis.shape} and "
                 f"variances {self.variances.shape}; expected (n,), (n, r), (r,)."
             )
-        if not self.noise > 0 or not np.all(self.variances > -self.noise):
+        least = np.min(self.variances, initial=0)
+        if not (self.noise > 0 and least >= 0):
             raise SkillError(
-                f"noise is {self.noise} and the least variance "
-                f"{np.min(self.variances, initial=0)}; noise must be positive "
-                "and every variance greater than -noise."
+                f"noise is {self.noise} and the least variance {least}; noise must be "
+                "positive and no variance negative."
             )
         for array in (self.mean, self.basis, self.variances):
             array.setflags(write=False)
@@ -65,12 +73,6 @@ class LowRankGaussian:
         x = np.asarray(vectors, dtype=float)
         return ((x @ self.basis) * self.variances) @ self.basis.T + self.noise * x
 
-    def solve(self, vectors: ArrayLike) -> NDArray[np.float64]:
-        """Return the precision (inverse covariance) times vectors (..., n)."""
-        x = np.asarray(vectors, dtype=float)
-        shrink = self.variances / (self.variances + self.noise)
-        return (x - ((x @ self.basis) * shrink) @ self.basis.T) / self.noise
-
     def precision_diagonal(self) -> NDArray[np.float64]:
         """Return the diagonal of the precision matrix, shape (n,)."""
         shrink = self.variances / (self.variances + self.noise)
@@ -80,9 +82,9 @@ class LowRankGaussian:
         """Return (x - mean)' precision (x - mean) of vectors (..., n)."""
         delta = np.asarray(vectors, dtype=float) - self.mean
         inside = delta @ self.basis
-        rest = np.sum(delta**2, axis=-1) - np.sum(inside**2, axis=-1)
+        outside = np.sum(delta**2, axis=-1) - np.sum(inside**2, axis=-1)
         weighted = np.sum(inside**2 / (self.variances + self.noise), axis=-1)
-        return weighted + np.maximum(rest, 0) / self.noise
+        return weighted + np.maximum(outside, 0) / self.noise
 
     def log_density(self, vectors: ArrayLike) -> NDArray[np.float64]:
         """Return the natural logarithm of the density at vectors (..., n)."""
@@ -101,13 +103,12 @@ class LowRankGaussian:
         rng : numpy.random.Generator
         size : int
         with_noise : bool
-            False draws from the low-rank part alone. The isotropic rest of a
+            False draws from the low-rank part alone. The isotropic noise of a
             skill's weights is white noise in time: part of the density, but
             not something that a robot should follow.
         """
         if not with_noise:
-            spread = np.sqrt(np.maximum(self.variances, 0))
-            scaled = rng.standard_normal((size, self.rank)) * spread
+            scaled = rng.standard_normal((size, self.rank)) * np.sqrt(self.variances)
             return self.mean + scaled @ self.basis.T
         white = np.sqrt(self.noise) * rng.standard_normal((size, self.dim))
         stretch = np.sqrt(1 + self.variances / self.noise) - 1
@@ -116,44 +117,8 @@ class LowRankGaussian:
     def marginal(
         self, rows: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return mean (m,) and covariance (m, m) of rows (m, n) times x."""
+        """Return mean (m,) and covariance (m, m) of A x, for A of shape (m, n)."""
         a = np.asarray(rows, dtype=float)
         factor = a @ self.basis
         cov = (factor * self.variances) @ factor.T + self.noise * (a @ a.T)
         return a @ self.mean, cov
-
-    def posterior(
-        self, rows: ArrayLike, values: ArrayLike, noise: ArrayLike
-    ) -> "LowRankGaussian":
-        """Return the Gaussian given rows @ x = values + white noise, exactly.
-
-        Parameters
-        ----------
-        rows : array_like, shape (m, n)
-        values : array_like, shape (m,)
-        noise : array_like, shape () or (m,)
-            Variance of each observation's noise.
-
-        Returns
-        -------
-        LowRankGaussian
-            Of rank up to r + m and the same isotropic rest.
-        """
-        a = np.asarray(rows, dtype=float)
-        mean, cov = self.marginal(a)
-        cov[np.diag_indices_from(cov)] += np.asarray(noise, dtype=float)
-        factor = cho_factor(cov)
-        cross = self.multiply(a)  # (m, n): rows times the covariance
-        delta = np.asarray(values, dtype=float) - mean
-        span, _ = np.linalg.qr(np.concatenate([self.basis, a.T], axis=1))
-        inside = span.T @ self.basis
-        seen = span.T @ cross.T
-        core = (inside * self.variances) @ inside.T
-        core -= seen @ cho_solve(factor, seen.T)
-        variances, rotation = np.linalg.eigh((core + core.T) / 2)
-        return LowRankGaussian(
-            mean=self.mean + cross.T @ cho_solve(factor, delta),
-            basis=span @ rotation,
-            variances=np.maximum(variances, (1e-9 - 1) * self.noise),
-            noise=self.noise,
-        )

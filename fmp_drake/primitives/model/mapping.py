@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import GREATEST, all_finite, as_floats
+from fmp_drake.primitives.data.numeric import GREATEST, as_floats, finite_array
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 Selection = Literal["cost", "evidence"]
@@ -27,6 +27,22 @@ class Mapping:
     costs : ndarray, shape (M,)
         What was minimised over the components: (15) divided by lambda, or the
         negative log evidence up to a constant.
+
+    Examples
+    --------
+    Of two components, the one whose start was observed is chosen:
+
+    >>> import numpy as np
+    >>> components = tuple(
+    ...     LowRankGaussian(
+    ...         mean=np.full(2, m), basis=np.eye(2), variances=np.ones(2), noise=1e-6
+    ...     )
+    ...     for m in (0.0, 5.0)
+    ... )
+    >>> plan = MappingPlan(np.full(2, 0.5), components, rows=[[1.0, 0.0]])
+    >>> mapping = plan.map([4.0])
+    >>> mapping.component, mapping.weights.round(3)
+    (1, array([4., 5.]))
     """
 
     weights: NDArray[np.float64]
@@ -35,9 +51,10 @@ class Mapping:
 
 
 class MappingPlan:
-    """Everything of Algorithm 1 that does not depend on the observed values.
+    """Algorithm 1, prepared for observations of the same places of a window.
 
-    By the matrix inversion lemma the candidate (14) of component j is::
+    Maps observed values to the Fourier weights of a mixture's most fitting component.
+    Everything that does not depend on the values is computed once: by the matrix inversion lemma the candidate (14) of component j is::
 
         w_j = mu_j + Sigma_j Phi' S_j^-1 (y - Phi mu_j),
         S_j = Phi Sigma_j Phi' + lambda I,
@@ -58,6 +75,16 @@ class MappingPlan:
     selection : {"cost", "evidence"}
         How to choose the component: by (15), or by the evidence of the
         observation, which adds the log determinant of S_j.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> component = LowRankGaussian(
+    ...     mean=np.zeros(4), basis=np.eye(4)[:, :2], variances=np.ones(2), noise=1e-6
+    ... )
+    >>> plan = MappingPlan(np.ones(1), (component,), rows=np.eye(4)[:1])
+    >>> plan.map([2.0]).weights.round(3)
+    array([2., 0., 0., 0.])
     """
 
     def __init__(
@@ -69,17 +96,12 @@ class MappingPlan:
         tolerance: ArrayLike = 1e-8,
         selection: Selection = "cost",
     ) -> None:
-        phi = np.atleast_2d(np.asarray(rows, dtype=float))
+        phi = np.atleast_2d(as_floats(rows, "the rows"))
+        phi = as_floats(phi, "the rows", ("m", components[0].dim))
         size = len(phi)
-        if phi.shape[1] != components[0].dim:
-            raise SkillError(
-                f"the rows have shape {phi.shape}; expected (m, {components[0].dim})."
-            )
         lam = as_floats(tolerance, "the tolerance")
-        if lam.shape not in ((), (size,)):
-            raise SkillError(
-                f"the tolerance has shape {lam.shape}; expected one number or ({size},)."
-            )
+        if lam.ndim:
+            lam = as_floats(lam, "the tolerance", (size,))
         lam = np.broadcast_to(lam, (size,))
         if not np.all((lam > 0) & (lam < GREATEST)):
             raise SkillError(
@@ -123,7 +145,7 @@ class MappingPlan:
 
     def map(self, values: ArrayLike) -> Mapping:
         """Map observed values, shape (m,), to weights."""
-        y = self._checked(values)
+        y = finite_array(values, "the observation", (self.size,))
         z = (self._whitening @ y).reshape(self._whitened.shape) - self._whitened
         costs = np.einsum("ja,ja->j", z, z) + self._offsets
         j = int(np.argmin(costs))
@@ -144,13 +166,7 @@ class MappingPlan:
         components : ndarray, shape (S,)
         costs : ndarray, shape (S, M)
         """
-        y = as_floats(values, "the observations")
-        if y.ndim != 2 or y.shape[1] != self.size:
-            raise SkillError(
-                f"the observations have shape {y.shape}; expected (S, {self.size})."
-            )
-        if not all_finite(y):
-            raise SkillError("the observations hold NaN or infinite values.")
+        y = finite_array(values, "the observations", ("S", self.size))
         z = (y @ self._whitening.T).reshape(-1, *self._whitened.shape) - self._whitened
         costs = np.einsum("sja,sja->sj", z, z) + self._offsets
         components = np.argmin(costs, axis=1)
@@ -161,19 +177,10 @@ class MappingPlan:
             weights[of_j] = self._means[j] + delta @ self._gains[j].T
         return weights, components, costs
 
-    def _checked(self, values: ArrayLike) -> NDArray[np.float64]:
-        y = as_floats(values, "the observation")
-        if y.shape != (self.size,):
-            raise SkillError(
-                f"the observation has shape {y.shape}; expected ({self.size},)."
-            )
-        if not all_finite(y):
-            raise SkillError("the observation holds NaN or infinite values.")
-        return y
-
     def candidates(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return the candidate weights (14) of every component, shape (M, D*T)."""
-        delta = self._checked(values) - self._expected
+        y = finite_array(values, "the observation", (self.size,))
+        delta = y - self._expected
         out: NDArray[np.float64] = self._means + np.einsum(
             "jna,ja->jn", self._gains, delta
         )

@@ -46,7 +46,7 @@ def fit_mixture(
         M; at most half the number of windows are used. "bic" takes the number with the
         least Bayesian information criterion.
     explained_variance : float
-        Share of the variance that the principal directions keep, in (0, 1].
+        Fraction of the variance that the principal directions keep, in (0, 1].
     regularization : float
         Variance added in every direction, in squared units of the weights.
     shrinkage : float
@@ -56,7 +56,7 @@ def fit_mixture(
     sample_weights : ndarray, shape (N,), optional
         How often each window counts, on average 1; all 1 where None.
     progress : callable, optional
-        Told in words how far the fit is.
+        Called with a sentence about each step of the fit.
 
     Returns
     -------

@@ -9,18 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, DensityMixin
 from sklearn.utils.validation import check_is_fitted
 
-from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.demonstration import Demonstration
-from fmp_drake.primitives.data.numeric import (
-    all_finite,
-    as_floats,
-    is_number,
-    is_whole,
-)
+from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
+from fmp_drake.primitives.data.numeric import as_floats, check_number, finite_array
 from fmp_drake.primitives.data.scaling import ChannelScales, channel_scales
 from fmp_drake.primitives.data.windows import Windows, as_windows, window_weights
 from fmp_drake.primitives.model.basis import FourierBasis
-from fmp_drake.primitives.model.keypoint import Keypoint, channel_indices
+from fmp_drake.primitives.model.keypoint import (
+    Keypoint,
+    channel_indices,
+    stack_keypoints,
+)
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.mapping import Mapping, MappingPlan, Selection
 from fmp_drake.primitives.model.mixture import Progress, fit_mixture, log_densities
@@ -34,7 +32,9 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     """A rhythmic skill, learned from demonstrations that need no preparation.
 
     Demonstrations are cut into overlapping windows; the Fourier weights of the windows
-    follow a Gaussian mixture (section IV of the paper).
+    follow a Gaussian mixture (section IV of the paper). What has been seen of a movement
+    is mapped to weights of that mixture (Algorithm 1), which give its continuation; a
+    `Player` plays the skill (Algorithm 2).
 
     The defaults are those that generalise: learned from 2 minutes of simulated hands
     that wipe, polish and draw an 8, they give the next minute a mean log-likelihood of
@@ -57,8 +57,8 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     overlap : int
         K, samples that two consecutive windows share when a skill is played.
     explained_variance : float
-        Share of the windows' variance that the components model in full; the
-        rest is isotropic.
+        Fraction of the windows' variance that the components model in full; what is
+        left is isotropic.
     regularization : float
         Variance added to every weight (m^2 for a position); 1e-8 is 0.1 mm per sample.
     shrinkage : float
@@ -95,6 +95,18 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     rotation_reference_ : tuple of float or None
         Quaternion (x, y, z, w) of the rotation at which the channels `rx`, `ry`, `rz`
         are 0; None where the skill has no orientation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(0, 20, 0.05)
+    >>> circles = 0.1 * np.column_stack([np.cos(2 * time), np.sin(2 * time)])
+    >>> demonstration = Demonstration(time=time, values=circles)
+    >>> skill = FourierMovementPrimitive(n_components=2).fit(demonstration)
+    >>> mapping = skill.map_partial(circles[:10])  # half a second has been seen
+    >>> future = skill.synthesize(mapping.weights)
+    >>> bool(np.allclose(future, circles[:120], atol=1e-3))
+    True
     """
 
     def __init__(
@@ -145,7 +157,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
             How much each demonstration (or window) counts, relative to the others; one
             of 0 is left out.
         progress : callable, optional
-            Told in words how far the fit is.
+            Called with a sentence about each step of the fit.
 
         Raises
         ------
@@ -165,8 +177,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         self.n_windows_ = len(values)
         self.n_channels_ = d
         self.extent_ = np.stack([values.min(axis=(0, 1)), values.max(axis=(0, 1))])
-        default = "xyz"[:d] if d <= 3 else [f"c{i}" for i in range(d)]
-        self.channels_ = example.channels if example else tuple(default)
+        self.channels_ = example.channels if example else default_channels(d)
         self.units_ = example.units if example else ("m",) * d
         self.frame_ = example.frame if example else ""
         self.rotation_reference_ = example.rotation_reference if example else None
@@ -186,24 +197,19 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     def analyze(self, windows: ArrayLike) -> NDArray[np.float64]:
         """Return the weights of windows: shape (..., T, D) to (..., D*T)."""
         check_is_fitted(self, "scales_")
-        values = as_floats(windows, "the windows")
-        if values.ndim < 2 or values.shape[-1] != self.n_channels_:
-            raise SkillError(
-                f"the windows have shape {values.shape}; expected (..., {self.n_steps}, "
-                f"{self.n_channels_})."
-            )
-        return self.basis.analyze(values / self.scales_)
+        shape = ("...", self.n_steps, self.n_channels_)
+        return self.basis.analyze(
+            as_floats(windows, "the windows", shape) / self.scales_
+        )
 
     def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
         """Return the windows of weights: shape (..., D*T) to (..., T, D)."""
         check_is_fitted(self, "scales_")
-        values = as_floats(weights, "the weights")
-        if values.ndim < 1 or values.shape[-1] != self.n_channels_ * self.n_steps:
-            raise SkillError(
-                f"the weights have shape {values.shape}; expected (..., "
-                f"{self.n_channels_ * self.n_steps})."
-            )
-        return self.basis.synthesize(values) * self.scales_
+        shape = ("...", self.n_channels_ * self.n_steps)
+        return (
+            self.basis.synthesize(as_floats(weights, "the weights", shape))
+            * self.scales_
+        )
 
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Return the log density of windows (N, T, D), shape (N,).
@@ -212,17 +218,9 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         over trajectories, in units^-(T*D).
         """
         self.check_fitted()
-        windows = self._windows(X, at_least=1).values
-        if windows.shape[2] != self.n_channels_:
-            raise SkillError(
-                f"the windows have {windows.shape[2]} channels; the skill has "
-                f"{self.n_channels_}."
-            )
+        weights = self.analyze(self._windows(X, at_least=1).values)
         stretch = self.n_steps * float(np.sum(np.log(self.scales_)))
-        densities = log_densities(
-            self.analyze(windows), self.proportions_, self.components_
-        )
-        return densities - stretch
+        return log_densities(weights, self.proportions_, self.components_) - stretch
 
     def score(self, X: ArrayLike, y: object = None) -> float:  # noqa: ARG002
         """Return the mean log density per sample (time step) of windows."""
@@ -234,19 +232,14 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         """Draw trajectories, shape (n, T, D)."""
         self.check_fitted()
         for name, value in (("n", n), ("seed", seed)):
-            if not (is_whole(value) and 0 <= value < 2**31):
-                raise SkillError(
-                    f"{name} is {value!r}; it must be a whole number from 0 to 2^31 - 1."
-                )
+            check_number(value, name, least=0, most=2**31 - 1, whole=True)
         rng = np.random.default_rng(seed)
         counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())
         weights = np.concatenate(
             [
                 component.sample(rng, size, with_noise=with_noise)
                 for component, size in zip(self.components_, counts, strict=True)
-                if size
             ]
-            or [np.empty((0, self.components_[0].dim))]
         )
         return self.synthesize(rng.permutation(weights))
 
@@ -263,9 +256,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         step, then of the second. In the channels' units, derivatives per second.
         """
         self.check_fitted()
-        times = np.atleast_1d(as_floats(steps, "the steps"))
-        if times.ndim != 1:
-            raise SkillError(f"the steps have shape {times.shape}; expected (K,).")
+        times = as_floats(steps, "the steps", ("K",))
         rows = self.basis.rows(times, derivative)
         rows = rows * self.rate**derivative
         index = channel_indices(channels, self.channels_)
@@ -303,8 +294,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         rows = self.observation_rows(steps, channels=channels, derivative=derivative)
         if tolerance is None:
             index = channel_indices(channels, self.channels_)
-            each = self.tolerance * self.scales_[index] ** 2
-            tolerance = np.tile(each, np.size(steps))
+            tolerance = np.tile(self._tolerances()[index], np.size(steps))
         return self._plan(rows, tolerance)
 
     def _plan(self, rows: NDArray[np.float64], tolerance: ArrayLike) -> MappingPlan:
@@ -319,34 +309,17 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     def map_keypoints(self, keypoints: Sequence[Keypoint]) -> Mapping:
         """Map keypoints, of any steps, channels and derivatives, to weights."""
         self.check_fitted()
-        if not isinstance(keypoints, Sequence) or not all(
-            isinstance(point, Keypoint) for point in keypoints
-        ):
-            raise SkillError(f"{keypoints!r} is no list of Keypoint; give one.")
-        if not keypoints:
-            raise SkillError("there is no keypoint; give at least one.")
-        rows, values, tolerances = [], [], []
-        for point in keypoints:
-            index = channel_indices(point.channels, self.channels_)
-            rows.append(
-                self.observation_rows(
-                    point.checked_step(), channels=index, derivative=point.derivative
-                )
-            )
-            values.append(point.checked_values(len(index)))
-            tolerance = point.tolerance
-            if tolerance is None:
-                tolerance = self.tolerance * self.scales_[index] ** 2
-            tolerance = as_floats(tolerance, "the tolerance of a keypoint")
-            try:
-                tolerances.append(np.broadcast_to(tolerance, len(index)))
-            except ValueError:
-                raise SkillError(
-                    f"the keypoint at step {point.step:g} has the tolerance "
-                    f"{tolerance}; expected one number or {len(index)}."
-                ) from None
-        plan = self._plan(np.concatenate(rows), np.concatenate(tolerances))
-        return plan.map(np.concatenate(values))
+        rows, values, tolerances = stack_keypoints(
+            keypoints,
+            names=self.channels_,
+            tolerance=self._tolerances(),
+            rows_of=self.observation_rows,
+        )
+        return self._plan(rows, tolerances).map(values)
+
+    def _tolerances(self) -> NDArray[np.float64]:
+        """Return lambda of each channel, in its squared unit, shape (D,)."""
+        return self.tolerance * self.scales_**2
 
     def map_partial(self, values: ArrayLike, *, first_step: int = 0) -> Mapping:
         """Map a partial trajectory (K, D) to weights (Algorithm 1).
@@ -359,17 +332,14 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
             The step of the first.
         """
         self.check_fitted()
-        y = as_floats(values, "the partial trajectory")
-        if not is_whole(first_step):
-            raise SkillError(f"first_step is {first_step!r}; give a whole number.")
-        last = self.n_steps - first_step
-        if y.ndim != 2 or y.shape[1] != self.n_channels_ or not 1 <= len(y) <= last:
-            raise SkillError(
-                f"the partial trajectory has shape {y.shape}; expected (1 to {last}, "
-                f"{self.n_channels_})."
-            )
-        if not all_finite(y):
-            raise SkillError("the partial trajectory holds NaN or infinite values.")
+        check_number(
+            first_step, "first_step", least=0, most=self.n_steps - 1, whole=True
+        )
+        shape = ("K", self.n_channels_)
+        y = finite_array(values, "the partial trajectory", shape)
+        check_number(
+            len(y), "the length of the trajectory", most=self.n_steps - first_step
+        )
         plan = self.mapping_plan(first_step + np.arange(len(y)))
         return plan.map(y.ravel())
 
@@ -377,15 +347,8 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         """Return the covariance (18) of a component's value, shape (D, D)."""
         self.check_fitted()
         last = len(self.components_) - 1
-        if not (is_whole(component) and 0 <= component <= last):
-            raise SkillError(
-                f"there is no component {component!r}; choose 0 to {last}."
-            )
-        if not (is_number(step) and 0 <= step <= self.n_steps - 1):
-            raise SkillError(
-                f"the covariance at step {step!r} is not defined; a window runs from 0 "
-                f"to {self.n_steps - 1}."
-            )
+        check_number(component, "component", least=0, most=last, whole=True)
+        check_number(step, "step", least=0, most=self.n_steps - 1)
         gaussian: LowRankGaussian = self.components_[component]
         row = self.basis.local_rows(step)[0]
         factor = gaussian.basis.reshape(self.n_channels_, self.n_steps, gaussian.rank)

@@ -1,12 +1,10 @@
 """The ranges of a skill's parameters."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import GREATEST, is_number, is_whole
+from fmp_drake.primitives.data.numeric import GREATEST, check_number, is_whole
 
 
 def check_parameters(values: Mapping[str, Any]) -> None:
@@ -14,38 +12,30 @@ def check_parameters(values: Mapping[str, Any]) -> None:
 
     `scales` is checked where it is used, against the channels.
     """
-    half = values["n_steps"] // 2 if is_whole(values["n_steps"]) else 0
-
-    def whole(least: float, most: float = np.inf) -> Callable[[Any], bool]:
-        return lambda value: is_whole(value) and least <= value <= most
-
-    def real(least: float, most: float = np.inf) -> Callable[[Any], bool]:
-        return lambda value: is_number(value) and least <= value <= most
-
-    def one_of(*names: str) -> Callable[[Any], bool]:
-        return lambda value: isinstance(value, str) and value in names
-
-    tiny = 1 / GREATEST
-    for name, allowed, fine in (
-        ("n_steps", "a whole number, at least 8", whole(8)),
-        (
-            "stride",
-            "a whole number, at least 1, or None",
-            lambda value: value is None or whole(1)(value),
-        ),
-        ("rate", "positive, from 1e-6 to 1e6 Hz", real(1e-6, 1e6)),
-        (
-            "n_components",
-            "a whole number, at least 1, or 'bic'",
-            lambda value: whole(1)(value) or one_of("bic")(value),
-        ),
-        ("overlap", f"from 2 to n_steps / 2 = {half}", whole(2, half)),
-        ("explained_variance", "in (0, 1]", real(tiny, 1)),
-        ("regularization", "positive", real(tiny)),
-        ("shrinkage", "0 or more", real(0)),
-        ("tolerance", "positive", real(tiny)),
-        ("selection", "'cost' or 'evidence'", one_of("cost", "evidence")),
-        ("random_state", "a whole number from 0 to 2^32 - 1", whole(0, 2**32 - 1)),
-    ):
-        if not fine(values[name]):
-            raise SkillError(f"{name} is {values[name]!r}; it must be {allowed}.")
+    least_positive = 1 / GREATEST
+    check_number(values["n_steps"], "n_steps", least=8, whole=True)
+    half = values["n_steps"] // 2
+    check_number(values["overlap"], "overlap", least=2, most=half, whole=True)
+    if values["stride"] is not None:
+        check_number(values["stride"], "stride", least=1, whole=True)
+    components = values["n_components"]
+    is_bic = isinstance(components, str) and components == "bic"
+    if not (is_bic or (is_whole(components) and components >= 1)):
+        raise SkillError(
+            f"n_components is {components!r}; it must be a whole number, at least 1, or "
+            "'bic'."
+        )
+    seed = values["random_state"]
+    check_number(seed, "random_state", least=0, most=2**32 - 1, whole=True)
+    check_number(values["rate"], "rate", least=1e-6, most=1e6, unit="Hz")
+    check_number(
+        values["explained_variance"], "explained_variance", above=0.0, most=1.0
+    )
+    check_number(values["regularization"], "regularization", least=least_positive)
+    check_number(values["shrinkage"], "shrinkage", least=0.0)
+    check_number(values["tolerance"], "tolerance", least=least_positive)
+    selection = values["selection"]
+    if not isinstance(selection, str) or selection not in ("cost", "evidence"):
+        raise SkillError(
+            f"selection is {selection!r}; it must be 'cost' or 'evidence'."
+        )

@@ -77,29 +77,26 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
         fitted = _fitted(metadata, arrays, version=version)
         skill = build_skill(metadata["parameters"], fitted)
         skill.check_parameters()
-        d, m = skill.n_channels_, len(skill.components_)
-        if (
-            skill.extent_.shape != (2, d)
-            or skill.scales_.shape != (d,)
-            or not np.all(skill.scales_ > 1 / GREATEST)
-            or skill.proportions_.shape != (m,)
-            or any(c.dim != d * skill.n_steps for c in skill.components_)
-        ):
-            raise SkillFileError("its arrays do not fit together")
-        _check_numbers(skill)
+        _check_arrays(skill)
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
         raise SkillFileError(f"{path} is an incomplete skill file: {error}.") from None
     return skill
 
 
-def _check_numbers(skill: FourierMovementPrimitive) -> None:
-    """Raise SkillFileError where the numbers of a skill cannot come from a fit."""
+def _check_arrays(skill: FourierMovementPrimitive) -> None:
+    """Raise SkillFileError where the arrays of a skill cannot come from a fit."""
+    d, proportions = skill.n_channels_, skill.proportions_
+    if (
+        skill.extent_.shape != (2, d)
+        or skill.scales_.shape != (d,)
+        or not np.all(skill.scales_ > 1 / GREATEST)
+        or proportions.shape != (len(skill.components_),)
+        or any(c.dim != d * skill.n_steps for c in skill.components_)
+    ):
+        raise SkillFileError("its arrays do not fit together")
     for names in (skill.channels_, skill.units_):
-        if len(names) != skill.n_channels_ or not all(
-            isinstance(n, str) for n in names
-        ):
+        if len(names) != d or not all(isinstance(n, str) for n in names):
             raise SkillFileError("it does not have a name and a unit for each channel")
-    proportions = skill.proportions_
     if not (np.all(proportions > 0) and abs(proportions.sum() - 1) < 1e-6):
         raise SkillFileError("its proportions are not positive or do not add up to 1")
     for c in skill.components_:

@@ -1,7 +1,9 @@
 """Where a playback stands."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,3 +89,31 @@ class PlaybackState:
         root = self.tempo**2 + 2 * self.tempo_rate * ahead
         speed = self.tempo + math.sqrt(root) if root >= 0 else 0.0
         return 2 * ahead / speed if speed > 0 else math.inf
+
+    def to_arrays(self) -> list[NDArray[np.float64]]:
+        """Return the weights, target, history and offset, flat, and then all numbers."""
+        arrays = [getattr(self, name).ravel() for name in _ARRAYS]
+        numbers = [float(getattr(self, name)) for name in _numbers()]
+        return [*arrays, np.array(numbers)]
+
+    @classmethod
+    def from_arrays(
+        cls, arrays: Sequence[NDArray[np.float64]], *, channels: int
+    ) -> Self:
+        """Return the state that `to_arrays` has taken apart; the arrays are copied."""
+        read: dict[str, Any] = {
+            name: array.copy() for name, array in zip(_ARRAYS, arrays, strict=False)
+        }
+        for name in ("history", "offset"):
+            read[name] = read[name].reshape(-1, channels)
+        read |= zip(_numbers(), arrays[-1].tolist(), strict=True)
+        for name in ("component", "step", "seed", "remaps"):
+            read[name] = int(read[name])
+        return cls(**read)
+
+
+_ARRAYS = ("weights", "target", "history", "offset")
+
+
+def _numbers() -> list[str]:
+    return [each.name for each in fields(PlaybackState) if each.name not in _ARRAYS]

@@ -5,22 +5,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import pascal
-from scipy.stats import chi2
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import (
-    all_finite,
-    as_floats,
-    is_number,
-    is_whole,
-)
+from fmp_drake.primitives.data.numeric import all_finite, as_floats, is_number, is_whole
 from fmp_drake.primitives.model.mapping import MappingPlan
+from fmp_drake.primitives.playback.confidence import confined
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.segment import (
     Segment,
     decayed_offset,
-    mode_coefficients,
+    make_segment,
     segment_motion,
 )
 from fmp_drake.primitives.playback.start_tolerance import start_variances
@@ -133,16 +127,7 @@ class Player:
             rule.relaxation(c, n_steps=skill.n_steps, tick=self.tick_seconds)
             for c in skill.components_
         ]
-        d = skill.n_channels_
-        # Of the modes in a segment; its last one, the target, stays as it is.
-        self._rates = [
-            np.append(r.rates_by_channel(d), np.zeros((d, 1)), axis=1)
-            for r in self._relaxations
-        ]
-        self._radii = [
-            float(np.sqrt(chi2.ppf(confidence, max(c.rank, 1))))
-            for c in skill.components_
-        ]
+        self._confidence = confidence
         tolerance = start_variances(skill, start_tolerance)
         self._start_plan = skill.mapping_plan([skill.overlap - 1], tolerance=tolerance)
         first = np.arange(skill.overlap)
@@ -171,7 +156,7 @@ class Player:
         tempo : float
             Seconds of the skill per second.
         seed : int, optional
-            Of the samples, instead of the player's.
+            Instead of the player's.
         """
         y = as_floats(position, "the start")
         if y.shape != (self.skill.n_channels_,) or not all_finite(y):
@@ -281,12 +266,7 @@ class Player:
     ) -> PlaybackState:
         """Return the state with mapped weights, and the motion (2, D) as it was."""
         mapping = plan.map(values)
-        j = mapping.component
-        gaussian = self.skill.components_[j]
-        inside = (mapping.weights - gaussian.mean) @ gaussian.basis
-        spread = np.sqrt(gaussian.variances + gaussian.noise)
-        deviation = float(np.linalg.norm(inside / spread))
-        inside *= min(1.0, self._radii[j] / max(deviation, 1e-12))
+        gaussian = self.skill.components_[mapping.component]
         target = gaussian.mean
         if self._own_target is not None:
             target = self._own_target
@@ -295,9 +275,9 @@ class Player:
             target = gaussian.sample(rng, with_noise=False)[0]
         state = replace(
             state,
-            weights=gaussian.mean + gaussian.basis @ inside,
+            weights=confined(gaussian, mapping.weights, self._confidence),
             target=target,
-            component=j,
+            component=mapping.component,
             offset=np.zeros_like(state.offset),
         )
         return replace(state, offset=motion - self.motion(state)[:2])
@@ -306,35 +286,7 @@ class Player:
 
     def segment(self, state: PlaybackState) -> Segment:
         """Prepare the motion from a state to its next tick, for `segment_motion`."""
-        skill = self.skill
-        d, n = skill.n_channels_, skill.n_steps
-        interval = min(state.step, n - 2)
-        rows = skill.basis.local_polynomial(interval)
-        if interval != state.step:
-            # At the last sample: the last interval's, seen from one sample further on.
-            rows = pascal(len(rows), kind="upper") @ rows
-        rows = rows * (skill.rate ** np.arange(len(rows)))[:, None]
-        relaxation = self._relaxations[state.component]
-        inside, residual = relaxation.split(state.weights - state.target)
-        if relaxation.modes is None:
-            decaying = rows.T * inside.reshape(d, n, 1)
-            lasting = (state.target.reshape(d, n) @ rows.T)[:, None]
-            coefficients = np.concatenate([decaying, lasting], axis=1)
-            coefficients *= skill.scales_[:, None, None]
-        else:
-            coefficients = mode_coefficients(
-                rows, relaxation.modes, inside, residual, state.target, skill.scales_
-            )
-        return Segment(
-            coefficients=coefficients,
-            rates=self._rates[state.component],
-            linear=relaxation.euler_tick > 0,
-            time_since_tick=state.time_since_tick,
-            tempo=state.tempo,
-            tempo_rate=state.tempo_rate,
-            offset=state.offset,
-            blend_time=state.blend_time,
-        )
+        return make_segment(self.skill, self._relaxations[state.component], state)
 
     def motion(self, state: PlaybackState) -> NDArray[np.float64]:
         """Return the desired motion at a state.
@@ -342,11 +294,10 @@ class Player:
         Returns
         -------
         ndarray, shape (3, D)
-            Value, velocity (per second) and acceleration (per second^2) of every
+            Value, velocity (per second) and acceleration (per second^2) of each
             channel. The relaxation of the weights is part of the derivatives.
         """
-        motion: NDArray[np.float64] = segment_motion(self.segment(state), 0.0)
-        return motion
+        return segment_motion(self.segment(state), 0.0)
 
     def weights(self, state: PlaybackState) -> NDArray[np.float64]:
         """Return the Fourier weights at a state, shape (D*T,)."""
@@ -420,19 +371,14 @@ class Player:
         Returns
         -------
         ndarray, shape (ticks + 1, 3, D) or (S, ticks + 1, 3, D)
-            Value, velocity and acceleration, as `motion` gives them.
+            As `motion` gives them.
         """
         if not (is_number(duration) and duration >= 0):
             raise SkillError(f"duration is {duration} s; it must not be negative.")
-        starts, d = as_floats(start, "the start"), self.skill.n_channels_
-        if starts.ndim not in (1, 2) or starts.shape[-1] != d:
-            raise SkillError(
-                f"the start has shape {starts.shape}; expected ({d},) or (starts, {d}) "
-                "finite numbers."
-            )
+        starts = as_floats(start, "the start")
         ticks = int(np.floor(duration * self.skill.rate * (1 + 1e-9)))
         many = np.atleast_2d(starts)
-        out = np.empty((len(many), ticks + 1, 3, d))
+        out = np.empty((len(many), ticks + 1, 3, self.skill.n_channels_))
         for i, position in enumerate(many):
             state = self.start(position, seed=self.seed + i)
             for k in range(ticks + 1):

@@ -1,12 +1,18 @@
 """The desired motion between two ticks, in closed form."""
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import pascal
 
 from fmp_drake.compiled import compiled
+from fmp_drake.primitives.playback.playback_state import PlaybackState
+from fmp_drake.primitives.playback.relaxation import Relaxation
+
+if TYPE_CHECKING:
+    from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
 
 class Segment(NamedTuple):
@@ -41,6 +47,50 @@ class Segment(NamedTuple):
     tempo_rate: float
     offset: NDArray[np.float64]
     blend_time: float
+
+
+def make_segment(
+    skill: "FourierMovementPrimitive", relaxation: Relaxation, state: PlaybackState
+) -> Segment:
+    """Prepare the motion from a state to its next tick.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted.
+    relaxation : Relaxation
+        Of the component that is tracked.
+    state : PlaybackState
+    """
+    d, n = skill.n_channels_, skill.n_steps
+    interval = min(state.step, n - 2)
+    rows = skill.basis.local_polynomial(interval)
+    if interval != state.step:
+        # At the last sample: the last interval's, seen from one sample further on.
+        rows = pascal(len(rows), kind="upper") @ rows
+    rows = rows * (skill.rate ** np.arange(len(rows)))[:, None]
+    inside, residual = relaxation.split(state.weights - state.target)
+    if relaxation.modes is None:
+        decaying = rows.T * inside.reshape(d, n, 1)
+        lasting = (state.target.reshape(d, n) @ rows.T)[:, None]
+        coefficients = np.concatenate([decaying, lasting], axis=1)
+        coefficients *= skill.scales_[:, None, None]
+    else:
+        coefficients = mode_coefficients(
+            rows, relaxation.modes, inside, residual, state.target, skill.scales_
+        )
+    rates = np.zeros(coefficients.shape[:2])  # The last one is the target's.
+    rates[:, :-1] = relaxation.rates_by_channel(d)
+    return Segment(
+        coefficients=coefficients,
+        rates=rates,
+        linear=relaxation.euler_tick > 0,
+        time_since_tick=state.time_since_tick,
+        tempo=state.tempo,
+        tempo_rate=state.tempo_rate,
+        offset=state.offset,
+        blend_time=state.blend_time,
+    )
 
 
 @compiled

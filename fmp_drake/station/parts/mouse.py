@@ -18,9 +18,6 @@ def AddMousePull(
     plant: MultibodyPlant,
     scene_graph: SceneGraph,
     meshcat: Meshcat,
-    *,
-    stiffness: float = 400.0,
-    max_force: float = 40.0,
 ) -> OutputPort:
     """Add a spring between the mouse and the body that it drags in the page.
 
@@ -37,10 +34,6 @@ def AddMousePull(
         Finalized; its applied_spatial_force port is not connected yet.
     scene_graph : SceneGraph
     meshcat : Meshcat
-    stiffness : float
-        N/m.
-    max_force : float
-        N.
 
     Returns
     -------
@@ -81,13 +74,6 @@ def AddMousePull(
     builder.Disconnect(
         spring.get_output_port(), plant.GetInputPort("applied_spatial_force")
     )
-    pull = builder.AddSystem(
-        MousePull(
-            plant,
-            specific_stiffness=_SPECIFIC_STIFFNESS,
-            stiffness=stiffness,
-            max_force=max_force,
-        )
-    )
+    pull = builder.AddSystem(MousePull(plant, specific_stiffness=_SPECIFIC_STIFFNESS))
     builder.Connect(spring.get_output_port(), pull.GetInputPort("spring"))
     return pull.GetOutputPort("spatial_force")

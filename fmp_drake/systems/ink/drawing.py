@@ -21,7 +21,7 @@ QUARTER_TURNS = 1
 runs along y of B, and its lines follow one another along x. See `upright_turns`."""
 
 MARGIN = 0.05
-"""Share of the board's edges that a drawing keeps free on either side."""
+"""Fraction of the board's edges that a drawing keeps free on either side."""
 
 _LINE_STEP = 1.3  # line to line, in letter heights
 _FINE = 4  # samples along the edge of a cell
@@ -60,9 +60,7 @@ def draw_words(
     text: str,
     *,
     height: float | None = None,
-    centre: tuple[float, float] = (0.0, 0.0),
     quarter_turns: int = QUARTER_TURNS,
-    bold: bool = True,
 ) -> FloatArray:
     """Write words on a board.
 
@@ -74,18 +72,14 @@ def draw_words(
         The words; a line break begins a new line.
     height : float, optional
         Height of a capital letter in metres; by default as large as fits.
-    centre : tuple of float
-        Middle of the writing in B, in metres.
     quarter_turns : int
         Counterclockwise turns by 90 degrees, seen from outside: at 0 the writing
         runs along x of B with y upward.
-    bold : bool
-        Write with a broad marker.
 
     Returns
     -------
     ndarray, shape (ny, nx)
-        Initial ink, from 0 to 1: the share of each cell that is written on.
+        Initial ink, from 0 to 1: the fraction of each cell that is written on.
 
     Raises
     ------
@@ -99,7 +93,7 @@ def draw_words(
         raise SystemsError(f"draw_words height is {height}: give a positive length.")
     outlines: list[FloatArray] = []
     for i, line in enumerate(text.strip("\n").split("\n")):
-        polygons = _outlines(line, bold=bold)
+        polygons = _outlines(line)
         if polygons:
             x = np.concatenate([p[:, 0] for p in polygons])
             start = np.array([0.5 * (x.min() + x.max()), i * _LINE_STEP])
@@ -113,17 +107,15 @@ def draw_words(
     canvas = np.zeros(_canvas_shape(grid, quarter_turns), dtype=bool)
     pitch = grid.pitch[::-1] if quarter_turns % 2 else grid.pitch
     size = np.array(canvas.shape[::-1])
-    shift = _turned(centre, -quarter_turns)
     for outline in outlines:
         # Letters with holes: outline within outline is no ink.
-        p = ((outline - middle) * height + shift) * (_FINE / pitch)
+        p = (outline - middle) * height * (_FINE / pitch)
         pixel = np.column_stack([p[:, 0] + 0.5 * size[0], 0.5 * size[1] - p[:, 1]])
         canvas ^= _filled(pixel - 0.5, canvas.shape)
     ink = _on_board(canvas.astype(float), grid, quarter_turns)
     if not ink.any():
         raise SystemsError(
-            f"draw_words of {text!r} leaves no ink on the board: move it there, or "
-            "make it larger."
+            f"draw_words of {text!r} leaves no ink on the board: make it larger."
         )
     return ink
 
@@ -133,9 +125,7 @@ def draw_picture(
     path: str | Path,
     *,
     size: float | None = None,
-    centre: tuple[float, float] = (0.0, 0.0),
     quarter_turns: int = QUARTER_TURNS,
-    invert: bool = False,
 ) -> FloatArray:
     """Draw a picture on a board: dark is ink, white and transparent is none.
 
@@ -147,12 +137,8 @@ def draw_picture(
         File of the picture, in any format that Pillow reads, such as PNG or JPEG.
     size : float, optional
         Width of the picture in metres; by default as large as fits.
-    centre : tuple of float
-        Middle of the picture in B, in metres.
     quarter_turns : int
         As for `draw_words`.
-    invert : bool
-        Take bright for ink instead.
 
     Returns
     -------
@@ -167,7 +153,7 @@ def draw_picture(
     """
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise SystemsError(f"draw_picture size is {size}: give a positive length.")
-    picture = _read(Path(path), invert=invert)
+    picture = _read(Path(path))
     room = _room(grid, quarter_turns)
     if size is None:
         size = float(min(room[0], room[1] * picture.width / picture.height))
@@ -176,24 +162,23 @@ def draw_picture(
     extent = np.array([size, size * picture.height / picture.width])
     pixels = np.maximum(np.rint(extent * _FINE / pitch), 1).astype(int)
     small = picture.resize((int(pixels[0]), int(pixels[1])), Image.Resampling.BOX)
-    shift = _turned(centre, -quarter_turns) * (_FINE / pitch)
     canvas = Image.new("F", shape[::-1], 0.0)
-    corner = 0.5 * (np.array(shape[::-1]) - pixels) + shift * [1.0, -1.0]
+    corner = 0.5 * (np.array(shape[::-1]) - pixels)
     canvas.paste(small, (int(np.rint(corner[0])), int(np.rint(corner[1]))))
     ink = _on_board(np.array(canvas, dtype=float), grid, quarter_turns)
     if not ink.max(initial=0.0) > 1.0 / 255.0:
         raise SystemsError(
-            f"the picture {Path(path).name} leaves no ink on the board: it is white or "
-            "off the board; dark is ink."
+            f"the picture {Path(path).name} leaves no ink on the board: it is white; "
+            "dark is ink."
         )
     return ink
 
 
-def _outlines(line: str, *, bold: bool) -> list[FloatArray]:
+def _outlines(line: str) -> list[FloatArray]:
     """Return the outlines of a line of text, in heights of a capital letter."""
     if not line.strip():
         return []
-    prop = FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")
+    prop = FontProperties(family="DejaVu Sans", weight="bold")
     face = get_font(findfont(prop))
     missing = [
         c for c in line if not c.isprintable() or not face.get_char_index(ord(c))
@@ -209,7 +194,7 @@ def _outlines(line: str, *, bold: bool) -> list[FloatArray]:
     return [np.asarray(p) / float(capital) for p in path.to_polygons()]
 
 
-def _read(path: Path, *, invert: bool) -> Image.Image:
+def _read(path: Path) -> Image.Image:
     """Return a picture's darkness from 0 to 1, mode F."""
     try:
         with Image.open(path) as picture:
@@ -224,8 +209,7 @@ def _read(path: Path, *, invert: bool) -> Image.Image:
         raise SystemsError(f"the picture {path} cannot be read: {error}.") from None
     values = np.asarray(rgba, dtype=np.float32) / 255.0
     grey = values[..., :3] @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
-    dark = grey if invert else 1.0 - grey
-    return Image.fromarray(dark * values[..., 3])
+    return Image.fromarray((1.0 - grey) * values[..., 3])
 
 
 def _room(grid: InkGrid, quarter_turns: int) -> FloatArray:
@@ -237,13 +221,6 @@ def _room(grid: InkGrid, quarter_turns: int) -> FloatArray:
 def _canvas_shape(grid: InkGrid, quarter_turns: int) -> tuple[int, int]:
     ny, nx = grid.shape[::-1] if quarter_turns % 2 else grid.shape
     return ny * _FINE, nx * _FINE
-
-
-def _turned(p: ArrayLike, quarter_turns: int) -> FloatArray:
-    """Turn a vector of the plane counterclockwise."""
-    x, y = np.asarray(p, dtype=float)
-    turned = [(x, y), (-y, x), (-x, -y), (y, -x)][quarter_turns % 4]
-    return np.array(turned)
 
 
 def _filled(pixel: FloatArray, shape: tuple[int, int]) -> NDArray[np.bool_]:

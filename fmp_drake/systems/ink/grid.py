@@ -1,6 +1,6 @@
 """The ink on a whiteboard as a grid of cells: geometry and coverage.
 
-Pure NumPy. B is the board frame: origin at the centre of the wiping surface, x
+B is the board frame: origin at the centre of the wiping surface, x
 and y along its edges, z the outward normal.
 """
 
@@ -132,6 +132,15 @@ class InkGrid:
         centres.setflags(write=False)
         return centres
 
+    def cells[T: np.generic](self, name: str, values: NDArray[T]) -> NDArray[T]:
+        """Return values of the cells in shape (ny, nx); refuse another number of them."""
+        if values.size != self.num_cells:
+            raise SystemsError(
+                f"{name} has {values.size} values, but the grid has {self.num_cells} "
+                "cells: give one value per cell."
+            )
+        return values.reshape(self.shape)
+
     def full(self) -> FloatArray:
         """Return an ink array of shape (ny, nx) that is inked all over."""
         return np.ones(self.shape)
@@ -145,8 +154,8 @@ class InkGrid:
     ) -> BoolArray:
         """Find the cells that an eraser passes over while it is on the board.
 
-        The path is interpolated linearly and sampled every half cell or closer;
-        a sample counts if it is on the board.
+        The path is interpolated linearly in steps of half a cell or less; a step
+        counts if it is on the board.
 
         Parameters
         ----------

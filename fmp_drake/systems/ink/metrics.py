@@ -24,7 +24,7 @@ class MissedSpots:
     Attributes
     ----------
     cleaned_fraction : float
-        Share of the area's cells with less than 10 % ink, from 0 to 1.
+        Fraction of the area's cells with less than 10 % ink, from 0 to 1.
     count : int
         Number of spots: groups of cells that are not clean and touch one another
         at an edge or a corner. No spot is too small to count.
@@ -65,8 +65,8 @@ def missed_spots(ink: ArrayLike, mask: ArrayLike, *, grid: InkGrid) -> MissedSpo
     SystemsError
         If an array does not fit the grid.
     """
-    values = _on_grid("ink", np.asarray(ink, dtype=float), grid)
-    wanted = _on_grid("mask", np.asarray(mask, dtype=bool), grid)
+    values = grid.cells("ink", np.asarray(ink, dtype=float))
+    wanted = grid.cells("mask", np.asarray(mask, dtype=bool))
     labels, count = ndimage.label(
         wanted & (values >= CLEAN_BELOW), structure=_ALL_NEIGHBOURS
     )
@@ -84,8 +84,6 @@ def cleaned_history(
     erase_time: ArrayLike,
     mask: ArrayLike,
     times: ArrayLike,
-    *,
-    initial_ink: ArrayLike | None = None,
 ) -> FloatArray:
     """Return how much of an area was clean at given times.
 
@@ -98,9 +96,6 @@ def cleaned_history(
         The cells to be cleaned.
     times : array_like, shape (num_times,)
         Times in seconds.
-    initial_ink : array_like, same size, optional
-        Ink at the start; cells with less than 10 % are clean all the time. By
-        default none are.
 
     Returns
     -------
@@ -108,19 +103,14 @@ def cleaned_history(
         Fraction from 0 to 1, as `cleaned_fraction` would have given it then; 1
         where there is nothing to be cleaned.
     """
-    erased = np.array(erase_time, dtype=float).ravel()
-    arrays = [("mask", np.asarray(mask, dtype=bool).ravel())]
-    if initial_ink is not None:
-        arrays.append(("initial_ink", np.asarray(initial_ink, dtype=float).ravel()))
-    for name, array in arrays:
-        if array.shape != erased.shape:
-            raise SystemsError(
-                f"cleaned_history got {array.size} values of {name} for {erased.size} "
-                "erase times: give one per cell."
-            )
-    if initial_ink is not None:
-        erased[arrays[1][1] < CLEAN_BELOW] = -np.inf
-    moments = np.sort(erased[arrays[0][1]])
+    erased = np.asarray(erase_time, dtype=float).ravel()
+    chosen = np.asarray(mask, dtype=bool).ravel()
+    if chosen.shape != erased.shape:
+        raise SystemsError(
+            f"cleaned_history got a mask of {chosen.size} cells for {erased.size} erase "
+            "times: give one per cell."
+        )
+    moments = np.sort(erased[chosen])
     if not moments.size:
         return np.ones(np.shape(times))
     clean = np.searchsorted(moments, np.asarray(times, dtype=float), side="right")
@@ -167,12 +157,3 @@ def times_to_clean(
         hits = np.flatnonzero(history >= fraction)
         reached[fraction] = float(moments[hits[0]]) if hits.size else None
     return reached
-
-
-def _on_grid[T: np.generic](name: str, array: NDArray[T], grid: InkGrid) -> NDArray[T]:
-    if array.size != grid.num_cells:
-        raise SystemsError(
-            f"missed_spots got {array.size} values of {name}, but the grid has "
-            f"{grid.num_cells} cells."
-        )
-    return array.reshape(grid.shape)

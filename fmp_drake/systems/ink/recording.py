@@ -6,9 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import Meshcat
 
-from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import LIFT, corner_shades, draw_ink, ink_mesh
+
+LAYERS_PER_SECOND = 2.0
+"""Layers per second of the recording, unless there would be too many."""
+
+MAX_LAYERS = 150
+"""Largest number of layers of a recording."""
 
 
 def AddInkToRecording(
@@ -20,8 +25,6 @@ def AddInkToRecording(
     fade_time: ArrayLike,
     end_time: float,
     path: str = "ink",
-    layers_per_second: float = 2.0,
-    max_layers: int = 150,
 ) -> int:
     """Add the disappearing ink to Meshcat's recording.
 
@@ -47,10 +50,6 @@ def AddInkToRecording(
         Last time of the recording in seconds.
     path : str
         Meshcat path at the board frame B, the same as the visualizer's.
-    layers_per_second : float
-        Layers per second of the recording, unless there would be too many.
-    max_layers : int
-        Largest number of layers.
 
     Returns
     -------
@@ -62,24 +61,18 @@ def AddInkToRecording(
     SystemsError
         If the arrays do not fit the grid.
     """
-    arrays = []
-    for name, array in (
-        ("initial_ink", initial_ink),
-        ("final_ink", final_ink),
-        ("fade_time", fade_time),
-    ):
-        values = np.asarray(array, dtype=float)
-        if values.size != grid.num_cells:
-            raise SystemsError(
-                f"AddInkToRecording got {values.size} values of {name}, but the "
-                f"grid has {grid.num_cells} cells."
-            )
-        arrays.append(values.reshape(grid.shape))
-    initial, final, times = arrays
+    initial, final, times = (
+        grid.cells(name, np.asarray(array, dtype=float))
+        for name, array in (
+            ("initial_ink", initial_ink),
+            ("final_ink", final_ink),
+            ("fade_time", fade_time),
+        )
+    )
     animation = meshcat.get_mutable_recording()
     start = animation.start_time()
     span = max(end_time - start, 1.0 / animation.frames_per_second())
-    count = int(min(max_layers, max(1.0, np.ceil(span * layers_per_second))))
+    count = int(min(MAX_LAYERS, max(1.0, np.ceil(span * LAYERS_PER_SECOND))))
     width = span / count
     faded = np.isfinite(times)
     layer = np.full(grid.shape, -1)

@@ -1,12 +1,11 @@
-"""Facts about adaptive oscillators and the periodic DMP."""
+"""Facts about the periodic DMP."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from sklearn.exceptions import NotFittedError
 
-from fmp_drake.errors import DemonstrationError, SkillError
-from fmp_drake.experiments.baselines import PeriodicDMP, entrain
+from fmp_drake.errors import ExperimentError
+from fmp_drake.experiments.baselines import PeriodicDMP
 
 
 @pytest.fixture(scope="module")
@@ -24,33 +23,9 @@ def learned(split_windows):
 @pytest.mark.parametrize(
     ("name", "seconds"), [("polishing", 2.0), ("eight", 3.0), ("wiping", 4.8)]
 )
-def test_the_oscillators_find_the_frequency(learned, name, seconds):
+def test_the_frequency_is_the_demonstrated_one(learned, name, seconds):
     period = 2 * np.pi / learned[name].frequency_ / 20
     assert period == pytest.approx(seconds, rel=0.03)
-
-
-@pytest.mark.parametrize("period", [18.0, 47.0, 95.0])
-def test_they_find_it_from_far_away_in_noise(period):
-    rng = np.random.default_rng(0)
-    phase = 2 * np.pi * np.arange(1500) / period
-    y = np.column_stack([np.sin(phase), 0.5 * np.sin(2 * phase)])
-    y += 0.1 * rng.standard_normal(y.shape)
-    found = entrain([y], slowest=160.0)
-    assert 2 * np.pi / found.frequency == pytest.approx(period, rel=0.03)
-    advance = found.phases[0][-1] - found.phases[0][0]
-    assert advance == pytest.approx(phase[-1], rel=0.03)
-
-
-def test_a_fundamental_that_no_channel_has_is_found():
-    phase = 2 * np.pi * np.arange(3000) / 90
-    y = np.column_stack([np.sin(2 * phase), np.sin(3 * phase)])
-    found = entrain([y], slowest=160.0)
-    assert 2 * np.pi / found.frequency == pytest.approx(90, rel=0.03)
-
-
-def test_what_does_not_move_is_refused():
-    with pytest.raises(DemonstrationError, match="does not move"):
-        entrain([np.ones((100, 2))], slowest=50.0)
 
 
 @pytest.mark.parametrize("name", ["polishing", "eight", "wiping"])
@@ -90,17 +65,6 @@ def test_samples_differ_by_phase_only(model):
     assert model.log_density(samples) is None
 
 
-def test_conditioning_starts_at_the_keypoint_and_returns(model):
-    start = model.cycle(2.0) + np.array([0.0, 0.1])
-    given = model.condition([0], [start])
-    assert given.covariance is None
-    assert_allclose(given.mean[0], start)
-    fine = model.cycle(np.linspace(0, 2 * np.pi, 4000))
-    assert np.linalg.norm(given.mean[45:, None] - fine, axis=2).min(axis=1).max() < 2e-3
-    later = model.condition([10], [model.cycle(2.0)])
-    assert_allclose(later.mean[10], model.cycle(2.0), atol=1e-9)
-
-
 def test_it_predicts_the_next_second(learned, split_windows):
     windows, held_out = split_windows("polishing")
     error, spread = [], []
@@ -111,13 +75,18 @@ def test_it_predicts_the_next_second(learned, split_windows):
     assert np.mean(np.square(error)) < 0.1 * np.mean(np.square(spread))
 
 
+def test_a_prediction_starts_at_the_last_sample_and_returns_to_the_cycle(model):
+    cycle = model.cycle(2.0 + model.frequency_ * np.arange(70))
+    outside = cycle[:10] + np.array([0.0, 0.1])
+    path = model.predict(outside, 60)
+    assert_allclose(path[0], outside[-1], atol=0.03)
+    fine = model.cycle(np.linspace(0, 2 * np.pi, 4000))
+    assert np.linalg.norm(path[45:, None] - fine, axis=2).min(axis=1).max() < 2e-3
+
+
 def test_bad_requests_are_named(model, eight_windows):
     for name in ("n_bases", "alpha", "beta", "ridge"):
-        with pytest.raises(SkillError, match=f"{name} is 0"):
+        with pytest.raises(ExperimentError, match=f"{name} is 0"):
             PeriodicDMP(**{name: 0}).fit(eight_windows)
-    with pytest.raises(DemonstrationError, match="windows have 10 samples"):
-        PeriodicDMP().fit(eight_windows[:, :10])
-    with pytest.raises(SkillError, match=r"shape \(1, 3\)"):
+    with pytest.raises(ExperimentError, match=r"start of shape \(3,\)"):
         model.rollout([0, 0, 0], 5)
-    with pytest.raises(NotFittedError):
-        PeriodicDMP().sample()

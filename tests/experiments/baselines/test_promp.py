@@ -5,9 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
-from sklearn.exceptions import NotFittedError
 
-from fmp_drake.errors import DemonstrationError, SkillError
+from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines import ProMP, VonMisesBasis
 
 SMALL = {"frequencies": (2, 4), "n_bases": 6, "width": 5.0, "ridge": 1e-6}
@@ -72,44 +71,37 @@ def test_conditioning_is_that_of_dense_gaussians(model):
         np.array([0.0, 17.0, 63.5]),
         np.array([[0.02, 0.05], [0, 0.1], [0, 0]]),
     )
-    given = model.condition(keys, values)
     steps = np.concatenate([np.arange(80.0), keys])
     k, n = values.size, 160
-    log_joint, means, covariances = [], [], []
-    for share, (mean, cov) in zip(
+    log_joint, means = [], []
+    for proportion, (mean, cov) in zip(
         model.proportions_, dense_joint(model, steps, 0.0), strict=True
     ):
         seen = cov[n:, n:] + model.tolerance * np.eye(k)
         gain = np.linalg.solve(seen, cov[n:, :n]).T
         means.append(mean[:n] + gain @ (values.ravel() - mean[n:]))
-        covariances.append(cov[:n, :n] - gain @ cov[n:, :n])
         evidence = multivariate_normal(mean[n:], seen).logpdf(values.ravel())
-        log_joint.append(np.log(share) + evidence)
-    shares = np.exp(log_joint - logsumexp(log_joint))
-    j = int(np.argmax(shares))
-    assert given.component == j
-    assert_allclose(given.responsibilities, shares, atol=1e-6)
-    assert_allclose(given.mean, means[j].reshape(80, 2), atol=1e-6)
-    blocks = covariances[j].reshape(80, 2, 80, 2)
-    expected = np.array([blocks[t, :, t] for t in range(80)])
-    assert_allclose(given.covariance, expected, atol=1e-8)
-    assert_allclose(given.mean[[0, 17]], values[:2], atol=2e-3)
+        log_joint.append(np.log(proportion) + evidence)
+    expected = means[np.argmax(log_joint)].reshape(80, 2)
+    trajectory = model.condition(keys, values)
+    assert_allclose(trajectory, expected, atol=1e-6)
+    assert_allclose(trajectory[[0, 17]], values[:2], atol=2e-3)
 
 
 def test_prediction_is_the_mixture_of_dense_regressions(model, eight_windows):
     prefix, horizon = eight_windows[7, :9], 12
     k, out, log_joint = 18, [], []
     noise = np.tile(model.noise_, 9)
-    for share, (mean, cov) in zip(
+    for proportion, (mean, cov) in zip(
         model.proportions_, dense_joint(model, np.arange(21), 0.0), strict=True
     ):
         seen = cov[:k, :k] + np.diag(noise)
         delta = np.linalg.solve(seen, prefix.ravel() - mean[:k])
         out.append(mean[k:] + cov[k:, :k] @ delta)
         evidence = multivariate_normal(mean[:k], seen).logpdf(prefix.ravel())
-        log_joint.append(np.log(share) + evidence)
-    shares = np.exp(log_joint - logsumexp(log_joint))
-    expected = (shares @ np.array(out)).reshape(horizon, 2)
+        log_joint.append(np.log(proportion) + evidence)
+    probabilities = np.exp(log_joint - logsumexp(log_joint))
+    expected = (probabilities @ np.array(out)).reshape(horizon, 2)
     assert_allclose(model.predict(prefix, horizon), expected, atol=1e-7)
 
 
@@ -128,9 +120,6 @@ def test_samples_follow_the_distribution(model):
     )
     assert_allclose(samples.mean(axis=0), mean, atol=3e-3)
     assert_allclose(np.cov(samples.T), second - np.outer(mean, mean), atol=4e-4)
-    noisy = model.sample(2000, seed=1, with_noise=True)
-    bare = model.sample(2000, seed=1)
-    assert_allclose((noisy - bare).var(axis=(0, 1)), model.noise_, rtol=0.02)
 
 
 def test_samples_repeat_with_the_seed(model):
@@ -169,12 +158,11 @@ def test_redundant_bases_of_five_frequencies_stay_finite(split_windows):
     assert np.abs(model.sample(500)).max() < 1.0
     start = learned[0, 0] + [0.1, 0.1, 0.0]
     far = model.condition([0], [start])
-    assert_allclose(far.mean[0], start, atol=1e-3)
-    assert np.all(np.linalg.eigvalsh(far.covariance) > -1e-12)
+    assert_allclose(far[0], start, atol=1e-3)
 
 
 def test_too_little_regularisation_is_an_error_that_names_it(eight_windows):
-    with pytest.raises(SkillError, match="reg_covar is 1e-300: too little"):
+    with pytest.raises(ExperimentError, match="reg_covar is 1e-300: too little"):
         ProMP(**SMALL, n_components=10, reg_covar=1e-300).fit(eight_windows)
 
 
@@ -188,39 +176,35 @@ def test_components_are_at_most_half_the_windows(eight_windows):
 @pytest.mark.parametrize(
     ("windows", "match"),
     [
-        ("text", "str cannot be learned from"),
-        (np.zeros((3, 4)), r"shape \(3, 4\); expected \(windows, n_steps, channels\)"),
-        (np.zeros((1, 8, 2)), "1 windows; at least 2"),
+        ("text", "the windows: 'text' cannot be read"),
+        (np.zeros((3, 4)), r"shape \(3, 4\); expected \(N, T, D\)"),
+        (np.zeros((1, 8, 2)), "1 window; at least 2"),
         (np.full((3, 8, 2), np.nan), "NaN"),
     ],
 )
 def test_bad_windows_are_named(windows, match):
-    with pytest.raises(DemonstrationError, match=match):
+    with pytest.raises(ExperimentError, match=match):
         ProMP(**SMALL).fit(windows)
 
 
 @pytest.mark.parametrize("name", ["ridge", "n_components", "reg_covar", "tolerance"])
 def test_bad_parameters_are_named(name, eight_windows):
-    with pytest.raises(SkillError, match=f"{name} is 0"):
+    with pytest.raises(ExperimentError, match=f"{name} is 0"):
         ProMP(**{**SMALL, name: 0}).fit(eight_windows)
 
 
 def test_bad_requests_are_named(model, eight_windows):
-    with pytest.raises(SkillError, match="step 80; every one must be from 0 to 79"):
+    with pytest.raises(ExperimentError, match=r"step is 80\.0; .* at most 79"):
         model.condition([80], [[0, 0]])
-    with pytest.raises(SkillError, match=r"expected \(K,\) and \(K, 2\)"):
+    with pytest.raises(ExperimentError, match=r"values of shape \(1, 3\)"):
         model.condition([1], [[0, 0, 0]])
-    with pytest.raises(SkillError, match="NaN"):
+    with pytest.raises(ExperimentError, match="NaN"):
         model.condition([1], [[0, np.inf]])
-    with pytest.raises(SkillError, match=r"shape \(2, 3\); expected \(1 or more, 2\)"):
+    with pytest.raises(ExperimentError, match=r"shape \(2, 3\); expected \(K, 2\)"):
         model.predict(np.zeros((2, 3)), 5)
-    with pytest.raises(SkillError, match="NaN"):
-        model.predict([[np.nan, 0]], 5)
-    with pytest.raises(SkillError, match="horizon is 0"):
+    with pytest.raises(ExperimentError, match="horizon is 0"):
         model.predict(eight_windows[0, :4], 0)
-    with pytest.raises(SkillError, match="n is -1"):
+    with pytest.raises(ExperimentError, match="n is -1"):
         model.sample(-1)
-    with pytest.raises(DemonstrationError, match=r"expected \(windows, 80, 2\)"):
+    with pytest.raises(ExperimentError, match=r"expected \(N, 80, 2\)"):
         model.log_density(eight_windows[:, :40])
-    with pytest.raises(NotFittedError):
-        ProMP().sample()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from fmp_drake.errors import SkillError
+from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines import VonMisesBasis
 
 
@@ -47,12 +47,12 @@ def test_wide_bases_are_cosines():
     ("options", "match"),
     [
         ({"frequencies": ()}, "frequencies"),
-        ({"frequencies": (0.0,)}, "frequencies"),
-        ({"frequencies": (np.nan,)}, "frequencies"),
+        ({"frequencies": (0.0,)}, "frequency is 0"),
+        ({"frequencies": (np.nan,)}, "frequency is nan"),
         ({"frequencies": (1,), "n_bases": 2}, "n_bases is 2"),
         ({"frequencies": (1,), "width": 0.0}, "width is 0"),
     ],
 )
 def test_bad_parameters_are_named(options, match):
-    with pytest.raises(SkillError, match=match):
+    with pytest.raises(ExperimentError, match=match):
         VonMisesBasis(**options)

@@ -1,0 +1,137 @@
+"""The axes of a picture: one in the plane of two channels, or a stack over time."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from fmp_drake.errors import RunError
+from fmp_drake.plots.channels import Channels, Demonstrations, as_list
+from fmp_drake.plots.style import (
+    draw_grey_paths,
+    draw_path,
+    finish_plane,
+    finish_times,
+    legend_above,
+    set_title,
+    shape_of,
+)
+
+_PLANE_WIDTH = 5.5  # inches, of a figure of its own
+
+
+class PlanePanel:
+    """One picture in the plane: given axes, or those of a new figure.
+
+    Parameters
+    ----------
+    channels : Channels
+    plane : sequence of two str, optional
+        The upward channel and the one to the left; the first two where None.
+    ax : Axes, optional
+        A new figure is made, and fitted to what is drawn, where None.
+
+    Attributes
+    ----------
+    ax : Axes
+    plane : tuple of int
+        Indices of the two channels.
+    """
+
+    def __init__(
+        self, channels: Channels, plane: Sequence[str] | None, ax: Axes | None
+    ) -> None:
+        self.plane = channels.plane(plane)
+        self._channels = channels
+        self._figure: Figure | None = None
+        if ax is None:
+            self._figure = Figure((_PLANE_WIDTH, _PLANE_WIDTH), layout="constrained")
+            ax = self._figure.subplots()
+        self.ax = ax
+
+    def path(self, values: ArrayLike, **style: Any) -> None:
+        """Draw values (N, D) as one line."""
+        draw_path(self.ax, values, self.plane, **style)
+
+    def background(self, demonstrations: Demonstrations) -> None:
+        """Draw demonstrations of the same channels in grey."""
+        recorded = as_list(demonstrations)
+        self._channels.check(recorded)
+        draw_grey_paths(self.ax, [d.values for d in recorded], self.plane)
+
+    def finish(self, title: str) -> Axes:
+        """Set title and labels, orient the plane, and return the axes."""
+        set_title(self.ax, title)
+        finish_plane(self.ax, self._channels, self.plane)
+        if self._figure is not None and self.ax.get_aspect() == 1.0:
+            ratio = shape_of(np.ptp(self.ax.get_ylim()), np.ptp(self.ax.get_xlim()))
+            self._figure.set_figheight(1.0 + (_PLANE_WIDTH - 1.2) * ratio)
+        return self.ax
+
+
+class TimePanels:
+    """Axes below each other, one for each of some channels, and maybe one more.
+
+    Iterating gives the axes and the index of each channel.
+
+    Parameters
+    ----------
+    channels : Channels
+    names : sequence of str, optional
+        The channels to draw; all where None.
+    axes : Axes or sequence of Axes, optional
+        Those of a new figure where None.
+    strip : bool
+        Whether a low one without a channel is added at the bottom.
+
+    Attributes
+    ----------
+    axes : tuple of Axes
+    """
+
+    def __init__(
+        self,
+        channels: Channels,
+        names: Sequence[str] | None,
+        axes: Axes | Sequence[Axes] | None,
+        *,
+        strip: bool = False,
+    ) -> None:
+        self._indices = channels.indices(names)
+        self._labels = [channels.label(i) for i in self._indices]
+        count = len(self._indices)
+        if axes is None:
+            figure = Figure(figsize=(9, 1 + 1.5 * count + strip), layout="constrained")
+            ratios = [1.0] * count + [0.25] * strip
+            rows = figure.subplots(
+                count + strip, sharex=True, squeeze=False, height_ratios=ratios
+            )
+            self.axes = tuple(rows[:, 0])
+        else:
+            self.axes = (axes,) if isinstance(axes, Axes) else tuple(axes)
+        if len(self.axes) != count + strip:
+            raise RunError(
+                f"{len(self.axes)} axes are given; this picture needs {count + strip}: "
+                f"one for each of its {count} channels"
+                f"{' and one for the strip' if strip else ''}."
+            )
+
+    def __iter__(self) -> Iterator[tuple[Axes, int]]:
+        """Iterate over axes and indices of the channels."""
+        return iter(zip(self.axes, self._indices, strict=False))
+
+    def finish(
+        self, title: str, *, xlabel: str = "time (s)", last: str = ""
+    ) -> tuple[Axes, ...]:
+        """Set title, legend and labels, and return the axes; `last` names the strip."""
+        first = self.axes[0]
+        set_title(first, title)
+        if first.get_legend_handles_labels()[0]:
+            legend_above(first)
+        finish_times(
+            self.axes, [*self._labels, *([last] if last else [])], xlabel=xlabel
+        )
+        return self.axes

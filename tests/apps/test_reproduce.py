@@ -1,0 +1,15 @@
+"""Recordings that `fmp-drake reproduce` refuses."""
+
+
+def test_recording_that_is_too_short_is_refused(refused, make_npz, tmp_path):
+    demo = make_npz(seconds=5)
+    line = refused("reproduce", "--quick", "--out", tmp_path / "x", "--demo", demo)
+    assert "at least 6.5 s" in line
+    assert not (tmp_path / "x").exists()
+
+
+def test_missing_recording_is_refused(refused, tmp_path):
+    line = refused(
+        "reproduce", "--out", tmp_path / "x", "--demo", tmp_path / "none.npz"
+    )
+    assert "none.npz" in line
