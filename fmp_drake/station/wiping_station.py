@@ -162,7 +162,7 @@ def MakeWipingStation(
         if page.controls is not None:
             tempo = page.controls.GetOutputPort("tempo")
             for name, target in (
-                ("press_force", press.GetInputPort("force")),
+                ("normal_force", press.GetInputPort("force")),
                 ("sample", primitive.GetInputPort("sample")),
             ):
                 builder.Connect(page.controls.GetOutputPort(name), target)

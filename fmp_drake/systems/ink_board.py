@@ -100,6 +100,36 @@ class InkBoard(LeafSystem):
     SystemsError
         If the ink does not fit the grid, a number is out of range, or a body has
         no collision geometry.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Box
+    >>> from pydrake.multibody.plant import (
+    ...     AddMultibodyPlantSceneGraph,
+    ...     CoulombFriction,
+    ... )
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> builder = DiagramBuilder()
+    >>> plant, _ = AddMultibodyPlantSceneGraph(builder, 0.001)
+    >>> board, eraser = (plant.AddRigidBody(name) for name in ("board", "eraser"))
+    >>> for body, size in ((board, 0.7), (eraser, 0.1)):
+    ...     shape, rough = Box(size, size, 0.02), CoulombFriction(1.0, 1.0)
+    ...     _ = plant.RegisterCollisionGeometry(
+    ...         body, RigidTransform(), shape, "box", rough
+    ...     )
+    >>> plant.Finalize()
+    >>> ink = builder.AddSystem(
+    ...     InkBoard(
+    ...         plant=plant,
+    ...         eraser=eraser.body_frame(),
+    ...         surface=board.body_frame(),
+    ...         grid=InkGrid(size=(0.7, 0.7)),
+    ...     )
+    ... )
+    >>> for name in ("contact_results", "body_poses", "body_spatial_velocities"):
+    ...     builder.Connect(plant.GetOutputPort(name), ink.GetInputPort(name))
+    >>> ink.GetOutputPort("ink").size()
+    19600
     """
 
     def __init__(

@@ -31,6 +31,26 @@ class JointFriction(LeafSystem):
     ------
     SystemsError
         If the plant is not finalized or the configuration does not fit the arm.
+
+    Examples
+    --------
+    The Panda's friction in an arm of seven joints that do not move:
+
+    >>> from pydrake.multibody.tree import RevoluteJoint, default_model_instance
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> frame = plant.world_frame()
+    >>> for i in range(7):
+    ...     link = plant.AddRigidBody(f"link_{i}").body_frame()
+    ...     _ = plant.AddJoint(RevoluteJoint(f"joint_{i}", frame, link, [0.0, 0.0, 1.0]))
+    ...     frame = link
+    >>> plant.Finalize()
+    >>> friction = JointFriction(
+    ...     plant, arm=default_model_instance(), config=FrictionConfig()
+    ... )
+    >>> context = friction.CreateDefaultContext()
+    >>> _ = friction.get_input_port().FixValue(context, np.zeros(14))
+    >>> bool(np.allclose(friction.get_output_port().Eval(context), 0.0))
+    True
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Pushes and holds at given times, by a person who is not simulated."""
+"""Pushes and grasps at given times, by a person who is not simulated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
 
-# What a hold is damped for, kg.
+# What a grasp is damped for, kg.
 _MASS = 5.0
 
 
@@ -28,7 +28,7 @@ class Push:
     every : float
         It comes again after so many seconds; 0 for once.
     force : ndarray, shape (3,)
-        In W, N; of a `Hold`, nothing.
+        In W, N; of a `Grasp`, nothing.
     """
 
     start: float
@@ -45,7 +45,7 @@ class Push:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hold(Push):
+class Grasp(Push):
     """A grip that pulls the tool to a point like a spring, up to a force.
 
     Attributes
@@ -73,12 +73,12 @@ class Hold(Push):
 
 
 class ScriptedDisturbances(LeafSystem):
-    """The forces of a list of pushes and holds on the tool of an arm.
+    """The forces of a list of pushes and grasps on the tool of an arm.
 
     Input ports
     -----------
     body_poses, body_spatial_velocities
-        Abstract: the plant's; needed where there is a hold.
+        Abstract: the plant's; needed where there is a grasp.
 
     Output ports
     ------------
@@ -91,7 +91,20 @@ class ScriptedDisturbances(LeafSystem):
     ----------
     grip : Frame
         Of the plant: they act at its origin.
-    disturbances : sequence of Push or Hold
+    disturbances : sequence of Push or Grasp
+
+    Examples
+    --------
+    >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> tool = plant.AddRigidBody("tool")
+    >>> plant.Finalize()
+    >>> push = Push(start=1.0, duration=0.5, force=np.array([10.0, 0.0, 0.0]))
+    >>> script = ScriptedDisturbances(grip=tool.body_frame(), disturbances=[push])
+    >>> context = script.CreateDefaultContext()
+    >>> context.SetTime(1.2)
+    >>> script.GetOutputPort("force").Eval(context)
+    array([10.,  0.,  0.])
     """
 
     def __init__(self, *, grip: Frame, disturbances: Sequence[Push]) -> None:
@@ -107,7 +120,7 @@ class ScriptedDisturbances(LeafSystem):
             "body_spatial_velocities", Value[list[SpatialVelocity]]()
         )
         needed = {self.time_ticket()}
-        if any(isinstance(each, Hold) for each in self._disturbances):
+        if any(isinstance(each, Grasp) for each in self._disturbances):
             needed |= {self._poses.ticket(), self._velocities.ticket()}
         self._force = self.DeclareCacheEntry(
             description="force of the disturbances",
@@ -134,7 +147,7 @@ class ScriptedDisturbances(LeafSystem):
             if not each.acts(time):
                 continue
             force = force + each.force
-            if isinstance(each, Hold):
+            if isinstance(each, Grasp):
                 poses: Any = self._poses.Eval(context)
                 velocities: Any = self._velocities.Eval(context)
                 X_WBody = poses[self._body]

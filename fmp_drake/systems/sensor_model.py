@@ -32,6 +32,21 @@ class SensorModel(LeafSystem):
     ------
     SystemsError
         If a value is out of range.
+
+    Examples
+    --------
+    One joint, whose state arrives 2 ms late:
+
+    >>> from pydrake.systems.analysis import Simulator
+    >>> sensors = SensorModel(initial=[0.0, 0.0], rate=1000.0, delay=0.002)
+    >>> simulator = Simulator(sensors)
+    >>> context = simulator.get_mutable_context()
+    >>> _ = sensors.get_input_port().FixValue(context, [0.3, 0.1])
+    >>> for time in (0.0015, 0.0025):
+    ...     _ = simulator.AdvanceTo(time)
+    ...     print(sensors.get_output_port().Eval(context))
+    [0. 0.]
+    [0.3 0.1]
     """
 
     def __init__(

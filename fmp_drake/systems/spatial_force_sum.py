@@ -29,6 +29,12 @@ class SpatialForceSum(LeafSystem):
     ----------
     *names : str
         Of the input ports.
+
+    Examples
+    --------
+    >>> total = SpatialForceSum("mouse", "disturbances")
+    >>> total.GetOutputPort("spatial_forces").Eval(total.CreateDefaultContext())
+    []
     """
 
     def __init__(self, *names: str) -> None:

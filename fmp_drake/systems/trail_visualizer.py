@@ -46,6 +46,17 @@ class TrailVisualizer(LeafSystem):
         Between two points, and two pictures, s.
     radius : float
         Of the newest end of the measured trail, m; the desired one is half as thick.
+
+    Examples
+    --------
+    The trail of a point that stands still:
+
+    >>> from pydrake.systems.analysis import Simulator
+    >>> trail = TrailVisualizer(Meshcat(), names=("measured",), seconds=2.0)
+    >>> simulator = Simulator(trail)
+    >>> context = simulator.get_mutable_context()
+    >>> _ = trail.get_input_port().FixValue(context, [0.1, 0.2, 0.0])
+    >>> _ = simulator.AdvanceTo(1.0)
     """
 
     def __init__(

@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from fmp_drake.station.parts.board_scene import BoardScene
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import Disturbance
-from fmp_drake.systems.scripted_disturbances import Hold, Push, ScriptedDisturbances
+from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 from fmp_drake.systems.spatial_force_sum import SpatialForceSum
 
 _PORT = "applied_spatial_force"
@@ -67,7 +67,7 @@ def _scripted(each: Disturbance, X_WB: RigidTransform) -> Push:
             every=each.every,
             force=X_WB.rotation() @ np.array(each.force),
         )
-    return Hold(
+    return Grasp(
         start=each.start,
         duration=each.duration,
         every=each.every,

@@ -26,6 +26,18 @@ class CoverageChoice:
         At each edge of the eraser, m: what only the edge touches is not wiped.
     height : float
         Up to which the eraser counts as on the board, m.
+
+    Examples
+    --------
+    The left half of a board is clean: the stroke on the right wipes more.
+
+    >>> grid = InkGrid(size=(0.4, 0.3), cell=0.01)
+    >>> ink = grid.full()
+    >>> ink[:, :20] = 0.0
+    >>> strokes = np.array([[[x, -0.1, 0.0], [x, 0.1, 0.0]] for x in (-0.1, 0.1)])
+    >>> choice = CoverageChoice(grid=grid, footprint=(0.05, 0.05), candidates=2)
+    >>> choice.best(ink, strokes)
+    1
     """
 
     grid: InkGrid

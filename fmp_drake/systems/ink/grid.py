@@ -54,6 +54,16 @@ class InkGrid:
     ------
     SystemsError
         If a length is not positive and finite.
+
+    Examples
+    --------
+    >>> grid = InkGrid(size=(0.4, 0.3), cell=0.01)
+    >>> grid.shape
+    (30, 40)
+    >>> stroke = [[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0]]
+    >>> swept = grid.swept_area(stroke, footprint=(0.05, 0.12))
+    >>> round(float(swept.mean()), 2)
+    0.26
     """
 
     size: tuple[float, float] = (0.7, 0.5)
@@ -200,9 +210,9 @@ def _sweep(
     radius = math.hypot(half[0], half[1])
     for i in range(len(path)):
         start, end = path[i], path[min(i + 1, len(path) - 1)]
-        dx, dy, turn = end[0] - start[0], end[1] - start[1], end[3] - start[3]
+        dx, dy, rotation = end[0] - start[0], end[1] - start[1], end[3] - start[3]
         # No point of the eraser goes further than half a cell in a step.
-        way = math.hypot(dx, dy) + radius * abs(turn)
+        way = math.hypot(dx, dy) + radius * abs(rotation)
         steps = max(1, math.ceil(way / (0.5 * pitch.min())))
         for step in range(steps):
             x, y, z, yaw = start + (step / steps) * (end - start)

@@ -64,6 +64,13 @@ class HandMotion:
     ----------
     position : ndarray, shape (N, 2)
         Metres in the board's frame B, 200 samples per second.
+
+    Examples
+    --------
+    >>> motion = HandMotion.make("wiping", seconds=10.0, seed=0)
+    >>> position, velocity = motion.at(2.5)
+    >>> bool(abs(position).max() < 0.3)
+    True
     """
 
     position: NDArray[np.float64]
