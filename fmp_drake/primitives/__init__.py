@@ -6,7 +6,7 @@ from fmp_drake.primitives.data.windows import sliding_windows
 from fmp_drake.primitives.discrete.discrete_movement_primitive import (
     DiscreteMovementPrimitive,
 )
-from fmp_drake.primitives.discrete.via_points import DiscreteMovement, ViaPoint
+from fmp_drake.primitives.discrete.via_points import ViaPoint
 from fmp_drake.primitives.editing.modulation import modulate_skill, modulate_windows
 from fmp_drake.primitives.editing.orientation import (
     add_orientation,
@@ -45,7 +45,6 @@ from fmp_drake.primitives.playback.trackers import (
 __all__ = [
     "PAPER_SETTINGS",
     "Demonstration",
-    "DiscreteMovement",
     "DiscreteMovementPrimitive",
     "ExponentialTracker",
     "FourierBasis",

@@ -31,6 +31,12 @@ class GripConfig:
         Nm/rad.
     rotational_damping : float
         Nms/rad.
+
+    Examples
+    --------
+    >>> firm = GripConfig(stiffness=3000.0, damping=200.0)
+    >>> firm.rotational_stiffness
+    60.0
     """
 
     stiffness: float = 1500.0

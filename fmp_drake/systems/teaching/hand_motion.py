@@ -47,6 +47,12 @@ class HandVariability:
         Metres, in the band of 8 to 12 Hz of physiological tremor.
     slowness : float
         Seconds over which the frequency, amplitude and centre wander.
+
+    Examples
+    --------
+    >>> steady = HandVariability(amplitude=0.0, tremor=0.0)
+    >>> HandMotion.make("eight", seconds=5.0, seed=0, variability=steady).at(1.0)[0].shape
+    (2,)
     """
 
     frequency: float = 0.06
