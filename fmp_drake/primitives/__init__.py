@@ -2,11 +2,11 @@
 
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.placement import Placement, fit_placement
-from fmp_drake.primitives.data.windows import Windows, sliding_windows
+from fmp_drake.primitives.data.windows import sliding_windows
 from fmp_drake.primitives.discrete.discrete_movement_primitive import (
     DiscreteMovementPrimitive,
 )
-from fmp_drake.primitives.discrete.via_points import DiscreteMovement, ViaPoint
+from fmp_drake.primitives.discrete.via_points import ViaPoint
 from fmp_drake.primitives.editing.modulation import modulate_skill, modulate_windows
 from fmp_drake.primitives.editing.orientation import (
     add_orientation,
@@ -45,7 +45,6 @@ from fmp_drake.primitives.playback.trackers import (
 __all__ = [
     "PAPER_SETTINGS",
     "Demonstration",
-    "DiscreteMovement",
     "DiscreteMovementPrimitive",
     "ExponentialTracker",
     "FourierBasis",
@@ -63,7 +62,6 @@ __all__ = [
     "Spectrum",
     "Tracker",
     "ViaPoint",
-    "Windows",
     "add_orientation",
     "angular_acceleration",
     "angular_velocity",

@@ -148,7 +148,7 @@ def MakeWipingStation(
             forces.append(page.pull)
         if page.controls is not None:
             tempo = page.controls.GetOutputPort("tempo")
-            normal_force = page.controls.GetOutputPort("press_force")
+            normal_force = page.controls.GetOutputPort("normal_force")
             builder.Connect(
                 page.controls.GetOutputPort("sample"), primitive.GetInputPort("sample")
             )

@@ -25,7 +25,7 @@ class GripConfig:
         Of the hand in the plane of the board, N/m.
     damping : float
         Of the hand in every direction, Ns/m.
-    press : float
+    normal_force : float
         Force on the board, N.
     rotational_stiffness : float
         Nm/rad.
@@ -35,19 +35,19 @@ class GripConfig:
     Examples
     --------
     >>> firm = GripConfig(stiffness=3000.0, damping=200.0)
-    >>> firm.press
-    9.0
+    >>> firm.rotational_stiffness
+    60.0
     """
 
     stiffness: float = 1500.0
     damping: float = 120.0
-    press: float = 9.0
+    normal_force: float = 9.0
     rotational_stiffness: float = 60.0
     rotational_damping: float = 6.0
 
 
 class HumanHand(LeafSystem):
-    """Guides a tool over a board: a spring to a wandering target, and a press.
+    """Guides a tool over a board: a spring to a wandering target, and a normal force.
 
     Input ports
     -----------
@@ -77,22 +77,30 @@ class HumanHand(LeafSystem):
 
     Examples
     --------
-    >>> from pydrake.math import RigidTransform, RotationMatrix
-    >>> from pydrake.multibody.plant import MultibodyPlant
-    >>> from fmp_drake.station import AddPandaWithEraser
-    >>> from fmp_drake.systems import HandMotion
+    >>> from pydrake.systems.framework import DiagramBuilder
     >>> plant = MultibodyPlant(time_step=0.001)
-    >>> _ = AddPandaWithEraser(plant)
+    >>> tool = plant.AddRigidBody("tool")
     >>> plant.Finalize()
+    >>> builder = DiagramBuilder()
+    >>> _ = builder.AddSystem(plant)
     >>> hand = HumanHand(
     ...     plant,
-    ...     grip=plant.GetFrameByName("eraser_tip"),
-    ...     X_WB=RigidTransform([0.55, 0.0, 0.1]),
-    ...     motion=HandMotion.make("eight", seconds=5.0, seed=0),
-    ...     R_BE=RotationMatrix.MakeXRotation(np.pi),
+    ...     grip=tool.body_frame(),
+    ...     X_WB=RigidTransform([0.5, 0.0, 0.0]),
+    ...     motion=HandMotion.make("wiping", seconds=5.0, seed=0),
+    ...     R_BE=RotationMatrix(),
     ... )
-    >>> hand.GetOutputPort("position").size()
-    3
+    >>> _ = builder.AddSystem(hand)
+    >>> for name in ("body_poses", "body_spatial_velocities"):
+    ...     builder.Connect(plant.GetOutputPort(name), hand.GetInputPort(name))
+    >>> builder.Connect(
+    ...     hand.GetOutputPort("spatial_forces"),
+    ...     plant.GetInputPort("applied_spatial_force"),
+    ... )
+    >>> diagram = builder.Build()
+    >>> context = diagram.CreateDefaultContext()
+    >>> hand.GetOutputPort("position").Eval(hand.GetMyContextFromRoot(context))
+    array([-0.5,  0. ,  0. ])
     """
 
     def __init__(
@@ -163,9 +171,9 @@ class HumanHand(LeafSystem):
         f_B = -config.damping * (R_BW @ V_WE.translational())
         f_B[:2] += config.stiffness * (wanted - p_BE[:2])
         f_B[:2] += config.damping * wanted_velocity
-        f_B[2] -= config.press
-        turn = (self._R_WE @ X_WE.rotation().inverse()).ToAngleAxis()
-        tau_W = config.rotational_stiffness * turn.angle() * turn.axis()
+        f_B[2] -= config.normal_force
+        rotation = (self._R_WE @ X_WE.rotation().inverse()).ToAngleAxis()
+        tau_W = config.rotational_stiffness * rotation.angle() * rotation.axis()
         tau_W -= config.rotational_damping * V_WE.rotational()
         force = ExternallyAppliedSpatialForce()
         force.body_index = self._body

@@ -103,19 +103,33 @@ class InkBoard(LeafSystem):
 
     Examples
     --------
-    >>> from pydrake.systems.framework import DiagramBuilder
-    >>> from fmp_drake.station import AddBoardScene, Scenario
-    >>> from fmp_drake.systems import InkGrid
-    >>> builder = DiagramBuilder()
-    >>> scene = AddBoardScene(builder, Scenario(), start=[0.0, 0.0, 0.05])
-    >>> ink = InkBoard(
-    ...     plant=scene.plant,
-    ...     eraser=scene.tip,
-    ...     surface=scene.surface,
-    ...     grid=InkGrid(size=(0.5, 0.7)),
+    >>> from pydrake.geometry import Box
+    >>> from pydrake.multibody.plant import (
+    ...     AddMultibodyPlantSceneGraph,
+    ...     CoulombFriction,
     ... )
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> builder = DiagramBuilder()
+    >>> plant, _ = AddMultibodyPlantSceneGraph(builder, 0.001)
+    >>> board, eraser = (plant.AddRigidBody(name) for name in ("board", "eraser"))
+    >>> for body, size in ((board, 0.7), (eraser, 0.1)):
+    ...     shape, rough = Box(size, size, 0.02), CoulombFriction(1.0, 1.0)
+    ...     _ = plant.RegisterCollisionGeometry(
+    ...         body, RigidTransform(), shape, "box", rough
+    ...     )
+    >>> plant.Finalize()
+    >>> ink = builder.AddSystem(
+    ...     InkBoard(
+    ...         plant=plant,
+    ...         eraser=eraser.body_frame(),
+    ...         surface=board.body_frame(),
+    ...         grid=InkGrid(size=(0.7, 0.7)),
+    ...     )
+    ... )
+    >>> for name in ("contact_results", "body_poses", "body_spatial_velocities"):
+    ...     builder.Connect(plant.GetOutputPort(name), ink.GetInputPort(name))
     >>> ink.GetOutputPort("ink").size()
-    14000
+    19600
     """
 
     def __init__(

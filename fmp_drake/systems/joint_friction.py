@@ -38,16 +38,22 @@ class JointFriction(LeafSystem):
 
     Examples
     --------
-    >>> from pydrake.multibody.plant import MultibodyPlant
-    >>> from fmp_drake.station import AddPandaWithEraser
-    >>> from fmp_drake.systems import FrictionConfig
+    The Panda's friction in an arm of seven joints that do not move:
+
+    >>> from pydrake.multibody.tree import RevoluteJoint, default_model_instance
     >>> plant = MultibodyPlant(time_step=0.001)
-    >>> panda, _ = AddPandaWithEraser(plant)
+    >>> frame = plant.world_frame()
+    >>> for i in range(7):
+    ...     link = plant.AddRigidBody(f"link_{i}").body_frame()
+    ...     _ = plant.AddJoint(RevoluteJoint(f"joint_{i}", frame, link, [0.0, 0.0, 1.0]))
+    ...     frame = link
     >>> plant.Finalize()
-    >>> friction = JointFriction(plant, arm=panda, config=FrictionConfig(enabled=True))
+    >>> friction = JointFriction(
+    ...     plant, arm=default_model_instance(), config=FrictionConfig()
+    ... )
     >>> context = friction.CreateDefaultContext()
-    >>> _ = friction.get_input_port().FixValue(context, np.r_[np.zeros(7), np.ones(7)])
-    >>> bool(np.all(friction.get_output_port().Eval(context) < 0))
+    >>> _ = friction.get_input_port().FixValue(context, np.zeros(14))
+    >>> bool(np.allclose(friction.get_output_port().Eval(context), 0.0))
     True
     """
 

@@ -19,7 +19,7 @@ class MousePull(LeafSystem):
 
     Drake's spring has a stiffness per kilogram of the body that is dragged: the eraser
     could hardly be moved and the shoulder be torn off. The mouse is part of the
-    outside world: it is read at a rate and held in the Context.
+    outside world: it is read at a rate, and what was read is the state.
 
     Input ports
     -----------

@@ -9,7 +9,7 @@ from fmp_drake.errors import SystemsError
 # Output port: name of the slider, smallest value, largest value, step.
 _SLIDERS = {
     "tempo": ("tempo", 0.25, 2.0, 0.05),
-    "press_force": ("press force (N)", 0.0, 15.0, 0.5),
+    "normal_force": ("normal force (N)", 0.0, 15.0, 0.5),
     "sample": ("sample (0: mean)", 0.0, 1.0, 1.0),
 }
 # Largest difference, in steps, of a slider from the value that it stands for.
@@ -28,7 +28,7 @@ class PageControls(LeafSystem):
     ------------
     tempo : (1,)
         How fast to play, 1 as demonstrated.
-    press_force : (1,)
+    normal_force : (1,)
         N.
     sample : (1,)
         1 to track samples of the components, 0 for their means.
@@ -39,7 +39,7 @@ class PageControls(LeafSystem):
         Its page gets the sliders.
     tempo : float
         Initial value. The slider goes from 0.25 to 2, or as far as this.
-    press_force : float
+    normal_force : float
         Initial value, N. The slider goes from 0 to 15, or as far as this.
     sample : bool
         Initial value.
@@ -60,7 +60,7 @@ class PageControls(LeafSystem):
         meshcat: Meshcat,
         *,
         tempo: float = 1.0,
-        press_force: float = 10.0,
+        normal_force: float = 10.0,
         sample: bool = False,
         period: float = 0.128,
     ) -> None:
@@ -68,7 +68,11 @@ class PageControls(LeafSystem):
         self.set_name("page_controls")
         if not (np.isfinite(period) and period > 0):
             raise SystemsError(f"period is {period} s; it must be positive.")
-        initial = {"tempo": tempo, "press_force": press_force, "sample": float(sample)}
+        initial = {
+            "tempo": tempo,
+            "normal_force": normal_force,
+            "sample": float(sample),
+        }
         for name, value in initial.items():
             if not (np.isfinite(value) and value >= 0):
                 raise SystemsError(f"{name} is {value}; it must not be negative.")

@@ -1,4 +1,4 @@
-"""Pushes and holds at given times, by a person who is not simulated."""
+"""Pushes and grasps at given times, by a person who is not simulated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -92,7 +92,7 @@ class Grasp(Push):
 
 
 class ScriptedDisturbances(LeafSystem):
-    """The forces of a list of pushes and holds on the tool of an arm.
+    """The forces of a list of pushes and grasps on the tool of an arm.
 
     Input ports
     -----------
@@ -115,16 +115,15 @@ class ScriptedDisturbances(LeafSystem):
     Examples
     --------
     >>> from pydrake.multibody.plant import MultibodyPlant
-    >>> from fmp_drake.station import AddPandaWithEraser
-    >>> from fmp_drake.systems import Push
     >>> plant = MultibodyPlant(time_step=0.001)
-    >>> _ = AddPandaWithEraser(plant)
+    >>> tool = plant.AddRigidBody("tool")
     >>> plant.Finalize()
-    >>> push = Push(start=2.0, duration=1.0, force=np.array([0.0, 20.0, 0.0]))
-    >>> tip = plant.GetFrameByName("eraser_tip")
-    >>> system = ScriptedDisturbances(grip=tip, disturbances=[push])
-    >>> system.GetOutputPort("force").size()
-    3
+    >>> push = Push(start=1.0, duration=0.5, force=np.array([10.0, 0.0, 0.0]))
+    >>> script = ScriptedDisturbances(grip=tool.body_frame(), disturbances=[push])
+    >>> context = script.CreateDefaultContext()
+    >>> context.SetTime(1.2)
+    >>> script.GetOutputPort("force").Eval(context)
+    array([10.,  0.,  0.])
     """
 
     def __init__(self, *, grip: Frame, disturbances: Sequence[Push]) -> None:

@@ -35,9 +35,18 @@ class SensorModel(LeafSystem):
 
     Examples
     --------
-    >>> sensors = SensorModel(initial=np.zeros(14), rate=1000.0, delay=0.002)
-    >>> sensors.GetInputPort("state").size()
-    14
+    One joint, whose state arrives 2 ms late:
+
+    >>> from pydrake.systems.analysis import Simulator
+    >>> sensors = SensorModel(initial=[0.0, 0.0], rate=1000.0, delay=0.002)
+    >>> simulator = Simulator(sensors)
+    >>> context = simulator.get_mutable_context()
+    >>> _ = sensors.get_input_port().FixValue(context, [0.3, 0.1])
+    >>> for time in (0.0015, 0.0025):
+    ...     _ = simulator.AdvanceTo(time)
+    ...     print(sensors.get_output_port().Eval(context))
+    [0. 0.]
+    [0.3 0.1]
     """
 
     def __init__(

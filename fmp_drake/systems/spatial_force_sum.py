@@ -32,9 +32,9 @@ class SpatialForceSum(LeafSystem):
 
     Examples
     --------
-    >>> total = SpatialForceSum("mouse", "people")
-    >>> total.GetInputPort("people").get_name()
-    'people'
+    >>> total = SpatialForceSum("mouse", "disturbances")
+    >>> total.GetOutputPort("spatial_forces").Eval(total.CreateDefaultContext())
+    []
     """
 
     def __init__(self, *names: str) -> None:

@@ -49,10 +49,14 @@ class TrailVisualizer(LeafSystem):
 
     Examples
     --------
-    >>> from pydrake.geometry import Meshcat
-    >>> trail = TrailVisualizer(Meshcat(), path="board/trail", names=("measured",))
-    >>> trail.GetInputPort("measured").size()
-    3
+    The trail of a point that stands still:
+
+    >>> from pydrake.systems.analysis import Simulator
+    >>> trail = TrailVisualizer(Meshcat(), names=("measured",), seconds=2.0)
+    >>> simulator = Simulator(trail)
+    >>> context = simulator.get_mutable_context()
+    >>> _ = trail.get_input_port().FixValue(context, [0.1, 0.2, 0.0])
+    >>> _ = simulator.AdvanceTo(1.0)
     """
 
     def __init__(

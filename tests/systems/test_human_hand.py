@@ -133,7 +133,7 @@ def test_force_is_a_spring_a_damper_and_a_press(offset, velocity, spin, time):
     _, target_velocity = MOTION.at(time)
     expected = -GRIP.damping * (np.array(velocity) - [*target_velocity, 0.0])
     expected[:2] -= GRIP.stiffness * np.array(offset[:2])
-    expected[2] -= GRIP.press
+    expected[2] -= GRIP.normal_force
     assert_allclose(force, expected, atol=1e-9)
     assert_allclose(torque, -GRIP.rotational_damping * np.array(spin), atol=1e-9)
 
@@ -234,7 +234,7 @@ def sliding_puck():
             X_WB=X_WB,
             motion=MOTION,
             R_BE=RotationMatrix(),
-            config=GripConfig(press=0.0),
+            config=GripConfig(normal_force=0.0),
         )
     )
     for name in INPUTS:

@@ -1,8 +1,5 @@
 """Facts about the geometry and the coverage of ink cells."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,11 +13,6 @@ from fmp_drake.systems.ink.grid import (
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.005)
 FELT = (0.12, 0.05)
-
-
-def test_grid_imports_without_drake():
-    code = "import sys, fmp_drake.systems.ink.grid; assert 'pydrake' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_cells_run_along_x_first_and_fill_the_rectangle():

@@ -10,7 +10,7 @@ from fmp_drake.systems.page_controls import PageControls
 
 NAMES = {
     "tempo": "tempo",
-    "press_force": "press force (N)",
+    "normal_force": "normal force (N)",
     "sample": "sample (0: mean)",
 }
 
@@ -48,12 +48,12 @@ def test_the_sliders_come_with_the_initialisation_and_go_with_delete(meshcat):
 
 
 def test_a_moved_slider_is_an_output_within_a_period(meshcat):
-    controls = PageControls(meshcat, tempo=0.8, press_force=9.0, sample=True)
+    controls = PageControls(meshcat, tempo=0.8, normal_force=9.0, sample=True)
     simulator = Simulator(controls)
     simulator.AdvanceTo(0.3)
-    initial = {"tempo": 0.8, "press_force": 9.0, "sample": 1.0}
+    initial = {"tempo": 0.8, "normal_force": 9.0, "sample": 1.0}
     assert outputs(controls, simulator) == initial
-    moved = {"tempo": 1.5, "press_force": 3.0, "sample": 0.0}
+    moved = {"tempo": 1.5, "normal_force": 3.0, "sample": 0.0}
     for name, value in moved.items():
         meshcat.SetSliderValue(NAMES[name], value)
     assert outputs(controls, simulator) == initial
@@ -62,8 +62,8 @@ def test_a_moved_slider_is_an_output_within_a_period(meshcat):
 
 
 def test_an_untouched_slider_does_not_round_the_initial_value(meshcat):
-    initial = {"tempo": 0.83, "press_force": 9.123, "sample": 0.0}
-    controls = PageControls(meshcat, tempo=0.83, press_force=9.123)
+    initial = {"tempo": 0.83, "normal_force": 9.123, "sample": 0.0}
+    controls = PageControls(meshcat, tempo=0.83, normal_force=9.123)
     simulator = Simulator(controls)
     simulator.AdvanceTo(0.5)
     assert outputs(controls, simulator) == initial
@@ -73,11 +73,11 @@ def test_an_untouched_slider_does_not_round_the_initial_value(meshcat):
 
 
 def test_a_slider_reaches_an_unusual_initial_value(meshcat):
-    controls = PageControls(meshcat, tempo=3.0, press_force=22.0)
+    controls = PageControls(meshcat, tempo=3.0, normal_force=22.0)
     simulator = Simulator(controls)
     simulator.AdvanceTo(0.5)
     assert meshcat.GetSliderValue("tempo") == 3.0
-    assert outputs(controls, simulator)["press_force"] == 22.0
+    assert outputs(controls, simulator)["normal_force"] == 22.0
 
 
 def test_an_initialisation_shows_the_values_of_its_context(meshcat):
@@ -97,7 +97,7 @@ def test_an_initialisation_shows_the_values_of_its_context(meshcat):
 
 
 def test_a_continued_run_keeps_the_exact_values(meshcat):
-    controls = PageControls(meshcat, tempo=0.83, press_force=31.7)
+    controls = PageControls(meshcat, tempo=0.83, normal_force=31.7)
     simulator = Simulator(controls)
     simulator.AdvanceTo(0.25)
     # In between, another simulation has used the page.
@@ -106,7 +106,7 @@ def test_a_continued_run_keeps_the_exact_values(meshcat):
     Simulator(PageControls(meshcat)).Initialize()
     copy = Simulator(controls, simulator.get_context().Clone())
     copy.AdvanceTo(1.0)
-    expected = {"tempo": 0.83, "press_force": 31.7, "sample": 0.0}
+    expected = {"tempo": 0.83, "normal_force": 31.7, "sample": 0.0}
     assert outputs(controls, copy) == expected
 
 
@@ -128,7 +128,7 @@ def test_two_pages_do_not_disturb_each_other():
 
 
 @pytest.mark.parametrize(
-    "options", [{"tempo": -1.0}, {"press_force": np.nan}, {"period": 0.0}]
+    "options", [{"tempo": -1.0}, {"normal_force": np.nan}, {"period": 0.0}]
 )
 def test_values_that_do_not_fit_are_refused(meshcat, options):
     with pytest.raises(SystemsError, match="must"):

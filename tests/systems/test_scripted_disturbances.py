@@ -1,4 +1,4 @@
-"""Facts about scripted pushes and holds."""
+"""Facts about scripted pushes and grasps."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 
 PUSH = Push(start=1.0, duration=0.5, force=np.array([1.0, 2.0, 3.0]))
-HOLD = Grasp(
+GRASP = Grasp(
     start=2.0,
     duration=1.0,
     force=np.zeros(3),
@@ -64,7 +64,7 @@ def test_ports_have_names(tip):
         system.GetInputPort(name)
     assert system.GetOutputPort("force").size() == 3
     assert not system.HasDirectFeedthrough(0, 0)
-    assert ScriptedDisturbances(grip=tip, disturbances=[HOLD]).HasDirectFeedthrough(
+    assert ScriptedDisturbances(grip=tip, disturbances=[GRASP]).HasDirectFeedthrough(
         0, 0
     )
 
@@ -100,8 +100,8 @@ def test_force_acts_at_the_origin_of_the_grip(plant, tip):
     assert_allclose(applied.F_Bq_W.rotational(), 0)
 
 
-def test_hold_is_a_damped_spring_to_its_point(plant, tip):
-    system = ScriptedDisturbances(grip=tip, disturbances=[HOLD])
+def test_a_grasp_is_a_damped_spring_to_its_point(plant, tip):
+    system = ScriptedDisturbances(grip=tip, disturbances=[GRASP])
     X_WE = RigidTransform(RotationMatrix.MakeZRotation(0.7), [0.09, 0.21, 0.31])
     v = np.array([0.01, -0.02, 0.03])
     V = SpatialVelocity(np.array([0.3, -0.2, 0.1]), v)
@@ -110,8 +110,8 @@ def test_hold_is_a_damped_spring_to_its_point(plant, tip):
     assert_allclose(system.GetOutputPort("force").Eval(context), expected, atol=1e-9)
 
 
-def test_hold_pulls_no_harder_than_a_person(plant, tip):
-    system = ScriptedDisturbances(grip=tip, disturbances=[HOLD])
+def test_a_grasp_pulls_no_harder_than_a_person(plant, tip):
+    system = ScriptedDisturbances(grip=tip, disturbances=[GRASP])
     X_WE = RigidTransform([0.1, 0.2, 1.3])
     context = context_of(system, plant, time=2.5, X_WE=X_WE)
     force = system.GetOutputPort("force").Eval(context)
@@ -126,7 +126,7 @@ def test_forces_of_one_time_add_up(plant, tip):
 
 
 def test_caching_makes_no_difference(plant, tip):
-    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH, HOLD])
+    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH, GRASP])
     for cached in (True, False):
         context = context_of(system, plant, time=0.5)
         if not cached:

@@ -31,6 +31,15 @@ class Placement:
         they are.
     touching : float
         Fraction of the samples that become 0.
+
+    Examples
+    --------
+    >>> recorded = Demonstration(
+    ...     time=np.arange(100) / 20, values=np.random.default_rng(0).random((100, 3))
+    ... )
+    >>> placement = Placement(rotation=np.eye(3), translation=np.array([0.0, 0.0, 0.1]))
+    >>> (placement.apply(recorded).values - recorded.values)[0].round(6)
+    array([0. , 0. , 0.1])
     """
 
     rotation: NDArray[np.float64]

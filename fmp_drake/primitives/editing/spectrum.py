@@ -34,6 +34,12 @@ class SpectralPeak:
         The strongest harmonic of the peak, cycles per window.
     fraction : float
         Of the variance of the channel within windows, 0 to 1.
+
+    Examples
+    --------
+    >>> peak = SpectralPeak(frequency=0.52, harmonic=3, fraction=0.8)
+    >>> round(1 / peak.frequency, 2)  # The period, s.
+    1.92
     """
 
     frequency: float
@@ -67,6 +73,15 @@ class Spectrum:
         The reference channel.
     reference_harmonic : int or None
         None: each harmonic is relative to the same one of the reference channel.
+
+    Examples
+    --------
+    >>> from fmp_drake.primitives import window_spectrum
+    >>> phase = 2 * np.pi * np.arange(40) / 10
+    >>> windows = np.array([[np.cos(phase + each)] for each in range(8)])
+    >>> spectrum = window_spectrum(windows.transpose(0, 2, 1), rate=20.0)
+    >>> [round(peak.frequency, 3) for peak in spectrum.peaks(0)]
+    [2.0]
     """
 
     channels: tuple[str, ...]

@@ -128,7 +128,7 @@ def AddPage(
         controls = PageControls(
             meshcat,
             tempo=scenario.skill.tempo,
-            press_force=scenario.press.force,
+            normal_force=scenario.press.force,
             sample=sample,
         )
         builder.AddSystem(controls)

@@ -15,7 +15,7 @@ BOARD_COLOUR = (1.0, 1.0, 1.0)
 
 
 def ink_colours(ink: ArrayLike, *, srgb: bool = False) -> FloatArray:
-    """Give each share of ink its colour: a mixture of ink and board.
+    """Give each fraction of ink its colour: a mixture of ink and board.
 
     The mixture is made in linear light, as Meshcat does between vertices. To paint
     on a picture of a board under a lamp, multiply: `ink_colours(0)` is white.
@@ -23,7 +23,7 @@ def ink_colours(ink: ArrayLike, *, srgb: bool = False) -> FloatArray:
     Parameters
     ----------
     ink : array_like
-        Share of the ink that is left, from 0 to 1, of any shape, such as (ny, nx).
+        Fraction of the ink that is left, from 0 to 1, of any shape, such as (ny, nx).
     srgb : bool
         Return sRGB, as in pictures, in place of linear RGB.
 
@@ -32,9 +32,9 @@ def ink_colours(ink: ArrayLike, *, srgb: bool = False) -> FloatArray:
     ndarray, shape (..., 3)
         Red, green and blue from 0 to 1.
     """
-    share = np.clip(np.asarray(ink, dtype=float), 0.0, 1.0)[..., np.newaxis]
+    left = np.clip(np.asarray(ink, dtype=float), 0.0, 1.0)[..., np.newaxis]
     board = np.array(BOARD_COLOUR)
-    linear: FloatArray = board + share * (np.array(INK_COLOUR) - board)
+    linear: FloatArray = board + left * (np.array(INK_COLOUR) - board)
     if not srgb:
         return linear
     # IEC 61966-2-1.

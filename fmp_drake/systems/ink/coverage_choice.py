@@ -29,12 +29,14 @@ class CoverageChoice:
 
     Examples
     --------
-    >>> from fmp_drake.systems import InkGrid
-    >>> grid = InkGrid(size=(0.5, 0.7))
-    >>> choice = CoverageChoice(grid=grid, footprint=(0.12, 0.05), candidates=2)
-    >>> short, long = np.zeros((2, 50, 3))
-    >>> long[:, 1] = np.linspace(-0.2, 0.2, 50)
-    >>> choice.best(grid.full(), np.array([short, long]))
+    The left half of a board is clean: the stroke on the right wipes more.
+
+    >>> grid = InkGrid(size=(0.4, 0.3), cell=0.01)
+    >>> ink = grid.full()
+    >>> ink[:, :20] = 0.0
+    >>> strokes = np.array([[[x, -0.1, 0.0], [x, 0.1, 0.0]] for x in (-0.1, 0.1)])
+    >>> choice = CoverageChoice(grid=grid, footprint=(0.05, 0.05), candidates=2)
+    >>> choice.best(ink, strokes)
     1
     """
 

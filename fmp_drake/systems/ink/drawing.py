@@ -17,7 +17,7 @@ from fmp_drake.systems.ink.grid import InkGrid
 type FloatArray = NDArray[np.float64]
 
 QUARTER_TURNS = 1
-"""Turn of writing for somebody who sits opposite the robot at a table-top board: it
+"""Rotation of writing for somebody who sits opposite the robot at a table-top board: it
 runs along y of B, and its lines follow one another along x. See `upright_turns`."""
 
 MARGIN = 0.05
@@ -30,7 +30,7 @@ _FINE = 4  # samples along the edge of a cell
 def upright_turns(
     grid: InkGrid, *, X_WB: RigidTransform, eye: ArrayLike = (1.12, -0.60, 0.72)
 ) -> int:
-    """Find the turn that makes writing upright for an eye, along the longer edge.
+    """Find the rotation that makes writing upright for an eye, along the longer edge.
 
     Parameters
     ----------

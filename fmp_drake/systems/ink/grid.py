@@ -55,12 +55,13 @@ class InkGrid:
 
     Examples
     --------
-    >>> grid = InkGrid(size=(0.5, 0.7), cell=0.005)
+    >>> grid = InkGrid(size=(0.4, 0.3), cell=0.01)
     >>> grid.shape
-    (140, 100)
-    >>> area = grid.swept_area([[0.0, -0.1, 0.0], [0.0, 0.1, 0.0]], (0.12, 0.05))
-    >>> float(area.mean().round(3))  # Of the board, under a stroke of 0.2 m.
-    0.086
+    (30, 40)
+    >>> stroke = [[-0.1, 0.0, 0.0], [0.1, 0.0, 0.0]]
+    >>> swept = grid.swept_area(stroke, footprint=(0.05, 0.12))
+    >>> round(float(swept.mean()), 2)
+    0.26
     """
 
     size: tuple[float, float] = (0.7, 0.5)

@@ -73,10 +73,10 @@ class HandMotion:
 
     Examples
     --------
-    >>> motion = HandMotion.make("eight", seconds=10.0, seed=0)
+    >>> motion = HandMotion.make("wiping", seconds=10.0, seed=0)
     >>> position, velocity = motion.at(2.5)
-    >>> position.shape
-    (2,)
+    >>> bool(abs(position).max() < 0.3)
+    True
     """
 
     position: NDArray[np.float64]
