@@ -65,7 +65,7 @@ class Closeness:
 
 
 def roughness(trajectories: NDArray[np.float64], rate: float) -> float:
-    """Return the root mean square of the third difference, in units per s^3."""
+    """Return the rms jerk of trajectories (..., ticks, D), in units per s^3."""
     third = np.diff(trajectories, n=3, axis=-2) * rate**3
     return float(np.sqrt(np.mean(np.sum(third**2, axis=-1))))
 

@@ -36,7 +36,7 @@ class FilmCamera:
     fov_y: float = 0.7
 
     def pose(self) -> RigidTransform:
-        """Return X_WC.
+        """Return the pose X_WC of the camera in the world.
 
         Raises
         ------

@@ -73,7 +73,7 @@ class PlanePanel:
 
 
 class TimePanels:
-    """Axes below each other, one for each of some channels, and maybe one more.
+    """A stack of axes over time, one for each of some channels, with an optional strip.
 
     Iterating gives the axes and the index of each channel.
 

@@ -49,7 +49,7 @@ _GREY_LINE = {"color": DEMONSTRATED, "linewidth": 0.4, "zorder": 1.5}
 
 
 def component_color(component: int) -> str:
-    """Return the colour of a component; after ten they come again."""
+    """Return the colour of a component; there are ten, which repeat."""
     return _COMPONENTS[component % len(_COMPONENTS)]
 
 
@@ -59,7 +59,7 @@ def lighten(color: str, white: float) -> tuple[float, ...]:
 
 
 def finish_plane(ax: Axes, channels: Channels, plane: tuple[int, int]) -> None:
-    """Label a picture in the plane of two channels and orient it: see the package."""
+    """Label a picture in the plane of two channels and orient it, x up and y to the left."""
     up, left = plane
     ax.autoscale_view()
     if channels.units[up] == channels.units[left]:
@@ -71,12 +71,12 @@ def finish_plane(ax: Axes, channels: Channels, plane: tuple[int, int]) -> None:
 
 
 def shape_of(height: float, width: float) -> float:
-    """Return height / width, within what a panel can take."""
+    """Return height / width, limited to 0.4 to 1.3."""
     return float(np.clip(height / max(width, 1e-12), 0.4, 1.3))
 
 
 def same_limits(axes: Sequence[Axes]) -> None:
-    """Let pictures in the plane show the same region."""
+    """Give pictures in the plane the same limits, those that contain all of theirs."""
     xs, ys = np.ravel([ax.get_xlim() for ax in axes]), [ax.get_ylim() for ax in axes]
     for ax in axes:
         ax.set_xlim(xs.max(), xs.min())

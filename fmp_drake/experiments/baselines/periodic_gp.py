@@ -21,7 +21,7 @@ from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 
 
 class PeriodicGP(TrajectoryModel):
-    """A Gaussian process of time with a periodic kernel that slowly decays.
+    """A Gaussian process over time with a kernel that is periodic and slowly decays.
 
     For each channel, in its own standard deviations, section 5.4.3 of Rasmussen and
     Williams (2006)::

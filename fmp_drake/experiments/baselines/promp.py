@@ -247,7 +247,7 @@ class ProMP(TrajectoryModel):
 
     @property
     def basis(self) -> VonMisesBasis:
-        """The bases (21)."""
+        """The basis functions (21) of all frequencies."""
         return VonMisesBasis(
             frequencies=tuple(self.frequencies),
             n_bases=self.n_bases,

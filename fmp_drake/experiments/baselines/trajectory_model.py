@@ -17,7 +17,7 @@ class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
 
     The base class of all methods of the comparison. It checks what it is given, so that
     a method only fills in `_learn`, `_draw`, `_continue` and, where it has a density,
-    `_log_density`. Time is counted in samples, values are in the units of the windows.
+    `log_density`. Time is counted in samples, values are in the units of the windows.
 
     Attributes
     ----------

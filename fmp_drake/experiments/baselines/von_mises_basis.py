@@ -65,7 +65,7 @@ class VonMisesBasis:
         return len(self.frequencies) * self.n_bases
 
     def rows(self, z: ArrayLike) -> NDArray[np.float64]:
-        """Return Phi at times z (K,), in windows, shape (K, B)."""
+        """Return all bases (21) at times z (K,), in windows, shape (K, B)."""
         f = np.asarray(self.frequencies, dtype=float)
         centres = np.arange(self.n_bases) / self.n_bases  # f c_i, in periods
         periods = np.multiply.outer(np.asarray(z, dtype=float), f)[..., None]

@@ -148,10 +148,10 @@ class Demonstration:
         return bool(np.all(np.abs(np.diff(self.time) * rate - 1) < _UNIFORM))
 
     def resample(self, rate: float) -> "Demonstration":
-        """Return the demonstration at a uniform rate.
+        """Return the demonstration, sampled uniformly at another rate.
 
-        Low-pass filtered (zero phase, at 0.4 of the new rate) where the recording
-        is faster, interpolated by a cubic spline.
+        It is low-pass filtered (zero phase, at 0.4 of the new rate) where the recording
+        is more than twice as fast, and interpolated by a cubic spline.
 
         Parameters
         ----------

@@ -15,7 +15,7 @@ ChannelScales = Literal["units"] | ArrayLike
 def channel_scales(
     scales: ChannelScales, values: NDArray[np.float64], units: Sequence[str]
 ) -> NDArray[np.float64]:
-    """Return what each channel is divided by, shape (D,).
+    """Return the number that each channel is divided by before the fit, shape (D,).
 
     Parameters
     ----------

@@ -56,7 +56,9 @@ def demonstration_windows(
     rate: float,
     at_least: int = 2,
 ) -> NDArray[np.float64]:
-    """Resample every demonstration, window each on its own, and stack: (N, T, D).
+    """Return the windows (N, T, D) of demonstrations, resampled to one rate.
+
+    No window crosses from one demonstration to the next.
 
     Raises
     ------

@@ -150,7 +150,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         via: Sequence[ViaPoint] = (),
         duration: float | None = None,
     ) -> DiscreteMovement:
-        """Return the movement from a measured start, at rest.
+        """Return the movement from a measured start, where the robot is at rest.
 
         The observation is mapped to weights as in Algorithm 1, kept in the span of the
         component and inside its ellipsoid of the given confidence. The distances to
@@ -214,7 +214,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         duration: float | None = None,
         rate: float = 100.0,
     ) -> NDArray[np.float64]:
-        """Play a movement, sampled at a rate.
+        """Return a movement as samples of value, velocity and acceleration.
 
         Parameters
         ----------
@@ -236,7 +236,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     def sample(
         self, n: int = 1, *, seed: int = 0, with_noise: bool = True
     ) -> NDArray[np.float64]:
-        """Draw movements, shape (n, T, D), at the phases (i + 1/2) / T."""
+        """Draw movements from the mixture, shape (n, T, D), at the phases (i + 1/2) / T."""
         check_is_fitted(self, "skill_")
         drawn = self.skill_.sample(n, seed=seed, with_noise=with_noise)
         return drawn[:, : self.n_steps]

@@ -46,7 +46,7 @@ class HasOrientation(Protocol):
 def as_rotation(
     rotations: Rotation | ArrayLike, *, order: QuaternionOrder | None = None
 ) -> Rotation:
-    """Return rotations given as such or as quaternions.
+    """Return SciPy's rotations from quaternions, or unchanged where they are such.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def rotation_vectors(
     *,
     near: ArrayLike | None = None,
 ) -> NDArray[np.float64]:
-    """Return the rotation vectors phi of rotations, without jumps.
+    """Return rotation vectors phi that follow a sequence of rotations without jumps.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def rotations_of(vectors: ArrayLike, reference: Quaternion) -> Rotation:
 
 
 def skill_rotations(skill: HasOrientation, values: ArrayLike) -> Rotation:
-    """Return the orientations R_BE in values of a skill.
+    """Return the orientations R_BE that a skill's rotation channels describe.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ def transform_space(
     rotate_orientation: bool = True,
     frame: str | None = None,
 ) -> FourierMovementPrimitive:
-    """Return a copy of a skill whose trajectories are transformed ones.
+    """Return a copy of a skill that is rotated, scaled and translated in space.
 
     Every sample p of the named channels becomes scale * R p + t, in the
     distribution over trajectories exactly: means, factors and white noise. What is

@@ -49,7 +49,7 @@ class FourierBasis:
         self.n_steps = int(n_steps)
 
     def analyze(self, samples: ArrayLike) -> NDArray[np.float64]:
-        """Return the weights of windows: shape (..., T, D) to (..., D*T)."""
+        """Return the weights (..., D*T) of windows of samples (..., T, D)."""
         n = self.n_steps
         y = as_floats(samples, "the samples", ("...", n, "channels"))
         spectrum = np.fft.rfft(np.swapaxes(y, -1, -2), axis=-1)
@@ -63,7 +63,7 @@ class FourierBasis:
         return w.reshape(*w.shape[:-2], -1)
 
     def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Return the samples of weights: shape (..., D*T) to (..., T, D)."""
+        """Return the windows of samples (..., T, D) that have weights (..., D*T)."""
         n = self.n_steps
         w = self.by_channel(weights)
         last = (n + 1) // 2
@@ -207,7 +207,7 @@ class FourierBasis:
         return {}
 
     def to_paper(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Return the paper's weights (6), channel by channel.
+        """Return the 2T weights (6) of each channel that the paper uses, from these.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ class FourierBasis:
         return out.reshape(*w.shape[:-2], -1, 2 * n).reshape(*w.shape[:-2], -1)
 
     def from_paper(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Return orthonormal weights (..., D*T) of the paper's (..., D*2T).
+        """Return the weights (..., D*T) of this basis from the paper's (..., D*2T).
 
         The part of the paper's weights that describes no real signal is
         dropped, as the real part of (8) does.

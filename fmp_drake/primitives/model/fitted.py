@@ -9,7 +9,7 @@ from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimiti
 def build_skill(
     parameters: Mapping[str, Any], fitted: Mapping[str, Any]
 ) -> FourierMovementPrimitive:
-    """Return a fitted skill of given parts.
+    """Return a skill with given parameters and fitted attributes, without a fit.
 
     Parameters
     ----------

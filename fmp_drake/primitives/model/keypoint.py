@@ -56,7 +56,7 @@ def stack_keypoints(
     tolerance: NDArray[np.float64],
     rows_of: Callable[..., NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the one observation that several keypoints are together.
+    """Return several keypoints as one linear observation of the weights.
 
     Parameters
     ----------

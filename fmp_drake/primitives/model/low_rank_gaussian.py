@@ -10,7 +10,7 @@ from fmp_drake.errors import SkillError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LowRankGaussian:
-    """Gaussian in n dimensions with covariance U diag(s) U' + noise I.
+    """A Gaussian in n dimensions whose covariance is U diag(s) U' + noise I.
 
     Every operation is exact and none builds an n x n array.
 

@@ -51,7 +51,7 @@ class Mapping:
 
 
 class MappingPlan:
-    """Algorithm 1, prepared for observations of the same places of a window.
+    """Algorithm 1, prepared for observations at the same steps of a window.
 
     Maps observed values to the Fourier weights of a mixture's most fitting component.
     Everything that does not depend on the values is computed once: by the matrix inversion lemma the candidate (14) of component j is::
@@ -144,7 +144,7 @@ class MappingPlan:
         self._offsets = offsets
 
     def map(self, values: ArrayLike) -> Mapping:
-        """Map observed values, shape (m,), to weights."""
+        """Return the weights of the component that fits observed values (m,) best."""
         y = finite_array(values, "the observation", (self.size,))
         z = (self._whitening @ y).reshape(self._whitened.shape) - self._whitened
         costs = np.einsum("ja,ja->j", z, z) + self._offsets
@@ -158,7 +158,7 @@ class MappingPlan:
     def map_many(
         self, values: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-        """Map observations, shape (S, m), each on its own.
+        """Return what `map` gives for each of several observations, shape (S, m).
 
         Returns
         -------

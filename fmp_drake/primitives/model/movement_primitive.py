@@ -195,7 +195,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         return self
 
     def analyze(self, windows: ArrayLike) -> NDArray[np.float64]:
-        """Return the weights of windows: shape (..., T, D) to (..., D*T)."""
+        """Return the Fourier weights (..., D*T) of windows of samples (..., T, D)."""
         check_is_fitted(self, "scales_")
         shape = ("...", self.n_steps, self.n_channels_)
         return self.basis.analyze(
@@ -203,7 +203,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         )
 
     def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Return the windows of weights: shape (..., D*T) to (..., T, D)."""
+        """Return the windows of samples (..., T, D) that have weights (..., D*T)."""
         check_is_fitted(self, "scales_")
         shape = ("...", self.n_channels_ * self.n_steps)
         return (
@@ -229,7 +229,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     def sample(
         self, n: int = 1, *, seed: int = 0, with_noise: bool = True
     ) -> NDArray[np.float64]:
-        """Draw trajectories, shape (n, T, D)."""
+        """Draw trajectories of one window from the mixture, shape (n, T, D)."""
         self.check_fitted()
         for name, value in (("n", n), ("seed", seed)):
             check_number(value, name, least=0, most=2**31 - 1, whole=True)
@@ -250,7 +250,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         channels: Sequence[str | int] | None = None,
         derivative: int = 0,
     ) -> NDArray[np.float64]:
-        """Return Phi^D (20) of some steps, shape (len(steps) * C, D*T).
+        """Return Phi^D (20): the matrix from weights to values at K steps, (K*C, D*T).
 
         Ordered like values of shape (steps, C) flattened: all C channels of the first
         step, then of the second. In the channels' units, derivatives per second.
@@ -307,7 +307,10 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         )
 
     def map_keypoints(self, keypoints: Sequence[Keypoint]) -> Mapping:
-        """Map keypoints, of any steps, channels and derivatives, to weights."""
+        """Return the weights whose trajectory passes the keypoints (Algorithm 1).
+
+        The keypoints may be at any steps, of any channels and derivatives.
+        """
         self.check_fitted()
         rows, values, tolerances = stack_keypoints(
             keypoints,
@@ -322,7 +325,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         return self.tolerance * self.scales_**2
 
     def map_partial(self, values: ArrayLike, *, first_step: int = 0) -> Mapping:
-        """Map a partial trajectory (K, D) to weights (Algorithm 1).
+        """Return the weights whose trajectory begins like an observed one (Algorithm 1).
 
         Parameters
         ----------
@@ -344,7 +347,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         return plan.map(y.ravel())
 
     def covariance(self, component: int, step: float) -> NDArray[np.float64]:
-        """Return the covariance (18) of a component's value, shape (D, D)."""
+        """Return the covariance (18) of a component at a time in samples, (D, D)."""
         self.check_fitted()
         last = len(self.components_) - 1
         check_number(component, "component", least=0, most=last, whole=True)
@@ -376,7 +379,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
 
     @property
     def window_stride(self) -> int:
-        """Samples between the starts of two windows."""
+        """Samples between the starts of two windows: `stride`, or its default."""
         return max(1, self.n_steps // 60) if self.stride is None else self.stride
 
     def check_fitted(self) -> None:
