@@ -24,7 +24,7 @@ LAYERS = (
     "apps",
 )
 # Below all layers.
-BASE = {"errors", "settings", "compiled", "__init__"}
+BASE = {"errors", "numeric", "settings", "compiled", "__init__"}
 FRONT_DOORS = ("fmp_drake", *(f"fmp_drake.{layer}" for layer in LAYERS[:-1]))
 MOST_MODULES = 16
 MOST_LINES = 400

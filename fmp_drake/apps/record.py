@@ -4,12 +4,12 @@ import time
 from pathlib import Path
 
 import click
-import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.apps.options import PATH
 from fmp_drake.apps.page import make_console, open_page, show_progress
 from fmp_drake.errors import FmpError
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.advancing import advance
 from fmp_drake.station.scenario import LoadScenario
@@ -38,10 +38,8 @@ def record(
     """Record a demonstration: a simulated person guides the arm over the board."""
     console = make_console()
     check_writable(out)
-    if not (np.isfinite(minutes) and minutes > 0):
-        raise FmpError(f"minutes is {minutes}; it must be positive.")
-    if seed < 0:
-        raise FmpError(f"seed is {seed}; it must not be negative.")
+    check_number(minutes, "minutes", above=0, error=FmpError)
+    check_number(seed, "seed", least=0, error=FmpError)
     seconds = 60 * minutes
     motion = HandMotion.make(task, seconds=_SETTLE + seconds + 1, seed=seed)
     meshcat = open_page(console) if page else None

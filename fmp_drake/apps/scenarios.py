@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import click
-import numpy as np
 from rich.table import Table
 
 from fmp_drake.apps.options import PATH
 from fmp_drake.apps.page import make_console
 from fmp_drake.errors import FmpError, RunError
 from fmp_drake.film.scenario_page import measure_scenarios, scenario_page
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
@@ -34,8 +34,7 @@ def scenarios(page: Path | None, duration: float) -> None:
     check_writable(page)
     if page is not None and page.suffix != ".md":
         raise FmpError(f"{page} is no page; let its name end in .md.")
-    if not (np.isfinite(duration) and duration > 0):
-        raise FmpError(f"duration is {duration:g} s; it must be positive.")
+    check_number(duration, "duration", above=0, unit="s", error=FmpError)
     names = ListScenarios()
     if page is None:
         table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from fmp_drake.apps.options import PATH, skill_options
 from fmp_drake.apps.page import make_console, open_page, show_progress
 from fmp_drake.apps.report import print_report
 from fmp_drake.errors import FmpError, RunError
 from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
+from fmp_drake.numeric import check_number
 from fmp_drake.plots import plot_run
 from fmp_drake.plots.graphviz import check_graph, write_graph
 from fmp_drake.plots.outputs import check_picture
@@ -129,10 +129,7 @@ def wipe(
     log: Path | None,
     report: Path | None,
     graphviz: Path | None,
-    transform: tuple[float, ...] | None,
-    stretch: float,
-    window: float | None,
-    components: int | None,
+    **learning: Any,
 ) -> None:
     """Learn whiteboard wiping from a demonstration and wipe the board."""
     console = make_console()
@@ -142,12 +139,12 @@ def wipe(
     check_film(video, fps=video_fps, speed=video_speed, size=film_size(video_width))
     check_log(log)
     check_graph(graphviz)
-    if not (np.isfinite(duration) and duration > 0):
-        raise FmpError(f"duration is {duration:g} s; it must be positive.")
-    if rate is not None and not (np.isfinite(rate) and rate >= 0):
-        raise FmpError(f"rate is {rate:g}; it must be 0 (fastest) or positive.")
-    if seed is not None and seed < 0:
-        raise FmpError(f"seed is {seed}; it must not be negative.")
+    check_number(duration, "duration", above=0, unit="s", error=FmpError)
+    if rate is None:
+        rate = 0.0 if headless else 1.0
+    check_number(rate, "rate", least=0, error=FmpError)
+    if seed is not None:
+        check_number(seed, "seed", least=0, error=FmpError)
     scene = LoadScenario(scenario)
     for part in hide:
         setattr(scene.show, part, False)
@@ -157,10 +154,7 @@ def wipe(
         scene,
         demos=demos,
         skill_file=skill_file,
-        transform=transform,
-        stretch=stretch,
-        window=window,
-        components=components,
+        **learning,
     )
     learn_seconds = time.perf_counter() - learn_started
     for remark in remarks:
@@ -194,8 +188,7 @@ def wipe(
     if video is not None:
         reel = FilmReel(run.station, fps=video_fps, speed=video_speed)
         reel.watch(run.simulator)
-    realtime = (0.0 if headless else 1.0) if rate is None else rate
-    run.simulator.set_target_realtime_rate(realtime)
+    run.simulator.set_target_realtime_rate(rate)
     started = time.perf_counter()
     times = advance(
         run.simulator,

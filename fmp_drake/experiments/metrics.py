@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.primitives.data.numeric import check_number, finite_array
+from fmp_drake.numeric import check_number, finite_array
 
 # The grid of Table I here; the paper does not state its own. The sensitivity study
 # varies both.

@@ -13,7 +13,7 @@ from pydrake.math import RigidTransform
 
 from fmp_drake.errors import RunError
 from fmp_drake.film.scene import Shot
-from fmp_drake.primitives.data.numeric import finite_array
+from fmp_drake.numeric import finite_array
 from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.ink.grid import InkGrid
 

@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
 from fmp_drake.errors import RunError
-from fmp_drake.primitives.data.numeric import check_number
+from fmp_drake.numeric import check_number
 
 
 @dataclass(frozen=True, kw_only=True)

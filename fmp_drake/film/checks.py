@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable
-from fmp_drake.primitives.data.numeric import check_number
 
 _GREATEST_FPS = {".mp4": 120.0, ".gif": 50.0}
 

@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from pydrake.math import RigidTransform
 
 from fmp_drake.errors import RunError
-from fmp_drake.primitives.data.numeric import check_number
+from fmp_drake.numeric import check_number
 
 _TRAIL_COLOR = (217, 95, 2)
 _TRAIL_SEGMENTS = 12

@@ -16,7 +16,7 @@ from pydrake.systems.framework import Diagram
 
 from fmp_drake.errors import RunError
 from fmp_drake.film.camera import FilmCamera, pixel_rays
-from fmp_drake.primitives.data.numeric import finite_array
+from fmp_drake.numeric import finite_array
 from fmp_drake.station.parts.stage import RenderLights
 
 _RENDERER = "film"

@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.plots.channels import Channels, Demonstrations, as_list
 from fmp_drake.plots.learned import sample_windows
 from fmp_drake.plots.panels import PlanePanel
 from fmp_drake.plots.style import DENSITY_MAP, add_colorbar, shape_of
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.primitives.data.numeric import check_number, finite_array
 
 _REFINED = 4  # A path passes cells between two samples, too.
 

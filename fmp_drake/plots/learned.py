@@ -10,11 +10,11 @@ from scipy.spatial import ConvexHull
 from scipy.stats import chi2
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import check_number
 from fmp_drake.plots.channels import Channels, Demonstrations
 from fmp_drake.plots.panels import PlanePanel, TimePanels
 from fmp_drake.plots.style import SAMPLED, component_color, lighten
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.primitives.data.numeric import check_number
 
 _ANGLES = np.linspace(0, 2 * np.pi, 48, endpoint=False)
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])

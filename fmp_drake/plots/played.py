@@ -9,6 +9,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import check_number
 from fmp_drake.plots.channels import Channels, Demonstrations
 from fmp_drake.plots.learned import draw_band
 from fmp_drake.plots.panels import PlanePanel, TimePanels
@@ -20,7 +21,6 @@ from fmp_drake.plots.style import (
     component_color,
 )
 from fmp_drake.primitives import PlaybackState, Player
-from fmp_drake.primitives.data.numeric import check_number
 
 _MOST_NUMBERS = 40
 _LUMA = (0.299, 0.587, 0.114)

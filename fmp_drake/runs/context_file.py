@@ -4,20 +4,23 @@ The file is an `.npz` without pickle: the time, the continuous state, and each g
 discrete state and of numeric parameters as an array of its own.
 """
 
-import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import Context
 
 from fmp_drake.errors import RunError
-from fmp_drake.primitives.data.files import read_versioned, write_npz
+from fmp_drake.primitives.data.file_format import FileFormat
 
-FORMAT = "fmp-drake-context"
-VERSION = 1
+FORMAT = FileFormat(
+    name="fmp-drake-context",
+    version=1,
+    what="saved Context",
+    source="written by `save_context`",
+    error=RunError,
+)
 
 
 def save_context(context: Context, path: str | Path) -> None:
@@ -43,11 +46,8 @@ def save_context(context: Context, path: str | Path) -> None:
             "a Context is saved as numbers, but there is abstract state in "
             f"{', '.join(_systems_with_abstract_state(context))}."
         )
-    metadata = {"format": FORMAT, "version": VERSION, "time": context.get_time()}
     arrays = {name: vector.CopyToVector() for name, vector in _vectors(context)}
-    write_npz(
-        Path(path), {"metadata": np.array(json.dumps(metadata)), **arrays}, RunError
-    )
+    FORMAT.write(Path(path), {"time": context.get_time()}, arrays)
 
 
 def load_context(context: Context, path: str | Path) -> None:
@@ -68,18 +68,7 @@ def load_context(context: Context, path: str | Path) -> None:
     RunError
         Where the file is missing, broken, newer, or of another diagram.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise RunError(f"there is no saved Context {path}.")
-    metadata, arrays, _ = read_versioned(
-        path,
-        hint="a Context is saved by `save_context`",
-        foreign=f"{path} is no saved Context; write one with `save_context`.",
-        form=FORMAT,
-        newest=VERSION,
-        error=RunError,
-    )
-    del arrays["metadata"]
+    metadata, arrays = FORMAT.read(Path(path))
     given = {name: values.shape for name, values in arrays.items()}
     expected = {name: (vector.size(),) for name, vector in _vectors(context)}
     for name in sorted(given.keys() | expected.keys()):

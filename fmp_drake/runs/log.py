@@ -12,7 +12,6 @@ together:
 `RunLog.load` does that, and checks it.
 """
 
-import json
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,16 +24,17 @@ from numpy.typing import NDArray
 
 from fmp_drake import __version__
 from fmp_drake.errors import RunError
-from fmp_drake.primitives.data.files import (
-    Blocks,
-    check_writable,
-    read_versioned,
-    write_npz,
-)
-from fmp_drake.runs.signals import SignalKind, signal_kind
+from fmp_drake.primitives.data.file_format import FileFormat
+from fmp_drake.primitives.data.files import Blocks, check_writable
+from fmp_drake.runs.signals import signal_kind
 
-FORMAT = "fmp-drake-run"
-VERSION = 1
+FORMAT = FileFormat(
+    name="fmp-drake-run",
+    version=1,
+    what="log",
+    source="written by `fmp-drake wipe --log`",
+    error=RunError,
+)
 
 type Rows = NDArray[np.float64] | Blocks
 
@@ -133,18 +133,7 @@ class RunLog:
         RunError
             Where the file is missing, broken, foreign or from a newer version.
         """
-        path = Path(path)
-        if not path.is_file():
-            raise RunError(f"there is no log {path}.")
-        metadata, arrays, _ = read_versioned(
-            path,
-            hint="a log is written by `fmp-drake wipe --log`",
-            foreign=f"{path} is no log of a run; write one with `fmp-drake wipe "
-            "--log`.",
-            form=FORMAT,
-            newest=VERSION,
-            error=RunError,
-        )
+        metadata, arrays = FORMAT.read(Path(path))
         try:
             return cls(
                 signals={
@@ -189,10 +178,8 @@ def write_log(
     clocks = {id(times): times for times, _ in signals.values()}
     names = {number: f"time_{i}" for i, number in enumerate(clocks)}
     metadata = {
-        "format": FORMAT,
-        "version": VERSION,
         "signals": {
-            name: _described(signal_kind(name), names[id(times)])
+            name: {"times": names[id(times)], **signal_kind(name).described()}
             for name, (times, _) in signals.items()
         },
         "scenario": scenario,
@@ -200,22 +187,9 @@ def write_log(
         "versions": current_versions(),
         "figures": dict(metrics),  # As version 1 of the format calls them.
     }
-    arrays: dict[str, NDArray[Any] | Blocks]
-    arrays = {"metadata": np.array(json.dumps(metadata))}
-    arrays |= {name: values for name, (_, values) in signals.items()}
+    arrays = {name: values for name, (_, values) in signals.items()}
     arrays |= {names[number]: times for number, times in clocks.items()}
-    write_npz(path, arrays, RunError)
-
-
-def _described(kind: SignalKind, times: str) -> dict[str, Any]:
-    """Return what the metadata say of a signal."""
-    return {
-        "times": times,
-        "unit": kind.unit,
-        "frame": kind.frame,
-        "meaning": kind.meaning,
-        "columns": kind.columns,
-    }
+    FORMAT.write(path, metadata, arrays)
 
 
 def check_log(path: Path | None) -> None:

@@ -31,6 +31,10 @@ class SignalKind(NamedTuple):
     frame: str = ""
     columns: tuple[str, ...] = ()
 
+    def described(self) -> dict[str, Any]:
+        """Return what the metadata of a log say of the signal."""
+        return {k: v for k, v in self._asdict().items() if k != "period"}
+
 
 MILLISECOND = 0.001
 # Multiples of a millisecond that are so in floating point, too, at any time: no sample

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, RunError
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
@@ -87,8 +88,7 @@ def load_on_board(
     stretch: float,
 ) -> tuple[list[Demonstration], list[str]]:
     """Load demonstrations in the frame of the board, and say what was done."""
-    if not (np.isfinite(stretch) and stretch > 0):
-        raise DemonstrationError(f"stretch is {stretch}; it must be positive.")
+    check_number(stretch, "stretch", above=0, error=DemonstrationError)
     usable = np.array(scenario.board.size) - scenario.eraser.footprint - _MARGIN
     demonstrations, remarks = [], []
     for path in paths:
@@ -130,8 +130,7 @@ def learn_skill(
     window = defaults.window if window is None else window
     components = defaults.components if components is None else components
     rate = FourierMovementPrimitive().rate
-    if not (np.isfinite(window) and window > 0):
-        raise DemonstrationError(f"window is {window} s; it must be positive.")
+    check_number(window, "window", above=0, unit="s", error=DemonstrationError)
     n_steps = max(8, round(window * rate))
     longest = max(d.duration for d in demonstrations)
     if longest < n_steps / rate:

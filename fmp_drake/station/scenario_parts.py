@@ -36,7 +36,7 @@ class BoardMotion:
     """
 
     axis: list[float] = bounded([0.0, 1.0, 0.0])
-    amplitude: float = bounded(0.0, at_least=0)
+    amplitude: float = bounded(0.0, least=0)
     frequency: float = bounded(0.1, above=0)
 
     def check(self) -> None:
@@ -95,8 +95,8 @@ class BoardConfig:
 
     translation: list[float] = bounded([0.55, 0.0, 0.10])
     rpy: list[float] = bounded([0.0, 0.0, 0.0])
-    size: list[float] = bounded([0.50, 0.70], at_least=0.1)
-    friction: float = bounded(0.5, at_least=0)
+    size: list[float] = bounded([0.50, 0.70], least=0.1)
+    friction: float = bounded(0.5, least=0)
     legs: bool = True
     error: BoardError = field(default_factory=BoardError)
     motion: BoardMotion = field(default_factory=BoardMotion)
@@ -142,8 +142,8 @@ class EraserConfig:
 
     footprint: list[float] = bounded([0.12, 0.05], above=0)
     modulus: float = bounded(1.25e4, above=0)
-    friction: float = bounded(0.5, at_least=0)
-    worn: float = bounded(0.0, at_least=0, at_most=1)
+    friction: float = bounded(0.5, least=0)
+    worn: float = bounded(0.0, least=0, most=1)
 
 
 @dataclass(kw_only=True)
@@ -165,7 +165,7 @@ class PressConfig:
     8.0
     """
 
-    force: float = bounded(10.0, at_least=0)
+    force: float = bounded(10.0, least=0)
     engage_height: float = bounded(0.01, above=0)
 
 
@@ -243,11 +243,11 @@ class SkillConfig:
     demonstration: str = "wiping"
     file: str = ""
     window: float = bounded(6.0, above=0)
-    components: int = bounded(80, at_least=1)
+    components: int = bounded(80, least=1)
     sample: bool = True
-    candidates: int = bounded(32, at_least=1)
-    seed: int = bounded(0, at_least=0)
-    tempo: float = bounded(1.0, at_least=0, at_most=4)
+    candidates: int = bounded(32, least=1)
+    seed: int = bounded(0, least=0)
+    tempo: float = bounded(1.0, least=0, most=4)
     push_threshold: float | None = bounded(None, above=0)
     push_dwell: float = bounded(0.2, above=0)
 
@@ -283,9 +283,9 @@ class Disturbance:
     """
 
     kind: str = "push"
-    start: float = bounded(0.0, at_least=0)
+    start: float = bounded(0.0, least=0)
     duration: float = bounded(1.0, above=0)
-    every: float = bounded(0.0, at_least=0)
+    every: float = bounded(0.0, least=0)
     force: list[float] = bounded([0.0, 0.0, 0.0])
     position: list[float] = bounded([0.0, 0.0, 0.0])
     stiffness: float = bounded(1000.0, above=0)
@@ -329,11 +329,11 @@ class SensorConfig:
     fmp_drake.errors.StationError: sensors.delay needs a sensors.rate, 1000 Hz for example.
     """
 
-    rate: float = bounded(0.0, at_least=0, at_most=1000)
-    delay: float = bounded(0.0, at_least=0)
-    position_noise: float = bounded(0.0, at_least=0)
-    velocity_noise: float = bounded(0.0, at_least=0)
-    seed: int = bounded(0, at_least=0)
+    rate: float = bounded(0.0, least=0, most=1000)
+    delay: float = bounded(0.0, least=0)
+    position_noise: float = bounded(0.0, least=0)
+    velocity_noise: float = bounded(0.0, least=0)
+    seed: int = bounded(0, least=0)
 
     def check(self) -> None:
         """Check what the ranges do not say."""

@@ -12,6 +12,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
 
 FORCE_COLOR = Rgba(0.85, 0.10, 0.10, 1.0)
 """Colour of the arrow."""
@@ -76,12 +77,10 @@ class ForceArrow(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("force_arrow")
-        for name, value in (
-            ("metres_per_newton", metres_per_newton),
-            ("period", period),
-        ):
-            if not (np.isfinite(value) and value > 0):
-                raise SystemsError(f"{name} is {value}; it must be positive.")
+        check_number(
+            metres_per_newton, "metres_per_newton", above=0, error=SystemsError
+        )
+        check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._ids = frozenset(plant.GetCollisionGeometriesForBody(body))
         if not self._ids:
             raise SystemsError(

@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives import (
     FourierMovementPrimitive,
     PlaybackState,
@@ -145,13 +146,12 @@ class FourierPrimitiveSystem(LeafSystem):
         self.set_name("fourier_primitive")
         player = Player(skill, tracker=tracker, sample=sample, seed=seed)
         self._player = player
-        for name, value in {
-            "push_threshold": push_threshold,
-            "push_dwell": push_dwell,
-            "plan_seconds": plan_seconds,
-        }.items():
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise SystemsError(f"{name} is {value}; it must be positive.")
+        if push_threshold is not None:
+            check_number(push_threshold, "push_threshold", above=0, error=SystemsError)
+        check_number(push_dwell, "push_dwell", above=0, unit="s", error=SystemsError)
+        check_number(
+            plan_seconds, "plan_seconds", above=0, unit="s", error=SystemsError
+        )
         self._push_threshold = push_threshold
         self._push_dwell = push_dwell
         self._plan_ticks = math.ceil(plan_seconds / player.tick_seconds - 1e-6)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
@@ -12,6 +11,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 
@@ -119,8 +119,7 @@ class HumanHand(LeafSystem):
             raise SystemsError("the plant is not finalized; call Finalize() first.")
         self._config = GripConfig() if config is None else config
         for name, value in vars(self._config).items():
-            if not (np.isfinite(value) and value >= 0):
-                raise SystemsError(f"{name} is {value}; it must not be negative.")
+            check_number(value, name, least=0, error=SystemsError)
         self._motion = motion
         self._X_WB = X_WB
         self._X_BW = X_WB.inverse()

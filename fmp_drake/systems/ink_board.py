@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import as_floats, check_number, read_only
 from fmp_drake.systems.ink.grid import (
     CLEAN_BELOW,
     WEAR_CONSTANT,
@@ -147,16 +148,9 @@ class InkBoard(LeafSystem):
         """Declare ports, state and the periodic update."""
         super().__init__()
         self.set_name("ink_board")
-        for name, value in (("wear_constant", wear_constant), ("period", period)):
-            if not (np.isfinite(value) and value > 0.0):
-                raise SystemsError(
-                    f"InkBoard {name} is {value}: give a positive number."
-                )
-        if not 0.0 <= worn <= 1.0:
-            raise SystemsError(
-                f"InkBoard worn is {worn}: give the fraction of the felt that does not "
-                "rub, from 0 to 1."
-            )
+        check_number(wear_constant, "wear_constant", above=0, error=SystemsError)
+        check_number(worn, "worn", least=0, most=1, error=SystemsError)
+        check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._eraser, self._surface = (
             (int(frame.body().index()), frame.GetFixedPoseInBodyFrame())
             for frame in (eraser, surface)
@@ -328,16 +322,11 @@ def _collision_ids(plant: MultibodyPlant, frame: Frame) -> frozenset[Any]:
 
 def _checked_ink(initial_ink: ArrayLike | None, grid: InkGrid) -> FloatArray:
     """Return a read-only copy of the ink at the start, shape (ny, nx)."""
-    ink = grid.full() if initial_ink is None else np.array(initial_ink, dtype=float)
-    if ink.shape != grid.shape:
-        raise SystemsError(
-            f"InkBoard initial_ink has shape {ink.shape}, but the grid has "
-            f"{grid.shape} (ny, nx) cells."
-        )
+    given = grid.full() if initial_ink is None else initial_ink
+    ink = as_floats(given, "initial_ink", grid.shape, error=SystemsError).copy()
     if not bool(np.all((ink >= 0.0) & (ink <= 1.0))):
         raise SystemsError(
             f"InkBoard initial_ink goes from {ink.min()} to {ink.max()}: give "
             "fractions from 0 to 1."
         )
-    ink.setflags(write=False)
-    return ink
+    return read_only(ink)

@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import ShadeArray, corner_shades, draw_ink, ink_mesh
 
@@ -79,10 +80,7 @@ class InkVisualizer(LeafSystem):
         """Declare the port, the state and the events."""
         super().__init__()
         self.set_name("ink_visualizer")
-        if not (np.isfinite(period) and period > 0.0):
-            raise SystemsError(
-                f"InkVisualizer period is {period} s: give a positive one."
-            )
+        check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._meshcat = meshcat
         self._grid = grid
         self._path = path

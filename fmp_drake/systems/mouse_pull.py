@@ -10,6 +10,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number, read_only
 
 _NONE = np.array([-1.0, *np.zeros(9)])
 
@@ -73,16 +74,9 @@ class MousePull(LeafSystem):
             "max_force": max_force,
             "period": period,
         }.items():
-            if not (np.isfinite(value) and value > 0):
-                raise SystemsError(f"{name} is {value}; it must be positive.")
-        masses = np.array(
-            [
-                plant.get_body(BodyIndex(i)).default_mass()
-                for i in range(plant.num_bodies())
-            ]
-        )
-        masses.setflags(write=False)
-        self._masses = masses
+            check_number(value, name, above=0, error=SystemsError)
+        bodies = (plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies()))
+        self._masses = read_only(np.array([body.default_mass() for body in bodies]))
         self._ratio = stiffness / specific_stiffness
         self._max_force = float(max_force)
         self._spring = self.DeclareAbstractInputPort(

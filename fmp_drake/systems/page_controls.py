@@ -5,6 +5,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
 
 # Output port: name of the slider, smallest value, largest value, step.
 _SLIDERS = {
@@ -66,19 +67,16 @@ class PageControls(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("page_controls")
-        if not (np.isfinite(period) and period > 0):
-            raise SystemsError(f"period is {period} s; it must be positive.")
+        check_number(period, "period", above=0, unit="s", error=SystemsError)
+        self._meshcat = meshcat
+        self._states: dict[str, int] = {}
         initial = {
             "tempo": tempo,
             "normal_force": normal_force,
             "sample": float(sample),
         }
         for name, value in initial.items():
-            if not (np.isfinite(value) and value >= 0):
-                raise SystemsError(f"{name} is {value}; it must not be negative.")
-        self._meshcat = meshcat
-        self._states: dict[str, int] = {}
-        for name, value in initial.items():
+            check_number(value, name, least=0, error=SystemsError)
             index = self.DeclareDiscreteState(np.array([float(value)]))
             self._states[name] = int(index)
             self.DeclareStateOutputPort(name, index)

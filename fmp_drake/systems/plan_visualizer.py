@@ -10,6 +10,7 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import as_floats, check_number
 from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod, lifted
 from fmp_drake.systems.viewer.swept_mesh import covariance_band
 
@@ -77,18 +78,13 @@ class PlanVisualizer(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("plan_visualizer")
-        if points < 2:
-            raise SystemsError(f"points is {points}; a plan has at least 2.")
-        if not (np.isfinite(period) and period > 0):
-            raise SystemsError(f"period is {period} s; it must be positive.")
-        if not (np.isfinite(deviations) and deviations > 0):
-            raise SystemsError(f"deviations is {deviations}; it must be positive.")
-        self._component_paths = [np.array(p, dtype=float) for p in component_paths]
-        for p in self._component_paths:
-            if p.ndim != 2 or p.shape[1] != 3 or len(p) < 2:
-                raise SystemsError(
-                    f"a component's path has shape {p.shape}; expected (T, 3)."
-                )
+        check_number(points, "points", least=2, whole=True, error=SystemsError)
+        check_number(period, "period", above=0, unit="s", error=SystemsError)
+        check_number(deviations, "deviations", above=0, error=SystemsError)
+        self._component_paths = [
+            as_floats(path, "a component's path", ("T", 3), error=SystemsError).copy()
+            for path in component_paths
+        ]
         self._meshcat = meshcat
         self._path = path
         self._deviations = deviations

@@ -1,12 +1,11 @@
 """What a controller measures of an arm: late, noisy, and at a rate of its own."""
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
 
 
 class SensorModel(LeafSystem):
@@ -61,14 +60,10 @@ class SensorModel(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("sensors")
-        if not (math.isfinite(rate) and rate > 0):
-            raise SystemsError(f"the sensors' rate is {rate} Hz; it must be positive.")
+        check_number(rate, "the sensors' rate", above=0, unit="Hz", error=SystemsError)
         noise = {"position_noise": position_noise, "velocity_noise": velocity_noise}
         for name, value in {"delay": delay, "seed": seed, **noise}.items():
-            if not (math.isfinite(value) and value >= 0):
-                raise SystemsError(
-                    f"the sensors' {name} is {value}; it must not be negative."
-                )
+            check_number(value, f"the sensors' {name}", least=0, error=SystemsError)
         first = np.array(initial, dtype=float)
         n = first.size // 2
         self._period = 1 / rate

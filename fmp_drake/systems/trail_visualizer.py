@@ -9,6 +9,7 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
 from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod
 
 COLORS = {
@@ -71,11 +72,9 @@ class TrailVisualizer(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("trail_visualizer")
-        if not (seconds > 0 and period > 0 and radius > 0):
-            raise SystemsError(
-                f"seconds is {seconds}, period {period} s and radius {radius} m; all "
-                "must be positive."
-            )
+        check_number(seconds, "seconds", above=0, unit="s", error=SystemsError)
+        check_number(period, "period", above=0, unit="s", error=SystemsError)
+        check_number(radius, "radius", above=0, unit="m", error=SystemsError)
         unknown = sorted(set(names) - set(COLORS))
         if unknown or not names:
             raise SystemsError(

@@ -93,14 +93,6 @@ def test_mapping_with_the_default_80_components(
     table.add("mapping, M = 80 (default)", median() * 1e6, "us")
 
 
-def test_mapping_of_1000_at_once(benchmark, table, skill, median):
-    y = np.lib.stride_tricks.sliding_window_view(bundled("eight").values, 10, axis=0)
-    y = np.swapaxes(y, 1, 2)[:1000].reshape(1000, -1)
-    plan = skill.mapping_plan(np.arange(10))
-    benchmark(plan.map_many, y)
-    table.add("mapping, M = 10, each of 1000 at once", median() * 1e3, "us")
-
-
 def test_mapping_with_new_keypoints(benchmark, table, skill, median):
     values = bundled("eight").values
     points = [

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from fmp_drake.errors import DemonstrationError, FmpError, SkillFileError
 from fmp_drake.primitives import Demonstration
-from fmp_drake.primitives.data.demonstration import FORMAT, VERSION
+from fmp_drake.primitives.data.demonstration import FORMAT
 
 
 def example(count=50, rate=20.0, **changes):
@@ -320,7 +320,7 @@ def with_metadata(path, metadata):
 
 
 def test_newer_version_is_refused(tmp_path):
-    newer = {"format": FORMAT, "version": VERSION + 1}
+    newer = {"format": FORMAT.name, "version": FORMAT.version + 1}
     path = with_metadata(tmp_path / "d.npz", newer)
     with pytest.raises(SkillFileError, match=r"version 2; .* Update fmp_drake"):
         Demonstration.load(path)
@@ -333,13 +333,19 @@ def test_newer_version_is_refused(tmp_path):
         "text",
         {"format": "fmp-drake-skill", "version": 1},
         {"version": 1},
-        {"format": FORMAT, "version": "two"},
-        {"format": FORMAT, "version": 1, "channels": 3},
+        {"format": FORMAT.name, "version": "two"},
     ],
 )
 def test_foreign_metadata_is_refused(tmp_path, metadata):
     path = with_metadata(tmp_path / "d.npz", metadata)
-    with pytest.raises(SkillFileError, match="not a demonstration of fmp_drake"):
+    with pytest.raises(SkillFileError, match="no demonstration of fmp_drake"):
+        Demonstration.load(path)
+
+
+def test_metadata_without_names_of_channels_name_the_file(tmp_path):
+    metadata = {"format": FORMAT.name, "version": 1, "channels": 3}
+    path = with_metadata(tmp_path / "d.npz", metadata)
+    with pytest.raises(DemonstrationError, match=r"d\.npz: channels is 3; expected"):
         Demonstration.load(path)
 
 

@@ -250,9 +250,6 @@ def test_any_observation_is_refused_or_mapped(small_skill, data):
     mapping = outcome(lambda: plan.map(y))
     if mapping is not None:
         assert_finite(mapping.weights, mapping.costs)
-    many_of_them = outcome(lambda: plan.map_many(y))
-    if many_of_them is not None:
-        assert_finite(many_of_them[0], many_of_them[2])
     candidates = outcome(lambda: plan.candidates(y))
     if candidates is not None:
         assert_finite(candidates)

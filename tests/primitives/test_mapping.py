@@ -217,48 +217,6 @@ def test_observation_that_is_not_finite_is_refused(bad):
         plan_of_two().map([0.0, bad])
 
 
-# Many at once -----------------------------------------------------------------
-
-
-@settings(deadline=None, max_examples=40)
-@given(problems(), st.integers(1, 6), st.sampled_from(["cost", "evidence"]))
-def test_many_mappings_are_each_one(problem, count, selection):
-    pi, components, rows, tolerance, _ = problem
-    plan = MappingPlan(
-        pi, components, rows=rows, tolerance=tolerance, selection=selection
-    )
-    y = np.random.default_rng(count).standard_normal((count, len(rows))) * 3
-    weights, chosen, costs = plan.map_many(y)
-    assert weights.shape == (count, rows.shape[1])
-    assert costs.shape == (count, len(pi))
-    for i, values in enumerate(y):
-        one = plan.map(values)
-        assert chosen[i] == one.component
-        assert_allclose(weights[i], one.weights, atol=1e-9)
-        assert_allclose(costs[i], one.costs, rtol=1e-9, atol=1e-9)
-
-
-def test_many_mappings_of_a_skill_use_several_components(wiping_skill):
-    plan = wiping_skill.mapping_plan(np.arange(10))
-    y = observations(wiping_skill, 10, count=40, spread=0.0).reshape(40, -1)
-    weights, chosen, _ = plan.map_many(y)
-    assert len(set(chosen)) > 5
-    for i in (0, 7, 39):
-        assert_allclose(weights[i], plan.map(y[i]).weights, atol=1e-9)
-
-
-@pytest.mark.parametrize("shape", [(2,), (3, 3), (1, 1, 2), ()])
-def test_many_observations_of_another_shape_are_refused(shape):
-    with pytest.raises(SkillError, match=r"expected \(S, 2\)"):
-        plan_of_two().map_many(np.zeros(shape))
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e200])
-def test_many_observations_that_are_not_finite_are_refused(bad):
-    with pytest.raises(SkillError, match="NaN or infinite"):
-        plan_of_two().map_many([[0.0, 0.0], [0.0, bad]])
-
-
 def test_candidates_of_another_shape_are_refused():
     with pytest.raises(SkillError, match=r"shape \(3,\); expected \(2,\)"):
         plan_of_two().candidates(np.zeros(3))

@@ -17,7 +17,7 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
-from fmp_drake.primitives.model.skill_file import FORMAT, VERSION
+from fmp_drake.primitives.model.skill_file import FORMAT
 
 
 @pytest.fixture
@@ -138,32 +138,41 @@ def test_missing_file_is_named(tmp_path, name):
 
 
 def test_newer_version_is_refused(saved):
-    rewritten(saved, lambda m: m.update(version=VERSION + 1))
-    with pytest.raises(SkillFileError, match=rf"version {VERSION + 1}; .* Update"):
+    rewritten(saved, lambda m: m.update(version=FORMAT.version + 1))
+    with pytest.raises(
+        SkillFileError, match=rf"version {FORMAT.version + 1}; .* Update"
+    ):
         load_skill(saved)
 
 
 @pytest.mark.parametrize(
     "metadata",
-    [[1], "text", 3, {"version": 1}, {"format": FORMAT}, {"format": "x", "version": 1}],
+    [
+        [1],
+        "text",
+        3,
+        {"version": 1},
+        {"format": FORMAT.name},
+        {"format": "x", "version": 1},
+    ],
 )
 def test_foreign_metadata_is_refused(saved, metadata):
     rewritten(saved, metadata)
-    with pytest.raises(SkillFileError, match="not a skill of fmp_drake"):
+    with pytest.raises(SkillFileError, match="no skill file of fmp_drake"):
         load_skill(saved)
 
 
 def test_demonstration_is_no_skill(tmp_path):
     path = tmp_path / "d.npz"
     Demonstration(time=np.arange(9), values=np.zeros((9, 2))).save(path)
-    with pytest.raises(SkillFileError, match="not a skill of fmp_drake"):
+    with pytest.raises(SkillFileError, match="no skill file of fmp_drake"):
         load_skill(path)
 
 
 def test_other_npz_is_no_skill(tmp_path):
     path = tmp_path / "other.npz"
     np.savez(path, time=np.arange(3))
-    with pytest.raises(SkillFileError, match="not a skill of fmp_drake"):
+    with pytest.raises(SkillFileError, match="no skill file of fmp_drake"):
         load_skill(path)
 
 

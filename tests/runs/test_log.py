@@ -110,7 +110,7 @@ def test_missing_and_foreign_files_are_refused(tmp_path):
         {"metadata": np.array("[1]")},
     ):
         np.savez(foreign, **arrays)
-        with pytest.raises(RunError, match="is no log of a run"):
+        with pytest.raises(RunError, match="is no log of fmp_drake"):
             RunLog.load(foreign)
     np.savez(foreign, metadata=np.array([{"format": 1}], dtype=object))
     with pytest.raises(RunError, match="not a readable"):

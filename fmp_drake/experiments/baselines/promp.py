@@ -10,7 +10,7 @@ from fmp_drake.experiments.baselines.mixture_posterior import (
 )
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.experiments.baselines.von_mises_basis import VonMisesBasis
-from fmp_drake.primitives.data.numeric import check_number, finite_array
+from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.model.em import fit_gaussians
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.mixture import log_densities

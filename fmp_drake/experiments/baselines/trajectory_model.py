@@ -9,7 +9,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.primitives.data.numeric import check_number, finite_array
+from fmp_drake.numeric import check_number, finite_array
 
 
 class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]

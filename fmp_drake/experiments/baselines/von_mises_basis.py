@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.primitives.data.numeric import check_number
+from fmp_drake.numeric import check_number
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,6 @@
 """Recorded demonstrations, and their files."""
 
 import csv
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,12 +12,17 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
+from fmp_drake.numeric import GREATEST, as_floats, check_number
 from fmp_drake.primitives.data.csv_table import read_recording
-from fmp_drake.primitives.data.files import read_npz, replaced, write_npz
-from fmp_drake.primitives.data.numeric import GREATEST, as_floats, check_number
+from fmp_drake.primitives.data.file_format import FileFormat
+from fmp_drake.primitives.data.files import read_npz, replaced
 
-FORMAT = "fmp-drake-demonstration"
-VERSION = 1
+FORMAT = FileFormat(
+    name="fmp-drake-demonstration",
+    version=1,
+    what="demonstration",
+    source="an .npz with `time` and `values` or `position`, or a .csv",
+)
 
 _MAX_GAP_SECONDS = 0.5
 _UNIFORM = 1e-3
@@ -228,17 +232,8 @@ class Demonstration:
         if path.suffix == ".csv":
             self._save_csv(path)
             return
-        metadata = {
-            "format": FORMAT,
-            "version": VERSION,
-            "channels": self.channels,
-            "units": self.units,
-            "frame": self.frame,
-            "note": self.note,
-            "rotation_reference": self.rotation_reference,
-        }
-        arrays = {"time": self.time, "values": self.values}
-        write_npz(path, {"metadata": np.array(json.dumps(metadata)), **arrays})
+        metadata = {name: getattr(self, name) for name in _NAMES}
+        FORMAT.write(path, metadata, {"time": self.time, "values": self.values})
 
     def _save_csv(self, path: Path) -> None:
         if self.rotation_reference is not None:
@@ -320,10 +315,7 @@ def _unit_quaternion(
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
-    arrays = read_npz(
-        path,
-        "a demonstration is an .npz with `time` and `values` or `position`, or a .csv",
-    )
+    arrays = read_npz(path, f"a demonstration is {FORMAT.source}")
     name = "values" if "values" in arrays else "position"
     if "time" not in arrays or name not in arrays:
         raise SkillFileError(
@@ -335,26 +327,6 @@ def _read_npz(path: Path) -> dict[str, Any]:
         if not np.can_cast(np.asarray(out[key]).dtype, float, "same_kind"):
             raise SkillFileError(f"{path}: `{key}` does not hold numbers.")
     if "metadata" in arrays:
-        metadata = _parse_metadata(path, arrays["metadata"])
-        if metadata["version"] > VERSION:
-            raise SkillFileError(
-                f"{path} has version {metadata['version']}; this fmp_drake reads up "
-                f"to version {VERSION}. Update fmp_drake."
-            )
+        metadata = FORMAT.parse(path, arrays["metadata"])
         out.update({key: metadata[key] for key in _NAMES if key in metadata})
-    return out
-
-
-def _parse_metadata(path: Path, array: NDArray[np.generic]) -> dict[str, Any]:
-    foreign = f"{path} is not a demonstration of fmp_drake."
-    try:
-        metadata = json.loads(str(array))
-        if metadata["format"] != FORMAT:
-            raise SkillFileError(foreign)
-        metadata["version"] = int(metadata["version"])
-        for key in ("channels", "units"):
-            metadata[key] = tuple(metadata.get(key, ()))
-    except (KeyError, TypeError, ValueError, AttributeError):
-        raise SkillFileError(foreign) from None
-    out: dict[str, Any] = metadata
     return out

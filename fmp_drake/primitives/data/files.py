@@ -1,6 +1,5 @@
 """Reading and writing files so that nothing broken gets in or out."""
 
-import json
 import os
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -110,51 +109,6 @@ def write_npz(
                 npy.write_array_header_1_0(stream, header)
                 for block in array.blocks():
                     stream.write(np.ascontiguousarray(block, dtype="<f8").tobytes())
-
-
-def read_versioned(
-    path: Path,
-    *,
-    hint: str,
-    foreign: str,
-    form: str,
-    newest: int,
-    error: type[FmpError] = SkillFileError,
-) -> tuple[dict[str, Any], dict[str, NDArray[Any]], int]:
-    """Read a file whose array `metadata` is JSON with a format and a version.
-
-    Parameters
-    ----------
-    path : Path
-    hint : str
-        Where such files come from, for a broken one.
-    foreign : str
-        What is said of another format.
-    form : str
-        The format.
-    newest : int
-        The newest version that can be read.
-    error : type of FmpError
-        Raised where the file is broken, foreign or newer.
-
-    Returns
-    -------
-    metadata, arrays, version
-    """
-    arrays = read_npz(path, hint, error)
-    try:
-        metadata = json.loads(str(arrays["metadata"]))
-        is_foreign, version = metadata["format"] != form, int(metadata["version"])
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise error(foreign) from None
-    if is_foreign:
-        raise error(foreign)
-    if version > newest:
-        raise error(
-            f"{path} has version {version}; this fmp_drake reads up to version "
-            f"{newest}. Update fmp_drake."
-        )
-    return metadata, arrays, version
 
 
 def check_writable(path: Path | None) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.data.demonstration import Demonstration
-from fmp_drake.primitives.data.numeric import check_number, finite_array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

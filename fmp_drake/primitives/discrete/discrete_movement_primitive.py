@@ -12,8 +12,8 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import DemonstrationError, SkillError
+from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.data.demonstration import Demonstration
-from fmp_drake.primitives.data.numeric import check_number, finite_array
 from fmp_drake.primitives.discrete.via_points import DiscreteMovement, ViaPoint
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.mapping import MappingPlan, Selection

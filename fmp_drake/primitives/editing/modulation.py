@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import as_floats, check_number
+from fmp_drake.numeric import as_floats, check_number
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.fitted import copy_skill
 from fmp_drake.primitives.model.keypoint import channel_indices

@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillError
+from fmp_drake.numeric import as_floats, finite_array
 from fmp_drake.primitives.data.demonstration import ROTATION_CHANNELS, Demonstration
-from fmp_drake.primitives.data.numeric import as_floats, finite_array
 from fmp_drake.primitives.model.keypoint import channel_indices
 
 Quaternion = tuple[float, float, float, float]

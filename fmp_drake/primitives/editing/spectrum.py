@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import circmean, circstd
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import check_number, finite_array
+from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillError
+from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.data.demonstration import ROTATION_CHANNELS
-from fmp_drake.primitives.data.numeric import check_number, finite_array
 from fmp_drake.primitives.model.fitted import copy_skill
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive

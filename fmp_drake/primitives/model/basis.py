@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import as_floats, check_number
+from fmp_drake.numeric import as_floats, check_number
 
 _SPLINE_DEGREE = 5
 

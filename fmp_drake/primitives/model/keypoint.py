@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import (
+from fmp_drake.numeric import (
     as_floats,
     check_number,
     finite_array,

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import GREATEST, as_floats, finite_array
+from fmp_drake.numeric import GREATEST, as_floats, finite_array
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 Selection = Literal["cost", "evidence"]
@@ -154,28 +154,6 @@ class MappingPlan:
             component=j,
             costs=costs,
         )
-
-    def map_many(
-        self, values: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-        """Return what `map` gives for each of several observations, shape (S, m).
-
-        Returns
-        -------
-        weights : ndarray, shape (S, D*T)
-        components : ndarray, shape (S,)
-        costs : ndarray, shape (S, M)
-        """
-        y = finite_array(values, "the observations", ("S", self.size))
-        z = (y @ self._whitening.T).reshape(-1, *self._whitened.shape) - self._whitened
-        costs = np.einsum("sja,sja->sj", z, z) + self._offsets
-        components = np.argmin(costs, axis=1)
-        weights = np.empty((len(y), self._means.shape[1]))
-        for j in np.unique(components):
-            of_j = components == j
-            delta = y[of_j] - self._expected[j]
-            weights[of_j] = self._means[j] + delta @ self._gains[j].T
-        return weights, components, costs
 
     def candidates(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return the candidate weights (14) of every component, shape (M, D*T)."""

@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from scipy.special import logsumexp
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import GREATEST
+from fmp_drake.numeric import GREATEST
 from fmp_drake.primitives.model.em import MixtureFit, fit_gaussians
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, DensityMixin
 from sklearn.utils.validation import check_is_fitted
 
+from fmp_drake.numeric import as_floats, check_number, finite_array
 from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
-from fmp_drake.primitives.data.numeric import as_floats, check_number, finite_array
 from fmp_drake.primitives.data.scaling import ChannelScales, channel_scales
 from fmp_drake.primitives.data.windows import Windows, as_windows, window_weights
 from fmp_drake.primitives.model.basis import FourierBasis

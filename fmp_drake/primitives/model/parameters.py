@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import GREATEST, check_number, is_whole
+from fmp_drake.numeric import GREATEST, check_number, is_whole
 
 
 def check_parameters(values: Mapping[str, Any]) -> None:

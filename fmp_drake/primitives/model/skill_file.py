@@ -1,30 +1,30 @@
 """Skill files: one fitted skill in one `.npz`, without pickle."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.primitives.data.files import read_versioned, write_npz
-from fmp_drake.primitives.data.numeric import GREATEST, all_finite
+from fmp_drake.numeric import GREATEST, all_finite
+from fmp_drake.primitives.data.file_format import FileFormat
 from fmp_drake.primitives.model.fitted import build_skill
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
-FORMAT = "fmp-drake-skill"
-# 2 added the scales of the channels, which had been 1, and the rotation reference.
-VERSION = 2
+FORMAT = FileFormat(
+    name="fmp-drake-skill",
+    # 2 added the scales of the channels, which had been 1, and the rotation reference.
+    version=2,
+    what="skill file",
+    source="written by `save_skill` or `fmp-drake learn`",
+)
 
 
 def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
     """Write a fitted skill to a file; an existing one is replaced at the end."""
     skill.check_fitted()
-    path = Path(path)
     metadata = {
-        "format": FORMAT,
-        "version": VERSION,
         "parameters": skill.get_params(),
         "n_windows": skill.n_windows_,
         "channels": skill.channels_,
@@ -32,10 +32,10 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
         "frame": skill.frame_,
         "rotation_reference": skill.rotation_reference_,
     }
-    write_npz(
-        path,
+    FORMAT.write(
+        Path(path),
+        metadata,
         {
-            "metadata": np.array(json.dumps(metadata, default=_plain)),
             "proportions": skill.proportions_,
             "extent": skill.extent_,
             "scales": skill.scales_,
@@ -48,13 +48,6 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
     )
 
 
-def _plain(value: Any) -> Any:
-    """Return a NumPy number or array, as parameters may be, as Python's own."""
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    raise TypeError(f"{value!r} cannot be written to a skill file.")
-
-
 def load_skill(path: str | Path) -> FourierMovementPrimitive:
     """Read a fitted skill.
 
@@ -64,17 +57,9 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
         Where the file is missing, broken, foreign or from a newer version.
     """
     path = Path(path)
-    if not path.is_file():
-        raise SkillFileError(f"there is no skill file {path}.")
-    metadata, arrays, version = read_versioned(
-        path,
-        hint="a skill file is written by `save_skill` or `fmp-drake learn`",
-        foreign=f"{path} is not a skill of fmp_drake; write one with `save_skill`.",
-        form=FORMAT,
-        newest=VERSION,
-    )
+    metadata, arrays = FORMAT.read(path)
     try:
-        fitted = _fitted(metadata, arrays, version=version)
+        fitted = _fitted(metadata, arrays)
         skill = build_skill(metadata["parameters"], fitted)
         skill.check_parameters()
         _check_arrays(skill)
@@ -104,15 +89,11 @@ def _check_arrays(skill: FourierMovementPrimitive) -> None:
             raise SkillFileError("the basis of a component is not orthonormal")
 
 
-def _fitted(
-    metadata: dict[str, Any], arrays: dict[str, Any], *, version: int
-) -> dict[str, Any]:
+def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
     """Return the fitted attributes in a file."""
     for name, array in arrays.items():
-        kinds = {"metadata": "U", "ranks": "i"}.get(name, "fi")
-        if array.dtype.kind not in kinds or not (
-            name == "metadata" or all_finite(array)
-        ):
+        kinds = "i" if name == "ranks" else "fi"
+        if array.dtype.kind not in kinds or not all_finite(array):
             raise SkillFileError(f"{name} holds something other than finite numbers")
     ends = np.cumsum(arrays["ranks"])
     components = tuple(
@@ -136,7 +117,7 @@ def _fitted(
         "components_": components,
         "proportions_": arrays["proportions"],
         "extent_": extent,
-        "scales_": np.ones(d) if version < 2 else arrays["scales"],
+        "scales_": np.ones(d) if int(metadata["version"]) < 2 else arrays["scales"],
         "n_channels_": d,
         "n_windows_": int(metadata["n_windows"]),
         "channels_": tuple(metadata["channels"]),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import all_finite, as_floats, is_number, is_whole
+from fmp_drake.numeric import all_finite, as_floats, is_number, is_whole
 from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.playback.confidence import confined
 from fmp_drake.primitives.playback.playback_state import PlaybackState

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import is_number
+from fmp_drake.numeric import is_number
 
 if TYPE_CHECKING:
     from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives.data.numeric import GREATEST, is_number
+from fmp_drake.numeric import GREATEST, is_number
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.playback.relaxation import Relaxation
 

@@ -20,6 +20,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, Sine
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import check_number
 from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.station.models.whiteboard import AddWhiteboard
 from fmp_drake.station.parts.posture import SolvePosture
@@ -169,10 +170,7 @@ def _AddPlant(
     builder: DiagramBuilder, scenario: Scenario
 ) -> tuple[MultibodyPlant, SceneGraph]:
     time_step = scenario.plant.time_step
-    if not (np.isfinite(time_step) and time_step >= 0):
-        raise StationError(
-            f"plant.time_step is {time_step} s; it must not be negative."
-        )
+    check_number(time_step, "plant.time_step", least=0, unit="s", error=StationError)
     try:
         plant, scene_graph = AddMultibodyPlant(scenario.plant, builder)
     except RuntimeError as error:

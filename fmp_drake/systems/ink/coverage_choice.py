@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.primitives.data.numeric import is_whole
+from fmp_drake.numeric import is_whole
 from fmp_drake.systems.ink.grid import InkGrid
 
 

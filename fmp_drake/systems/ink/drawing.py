@@ -12,6 +12,7 @@ from PIL import Image, ImageDraw, UnidentifiedImageError
 from pydrake.math import RigidTransform
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
 from fmp_drake.systems.ink.grid import InkGrid
 
 type FloatArray = NDArray[np.float64]
@@ -89,8 +90,8 @@ def draw_words(
     """
     if not text.strip():
         raise SystemsError("draw_words got no words: give text that can be seen.")
-    if height is not None and not (np.isfinite(height) and height > 0.0):
-        raise SystemsError(f"draw_words height is {height}: give a positive length.")
+    if height is not None:
+        check_number(height, "height", above=0, unit="m", error=SystemsError)
     outlines: list[FloatArray] = []
     for i, line in enumerate(text.strip("\n").split("\n")):
         polygons = _outlines(line)
@@ -151,8 +152,8 @@ def draw_picture(
         If there is no such file, it is no picture or broken, the size is not
         positive, or the picture leaves no ink on the board.
     """
-    if size is not None and not (np.isfinite(size) and size > 0.0):
-        raise SystemsError(f"draw_picture size is {size}: give a positive length.")
+    if size is not None:
+        check_number(size, "size", above=0, unit="m", error=SystemsError)
     picture = _read(Path(path))
     room = _room(grid, quarter_turns)
     if size is None:

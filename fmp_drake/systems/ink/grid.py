@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import as_floats, check_number, read_only
 
 type FloatArray = NDArray[np.float64]
 type BoolArray = NDArray[np.bool_]
@@ -69,20 +70,10 @@ class InkGrid:
 
     def __post_init__(self) -> None:
         """Check the lengths."""
-        if len(self.size) != 2:
-            raise SystemsError(
-                f"InkGrid.size has {len(self.size)} entries: give the 2 edge "
-                "lengths (x, y) in metres."
-            )
-        for name, value in (
-            ("size[0]", self.size[0]),
-            ("size[1]", self.size[1]),
-            ("cell", self.cell),
-        ):
-            if not (np.isfinite(value) and value > 0.0):
-                raise SystemsError(
-                    f"InkGrid.{name} is {value}: give a positive length in metres."
-                )
+        as_floats(self.size, "InkGrid.size", (2,), error=SystemsError)
+        for i, edge in enumerate(self.size):
+            check_number(edge, f"InkGrid.size[{i}]", above=0, error=SystemsError)
+        check_number(self.cell, "InkGrid.cell", above=0, unit="m", error=SystemsError)
 
     @cached_property
     def shape(self) -> tuple[int, int]:
@@ -98,16 +89,12 @@ class InkGrid:
     @cached_property
     def pitch(self) -> FloatArray:
         """Actual edge lengths of a cell along B's x and y, shape (2,), in metres."""
-        pitch: FloatArray = np.array(self.size) / self.shape[::-1]
-        pitch.setflags(write=False)
-        return pitch
+        return read_only(np.array(self.size) / self.shape[::-1])
 
     @cached_property
     def corner(self) -> FloatArray:
         """Corner (-x, -y) of the rectangle in B, shape (2,), in metres."""
-        corner = -0.5 * np.array(self.size)
-        corner.setflags(write=False)
-        return corner
+        return read_only(-0.5 * np.array(self.size))
 
     @cached_property
     def x(self) -> FloatArray:
@@ -121,17 +108,13 @@ class InkGrid:
 
     def _centres_along(self, axis: int) -> FloatArray:
         index = np.arange(self.shape[1 - axis])
-        centres: FloatArray = self.corner[axis] + (index + 0.5) * self.pitch[axis]
-        centres.setflags(write=False)
-        return centres
+        return read_only(self.corner[axis] + (index + 0.5) * self.pitch[axis])
 
     @cached_property
     def centres(self) -> FloatArray:
         """Cell centres in B, shape (ny nx, 2), in metres; read-only."""
         x, y = np.meshgrid(self.x, self.y)
-        centres = np.column_stack([x.ravel(), y.ravel()])
-        centres.setflags(write=False)
-        return centres
+        return read_only(np.column_stack([x.ravel(), y.ravel()]))
 
     def cells[T: np.generic](self, name: str, values: NDArray[T]) -> NDArray[T]:
         """Return values of the cells in shape (ny, nx); refuse another number of them."""
@@ -173,11 +156,7 @@ class InkGrid:
         ndarray of bool, shape (ny, nx)
             True where the footprint has passed over the centre of the cell.
         """
-        path = np.asarray(p_BE, dtype=float)
-        if path.ndim != 2 or path.shape[1] != 3 or len(path) == 0:
-            raise SystemsError(
-                f"swept_area got a path of shape {path.shape}: give (num_points, 3)."
-            )
+        path = as_floats(p_BE, "the path", ("num_points", 3), error=SystemsError)
         samples = _resample(path, 0.5 * float(self.pitch.min()))
         p = samples[samples[:, 2] <= height, :2] - self.corner
         half = 0.5 * np.asarray(footprint) + 1e-9

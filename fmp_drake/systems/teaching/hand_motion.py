@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number, read_only
 
 Task = Literal["wiping", "polishing", "eight"]
 TASKS: tuple[Task, ...] = ("wiping", "polishing", "eight")
@@ -100,8 +101,7 @@ class HandMotion:
         """Draw a path for a task; the same seed gives the same path."""
         if task not in _FIGURES:
             raise SystemsError(f"task is {task!r}; choose from {', '.join(TASKS)}.")
-        if not (np.isfinite(seconds) and seconds > 0):
-            raise SystemsError(f"the motion lasts {seconds} s; it must be positive.")
+        check_number(seconds, "seconds", above=0, unit="s", error=SystemsError)
         figure = _FIGURES[task]
         human = HandVariability() if variability is None else variability
         rng = np.random.default_rng(seed)
@@ -130,5 +130,4 @@ class HandMotion:
                 + wander(slow, human.centre)
                 + wander(shake, human.tremor)
             )
-        position.setflags(write=False)
-        return cls(position)
+        return cls(read_only(position))

@@ -134,6 +134,12 @@ def all_finite(array: NDArray[np.float64]) -> bool:
     return array.size == 0 or bool(array.max() < GREATEST and array.min() > -GREATEST)
 
 
+def read_only[T: np.generic](array: NDArray[T]) -> NDArray[T]:
+    """Return an array itself, after which nobody can write into it."""
+    array.setflags(write=False)
+    return array
+
+
 def is_number(value: Any) -> bool:
     """Return whether a value is one real, finite number."""
     return isinstance(value, int | float | np.integer | np.floating) and all_finite(
