@@ -122,7 +122,7 @@ def check_number(
             else f"{text} {limit}{unit}"
             for limit, text, _ in given
         ]
-        kind = ["a whole number"] if whole else [] if given else ["a number"]
+        kind = ["a whole number"] if whole else [] if given else ["a finite number"]
         allowed = ", ".join([*kind, " and ".join(texts)] if texts else kind)
         shown = repr(value) if isinstance(value, str) else value
         raise error(f"{what} is {shown}{unit}; it must be {allowed}.")

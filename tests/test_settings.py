@@ -38,7 +38,7 @@ def test_settings_in_their_ranges_pass():
         (Tool(Felt(size=[0.1])), "tool.felt.size is .*; expected 2 numbers"),
         (Tool(Felt(size=[0.1, float("inf")])), r"size\[1\] is inf; it must be"),
         (Tool(Felt(wear=0)), "tool.felt.wear is 0; it must be positive"),
-        (Tool(Felt(seed=None)), "tool.felt.seed is None; it must be a number"),
+        (Tool(Felt(seed=None)), "tool.felt.seed is None; it must be a finite number"),
         (Tool(spares=[Felt(), Felt(2)]), r"tool.spares\[1\].friction is 2"),
     ],
 )

@@ -40,8 +40,7 @@ def MakeTeachingStation(
     scene = AddBoardScene(builder, scenario, start=[*first, 0.005])
     plant = scene.plant
     controller = AddArmController(builder, scene, GUIDING)
-    rest = builder.AddSystem(ConstantVectorSource(np.zeros(3)))
-    rest.set_name("rest")
+    rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(3)))
     for port in ("desired_position", "desired_velocity", "desired_acceleration"):
         builder.Connect(rest.get_output_port(), controller.GetInputPort(port))
     hand = builder.AddSystem(

@@ -14,7 +14,7 @@ from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_ink import AddInk
 from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.external_forces import AddExternalForces
-from fmp_drake.station.parts.page_scene import AddPage
+from fmp_drake.station.parts.page_scene import AddPage, PagePorts
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
@@ -97,7 +97,6 @@ def MakeWipingStation(
         sensors=scenario.sensors,
     )
     plays = scenario.skill
-    sample = plays.sample if sample is None else sample
     ink = AddInk(builder, scene, scenario)
     choice = None
     if plays.candidates > 1:
@@ -108,7 +107,7 @@ def MakeWipingStation(
     primitive = FourierPrimitiveSystem(
         skill,
         tracker=tracker,
-        sample=sample,
+        sample=plays.sample if sample is None else sample,
         seed=plays.seed if seed is None else seed,
         push_threshold=plays.push_threshold,
         push_dwell=plays.push_dwell,
@@ -129,64 +128,46 @@ def MakeWipingStation(
         primitive.GetOutputPort("covariance"),
     ):
         builder.Connect(port, controller.GetInputPort(port.get_name()))
-    forces = []
-    tempo = normal_force = None
+    page = PagePorts()
     if meshcat is not None:
         page = AddPage(
             builder,
             scene,
             scenario,
             meshcat=meshcat,
-            skill=skill,
-            sample=sample,
             primitive=primitive,
             measured_position=measured,
             ink=ink,
             demonstrated=demonstrated,
         )
-        if page.pull is not None:
-            forces.append(page.pull)
-        if page.controls is not None:
-            tempo = page.controls.GetOutputPort("tempo")
-            normal_force = page.controls.GetOutputPort("normal_force")
-            builder.Connect(
-                page.controls.GetOutputPort("sample"), primitive.GetInputPort("sample")
-            )
-    for name, source, value, system in (
-        ("tempo", tempo, plays.tempo, primitive),
-        ("desired_normal_force", normal_force, scenario.press.force, controller),
-    ):
-        if source is None:
-            constant = builder.AddSystem(ConstantVectorSource(np.array([value])))
-            constant.set_name(name)
-            source = constant.get_output_port()
-        builder.Connect(source, system.GetInputPort(name))
-    AddExternalForces(builder, scene, scenario, others=forces)
+    tempo = primitive.GetInputPort("tempo")
+    force = controller.GetInputPort("desired_normal_force")
+    if page.controls is not None:
+        sliders = page.controls
+        builder.Connect(sliders.GetOutputPort("tempo"), tempo)
+        builder.Connect(sliders.GetOutputPort("normal_force"), force)
+        sample_port = primitive.GetInputPort("sample")
+        builder.Connect(sliders.GetOutputPort("sample"), sample_port)
+    else:
+        for wanted, value in ((tempo, plays.tempo), (force, scenario.press.force)):
+            constant = ConstantVectorSource(np.array([value]))
+            builder.AddNamedSystem(wanted.get_name(), constant)
+            builder.Connect(constant.get_output_port(), wanted)
+    AddExternalForces(
+        builder, scene, scenario, others=[] if page.pull is None else [page.pull]
+    )
 
     for name in ("position", "velocity", "acceleration"):
         builder.ExportOutput(primitive.GetOutputPort(name), f"desired_{name}")
     for name in ("covariance", "weights", "component", "remaps"):
         builder.ExportOutput(primitive.GetOutputPort(name), name)
-    for name in (
-        "measured_position",
-        "measured_velocity",
-        "tracking_error",
-        "torque",
-        "status",
-    ):
-        builder.ExportOutput(controller.GetOutputPort(name), name)
     actuation = builder.GetSubsystemByName("actuation")
     builder.ExportOutput(actuation.get_output_port(), "actuation")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
-    for name in (
-        "ink",
-        "erase_time",
-        "fade_time",
-        "cleaned_fraction",
-        "normal_force",
-        "contact_area",
-    ):
-        builder.ExportOutput(ink.GetOutputPort(name), name)
+    for system in (controller, ink):
+        for i in range(system.num_output_ports()):
+            port = system.get_output_port(i)
+            builder.ExportOutput(port, port.get_name())
     diagram = builder.Build()
     diagram.set_name("wiping_station")
     return diagram

@@ -1,7 +1,7 @@
 """The plan in Meshcat: where the skill is about to go, and how surely."""
 
 import colorsys
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -68,7 +68,7 @@ class PlanVisualizer(LeafSystem):
         meshcat: Meshcat,
         *,
         points: int,
-        component_paths: Sequence[ArrayLike] = (),
+        component_paths: Iterable[ArrayLike] = (),
         path: str = "plan",
         period: float = 0.256,
         deviations: float = 2.0,

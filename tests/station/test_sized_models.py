@@ -165,8 +165,8 @@ def test_the_renderer_gets_the_page_s_colour_without_its_gamma():
 @pytest.mark.parametrize(
     ("add", "values", "complaint"),
     [
-        (_Board, {"size": (0.05, 0.7)}, r"board\.size .* at least 0\.1"),
-        (_Eraser, {"modulus": 0.0}, r"eraser\.modulus is 0\.0; .* above 0"),
+        (_Board, {"size": (0.05, 0.7)}, r"board\.size\[0\] .* at least 0\.1"),
+        (_Eraser, {"modulus": 0.0}, r"eraser\.modulus is 0\.0; .* positive"),
     ],
 )
 def test_a_value_that_cannot_be_is_an_error_that_names_it(add, values, complaint):

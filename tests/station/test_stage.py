@@ -142,8 +142,8 @@ def test_films_have_one_lamp_that_casts_shadows():
     [
         ([0, 0, 2], [0, 0, 0], "straight up or down"),
         ([1, 1, 1], [1, 1, 1], "straight up or down"),
-        ([1, 0], [0, 0, 0], "points"),
-        ([np.nan, 0, 0], [0, 0, 0], "points"),
+        ([1, 0], [0, 0, 0], r"camera's eye of shape \(2,\); expected \(3,\)"),
+        ([0, 0, 0], [np.nan, 0, 0], "infinite numbers in the camera's target"),
     ],
 )
 def test_a_camera_that_looks_nowhere_is_an_error(eye, target, complaint):

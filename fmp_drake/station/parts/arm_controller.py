@@ -40,16 +40,13 @@ def AddArmController(
         q_posture=plant.GetDefaultPositions(scene.panda),
         engage_height=engage_height,
     )
-    controller.set_name("controller")
-    builder.AddSystem(controller)
+    builder.AddNamedSystem("controller", controller)
     compensation = InverseDynamics(
         scene.arm, InverseDynamics.InverseDynamicsMode.kGravityCompensation
     )
-    compensation.set_name("gravity_compensation")
-    builder.AddSystem(compensation)
+    builder.AddNamedSystem("gravity_compensation", compensation)
     total = Adder(2, scene.arm.num_velocities())
-    total.set_name("actuation")
-    builder.AddSystem(total)
+    builder.AddNamedSystem("actuation", total)
     state = plant.get_state_output_port(scene.panda)
     measured = _AddSensors(builder, scene, sensors or SensorConfig())
     builder.Connect(measured, controller.GetInputPort("state"))
@@ -115,7 +112,6 @@ def _AddBoardFrame(
         ("task_frame_velocity", velocity, measured),
         ("task_frame_acceleration", acceleration, scene.rail.get_output_port(2)),
     ):
-        system.set_name(name)
-        builder.AddSystem(system)
+        builder.AddNamedSystem(name, system)
         builder.Connect(source, system.get_input_port())
         builder.Connect(system.get_output_port(), controller.GetInputPort(name))

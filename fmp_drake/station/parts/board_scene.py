@@ -195,10 +195,8 @@ def _AddRail(
         phase=-math.pi / 2,
         size=1,
     )
-    rail.set_name("rail")
-    builder.AddSystem(rail)
-    state = builder.AddSystem(Multiplexer(2))
-    state.set_name("rail_state")
+    builder.AddNamedSystem("rail", rail)
+    state = builder.AddNamedSystem("rail_state", Multiplexer(2))
     builder.Connect(rail.get_output_port(0), state.get_input_port(0))
     builder.Connect(rail.get_output_port(1), state.get_input_port(1))
     builder.Connect(

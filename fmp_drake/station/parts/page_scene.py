@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.station.parts.board_scene import BoardScene
 from fmp_drake.station.parts.mouse import AddMousePull
 from fmp_drake.station.parts.stage import SetStage
@@ -46,8 +45,8 @@ class PagePorts:
         The forces of the mouse on the bodies.
     """
 
-    controls: PageControls | None
-    pull: OutputPort | None
+    controls: PageControls | None = None
+    pull: OutputPort | None = None
 
 
 def AddBodies(
@@ -79,8 +78,6 @@ def AddPage(
     scenario: Scenario,
     *,
     meshcat: Meshcat,
-    skill: FourierMovementPrimitive,
-    sample: bool,
     primitive: FourierPrimitiveSystem,
     measured_position: OutputPort,
     ink: InkBoard,
@@ -97,18 +94,15 @@ def AddPage(
     scene : BoardScene
     scenario : Scenario
     meshcat : Meshcat
-    skill : FourierMovementPrimitive
-    sample : bool
-        Whether samples are tracked at first.
     primitive : FourierPrimitiveSystem
-        It plays the skill.
+        It plays the skill that is shown.
     measured_position : OutputPort
         p_BE, m.
     ink : InkBoard
     demonstrated : sequence of ndarray, shape (N, 3)
         Paths in B, m.
     """
-    show = scenario.show
+    show, skill = scenario.show, primitive.player.skill
     AddBodies(builder, scene, scenario, meshcat)
     if show.ink:
         shown = builder.AddSystem(
@@ -129,23 +123,22 @@ def AddPage(
             meshcat,
             tempo=scenario.skill.tempo,
             normal_force=scenario.press.force,
-            sample=sample,
+            sample=primitive.player.sample,
         )
         builder.AddSystem(controls)
     if show.plan or show.tube or show.component:
-        names = ("plan", "plan_covariance", "component")
         plan = builder.AddSystem(
             PlanVisualizer(
                 meshcat,
                 points=primitive.GetOutputPort("plan").size() // 3,
-                component_paths=[skill.synthesize(c.mean) for c in skill.components_],
+                component_paths=skill.synthesize([c.mean for c in skill.components_]),
                 path=f"{BOARD}/plan",
                 show_plan=show.plan,
                 show_tube=show.tube,
                 show_component=show.component,
             )
         )
-        for name in names:
+        for name in ("plan", "plan_covariance", "component"):
             builder.Connect(primitive.GetOutputPort(name), plan.GetInputPort(name))
     if show.force:
         arrow = builder.AddSystem(

@@ -9,6 +9,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.solvers import Solve
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import finite_array
 
 _POSITION_TOLERANCE = 1e-6
 _ROTATION_TOLERANCE = 1e-5
@@ -45,15 +46,9 @@ def SolvePosture(
     StationError
         Where the arm cannot reach the pose.
     """
-    preferred = np.asarray(q_preferred, dtype=float)
     n = plant.num_positions()
-    if preferred.shape != (n,) or not np.all(np.isfinite(preferred)):
-        raise StationError(
-            f"the posture is {preferred}; expected {n} finite joint angles."
-        )
-    p = X_WE.translation()
-    if not np.all(np.isfinite(p)):
-        raise StationError(f"the eraser's position is {p}; expected 3 finite numbers.")
+    preferred = finite_array(q_preferred, "the posture", (n,), error=StationError)
+    p = finite_array(X_WE.translation(), "the eraser's position", error=StationError)
     ik = InverseKinematics(plant)
     world = plant.world_frame()
     ik.AddPositionConstraint(

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 from pydrake.geometry import LightParameter, Meshcat, RenderEngineVtkParams, Rgba
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import finite_array
 
 FIELD_OF_VIEW = 40.0  # Of the page's camera, vertical, degrees.
 _SKY = (0.93, 0.945, 0.96)
@@ -33,7 +34,10 @@ def SetStage(meshcat: Meshcat, *, eye: ArrayLike, target: ArrayLike) -> None:
     StationError
         Where the two do not say in which direction to look.
     """
-    eye, target = np.asarray(eye, dtype=float), np.asarray(target, dtype=float)
+    eye, target = (
+        finite_array(point, f"the camera's {name}", (3,), error=StationError)
+        for name, point in (("eye", eye), ("target", target))
+    )
     R_WC = _CameraAxes(eye, target)
     meshcat.SetProperty("/Background", "top_color", list(_SKY))
     meshcat.SetProperty("/Background", "bottom_color", list(_GROUND))
@@ -117,12 +121,6 @@ def _Lamp(position: np.ndarray, intensity: float) -> LightParameter:
 
 def _CameraAxes(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return R_WC: the camera's right, down and forward axes in the world."""
-    shapes_fit = eye.shape == target.shape == (3,)
-    if not shapes_fit or not np.all(np.isfinite([eye, target])):
-        raise StationError(
-            f"the camera's eye is {eye} and its target {target}; both must be points "
-            "(x, y, z) in the world, in m."
-        )
     forward = target - eye
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-6:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import is_whole
+from fmp_drake.numeric import check_number
 from fmp_drake.systems.ink.grid import InkGrid
 
 
@@ -48,11 +48,8 @@ class CoverageChoice:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        if not (is_whole(self.candidates) and self.candidates >= 1):
-            raise SystemsError(
-                f"the number of candidates is {self.candidates}; it must be a whole "
-                "number, at least 1."
-            )
+        what = "the number of candidates"
+        check_number(self.candidates, what, least=1, whole=True, error=SystemsError)
 
     def wiped(
         self, ink: NDArray[np.float64], paths: NDArray[np.float64]

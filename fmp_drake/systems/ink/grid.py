@@ -191,13 +191,8 @@ def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
     """
     clean = np.asarray(ink).ravel() < CLEAN_BELOW
     if mask is not None:
-        chosen = np.asarray(mask, dtype=bool).ravel()
-        if chosen.shape != clean.shape:
-            raise SystemsError(
-                f"cleaned_fraction got a mask of {chosen.size} cells for "
-                f"{clean.size} cells of ink: give one value per cell."
-            )
-        clean = clean[chosen]
+        chosen = as_floats(np.ravel(mask), "the mask", clean.shape, error=SystemsError)
+        clean = clean[chosen > 0]
     return float(np.count_nonzero(clean) / clean.size) if clean.size else 1.0
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import as_floats
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, InkGrid, cleaned_fraction
 
 type FloatArray = NDArray[np.float64]
@@ -104,13 +105,8 @@ def cleaned_history(
         where there is nothing to be cleaned.
     """
     erased = np.asarray(erase_time, dtype=float).ravel()
-    chosen = np.asarray(mask, dtype=bool).ravel()
-    if chosen.shape != erased.shape:
-        raise SystemsError(
-            f"cleaned_history got a mask of {chosen.size} cells for {erased.size} erase "
-            "times: give one per cell."
-        )
-    moments = np.sort(erased[chosen])
+    chosen = as_floats(np.ravel(mask), "the mask", erased.shape, error=SystemsError)
+    moments = np.sort(erased[chosen > 0])
     if not moments.size:
         return np.ones(np.shape(times))
     clean = np.searchsorted(moments, np.asarray(times, dtype=float), side="right")
@@ -146,12 +142,8 @@ def times_to_clean(
         If the two arrays differ in length.
     """
     moments = np.asarray(times, dtype=float).ravel()
-    history = np.asarray(cleaned, dtype=float).ravel()
-    if moments.shape != history.shape:
-        raise SystemsError(
-            f"times_to_clean got {history.size} fractions for {moments.size} times: "
-            "give one per time."
-        )
+    what = "the cleaned fractions"
+    history = as_floats(np.ravel(cleaned), what, moments.shape, error=SystemsError)
     reached: dict[float, float | None] = {}
     for fraction in fractions:
         hits = np.flatnonzero(history >= fraction)
