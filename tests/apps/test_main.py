@@ -164,7 +164,7 @@ def test_demonstration_is_no_skill_and_a_skill_no_demonstration(
 ):
     demo, skill = make_npz(), outputs / "skill.npz"
     assert command("learn", demo, "--out", skill).code == 0
-    assert "is not a skill" in refused("wipe", "--headless", "--skill", demo)
+    assert "is no skill file" in refused("wipe", "--headless", "--skill", demo)
     assert skill.name in refused("wipe", "--headless", "--demo", skill)
 
 
