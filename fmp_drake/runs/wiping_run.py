@@ -19,7 +19,7 @@ from fmp_drake.station.parts.page_scene import BOARD, INK
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.wiping_station import MakeWipingStation
 from fmp_drake.systems.ink.recording import AddInkToRecording
-from fmp_drake.systems.trail_visualizer import COLORS
+from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.viewer.path_drawing import draw_line
 
 STEP = 0.001
@@ -212,7 +212,7 @@ class WipingRun:
                 self.meshcat,
                 f"{BOARD}/measured",
                 self.log("measured_position")[::4],
-                color=COLORS["measured"],
+                color=TRAIL_COLOR,
             )
         self.meshcat.PublishRecording()
         return self.meshcat.StaticHtml()
