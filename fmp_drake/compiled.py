@@ -56,6 +56,6 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
     Its cache is beside the module, in the user's cache folder where that is read-only,
     or else in a temporary folder for this process.
     """
-    return numba.njit(  # type: ignore[call-overload,no-any-return]
+    return numba.njit(  # type: ignore[call-overload]
         cache=True, error_model="numpy", no_cfunc_wrapper=True
     )(function)
