@@ -17,11 +17,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import ControllerError
+from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.inputs import OPTIONAL, PACKED, PORTS
 from fmp_drake.systems.impedance.limits import JointLimits
-from fmp_drake.systems.impedance.memory import encode, initial_memory
-from fmp_drake.systems.impedance.poses import Pose
+from fmp_drake.systems.impedance.packing import (
+    OPTIONAL,
+    PACKED,
+    PORTS,
+    encode,
+    initial_memory,
+)
 from fmp_drake.systems.impedance.settings import settings_of
 from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.step import impedance_step

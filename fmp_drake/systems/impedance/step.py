@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.algebra import Pose, compose, relative, twist_rotation
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import (
     ForceCorrection,
@@ -15,11 +16,15 @@ from fmp_drake.systems.impedance.force_control import (
     engagement,
 )
 from fmp_drake.systems.impedance.friction import friction_torque
-from fmp_drake.systems.impedance.inputs import StepInputs, unpack
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
-from fmp_drake.systems.impedance.limits import rate_scale, torque_scale, wall_torque
-from fmp_drake.systems.impedance.memory import ImpedanceMemory, decode, encode
-from fmp_drake.systems.impedance.poses import Pose, compose, relative, twist_rotation
+from fmp_drake.systems.impedance.limits import limited_torque, rate_scale
+from fmp_drake.systems.impedance.packing import (
+    ImpedanceMemory,
+    StepInputs,
+    decode,
+    encode,
+    unpack,
+)
 from fmp_drake.systems.impedance.settings import ImpedanceSettings
 from fmp_drake.systems.impedance.spring import task_error, unwrapped
 from fmp_drake.systems.impedance.status import StatusFlag
@@ -199,37 +204,46 @@ def _next_torque(
     if not math.isfinite(np.sum(torque)):
         return _without_state(config, memory, previous)
 
-    # The limits.
-    limits = settings.limits
-    lower, upper = limits.lower_effort, limits.upper_effort
-    scale = torque_scale(torque, lower, upper)
-    torque *= scale
-    wall = wall_torque(config.walls, limits, q, arm.v, np.diag(arm.M).copy())
-    if wall.at_wall or wall.too_fast:
-        torque = np.minimum(np.maximum(torque + wall.torque, lower), upper)
-    change = torque - previous
-    slowness = rate_scale(change, config.max_torque_rate * period)
+    limited = limited_torque(
+        config.walls,
+        settings.limits,
+        torque,
+        previous,
+        config.max_torque_rate * period,
+        q,
+        arm.v,
+        np.diag(arm.M).copy(),
+    )
     flags |= (
         stiffness_flags
         | _ERROR_CLIPPED * law.clipped
         | _NEAR_SINGULAR * law.near_singular
-        | _TORQUE_LIMITED * (scale < 1)
-        | _RATE_LIMITED * (slowness < 1)
-        | _JOINT_WALL * wall.at_wall
-        | _SPEED_LIMITED * wall.too_fast
+        | _TORQUE_LIMITED * (limited.torque_scale < 1)
+        | _RATE_LIMITED * (limited.rate_scale < 1)
+        | _JOINT_WALL * limited.at_wall
+        | _SPEED_LIMITED * limited.too_fast
         | _FORCE_CONTROL * force.closed
         | _CONTACT_LOST * force.lost
         | _FORCE_LIMITED * force.limited
     )
     return (
-        previous + slowness * change,
-        np.array((float(flags), fraction, scale, slowness, force.correction, energy)),
+        limited.torque,
+        np.array(
+            (
+                float(flags),
+                fraction,
+                limited.torque_scale,
+                limited.rate_scale,
+                force.correction,
+                energy,
+            )
+        ),
         encode(
             ImpedanceMemory(
                 watchdog,
                 force.state,
                 refill(config.tank, energy, law.dissipation * period),
-                scale < 1,
+                limited.torque_scale < 1,
                 last,
                 held,
                 K,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
-from fmp_drake.systems.impedance.poses import (
+from fmp_drake.systems.impedance.algebra import (
     Pose,
     cross,
     rotation_from_vector,
