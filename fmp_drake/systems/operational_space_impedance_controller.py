@@ -117,9 +117,9 @@ from fmp_drake.systems.impedance.packing import (
     unpack,
 )
 from fmp_drake.systems.impedance.settings import settings_of
-from fmp_drake.systems.impedance.spring import task_error
 from fmp_drake.systems.impedance.status import STATUS_SIZE
 from fmp_drake.systems.impedance.step import impedance_step
+from fmp_drake.systems.impedance.target import task_error
 
 Array = NDArray[np.float64]
 
@@ -199,6 +199,31 @@ class OperationalSpaceImpedanceController(LeafSystem):
     ------
     ControllerError
         If the plant, the configuration, the posture or the height cannot be used.
+
+    Examples
+    --------
+    An arm of seven joints, made of boxes:
+
+    >>> from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> frame = plant.world_frame()
+    >>> for k in range(7):
+    ...     inertia = SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1)
+    ...     link = plant.AddRigidBody(f"link_{k}", inertia)
+    ...     joint = RevoluteJoint(f"joint_{k}", frame, link.body_frame(), np.eye(3)[k % 3])
+    ...     motor = plant.AddJointActuator(f"motor_{k}", plant.AddJoint(joint))
+    ...     frame = link.body_frame()
+    >>> plant.Finalize()
+    >>> controller = OperationalSpaceImpedanceController(
+    ...     plant,
+    ...     end_effector=frame,
+    ...     X_WT=RigidTransform([0.5, 0.0, 0.1]),
+    ...     config=ImpedanceConfig(damping_ratio=0.8),
+    ... )
+    >>> controller.GetInputPort("state").size()
+    14
+    >>> controller.GetOutputPort("torque").size()
+    7
     """
 
     def __init__(

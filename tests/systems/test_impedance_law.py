@@ -17,6 +17,8 @@ from fmp_drake.systems.impedance.law import (
     ArmDynamics,
     impedance_law,
     mobility,
+    shortened,
+    spring_wrench,
     task_modes,
 )
 from fmp_drake.systems.impedance.limits import (
@@ -25,12 +27,12 @@ from fmp_drake.systems.impedance.limits import (
     torque_scale,
 )
 from fmp_drake.systems.impedance.settings import values_of
-from fmp_drake.systems.impedance.spring import shortened, spring_wrench, task_error
 from fmp_drake.systems.impedance.stiffness import (
     CovarianceStiffnessConfig,
     EnergyTankConfig,
 )
 from fmp_drake.systems.impedance.supervision import WatchdogConfig
+from fmp_drake.systems.impedance.target import task_error
 
 seeds = st.integers(min_value=0, max_value=2**32 - 1)
 

@@ -21,7 +21,6 @@ from fmp_drake.systems.impedance.packing import (
     encode,
 )
 from fmp_drake.systems.impedance.settings import values_of
-from fmp_drake.systems.impedance.spring import task_error, unwrapped
 from fmp_drake.systems.impedance.status import (
     STATUS_SIZE,
     ImpedanceStatus,
@@ -39,6 +38,7 @@ from fmp_drake.systems.impedance.supervision import (
     target_fraction,
     watch,
 )
+from fmp_drake.systems.impedance.target import task_error, unwrapped
 
 WATCHDOG = WatchdogConfig()
 WALLS = JointWallConfig()

@@ -34,7 +34,7 @@ from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
 from fmp_drake.systems.impedance.limits import rate_scale, torque_scale
 from fmp_drake.systems.impedance.settings import values_of
-from fmp_drake.systems.impedance.spring import task_error
+from fmp_drake.systems.impedance.target import task_error
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )

@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.adaptation import force_correction, next_stiffness
 from fmp_drake.systems.impedance.algebra import Pose, compose, relative, twist_rotation
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import (
-    ForceCorrection,
     ForceState,
-    correct_normal_force,
     engagement,
 )
 from fmp_drake.systems.impedance.friction import friction_torque
@@ -26,15 +25,9 @@ from fmp_drake.systems.impedance.packing import (
     unpack,
 )
 from fmp_drake.systems.impedance.settings import ImpedanceSettings
-from fmp_drake.systems.impedance.spring import task_error, unwrapped
 from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.stiffness import (
-    admit_stiffness,
-    filter_fraction,
-    is_covariance,
-    is_spring,
     refill,
-    stiffness_from_covariance,
 )
 from fmp_drake.systems.impedance.supervision import (
     LOST,
@@ -46,7 +39,13 @@ from fmp_drake.systems.impedance.supervision import (
     target_faults,
     target_fraction,
 )
-from fmp_drake.systems.impedance.target import TaskTarget, blended, motion_in_world
+from fmp_drake.systems.impedance.target import (
+    TaskTarget,
+    blended,
+    motion_in_world,
+    task_error,
+    unwrapped,
+)
 
 Array = NDArray[np.float64]
 
@@ -63,8 +62,6 @@ _PROTECTIVE_STOP = int(StatusFlag.PROTECTIVE_STOP)
 _RATE_LIMITED = int(StatusFlag.RATE_LIMITED)
 _RECOVER = int(StatusFlag.RECOVER)
 _SPEED_LIMITED = int(StatusFlag.SPEED_LIMITED)
-_STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
-_TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
 _TORQUE_LIMITED = int(StatusFlag.TORQUE_LIMITED)
 
 
@@ -188,13 +185,13 @@ def _next_torque(
             target = blended(target, relative(X_WT, held), fraction, rate)
     else:
         target = TaskTarget(relative(X_WT, held), np.zeros(6), np.zeros(6))
-    force = _force_correction(settings, memory, inputs, wrench, fraction)
+    force = force_correction(settings, memory, inputs, wrench, fraction)
     wrench *= fraction
     wrench[5] -= force.correction
 
     # The law.
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error)
-    K, energy, stiffness_flags = _stiffness(settings, memory, inputs, error)
+    K, energy, stiffness_flags = next_stiffness(settings, memory, inputs, error)
     rotation = twist_rotation(X_WT.R.T)
     arm_T = ArmDynamics(arm.v, arm.M, arm.Cv, rotation @ arm.J, rotation @ arm.Jdot_v)
     law = impedance_law(
@@ -275,55 +272,4 @@ def _without_state(
                 np.zeros(3),
             )
         ),
-    )
-
-
-@compiled
-def _stiffness(
-    settings: ImpedanceSettings,
-    memory: ImpedanceMemory,
-    inputs: StepInputs,
-    error: Array,
-) -> tuple[Array, float, int]:
-    """Return K, the energy left in the tank, and flags."""
-    config, K, energy = settings.config, settings.stiffness.copy(), memory.tank_energy
-    if not (inputs.has_stiffness or inputs.has_covariance):
-        return K, energy, 0
-    present = memory.stiffness
-    if not inputs.finite:
-        return present, energy, 0
-    if inputs.has_stiffness:
-        K = 0.5 * (inputs.stiffness + inputs.stiffness.T)
-        if not is_spring(inputs.stiffness):
-            return present, energy, _STIFFNESS_REFUSED
-    if inputs.has_covariance:
-        if not is_covariance(inputs.covariance):
-            return present, energy, _STIFFNESS_REFUSED
-        K = stiffness_from_covariance(config.covariance_stiffness, inputs.covariance, K)
-    passed = filter_fraction(config.control_period, config.stiffness_time_constant)
-    K, energy, held_back = admit_stiffness(
-        present, present + passed * (K - present), error, energy
-    )
-    return K, energy, _TANK_EMPTY * held_back
-
-
-@compiled
-def _force_correction(
-    settings: ImpedanceSettings,
-    memory: ImpedanceMemory,
-    inputs: StepInputs,
-    wrench: Array,
-    fraction: float,
-) -> ForceCorrection:
-    """Return the correction of the normal force that `wrench` feeds forward."""
-    if not inputs.has_normal_force:
-        return ForceCorrection(0.0, ForceState(0.0, math.inf), False, False, False)
-    config = settings.config
-    return correct_normal_force(
-        config.force_control,
-        memory.force,
-        -wrench[5] if fraction == 1 else 0.0,
-        inputs.normal_force if inputs.finite else 0.0,
-        memory.saturated,
-        config.control_period,
     )
