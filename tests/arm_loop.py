@@ -152,6 +152,7 @@ class ArmLoop:
         q_posture: np.ndarray | None = None,
         push: Signal | None = None,
         load: Signal | None = None,
+        engage_height: float = 0.01,
         stops: bool = True,
         log: bool = True,
     ) -> None:
@@ -177,6 +178,7 @@ class ArmLoop:
                 X_WT=X_WT,
                 config=config,
                 q_posture=self.q if q_posture is None else q_posture,
+                engage_height=engage_height,
             )
         )
         sized = {

@@ -42,13 +42,14 @@ INPUTS = ["contact_results", "body_poses", "body_spatial_velocities"]
 AXES = np.eye(3)
 
 
-def make_plant(builder, *, force=10.0, eraser_first=False):
+def make_plant(builder, *, force=10.0, eraser_first=False, faces="polygon"):
     """Add a board that can slide in the world and an eraser on x, y, z and yaw."""
     plant, _ = AddMultibodyPlant(
         MultibodyPlantConfig(
             time_step=1e-3,
             discrete_contact_approximation="lagged",
             contact_model="hydroelastic",
+            contact_surface_representation=faces,
         ),
         builder,
     )

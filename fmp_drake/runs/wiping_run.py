@@ -33,7 +33,7 @@ from fmp_drake.station.parts.page_scene import BOARD, INK
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.wiping_station import MakeWipingStation
 from fmp_drake.systems.ink.recording import AddInkToRecording
-from fmp_drake.systems.trail_visualizer import COLORS
+from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.viewer.path_drawing import draw_line
 
 # Simulated seconds after which the logged samples are taken in, at the latest.
@@ -302,7 +302,7 @@ class WipingRun:
                 self.meshcat,
                 f"{BOARD}/measured",
                 path[:: max(4, -(-len(path) // _PATH_POINTS))],
-                color=COLORS["measured"],
+                color=TRAIL_COLOR,
             )
         self.meshcat.PublishRecording()
         return self.meshcat.StaticHtml()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
@@ -18,6 +18,8 @@ from fmp_drake.station.parts.page_scene import AddPage, PagePorts
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
+
+_DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 
 
 def MakeWipingStation(
@@ -39,7 +41,7 @@ def MakeWipingStation(
     a plant without a time step (CENIC) give it the scenario's integrator:
     ``ApplySimulatorConfig(scenario.simulator, simulator)``.
 
-    Systems: plant, scene_graph, fourier_primitive, tempo, desired_normal_force,
+    Systems: plant, scene_graph, fourier_primitive, desired_motion, tempo, desired_normal_force,
     controller,
     gravity_compensation, actuation, ink_board; where the scenario needs them sensors,
     rail, rail_state, task_frame, task_frame_velocity, task_frame_acceleration,
@@ -116,10 +118,12 @@ def MakeWipingStation(
     builder.AddSystem(primitive)
     measured = controller.GetOutputPort("measured_position")
     builder.Connect(measured, primitive.GetInputPort("measured_position"))
-    for name in ("position", "velocity", "acceleration"):
-        builder.Connect(
-            primitive.GetOutputPort(name), controller.GetInputPort(f"desired_{name}")
-        )
+    # One evaluation of the motion for all of its parts.
+    desired = builder.AddSystem(Demultiplexer([3, 3, 3]))
+    desired.set_name("desired_motion")
+    builder.Connect(primitive.GetOutputPort("motion"), desired.get_input_port())
+    for order, name in enumerate(_DESIRED):
+        builder.Connect(desired.get_output_port(order), controller.GetInputPort(name))
     if choice is not None:
         builder.Connect(ink.GetOutputPort("ink"), primitive.GetInputPort("ink"))
     # Used where the impedance's configuration enables them.
@@ -157,8 +161,8 @@ def MakeWipingStation(
         builder, scene, scenario, others=[] if page.pull is None else [page.pull]
     )
 
-    for name in ("position", "velocity", "acceleration"):
-        builder.ExportOutput(primitive.GetOutputPort(name), f"desired_{name}")
+    for order, name in enumerate(_DESIRED):
+        builder.ExportOutput(desired.get_output_port(order), name)
     for name in ("covariance", "weights", "component", "remaps"):
         builder.ExportOutput(primitive.GetOutputPort(name), name)
     actuation = builder.GetSubsystemByName("actuation")

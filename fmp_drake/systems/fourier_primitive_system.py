@@ -75,6 +75,8 @@ class FourierPrimitiveSystem(LeafSystem):
     ------------
     position, velocity, acceleration : (D,)
         Desired, in the frame and units of the skill, per second and per second^2.
+    motion : (3*D,)
+        The three of them, one after the other: one evaluation for who needs all.
     covariance : (D*D,)
         Of the desired position (18), row by row.
     weights : (D*T,)
@@ -190,11 +192,11 @@ class FourierPrimitiveSystem(LeafSystem):
         self._segments = cache(
             "segments until the next event", self._calc_segments, state
         )
-        self._motion = cache("desired motion", self._calc_motion, now)
         self._plan = cache("plan", self._calc_plan, state)
         declare = self.DeclareVectorOutputPort
+        self._motion = declare("motion", 3 * d, self._calc_motion, now)
         for order, name in enumerate(("position", "velocity", "acceleration")):
-            declare(name, d, self._calc_part_of(self._motion, order), now)
+            declare(name, d, self._calc_order(order), now)
         declare("covariance", d * d, self._calc_covariance, now)
         declare("weights", weights, self._calc_weights, now)
         declare("component", 1, self._calc_component, now)
@@ -347,7 +349,7 @@ class FourierPrimitiveSystem(LeafSystem):
             state = player.advance(state, wait)
         value.set_value((self._last_event(context), found))
 
-    def _calc_motion(self, context: Any, value: Any) -> None:
+    def _calc_motion(self, context: Context, output: BasicVector) -> None:
         cached: Any = self._segments.Eval(context)
         last_event, segments = cached
         elapsed = context.get_time() - last_event
@@ -355,7 +357,14 @@ class FourierPrimitiveSystem(LeafSystem):
         for later, candidate in segments[1:]:
             if later < elapsed:
                 begin, segment = later, candidate
-        value.set_value(segment_motion(segment, elapsed - begin))
+        output.SetFromVector(segment_motion(segment, elapsed - begin).ravel())
+
+    def _calc_order(self, order: int) -> Callable[[Context, BasicVector], None]:
+        def calc(context: Context, output: BasicVector) -> None:
+            motion: Any = self._motion.Eval(context)
+            output.SetFromVector(motion.reshape(3, -1)[order])
+
+        return calc
 
     def _calc_plan(self, context: Any, value: Any) -> None:
         value.set_value(self._player.plan(self._read(context), self._plan_ticks))

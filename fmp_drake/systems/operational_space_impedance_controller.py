@@ -103,22 +103,23 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import ControllerError
+from fmp_drake.systems.impedance.algebra import Pose, relative
 from fmp_drake.systems.impedance.arm import ArmModel, checked_posture, joint_limits
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.inputs import (
+from fmp_drake.systems.impedance.packing import (
     PACKED,
     PLACES,
     PORTS,
     REQUIRED,
     StepInputs,
+    encode,
+    initial_memory,
     unpack,
 )
-from fmp_drake.systems.impedance.memory import encode, initial_memory
-from fmp_drake.systems.impedance.poses import Pose, relative
 from fmp_drake.systems.impedance.settings import settings_of
-from fmp_drake.systems.impedance.spring import task_error
 from fmp_drake.systems.impedance.status import STATUS_SIZE
 from fmp_drake.systems.impedance.step import impedance_step
+from fmp_drake.systems.impedance.target import task_error
 
 Array = NDArray[np.float64]
 

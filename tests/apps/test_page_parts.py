@@ -34,9 +34,7 @@ class Round(LeafSystem):
 
 def trail(builder, meshcat):
     point = builder.AddSystem(Round())
-    visualizer = builder.AddSystem(
-        TrailVisualizer(meshcat, path=f"{BOARD}/trail", names=("measured",))
-    )
+    visualizer = builder.AddSystem(TrailVisualizer(meshcat, path=f"{BOARD}/trail"))
     builder.Connect(point.get_output_port(), visualizer.get_input_port())
 
 

@@ -88,7 +88,7 @@ def make_bare(scenario, times, torques):
 def make_scene(scenario):
     """Return the plant and its scene graph alone."""
     builder = DiagramBuilder()
-    AddBoardScene(builder, scenario, start=scenario.start_position())
+    AddBoardScene(builder, scenario, start=scenario.start)
     return builder.Build()
 
 

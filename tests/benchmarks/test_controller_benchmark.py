@@ -37,14 +37,14 @@ def context(controller):
         "desired_position": p,
         "desired_velocity": np.zeros(3),
         "desired_acceleration": np.zeros(3),
-        "feedforward_wrench": np.zeros(6),
+        "desired_normal_force": np.zeros(1),
     }.items():
         controller.GetInputPort(name).FixValue(context, value)
     return context
 
 
-def time_updates(benchmark, controller, context):
-    """Time updates at a state that changes."""
+def test_one_update_of_the_controller(benchmark, controller, context):
+    """With the features that are on by default, at a state that changes."""
     rng = np.random.default_rng(0)
     start = np.r_[Q_START, np.zeros(7)]
 
@@ -59,20 +59,6 @@ def time_updates(benchmark, controller, context):
         warmup_rounds=200,
     )
     assert np.isfinite(values.value(0)).all()
-
-
-def test_one_full_update_of_the_controller(benchmark, controller, context):
-    """With the features that are on by default: a context without a model."""
-    time_updates(benchmark, controller, context)
-
-
-def test_one_update_by_the_held_model(benchmark, controller, context):
-    controller.GetInputPort("state").FixValue(context, np.r_[Q_START, np.zeros(7)])
-    values = controller.EvalUniquePeriodicDiscreteUpdate(context)
-    for group in range(values.num_groups()):
-        context.SetDiscreteState(group, values.value(group).copy())
-    context.SetTime(0.001)
-    time_updates(benchmark, controller, context)
 
 
 def test_one_step_of_arm_and_controller(benchmark):

@@ -48,6 +48,7 @@ SYSTEMS = {
     "plant",
     "scene_graph",
     "fourier_primitive",
+    "desired_motion",
     "tempo",
     "desired_normal_force",
     "controller",

@@ -14,6 +14,7 @@ from fmp_drake.primitives import LqrTracker, Player
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 
 OUTPUTS = {
+    "motion": 6,
     "position": 2,
     "velocity": 2,
     "acceleration": 2,
@@ -65,6 +66,7 @@ def assert_same_outputs(one, two):
 def expected_outputs(player, state):
     motion = player.motion(state)
     return {
+        "motion": motion.ravel(),
         "position": motion[0],
         "velocity": motion[1],
         "acceleration": motion[2],

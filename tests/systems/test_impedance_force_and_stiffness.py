@@ -7,17 +7,18 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from fmp_drake.systems.impedance.algebra import (
+    Pose,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
 from fmp_drake.systems.impedance.force_control import (
     ForceControlConfig,
     ForceState,
     correct_normal_force,
     engagement,
 )
-from fmp_drake.systems.impedance.poses import (
-    Pose,
-    rotation_from_quaternion,
-    rotation_from_vector,
-)
+from fmp_drake.systems.impedance.settings import values_of
 from fmp_drake.systems.impedance.stiffness import (
     CovarianceStiffnessConfig,
     EnergyTankConfig,
@@ -28,7 +29,6 @@ from fmp_drake.systems.impedance.stiffness import (
     stiffness_from_covariance,
 )
 from fmp_drake.systems.impedance.target import TaskTarget, blended, motion_in_world
-from fmp_drake.systems.impedance.values import values_of
 
 FORCE = ForceControlConfig()
 SOFT = CovarianceStiffnessConfig()

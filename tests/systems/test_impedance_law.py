@@ -10,12 +10,15 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import ControllerError
+from fmp_drake.systems.impedance.algebra import Pose, rotation_vector
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
 from fmp_drake.systems.impedance.law import (
     ArmDynamics,
     impedance_law,
     mobility,
+    shortened,
+    spring_wrench,
     task_modes,
 )
 from fmp_drake.systems.impedance.limits import (
@@ -23,14 +26,13 @@ from fmp_drake.systems.impedance.limits import (
     rate_scale,
     torque_scale,
 )
-from fmp_drake.systems.impedance.poses import Pose, rotation_vector
-from fmp_drake.systems.impedance.spring import shortened, spring_wrench, task_error
+from fmp_drake.systems.impedance.settings import values_of
 from fmp_drake.systems.impedance.stiffness import (
     CovarianceStiffnessConfig,
     EnergyTankConfig,
 )
 from fmp_drake.systems.impedance.supervision import WatchdogConfig
-from fmp_drake.systems.impedance.values import values_of
+from fmp_drake.systems.impedance.target import task_error
 
 seeds = st.integers(min_value=0, max_value=2**32 - 1)
 

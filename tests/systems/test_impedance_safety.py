@@ -7,20 +7,20 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.force_control import ForceState
 from fmp_drake.systems.impedance.limits import (
     JointLimits,
     JointWallConfig,
     wall_torque,
 )
-from fmp_drake.systems.impedance.memory import (
+from fmp_drake.systems.impedance.packing import (
     MEMORY_SIZE,
     ImpedanceMemory,
     decode,
     encode,
 )
-from fmp_drake.systems.impedance.poses import Pose
-from fmp_drake.systems.impedance.spring import task_error, unwrapped
+from fmp_drake.systems.impedance.settings import values_of
 from fmp_drake.systems.impedance.status import (
     STATUS_SIZE,
     ImpedanceStatus,
@@ -38,7 +38,7 @@ from fmp_drake.systems.impedance.supervision import (
     target_fraction,
     watch,
 )
-from fmp_drake.systems.impedance.values import values_of
+from fmp_drake.systems.impedance.target import task_error, unwrapped
 
 WATCHDOG = WatchdogConfig()
 WALLS = JointWallConfig()

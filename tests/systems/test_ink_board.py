@@ -334,6 +334,20 @@ def test_the_period_hardly_changes_the_ink_where_an_eraser_is_lifted(
     assert error_of_the_period(two_periods, simulator) < 0.02
 
 
+def test_contact_surfaces_of_triangles_wear_the_same_ink():
+    inks = []
+    for faces in ("polygon", "triangle"):
+        builder = DiagramBuilder()
+        parts = make_plant(builder, faces=faces)
+        board = add_ink(builder, *parts)
+        scene = Scene(builder.Build(), parts[0], board)
+        simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.4))
+        simulator.AdvanceTo(0.3)
+        inks.append(scene.ink(simulator))
+    np.testing.assert_allclose(*inks, atol=0.01)
+    assert inks[0].min() < 0.05
+
+
 def test_a_run_may_start_between_two_periods(scene):
     left = []
     for begin in (0.0, 0.3217):

@@ -29,12 +29,12 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import ControllerError
 from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
 from fmp_drake.systems.impedance.limits import rate_scale, torque_scale
-from fmp_drake.systems.impedance.poses import Pose
-from fmp_drake.systems.impedance.spring import task_error
-from fmp_drake.systems.impedance.values import values_of
+from fmp_drake.systems.impedance.settings import values_of
+from fmp_drake.systems.impedance.target import task_error
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )

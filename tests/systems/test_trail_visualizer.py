@@ -12,23 +12,18 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.systems import trail_visualizer
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
 
-NAMES = ("desired", "measured")
-SPEED = {"desired": np.array([0.1, 0.0, 0.0]), "measured": np.array([0.0, 0.2, 0.1])}
+SPEED = np.array([0.0, 0.2, 0.1])
 
 
 class Travel(LeafSystem):
-    """Two points that travel at constant velocities."""
+    """A point that travels at a constant velocity."""
 
     def __init__(self):
         super().__init__()
-        for name in NAMES:
-            self.DeclareVectorOutputPort(name, 3, self._calc(SPEED[name]))
+        self.DeclareVectorOutputPort("point", 3, self._calc)
 
-    def _calc(self, velocity):
-        def calc(context, output: BasicVector):
-            output.SetFromVector(velocity * context.get_time())
-
-        return calc
+    def _calc(self, context, output: BasicVector):
+        output.SetFromVector(SPEED * context.get_time())
 
 
 @pytest.fixture(scope="module")
@@ -54,41 +49,40 @@ def make_diagram(meshcat, **options):
     builder = DiagramBuilder()
     travel = builder.AddSystem(Travel())
     visualizer = builder.AddSystem(TrailVisualizer(meshcat, **options))
-    for name in NAMES:
-        builder.Connect(travel.GetOutputPort(name), visualizer.GetInputPort(name))
+    builder.Connect(travel.get_output_port(), visualizer.get_input_port())
     return builder.Build(), visualizer
 
 
-def trail(drawn, name):
-    return [points for path, points in drawn if path == f"trail/{name}"]
+def trails(drawn):
+    assert all(path == "trail/line" for path, _ in drawn)
+    return [points for _, points in drawn]
 
 
 def test_ports_have_names_and_sizes(meshcat):
     visualizer = TrailVisualizer(meshcat)
     assert visualizer.get_name() == "trail_visualizer"
     assert visualizer.num_output_ports() == 0
-    assert [visualizer.get_input_port(i).get_name() for i in range(2)] == list(NAMES)
-    assert [visualizer.GetInputPort(name).size() for name in NAMES] == [3, 3]
+    assert visualizer.get_input_port().get_name() == "position"
+    assert visualizer.get_input_port().size() == 3
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_the_trail_is_the_last_seconds_of_the_input(meshcat, drawn, name):
+def test_the_trail_is_the_last_seconds_of_the_input(meshcat, drawn):
     diagram, _ = make_diagram(meshcat, seconds=1.0, period=0.1)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(2.51)
-    points = trail(drawn, name)[-1]
+    points = trails(drawn)[-1]
     # A picture shows what was remembered before its own instant.
     times = np.arange(1.5, 2.45, 0.1)
-    assert_allclose(points, np.outer(times, SPEED[name]), atol=1e-12)
+    assert_allclose(points, np.outer(times, SPEED), atol=1e-12)
 
 
 def test_a_young_trail_grows_from_the_first_point(meshcat, drawn):
     diagram, _ = make_diagram(meshcat, seconds=2.0, period=0.1)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.45)
-    lengths = [len(points) for points in trail(drawn, "measured")]
+    lengths = [len(points) for points in trails(drawn)]
     assert lengths == [2, 3, 4]
-    for points in trail(drawn, "measured"):
+    for points in trails(drawn):
         assert np.all(np.isfinite(points))
         assert_array_equal(points[0], np.zeros(3))
 
@@ -97,51 +91,40 @@ def test_pictures_come_once_in_a_period(meshcat, drawn):
     diagram, _ = make_diagram(meshcat, period=0.2)
     Simulator(diagram).AdvanceTo(1.99)
     # The first two see one point only.
-    assert len(trail(drawn, "desired")) == 8
+    assert len(trails(drawn)) == 8
 
 
-def test_both_trails_are_under_the_path_and_leave_its_transform_alone(meshcat):
+def test_the_trail_is_under_the_path_and_leaves_its_transform_alone(meshcat):
     X_WB = RigidTransform([0.5, 0.0, 0.1])
     meshcat.SetTransform("board/trail", X_WB)
     sent = meshcat._GetPackedTransform("board/trail")
     diagram, _ = make_diagram(meshcat, path="board/trail")
     Simulator(diagram).AdvanceTo(0.5)
-    assert all(meshcat.HasPath(f"board/trail/{name}") for name in NAMES)
+    assert meshcat.HasPath("board/trail/line")
     assert meshcat._GetPackedTransform("board/trail") == sent
 
 
-def test_a_trail_that_is_not_asked_for_has_no_port(meshcat):
-    visualizer = TrailVisualizer(meshcat, names=("measured",))
-    assert visualizer.num_input_ports() == 1
-    assert visualizer.GetInputPort("measured").size() == 3
-    for names in ((), ("measured", "wished")):
-        with pytest.raises(SystemsError, match="expected some of"):
-            TrailVisualizer(meshcat, names=names)
-
-
 def test_a_trail_thins_out_towards_its_old_end(meshcat, monkeypatch):
-    radii = {}
+    radii = []
     monkeypatch.setattr(
         trail_visualizer,
         "draw_rod",
-        lambda _, path, *__, radius, **___: radii.setdefault(path, []).append(radius),
+        lambda *_, radius, **__: radii.append(radius),
     )
     diagram, _ = make_diagram(meshcat, seconds=1.0, period=0.1, radius=0.003)
     Simulator(diagram).AdvanceTo(1.5)
-    measured, desired = radii["trail/measured"], radii["trail/desired"]
-    assert_allclose(measured[-1], np.linspace(0.0003, 0.003, 10))
-    assert_allclose(desired[-1], measured[-1] / 2)
+    assert_allclose(radii[-1], np.linspace(0.0003, 0.003, 10))
     # A young trail is as thick at its new end.
-    assert_allclose(measured[0][-1], 0.003)
+    assert_allclose(radii[0][-1], 0.003)
 
 
 def test_a_tool_at_rest_is_not_drawn_again(meshcat, drawn):
-    diagram, visualizer = make_diagram(meshcat, period=0.1)
-    context = diagram.CreateDefaultContext()
-    own = visualizer.GetMyContextFromRoot(context)
-    n = own.get_discrete_state(0).size()
-    own.SetDiscreteState(0, np.tile([0.1, 0.2, 0.3], n // 3))
-    visualizer._draw(own)
+    visualizer = TrailVisualizer(meshcat, period=0.1)
+    simulator = Simulator(visualizer)
+    visualizer.get_input_port().FixValue(
+        simulator.get_mutable_context(), [0.1, 0.2, 0.3]
+    )
+    simulator.AdvanceTo(1.0)
     assert drawn == []
 
 
@@ -164,15 +147,15 @@ def test_a_continued_run_shows_its_trail_at_once_and_goes_on_with_it(meshcat, dr
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.03)
     copy = Simulator(diagram, simulator.get_context().Clone())
-    last = trail(drawn, "measured")[-1]
+    last = trails(drawn)[-1]
     drawn.clear()
     copy.Initialize()
-    assert_array_equal(trail(drawn, "measured")[0][:-1], last)
+    assert_array_equal(trails(drawn)[0][:-1], last)
     runs = []
     for each in (simulator, copy):
         drawn.clear()
         each.AdvanceTo(2.0)
-        runs.append(trail(drawn, "desired"))
+        runs.append(trails(drawn))
     for one, two in zip(*runs, strict=True):
         assert_array_equal(one, two)
 
@@ -181,10 +164,9 @@ def test_drawing_leaves_the_context_alone(meshcat):
     diagram, visualizer = make_diagram(meshcat)
     context = diagram.CreateDefaultContext()
     own = visualizer.GetMyContextFromRoot(context)
-    before = [own.get_discrete_state(i).value().copy() for i in range(2)]
+    before = own.get_discrete_state_vector().CopyToVector()
     diagram.ForcedPublish(context)
-    for i in range(2):
-        assert_array_equal(own.get_discrete_state(i).value(), before[i])
+    assert_array_equal(own.get_discrete_state_vector().value(), before)
 
 
 def test_drawing_does_not_depend_on_caching(meshcat, drawn):
@@ -201,17 +183,9 @@ def test_drawing_does_not_depend_on_caching(meshcat, drawn):
         assert_array_equal(one, two)
 
 
-@pytest.mark.parametrize("forgotten", NAMES)
-def test_a_forgotten_input_is_named(meshcat, forgotten):
-    builder = DiagramBuilder()
-    travel = builder.AddSystem(Travel())
-    visualizer = builder.AddSystem(TrailVisualizer(meshcat))
-    (other,) = set(NAMES) - {forgotten}
-    builder.Connect(travel.GetOutputPort(other), visualizer.GetInputPort(other))
-    simulator = Simulator(builder.Build())
-    with pytest.raises(
-        (RuntimeError, ValueError), match=rf"{forgotten}.*trail_visualizer"
-    ):
+def test_a_forgotten_input_is_named(meshcat):
+    simulator = Simulator(TrailVisualizer(meshcat))
+    with pytest.raises((RuntimeError, ValueError), match=r"position.*trail_visualizer"):
         simulator.AdvanceTo(0.1)
 
 

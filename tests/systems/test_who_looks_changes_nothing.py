@@ -49,7 +49,7 @@ def controlled(meshcat, *, watched):
     builder = DiagramBuilder()
     pendulum = builder.AddSystem(Controlled())
     if watched:
-        trail = builder.AddSystem(TrailVisualizer(meshcat, names=("measured",)))
+        trail = builder.AddSystem(TrailVisualizer(meshcat))
         builder.Connect(pendulum.get_output_port(0), trail.get_input_port())
         plan = PlanVisualizer(meshcat, points=2, component_paths=PATHS)
         builder.AddSystem(plan)

@@ -112,10 +112,8 @@ def AddPage(
     if show.demonstrations:
         draw_demonstrations(meshcat, f"{BOARD}/demonstrations", demonstrated)
     if show.trail:
-        trail = builder.AddSystem(
-            TrailVisualizer(meshcat, path=f"{BOARD}/trail", names=("measured",))
-        )
-        builder.Connect(measured_position, trail.GetInputPort("measured"))
+        trail = builder.AddSystem(TrailVisualizer(meshcat, path=f"{BOARD}/trail"))
+        builder.Connect(measured_position, trail.get_input_port())
     # First, so that its sliders come first.
     controls = None
     if show.controls:

@@ -7,8 +7,8 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context
 
 from fmp_drake.errors import ControllerError
+from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.limits import JointLimits
-from fmp_drake.systems.impedance.poses import Pose
 
 Array = NDArray[np.float64]
 ArmReading = tuple[bool, Array, Array, Array, Array, Array, Array]

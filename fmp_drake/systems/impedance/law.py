@@ -28,9 +28,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
-from fmp_drake.systems.impedance.cholesky import cholesky, solve_lower
+from fmp_drake.systems.impedance.algebra import (
+    cholesky,
+    inverse_left_jacobian,
+    solve_lower,
+    stacked,
+)
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.spring import shortened, spring_wrench
 
 Array = NDArray[np.float64]
 
@@ -163,6 +167,49 @@ def task_modes(
     squared, V = _eigen(H.T @ stiffness @ H)
     omega = np.sqrt(np.maximum(squared, 0.0))
     return TaskModes(W.T @ V, omega, values[0] * max_effective_mass < 1)
+
+
+@compiled
+def shortened(x: Array, limit: float) -> Array:
+    """Return a copy of a vector, shortened to a length at most in its direction."""
+    return x * (limit / max(math.sqrt(x @ x), limit))
+
+
+@compiled
+def spring_wrench(
+    stiffness: Array, error: Array, max_rotation: float, max_translation: float
+) -> tuple[Array, bool]:
+    """Compute the wrench of the spring between measured and desired pose.
+
+    Where nothing is clipped it is the gradient of ``½ eᵀ K e``, so the spring
+    gives back the work that was put in, however far it was rotated.
+
+    Parameters
+    ----------
+    stiffness : array, shape (6, 6)
+        K, in T.
+    error : array, shape (6,)
+        The rotation and translation left, rad and m, in T.
+    max_rotation, max_translation : float
+        Lengths to which the halves of the error are shortened, rad and m.
+
+    Returns
+    -------
+    wrench : array, shape (6,)
+        Torque and force on E, Nm and N, in T.
+    clipped : bool
+        Whether the error was shortened.
+    """
+    rotation, translation = error[:3], error[3:]
+    clipped = (
+        math.sqrt(rotation @ rotation) > max_rotation
+        or math.sqrt(translation @ translation) > max_translation
+    )
+    wrench = stiffness @ stacked(
+        shortened(rotation, max_rotation), shortened(translation, max_translation)
+    )
+    torque = inverse_left_jacobian(rotation, wrench[:3])
+    return stacked(torque, wrench[3:]), clipped
 
 
 @compiled

@@ -173,3 +173,58 @@ def rate_scale(change: Array, max_change: float) -> float:
     for i in range(len(change)):
         greatest = max(greatest, abs(change[i]))
     return max_change / greatest
+
+
+class LimitedTorque(NamedTuple):
+    """A torque that may be commanded, and what limited it.
+
+    Attributes
+    ----------
+    torque : array, shape (n,)
+        Nm.
+    torque_scale, rate_scale : float
+        Factors by which the torque and its change were shortened.
+    at_wall, too_fast : bool
+        Whether a joint is near its limit, and whether one is braked.
+    """
+
+    torque: Array
+    torque_scale: float
+    rate_scale: float
+    at_wall: bool
+    too_fast: bool
+
+
+@compiled
+def limited_torque(
+    config: JointWallConfig,
+    limits: JointLimits,
+    torque: Array,
+    previous: Array,
+    max_change: float,
+    q: Array,
+    v: Array,
+    inertia: Array,
+) -> LimitedTorque:
+    """Keep a torque within the efforts, the joints off their limits, its change small.
+
+    Parameters
+    ----------
+    config, limits, q, v, inertia
+        As for `wall_torque`.
+    torque, previous : array, shape (n,)
+        Wanted, and of the update before, Nm.
+    max_change : float
+        As for `rate_scale`.
+    """
+    lower, upper = limits.lower_effort, limits.upper_effort
+    scale = torque_scale(torque, lower, upper)
+    torque = scale * torque
+    wall = wall_torque(config, limits, q, v, inertia)
+    if wall.at_wall or wall.too_fast:
+        torque = np.minimum(np.maximum(torque + wall.torque, lower), upper)
+    change = torque - previous
+    slowness = rate_scale(change, max_change)
+    return LimitedTorque(
+        previous + slowness * change, scale, slowness, wall.at_wall, wall.too_fast
+    )

@@ -1,16 +1,15 @@
 """Everything that stays the same from update to update of the impedance controller."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.friction import SigmoidFriction
 from fmp_drake.systems.impedance.limits import JointLimits
-from fmp_drake.systems.impedance.poses import Pose
-from fmp_drake.systems.impedance.values import values_of
 
 Array = NDArray[np.float64]
 
@@ -83,3 +82,39 @@ def settings_of(
         engage_height=engage_height,
     )
     return np.array([values_of(settings)])
+
+
+def values_of[C](settings: C) -> C:
+    """Return a NumPy record with the fields of a dataclass of numbers.
+
+    It is a copy. Numbers become floats, lists arrays, dataclasses and named tuples
+    records, so that compiled functions see the same types every time.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems.impedance.supervision import WatchdogConfig
+    >>> float(values_of(WatchdogConfig(max_age=1)).max_age)
+    1.0
+    """
+    record: Any = np.array([_contents(settings)], _dtype(settings))
+    return record.view(np.recarray)[0]
+
+
+def _parts(value: Any) -> dict[str, Any] | None:
+    """Return the named parts of a value that has some."""
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    return value._asdict() if hasattr(value, "_asdict") else None
+
+
+def _contents(value: Any) -> Any:
+    parts = _parts(value)
+    return value if parts is None else tuple(map(_contents, parts.values()))
+
+
+def _dtype(value: Any) -> np.dtype[Any]:
+    parts = _parts(value)
+    if parts is not None:
+        return np.dtype([(name, _dtype(part)) for name, part in parts.items()])
+    kind = bool if isinstance(value, bool) else float
+    return np.dtype((kind, np.shape(value)))

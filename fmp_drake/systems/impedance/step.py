@@ -7,29 +7,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.adaptation import force_correction, next_stiffness
+from fmp_drake.systems.impedance.algebra import Pose, compose, relative, twist_rotation
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import (
-    ForceCorrection,
     ForceState,
-    correct_normal_force,
     engagement,
 )
 from fmp_drake.systems.impedance.friction import friction_torque
-from fmp_drake.systems.impedance.inputs import StepInputs, unpack
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
-from fmp_drake.systems.impedance.limits import rate_scale, torque_scale, wall_torque
-from fmp_drake.systems.impedance.memory import ImpedanceMemory, decode, encode
-from fmp_drake.systems.impedance.poses import Pose, compose, relative, twist_rotation
+from fmp_drake.systems.impedance.limits import limited_torque, rate_scale
+from fmp_drake.systems.impedance.packing import (
+    ImpedanceMemory,
+    StepInputs,
+    decode,
+    encode,
+    unpack,
+)
 from fmp_drake.systems.impedance.settings import ImpedanceSettings
-from fmp_drake.systems.impedance.spring import task_error, unwrapped
 from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.stiffness import (
-    admit_stiffness,
-    filter_fraction,
-    is_covariance,
-    is_spring,
     refill,
-    stiffness_from_covariance,
 )
 from fmp_drake.systems.impedance.supervision import (
     LOST,
@@ -41,7 +39,13 @@ from fmp_drake.systems.impedance.supervision import (
     target_faults,
     target_fraction,
 )
-from fmp_drake.systems.impedance.target import TaskTarget, blended, motion_in_world
+from fmp_drake.systems.impedance.target import (
+    TaskTarget,
+    blended,
+    motion_in_world,
+    task_error,
+    unwrapped,
+)
 
 Array = NDArray[np.float64]
 
@@ -58,8 +62,6 @@ _PROTECTIVE_STOP = int(StatusFlag.PROTECTIVE_STOP)
 _RATE_LIMITED = int(StatusFlag.RATE_LIMITED)
 _RECOVER = int(StatusFlag.RECOVER)
 _SPEED_LIMITED = int(StatusFlag.SPEED_LIMITED)
-_STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
-_TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
 _TORQUE_LIMITED = int(StatusFlag.TORQUE_LIMITED)
 
 
@@ -183,13 +185,13 @@ def _next_torque(
             target = blended(target, relative(X_WT, held), fraction, rate)
     else:
         target = TaskTarget(relative(X_WT, held), np.zeros(6), np.zeros(6))
-    force = _force_correction(settings, memory, inputs, wrench, fraction)
+    force = force_correction(settings, memory, inputs, wrench, fraction)
     wrench *= fraction
     wrench[5] -= force.correction
 
     # The law.
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error)
-    K, energy, stiffness_flags = _stiffness(settings, memory, inputs, error)
+    K, energy, stiffness_flags = next_stiffness(settings, memory, inputs, error)
     rotation = twist_rotation(X_WT.R.T)
     arm_T = ArmDynamics(arm.v, arm.M, arm.Cv, rotation @ arm.J, rotation @ arm.Jdot_v)
     law = impedance_law(
@@ -199,37 +201,46 @@ def _next_torque(
     if not math.isfinite(np.sum(torque)):
         return _without_state(config, memory, previous)
 
-    # The limits.
-    limits = settings.limits
-    lower, upper = limits.lower_effort, limits.upper_effort
-    scale = torque_scale(torque, lower, upper)
-    torque *= scale
-    wall = wall_torque(config.walls, limits, q, arm.v, np.diag(arm.M).copy())
-    if wall.at_wall or wall.too_fast:
-        torque = np.minimum(np.maximum(torque + wall.torque, lower), upper)
-    change = torque - previous
-    slowness = rate_scale(change, config.max_torque_rate * period)
+    limited = limited_torque(
+        config.walls,
+        settings.limits,
+        torque,
+        previous,
+        config.max_torque_rate * period,
+        q,
+        arm.v,
+        np.diag(arm.M).copy(),
+    )
     flags |= (
         stiffness_flags
         | _ERROR_CLIPPED * law.clipped
         | _NEAR_SINGULAR * law.near_singular
-        | _TORQUE_LIMITED * (scale < 1)
-        | _RATE_LIMITED * (slowness < 1)
-        | _JOINT_WALL * wall.at_wall
-        | _SPEED_LIMITED * wall.too_fast
+        | _TORQUE_LIMITED * (limited.torque_scale < 1)
+        | _RATE_LIMITED * (limited.rate_scale < 1)
+        | _JOINT_WALL * limited.at_wall
+        | _SPEED_LIMITED * limited.too_fast
         | _FORCE_CONTROL * force.closed
         | _CONTACT_LOST * force.lost
         | _FORCE_LIMITED * force.limited
     )
     return (
-        previous + slowness * change,
-        np.array((float(flags), fraction, scale, slowness, force.correction, energy)),
+        limited.torque,
+        np.array(
+            (
+                float(flags),
+                fraction,
+                limited.torque_scale,
+                limited.rate_scale,
+                force.correction,
+                energy,
+            )
+        ),
         encode(
             ImpedanceMemory(
                 watchdog,
                 force.state,
                 refill(config.tank, energy, law.dissipation * period),
-                scale < 1,
+                limited.torque_scale < 1,
                 last,
                 held,
                 K,
@@ -261,55 +272,4 @@ def _without_state(
                 np.zeros(3),
             )
         ),
-    )
-
-
-@compiled
-def _stiffness(
-    settings: ImpedanceSettings,
-    memory: ImpedanceMemory,
-    inputs: StepInputs,
-    error: Array,
-) -> tuple[Array, float, int]:
-    """Return K, the energy left in the tank, and flags."""
-    config, K, energy = settings.config, settings.stiffness.copy(), memory.tank_energy
-    if not (inputs.has_stiffness or inputs.has_covariance):
-        return K, energy, 0
-    present = memory.stiffness
-    if not inputs.finite:
-        return present, energy, 0
-    if inputs.has_stiffness:
-        K = 0.5 * (inputs.stiffness + inputs.stiffness.T)
-        if not is_spring(inputs.stiffness):
-            return present, energy, _STIFFNESS_REFUSED
-    if inputs.has_covariance:
-        if not is_covariance(inputs.covariance):
-            return present, energy, _STIFFNESS_REFUSED
-        K = stiffness_from_covariance(config.covariance_stiffness, inputs.covariance, K)
-    passed = filter_fraction(config.control_period, config.stiffness_time_constant)
-    K, energy, held_back = admit_stiffness(
-        present, present + passed * (K - present), error, energy
-    )
-    return K, energy, _TANK_EMPTY * held_back
-
-
-@compiled
-def _force_correction(
-    settings: ImpedanceSettings,
-    memory: ImpedanceMemory,
-    inputs: StepInputs,
-    wrench: Array,
-    fraction: float,
-) -> ForceCorrection:
-    """Return the correction of the normal force that `wrench` feeds forward."""
-    if not inputs.has_normal_force:
-        return ForceCorrection(0.0, ForceState(0.0, math.inf), False, False, False)
-    config = settings.config
-    return correct_normal_force(
-        config.force_control,
-        memory.force,
-        -wrench[5] if fraction == 1 else 0.0,
-        inputs.normal_force if inputs.finite else 0.0,
-        memory.saturated,
-        config.control_period,
     )

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
-from fmp_drake.systems.impedance.cholesky import cholesky, solve_lower
+from fmp_drake.systems.impedance.algebra import cholesky, solve_lower
 
 Array = NDArray[np.float64]
 

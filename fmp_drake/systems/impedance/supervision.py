@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from fmp_drake.compiled import compiled
-from fmp_drake.systems.impedance.poses import Pose, rotation_angle
+from fmp_drake.systems.impedance.algebra import Pose, rotation_angle
 from fmp_drake.systems.impedance.status import StatusFlag
 
 # What the watchdog does. In a stop of which the pose is not known, because the state

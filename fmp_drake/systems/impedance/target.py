@@ -1,18 +1,19 @@
-"""Targets of the end effector: blended with a pose, and in a frame that moves."""
+"""The target of the end effector, and the displacement that is left to it."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
-from fmp_drake.systems.impedance.poses import (
+from fmp_drake.systems.impedance.algebra import (
     Pose,
     cross,
     rotation_from_vector,
+    rotation_vector,
     stacked,
 )
-from fmp_drake.systems.impedance.spring import task_error
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,55 @@ class TaskTarget(NamedTuple):
     X: Pose
     V: Array
     A: Array
+
+
+@compiled
+def task_error(measured: Pose, desired: Pose) -> Array:
+    """Compute the displacement that is left from the measured to the desired pose.
+
+    Parameters
+    ----------
+    measured, desired : Pose
+        X_TE as it is and as it shall be.
+
+    Returns
+    -------
+    array, shape (6,)
+        ``(log(R_TE_desired R_TEᵀ), p_TE_desired − p_TE)``: rad and m, in T.
+    """
+    return stacked(rotation_vector(desired.R @ measured.R.T), desired.p - measured.p)
+
+
+@compiled
+def unwrapped(error: Array, previous: Array) -> Array:
+    """Let an error go on through 180 degrees in the way it rotated before.
+
+    The shortest rotation changes its axis from one side to the other at 180
+    degrees, and a spring would pull the other way at once. Of the two ways round,
+    the one nearer to the previous error is taken, as long as it is shorter than 270
+    degrees.
+
+    Parameters
+    ----------
+    error : array, shape (6,)
+        What `task_error` returned, rad and m; not changed.
+    previous : array, shape (3,)
+        Rotation of the error before, as returned here, rad.
+
+    Returns
+    -------
+    array, shape (6,)
+    """
+    phi = error[:3]
+    angle = math.sqrt(phi @ phi)
+    # Up to 90 degrees nothing but the shortest way is near; NaN ends here as well.
+    if not angle > 0.5 * math.pi or phi @ previous >= 0:
+        return error
+    other = (1 - 2 * math.pi / angle) * phi
+    this_way, other_way = phi - previous, other - previous
+    if other_way @ other_way < this_way @ this_way:
+        return stacked(other, error[3:])
+    return error
 
 
 @compiled

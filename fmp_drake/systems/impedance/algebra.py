@@ -1,4 +1,4 @@
-"""Poses and rotations as plain matrices, for compiled functions.
+"""Poses, rotations and small matrices, for compiled functions.
 
 ``X_AB = (R_AB, p_AB)`` is the pose of frame B in frame A.
 """
@@ -168,3 +168,48 @@ def inverse_left_jacobian(phi: Array, x: Array) -> Array:
         c = 1 / 12 + squared / 720
     once = cross(phi, x)
     return x - 0.5 * once + c * cross(phi, once)
+
+
+@compiled
+def cholesky(A: Array) -> tuple[Array, bool]:
+    """Return L with ``A = L Lᵀ``, and whether A is positive definite.
+
+    Parameters
+    ----------
+    A : array, shape (n, n)
+        Symmetric; its lower triangle is read.
+
+    Returns
+    -------
+    L : array, shape (n, n)
+        Lower triangular; of no use where A is not positive definite.
+    positive : bool
+    """
+    n = len(A)
+    L = np.zeros((n, n))
+    for j in range(n):
+        pivot = A[j, j]
+        for k in range(j):
+            pivot -= L[j, k] * L[j, k]
+        if not pivot > 0:  # NaN ends here as well.
+            return L, False
+        L[j, j] = math.sqrt(pivot)
+        for i in range(j + 1, n):
+            x = A[i, j]
+            for k in range(j):
+                x -= L[i, k] * L[j, k]
+            L[i, j] = x / L[j, j]
+    return L, True
+
+
+@compiled
+def solve_lower(L: Array, B: Array) -> Array:
+    """Return ``L⁻¹ B`` for a lower triangular L, shape (n, n), and B, shape (n, m)."""
+    X = B.copy()
+    for i in range(len(L)):
+        for k in range(i):
+            for j in range(X.shape[1]):
+                X[i, j] -= L[i, k] * X[k, j]
+        for j in range(X.shape[1]):
+            X[i, j] /= L[i, i]
+    return X

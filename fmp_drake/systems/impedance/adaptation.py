@@ -1,0 +1,83 @@
+"""The stiffness and the normal force, as far as the inputs change them."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.compiled import compiled
+from fmp_drake.systems.impedance.force_control import (
+    ForceCorrection,
+    ForceState,
+    correct_normal_force,
+)
+from fmp_drake.systems.impedance.packing import (
+    ImpedanceMemory,
+    StepInputs,
+)
+from fmp_drake.systems.impedance.settings import ImpedanceSettings
+from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.stiffness import (
+    admit_stiffness,
+    filter_fraction,
+    is_covariance,
+    is_spring,
+    stiffness_from_covariance,
+)
+
+Array = NDArray[np.float64]
+
+# Plain integers, because compiled functions take no enumerations.
+_STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
+_TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
+
+
+@compiled
+def next_stiffness(
+    settings: ImpedanceSettings,
+    memory: ImpedanceMemory,
+    inputs: StepInputs,
+    error: Array,
+) -> tuple[Array, float, int]:
+    """Return K, the energy left in the tank, and flags."""
+    config, K, energy = settings.config, settings.stiffness.copy(), memory.tank_energy
+    if not (inputs.has_stiffness or inputs.has_covariance):
+        return K, energy, 0
+    present = memory.stiffness
+    if not inputs.finite:
+        return present, energy, 0
+    if inputs.has_stiffness:
+        K = 0.5 * (inputs.stiffness + inputs.stiffness.T)
+        if not is_spring(inputs.stiffness):
+            return present, energy, _STIFFNESS_REFUSED
+    if inputs.has_covariance:
+        if not is_covariance(inputs.covariance):
+            return present, energy, _STIFFNESS_REFUSED
+        K = stiffness_from_covariance(config.covariance_stiffness, inputs.covariance, K)
+    passed = filter_fraction(config.control_period, config.stiffness_time_constant)
+    K, energy, held_back = admit_stiffness(
+        present, present + passed * (K - present), error, energy
+    )
+    return K, energy, _TANK_EMPTY * held_back
+
+
+@compiled
+def force_correction(
+    settings: ImpedanceSettings,
+    memory: ImpedanceMemory,
+    inputs: StepInputs,
+    wrench: Array,
+    fraction: float,
+) -> ForceCorrection:
+    """Return the correction of the normal force that `wrench` feeds forward."""
+    if not inputs.has_normal_force:
+        return ForceCorrection(0.0, ForceState(0.0, math.inf), False, False, False)
+    config = settings.config
+    return correct_normal_force(
+        config.force_control,
+        memory.force,
+        -wrench[5] if fraction == 1 else 0.0,
+        inputs.normal_force if inputs.finite else 0.0,
+        memory.saturated,
+        config.control_period,
+    )

@@ -1,0 +1,376 @@
+"""Facts about one update of the impedance controller, and about what follows it."""
+
+import copy
+
+import numpy as np
+import pytest
+from arm_loop import (
+    Q_START,
+    X_WT_TILTED,
+    ArmLoop,
+    jacobian,
+    make_arm,
+    pose_in_task,
+    quaternion,
+)
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.errors import ControllerError
+from fmp_drake.systems.impedance.algebra import Pose
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.limits import JointLimits
+from fmp_drake.systems.impedance.packing import (
+    OPTIONAL,
+    PACKED,
+    PORTS,
+    encode,
+    initial_memory,
+)
+from fmp_drake.systems.impedance.settings import settings_of
+from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.step import impedance_step
+from fmp_drake.systems.operational_space_impedance_controller import (
+    OperationalSpaceImpedanceController,
+)
+
+N = 7
+PERIOD = 0.001
+
+
+def full_config():
+    """A configuration in which everything is enabled."""
+    config = ImpedanceConfig()
+    for part in ("force_control", "covariance_stiffness", "friction_compensation"):
+        getattr(config, part).enabled = True
+    return config
+
+
+# The compiled functions and the plain ones.
+
+
+def random_step(rng, ports):
+    """Arguments of an update in which some of the optional ports are used."""
+    limits = JointLimits.between(
+        np.full(N, -2.0),
+        np.full(N, 2.0),
+        speed=np.full(N, 2.0),
+        lower_effort=np.full(N, -80.0),
+        upper_effort=np.full(N, 80.0),
+    )
+    settings = settings_of(
+        full_config(),
+        X_WT=Pose(np.eye(3), np.array([0.1, 0.2, 0.3])),
+        limits=limits,
+        q_posture=np.zeros(N),
+        engage_height=0.5,
+    )
+    packed = np.zeros(1, PACKED)
+    for name in ports:
+        packed[name] = 0.3 * rng.normal(size=PORTS[name])
+        packed[f"has_{name}"] = 1.0
+    A, B = rng.normal(size=(2, N, N))
+    packed["stiffness"] = (100 * np.eye(6) + A[:6, :6] @ A[:6, :6].T).ravel()
+    packed["covariance"] = (1e-4 * B[:3, :3] @ B[:3, :3].T).ravel()
+    arm = (
+        True,
+        rng.normal(size=2 * N),
+        A @ A.T + np.eye(N),
+        rng.normal(size=N),
+        np.vstack([np.eye(3), rng.normal(size=3)]),
+        rng.normal(size=(N, 6)),
+        rng.normal(size=6),
+    )
+    memory = encode(initial_memory(settings[0].stiffness.copy(), tank_energy=0.1))
+    return settings, packed, rng.normal(size=N), memory, arm
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_compiled_update_is_the_plain_one(seed):
+    rng = np.random.default_rng(seed)
+    ports = [name for name in PORTS if name not in OPTIONAL or rng.random() < 0.6]
+    settings, packed, previous, memory, arm = random_step(rng, ports)
+    found = known = (previous, None, memory)
+    for k in range(4):
+        if k == 2:
+            packed["desired_position"] += 1.0  # A jump.
+        arguments = settings, packed, k * PERIOD
+        found = impedance_step(*arguments, found[0], found[2], *arm)
+        known = impedance_step.py_func(*arguments, known[0], known[2], *arm)
+        for one, other in zip(found, known, strict=True):
+            assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    assert int(found[1][0]) & StatusFlag.PROTECTIVE_STOP
+
+
+def test_one_compilation_serves_controllers_of_every_kind():
+    for config in (ImpedanceConfig(), full_config(), ImpedanceConfig(damping_ratio=1)):
+        make_controller(config)
+    before = len(impedance_step.signatures)
+    controller = make_controller(full_config())
+    simulate_ports(controller, optional_ports())
+    assert len(impedance_step.signatures) == before
+
+
+# Everything acts at the very next update.
+
+
+def make_controller(config=None, **settings):
+    plant = make_arm()
+    return OperationalSpaceImpedanceController(
+        plant,
+        end_effector=plant.GetFrameByName("eraser_tip"),
+        X_WT=X_WT_TILTED,
+        config=config or ImpedanceConfig(),
+        q_posture=Q_START,
+        **settings,
+    )
+
+
+def start_pose():
+    return pose_in_task(make_arm(), Q_START, X_WT_TILTED)
+
+
+def optional_ports():
+    """A value for every optional port, near the pose of the start."""
+    R_WT = X_WT_TILTED.rotation()
+    return {
+        "desired_orientation": quaternion(start_pose().rotation()),
+        "desired_angular_velocity": np.array([0.01, 0.0, 0.02]),
+        "desired_angular_acceleration": np.array([0.1, 0.0, 0.0]),
+        "feedforward_wrench": np.array([0, 0, 0, 1.0, 0, -2.0]),
+        "task_frame": np.r_[quaternion(R_WT), X_WT_TILTED.translation()],
+        "task_frame_velocity": np.array([0.0, 0.0, 0.01, 0.02, 0.0, 0.0]),
+        "task_frame_acceleration": np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0]),
+        "target_time": np.zeros(1),
+        "stiffness": np.diag([20.0, 20, 3, 900, 900, 150]).ravel(),
+        "covariance": (1e-4 * np.eye(3)).ravel(),
+        "normal_force": np.array([7.0]),
+        "desired_normal_force": np.array([8.0]),
+    }
+
+
+def context_of(controller, ports=()):
+    context = controller.CreateDefaultContext()
+    orientation = quaternion(start_pose().rotation())
+    for name, value in {
+        "state": np.r_[Q_START, np.zeros(N)],
+        "desired_position": start_pose().translation(),
+        "desired_velocity": np.zeros(3),
+        "desired_acceleration": np.zeros(3),
+        "desired_orientation": orientation,
+        **dict(ports),
+    }.items():
+        controller.GetInputPort(name).FixValue(context, value)
+    return context
+
+
+def update(controller, context):
+    """Take one control period."""
+    context.SetDiscreteState(controller.EvalUniquePeriodicDiscreteUpdate(context))
+    context.SetTime(context.get_time() + PERIOD)
+    return StatusFlag(int(controller.GetOutputPort("status").Eval(context)[0]))
+
+
+def simulate_ports(controller, ports, updates=3):
+    context = context_of(controller, ports)
+    for _ in range(updates):
+        update(controller, context)
+    return context
+
+
+@pytest.mark.parametrize(
+    ("port", "value", "flag"),
+    [
+        ("desired_position", [np.nan, 0, 0], StatusFlag.NOT_FINITE),
+        ("desired_position", [0.0, 0.0, 9.0], StatusFlag.JUMP),
+        ("task_frame", [np.nan] * 7, StatusFlag.NOT_FINITE),
+        ("desired_orientation", [0.0] * 4, StatusFlag.NOT_FINITE),
+        ("target_time", [-1.0], StatusFlag.STALE),
+        ("state", [np.nan] * 14, StatusFlag.NO_STATE),
+        ("desired_normal_force", [np.inf], StatusFlag.NOT_FINITE),
+    ],
+)
+def test_a_fault_stops_the_arm_at_the_very_next_update(port, value, flag):
+    controller = make_controller(full_config())
+    context = context_of(controller, {"desired_velocity": np.array([0.1, 0, 0])})
+    for _ in range(5):
+        assert not update(controller, context) & StatusFlag.PROTECTIVE_STOP
+    good = update(controller, copy.deepcopy(context))
+    controller.GetInputPort(port).FixValue(context, np.array(value, dtype=float))
+    assert not good & flag
+    before = context.get_discrete_state(0).value().copy()
+    flags = update(controller, context)
+    assert flags & flag
+    assert flags & StatusFlag.PROTECTIVE_STOP
+    assert not np.array_equal(context.get_discrete_state(0).value(), before)
+
+
+def test_a_lost_contact_and_a_wall_are_seen_at_the_very_next_update():
+    controller = make_controller(full_config(), engage_height=10.0)
+    ports = optional_ports()
+    context = simulate_ports(controller, ports)
+    assert update(controller, context) & StatusFlag.FORCE_CONTROL
+    controller.GetInputPort("normal_force").FixValue(context, [0.0])
+    lost = [update(controller, context) for _ in range(60)]
+    first = [bool(flags & StatusFlag.CONTACT_LOST) for flags in lost].index(True)
+    assert first * PERIOD == pytest.approx(0.05, abs=0.002)  # The release time.
+    q = Q_START.copy()
+    q[1] = make_arm().GetPositionUpperLimits()[1] - 0.01
+    controller.GetInputPort("state").FixValue(context, np.r_[q, np.zeros(N)])
+    assert update(controller, context) & StatusFlag.JOINT_WALL
+
+
+# The normal force.
+
+
+def normal_force_of(controller, height, force, wrench=None):
+    """The force along −z of T that one more input asks for, N."""
+    torques = []
+    for wanted in (0.0, force):
+        ports = {"desired_normal_force": np.array([wanted])}
+        if wrench is not None:
+            ports["feedforward_wrench"] = wrench
+        position = np.array([*start_pose().translation()[:2], height])
+        context = context_of(controller, ports | {"desired_position": position})
+        values = controller.EvalUniquePeriodicDiscreteUpdate(context)
+        torques.append(values.value(0).copy())
+    plant = make_arm()
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, Q_START)
+    J = jacobian(plant, context, X_WT_TILTED)
+    return -np.linalg.lstsq(J.T, torques[1] - torques[0], rcond=None)[0]
+
+
+def test_the_desired_normal_force_is_that_part_of_the_wrench():
+    config = ImpedanceConfig(max_torque_rate=1e9)
+    z = start_pose().translation()[2]
+    for height, expected in ((z, 8.0 * part(z, 2 * z)), (2 * z, 0.0), (0.0, None)):
+        controller = make_controller(config, engage_height=2 * z)
+        found = normal_force_of(controller, height, 8.0)
+        wanted = 8.0 * part(max(z, height), 2 * z) if expected is None else expected
+        assert_allclose(found, [0, 0, 0, 0, 0, wanted], atol=1e-6)
+    assert_allclose(normal_force_of(controller, z, -3.0), 0.0, atol=1e-9)
+
+
+def part(height, engage_height):
+    x = 1 - height / engage_height
+    return x * x * (3 - 2 * x)
+
+
+@pytest.mark.parametrize("height", [0.0, -0.01, np.nan, np.inf])
+def test_an_engage_height_that_is_not_positive_is_refused(height):
+    with pytest.raises(ControllerError, match=f"engage_height .* got {height}"):
+        make_controller(engage_height=height)
+
+
+def test_the_force_loop_stands_still_while_the_torque_is_limited():
+    """And goes on where it was: nothing winds up."""
+    config = full_config()
+    config.force_control.proportional_gain = 0.0
+    controller = make_controller(config, engage_height=10.0)
+    ports = {"desired_normal_force": np.array([8.0]), "normal_force": np.array([7.0])}
+    context = context_of(controller, ports)
+
+    def correction(updates):
+        flags = [update(controller, context) for _ in range(updates)]
+        return flags, controller.GetOutputPort("status").Eval(context)[4]
+
+    _, start = correction(10)
+    assert start > 0
+    # A wrench that no motor can make; the force along the normal stays as wanted.
+    wrench = np.array([0, 0, 0, 1e4, 0, 0])
+    controller.GetInputPort("feedforward_wrench").FixValue(context, wrench)
+    _, limited = correction(1)
+    flags, still = correction(50)
+    assert all(f & StatusFlag.TORQUE_LIMITED for f in flags)
+    assert all(f & StatusFlag.FORCE_CONTROL for f in flags)
+    assert still == limited
+    controller.GetInputPort("feedforward_wrench").FixValue(context, 0 * wrench)
+    _, later = correction(20)
+    assert later > still
+
+
+# A Context is all that there is.
+
+
+LOOKED_AT = ("measured_position", "measured_velocity", "tracking_error", "status")
+
+
+def wavering(kind):
+    """Signals and a configuration in which a certain part of the state matters."""
+    p, R = start_pose().translation(), quaternion(start_pose().rotation())
+
+    def position(t):
+        jump = 0.3 if kind == "protective stop" and 0.02 < t < 0.04 else 0.0
+        return p + np.array([0.02 * np.sin(9 * t) + jump, 0.0, 0.0])
+
+    signals = {
+        "desired_position": position,
+        "desired_velocity": lambda t: np.array([0.18 * np.cos(9 * t), 0.0, 0.0]),
+    }
+    if kind == "stiffness":
+        signals["stiffness"] = lambda t: np.diag(
+            [30.0, 30, 3, *([900 + 600 * np.sin(50 * t)] * 3)]
+        ).ravel()
+    if kind == "force control":
+        signals["desired_normal_force"] = lambda _t: np.array([5.0])
+        signals["normal_force"] = lambda t: np.array([4 + np.sin(60 * t)])
+    if kind == "moving frame":
+        origin, axes = X_WT_TILTED.translation(), quaternion(X_WT_TILTED.rotation())
+        signals["task_frame"] = lambda t: np.r_[
+            axes, origin + np.array([0.01 * np.sin(20 * t), 0, 0])
+        ]
+        signals["desired_orientation"] = lambda _t: -R
+    config = ImpedanceConfig()
+    config.force_control.enabled = kind == "force control"
+    config.watchdog.settle_time = 0.01
+    return signals, config
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["plain", "protective stop", "stiffness", "force control", "moving frame"],
+)
+def test_a_clone_continues_bit_identically_whatever_was_looked_at(kind):
+    signals, config = wavering(kind)
+    loop = ArmLoop(
+        signals, config=config, X_WT=X_WT_TILTED, log=False, engage_height=10.0
+    )
+    end = 0.08
+
+    def start():
+        simulator = Simulator(loop.diagram)
+        context = simulator.get_mutable_context()
+        plant_context = loop.plant.GetMyMutableContextFromRoot(context)
+        loop.plant.SetPositions(plant_context, Q_START)
+        return simulator
+
+    def look(context):
+        own = loop.controller.GetMyContextFromRoot(context)
+        for name in LOOKED_AT:
+            loop.controller.GetOutputPort(name).Eval(own)
+
+    def state(context):
+        discrete = context.get_discrete_state()
+        return [discrete.value(k).copy() for k in range(discrete.num_groups())]
+
+    reference = start()
+    reference.AdvanceTo(end)
+    expected = state(reference.get_context())
+    assert np.abs(expected[1]).max() > 0.1  # The torque.
+
+    simulator = start()
+    for time in (0.0004, 0.0137, 0.0213, 0.0291, 0.0433, 0.0518):
+        simulator.AdvanceTo(time)
+        look(simulator.get_context())
+        context = simulator.get_context().Clone()
+        if time > 0.02:
+            context.DisableCaching()
+        clone = Simulator(loop.diagram, context)
+        look(clone.get_context())
+        clone.AdvanceTo(end)
+        for found, known in zip(state(clone.get_context()), expected, strict=True):
+            assert_array_equal(found, known)
+    simulator.AdvanceTo(end)
+    for found, known in zip(state(simulator.get_context()), expected, strict=True):
+        assert_array_equal(found, known)
