@@ -122,17 +122,13 @@ def load_font(height: int) -> Any:
     return ImageFont.truetype(str(fonts / "DejaVuSans.ttf"), max(8, height // 30))
 
 
-def draw_caption(
-    color: NDArray[np.uint8], text: str, *, font: Any
-) -> NDArray[np.uint8]:
-    """Return a picture (height, width, 3) with a line of text at its lower left."""
-    image = Image.fromarray(color)
-    margin = max(4, color.shape[0] // 40)
-    ImageDraw.Draw(image).text(
-        (margin, color.shape[0] - margin),
+def draw_caption(picture: Image.Image, text: str, *, font: Any) -> None:
+    """Draw a line of text into a picture, at its lower left."""
+    margin = max(4, picture.height // 40)
+    ImageDraw.Draw(picture).text(
+        (margin, picture.height - margin),
         text,
         anchor="ls",
         font=font,
         fill=_CAPTION_COLOR,
     )
-    return np.asarray(image)

@@ -8,6 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from fmp_drake.errors import RunError
+from fmp_drake.primitives.data.numeric import check_number
 from fmp_drake.runs.spill import Spill
 
 
@@ -44,8 +45,7 @@ class FilmReel:
 
     def __init__(self, station: Diagram, *, fps: float, speed: float = 1.0) -> None:
         for name, value in (("fps", fps), ("speed", speed)):
-            if not (np.isfinite(value) and value > 0):
-                raise RunError(f"{name} is {value}; it must be positive.")
+            check_number(value, name, above=0.0, error=RunError)
         self.fps = float(fps)
         self.speed = float(speed)
         self._station = station

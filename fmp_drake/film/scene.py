@@ -9,7 +9,6 @@ from pydrake.geometry import (
     DepthRange,
     DepthRenderCamera,
     MakeRenderEngineVtk,
-    RenderEngineVtkParams,
 )
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram
@@ -54,8 +53,6 @@ class FilmScene:
     camera : FilmCamera
     size : tuple of int
         Width and height, pixels.
-    params : RenderEngineVtkParams, optional
-        Lights, background and shadows; those of the stage where None.
     """
 
     def __init__(
@@ -65,7 +62,6 @@ class FilmScene:
         diagram: Diagram | None = None,
         camera: FilmCamera,
         size: tuple[int, int],
-        params: RenderEngineVtkParams | None = None,
     ) -> None:
         plant: Any = station.GetSubsystemByName("plant")
         scene_graph: Any = station.GetSubsystemByName("scene_graph")
@@ -74,7 +70,7 @@ class FilmScene:
         self._scene_graph = scene_graph
         self._plant_context = plant.GetMyMutableContextFromRoot(context)
         self._graph_context = scene_graph.GetMyMutableContextFromRoot(context)
-        params = params or RenderLights()
+        params = RenderLights()
         params.backend = "EGL"
         engine = MakeRenderEngineVtk(params)
         scene_graph.AddRenderer(self._graph_context, _RENDERER, engine)
