@@ -143,11 +143,11 @@ def _cells(system: Any, letter: str, ports: _Ports) -> list[str]:
 
 def _node(name: str, system: Any, ins: list[str], outs: list[str]) -> str:
     """Return a node: its name, its type, and its ports in one or two columns."""
-    filler = "<TD></TD>" if ins and outs else ""
-    rows = ["".join(pair) for pair in zip_longest(ins, outs, fillvalue=filler)]
+    columns, empty = (2, "<TD></TD>") if ins and outs else (1, "")
+    rows = ["".join(pair) for pair in zip_longest(ins, outs, fillvalue=empty)]
     kind = system.GetSystemType().rsplit("::", 1)[-1].rsplit(".", 1)[-1]
     head = (
-        f'<TD COLSPAN="2" BGCOLOR="#EEEEEE"><B>{html.escape(system.get_name())}'
+        f'<TD COLSPAN="{columns}" BGCOLOR="#EEEEEE"><B>{html.escape(system.get_name())}'
         f'</B><BR/><FONT POINT-SIZE="8">{html.escape(kind.split("<")[0])}</FONT></TD>'
     )
     body = "".join(f"<TR>{row}</TR>" for row in [head, *rows])
