@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from fmp_drake.runs.wiping_run import WipingRun
 
 _AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")
-_FORCE_BAND = (5.0, 15.0)
 _MILESTONES = (0.5, 0.9, 0.99)
 
 RUN_PAGE_SIGNALS = (
@@ -158,7 +157,9 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
 
 
 def _draw_force(ax: Axes, run: "WipingRun") -> None:
-    low, high = _FORCE_BAND
+    from fmp_drake.runs.metrics import WANTED_FORCE
+
+    low, high = WANTED_FORCE
     ax.axhspan(
         low,
         high,

@@ -25,6 +25,15 @@ class AlignedPeriods:
         One period each; sample T would be the first of the next.
     durations : ndarray, shape (N,)
         Samples that each period lasted.
+
+    Examples
+    --------
+    >>> cosine = np.cos(2 * np.pi * np.arange(200) / 20)[:, None]
+    >>> aligned = align_periods([cosine], period=20.0, n_steps=10)
+    >>> aligned.values[0, [0, 5], 0].round(1)
+    array([ 1., -1.])
+    >>> float(aligned.durations.mean().round(2))
+    20.0
     """
 
     values: NDArray[np.float64]
