@@ -50,7 +50,7 @@ def write_film(
     Raises
     ------
     RunError
-        Where it cannot be written; an existing film is then as before.
+        Where it cannot be written; an existing file is then left as it was.
     """
     with replaced(path, RunError) as part:
         if path.suffix.lower() == ".gif":

@@ -1,4 +1,4 @@
-"""From what a reel has kept to a film."""
+"""Rendering films and pictures of a station from recorded positions and ink."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,9 +40,9 @@ def render_film(
     captions: Sequence[str] | None = None,
     supersample: int = 2,
 ) -> None:
-    """Render a film of a station without a screen; an existing one is replaced.
+    """Render a film of a station without a screen; an existing file is replaced.
 
-    The board is where the plant's positions put it, also where they move it.
+    Everything, also a board that moves, is drawn where the plant's positions put it.
 
     Parameters
     ----------
@@ -51,14 +51,14 @@ def render_film(
     station : Diagram
         With subsystems plant and scene_graph; a frame `surface` of the plant is B.
     diagram : Diagram, optional
-        What the station was built into, if anything: the simulator's.
+        The root diagram that contains the station; the station itself where None.
     grid : InkGrid
     times : array_like, shape (N,)
         Simulated time of each frame, s.
     positions : array_like, shape (N, nq)
         Of the plant.
     ink : array_like of uint8, shape (N, ny nx) or (N, ny, nx)
-        What is left, in 255ths.
+        Ink that is left in each cell, 0 for none to 255 for all.
     fps : float
         Frames per second of the film.
     size : tuple of int
@@ -67,14 +67,14 @@ def render_film(
     trail : Trail, optional
         Path of the eraser; not drawn where None.
     captions : sequence of str, optional
-        A line for each frame.
+        A line of text for each frame.
     supersample : int
         Pixels rendered for a pixel of the film, along each edge: smooth edges.
 
     Raises
     ------
     RunError
-        Where the film cannot be made; an existing one is then as before.
+        Where the film cannot be made; an existing file is then left as it was.
     """
     path = Path(path)
     check_film(path, fps=fps, size=size)
@@ -124,7 +124,7 @@ def render_picture(
     camera: FilmCamera | None = None,
     supersample: int = 2,
 ) -> None:
-    """Render one picture, as `render_film` renders many.
+    """Render one picture of a station without a screen; an existing file is replaced.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def render_picture(
     positions : array_like, shape (nq,)
         Of the plant.
     ink : array_like of uint8, shape (ny nx,) or (ny, nx)
-        What is left, in 255ths.
+        Ink that is left in each cell, 0 for none to 255 for all.
     station, diagram, grid, size, camera, supersample
         As for `render_film`.
 

@@ -40,16 +40,16 @@ class Shot(NamedTuple):
 
 
 class FilmScene:
-    """The arm, the eraser and the board of a station before a camera.
+    """Renders the arm, the eraser and the board of a station as a camera sees them.
 
-    The station itself stays as it is: all of this lives in a context of its own.
+    The station itself stays as it is: positions are set in a Context of its own.
 
     Parameters
     ----------
     station : Diagram
         With subsystems plant and scene_graph; the plant has a frame `surface`, B.
     diagram : Diagram, optional
-        What the station was built into, if anything.
+        The root diagram that contains the station; the station itself where None.
     camera : FilmCamera
     size : tuple of int
         Width and height, pixels.

@@ -66,7 +66,7 @@ def write_graph(diagram: "Diagram", path: Path) -> None:
     Raises
     ------
     RunError
-        Where it cannot be made; an existing file is then as before.
+        Where it cannot be made; an existing file is then left as it was.
     """
     path = Path(path)
     check_graph(path)

@@ -43,7 +43,12 @@ def draw_run(run: "WipingRun") -> Figure:
     """Return a page: path, ink left; cleaned area, force and tracking error over time.
 
     Dotted lines are re-mappings, dashed ones those after a push, and shaded times are
-    those of a disturbance. The run must have kept `RUN_PAGE_SIGNALS`.
+    those of a disturbance.
+
+    Parameters
+    ----------
+    run : WipingRun
+        Which has kept `RUN_PAGE_SIGNALS`.
     """
     figure = Figure(figsize=(11, 10.5), layout="constrained")
     grid = figure.add_gridspec(4, 2, height_ratios=[2.1, 1, 1, 1])
