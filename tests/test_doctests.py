@@ -14,6 +14,7 @@ FRONT_DOORS = (
     "plots",
     "film",
     "experiments",
+    "experiments.baselines",
 )
 
 

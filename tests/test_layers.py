@@ -25,7 +25,11 @@ LAYERS = (
 )
 # Below all layers.
 BASE = {"errors", "numeric", "settings", "compiled", "__init__"}
-FRONT_DOORS = ("fmp_drake", *(f"fmp_drake.{layer}" for layer in LAYERS[:-1]))
+FRONT_DOORS = (
+    "fmp_drake",
+    *(f"fmp_drake.{layer}" for layer in LAYERS[:-1]),
+    "fmp_drake.experiments.baselines",
+)
 MOST_MODULES = 16
 MOST_LINES = 400
 

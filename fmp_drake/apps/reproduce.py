@@ -13,20 +13,25 @@ from rich.console import Console
 from fmp_drake.apps.options import PATH
 from fmp_drake.apps.page import make_console
 from fmp_drake.errors import FmpError
-from fmp_drake.experiments.eight import (
+from fmp_drake.experiments import (
+    FULL,
+    QUICK,
+    Finding,
+    Profile,
     eight,
+    evaluate,
+    held_out_finding,
     learn_and_sample,
+    polishing,
+    summary,
     table_one,
     table_rows,
+    wiping,
+    write_report,
 )
-from fmp_drake.experiments.finding import Finding
-from fmp_drake.experiments.held_out import evaluate, held_out_finding, summary
 from fmp_drake.experiments.methods import N_STEPS, PAPER_STRIDE, RATE
 from fmp_drake.experiments.metrics import BINS, FLOOR
-from fmp_drake.experiments.polishing import polishing
-from fmp_drake.experiments.profile import FULL, QUICK, Profile
-from fmp_drake.experiments.report import Section, write_report
-from fmp_drake.experiments.wiping import wiping
+from fmp_drake.experiments.report import Section
 from fmp_drake.primitives import PAPER_SETTINGS, Demonstration, FourierMovementPrimitive
 from fmp_drake.runs.skills import default_demonstration
 

@@ -33,7 +33,7 @@ from fmp_drake.experiments.metrics import (
     draw_grids,
     grid_extent,
 )
-from fmp_drake.experiments.paths import draw_path
+from fmp_drake.experiments.paths import draw_paths
 from fmp_drake.experiments.profile import Profile
 from fmp_drake.plots import draw_demonstrations_in_plane
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
@@ -217,9 +217,7 @@ def _from_starts(
     near: Closeness,
 ) -> Finding:
     played = play(skill, starts, 12.0)
-    figure = Figure(figsize=(12, 7), layout="constrained")
-    for ax, path in zip(figure.subplots(2, 2).ravel(), played, strict=True):
-        draw_path(ax, recorded, path)
+    paths = {f"start {i}": path for i, path in enumerate(played, start=1)}
     last = near.distances(played[:, -round(3 * RATE) :]).max(axis=1)
     return Finding(
         name="fig9",
@@ -229,5 +227,5 @@ def _from_starts(
         + " of the demonstrations.",
         claim="FMP returns to the demonstrations, also with superposed frequencies.",
         agrees=bool(np.all(last < 0.01)),
-        figure=figure,
+        figure=draw_paths(recorded, paths, rows=2),
     )

@@ -18,7 +18,7 @@ from fmp_drake.experiments.methods import (
     play,
 )
 from fmp_drake.experiments.metrics import divergences, draw_grids, grid_extent
-from fmp_drake.experiments.paths import draw_path
+from fmp_drake.experiments.paths import draw_paths
 from fmp_drake.experiments.profile import Profile
 from fmp_drake.plots import (
     draw_demonstrations_over_time,
@@ -75,11 +75,7 @@ def _last_period(paths: NDArray[np.float64]) -> NDArray[np.float64]:
 def _from_starts(
     played: NDArray[np.float64], recorded: Demonstration, near: Closeness
 ) -> Finding:
-    figure = Figure(figsize=(10, 4.5), layout="constrained")
-    for ax, path, name in zip(
-        figure.subplots(1, 2), played, ("interpolation", "extrapolation"), strict=True
-    ):
-        draw_path(ax, recorded, path, name)
+    paths = dict(zip(("interpolation", "extrapolation"), played, strict=True))
     distances = near.distances(_last_period(played)).max(axis=1)
     away = float(near.distances(played[1, :1])[0])
     return Finding(
@@ -91,7 +87,7 @@ def _from_starts(
         claim="FMP interpolates and extrapolates: the movement returns to the "
         "demonstrated limit cycle.",
         agrees=bool(np.all(distances < 0.01)),
-        figure=figure,
+        figure=draw_paths(recorded, paths),
     )
 
 
@@ -138,12 +134,7 @@ def _promp_conditioned(
         "mixture, interpolation (6b)": mixture.condition([0], [inside]),
         "mixture, extrapolation (6c)": mixture.condition([0], [outside]),
     }
-    figure = Figure(figsize=(13, 4.5), layout="constrained")
-    far = {}
-    for ax, (name, path) in zip(figure.subplots(1, 3), paths.items(), strict=True):
-        draw_path(ax, recorded, path, name)
-        far[name] = float(near.distances(_last_period(path)).max())
-    a, b, c = far.values()
+    a, b, c = (near.distances(_last_period(path)).max() for path in paths.values())
     return Finding(
         name="fig6",
         title="Fig. 6: conditioning on the initial position with ProMP-VM",
@@ -153,6 +144,6 @@ def _promp_conditioned(
         claim="With alignment the movement cannot start elsewhere; a mixture without "
         "alignment adapts inside the demonstrations, but from outside it does not "
         "return to them.",
-        agrees=a > 0.02 and b < 0.02 and c > 0.02,
-        figure=figure,
+        agrees=bool(a > 0.02 and b < 0.02 and c > 0.02),
+        figure=draw_paths(recorded, paths),
     )

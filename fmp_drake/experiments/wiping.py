@@ -1,11 +1,10 @@
 """Section V-D: wiping for any duration, Fig. 10, and by the simulated Panda."""
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from fmp_drake.experiments.finding import Finding, millimetres
-from fmp_drake.experiments.paths import draw_path
+from fmp_drake.experiments.paths import draw_paths
 from fmp_drake.experiments.profile import Profile
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
 from fmp_drake.runs.wiping_run import WipingRun
@@ -19,9 +18,9 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
     """Play wiping for 400 samples, mean and sample, and with the robot."""
     skill = FourierMovementPrimitive().fit(demonstration)
     played, visited = {}, {}
-    for sample in (False, True):
+    for sample, title in ((False, "tracking the mean"), (True, "tracking a sample")):
         path = Player(skill, sample=sample).rollout(_START, 60.0)[:, 0]
-        played[sample] = path[: _LENGTH + 1]
+        played[title] = path[: _LENGTH + 1]
         visited[sample] = _visited(path)
     findings = [
         Finding(
@@ -31,13 +30,11 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
             f"means (left), {visited[True]} tracking samples (right).",
             claim="Movements of any length; sampling gives them much more variability.",
             agrees=visited[True] > 2 * visited[False],
-            figure=_draw(
-                played, demonstration, ("tracking the mean", "tracking a sample")
-            ),
+            figure=draw_paths(demonstration, played),
         )
     ]
     runs, errors = {}, {}
-    for sample in (False, True):
+    for sample, title in ((False, "mean, measured"), (True, "sample, measured")):
         run = WipingRun(
             Scenario(),
             skill,
@@ -47,7 +44,7 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
             keep=["measured_position"],
         )
         run.advance_to(profile.robot_seconds)
-        runs[sample] = run.log("measured_position")[::4]
+        runs[title] = run.log("measured_position")[::4]
         errors[sample] = run.metrics()["tracking_rms_m"] or 0.0
     findings.append(
         Finding(
@@ -58,7 +55,7 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
             "(sample) rms.",
             claim="An impedance controller with fixed orientation executes them.",
             agrees=max(errors.values()) < 0.01,
-            figure=_draw(runs, demonstration, ("mean, measured", "sample, measured")),
+            figure=draw_paths(demonstration, runs),
         )
     )
     return findings
@@ -70,16 +67,3 @@ def _visited(path: NDArray[np.float64]) -> int:
     fine = np.linspace(0, len(path) - 1, 20 * len(path))
     points = np.stack([np.interp(fine, ticks, path[:, i]) for i in (0, 1)], axis=1)
     return len(np.unique(np.floor(points / 0.005).astype(int), axis=0))
-
-
-def _draw(
-    paths: dict[bool, NDArray[np.float64]],
-    demonstration: Demonstration,
-    titles: tuple[str, str],
-) -> Figure:
-    figure = Figure(figsize=(11, 5), layout="constrained")
-    for ax, path, title in zip(
-        figure.subplots(1, 2), paths.values(), titles, strict=True
-    ):
-        draw_path(ax, demonstration, path, title)
-    return figure

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform
+from scipy.ndimage import map_coordinates
 
 from fmp_drake.errors import RunError
 from fmp_drake.film.scene import Shot
@@ -29,14 +30,13 @@ _TOLERANCE = 2e-4
 class _Face(NamedTuple):
     """The pixels whose rays meet the grid, for one pose of the board.
 
-    `pixels` are flat indices (n,), `depth` (n,) that of the plane, `cells` (4, n) flat
-    indices of the nearest cell centres and `weights` (4, n) their bilinear weights.
+    `pixels` are flat indices (n,), `depth` (n,) that of the plane, and `cells` (2, n)
+    row and column of the grid, real numbers that are whole at the centres of cells.
     """
 
     pixels: NDArray[np.intp]
     depth: FloatImage
-    cells: NDArray[np.int32]
-    weights: FloatImage
+    cells: FloatImage
 
 
 class BoardPaint:
@@ -77,8 +77,8 @@ class BoardPaint:
         near = np.abs(shot.depth.ravel()[face.pixels] - face.depth) < _TOLERANCE
         pixels = face.pixels[near]
         seen.ravel()[pixels] = True
-        cells, weights = face.cells[:, near], face.weights[:, near]
-        left = np.einsum("kn,kn->n", values.ravel()[cells], weights)
+        # Between the centres of cells, and constant beyond the outermost.
+        left = map_coordinates(values, face.cells[:, near], order=1, mode="nearest")
         shades = _SHADES[np.rint(255 * left).astype(np.uint8)]
         colors = shot.color.reshape(-1, 3)
         colors[pixels] = np.rint(colors[pixels] * shades).astype(np.uint8)
@@ -107,18 +107,8 @@ def _find_face(grid: InkGrid, rays: FloatImage, X_CB: RigidTransform) -> _Face:
     limit = np.array(grid.shape[::-1])[:, None]
     inside = np.all((at >= 0) & (at <= limit), axis=0)
     pixels, depth = pixels[inside], depth[inside]
-    # Between the centres of cells, and constant beyond the outermost.
-    at = np.clip(at[:, inside] - 0.5, 0, limit - 1)
-    low = np.minimum(at.astype(np.int32), np.maximum(limit - 2, 0).astype(np.int32))
-    (fx, fy), (i, j) = (at - low).astype(np.float32), low
-    ny, nx = grid.shape
-    right, above = min(nx - 1, 1), nx * min(ny - 1, 1)
-    corner = j * nx + i
     return _Face(
         pixels=pixels,
         depth=depth.astype(np.float32),
-        cells=np.stack(
-            [corner, corner + right, corner + above, corner + right + above]
-        ).astype(np.int32),
-        weights=np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy]),
+        cells=(at[::-1, inside] - 0.5).astype(np.float32),
     )

@@ -1,9 +1,10 @@
-"""Films from frames: .mp4 through ffmpeg, .gif through Pillow."""
+"""Films from frames: .gif through Pillow, everything else through ffmpeg."""
 
 import contextlib
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -15,106 +16,91 @@ from fmp_drake.film.checks import ffmpeg_program
 from fmp_drake.primitives.data.files import replaced
 
 type Frame = NDArray[np.uint8]
-type AddFrame = Callable[[Frame], None]
 
+# Frames from which the palette of a .gif is made.
+_SAMPLES = 6
 # Of a .gif: with 64, 20 s of wiping are 3.6 MB, with 128 4.7 MB.
 _COLORS = 64
 # A colour counts by this power of its pixels, so that a palette keeps rare ones.
 _RARE = 0.5
+# What every player and browser plays: H.264 of even sizes in the common colour format.
+_ENCODING = (
+    *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"),
+    *("-c:v", "libx264", "-crf", "18", "-movflags", "+faststart"),
+)
 
 
-@contextlib.contextmanager
-def open_film(
-    path: Path,
-    *,
-    fps: float,
-    size: tuple[int, int],
-    samples: Sequence[Frame],
-) -> Iterator[AddFrame]:
-    """Open a film for writing; an existing one is replaced at the end.
+def write_film(
+    path: Path, frame: Callable[[int], Frame], count: int, *, fps: float
+) -> None:
+    """Write a film of numbered frames; an existing one is replaced at the end.
 
     Parameters
     ----------
     path : pathlib.Path
-        Ends in .mp4 or .gif.
+        Ends in .gif, or in .mp4 or whatever else ffmpeg stores H.264 in.
+    frame : callable
+        Returns the frame of a number from 0 to count - 1, an ndarray of uint8 of shape
+        (height, width, 3). For a .gif some frames are asked for twice.
+    count : int
+        Number of frames, at least 1.
     fps : float
-    size : tuple of int
-        Width and height, pixels.
-    samples : sequence of ndarray of uint8, shape (height, width, 3)
-        Some of the frames, for the colours of a .gif.
-
-    Yields
-    ------
-    callable
-        Adds a frame (height, width, 3).
+        Frames per second.
 
     Raises
     ------
     RunError
-        Where it cannot be written; an existing film is then as before.
+        Where it cannot be written; an existing file is then left as it was.
     """
-    gif = path.suffix.lower() == ".gif"
-    with (
-        replaced(path, RunError) as part,
-        _gif(part, fps, _palette(samples)) if gif else _mp4(part, fps, size) as add,
-    ):
-        yield add
+    with replaced(path, RunError) as part:
+        if path.suffix.lower() == ".gif":
+            chosen = np.linspace(0, count - 1, min(_SAMPLES, count)).round()
+            palette = _palette([frame(int(i)) for i in chosen])
+            _write_gif(part, map(frame, range(count)), fps, palette)
+        else:
+            _write_video(part, map(frame, range(count)), fps)
 
 
-@contextlib.contextmanager
-def _mp4(part: Path, fps: float, size: tuple[int, int]) -> Iterator[AddFrame]:
-    """H.264 as every player and browser plays it."""
-    width, height = size
+def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
+    """Encode frames by ffmpeg; what it says of a failure becomes an OSError."""
+    first = next(frames)
+    height, width, _ = first.shape
     command = [
         *(ffmpeg_program(), "-nostdin", "-loglevel", "error", "-y"),
         *("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"),
-        *("-r", f"{fps:.6g}", "-i", "pipe:0", "-an"),
-        *("-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20"),
-        *("-movflags", "+faststart", "-f", "mp4", str(part)),
+        *("-r", f"{fps:.6g}", "-i", "pipe:0", "-an", *_ENCODING, str(part)),
     ]
     with tempfile.TemporaryFile() as log:
-        process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=log, stderr=log
-        )
-        pipe = process.stdin
-        assert pipe is not None
-        try:
-            with contextlib.suppress(BrokenPipeError):
-                yield lambda frame: _put(pipe.write, frame)
-                pipe.close()
-            code = process.wait()
-        finally:
-            process.kill()
-            process.wait()
-            with contextlib.suppress(BrokenPipeError):
-                pipe.close()
-        if code:
+        with (
+            contextlib.suppress(BrokenPipeError),  # It ended early; the log says why.
+            subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=log, stderr=log
+            ) as process,
+        ):
+            assert process.stdin is not None
+            for frame in chain([first], frames):
+                process.stdin.write(frame.tobytes())
+        if process.returncode:
             log.seek(0)
             said = log.read().decode(errors="replace").strip().splitlines()
-            raise OSError(f"ffmpeg says {said[-1] if said else code}")
+            raise OSError(f"ffmpeg says {said[-1] if said else process.returncode}")
 
 
-def _put(write: Callable[[bytes], int], frame: Frame) -> None:
-    write(np.ascontiguousarray(frame).tobytes())
-
-
-@contextlib.contextmanager
-def _gif(part: Path, fps: float, palette: Image.Image) -> Iterator[AddFrame]:
-    """Frames of one palette, so that what rests costs nothing."""
-    frames: list[Image.Image] = []
-
-    def add(frame: Frame) -> None:
-        image = Image.fromarray(frame)
-        frames.append(image.quantize(palette=palette, dither=Image.Dither.NONE))
-
-    yield add
+def _write_gif(
+    part: Path, frames: Iterator[Frame], fps: float, palette: Image.Image
+) -> None:
+    """Write frames of one palette, so that what does not move costs nothing."""
+    pictures = [
+        Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
+        for frame in frames
+    ]
     # A .gif counts in hundredths of a second; rounded so that they do not add up.
-    ends = np.rint(100 / fps * np.arange(len(frames) + 1))
-    frames[0].save(
+    ends = np.rint(100 / fps * np.arange(len(pictures) + 1))
+    pictures[0].save(
         part,
         format="GIF",
         save_all=True,
-        append_images=frames[1:],
+        append_images=pictures[1:],
         duration=[int(10 * d) for d in np.diff(ends)],
         loop=0,
         optimize=False,

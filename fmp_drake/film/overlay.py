@@ -28,7 +28,7 @@ class Trail:
     times : array_like, shape (M,)
         Ascending, s.
     positions : array_like, shape (M, 3)
-        p_BE, m; the trail is its foot on the board.
+        p_BE, m; the trail is drawn at their projection onto the board.
     seconds : float
         Length of the trail.
 
@@ -44,7 +44,7 @@ class Trail:
     seconds: float = 4.0
 
     def check(self) -> None:
-        """Raise RunError where times and positions do not fit."""
+        """Raise a RunError where times and positions do not fit together."""
         times, path = np.asarray(self.times), np.asarray(self.positions)
         if times.ndim != 1 or path.shape != (len(times), 3) or len(times) < 2:
             raise RunError(
@@ -56,7 +56,7 @@ class Trail:
         )
 
     def points(self, time: float) -> NDArray[np.float64]:
-        """Return the feet p_B of the trail at a time, every 20 ms, shape (k, 3)."""
+        """Return the points p_B of the trail at a time, every 20 ms, shape (k, 3), m."""
         times = np.asarray(self.times, dtype=float)
         path = np.asarray(self.positions, dtype=float)
         first = max(time - self.seconds, float(times[0]))
@@ -122,17 +122,13 @@ def load_font(height: int) -> Any:
     return ImageFont.truetype(str(fonts / "DejaVuSans.ttf"), max(8, height // 30))
 
 
-def draw_caption(
-    color: NDArray[np.uint8], text: str, *, font: Any
-) -> NDArray[np.uint8]:
-    """Return a picture (height, width, 3) with a line of text at its lower left."""
-    image = Image.fromarray(color)
-    margin = max(4, color.shape[0] // 40)
-    ImageDraw.Draw(image).text(
-        (margin, color.shape[0] - margin),
+def draw_caption(picture: Image.Image, text: str, *, font: Any) -> None:
+    """Draw a line of text into a picture, at its lower left."""
+    margin = max(4, picture.height // 40)
+    ImageDraw.Draw(picture).text(
+        (margin, picture.height - margin),
         text,
         anchor="ls",
         font=font,
         fill=_CAPTION_COLOR,
     )
-    return np.asarray(image)

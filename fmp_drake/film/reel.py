@@ -1,4 +1,4 @@
-"""What a film needs of a simulation, kept while it runs."""
+"""Recording of the positions and the ink of a simulation, for a film."""
 
 from typing import Any
 
@@ -8,11 +8,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import check_number
 from fmp_drake.runs.spill import Spill
 
 
 class FilmReel:
-    """Keeps the plant's positions and the ink at the times of a film's frames.
+    """Records the plant's positions and the ink at the times of a film's frames.
 
     `watch` it before the simulation starts; a simulation that is initialised again
     begins a new reel. Of a frame the positions stay in memory; the ink, a byte for each
@@ -44,8 +45,7 @@ class FilmReel:
 
     def __init__(self, station: Diagram, *, fps: float, speed: float = 1.0) -> None:
         for name, value in (("fps", fps), ("speed", speed)):
-            if not (np.isfinite(value) and value > 0):
-                raise RunError(f"{name} is {value}; it must be positive.")
+            check_number(value, name, above=0.0, error=RunError)
         self.fps = float(fps)
         self.speed = float(speed)
         self._station = station
@@ -59,11 +59,11 @@ class FilmReel:
         self._inks = Spill((self._ink.size(),), np.uint8)
 
     def watch(self, simulator: Simulator) -> None:
-        """Become the monitor of a simulator of the station, or of a diagram with it."""
+        """Set `observe` as the monitor of a simulator of the station or a diagram with it."""
         simulator.set_monitor(self.observe)
 
     def observe(self, root: Context) -> None:
-        """Keep a frame of a root context if it is time for one."""
+        """Record a frame from a root Context if the time of the next frame has come."""
         time = root.get_time()
         if self._times and time < self._times[-1]:
             self._clear()
@@ -90,5 +90,5 @@ class FilmReel:
 
     @property
     def ink(self) -> NDArray[np.uint8]:
-        """Ink that was left, in 255ths, shape (N, ny nx)."""
+        """Ink that was left in each cell, 0 for none to 255 for all, shape (N, ny nx)."""
         return self._inks.array()

@@ -1,19 +1,18 @@
-"""From what a reel has kept to a film."""
+"""Rendering films and pictures of a station from recorded positions and ink."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
-from pydrake.geometry import RenderEngineVtkParams
 from pydrake.systems.framework import Diagram
 
 from fmp_drake.errors import RunError
 from fmp_drake.film.board_paint import BoardPaint
 from fmp_drake.film.camera import FilmCamera
 from fmp_drake.film.checks import check_film, check_renderer
-from fmp_drake.film.encode import open_film
+from fmp_drake.film.encode import write_film
 from fmp_drake.film.overlay import (
     Trail,
     draw_caption,
@@ -23,9 +22,6 @@ from fmp_drake.film.overlay import (
 from fmp_drake.film.scene import FilmScene
 from fmp_drake.primitives.data.files import replaced
 from fmp_drake.systems.ink.grid import InkGrid
-
-# Frames from which the palette of a .gif is made.
-_SAMPLES = 6
 
 
 def render_film(
@@ -40,15 +36,13 @@ def render_film(
     fps: float,
     size: tuple[int, int] = (640, 480),
     camera: FilmCamera | None = None,
-    params: RenderEngineVtkParams | None = None,
     trail: Trail | None = None,
     captions: Sequence[str] | None = None,
     supersample: int = 2,
-    on_frame: Callable[[int], None] | None = None,
 ) -> None:
-    """Render a film of a station without a screen; an existing one is replaced.
+    """Render a film of a station without a screen; an existing file is replaced.
 
-    The board is where the plant's positions put it, also where they move it.
+    Everything, also a board that moves, is drawn where the plant's positions put it.
 
     Parameters
     ----------
@@ -57,34 +51,30 @@ def render_film(
     station : Diagram
         With subsystems plant and scene_graph; a frame `surface` of the plant is B.
     diagram : Diagram, optional
-        What the station was built into, if anything: the simulator's.
+        The root diagram that contains the station; the station itself where None.
     grid : InkGrid
     times : array_like, shape (N,)
         Simulated time of each frame, s.
     positions : array_like, shape (N, nq)
         Of the plant.
     ink : array_like of uint8, shape (N, ny nx) or (N, ny, nx)
-        What is left, in 255ths.
+        Ink that is left in each cell, 0 for none to 255 for all.
     fps : float
         Frames per second of the film.
     size : tuple of int
         Width and height, pixels; even.
     camera : FilmCamera, optional
-    params : RenderEngineVtkParams, optional
-        Lights, background and shadows.
     trail : Trail, optional
         Path of the eraser; not drawn where None.
     captions : sequence of str, optional
-        A line for each frame.
+        A line of text for each frame.
     supersample : int
         Pixels rendered for a pixel of the film, along each edge: smooth edges.
-    on_frame : callable, optional
-        Called with the number of frames done after each.
 
     Raises
     ------
     RunError
-        Where the film cannot be made; an existing one is then as before.
+        Where the film cannot be made; an existing file is then left as it was.
     """
     path = Path(path)
     check_film(path, fps=fps, size=size)
@@ -97,7 +87,7 @@ def render_film(
         trail.check()
     fine = (size[0] * supersample, size[1] * supersample)
     camera = camera or FilmCamera()
-    scene = FilmScene(station, diagram=diagram, camera=camera, size=fine, params=params)
+    scene = FilmScene(station, diagram=diagram, camera=camera, size=fine)
     board = BoardPaint(grid, rays=scene.rays)
     focal = camera.core("", fine).intrinsics().focal_x()
     font = load_font(size[1])
@@ -114,18 +104,12 @@ def render_film(
                 focal=focal,
                 width=max(1, round(fine[1] / 220)),
             )
-        picture = _shrink(shot.color, supersample)
-        return draw_caption(picture, captions[i], font=font) if captions else picture
+        picture = Image.fromarray(shot.color).reduce(supersample)
+        if captions is not None:
+            draw_caption(picture, captions[i], font=font)
+        return np.asarray(picture)
 
-    samples: list[NDArray[np.uint8]] = []
-    if path.suffix.lower() == ".gif":
-        chosen = np.linspace(0, len(q) - 1, min(_SAMPLES, len(q)))
-        samples = [frame(i) for i in chosen.round().astype(int)]
-    with open_film(path, fps=fps, size=size, samples=samples) as add:
-        for i in range(len(q)):
-            add(frame(i))
-            if on_frame is not None:
-                on_frame(i + 1)
+    write_film(path, frame, len(q), fps=fps)
 
 
 def render_picture(
@@ -140,7 +124,7 @@ def render_picture(
     camera: FilmCamera | None = None,
     supersample: int = 2,
 ) -> None:
-    """Render one picture, as `render_film` renders many.
+    """Render one picture of a station without a screen; an existing file is replaced.
 
     Parameters
     ----------
@@ -149,7 +133,7 @@ def render_picture(
     positions : array_like, shape (nq,)
         Of the plant.
     ink : array_like of uint8, shape (ny nx,) or (ny, nx)
-        What is left, in 255ths.
+        Ink that is left in each cell, 0 for none to 255 for all.
     station, diagram, grid, size, camera, supersample
         As for `render_film`.
 
@@ -167,7 +151,7 @@ def render_picture(
     blend = np.asarray(ink).reshape(grid.shape) / np.float32(255)
     BoardPaint(grid, rays=scene.rays).paint(shot, blend)
     with replaced(path, RunError) as part:
-        Image.fromarray(_shrink(shot.color, supersample)).save(part)
+        Image.fromarray(shot.color).reduce(supersample).save(part)
 
 
 def _checked_frames(
@@ -186,18 +170,3 @@ def _checked_frames(
             f"{inks.shape}; expected (N,), (N, nq) and (N, {grid.num_cells}), N > 0."
         )
     return moments, q, inks.reshape(n, -1)
-
-
-def _shrink(color: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """Average blocks of pixels, (height f, width f, 3) to (height, width, 3)."""
-    if factor == 1:
-        return color
-    parts = _blocks(color.astype(np.uint16), factor)
-    total = sum(parts, start=np.zeros((), dtype=np.uint16))
-    return ((total + factor**2 // 2) // factor**2).astype(np.uint8)
-
-
-def _blocks(color: NDArray[np.uint16], factor: int) -> Iterator[NDArray[np.uint16]]:
-    for i in range(factor):
-        for j in range(factor):
-            yield color[i::factor, j::factor]

@@ -29,7 +29,7 @@ def film_run(run: WipingRun, reel: FilmReel, path: Path, *, width: int) -> None:
     Raises
     ------
     RunError
-        Where the film cannot be made; an existing one is then as before.
+        Where the film cannot be made; an existing file is then left as it was.
     """
     camera = run.scenario.camera
     speed = f", {reel.speed:g} times as fast" if reel.speed != 1 else ""

@@ -1,4 +1,4 @@
-"""The page that says how the scenarios go."""
+"""The page with the metrics and a picture of each scenario."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -27,9 +27,16 @@ class Measured(NamedTuple):
 
 
 def measure_scenario(name: str, duration: float, folder: Path) -> Measured:
-    """Run a scenario and put a picture NAME.png of its end into a folder.
+    """Run a scenario and render a picture NAME.png of its end into a folder.
 
-    Without EGL there is no picture.
+    Parameters
+    ----------
+    name : str
+        One of `ListScenarios`.
+    duration : float
+        Simulated time, s.
+    folder : pathlib.Path
+        Exists; it gets no picture where EGL does not work.
     """
     scenario = LoadScenario(name)
     with threadpool_limits(limits=1):
@@ -59,7 +66,7 @@ def measure_scenario(name: str, duration: float, folder: Path) -> Measured:
 def measure_scenarios(
     names: Iterable[str], duration: float, folder: Path
 ) -> Iterator[tuple[str, Measured]]:
-    """Run scenarios, each in a process of its own, and yield what was measured."""
+    """Run scenarios in parallel processes; yield each name with what was measured."""
     with ProcessPoolExecutor(
         cpu_count(), mp_context=get_context("spawn"), max_tasks_per_child=1
     ) as pool:
@@ -72,7 +79,15 @@ def measure_scenarios(
 
 
 def scenario_page(measured: Mapping[str, Measured], *, duration: float) -> str:
-    """Return the page, in Markdown."""
+    """Return the page in Markdown: a table of all scenarios, then each with its picture.
+
+    Parameters
+    ----------
+    measured : mapping of str to Measured
+        By the names of the scenarios, in the order of the page.
+    duration : float
+        Simulated time of each run, s.
+    """
     lines = [
         "# Scenarios",
         "",

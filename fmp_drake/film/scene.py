@@ -9,7 +9,6 @@ from pydrake.geometry import (
     DepthRange,
     DepthRenderCamera,
     MakeRenderEngineVtk,
-    RenderEngineVtkParams,
 )
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram
@@ -41,21 +40,19 @@ class Shot(NamedTuple):
 
 
 class FilmScene:
-    """The arm, the eraser and the board of a station before a camera.
+    """Renders the arm, the eraser and the board of a station as a camera sees them.
 
-    The station itself stays as it is: all of this lives in a context of its own.
+    The station itself stays as it is: positions are set in a Context of its own.
 
     Parameters
     ----------
     station : Diagram
         With subsystems plant and scene_graph; the plant has a frame `surface`, B.
     diagram : Diagram, optional
-        What the station was built into, if anything.
+        The root diagram that contains the station; the station itself where None.
     camera : FilmCamera
     size : tuple of int
         Width and height, pixels.
-    params : RenderEngineVtkParams, optional
-        Lights, background and shadows; those of the stage where None.
     """
 
     def __init__(
@@ -65,7 +62,6 @@ class FilmScene:
         diagram: Diagram | None = None,
         camera: FilmCamera,
         size: tuple[int, int],
-        params: RenderEngineVtkParams | None = None,
     ) -> None:
         plant: Any = station.GetSubsystemByName("plant")
         scene_graph: Any = station.GetSubsystemByName("scene_graph")
@@ -74,7 +70,7 @@ class FilmScene:
         self._scene_graph = scene_graph
         self._plant_context = plant.GetMyMutableContextFromRoot(context)
         self._graph_context = scene_graph.GetMyMutableContextFromRoot(context)
-        params = params or RenderLights()
+        params = RenderLights()
         params.backend = "EGL"
         engine = MakeRenderEngineVtk(params)
         scene_graph.AddRenderer(self._graph_context, _RENDERER, engine)

@@ -2,22 +2,22 @@
 
 Drake's own `GetGraphvizString` shows every port of every system; of a plant alone
 those are fifty. This one shows what is connected or exported, from left to right: the
-plant is cut in two, what it measures at the left, what acts on it at the right.
+plant appears twice, with its outputs at the left and with its inputs at the right.
 """
 
 import html
 import shutil
 import subprocess
 from collections import Counter
-from collections.abc import Collection, Iterable
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
-
-from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex
+from typing import TYPE_CHECKING, Any
 
 from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.files import check_writable, replaced, write_text
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import Diagram
 
 _FORMATS = (".svg", ".png", ".pdf", ".dot")
 _DOTS_PER_INCH = "110"
@@ -29,6 +29,10 @@ label="green: an output port of the station, blue: an input port";
 node [shape=plain, fontname="Helvetica,Arial,sans-serif", fontsize=10];
 edge [color="#555555", arrowsize=0.6];
 """
+# The system whose inputs and outputs are shown apart.
+_SPLIT = "plant"
+# Colours of the ports that are shown, by system, "u" or "y", and index.
+type _Ports = dict[tuple[str, str, int], str]
 _PLAIN, _EXPORTED, _IMPORTED = "#FFFFFF", "#D5EBDD", "#D3E3F3"
 
 
@@ -50,13 +54,19 @@ def check_graph(path: Path | None) -> None:
         )
 
 
-def write_graph(diagram: Diagram, path: Path) -> None:
-    """Write the block diagram of a diagram (.svg, .png, .pdf, .dot).
+def write_graph(diagram: "Diagram", path: Path) -> None:
+    """Write a picture of a diagram: its systems, their ports and connections.
+
+    Parameters
+    ----------
+    diagram : Diagram
+    path : pathlib.Path
+        Ends in .svg, .png, .pdf or .dot.
 
     Raises
     ------
     RunError
-        Where it cannot be made; an existing file is then as before.
+        Where it cannot be made; an existing file is then left as it was.
     """
     path = Path(path)
     check_graph(path)
@@ -78,77 +88,63 @@ def write_graph(diagram: Diagram, path: Path) -> None:
         raise RunError(f"dot could not make {path}: {said}.") from None
 
 
-def graph_text(diagram: Diagram, *, split: Collection[str] = ("plant",)) -> str:
-    """Return a diagram in the language of Graphviz.
+def graph_text(diagram: "Diagram") -> str:
+    """Return a diagram in the language of Graphviz."""
+    from pydrake.systems.framework import InputPortIndex, OutputPortIndex
 
-    Parameters
-    ----------
-    diagram : Diagram
-    split : collection of str
-        Names of the systems whose inputs and outputs are shown apart.
-    """
-    inputs: dict[str, dict[int, str]] = {}
-    outputs: dict[str, dict[int, str]] = {}
     wires = sorted(
         (source.get_name(), int(y), to.get_name(), int(u))
         for (to, u), (source, y) in diagram.connection_map().items()
     )
-    for source_name, y, name, u in wires:
-        outputs.setdefault(source_name, {})[y] = _PLAIN
-        inputs.setdefault(name, {})[u] = _PLAIN
+    ports: _Ports = {}
+    for a, y, b, u in wires:
+        ports[a, "y", y] = ports[b, "u", u] = _PLAIN
     for i in range(diagram.num_output_ports()):
         source, port = diagram.get_output_port_locator(OutputPortIndex(i))
-        outputs.setdefault(source.get_name(), {})[int(port)] = _EXPORTED
+        ports[source.get_name(), "y", int(port)] = _EXPORTED
     for i in range(diagram.num_input_ports()):
         for to, number in diagram.GetInputPortLocators(InputPortIndex(i)):
-            inputs.setdefault(to.get_name(), {})[int(number)] = _IMPORTED
+            ports[to.get_name(), "u", int(number)] = _IMPORTED
     nodes = []
     for system in diagram.GetSystems():
-        name = system.get_name()
-        ins = _cells(system, inputs.get(name, {}), "u")
-        outs = _cells(system, outputs.get(name, {}), "y")
-        if name in split:
-            nodes.append(_table(_node(name, split, "in"), system, ins, []))
-            nodes.append(_table(_node(name, split, "out"), system, [], outs))
+        ins, outs = (_cells(system, letter, ports) for letter in "uy")
+        if system.get_name() == _SPLIT:
+            nodes += [_node(f"{_SPLIT} in", system, ins, [])]
+            nodes += [_node(f"{_SPLIT} out", system, [], outs)]
         else:
-            nodes.append(_table(_node(name, split, ""), system, ins, outs))
+            nodes += [_node(system.get_name(), system, ins, outs)]
     order = [system.get_name() for system in diagram.GetSystems()]
-    between = Counter((a, b) for a, _, b, _ in wires if not {a, b} & set(split))
+    between = Counter((a, b) for a, _, b, _ in wires if _SPLIT not in (a, b))
     edges = []
     for a, y, b, u in wires:
         forth, back = between[a, b], between[b, a]
         # Of two systems that feed each other, the one that gives more stands left.
         behind = back > forth or (forth == back and order.index(a) < order.index(b))
+        start = f"{a} out" if a == _SPLIT else a
+        end = f"{b} in" if b == _SPLIT else b
         edges.append(
-            f"{_node(a, split, 'out')}:y{y}:e -> {_node(b, split, 'in')}:u{u}:w"
+            f'"{start}":y{y}:e -> "{end}":u{u}:w'
             f"{' [constraint=false]' if back and behind else ''};"
         )
     return _HEAD + "\n".join([*nodes, *edges]) + "\n}\n"
 
 
-def _node(name: str, split: Collection[str], side: str) -> str:
-    return f'"{name} {side}"' if name in split else f'"{name}"'
-
-
-def _cells(system: Any, colors: dict[int, str], letter: str) -> list[str]:
-    """Return the table cells of a system's ports, in their order."""
+def _cells(system: Any, letter: str, ports: _Ports) -> list[str]:
+    """Return the table cells of a system's inputs (u) or outputs (y), in their order."""
     get = system.get_input_port if letter == "u" else system.get_output_port
     align = "left" if letter == "u" else "right"
     return [
-        f'<TD PORT="{letter}{i}" BGCOLOR="{colors[i]}" ALIGN="{align}">'
+        f'<TD PORT="{letter}{i}" BGCOLOR="{color}" ALIGN="{align}">'
         f"{html.escape(get(i).get_name())}</TD>"
-        for i in sorted(colors)
+        for (name, side, i), color in sorted(ports.items())
+        if (name, side) == (system.get_name(), letter)
     ]
 
 
-def _table(node: str, system: Any, ins: Iterable[str], outs: Iterable[str]) -> str:
+def _node(name: str, system: Any, ins: list[str], outs: list[str]) -> str:
     """Return a node: its name, its type, and its ports in one or two columns."""
-    ins, outs = list(ins), list(outs)
-    columns = max(1, bool(ins) + bool(outs))
-    if columns == 2:
-        rows = ["".join(pair) for pair in zip_longest(ins, outs, fillvalue="<TD></TD>")]
-    else:
-        rows = ins or outs
+    columns, empty = (2, "<TD></TD>") if ins and outs else (1, "")
+    rows = ["".join(pair) for pair in zip_longest(ins, outs, fillvalue=empty)]
     kind = system.GetSystemType().rsplit("::", 1)[-1].rsplit(".", 1)[-1]
     head = (
         f'<TD COLSPAN="{columns}" BGCOLOR="#EEEEEE"><B>{html.escape(system.get_name())}'
@@ -156,6 +152,6 @@ def _table(node: str, system: Any, ins: Iterable[str], outs: Iterable[str]) -> s
     )
     body = "".join(f"<TR>{row}</TR>" for row in [head, *rows])
     return (
-        f'{node} [label=<<TABLE BORDER="0" CELLBORDER="1" CELLSPACING="0" '
+        f'"{name}" [label=<<TABLE BORDER="0" CELLBORDER="1" CELLSPACING="0" '
         f'CELLPADDING="3" COLOR="#999999">{body}</TABLE>>];'
     )

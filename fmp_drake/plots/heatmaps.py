@@ -52,23 +52,21 @@ def draw_heatmap(
     if isinstance(source, FourierMovementPrimitive):
         names = Channels.of_skill(source)
         panel = PlanePanel(names, plane, ax)
-        indices = list(panel.plane)
         samples = sample_windows(source, n, seed)
-        points = _refined(samples)[:, indices]
-        bounds = _bounds(_bulk(samples)[:, indices]) if bounds is None else bounds
-        weights = np.ones(len(points))
+        paths, steps = list(samples), [np.ones(source.n_steps - 1)] * n
+        if bounds is None:
+            bounds = _bounds(_bulk(samples)[:, panel.plane])
         title = f"visited in {n} samples"
     else:
         recorded = as_list(source)
         names = Channels.of_demonstrations(recorded)
         panel = PlanePanel(names, plane, ax)
-        indices = list(panel.plane)
-        points = np.concatenate([_refined(d.values[None]) for d in recorded])
-        points = points[:, indices]
         # Samples of a recording need not be spaced evenly.
-        steps = [np.diff(d.time) for d in recorded]
-        weights = np.repeat(np.concatenate(steps), _REFINED)
+        paths, steps = [d.values for d in recorded], [np.diff(d.time) for d in recorded]
         title = "visited in the demonstrations"
+    indices = list(panel.plane)
+    points = np.concatenate([_refined(path) for path in paths])[:, indices]
+    weights = np.repeat(np.concatenate(steps), _REFINED)
     limits = _bounds(points) if bounds is None else bounds
     square = names.units[indices[0]] == names.units[indices[1]]
     edges = _edges(limits, cells, square=square)
@@ -147,11 +145,11 @@ def draw_heatmaps(
     return made[0], made[1]
 
 
-def _refined(paths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points along paths (N, T, D), `_REFINED` for every step: (.., D)."""
+def _refined(path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points along a path (N, D), `_REFINED` for every step: (.., D)."""
     ratio = (np.arange(_REFINED) / _REFINED)[:, None]
-    between = paths[:, :-1, None] * (1 - ratio) + paths[:, 1:, None] * ratio
-    return between.reshape(-1, paths.shape[2])
+    between = path[:-1, None] * (1 - ratio) + path[1:, None] * ratio
+    return between.reshape(-1, path.shape[1])
 
 
 def _bulk(samples: NDArray[np.float64]) -> NDArray[np.float64]:

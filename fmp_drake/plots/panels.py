@@ -11,9 +11,7 @@ from numpy.typing import ArrayLike
 from fmp_drake.errors import RunError
 from fmp_drake.plots.channels import Channels, Demonstrations, as_list
 from fmp_drake.plots.style import (
-    draw_grey_paths,
-    draw_path,
-    finish_plane,
+    DEMONSTRATED,
     finish_times,
     legend_above,
     set_title,
@@ -54,22 +52,37 @@ class PlanePanel:
 
     def path(self, values: ArrayLike, **style: Any) -> None:
         """Draw values (N, D) as one line."""
-        draw_path(self.ax, values, self.plane, **style)
+        up, left = np.asarray(values, dtype=float)[:, self.plane].T
+        self.ax.plot(left, up, **style)
 
     def background(self, demonstrations: Demonstrations) -> None:
         """Draw demonstrations of the same channels in grey."""
         recorded = as_list(demonstrations)
         self._channels.check(recorded)
-        draw_grey_paths(self.ax, [d.values for d in recorded], self.plane)
+        for one in recorded:
+            self.grey_path(one.values)
+
+    def grey_path(self, values: ArrayLike) -> None:
+        """Draw demonstrated values (N, D) as the background of what else is drawn."""
+        style = {"color": DEMONSTRATED, "linewidth": 0.4, "zorder": 1.5}
+        self.path(values, label="demonstrated", **style)
 
     def finish(self, title: str) -> Axes:
         """Set title and labels, orient the plane, and return the axes."""
-        set_title(self.ax, title)
-        finish_plane(self.ax, self._channels, self.plane)
-        if self._figure is not None and self.ax.get_aspect() == 1.0:
-            ratio = shape_of(np.ptp(self.ax.get_ylim()), np.ptp(self.ax.get_xlim()))
-            self._figure.set_figheight(1.0 + (_PLANE_WIDTH - 1.2) * ratio)
-        return self.ax
+        up, left = self.plane
+        ax = self.ax
+        set_title(ax, title)
+        ax.autoscale_view()
+        ax.xaxis.set_inverted(True)
+        ax.set_xlabel(self._channels.label(left))
+        ax.set_ylabel(self._channels.label(up))
+        ax.locator_params(nbins=6)
+        if self._channels.units[up] == self._channels.units[left]:
+            ax.set_aspect("equal")
+            if self._figure is not None:
+                ratio = shape_of(np.ptp(ax.get_ylim()), np.ptp(ax.get_xlim()))
+                self._figure.set_figheight(1.0 + (_PLANE_WIDTH - 1.2) * ratio)
+        return ax
 
 
 class TimePanels:
@@ -129,8 +142,7 @@ class TimePanels:
         """Set title, legend and labels, and return the axes; `last` names the strip."""
         first = self.axes[0]
         set_title(first, title)
-        if first.get_legend_handles_labels()[0]:
-            legend_above(first)
+        legend_above(first)
         finish_times(
             self.axes, [*self._labels, *([last] if last else [])], xlabel=xlabel
         )

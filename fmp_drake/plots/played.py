@@ -114,9 +114,8 @@ def draw_rollout_over_time(
     for ax, i in panels:
         draw_band(ax, time, values[:, i], covariances[:, i, i], PLAYED)
         ax.plot(time, values[:, i], color=PLAYED, linewidth=1.2, label="played")
-        for number, instant in enumerate(instants):
-            label = "re-mapped" if number == 0 else None
-            ax.axvline(instant, color="0.3", linewidth=0.8, linestyle=":", label=label)
+        for at in instants:
+            ax.axvline(at, color="0.3", linewidth=0.8, linestyle=":", label="re-mapped")
     strip = panels.axes[-1]
     _draw_strip(strip, states, np.concatenate([[0.0], instants, time[-1:]]))
     panels.axes[0].set_xlim(0, time[-1])

@@ -6,31 +6,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from fmp_drake.plots.channels import Channels
-from fmp_drake.plots.run_events import RunEvents, draw_events
+from fmp_drake.plots.panels import PlanePanel
+from fmp_drake.plots.run_events import draw_events
 from fmp_drake.plots.style import (
     DEMONSTRATED,
     PLAYED,
     SAMPLED,
     add_colorbar,
-    draw_grey_paths,
-    draw_path,
-    finish_plane,
     finish_times,
     legend_above,
     save,
     set_title,
 )
-from fmp_drake.systems.ink.grid import CLEAN_BELOW
 
 if TYPE_CHECKING:
     from fmp_drake.runs.wiping_run import WipingRun
 
-_PLANE = (0, 1)
 _AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")
-_FORCE_BAND = (5.0, 15.0)
 _MILESTONES = (0.5, 0.9, 0.99)
 
 RUN_PAGE_SIGNALS = (
@@ -49,7 +43,12 @@ def draw_run(run: "WipingRun") -> Figure:
     """Return a page: path, ink left; cleaned area, force and tracking error over time.
 
     Dotted lines are re-mappings, dashed ones those after a push, and shaded times are
-    those of a disturbance. The run must have kept `RUN_PAGE_SIGNALS`.
+    those of a disturbance.
+
+    Parameters
+    ----------
+    run : WipingRun
+        Which has kept `RUN_PAGE_SIGNALS`.
     """
     figure = Figure(figsize=(11, 10.5), layout="constrained")
     grid = figure.add_gridspec(4, 2, height_ratios=[2.1, 1, 1, 1])
@@ -66,40 +65,24 @@ def draw_run(run: "WipingRun") -> Figure:
         ["clean (%)", "normal force (N)", "measured - desired (mm)"],
     )
     cleaned.set_xlim(0, run.log_times("measured_position")[-1])
-    events = RunEvents.of(run)
     for ax in (cleaned, force, error):
-        draw_events(ax, events, labels=ax is force)
+        draw_events(ax, run)
         legend_above(ax)
     figure.align_ylabels([cleaned, force, error])
     return figure
 
 
-def cleaning_times(
-    erase_time: NDArray[np.float64], area: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Return when each cell of an area became clean, ascending; the rest is missing.
-
-    Parameters
-    ----------
-    erase_time : ndarray, shape (ny, nx)
-        s; infinite where a cell never became clean.
-    area : ndarray of bool, shape (ny, nx)
-    """
-    times = erase_time[area]
-    return np.sort(times[np.isfinite(times)])
-
-
 def _draw_path(ax: Axes, run: "WipingRun") -> None:
-    measured = run.log("measured_position")
-    draw_grey_paths(ax, run.demonstrated, _PLANE)
-    draw_path(ax, measured[::20], _PLANE, color=PLAYED, linewidth=0.7, label="measured")
-    set_title(ax, "path of the eraser")
-    legend_above(ax)
-    finish_plane(ax, Channels.of_skill(run.skill), _PLANE)
-    _show_board(ax, run)
+    panel = PlanePanel(Channels.of_skill(run.skill), None, ax)
+    for path in run.demonstrated:
+        panel.grey_path(path)
+    measured = run.log("measured_position")[::20]
+    panel.path(measured, color=PLAYED, linewidth=0.7, label="measured")
+    _finish_board(panel, run, "path of the eraser")
 
 
 def _draw_ink(ax: Axes, run: "WipingRun") -> None:
+    panel = PlanePanel(Channels.of_skill(run.skill), None, ax)
     nx, ny = run.grid.size
     ink = run.ink().T
     x_edges = np.linspace(-nx / 2, nx / 2, ink.shape[0] + 1)
@@ -117,14 +100,13 @@ def _draw_ink(ax: Axes, run: "WipingRun") -> None:
     )
     ax.plot([], [], color=PLAYED, linewidth=1.2, label="demonstrated area")
     add_colorbar(ax, image, "fraction of the ink")
-    set_title(ax, "ink left")
-    legend_above(ax)
-    finish_plane(ax, Channels.of_skill(run.skill), _PLANE)
-    _show_board(ax, run)
+    _finish_board(panel, run, "ink left")
 
 
-def _show_board(ax: Axes, run: "WipingRun") -> None:
+def _finish_board(panel: PlanePanel, run: "WipingRun", title: str) -> None:
     """Let a picture in the plane show the whole board, and no more."""
+    ax = panel.finish(title)
+    legend_above(ax)
     nx, ny = run.grid.size
     ax.set_xlim(ny / 2, -ny / 2)
     ax.set_ylim(-nx / 2, nx / 2)
@@ -132,11 +114,14 @@ def _show_board(ax: Axes, run: "WipingRun") -> None:
 
 def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
     """Draw how much of the ink is gone, with the times to 50, 90 and 99 %."""
+    # Where the run is made Drake is there; the other pictures need none.
+    from fmp_drake.systems.ink.grid import CLEAN_BELOW
+
     inked = run.initial_ink.reshape(run.grid.shape) >= CLEAN_BELOW
     area = run.demonstrated_area & inked
     end = float(run.log_times("measured_position")[-1])
     erased = run.output("erase_time").reshape(area.shape)
-    times = cleaning_times(erased, area)
+    times = np.sort(erased[area & np.isfinite(erased)])
     count = max(1, int(np.count_nonzero(area)))
     fractions = np.arange(len(times) + 1) / count
     ax.plot(
@@ -177,7 +162,9 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
 
 
 def _draw_force(ax: Axes, run: "WipingRun") -> None:
-    low, high = _FORCE_BAND
+    from fmp_drake.runs.metrics import WANTED_FORCE
+
+    low, high = WANTED_FORCE
     ax.axhspan(
         low,
         high,

@@ -11,10 +11,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fmp_drake.errors import RunError
-from fmp_drake.plots.channels import Channels
 from fmp_drake.primitives.data.files import replaced
 
 # Of the palette of Okabe and Ito, which stays apart for colour-blind people.
@@ -45,8 +44,6 @@ DENSITY_MAP: Colormap = LinearSegmentedColormap.from_list(
     "fmp_density", [(1, 1, 1, 1), *matplotlib.colormaps["magma_r"](np.linspace(0.1, 1))]
 )
 
-_GREY_LINE = {"color": DEMONSTRATED, "linewidth": 0.4, "zorder": 1.5}
-
 
 def component_color(component: int) -> str:
     """Return the colour of a component; there are ten, which repeat."""
@@ -56,18 +53,6 @@ def component_color(component: int) -> str:
 def lighten(color: str, white: float) -> tuple[float, ...]:
     """Mix a colour with a fraction of white, opaque: overlaps do not add up."""
     return tuple(float(c) for c in (1 - white) * np.array(to_rgb(color)) + white)
-
-
-def finish_plane(ax: Axes, channels: Channels, plane: tuple[int, int]) -> None:
-    """Label a picture in the plane of two channels and orient it, x up and y to the left."""
-    up, left = plane
-    ax.autoscale_view()
-    if channels.units[up] == channels.units[left]:
-        ax.set_aspect("equal")
-    ax.xaxis.set_inverted(True)
-    ax.set_xlabel(channels.label(left))
-    ax.set_ylabel(channels.label(up))
-    ax.locator_params(nbins=6)
 
 
 def shape_of(height: float, width: float) -> float:
@@ -94,24 +79,6 @@ def finish_times(
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     axes[-1].set_xlabel(xlabel)
-
-
-def draw_path(
-    ax: Axes, values: ArrayLike, plane: tuple[int, int], **style: Any
-) -> None:
-    """Draw values (N, D) as one line in the plane."""
-    points = np.asarray(values, dtype=float)
-    ax.plot(points[:, plane[1]], points[:, plane[0]], **style)
-
-
-def draw_grey_paths(
-    ax: Axes, values: Sequence[NDArray[np.float64]], plane: tuple[int, int]
-) -> None:
-    """Draw what was demonstrated, as the background of another picture."""
-    for i, one in enumerate(values):
-        draw_path(
-            ax, one, plane, label="demonstrated" if i == 0 else None, **_GREY_LINE
-        )
 
 
 def add_lines(
@@ -151,8 +118,14 @@ def add_colorbar(
 
 
 def legend_above(ax: Axes) -> None:
-    """Put the legend above the axes, to the right of a title at the left."""
+    """Put a legend above the axes at the right, each label once; none without labels."""
+    handles, labels = ax.get_legend_handles_labels()
+    named = dict(zip(labels, handles, strict=True))
+    if not named:
+        return
     legend = ax.legend(
+        named.values(),
+        named,
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
         ncols=4,

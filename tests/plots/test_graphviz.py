@@ -62,9 +62,6 @@ def test_a_plant_is_cut_in_two_so_that_all_runs_from_left_to_right(loop):
     assert text.count("<B>plant</B>") == 2
     assert text.count("<B>controller</B>") == 1
     assert "constraint=false" not in text
-    whole = graph_text(loop, split=())
-    assert whole.count("<B>plant</B>") == 1
-    assert '"sum":y0:e -> "plant":u0:w' in whole
 
 
 def test_ports_are_named_and_exported_ones_coloured(loop):

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from fmp_drake.errors import ExperimentError
+from fmp_drake.experiments.baselines.period import parabola_top
 
 # A period may be this much shorter or longer than the mean one.
 _TEMPO = 0.3
@@ -24,6 +25,15 @@ class AlignedPeriods:
         One period each; sample T would be the first of the next.
     durations : ndarray, shape (N,)
         Samples that each period lasted.
+
+    Examples
+    --------
+    >>> cosine = np.cos(2 * np.pi * np.arange(200) / 20)[:, None]
+    >>> aligned = align_periods([cosine], period=20.0, n_steps=10)
+    >>> aligned.values[0, [0, 5], 0].round(1)
+    array([ 1., -1.])
+    >>> float(aligned.durations.mean().round(2))
+    20.0
     """
 
     values: NDArray[np.float64]
@@ -116,11 +126,5 @@ def _best(
     error = spline(np.clip(at, 0, end)) - template[around % n]
     squares = np.sum(error**2, axis=2) * inside
     cost = squares.sum(axis=1) / inside.sum(axis=1)
-    best = int(np.argmin(cost))
-    if best in (0, len(cost) - 1):
-        return float(candidates[best])
-    before, here, after = cost[best - 1 : best + 2]
-    curvature = before - 2 * here + after
-    spacing = candidates[1] - candidates[0]
-    shift = 0.0 if curvature <= 0 else 0.5 * (before - after) / curvature
-    return float(candidates[best] + shift * spacing)
+    best = parabola_top(-cost, int(np.argmin(cost)))
+    return float(candidates[0] + best * (candidates[1] - candidates[0]))

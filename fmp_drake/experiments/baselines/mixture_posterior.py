@@ -11,17 +11,19 @@ from scipy.special import logsumexp
 class MixturePosterior(NamedTuple):
     """The posterior of a mixture of M Gaussians in n dimensions.
 
+    Leading axes (...) are those of the observations.
+
     Attributes
     ----------
-    log_evidence : float
+    log_evidence : ndarray, shape (...)
         Log density of the observation under the mixture.
-    probabilities : ndarray, shape (M,)
+    probabilities : ndarray, shape (M, ...)
         Of the components, given the observation.
-    means : ndarray, shape (M, n)
+    means : ndarray, shape (M, ..., n)
         Of the components, given the observation.
     """
 
-    log_evidence: float
+    log_evidence: NDArray[np.float64]
     probabilities: NDArray[np.float64]
     means: NDArray[np.float64]
 
@@ -43,22 +45,25 @@ def condition_mixture(
     Parameters
     ----------
     rows : ndarray, shape (m, n)
-    values : ndarray, shape (m,)
+    values : ndarray, shape (..., m)
+        One observation, or several that are each conditioned on alone.
     noise : array_like, shape () or (m,)
         Variance of each observation's noise, positive.
     """
-    m = len(values)
-    log_joint = np.log(proportions)
-    new_means = np.empty_like(means)
-    for j, (mean, covariance) in enumerate(zip(means, covariances, strict=True)):
+    m = len(rows)
+    posteriors, log_joint = [], []
+    for proportion, mean, covariance in zip(
+        proportions, means, covariances, strict=True
+    ):
         cross = rows @ covariance
         observed = cross @ rows.T
         observed[np.diag_indices(m)] += noise
         factor = cho_factor(observed, lower=True)
         error = values - rows @ mean
-        solved = cho_solve(factor, error)
-        new_means[j] = mean + cross.T @ solved
-        log_joint[j] -= 0.5 * (error @ solved + m * np.log(2 * np.pi))
-        log_joint[j] -= np.sum(np.log(np.diag(factor[0])))
-    total = float(logsumexp(log_joint))
-    return MixturePosterior(total, np.exp(log_joint - total), new_means)
+        solved = cho_solve(factor, error.T).T
+        posteriors.append(mean + solved @ cross)
+        log_root = np.sum(np.log(np.diag(factor[0])))
+        squares = np.sum(error * solved, axis=-1) + m * np.log(2 * np.pi)
+        log_joint.append(np.log(proportion) - 0.5 * squares - log_root)
+    total = logsumexp(log_joint, axis=0)
+    return MixturePosterior(total, np.exp(log_joint - total), np.stack(posteriors))

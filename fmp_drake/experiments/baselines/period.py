@@ -80,7 +80,7 @@ def fundamental_period(
             f"correlates with {best:.2f}); record at least two full cycles."
         )
     first = int(peaks[np.argmax(r[peaks] >= _ALMOST * r[peaks].max())])
-    period = _refined(r, first)
+    period = parabola_top(r, first)
     for k in range(2, _MOST_PERIODS + 1):
         lag = k * period
         low, high = int(lag - period / 4), int(np.ceil(lag + period / 4))
@@ -89,12 +89,17 @@ def fundamental_period(
         top = low + int(np.argmax(r[low : high + 1]))
         if top in (low, high) or r[top] < 0.7 * r[first]:
             break
-        period = _refined(r, top) / k
+        period = parabola_top(r, top) / k
     return period
 
 
-def _refined(r: NDArray[np.float64], top: int) -> float:
-    """Return the top of the parabola through a peak and its neighbours."""
-    before, here, after = r[top - 1 : top + 2]
+def parabola_top(values: NDArray[np.float64], top: int) -> float:
+    """Return where the parabola through a peak of values (n,) and its neighbours peaks.
+
+    The peak itself where it is the first or the last value.
+    """
+    if not 0 < top < len(values) - 1:
+        return top
+    before, here, after = values[top - 1 : top + 2]
     curvature = before - 2 * here + after
     return top if curvature >= 0 else top + 0.5 * float((before - after) / curvature)

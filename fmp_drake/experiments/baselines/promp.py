@@ -12,8 +12,6 @@ from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.experiments.baselines.von_mises_basis import VonMisesBasis
 from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.model.em import fit_gaussians
-from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.mixture import log_densities
 
 # Least variance of the observation noise: 0.1 mm where the values are metres.
 _LEAST_NOISE = 1e-8
@@ -157,15 +155,9 @@ class ProMP(TrajectoryModel):
 
         That of the weights' mixture and the observation noise.
         """
-        y, scale = self._checked_windows(windows), np.sqrt(self.noise_)
-        scaled = np.swapaxes(y / scale, 1, 2).reshape(len(y), -1)
-        components = tuple(
-            self._trajectory_gaussian(mean, covariance)
-            for mean, covariance in zip(self.means_, self.covariances_, strict=True)
-        )
-        stretch = self.n_steps_ * float(np.sum(np.log(scale)))
-        densities = log_densities(scaled, self.proportions_, components)
-        return (densities - stretch) / self.n_steps_
+        y = self._checked_windows(windows)
+        posterior = self.posterior(np.arange(self.n_steps_), y, noise=self.noise_)
+        return posterior.log_evidence / self.n_steps_
 
     def condition(self, steps: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:
         """Return the expected trajectory that meets keypoints.
@@ -216,7 +208,7 @@ class ProMP(TrajectoryModel):
     def posterior(
         self, steps: ArrayLike, values: ArrayLike, *, noise: ArrayLike
     ) -> MixturePosterior:
-        """Return the mixture of the weights given values (K, D) at any steps (K,).
+        """Return the mixture of the weights given values (..., K, D) at any steps (K,).
 
         Parameters
         ----------
@@ -230,9 +222,9 @@ class ProMP(TrajectoryModel):
             self.proportions_,
             self.means_,
             self.covariances_,
-            rows=rows.reshape(y.size, -1),
-            values=y.ravel(),
-            noise=np.broadcast_to(noise, y.shape).ravel(),
+            rows=rows.reshape(-1, self.means_.shape[1]),
+            values=y.reshape(*y.shape[:-2], -1),
+            noise=np.broadcast_to(noise, y.shape[-2:]).ravel(),
         )
 
     def trajectory(
@@ -258,24 +250,6 @@ class ProMP(TrajectoryModel):
         """Return Phi at steps (K,), all of a window where None, shape (K, B)."""
         at = np.arange(self.n_steps_) if steps is None else np.asarray(steps)
         return self.basis.rows(at / self.n_steps_)
-
-    def _trajectory_gaussian(
-        self, mean: NDArray[np.float64], covariance: NDArray[np.float64]
-    ) -> LowRankGaussian:
-        """Return Phi w + noise, in units of the noise, channel by channel."""
-        phi, scale = self._rows(), np.sqrt(self.noise_)
-        factor = _factor(covariance).reshape(len(scale), phi.shape[1], -1)
-        spread = (phi @ factor) / scale[:, None, None]  # (D, T, D * B)
-        left, singular, _ = np.linalg.svd(
-            spread.reshape(phi.shape[0] * len(scale), -1), full_matrices=False
-        )
-        middle = self.trajectory(mean, np.arange(self.n_steps_)) / scale
-        return LowRankGaussian(
-            mean=np.ascontiguousarray(middle.T).ravel(),
-            basis=left,
-            variances=singular**2,
-            noise=1.0,
-        )
 
 
 def _factor(covariance: NDArray[np.float64]) -> NDArray[np.float64]:

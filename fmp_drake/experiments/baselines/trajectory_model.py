@@ -26,6 +26,21 @@ class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
         samples of one period where the model knows only a period.
     n_channels_ : int
         D.
+
+    Examples
+    --------
+    >>> class MeanWindow(TrajectoryModel):
+    ...     def _learn(self, windows):
+    ...         self.mean_ = windows.mean(axis=0)
+    ...
+    ...     def _draw(self, n, seed):
+    ...         return np.repeat(self.mean_[None], n, axis=0)
+    ...
+    ...     def _continue(self, prefix, horizon):
+    ...         return self.mean_[len(prefix) :][:horizon]
+    >>> model = MeanWindow().fit(np.ones((5, 20, 2)))
+    >>> model.predict(np.ones((4, 2)), horizon=3).shape
+    (3, 2)
     """
 
     n_steps_: int

@@ -59,17 +59,12 @@ class VonMisesBasis:
         )
         check_number(self.width, "width", above=0.0, error=ExperimentError)
 
-    @property
-    def size(self) -> int:
-        """The number of bases of all frequencies, B."""
-        return len(self.frequencies) * self.n_bases
-
     def rows(self, z: ArrayLike) -> NDArray[np.float64]:
-        """Return all bases (21) at times z (K,), in windows, shape (K, B)."""
+        """Return all B bases (21) at times z (K,), in windows, shape (K, B)."""
         f = np.asarray(self.frequencies, dtype=float)
         centres = np.arange(self.n_bases) / self.n_bases  # f c_i, in periods
         periods = np.multiply.outer(np.asarray(z, dtype=float), f)[..., None]
         # Divided by exp(1 / h), which the normalisation cancels.
         b = np.exp((np.cos(2 * np.pi * (periods - centres)) - 1) / self.width)
         b /= b.sum(axis=-1, keepdims=True)
-        return b.reshape(len(b), self.size)
+        return b.reshape(len(b), -1)

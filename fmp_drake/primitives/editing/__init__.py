@@ -1,1 +1,1 @@
-"""What may be done to a learned skill."""
+"""Changes of a learned skill: tempo, place, size, harmonics, orientation."""

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import as_floats, check_number
-from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.fitted import copy_skill
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
@@ -54,16 +53,24 @@ def modulate_windows(
         of the mean or the Nyquist harmonic would be shifted.
     """
     y = as_floats(windows, "the windows", ("...", "T", "D"))
-    basis = FourierBasis(y.shape[-2])
-    names = [f"c{i}" for i in range(y.shape[-1])]
-    weights = _modulated(
-        basis.by_channel(basis.analyze(y)),
-        harmonics=harmonics,
-        gain=gain,
-        phase=phase,
-        index=channel_indices(channels, names),
-    )
-    return basis.synthesize(weights.reshape(*weights.shape[:-2], -1))
+    n = y.shape[-2]
+    index = channel_indices(channels, [f"c{i}" for i in range(y.shape[-1])])
+    chosen = sorted({int(k) for k in harmonics})
+    if not chosen or chosen[0] < 0 or chosen[-1] > n // 2:
+        raise SkillError(
+            f"the harmonics are {list(harmonics)}; give some from 0 to {n // 2}."
+        )
+    check_number(gain, "gain", least=0.0)
+    check_number(phase, "phase", unit="rad")
+    real = [k for k in chosen if k == 0 or 2 * k == n]
+    if real and phase != 0:
+        raise SkillError(
+            f"harmonic {real[0]} is the mean or the Nyquist harmonic of windows of {n} "
+            "samples and has no phase to shift."
+        )
+    spectrum = np.fft.rfft(y, axis=-2)
+    spectrum[..., np.array(chosen)[:, None], index] *= gain * np.exp(1j * phase)
+    return np.fft.irfft(spectrum, n=n, axis=-2)
 
 
 def modulate_skill(
@@ -100,15 +107,15 @@ def modulate_skill(
     skill.check_fitted()
     index = channel_indices(channels, skill.channels_)
 
-    def mapped(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-        out = _modulated(
-            skill.basis.by_channel(vectors),
+    def mapped(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        windows = modulate_windows(
+            skill.basis.synthesize(weights),
             harmonics=harmonics,
             gain=gain,
             phase=phase,
-            index=index,
+            channels=index,
         )
-        return out.reshape(vectors.shape)
+        return skill.basis.analyze(windows)
 
     components = []
     for component in skill.components_:
@@ -134,39 +141,3 @@ def _with_factor(
         basis=np.ascontiguousarray(directions @ rotation[:, keep]),
         variances=np.ascontiguousarray(variances[keep]),
     )
-
-
-def _modulated(
-    weights: NDArray[np.float64],
-    *,
-    harmonics: Sequence[int],
-    gain: float,
-    phase: float,
-    index: list[int],
-) -> NDArray[np.float64]:
-    """Return weights (..., D, T) with some harmonics of some channels changed."""
-    n = weights.shape[-1]
-    chosen = sorted({int(k) for k in harmonics})
-    if not chosen or chosen[0] < 0 or chosen[-1] > n // 2:
-        raise SkillError(
-            f"the harmonics are {list(harmonics)}; give some from 0 to {n // 2}."
-        )
-    check_number(gain, "gain", least=0.0)
-    check_number(phase, "phase", unit="rad")
-    real = [k for k in chosen if k == 0 or 2 * k == n]
-    if real and phase != 0:
-        raise SkillError(
-            f"harmonic {real[0]} is the mean or the Nyquist harmonic of windows of {n} "
-            "samples and has no phase to shift."
-        )
-    out = weights.copy()
-    for k in chosen:
-        if k in real:
-            at = 0 if k == 0 else n - 1
-            out[..., index, at] *= gain
-            continue
-        cosine, sine = weights[..., index, 2 * k - 1], weights[..., index, 2 * k]
-        c, s = gain * np.cos(phase), gain * np.sin(phase)
-        out[..., index, 2 * k - 1] = c * cosine + s * sine
-        out[..., index, 2 * k] = c * sine - s * cosine
-    return out

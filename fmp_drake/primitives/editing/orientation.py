@@ -207,7 +207,7 @@ def rotation_vectors(
     if angles[farthest] > LARGEST_ANGLE:
         raise DemonstrationError(
             f"sample {farthest} is rotated by {np.rad2deg(angles[farthest]):.0f} degrees "
-            "from the reference; rotation vectors hold up to "
+            "from the reference; rotation vectors are defined up to "
             f"{np.rad2deg(LARGEST_ANGLE):.0f}. Choose a nearer reference, or cut the "
             "recording."
         )

@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.signal import find_peaks
 from scipy.stats import circmean, circstd
 
 from fmp_drake.errors import SkillError
@@ -126,11 +127,7 @@ class Spectrum:
         (index,) = channel_indices([channel], self.channels)
         fractions = self.fractions[1:, index]
         padded = np.concatenate([[-1.0], fractions, [-1.0]])
-        tops = np.flatnonzero(
-            (padded[1:-1] > padded[:-2])
-            & (padded[1:-1] >= padded[2:])
-            & (fractions > 0)
-        )
+        tops = find_peaks(padded, height=np.finfo(float).tiny)[0] - 1
         valleys = [a + int(np.argmin(fractions[a : b + 1])) for a, b in pairwise(tops)]
         edges = [0, *valleys, len(fractions)]
         resolution = float(self.frequencies[1])

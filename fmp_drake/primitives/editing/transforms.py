@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillError
@@ -147,10 +148,8 @@ def _rotation_matrix(rotation: Rotation | ArrayLike, count: int) -> NDArray[np.f
             f"determinant is {np.linalg.det(matrix):.3g}; it must be orthogonal with "
             "determinant 1."
         )
-    # The nearest exactly orthogonal one.
-    u, _, v = np.linalg.svd(matrix)
-    out: NDArray[np.float64] = u @ v
-    return out
+    nearest: NDArray[np.float64] = polar(matrix)[0]
+    return nearest
 
 
 def _apply(

@@ -60,7 +60,7 @@ class FourierBasis:
         w[..., 2 : 2 * last : 2] = -np.sqrt(2 / n) * spectrum[..., 1:last].imag
         if n % 2 == 0:
             w[..., -1] = spectrum[..., -1].real / np.sqrt(n)
-        return w.reshape(*w.shape[:-2], -1)
+        return w.reshape(*w.shape[:-2], w.shape[-2] * n)
 
     def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
         """Return the windows of samples (..., T, D) that have weights (..., D*T)."""
