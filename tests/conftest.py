@@ -4,6 +4,8 @@ The skills are shared by all tests of a run: treat them as read-only.
 """
 
 import os
+import subprocess
+import sys
 
 # Before anything imports pydrake, matplotlib or numpy.
 os.environ["DRAKE_ALLOW_NETWORK"] = "meshcat:package_map"
@@ -29,6 +31,13 @@ settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+COMPILE = """
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.station import LoadScenario, MakeWipingStation, models_dir
+wiping = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+skill = FourierMovementPrimitive(n_components=4, stride=20).fit(wiping)
+MakeWipingStation(LoadScenario("table_top"), skill)
+"""
 
 
 def pytest_configure(config):
@@ -43,6 +52,9 @@ def pytest_configure(config):
     for kept in package.rglob("__pycache__/*.nb[ci]"):
         if kept.stat().st_mtime < newest:
             kept.unlink()
+    if not any(package.rglob("__pycache__/step.impedance_step-*.nbc")):
+        # Once for all processes, and with its announcement outside of the tests.
+        subprocess.run([sys.executable, "-c", COMPILE], check=True)
 
 
 def hand_demonstration(task, *, seconds, seed, rate=50):

@@ -204,6 +204,13 @@ class InkBoard(LeafSystem):
         self.DeclareVectorOutputPort(
             "contact_area", 1, self._calc_contact_area, contact
         )
+        # One use, so that nothing is compiled in the middle of a run.
+        still = PlanarMotion(*[0.0] * len(motion))
+        felt = exposure(
+            self._cells, rectangle(np.zeros(6)), still, still, self._worn
+        ).ravel()
+        layer, inked = felt.copy(), self._initial_ink.ravel()
+        wear(layer, layer, layer, felt, inked, self._wear_constant, 0.0)
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)
 
