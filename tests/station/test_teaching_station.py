@@ -17,7 +17,7 @@ from fmp_drake.station.teaching_station import (
 from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion
 
 SETTLE = 1.0
-SECONDS = 3.0
+SECONDS = 4.0
 SYSTEMS = {
     "plant",
     "scene_graph",
@@ -102,7 +102,7 @@ def test_eraser_stays_on_the_board(lesson):
     # Pressed into the felt; where the hand turns fast, the eraser tips on an edge.
     assert -0.01 < np.min(z)
     assert np.max(z) < 0.006
-    assert np.mean(z < 0) > 0.65
+    assert np.mean(z < 0) > 0.7
 
 
 def test_arm_goes_where_the_hand_wants(lesson):

@@ -1,18 +1,8 @@
 """Facts about the colours of ink."""
 
-import subprocess
-import sys
-
 import numpy as np
 
 from fmp_drake.systems.ink.colours import BOARD_COLOUR, INK_COLOUR, ink_colours
-
-
-def test_it_imports_without_drake():
-    code = (
-        "import sys, fmp_drake.systems.ink.colours; assert 'pydrake' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_full_ink_is_a_blue_marker_and_none_is_the_board():

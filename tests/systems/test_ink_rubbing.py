@@ -1,8 +1,5 @@
 """Facts about how a travelling patch of polygons rubs cells, and wears their ink."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -48,13 +45,6 @@ def pressed(patch):
     """Return the pressure of a resting patch on all cells."""
     felt = exposure(CELLS, patch, *straight((SHORT, 0.0)), 0.0)
     return felt.ravel() / SHORT
-
-
-def test_it_imports_without_drake():
-    code = (
-        "import sys, fmp_drake.systems.ink.rubbing; assert 'pydrake' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 @settings(max_examples=60)
