@@ -12,7 +12,7 @@ PERIODS = {"polishing": 2.0, "eight": 3.0}
 STARTS = 1000
 SECONDS = 20.0
 # Some of them play on for longer.
-FEW = 20
+FEW = 10
 LONG = 600.0
 
 
