@@ -51,7 +51,7 @@ def folder(tmp_path, monkeypatch):
 def test_commands_run_in_the_order_of_the_readme(folder):
     from click.testing import CliRunner
 
-    pytest.importorskip("meshcat", reason="films need the extra packages")
+    pytest.importorskip("imageio_ffmpeg", reason="films need the extra packages")
     assert len(commands()) >= 7
     for line in commands():
         if "--video" in line and not renders():
