@@ -144,5 +144,5 @@ def test_remapping(benchmark, table, moving, median):
 
 def test_covariance(benchmark, table, moving, median):
     player, state = moving
-    benchmark(player.covariance, state, 0.0173)
+    benchmark(player.covariance, state)
     table.add("one covariance (18)", median() * 1e6, "us")
