@@ -271,7 +271,8 @@ class FourierPrimitiveSystem(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> EventStatus:
         """Advance the playback to now, read the inputs, store it."""
         player, time = self._player, context.get_time()
-        before, state = self._read(context), self.playback_state(context)
+        before = self._read(context)
+        state = player.advance(before, time - self._last_event(context))
         _, begin, pushed_since, reactive = (
             context.get_discrete_state().value(self._events).tolist()
         )
