@@ -46,27 +46,18 @@ def make_simulator(diagram, scenario):
 
 
 def record(scenario, seconds):
-    """Return times, shape (N,), and what the motors did in the millisecond after.
-
-    The torques, shape (7, N), are those that replay the run: with a discrete plant
-    exactly; with a continuous one with the mean of the gravity compensation, which
-    changes continuously.
-    """
+    """Return times, shape (N,), and the torque in the millisecond after, (7, N)."""
     builder = DiagramBuilder()
     station = builder.AddSystem(make_station(scenario))
-    logs = [
-        LogVectorOutput(station.GetOutputPort(name), builder, TICK)
-        for name in ("actuation", "torque")
-    ]
+    log = LogVectorOutput(station.GetOutputPort("torque"), builder, TICK)
     simulator = make_simulator(builder.Build(), scenario)
     simulator.AdvanceTo(seconds)
-    actuation, torque = (log.FindLog(simulator.get_context()) for log in logs)
-    times, total = actuation.sample_times().copy(), actuation.data().copy()
+    found = log.FindLog(simulator.get_context())
+    times, torque = found.sample_times().copy(), found.data().copy()
     if scenario.plant.time_step > 0:
-        return times, total
-    gravity = total - torque.data()
-    mean = 0.5 * (gravity[:, 1:] + gravity[:, :-1])
-    return times[:-1], torque.data()[:, 1:] + mean
+        return times, torque
+    # The log shows the torque before the update of the instant.
+    return times[:-1], torque[:, 1:]
 
 
 def make_bare(scenario, times, torques):

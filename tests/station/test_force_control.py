@@ -7,9 +7,8 @@ from pydrake.geometry import ProximityProperties, RoleAssign
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.controllers import InverseDynamics
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Adder, LogVectorOutput
+from pydrake.systems.primitives import LogVectorOutput
 
 from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.scenario import Scenario
@@ -84,22 +83,14 @@ def press_run(*, enabled, height, friction, tilt=5.0, seconds=4.5, lift=np.inf):
     source = builder.AddSystem(
         Signals({n: (6 if "wrench" in n else 3, f) for n, f in signals.items()}, 7)
     )
-    gravity = builder.AddSystem(
-        InverseDynamics(
-            scene.arm, InverseDynamics.InverseDynamicsMode.kGravityCompensation
-        )
-    )
-    total = builder.AddSystem(Adder(2, 7))
     state = plant.get_state_output_port(scene.panda)
     for system in (source, controller):
         builder.Connect(state, system.GetInputPort("state"))
-    builder.Connect(state, gravity.get_input_port_estimated_state())
     for name in signals:
         builder.Connect(source.GetOutputPort(name), controller.GetInputPort(name))
-    builder.Connect(controller.GetOutputPort("torque"), total.get_input_port(0))
-    builder.Connect(gravity.get_output_port(), total.get_input_port(1))
     builder.Connect(
-        total.get_output_port(), plant.get_actuation_input_port(scene.panda)
+        controller.GetOutputPort("torque"),
+        plant.get_actuation_input_port(scene.panda),
     )
     sensor = builder.AddSystem(
         InkBoard(

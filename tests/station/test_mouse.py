@@ -39,9 +39,8 @@ class Scene:
         self.simulator.Initialize()
         context = self.simulator.get_mutable_context()
         self.context = self.plant.GetMyContextFromRoot(context)
-        n = self.plant.num_actuators()
-        gravity = self.plant.CalcGravityGeneralizedForces(self.context)[:n]
-        self.diagram.GetInputPort("torque").FixValue(context, -gravity)
+        rest = np.zeros(self.plant.num_actuators())
+        self.diagram.GetInputPort("torque").FixValue(context, rest)
 
     def body(self, name):
         model, body = name.split("/")

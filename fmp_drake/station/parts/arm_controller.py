@@ -24,10 +24,11 @@ def AddArmController(
     engage_height: float = 0.01,
     sensors: SensorConfig | None = None,
 ) -> OperationalSpaceImpedanceController:
-    """Add the controller, and the gravity compensation that the real arm has built in.
+    """Add the controller, and what the motors bear besides its torque.
 
-    The controller's torque plus the torque that carries arm and eraser drive the
-    plant. Systems: controller, gravity_compensation, actuation (the sum); sensors
+    The controller's torque drives the plant, in which the arm has no weight. Systems:
+    controller; gravity_compensation, the torque that carries arm and eraser in the real
+    arm, and actuation, the sum of both, computed when somebody asks; sensors
     between the arm and the controller, where they have a rate; task_frame,
     task_frame_velocity and task_frame_acceleration where the board moves.
     """
@@ -51,12 +52,11 @@ def AddArmController(
     measured = _AddSensors(builder, scene, sensors or SensorConfig())
     builder.Connect(measured, controller.GetInputPort("state"))
     builder.Connect(state, compensation.get_input_port_estimated_state())
-    builder.Connect(controller.GetOutputPort("torque"), total.get_input_port(0))
+    torque = controller.GetOutputPort("torque")
+    builder.Connect(torque, plant.get_actuation_input_port(scene.panda))
+    builder.Connect(torque, total.get_input_port(0))
     builder.Connect(
         compensation.get_output_port_generalized_force(), total.get_input_port(1)
-    )
-    builder.Connect(
-        total.get_output_port(), plant.get_actuation_input_port(scene.panda)
     )
     _AddBoardFrame(builder, scene, controller)
     return controller

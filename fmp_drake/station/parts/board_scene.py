@@ -39,13 +39,14 @@ class BoardScene:
     Attributes
     ----------
     plant, scene_graph
-        What is simulated: arm, eraser and board.
+        What is simulated: arm, eraser and board. Arm and eraser have no weight, because
+        the real arm compensates it by itself.
     panda, whiteboard : ModelInstanceIndex
         In `plant`.
     tip, surface : Frame
         E and B in `plant`.
     arm : MultibodyPlant
-        What the controller knows: the arm and its eraser, no board.
+        What the controller knows: the arm and its eraser with their weight, no board.
     arm_tip : Frame
         E in `arm`.
     X_WB : RigidTransform
@@ -109,6 +110,8 @@ def AddBoardScene(
 
     plant, scene_graph = _AddPlant(builder, scenario)
     panda, eraser = AddPandaWithEraser(plant, eraser=scenario.eraser, visuals=visuals)
+    for carried in (panda, eraser):
+        plant.set_gravity_enabled(carried, False)
     board = scenario.board
     whiteboard = AddWhiteboard(plant, board)
     _Mount(plant, whiteboard, board)
