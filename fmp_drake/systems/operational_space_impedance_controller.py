@@ -85,7 +85,7 @@ References
 """
 
 from collections.abc import Iterable
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +107,7 @@ from fmp_drake.systems.impedance.algebra import Pose, relative
 from fmp_drake.systems.impedance.arm import ArmModel, checked_posture, joint_limits
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.packing import (
-    PACKED,
+    PACKED_SIZE,
     PLACES,
     PORTS,
     REQUIRED,
@@ -118,7 +118,7 @@ from fmp_drake.systems.impedance.packing import (
 )
 from fmp_drake.systems.impedance.settings import settings_of
 from fmp_drake.systems.impedance.status import STATUS_SIZE
-from fmp_drake.systems.impedance.step import impedance_step
+from fmp_drake.systems.impedance.step import step_with
 from fmp_drake.systems.impedance.target import task_error
 
 Array = NDArray[np.float64]
@@ -258,9 +258,10 @@ class OperationalSpaceImpedanceController(LeafSystem):
         )
         # One update, so that nothing is compiled in the middle of a run.
         n = plant.num_velocities()
-        impedance_step(
-            self._settings,
-            np.zeros(1, PACKED),
+        self._step = step_with(self._settings.dtype)
+        self._step(
+            self._settings.view(np.uint8),
+            np.zeros(PACKED_SIZE),
             0.0,
             np.zeros(n),
             self._initial_memory(),
@@ -305,8 +306,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         discrete = context.get_discrete_state()
-        torque, status, memory = impedance_step(
-            self._settings,
+        torque, status, memory = self._step(
+            self._settings.view(np.uint8),
             self._pack(context, self._used_ports),
             context.get_time(),
             discrete.value(_TORQUE),
@@ -322,16 +323,16 @@ class OperationalSpaceImpedanceController(LeafSystem):
     def _eval_plant_context(self, context: Context) -> Context:
         return cast(Context, self._plant_context.Eval(context))
 
-    def _pack(self, context: Context, names: Iterable[str]) -> NDArray[Any]:
+    def _pack(self, context: Context, names: Iterable[str]) -> Array:
         """Return what `unpack` takes, with the values of some ports."""
-        values = np.zeros(PACKED.itemsize // 8)
+        values = np.zeros(PACKED_SIZE)
         for name in names:
             port = self._ports[name]
             if name in REQUIRED or port.HasValue(context):
                 begin, flag = PLACES[name]
                 values[begin : begin + PORTS[name]] = _eval(port, context)
                 values[flag] = 1.0
-        return np.frombuffer(values, PACKED)
+        return values
 
     # What is measured is computed when somebody asks.
 

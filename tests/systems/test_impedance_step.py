@@ -94,7 +94,7 @@ def test_the_compiled_update_is_the_plain_one(seed):
     for k in range(4):
         if k == 2:
             packed["desired_position"] += 1.0  # A jump.
-        arguments = settings, packed, k * PERIOD
+        arguments = settings, packed.view(float), k * PERIOD
         found = impedance_step(*arguments, found[0], found[2], *arm)
         known = impedance_step.py_func(*arguments, known[0], known[2], *arm)
         for one, other in zip(found, known, strict=True):

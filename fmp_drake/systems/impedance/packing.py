@@ -2,7 +2,7 @@
 
 import math
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,7 @@ PACKED = np.dtype(
     [(name, float, (size,)) for name, size in PORTS.items()]
     + [(f"has_{name}", float) for name in PORTS]
 )
+PACKED_SIZE = PACKED.itemsize // 8
 # Where each port's values begin among the packed numbers, and where its flag is.
 PLACES = {
     name: (end - PORTS[name], sum(PORTS.values()) + k)
@@ -97,15 +98,13 @@ class StepInputs(NamedTuple):
 
 
 @compiled
-def unpack(
-    packed: NDArray[Any], settings: ImpedanceSettings, time: float
-) -> StepInputs:
+def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInputs:
     """Read the packed inputs.
 
     Parameters
     ----------
-    packed : array, shape (1,)
-        Of the type `PACKED`, without NaN where a port is not used.
+    packed : array, shape (92,)
+        A record of the type `PACKED` as numbers, zero where a port is not used.
     settings : ImpedanceSettings
         With the task frame where the port brings none, or none that is finite, and
         the desired orientation where the port brings none.
@@ -114,10 +113,9 @@ def unpack(
     """
     X_WT = Pose(settings.X_WT.R.copy(), settings.X_WT.p.copy())
     R_TE = settings.R_TE.copy()
-    ports, finite = packed[0], True
-    numbers = packed.view(np.float64)
-    for i in range(len(numbers)):
-        finite = finite and abs(numbers[i]) < _LARGEST
+    ports, finite = packed.view(PACKED)[0], True
+    for i in range(len(packed)):
+        finite = finite and abs(packed[i]) < _LARGEST
     if ports["has_desired_orientation"]:
         R_TE = rotation_from_quaternion(ports["desired_orientation"].copy())
         finite = finite and math.isfinite(R_TE[0, 0])

@@ -1,6 +1,8 @@
 """One update of the impedance controller, as a function of arrays."""
 
 import math
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -65,10 +67,25 @@ _SPEED_LIMITED = int(StatusFlag.SPEED_LIMITED)
 _TORQUE_LIMITED = int(StatusFlag.TORQUE_LIMITED)
 
 
+@cache
+def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]]:
+    """Return `impedance_step` for the bytes of settings of one type.
+
+    Plain numbers go into a compiled function faster than records, whose type is looked
+    up at every call.
+    """
+
+    @compiled
+    def step(settings: NDArray[np.uint8], *others: Any) -> tuple[Array, Array, Array]:
+        return impedance_step(settings.view(layout), *others)
+
+    return step
+
+
 @compiled
 def impedance_step(
     settings: NDArray[Any],
-    packed: NDArray[Any],
+    packed: Array,
     time: float,
     previous: Array,
     memory: Array,
@@ -82,13 +99,11 @@ def impedance_step(
 ) -> tuple[Array, Array, Array]:
     """Compute the next torque.
 
-    Only numbers and arrays go in and out, because that is fastest.
-
     Parameters
     ----------
     settings : array, shape (1,)
         From `settings_of`.
-    packed : array, shape (1,)
+    packed : array, shape (92,)
         The inputs, see `unpack`.
     time : float
         s.
