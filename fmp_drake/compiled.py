@@ -33,6 +33,8 @@ class _Announcer(event.Listener):
         """Nothing is said at the end."""
 
 
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
+
 event.register("numba:compile", _Announcer())  # type: ignore[no-untyped-call]
 
 
@@ -42,8 +44,7 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
     Its cache is beside the module, in the user's cache folder where that is read-only,
     or else in a temporary folder that lasts as long as the process.
     """
-    options: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
-    compile_later = numba.njit(cache=True, **options)
+    compile_later = numba.njit(cache=True, **_OPTIONS)
     try:
         return compile_later(function)
     except RuntimeError:
@@ -52,3 +53,11 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
         return compile_later(function)
+
+
+def inlined[F: Callable[..., Any]](function: F) -> F:
+    """Compile a function as a part of the only one that calls it.
+
+    It is not compiled on its own before, which takes as long as what it calls is large.
+    """
+    return numba.njit(inline="always", **_OPTIONS)(function)

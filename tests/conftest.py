@@ -52,7 +52,7 @@ def pytest_configure(config):
     for kept in package.rglob("__pycache__/*.nb[ci]"):
         if kept.stat().st_mtime < newest:
             kept.unlink()
-    if not any(package.rglob("__pycache__/step.impedance_step-*.nbc")):
+    if not any(package.rglob("__pycache__/step.*impedance_step-*.nbc")):
         # Once for all processes, and with its announcement outside of the tests.
         subprocess.run([sys.executable, "-c", COMPILE], check=True)
 

@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import ControllerError
+from fmp_drake.systems.impedance import step as step_module
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.limits import JointLimits
@@ -29,7 +30,7 @@ from fmp_drake.systems.impedance.packing import (
 )
 from fmp_drake.systems.impedance.settings import settings_of
 from fmp_drake.systems.impedance.status import StatusFlag
-from fmp_drake.systems.impedance.step import impedance_step
+from fmp_drake.systems.impedance.step import step_with
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -86,17 +87,22 @@ def random_step(rng, ports):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_compiled_update_is_the_plain_one(seed):
+def test_the_compiled_update_is_the_plain_one(seed, monkeypatch):
     rng = np.random.default_rng(seed)
     ports = [name for name in PORTS if name not in OPTIONAL or rng.random() < 0.6]
     settings, packed, previous, memory, arm = random_step(rng, ports)
+    step = step_with(settings.dtype)
     found = known = (previous, None, memory)
     for k in range(4):
         if k == 2:
             packed["desired_position"] += 1.0  # A jump.
-        arguments = settings, packed.view(float), k * PERIOD
-        found = impedance_step(*arguments, found[0], found[2], *arm)
-        known = impedance_step.py_func(*arguments, known[0], known[2], *arm)
+        arguments = settings.view(np.uint8), packed.view(float), k * PERIOD
+        found = step(*arguments, found[0], found[2], *arm)
+        with monkeypatch.context() as plain:
+            for name, function in vars(step_module).items():
+                if hasattr(function, "py_func"):
+                    plain.setattr(step_module, name, function.py_func)
+            known = step.py_func(*arguments, known[0], known[2], *arm)
         for one, other in zip(found, known, strict=True):
             assert_allclose(one, other, rtol=1e-12, atol=1e-12)
     assert int(found[1][0]) & StatusFlag.PROTECTIVE_STOP
@@ -105,10 +111,11 @@ def test_the_compiled_update_is_the_plain_one(seed):
 def test_one_compilation_serves_controllers_of_every_kind():
     for config in (ImpedanceConfig(), full_config(), ImpedanceConfig(damping_ratio=1)):
         make_controller(config)
-    before = len(impedance_step.signatures)
+    step = step_with(random_step(np.random.default_rng(0), [])[0].dtype)
+    before = step_with.cache_info().currsize, len(step.signatures)
     controller = make_controller(full_config())
     simulate_ports(controller, optional_ports())
-    assert len(impedance_step.signatures) == before
+    assert (step_with.cache_info().currsize, len(step.signatures)) == before
 
 
 # Everything acts at the very next update.

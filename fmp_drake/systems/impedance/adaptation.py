@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.compiled import compiled
+from fmp_drake.compiled import inlined
 from fmp_drake.systems.impedance.force_control import (
     ForceCorrection,
     ForceState,
@@ -32,7 +32,7 @@ _STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
 _TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
 
 
-@compiled
+@inlined
 def next_stiffness(
     settings: ImpedanceSettings,
     memory: ImpedanceMemory,
@@ -61,7 +61,7 @@ def next_stiffness(
     return K, energy, _TANK_EMPTY * held_back
 
 
-@compiled
+@inlined
 def force_correction(
     settings: ImpedanceSettings,
     memory: ImpedanceMemory,

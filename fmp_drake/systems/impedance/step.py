@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.compiled import compiled
+from fmp_drake.compiled import compiled, inlined
 from fmp_drake.systems.impedance.adaptation import force_correction, next_stiffness
 from fmp_drake.systems.impedance.algebra import Pose, compose, relative, twist_rotation
 from fmp_drake.systems.impedance.config import ImpedanceConfig
@@ -69,89 +69,82 @@ _TORQUE_LIMITED = int(StatusFlag.TORQUE_LIMITED)
 
 @cache
 def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]]:
-    """Return `impedance_step` for the bytes of settings of one type.
-
-    Plain numbers go into a compiled function faster than records, whose type is looked
-    up at every call.
-    """
-
-    @compiled
-    def step(settings: NDArray[np.uint8], *others: Any) -> tuple[Array, Array, Array]:
-        return impedance_step(settings.view(layout), *others)
-
-    return step
-
-
-@compiled
-def impedance_step(
-    settings: NDArray[Any],
-    packed: Array,
-    time: float,
-    previous: Array,
-    memory: Array,
-    known: bool,
-    state: Array,
-    M: Array,
-    Cv: Array,
-    X_WE: Array,
-    J_WE: Array,
-    A_WE_bias: Array,
-) -> tuple[Array, Array, Array]:
-    """Compute the next torque.
+    """Compile the computation of the next torque.
 
     Parameters
     ----------
-    settings : array, shape (1,)
-        From `settings_of`.
-    packed : array, shape (92,)
-        The inputs, see `unpack`.
-    time : float
-        s.
-    previous : array, shape (n,)
-        The torque of the update before, Nm.
-    memory : array, shape (72,)
-        The vector of `ImpedanceMemory`, of the update before; not changed.
-    known : bool
-        Whether the state is finite; where it is not, the torque goes to zero.
-    state : array, shape (2n,)
-        ``[q, v]``, rad and rad/s.
-    M : array, shape (n, n)
-        Mass matrix, kg m².
-    Cv : array, shape (n,)
-        Coriolis and centrifugal torque, Nm.
-    X_WE : array, shape (4, 3)
-        Transposed R_WE, and below it p_WE in m.
-    J_WE : array, shape (n, 6)
-        Transposed Jacobian of V_WE.
-    A_WE_bias : array, shape (6,)
-        ``J̇ v``, rad/s² and m/s².
+    layout : dtype
+        Of what `settings_of` returned.
 
     Returns
     -------
-    torque : array, shape (n,)
-        Nm.
-    status : array, shape (6,)
-        The vector of `ImpedanceStatus`.
-    memory : array, shape (72,)
-        The vector of `ImpedanceMemory`.
+    function
+        It takes only numbers and arrays of them, because that is fastest.
+
+        settings : array of bytes
+            What `settings_of` returned.
+        packed : array, shape (92,)
+            The inputs, see `unpack`.
+        time : float
+            s.
+        previous : array, shape (n,)
+            The torque of the update before, Nm.
+        memory : array, shape (72,)
+            The vector of `ImpedanceMemory`, of the update before; not changed.
+        known : bool
+            Whether the state is finite; where it is not, the torque goes to zero.
+        state : array, shape (2n,)
+            ``[q, v]``, rad and rad/s.
+        M : array, shape (n, n)
+            Mass matrix, kg m².
+        Cv : array, shape (n,)
+            Coriolis and centrifugal torque, Nm.
+        X_WE : array, shape (4, 3)
+            Transposed R_WE, and below it p_WE in m.
+        J_WE : array, shape (n, 6)
+            Transposed Jacobian of V_WE.
+        A_WE_bias : array, shape (6,)
+            ``J̇ v``, rad/s² and m/s².
+
+        It returns the torque, shape (n,), in Nm; the vector of `ImpedanceStatus`,
+        shape (6,); and that of `ImpedanceMemory`, shape (72,).
     """
-    measured = Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3])
-    arm = ArmDynamics(state[len(previous) :], M, Cv, J_WE.T, A_WE_bias)
-    remembered = decode(memory)
-    if not known:
-        return _without_state(settings[0].config, remembered, previous)
-    return _next_torque(
-        settings[0],
-        remembered,
-        unpack(packed, settings[0], time),
-        measured,
-        arm,
-        state[: len(previous)],
-        previous,
-    )
+
+    @compiled
+    def impedance_step(
+        settings: NDArray[np.uint8],
+        packed: Array,
+        time: float,
+        previous: Array,
+        memory: Array,
+        known: bool,
+        state: Array,
+        M: Array,
+        Cv: Array,
+        X_WE: Array,
+        J_WE: Array,
+        A_WE_bias: Array,
+    ) -> tuple[Array, Array, Array]:
+        every = settings.view(layout)[0]
+        measured = Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3])
+        arm = ArmDynamics(state[len(previous) :], M, Cv, J_WE.T, A_WE_bias)
+        remembered = decode(memory)
+        if not known:
+            return _without_state(every.config, remembered, previous)
+        return _next_torque(
+            every,
+            remembered,
+            unpack(packed, every, time),
+            measured,
+            arm,
+            state[: len(previous)],
+            previous,
+        )
+
+    return impedance_step
 
 
-@compiled
+@inlined
 def _next_torque(
     settings: ImpedanceSettings,
     memory: ImpedanceMemory,
