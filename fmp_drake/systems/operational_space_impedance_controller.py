@@ -85,6 +85,7 @@ References
 """
 
 from collections.abc import Iterable
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -258,9 +259,10 @@ class OperationalSpaceImpedanceController(LeafSystem):
         )
         # One update, so that nothing is compiled in the middle of a run.
         n = plant.num_velocities()
-        self._step = step_with(self._settings.dtype)
+        self._step = partial(
+            step_with(self._settings.dtype), self._settings.view(np.uint8)
+        )
         self._step(
-            self._settings.view(np.uint8),
             np.zeros(PACKED_SIZE),
             0.0,
             np.zeros(n),
@@ -307,7 +309,6 @@ class OperationalSpaceImpedanceController(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         discrete = context.get_discrete_state()
         torque, status, memory = self._step(
-            self._settings.view(np.uint8),
             self._pack(context, self._used_ports),
             context.get_time(),
             discrete.value(_TORQUE),
@@ -329,8 +330,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
         for name in names:
             port = self._ports[name]
             if name in REQUIRED or port.HasValue(context):
-                begin, flag = PLACES[name]
-                values[begin : begin + PORTS[name]] = _eval(port, context)
+                place, flag = PLACES[name]
+                values[place] = _eval(port, context)
                 values[flag] = 1.0
         return values
 
@@ -366,5 +367,5 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
 
 def _eval(port: InputPort, context: Context) -> Array:
-    """Return the values at a vector port."""
-    return cast(Array, port.Eval(context))
+    """Return the values at a vector port, without copying them."""
+    return cast(BasicVector, port.EvalBasicVector(context)).value()

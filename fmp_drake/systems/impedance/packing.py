@@ -49,9 +49,9 @@ PACKED = np.dtype(
     + [(f"has_{name}", float) for name in PORTS]
 )
 PACKED_SIZE = PACKED.itemsize // 8
-# Where each port's values begin among the packed numbers, and where its flag is.
+# Where each port's values are among the packed numbers, and where its flag is.
 PLACES = {
-    name: (end - PORTS[name], sum(PORTS.values()) + k)
+    name: (slice(end - PORTS[name], end), sum(PORTS.values()) + k)
     for k, (name, end) in enumerate(zip(PORTS, accumulate(PORTS.values()), strict=True))
 }
 
