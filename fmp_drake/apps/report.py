@@ -37,6 +37,10 @@ def print_report(console: Console, metrics: Mapping[str, Any]) -> None:
         f"{m['torque_rate_max_nm_per_s']:.0f} Nm/s, joint speed "
         f"{100 * m['joint_speed_ratio_max']:.0f} %, nearest joint limit "
         f"{m['joint_limit_margin_min_rad']:.2f} rad",
+        "surface": f"up to {1e3 * m['penetration_max_m']:.1f} mm of core, handle or "
+        "arm below it"
+        if m["penetration_max_m"] > 0
+        else "nothing hard below it",
     }
     for name, text in rows.items():
         table.add_row(f"[bold]{name}[/bold]", text)

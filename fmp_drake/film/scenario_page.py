@@ -116,7 +116,10 @@ def scenario_page(measured: Mapping[str, Measured], *, duration: float) -> str:
         lines += ["", f"## {name}", "", LoadScenario(name).description]
         faults = each.metrics["fault_fraction"] or 0.0
         if faults > 0:
-            lines += ["", f"Stopped or at a wall {100 * faults:.1f} % of the time."]
+            lines += [
+                "",
+                f"Stopped, at a wall or below the surface {100 * faults:.1f} % of the time.",
+            ]
         if each.pictured:
             lines += ["", f"![{name} after {duration:g} s]({name}.png)"]
     return "\n".join(lines) + "\n"

@@ -21,11 +21,11 @@ WANTED_FORCE = (5.0, 15.0)
 # Of the histogram of forces, N; larger forces than the largest count as that one.
 _BIN, _LARGEST_FORCE = 0.01, 500.0
 # What the controller should not have to do.
-_FAULTS = StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL
+_FAULTS = StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL | StatusFlag.BELOW_SURFACE
 
 METRIC_SIGNALS = (
     *("normal_force", "desired_position", "desired_velocity"),
-    *("measured_position", "state", "actuation", "torque", "status"),
+    *("measured_position", "state", "actuation", "torque", "status", "penetration"),
 )
 """Names of the signals that the metrics are computed from."""
 
@@ -141,6 +141,7 @@ class LimitMetrics:
         self._effort = self._rate = self._speed = 0.0
         self._margin = np.inf
         self._faults = self._samples = 0
+        self._depth = 0.0
         self._last: NDArray[np.float64] = np.zeros((0, len(limits.lower)))
 
     def update(self, chunk: Chunk) -> None:
@@ -159,6 +160,8 @@ class LimitMetrics:
         flags = chunk["status"].values[:, 0].astype(int)
         self._faults += int(np.count_nonzero(flags & int(_FAULTS)))
         self._samples += len(flags)
+        depth = chunk["penetration"].values
+        self._depth = float(np.max(depth, initial=self._depth))
 
     def result(self) -> Metrics:
         """Return the metrics."""
@@ -167,5 +170,6 @@ class LimitMetrics:
             "torque_rate_max_nm_per_s": self._rate,
             "joint_limit_margin_min_rad": self._margin,
             "joint_speed_ratio_max": self._speed,
+            "penetration_max_m": self._depth,
             "fault_fraction": self._faults / max(1, self._samples),
         }

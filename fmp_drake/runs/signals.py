@@ -48,6 +48,7 @@ _ERROR = "of the controller: a rotation vector, a translation"
 _STATE = "of the arm: angles, then velocities"
 _STATE_UNITS = ",".join(["rad"] * 7 + ["rad/s"] * 7)
 _CLEANED = "fraction of the cells that are clean"
+_PENETRATION = "of the deepest hard point below the board's surface"
 _STATUS = "of the controller: see fmp_drake.systems.impedance.status"
 _REMAPS = "re-mappings so far, and those after a push among them"
 
@@ -77,6 +78,7 @@ _KINDS: dict[str, tuple[Any, ...]] = {
     "fade_time": (inf, "when a cell had lost half of its ink", "s", "B"),
     "cleaned_fraction": (_RARE, _CLEANED, "1", "", ("cleaned",)),
     "normal_force": (_SLOW, "of the eraser on the board", "N", "", ("force",)),
+    "penetration": (_SLOW, _PENETRATION, "m", "", ("depth",)),
     "contact_area": (_SLOW, "between eraser and board", "m^2", "", ("area",)),
     "disturbance": (_SLOW, "force of the disturbances on E", "N", "W", _XYZ),
 }

@@ -16,6 +16,7 @@ from pydrake.systems.analysis import SimulatorConfig
 
 from fmp_drake.errors import StationError
 from fmp_drake.settings import bounded, check_settings
+from fmp_drake.station.models.eraser import FeltPressLimit
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.scenario_parts import (
     BoardConfig,
@@ -111,6 +112,12 @@ class Scenario:
         self.ink.check()
         self.sensors.check()
         self.camera.check()
+        if self.press.force > 1.000001 * (limit := FeltPressLimit(self.eraser)):
+            raise StationError(
+                f"press.force is {self.press.force:g} N; the felt is squeezed to its "
+                f"core by {limit:.1f} N. Press less, or take an eraser with a larger "
+                "footprint or modulus."
+            )
         for disturbance in self.disturbances:
             disturbance.check()
 

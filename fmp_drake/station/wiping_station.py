@@ -15,6 +15,8 @@ from fmp_drake.station.parts.board_ink import AddInk
 from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.external_forces import AddExternalForces
 from fmp_drake.station.parts.page_scene import AddPage, PagePorts
+from fmp_drake.station.parts.press_limit import CheckPress
+from fmp_drake.station.parts.surface_watch import AddSurfaceWatch
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
@@ -43,7 +45,7 @@ def MakeWipingStation(
 
     Systems: plant, scene_graph, fourier_primitive, desired_motion, tempo, desired_normal_force,
     controller,
-    gravity_compensation, actuation, ink_board; where the scenario needs them sensors,
+    gravity_compensation, actuation, ink_board, surface_monitor, status; where the scenario needs them sensors,
     rail, rail_state, task_frame, task_frame_velocity, task_frame_acceleration,
     joint_friction, disturbances and spatial_force_sum; with a Meshcat those of `AddPage`,
     whose page_controls take the place of tempo and desired_normal_force.
@@ -51,7 +53,9 @@ def MakeWipingStation(
     Output ports, all vectors: desired_position, desired_velocity,
     desired_acceleration (3,), covariance (9,), weights, component (1,), remaps (2,) of
     the skill; measured_position, measured_velocity (3,) in B, tracking_error (6,),
-    status (6,) of the controller, read with `ImpedanceStatus`; torque (7,)
+    status (6,) of the controller and of the surface monitor, read with
+    `ImpedanceStatus`; penetration (1,) in m, of the deepest hard point of arm and eraser
+    below the board's surface; torque (7,)
     commanded without gravity, actuation (7,) with it, state (14,) of the arm; ink,
     erase_time and fade_time per cell, cleaned_fraction (1,), normal_force (1,) in N,
     contact_area (1,) in m^2; disturbance (3,), the force of the scenario's
@@ -79,7 +83,8 @@ def MakeWipingStation(
     Raises
     ------
     StationError
-        Where the skill has no 3 channels, or the arm cannot reach the start.
+        Where the skill has no 3 channels, the arm cannot reach the start, or the press
+        is more than it bears there.
     """
     skill.check_fitted()
     if skill.n_channels_ != 3:
@@ -90,6 +95,7 @@ def MakeWipingStation(
     builder = DiagramBuilder()
     start = scenario.start if start is None else start
     scene = AddBoardScene(builder, scenario, start=start, visuals=visuals)
+    CheckPress(scenario, scene)
     plant = scene.plant
     controller = AddArmController(
         builder,
@@ -168,10 +174,13 @@ def MakeWipingStation(
     actuation = builder.GetSubsystemByName("actuation")
     builder.ExportOutput(actuation.get_output_port(), "actuation")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
+    status = controller.GetOutputPort("status")
+    AddSurfaceWatch(builder, scene, scenario.board.size, status=status)
     for system in (controller, ink):
         for i in range(system.num_output_ports()):
             port = system.get_output_port(i)
-            builder.ExportOutput(port, port.get_name())
+            if port.get_name() != "status":
+                builder.ExportOutput(port, port.get_name())
     diagram = builder.Build()
     diagram.set_name("wiping_station")
     return diagram

@@ -39,6 +39,7 @@ from fmp_drake.systems.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 from fmp_drake.systems.sensor_model import SensorModel
 from fmp_drake.systems.spatial_force_sum import SpatialForceSum
+from fmp_drake.systems.surface_monitor import SurfaceMonitor
 from fmp_drake.systems.teaching.hand_motion import HandMotion, HandVariability
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
@@ -74,6 +75,7 @@ __all__ = [
     "SensorModel",
     "SpatialForceSum",
     "StatusFlag",
+    "SurfaceMonitor",
     "TrailVisualizer",
     "WatchdogConfig",
     "cleaned_fraction",

@@ -30,6 +30,7 @@ PERIODS = {
     "actuation": (7, 0.001),
     "torque": (7, 0.001),
     "status": (6, 0.001),
+    "penetration": (1, 0.01),
 }
 
 
@@ -60,7 +61,9 @@ def samples():
     force.values[force.times < 2.15] = 0.0
     status = signals["status"].values
     status[:, 0] = rng.choice(
-        [0, int(StatusFlag.PROTECTIVE_STOP)], len(status), p=[0.9, 0.1]
+        [0, int(StatusFlag.PROTECTIVE_STOP), int(StatusFlag.BELOW_SURFACE)],
+        len(status),
+        p=[0.8, 0.1, 0.1],
     )
     return signals
 
@@ -117,6 +120,7 @@ def test_metrics_are_what_their_names_say(samples):
                 np.min(state[:, :7] + 3), np.min(2.5 - state[:, :7])
             ),
             "joint_speed_ratio_max": np.abs(state[:, 7:]).max() / 2,
+            "penetration_max_m": samples["penetration"].values.max(),
             "fault_fraction": np.mean(samples["status"].values[:, 0] > 0),
         },
         abs=0.005,

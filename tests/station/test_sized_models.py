@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pydrake.geometry import Box, Role
+from pydrake.geometry import Box, Convex, Role
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     MultibodyPlant,
@@ -39,11 +39,21 @@ def _Inertia(plant: MultibodyPlant, name: str) -> SpatialInertia:
     return body.default_spatial_inertia()
 
 
-def _Properties(inspector):
-    (touching,) = inspector.GetAllGeometryIds(Role.kProximity)
+def _Properties(inspector, name):
+    (touching,) = (
+        g
+        for g in inspector.GetAllGeometryIds(Role.kProximity)
+        if inspector.GetName(g).endswith(f"::{name}")
+    )
     properties = inspector.GetProximityProperties(touching)
+    shape = inspector.GetShape(touching)
+    if isinstance(shape, Convex):
+        hull = shape.GetConvexHull()
+        size = np.ptp([hull.vertex(i) for i in range(hull.num_vertices())], axis=0)
+    else:
+        size = shape.size()
     return (
-        inspector.GetShape(touching),
+        size,
         properties.GetProperty("hydroelastic", "hydroelastic_modulus"),
         properties.GetProperty("material", "hunt_crossley_dissipation"),
         properties.GetProperty("material", "coulomb_friction"),
@@ -65,8 +75,8 @@ def test_the_default_eraser_is_the_measured_one():
     np.testing.assert_allclose(
         _Central(inertia), [0.000270186, 0.000410762, 0.000244306], rtol=1e-12
     )
-    shape, modulus, dissipation, friction = _Properties(inspector)
-    np.testing.assert_array_equal(shape.size(), [0.12, 0.05, 0.03])
+    size, modulus, dissipation, friction = _Properties(inspector, "felt")
+    np.testing.assert_array_equal(size, [0.12, 0.05, 0.03])
     assert (modulus, dissipation) == (1.25e4, 20)
     assert friction.static_friction() == friction.dynamic_friction() == 0.5
 
@@ -79,16 +89,16 @@ def test_the_default_board_is_the_measured_one():
     np.testing.assert_allclose(
         _Central(inertia), [0.143033, 0.073033, 0.215833], rtol=5e-6
     )
-    shape, modulus, dissipation, friction = _Properties(inspector)
-    np.testing.assert_array_equal(shape.size(), [0.5, 0.7, 0.02])
+    size, modulus, dissipation, friction = _Properties(inspector, "slab")
+    np.testing.assert_array_equal(size, [0.5, 0.7, 0.02])
     assert (modulus, dissipation) == (1e7, 0)
     assert friction.static_friction() == friction.dynamic_friction() == 0.5
 
 
 def test_a_board_has_the_size_and_the_friction_that_it_is_given():
     plant, inspector, board = _Board(size=(0.9, 1.2), friction=0.12, legs=False)
-    shape, _, _, friction = _Properties(inspector)
-    np.testing.assert_array_equal(shape.size(), [0.9, 1.2, 0.02])
+    size, _, _, friction = _Properties(inspector, "slab")
+    np.testing.assert_array_equal(size, [0.9, 1.2, 0.02])
     assert friction.static_friction() == 0.12
     inertia = _Inertia(plant, "board")
     assert inertia.get_mass() == pytest.approx(3.5 * (0.9 * 1.2) / (0.5 * 0.7))
@@ -99,8 +109,10 @@ def test_a_board_has_the_size_and_the_friction_that_it_is_given():
 
 def test_an_eraser_has_the_felt_that_it_is_given():
     plant, inspector, _ = _Eraser(footprint=(0.08, 0.08), modulus=5e4, friction=0.9)
-    shape, modulus, _, friction = _Properties(inspector)
-    np.testing.assert_array_equal(shape.size(), [0.08, 0.08, 0.03])
+    size, modulus, _, friction = _Properties(inspector, "felt")
+    np.testing.assert_array_equal(size, [0.08, 0.08, 0.03])
+    core, *_ = _Properties(inspector, "core")
+    np.testing.assert_allclose(core, [0.07, 0.07, 0.018])
     assert modulus == 5e4
     assert friction.dynamic_friction() == 0.9
     moments = _Central(_Inertia(plant, "eraser"))
@@ -113,8 +125,8 @@ def test_the_arm_carries_the_eraser_that_it_is_given():
     eraser = EraserConfig(footprint=[0.2, 0.1], modulus=2e4, friction=0.3)
     AddPandaWithEraser(plant, eraser=eraser)
     plant.Finalize()
-    shape, modulus, _, friction = _Properties(scene_graph.model_inspector())
-    np.testing.assert_array_equal(shape.size(), [0.2, 0.1, 0.03])
+    size, modulus, _, friction = _Properties(scene_graph.model_inspector(), "felt")
+    np.testing.assert_array_equal(size, [0.2, 0.1, 0.03])
     assert (modulus, friction.static_friction()) == (2e4, 0.3)
 
 

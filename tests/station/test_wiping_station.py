@@ -44,6 +44,7 @@ PORTS = {
     "cleaned_fraction": 1,
     "normal_force": 1,
     "contact_area": 1,
+    "penetration": 1,
 }
 SYSTEMS = {
     "plant",
@@ -56,6 +57,8 @@ SYSTEMS = {
     "gravity_compensation",
     "actuation",
     "ink_board",
+    "surface_monitor",
+    "status",
 }
 FOOTPRINT = (0.12, 0.05)
 REMAP_SECONDS = 5.5

@@ -73,17 +73,25 @@ def Collision(
     shape: str,
     *,
     at: Sequence[float],
-    modulus: float,
-    dissipation: float,
     friction: float,
+    modulus: float | None = None,
+    dissipation: float = 0,
 ) -> str:
-    """Return a compliant hydroelastic shape: modulus in Pa, dissipation in s/m."""
+    """Return a shape that touches: modulus in Pa, dissipation in s/m.
+
+    It is compliant and hydroelastic; without a modulus it touches with points.
+    """
+    hydroelastic = (
+        f"""<drake:compliant_hydroelastic/>
+    <drake:hydroelastic_modulus>{modulus:.10g}</drake:hydroelastic_modulus>
+    <drake:hunt_crossley_dissipation>{dissipation}</drake:hunt_crossley_dissipation>"""
+        if modulus is not None
+        else ""
+    )
     return f"""<collision name="{name}"><pose>{Numbers([*at, 0, 0, 0])}</pose>
   <geometry>{shape}</geometry>
   <drake:proximity_properties>
-    <drake:compliant_hydroelastic/>
-    <drake:hydroelastic_modulus>{modulus:.10g}</drake:hydroelastic_modulus>
-    <drake:hunt_crossley_dissipation>{dissipation}</drake:hunt_crossley_dissipation>
+    {hydroelastic}
     <drake:mu_dynamic>{friction:.10g}</drake:mu_dynamic>
     <drake:mu_static>{friction:.10g}</drake:mu_static>
   </drake:proximity_properties>

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import CollisionFilterDeclaration, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import (
@@ -116,6 +116,7 @@ def AddBoardScene(
     whiteboard = AddWhiteboard(plant, board)
     _Mount(plant, whiteboard, board)
     plant.Finalize()
+    _FilterSelfContact(plant, scene_graph, panda, eraser)
 
     moved = RigidTransform(-board.motion.amplitude * board.axis())
     X_WA = board.assumed_pose() @ moved
@@ -148,6 +149,26 @@ def AddBoardScene(
         X_WA=X_WA,
         rail=_AddRail(builder, plant, whiteboard, scenario),
     )
+
+
+def _FilterSelfContact(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    panda: ModelInstanceIndex,
+    eraser: ModelInstanceIndex,
+) -> None:
+    """Of the robot let only the first links and the last ones touch each other.
+
+    Neighbours overlap, and the others cannot meet within the joints' ranges.
+    """
+    links = [plant.GetBodyByName(f"panda_link{i}", panda) for i in range(8)]
+    tool = plant.GetBodyByName("eraser", eraser)
+    for bodies in (links[:5], [*links[3:], tool]):
+        scene_graph.collision_filter_manager().Apply(
+            CollisionFilterDeclaration().ExcludeWithin(
+                plant.CollectRegisteredGeometries(bodies)
+            )
+        )
 
 
 def _Mount(

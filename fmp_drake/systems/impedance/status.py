@@ -33,6 +33,10 @@ class StatusFlag(IntFlag):
     - `STIFFNESS_REFUSED`: the stiffness or covariance at the port was no spring.
     - `TANK_EMPTY`: the energy tank held the stiffness back.
 
+    Not the controller's: a `SurfaceMonitor` adds it to what a station reports.
+
+    - `BELOW_SURFACE`: something hard is below the board's surface.
+
     Examples
     --------
     >>> flags = StatusFlag(576)
@@ -57,6 +61,7 @@ class StatusFlag(IntFlag):
     FORCE_LIMITED = 16384
     STIFFNESS_REFUSED = 32768
     TANK_EMPTY = 65536
+    BELOW_SURFACE = 1048576
 
 
 class ImpedanceStatus(NamedTuple):

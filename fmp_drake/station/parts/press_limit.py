@@ -1,0 +1,95 @@
+"""How hard an arm can press on a board."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.math import RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
+
+from fmp_drake.errors import StationError
+from fmp_drake.station.parts.board_scene import BoardScene
+from fmp_drake.station.scenario import Scenario
+
+_FRACTION = 0.8
+
+
+def ArmPressLimit(
+    arm: MultibodyPlant,
+    *,
+    frame: Frame,
+    q: ArrayLike,
+    R_WB: RotationMatrix,
+    friction: float,
+) -> float:
+    """Return the largest normal force that an arm's joints bear in a posture, N.
+
+    A press F along -z of B goes with a friction of mu F along any edge of the board. The
+    joints bear ``tau = g(q) + J^T F (-z + mu t)``, t any of +-x and +-y; the press is the
+    largest at which no joint needs more than 80 % of its effort. The rest is for the
+    motion, which takes a few percent when wiping.
+
+    Parameters
+    ----------
+    arm : MultibodyPlant
+        The arm with its eraser.
+    frame : Frame
+        E, where the force acts.
+    q : array_like, shape (n,)
+        rad.
+    R_WB : RotationMatrix
+        Of the board.
+    friction : float
+        mu.
+
+    Examples
+    --------
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> from fmp_drake.station import AddBoardScene
+    >>> scene = AddBoardScene(DiagramBuilder(), Scenario(), start=[0.0, 0.0, 0.05])
+    >>> limit = ArmPressLimit(
+    ...     scene.arm,
+    ...     frame=scene.arm_tip,
+    ...     q=scene.plant.GetDefaultPositions(scene.panda),
+    ...     R_WB=scene.X_WB.rotation(),
+    ...     friction=0.5,
+    ... )
+    >>> 55.0 < limit < 65.0
+    True
+    """
+    context = arm.CreateDefaultContext()
+    arm.SetPositions(context, np.asarray(q, dtype=float))
+    world, wrt = arm.world_frame(), JacobianWrtVariable.kV
+    J = arm.CalcJacobianTranslationalVelocity(
+        context, wrt, frame, np.zeros(3), world, world
+    )
+    x, y, z = R_WB.matrix().T
+    directions = np.array([-z + friction * t for t in (x, -x, y, -y)])
+    per_newton = directions @ J
+    holds = -arm.CalcGravityGeneralizedForces(context) * np.sign(per_newton)
+    left = _FRACTION * arm.GetEffortUpperLimits() - holds
+    return float(max(0.0, np.min(left / np.maximum(np.abs(per_newton), 1e-9))))
+
+
+def CheckPress(scenario: Scenario, scene: BoardScene) -> None:
+    """Refuse a normal force that is more than the arm bears where it starts.
+
+    Raises
+    ------
+    StationError
+    """
+    ours, boards = scenario.eraser.friction, scenario.board.friction
+    # As Drake combines two coefficients.
+    friction = 2 * ours * boards / (ours + boards) if ours + boards else 0.0
+    limit = ArmPressLimit(
+        scene.arm,
+        frame=scene.arm_tip,
+        q=scene.plant.GetDefaultPositions(scene.panda),
+        R_WB=scene.X_WA.rotation(),
+        friction=friction,
+    )
+    if scenario.press.force > limit:
+        raise StationError(
+            f"press.force is {scenario.press.force:g} N; at the start the arm can press "
+            f"with {limit:.1f} N without a joint at more than {100 * _FRACTION:.0f} % of "
+            "its torque. Press less, or move the board nearer to the base."
+        )

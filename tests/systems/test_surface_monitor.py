@@ -1,0 +1,83 @@
+"""Facts about the monitor of what is below a surface."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FixedOffsetFrame
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.systems import ImpedanceStatus, StatusFlag, SurfaceMonitor
+
+X_BOARD = RigidTransform(RotationMatrix.MakeYRotation(-np.pi / 2), [0.4, 0.0, 0.9])
+X_BOARD_B = RigidTransform([0.0, 0.0, 0.01])
+SIZE = (0.5, 0.7)
+
+
+def make_monitor(**changes):
+    plant = MultibodyPlant(0.001)
+    board, tool = (plant.AddRigidBody(name) for name in ("board", "tool"))
+    surface = plant.AddFrame(FixedOffsetFrame("surface", board, X_BOARD_B))
+    plant.Finalize()
+    options = {
+        "surface": surface,
+        "size": SIZE,
+        "bodies": [tool.index(), tool.index()],
+        "points": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.1]],
+        "radii": [0.02, 0.0],
+    }
+    return SurfaceMonitor(**{**options, **changes})
+
+
+def look(monitor, p_B):
+    """Return depth and flags with the tool's frame at a place in B, upright in W."""
+    context = monitor.CreateDefaultContext()
+    X_WB = X_BOARD @ X_BOARD_B
+    tool = RigidTransform(X_WB @ np.array(p_B, dtype=float))
+    poses = [RigidTransform(), X_BOARD, tool]
+    monitor.get_input_port().FixValue(context, poses)
+    before = context.get_discrete_state(0).value().copy()
+    assert not before.any()
+    simulator = Simulator(monitor, context)
+    simulator.AdvanceTo(0.03)
+    context = simulator.get_context()
+    status = monitor.GetOutputPort("status").Eval(context)
+    depth = monitor.GetOutputPort("penetration").Eval(context)[0]
+    return depth, ImpedanceStatus.from_vector(status).flags
+
+
+def test_ports_are_state_of_these_names():
+    monitor = make_monitor()
+    ports = [monitor.get_output_port(i) for i in range(monitor.num_output_ports())]
+    assert {p.get_name(): p.size() for p in ports} == {"penetration": 1, "status": 6}
+    assert monitor.get_input_port().get_name() == "body_poses"
+    assert not monitor.HasAnyDirectFeedthrough()
+
+
+def test_what_is_over_the_surface_is_not_below_it():
+    assert look(make_monitor(), [0.0, 0.0, 0.021]) == (0.0, 0)
+
+
+def test_the_ball_that_goes_deepest_counts():
+    depth, flags = look(make_monitor(), [0.1, 0.1, 0.018])
+    assert depth == pytest.approx(0.002)
+    assert flags == 0
+    depth, flags = look(make_monitor(), [0.1, 0.1, -0.03])
+    assert depth == pytest.approx(0.05)
+    assert flags == StatusFlag.BELOW_SURFACE
+    # z of the tool is x of the board here: its other end is at the same height.
+    depth, _ = look(make_monitor(radii=[0.0, 0.01]), [0.1, 0.1, -0.03])
+    assert depth == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("beside", [[0.26, 0.0, -0.1], [0.0, -0.36, -0.1]])
+def test_what_is_beside_the_board_is_not_below_its_surface(beside):
+    assert look(make_monitor(), beside) == (0.0, 0)
+
+
+def test_arrays_that_do_not_fit_are_refused():
+    with pytest.raises(SystemsError, match="points"):
+        make_monitor(points=[[0.0, 0.0, 0.0]])
+    with pytest.raises(SystemsError, match="period is 0 s"):
+        make_monitor(period=0)
