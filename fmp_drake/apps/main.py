@@ -12,6 +12,7 @@ from fmp_drake.errors import FmpError
 
 # The module `fmp_drake.apps.wipe` has the command `wipe`, and so on.
 _COMMANDS = {
+    "check": "Tell whether the arm can follow a skill on a board, and what would help.",
     "learn": "Learn a skill from DEMONSTRATIONS (.npz or .csv) and write it to a file.",
     "record": "Record a demonstration: a simulated person guides the arm over the "
     "board.",

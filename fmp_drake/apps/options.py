@@ -40,3 +40,34 @@ def skill_options(command: Callable[..., Any]) -> Callable[..., Any]:
     ):
         command = option(command)
     return command
+
+
+def scene_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that say what is played, and where."""
+    for option in (
+        click.option(
+            "--start",
+            type=float,
+            nargs=3,
+            metavar="X Y Z",
+            help="Where the eraser starts, m: in the frame of the board, z above it.",
+        ),
+        click.option(
+            "--skill", "skill_file", type=PATH, help="Play this skill instead."
+        ),
+        click.option(
+            "--demo",
+            "demos",
+            type=PATH,
+            multiple=True,
+            help="Learn from this file (again), not from the scenario's.",
+        ),
+        click.option(
+            "--scenario",
+            default="table_top",
+            show_default=True,
+            help="Name of a scenario (see `fmp-drake scenarios`), or a YAML file.",
+        ),
+    ):
+        command = option(command)
+    return command

@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from fmp_drake.apps.options import PATH, skill_options
+from fmp_drake.apps.options import PATH, scene_options, skill_options
 from fmp_drake.apps.page import make_console, open_page, show_progress
 from fmp_drake.apps.report import print_report
-from fmp_drake.errors import FmpError, RunError
+from fmp_drake.errors import FmpError, RunError, StationError
 from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
 from fmp_drake.numeric import check_number
 from fmp_drake.plots import plot_run
@@ -24,6 +24,7 @@ from fmp_drake.runs.log import check_log
 from fmp_drake.runs.signals import SIGNALS
 from fmp_drake.runs.skills import scenario_skill
 from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.station.feasibility import CheckFeasibility
 from fmp_drake.station.models.panda import VISUALS
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import ShowConfig
@@ -32,29 +33,9 @@ _PARTS = list(vars(ShowConfig()))
 
 
 @click.command()
-@click.option(
-    "--scenario",
-    default="table_top",
-    show_default=True,
-    help="Name of a scenario (see `fmp-drake scenarios`), or a YAML file.",
-)
-@click.option(
-    "--demo",
-    "demos",
-    type=PATH,
-    multiple=True,
-    help="Learn from this file (again), not from the scenario's.",
-)
-@click.option("--skill", "skill_file", type=PATH, help="Play this skill instead.")
+@scene_options
 @click.option(
     "--duration", type=float, default=60.0, show_default=True, help="Seconds."
-)
-@click.option(
-    "--start",
-    type=float,
-    nargs=3,
-    metavar="X Y Z",
-    help="Where the eraser starts, m: in the frame of the board, z above it.",
 )
 @click.option(
     "--sample/--mean",
@@ -69,6 +50,7 @@ _PARTS = list(vars(ShowConfig()))
     help="Speed relative to real time, 0 for the fastest [default: 1; headless: 0].",
 )
 @click.option("--headless", is_flag=True, help="No page.")
+@click.option("--force", is_flag=True, help="Run even where the arm cannot follow.")
 @click.option(
     "--hide",
     type=click.Choice(_PARTS),
@@ -118,6 +100,7 @@ def wipe(
     seed: int | None,
     rate: float | None,
     headless: bool,
+    force: bool,
     hide: tuple[str, ...],
     visuals: str,
     html: Path | None,
@@ -148,6 +131,8 @@ def wipe(
     scene = LoadScenario(scenario)
     for part in hide:
         setattr(scene.show, part, False)
+    if start is not None:
+        scene.start = list(start)
 
     learn_started = time.perf_counter()
     skill, demonstrations, remarks = scenario_skill(
@@ -164,12 +149,16 @@ def wipe(
         f"of {skill.n_steps / skill.rate:g} s, ready after {learn_seconds:.2f} s"
     )
 
+    found = CheckFeasibility(scene, skill)
+    if not (found.is_feasible or force):
+        raise StationError(f"{found.verdict} Or run it all the same with --force.")
+    console.print(found.verdict)
+
     meshcat = open_page(None if headless else console) if html or not headless else None
     run = WipingRun(
         scene,
         skill,
         demonstrations=demonstrations,
-        start=start,
         sample=sample,
         seed=seed,
         visuals=visuals,

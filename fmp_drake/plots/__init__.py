@@ -2,15 +2,15 @@
 
 Every `draw_...` function draws into the axes it is given, makes a figure of its own
 where it is given none, and returns the axes (`ax.figure` is the picture). Functions
-that draw over time use one Axes for each channel, one below the other. `plot_skill`
-and `plot_run` write a whole page to a file. None of them touches pyplot or needs Drake.
+that draw over time use one Axes for each channel, one below the other. `plot_skill`,
+`plot_run` and `plot_reach` write a whole page to a file. None of them touches pyplot or needs Drake.
 
 In the plane the first channel (x) grows upwards and the second (y) to the left: a
 board as seen from above by somebody who stands behind the robot, not its mirror
 image. `plane=("z", "y")` names other channels, again the upward one first.
 
 Colours mean the same in all pictures: grey is demonstrated, blue sampled from the
-skill, orange played; every component has a colour of its own, and time runs from
+skill, orange played, red what cannot be done; every component has a colour of its own, and time runs from
 violet to green.
 """
 
@@ -22,6 +22,7 @@ from fmp_drake.plots.learned import (
     draw_samples_in_plane,
 )
 from fmp_drake.plots.played import draw_rollout_over_time, draw_way_back
+from fmp_drake.plots.reach import draw_reach, plot_reach
 from fmp_drake.plots.recorded import (
     draw_demonstrations_in_plane,
     draw_demonstrations_over_time,
@@ -38,6 +39,7 @@ __all__ = [
     "draw_demonstrations_over_time",
     "draw_heatmap",
     "draw_heatmaps",
+    "draw_reach",
     "draw_rollout_over_time",
     "draw_run",
     "draw_samples_in_plane",
@@ -46,6 +48,7 @@ __all__ = [
     "draw_way_back",
     "draw_windows_in_plane",
     "draw_windows_over_time",
+    "plot_reach",
     "plot_run",
     "plot_skill",
     "write_graph",

@@ -20,6 +20,8 @@ from fmp_drake.primitives.data.files import replaced
 DEMONSTRATED = "0.65"
 SAMPLED = "#0072B2"
 PLAYED = "#D55E00"
+# What cannot be done.
+REFUSED = "#B2182B"
 
 # One for each component: the ten-colour scheme of Paul Tol, made for the same.
 _COMPONENTS = (

@@ -1,14 +1,17 @@
 """The Panda, its eraser and a whiteboard, wired for simulation.
 
 `LoadScenario` reads what is built, `MakeWipingStation` and `MakeTeachingStation`
-build it. The `Add...` functions add its parts to a diagram of your own.
+build it; `CheckFeasibility` says before whether the arm can follow a skill on it. The
+`Add...` functions add its parts to a diagram of your own.
 """
 
+from fmp_drake.station.feasibility import CheckFeasibility, Feasibility
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import AddPandaWithEraser, models_dir
 from fmp_drake.station.models.whiteboard import AddWhiteboard
 from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_ink import AddInk
+from fmp_drake.station.parts.board_reach import FollowingBounds
 from fmp_drake.station.parts.board_scene import (
     AddBoardScene,
     BoardScene,
@@ -54,9 +57,12 @@ __all__ = [
     "BoardMotion",
     "BoardScene",
     "CameraConfig",
+    "CheckFeasibility",
     "DemonstrationFromRecorder",
     "Disturbance",
     "EraserConfig",
+    "Feasibility",
+    "FollowingBounds",
     "InkConfig",
     "ListScenarios",
     "LoadScenario",

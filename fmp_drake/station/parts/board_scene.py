@@ -102,12 +102,7 @@ def AddBoardScene(
         Where the scenario has values that do not fit, or the arm cannot reach the start.
     """
     scenario.check()
-    arm = MultibodyPlant(time_step=0.0)
-    arm.set_name("arm")
-    _, arm_eraser = AddPandaWithEraser(arm, eraser=scenario.eraser)
-    arm.Finalize()
-    arm_tip = arm.GetFrameByName("eraser_tip", arm_eraser)
-
+    arm, arm_tip = MakeArm(scenario)
     plant, scene_graph = _AddPlant(builder, scenario)
     panda, eraser = AddPandaWithEraser(plant, eraser=scenario.eraser, visuals=visuals)
     for carried in (panda, eraser):
@@ -169,6 +164,15 @@ def _FilterSelfContact(
                 plant.CollectRegisteredGeometries(bodies)
             )
         )
+
+
+def MakeArm(scenario: Scenario) -> tuple[MultibodyPlant, Frame]:
+    """Make what the controller knows: a plant of the arm and its eraser, and E in it."""
+    arm = MultibodyPlant(time_step=0.0)
+    arm.set_name("arm")
+    _, eraser = AddPandaWithEraser(arm, eraser=scenario.eraser)
+    arm.Finalize()
+    return arm, arm.GetFrameByName("eraser_tip", eraser)
 
 
 def _Mount(

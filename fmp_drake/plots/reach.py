@@ -1,0 +1,89 @@
+"""What of a board the arm can reach, and the skill in it."""
+
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.patches import Rectangle
+
+from fmp_drake.plots.channels import Channels
+from fmp_drake.plots.panels import PlanePanel
+from fmp_drake.plots.style import (
+    PLAYED,
+    REFUSED,
+    SAMPLED,
+    add_colorbar,
+    legend_above,
+    save,
+)
+
+if TYPE_CHECKING:
+    from fmp_drake.station import Feasibility
+
+_MARGIN_MAP: Colormap = LinearSegmentedColormap.from_list(
+    "fmp_margin", ["#FFF7D6", "#B9DDB0", "#5FB08A"]
+)
+_WIDEST = 0.8  # Of the scale of margins, rad.
+_UNREACHED: dict[str, Any] = {
+    "facecolor": "0.93",
+    "edgecolor": "0.78",
+    "hatch": "////",
+    "zorder": 0.5,
+}
+
+
+def plot_reach(feasibility: "Feasibility", path: Path) -> None:
+    """Write the picture that `draw_reach` draws to a file (.png, .pdf, .svg)."""
+    save(draw_reach(feasibility).figure.get_figure(root=True), path)
+
+
+def draw_reach(feasibility: "Feasibility", *, ax: Axes | None = None) -> Axes:
+    """Draw the board from above: where the arm can hold the eraser, and the skill.
+
+    The reachable part is shaded by how far the joints are from their walls; what of the
+    skill's samples cannot be followed is red.
+
+    Parameters
+    ----------
+    feasibility : Feasibility
+        From `CheckFeasibility`.
+    ax : Axes, optional
+    """
+    x, y = feasibility.x, feasibility.y
+    panel = PlanePanel(Channels(("x", "y"), ("m", "m")), None, ax)
+    board = Rectangle((y[0], x[0]), float(np.ptp(y)), float(np.ptp(x)), **_UNREACHED)
+    panel.ax.add_patch(board).set_label("out of reach")
+    shades = _MARGIN_MAP.with_extremes(under="#F0C9CD")
+    mesh = panel.ax.pcolormesh(
+        y,
+        x,
+        np.ma.masked_invalid(feasibility.margin),
+        cmap=shades,
+        vmin=0,
+        vmax=_WIDEST,
+        shading="nearest",
+        rasterized=True,
+    )
+    for path in feasibility.paths:
+        panel.path(path[:, :2], label="samples", color=SAMPLED, linewidth=0.3)
+    missed = feasibility.paths[~feasibility.followed]
+    if len(missed):
+        style: dict[str, Any] = {"color": REFUSED, "markersize": 2.5, "zorder": 2.5}
+        left, up = missed[:, 1], missed[:, 0]
+        panel.ax.plot(left, up, "o", label="cannot be followed", **style)
+    ring: dict[str, Any] = {
+        "markerfacecolor": "white",
+        "markeredgecolor": PLAYED,
+        "markersize": 8,
+    }
+    panel.ax.plot(
+        *feasibility.start[1::-1], "o", markeredgewidth=2.0, label="start", **ring
+    )
+    add_colorbar(panel.ax, mesh, "nearest joint's way to its wall (rad)")
+    axes = panel.finish("")
+    legend_above(axes)
+    axes.set_title(fill(feasibility.verdict, 70), loc="left", fontsize="small", pad=22)
+    return axes

@@ -1,0 +1,56 @@
+"""Facts about `fmp-drake check`, and about what `fmp-drake wipe` refuses."""
+
+import json
+
+import matplotlib.image
+import pytest
+
+FAR = "board:\n  translation: [0.80, 0.0, 0.10]\n"
+
+
+@pytest.fixture
+def far(tmp_path):
+    """A scenario whose board is too far away."""
+    path = tmp_path / "far.yaml"
+    path.write_text(FAR, encoding="utf-8")
+    return path
+
+
+def test_what_can_be_followed_is_said_and_drawn(command, outputs):
+    plot, report = outputs / "reach.png", outputs / "figures.json"
+    result = command("check", "--plot", plot, "--report", report)
+    assert result.code == 0
+    assert "The arm can follow this skill" in result.out
+    assert matplotlib.image.imread(plot).shape[0] > 300
+    figures = json.loads(report.read_text(encoding="utf-8"))
+    assert figures["is_feasible"] is True
+    assert figures["reachable_fraction"] == 1
+
+
+def test_what_cannot_be_followed_ends_with_a_code_and_a_picture(command, outputs, far):
+    plot = outputs / "reach.svg"
+    result = command("check", "--scenario", far, "--plot", plot)
+    assert result.code == 1
+    assert "cm towards the arm" in " ".join(result.out.split())
+    assert plot.stat().st_size > 0
+
+
+def test_wiping_what_cannot_be_followed_is_refused_unless_forced(command, refused, far):
+    run = ("wipe", "--headless", "--duration", 0.05, "--scenario", far)
+    assert "--force" in refused(*run)
+    forced = command(*run, "--force")
+    assert forced.code == 0
+    assert "cannot follow" in forced.out
+
+
+def test_tempo_of_zero_holds_still(command, tmp_path, outputs):
+    path, report = tmp_path / "still.yaml", outputs / "report.json"
+    path.write_text("skill: {tempo: 0}\nstart: [0.0, 0.0, 0.1]\n", encoding="utf-8")
+    result = command(
+        *("wipe", "--headless", "--duration", 0.3),
+        *("--scenario", path, "--report", report),
+    )
+    assert result.code == 0
+    metrics = json.loads(report.read_text(encoding="utf-8"))
+    assert metrics["tracking_max_m"] < 1e-3
+    assert metrics["remap_count"] == 0
