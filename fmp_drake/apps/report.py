@@ -31,6 +31,7 @@ def print_report(console: Console, metrics: Mapping[str, Any]) -> None:
         f"{100 * m['normal_force_wanted_fraction']:.1f} % in 5 to 15 N, "
         f"in contact {100 * m['contact_fraction']:.1f} % of the time",
         "followed": f"to {1e3 * m['tracking_rms_m']:.1f} mm rms",
+        "stayed": _stayed(m),
         "re-mapped": f"{m['remap_count']} times{after_pushes}, jumps up to "
         f"{1e3 * m['desired_position_jump_max_m']:.4f} mm",
         "limits": f"torque {100 * m['torque_ratio_max']:.0f} %, torque rate "
@@ -45,3 +46,12 @@ def print_report(console: Console, metrics: Mapping[str, Any]) -> None:
     for name, text in rows.items():
         table.add_row(f"[bold]{name}[/bold]", text)
     console.print(table)
+
+
+def _stayed(m: Mapping[str, Any]) -> str:
+    """Say how near the eraser and its target stayed to what was demonstrated."""
+    ways = m["measured_off_paths_max_m"], m["desired_off_paths_max_m"]
+    if None in ways:
+        return "never near the demonstrated paths, or they are not known"
+    measured, desired = (f"{1e3 * way:.0f} mm" for way in ways)
+    return f"within {measured} of the demonstrated paths; wanted within {desired}"

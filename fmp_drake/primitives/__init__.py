@@ -32,6 +32,7 @@ from fmp_drake.primitives.model.movement_primitive import (
     PAPER_SETTINGS,
     FourierMovementPrimitive,
 )
+from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.primitives.model.skill_file import load_skill, save_skill
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.player import Player
@@ -44,6 +45,7 @@ from fmp_drake.primitives.playback.trackers import (
 
 __all__ = [
     "PAPER_SETTINGS",
+    "DemonstratedRegion",
     "Demonstration",
     "DiscreteMovementPrimitive",
     "ExponentialTracker",

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fmp_drake.primitives import DemonstratedRegion
 from fmp_drake.runs.signals import MILLISECOND
 from fmp_drake.systems.impedance.status import StatusFlag
 
@@ -115,6 +116,39 @@ class TrackingMetrics:
             "tracking_rms_m": float(np.sqrt(self._squares / max(1, self._samples))),
             "tracking_max_m": self._largest,
             "desired_position_jump_max_m": self._jump,
+        }
+
+
+class RegionMetrics:
+    """How far from the demonstrated paths the eraser was, once it had come to them.
+
+    Parameters
+    ----------
+    region : DemonstratedRegion, optional
+        None where the paths are unknown.
+    """
+
+    def __init__(self, region: DemonstratedRegion | None) -> None:
+        self._region = region
+        self._largest = dict.fromkeys(("desired", "measured"), 0.0)
+        self._inside = dict.fromkeys(self._largest, False)
+
+    def update(self, chunk: Chunk) -> None:
+        """Take the next positions."""
+        if self._region is None:
+            return
+        for name in self._largest:
+            distance = self._region.distance(chunk[f"{name}_position"].values)
+            inside = np.logical_or.accumulate(distance <= self._region.margin)
+            counted = distance[inside | self._inside[name]]
+            self._inside[name] |= bool(np.any(inside))
+            self._largest[name] = np.max(counted, initial=self._largest[name])
+
+    def result(self) -> Metrics:
+        """Return the metrics; None where nothing was near the paths, or they are unknown."""
+        return {
+            f"{name}_off_paths_max_m": float(largest) if self._inside[name] else None
+            for name, largest in self._largest.items()
         }
 
 

@@ -65,7 +65,13 @@ def scenario_skill(
     if skill_file is None and plays.file and not demos:
         skill_file = Path(plays.file)
     if skill_file is not None:
-        return load_skill(skill_file), [], [f"loaded {skill_file}"]
+        skill, remarks = load_skill(skill_file), [f"loaded {skill_file}"]
+        if not skill.paths_:
+            remarks.append(
+                f"{skill_file.name} does not say where it was demonstrated: what is "
+                "played may lead anywhere. Learn it again to bound it."
+            )
+        return skill, [], remarks
     demonstrations, remarks = load_on_board(
         demos or [default_demonstration(plays.demonstration)],
         scenario=scenario,

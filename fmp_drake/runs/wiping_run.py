@@ -24,6 +24,7 @@ from fmp_drake.runs.metrics import (
     JointLimits,
     LimitMetrics,
     Metrics,
+    RegionMetrics,
     Samples,
     TrackingMetrics,
 )
@@ -108,7 +109,8 @@ class WipingRun:
         self.skill = skill
         self.meshcat = meshcat
         self.seed = scenario.skill.seed if seed is None else seed
-        self.demonstrated = [d.values for d in demonstrations] or [
+        paths = [d.values for d in demonstrations] or list(skill.paths_)
+        self.demonstrated = paths or [
             skill.synthesize(c.mean) for c in skill.components_
         ]
         self.station = MakeWipingStation(
@@ -119,8 +121,10 @@ class WipingRun:
             seed=self.seed,
             visuals=visuals,
             meshcat=meshcat,
-            demonstrated=self.demonstrated if demonstrations else (),
+            demonstrated=paths,
         )
+        primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
+        self._region = primitive.player.region
         builder = DiagramBuilder()
         builder.AddSystem(self.station)
         self._recording = recording and meshcat is not None
@@ -148,7 +152,8 @@ class WipingRun:
     def begin_again(self) -> None:
         """Forget what was taken in, for a simulation that was reset; record anew."""
         limits = LimitMetrics(self._joint_limits())
-        self._metrics = (ForceMetrics(), TrackingMetrics(), limits)
+        region = RegionMetrics(self._region)
+        self._metrics = (ForceMetrics(), TrackingMetrics(), region, limits)
         self._values = {
             name: Spill((self.station.GetOutputPort(name).size(),))
             for name in self.kept

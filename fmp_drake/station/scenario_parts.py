@@ -222,7 +222,9 @@ class SkillConfig:
         Whether to track samples of the components or their means.
     candidates : int
         How many samples are drawn at each re-mapping; the one that passes over the most
-        ink is tracked. 1 for any sample, as in the paper.
+        ink of the demonstrated area is tracked. 1 for any sample, as in the paper.
+    margin : float
+        How far samples may leave the demonstrated paths, m.
     seed : int
         Of the samples.
     tempo : float
@@ -246,6 +248,7 @@ class SkillConfig:
     components: int = bounded(80, least=1)
     sample: bool = True
     candidates: int = bounded(32, least=1)
+    margin: float = bounded(0.02, above=0)
     seed: int = bounded(0, least=0)
     tempo: float = bounded(1.0, least=0, most=4)
     push_threshold: float | None = bounded(None, above=0)

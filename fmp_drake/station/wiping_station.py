@@ -109,8 +109,12 @@ def MakeWipingStation(
     choice = None
     if plays.candidates > 1:
         x, y = scenario.eraser.footprint
+        swept = [ink.grid.swept_area(path, (x, y)) for path in skill.paths_]
         choice = CoverageChoice(
-            grid=ink.grid, footprint=(x, y), candidates=plays.candidates
+            grid=ink.grid,
+            footprint=(x, y),
+            candidates=plays.candidates,
+            area=np.any(swept, axis=0) if swept else None,
         )
     primitive = FourierPrimitiveSystem(
         skill,
@@ -120,6 +124,7 @@ def MakeWipingStation(
         push_threshold=plays.push_threshold,
         push_dwell=plays.push_dwell,
         choice=choice,
+        margin=plays.margin if skill.paths_ else None,
     )
     builder.AddSystem(primitive)
     measured = controller.GetOutputPort("measured_position")

@@ -110,7 +110,10 @@ class FourierPrimitiveSystem(LeafSystem):
         Length of the plan, s.
     choice : CoverageChoice, optional
         After each re-mapping, of several samples the one is tracked that passes over the
-        most ink. For skills of 3 position channels in the frame of the board.
+        most ink until the next one. For skills of 3 position channels in the frame of the
+        board.
+    margin : float, optional
+        How far samples may leave the demonstrated paths, m; None for no bound.
 
     Examples
     --------
@@ -143,10 +146,11 @@ class FourierPrimitiveSystem(LeafSystem):
         push_dwell: float = 0.2,
         plan_seconds: float = 3.0,
         choice: CoverageChoice | None = None,
+        margin: float | None = None,
     ) -> None:
         super().__init__()
         self.set_name("fourier_primitive")
-        player = Player(skill, tracker=tracker, sample=sample, seed=seed)
+        player = Player(skill, tracker=tracker, sample=sample, seed=seed, margin=margin)
         self._player = player
         if push_threshold is not None:
             check_number(push_threshold, "push_threshold", above=0, error=SystemsError)
@@ -294,8 +298,10 @@ class FourierPrimitiveSystem(LeafSystem):
                 blend_time = min(_PUSHED_BLEND_TIME, player.blend_time)
                 state = replace(state, blend_time=blend_time)
                 pushed_since, reactive = math.inf, reactive + 1
-        if state.remaps != before.remaps and state.sample:
-            state = self._chosen(context, state)
+        choice, remapped = self._choice, state.remaps != before.remaps
+        if choice is not None and remapped and state.sample:
+            ink: Any = self._ink.Eval(context)
+            state = choice.tracked(player, state, ink.reshape(choice.grid.shape))
         rate = (tempo - state.tempo) / player.tick_seconds
         state = replace(state, tempo_rate=min(max(rate, -_TEMPO_RATE), _TEMPO_RATE))
         self._store(
@@ -305,16 +311,6 @@ class FourierPrimitiveSystem(LeafSystem):
             measurements=measurements,
         )
         return EventStatus.Succeeded()
-
-    def _chosen(self, context: Context, state: PlaybackState) -> PlaybackState:
-        """Return the state that tracks the sample that wipes most, if asked for."""
-        if self._choice is None:
-            return state
-        ink: Any = self._ink.Eval(context)
-        targets = self._player.candidates(state, self._choice.candidates)
-        paths = self._player.skill.synthesize(targets)
-        best = self._choice.best(ink.reshape(self._choice.grid.shape), paths)
-        return self._player.retarget(state, targets[best])
 
     def _wanted_tempo(self, context: Context) -> float:
         if not self._tempo.HasValue(context):

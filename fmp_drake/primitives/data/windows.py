@@ -1,7 +1,7 @@
 """Sliding windows over demonstrations."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,19 @@ class Windows:
     values: NDArray[np.float64]
     source: NDArray[np.int64]
     example: Demonstration | None
+
+    def paths(self, stride: int) -> tuple[NDArray[np.float64], ...]:
+        """Return the demonstrated paths, each (samples, D), without repetitions.
+
+        None where the windows were given as an array: nobody knows how they overlap.
+        """
+        if self.example is None:
+            return ()
+        apart = (np.diff(self.source) != 0) | (stride > self.values.shape[1])
+        return tuple(
+            np.concatenate([each[:-1, :stride].reshape(-1, each.shape[2]), each[-1]])
+            for each in np.split(self.values, np.flatnonzero(apart) + 1)
+        )
 
 
 def sliding_windows(
@@ -133,10 +146,10 @@ def as_windows(
     return Windows(values=values, source=np.arange(len(values)), example=None)
 
 
-def window_weights(
+def weighted_windows(
     windows: Windows, weights: ArrayLike | None
-) -> NDArray[np.float64] | None:
-    """Return the weight of each window in the fit, shape (N,), on average 1.
+) -> tuple[Windows, NDArray[np.float64] | None]:
+    """Return the windows that count, and the weight of each in the fit, on average 1.
 
     Parameters
     ----------
@@ -145,7 +158,7 @@ def window_weights(
         One for each demonstration, or for each window of an array; none negative.
     """
     if weights is None:
-        return None
+        return windows, None
     count = int(windows.source[-1]) + 1
     given = finite_array(weights, "the weights", (count,), error=DemonstrationError)
     if np.any(given < 0):
@@ -155,4 +168,7 @@ def window_weights(
         raise DemonstrationError(
             f"the weights leave {np.count_nonzero(each)} windows; at least 2 must count."
         )
-    return each / each.mean()
+    if not np.all(each):
+        values, source = windows.values[each > 0], windows.source[each > 0]
+        windows = replace(windows, values=values, source=source)
+    return windows, each[each > 0] / each[each > 0].mean()

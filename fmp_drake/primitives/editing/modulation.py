@@ -102,7 +102,7 @@ def modulate_skill(
     Returns
     -------
     FourierMovementPrimitive
-        Its `extent_` is that of 200 samples.
+        Its `extent_` is that of 200 samples. Nobody has shown it, so it has no `paths_`.
     """
     skill.check_fitted()
     index = channel_indices(channels, skill.channels_)
@@ -125,7 +125,7 @@ def modulate_skill(
     out = copy_skill(skill, components_=tuple(components))
     drawn = out.sample(_EXTENT_SAMPLES, with_noise=False)
     extent = np.stack([drawn.min(axis=(0, 1)), drawn.max(axis=(0, 1))])
-    return copy_skill(out, extent_=extent)
+    return copy_skill(out, extent_=extent, paths_=())
 
 
 def _with_factor(

@@ -187,8 +187,15 @@ def _apply(
     half = np.abs(rotation) @ (np.ptp(extent[:, index], axis=0) / 2)
     middle = scale * rotation @ middle + translation
     extent[:, index] = [middle - scale * half, middle + scale * half]
+    paths = [path.copy() for path in skill.paths_]
+    for path in paths:
+        path[:, index] = scale * path[:, index] @ rotation.T + translation
     return copy_skill(
-        skill, components_=tuple(components), scales_=scales, extent_=extent
+        skill,
+        components_=tuple(components),
+        scales_=scales,
+        extent_=extent,
+        paths_=tuple(paths),
     )
 
 

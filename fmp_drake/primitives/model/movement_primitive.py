@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 from fmp_drake.numeric import as_floats, check_number, finite_array
 from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
 from fmp_drake.primitives.data.scaling import ChannelScales, channel_scales
-from fmp_drake.primitives.data.windows import Windows, as_windows, window_weights
+from fmp_drake.primitives.data.windows import Windows, as_windows, weighted_windows
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.keypoint import (
     Keypoint,
@@ -89,6 +89,8 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         N, the windows learned from.
     extent_ : ndarray, shape (2, D)
         Least and greatest value of each channel in the demonstrations.
+    paths_ : tuple of ndarray, shape (samples, D)
+        The demonstrations; empty where unknown, as for windows given as an array.
     channels_, units_ : tuple of str
     frame_ : str
         Of the demonstrations.
@@ -167,15 +169,12 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
             Where a parameter is out of range.
         """
         self.check_parameters()
-        windows = self._windows(X, at_least=2)
-        counts = window_weights(windows, weights)
+        windows, counts = weighted_windows(self._windows(X, at_least=2), weights)
         values, example = windows.values, windows.example
-        if counts is not None and not np.all(counts):
-            values, counts = values[counts > 0], counts[counts > 0]
-            counts = counts / counts.mean()
         d = values.shape[2]
         self.n_windows_ = len(values)
         self.n_channels_ = d
+        self.paths_ = windows.paths(self.window_stride)
         self.extent_ = np.stack([values.min(axis=(0, 1)), values.max(axis=(0, 1))])
         self.channels_ = example.channels if example else default_channels(d)
         self.units_ = example.units if example else ("m",) * d

@@ -39,6 +39,8 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
             "proportions": skill.proportions_,
             "extent": skill.extent_,
             "scales": skill.scales_,
+            "paths": np.concatenate([np.empty((0, skill.n_channels_)), *skill.paths_]),
+            "path_lengths": np.array([len(path) for path in skill.paths_], dtype=int),
             "means": np.stack([c.mean for c in skill.components_]),
             "ranks": np.array([c.rank for c in skill.components_]),
             "bases": np.concatenate([c.basis for c in skill.components_], axis=1),
@@ -92,7 +94,7 @@ def _check_arrays(skill: FourierMovementPrimitive) -> None:
 def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
     """Return the fitted attributes in a file."""
     for name, array in arrays.items():
-        kinds = "i" if name == "ranks" else "fi"
+        kinds = "i" if name in ("ranks", "path_lengths") else "fi"
         if array.dtype.kind not in kinds or not all_finite(array):
             raise SkillFileError(f"{name} holds something other than finite numbers")
     ends = np.cumsum(arrays["ranks"])
@@ -109,6 +111,13 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
     )
     extent = arrays["extent"]
     d = extent.shape[1]
+    # Earlier files hold none: where their skills were demonstrated is not known.
+    paths, lengths = (
+        arrays.get("paths", np.empty((0, d))),
+        arrays.get("path_lengths", []),
+    )
+    if paths.shape != (sum(lengths), d) or min(lengths, default=1) < 1:
+        raise SkillFileError("its demonstrated paths do not fit together")
     reference = metadata.get("rotation_reference")
     if reference is not None:
         x, y, z, w = (float(q) for q in reference)
@@ -117,6 +126,7 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
         "components_": components,
         "proportions_": arrays["proportions"],
         "extent_": extent,
+        "paths_": tuple(np.split(paths, np.cumsum(lengths)[:-1])) if len(paths) else (),
         "scales_": np.ones(d) if int(metadata["version"]) < 2 else arrays["scales"],
         "n_channels_": d,
         "n_windows_": int(metadata["n_windows"]),

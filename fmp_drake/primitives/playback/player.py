@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import all_finite, as_floats, is_number, is_whole
 from fmp_drake.primitives.model.mapping import MappingPlan
+from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.primitives.playback.confidence import confined
 from fmp_drake.primitives.playback.playback_state import PlaybackState
+from fmp_drake.primitives.playback.sampling import track_sample
 from fmp_drake.primitives.playback.segment import (
     Segment,
     decayed_offset,
@@ -76,6 +78,9 @@ class Player:
         remains. 0 is as closely as
         the skill's tolerance says, which buys millimetres where the demonstrations did
         not vary by metres where they did.
+    margin : float, optional
+        How far samples may leave the demonstrated paths, m; None for no bound. See
+        `DemonstratedRegion` and `track_sample`.
 
     Examples
     --------
@@ -103,8 +108,10 @@ class Player:
         blend_time: float = 0.4,
         confidence: float = 0.99,
         start_tolerance: float = 0.2,
+        margin: float | None = None,
     ) -> None:
         skill.check_fitted()
+        self.region = None if margin is None else DemonstratedRegion(skill, margin)
         if not (is_number(blend_time) and blend_time >= 1e-3):
             raise SkillError(
                 f"blend_time is {blend_time} s; it must be positive, at least 1 ms."
@@ -123,7 +130,7 @@ class Player:
         self.ticks_between_remaps = skill.n_steps - skill.overlap
         self._own_target = self._checked_target(target)
         rule = LqrTracker() if tracker is None else tracker
-        self._relaxations = [
+        self.relaxations = [
             rule.relaxation(c, n_steps=skill.n_steps, tick=self.tick_seconds)
             for c in skill.components_
         ]
@@ -240,7 +247,7 @@ class Player:
 
     def _tick(self, state: PlaybackState, seconds: float) -> PlaybackState:
         """Return the state at the next tick, which is some seconds away."""
-        relaxation, step = self._relaxations[state.component], state.step + 1
+        relaxation, step = self.relaxations[state.component], state.step + 1
         weights = relaxation.after(state.weights, state.target, self.tick_seconds)
         offset = decayed_offset(state.offset, state.blend_time, seconds)[:2]
         # A row of the basis at a sample: the series itself.
@@ -267,26 +274,23 @@ class Player:
         """Return the state with mapped weights, and the motion (2, D) as it was."""
         mapping = plan.map(values)
         gaussian = self.skill.components_[mapping.component]
-        target = gaussian.mean
-        if self._own_target is not None:
-            target = self._own_target
-        elif state.sample:
-            rng = np.random.default_rng([state.seed, state.remaps])
-            target = gaussian.sample(rng, with_noise=False)[0]
         state = replace(
             state,
             weights=confined(gaussian, mapping.weights, self._confidence),
-            target=target,
+            target=gaussian.mean if self._own_target is None else self._own_target,
             component=mapping.component,
             offset=np.zeros_like(state.offset),
         )
-        return replace(state, offset=motion - self.motion(state)[:2])
+        state = replace(state, offset=motion - self.motion(state)[:2])
+        if state.sample and self._own_target is None:
+            state = track_sample(self, state)
+        return state
 
     # What a state means -------------------------------------------------------
 
     def segment(self, state: PlaybackState) -> Segment:
         """Prepare the motion from a state to its next tick, for `segment_motion`."""
-        return make_segment(self.skill, self._relaxations[state.component], state)
+        return make_segment(self.skill, self.relaxations[state.component], state)
 
     def motion(self, state: PlaybackState) -> NDArray[np.float64]:
         """Return the desired motion at a state.
@@ -301,7 +305,7 @@ class Player:
 
     def weights(self, state: PlaybackState) -> NDArray[np.float64]:
         """Return the Fourier weights at a state, shape (D*T,)."""
-        relaxation = self._relaxations[state.component]
+        relaxation = self.relaxations[state.component]
         return relaxation.after(state.weights, state.target, state.time_since_tick)
 
     def covariance(self, state: PlaybackState) -> NDArray[np.float64]:
@@ -310,15 +314,6 @@ class Player:
         return self.skill.covariance(
             state.component, min(step, self.skill.n_steps - 1.0)
         )
-
-    def candidates(self, state: PlaybackState, count: int) -> NDArray[np.float64]:
-        """Draw targets from the component of a state, shape (count, D*T).
-
-        They follow from the state's seed and its number of re-mappings.
-        """
-        rng = np.random.default_rng([state.seed, state.remaps, count])
-        gaussian = self.skill.components_[state.component]
-        return gaussian.sample(rng, count, with_noise=False)
 
     def plan(
         self, state: PlaybackState, ticks: int

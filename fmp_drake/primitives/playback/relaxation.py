@@ -44,11 +44,34 @@ class Relaxation:
     def split(
         self, deviation: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Split a deviation (n,) into coordinates (r,) and the residual (n,)."""
+        """Split deviations (..., n) into coordinates (..., r) and residuals (..., n)."""
         if self.modes is None:
             return deviation, np.zeros_like(deviation)
         inside = deviation @ self.modes
-        return inside, deviation - self.modes @ inside
+        return inside, deviation - inside @ self.modes.T
+
+    def left(
+        self, seconds: float | NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what is left of the modes (..., r) and of their complement (..., 1).
+
+        Parameters
+        ----------
+        seconds : float or ndarray
+            Since the deviation was whole.
+        """
+        t = np.asarray(seconds)[..., None]
+        complement = np.exp(-self.complement_rate * t)
+        if self.euler_tick <= 0:
+            return np.exp(-self.rates * t), complement
+        ticks, rest = np.divmod(t, self.euler_tick)
+        one_tick = 1 - self.rates * self.euler_tick
+        return one_tick**ticks * (1 - self.rates * rest), complement
+
+    def loss(self, seconds: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return how fast `left` falls, per second; Euler's method: in the first tick."""
+        left, complement = self.left(0.0 if self.euler_tick > 0 else seconds)
+        return self.rates * left, self.complement_rate * complement
 
     def after(
         self,
@@ -62,16 +85,12 @@ class Relaxation:
         ----------
         weights, target : ndarray, shape (n,)
         seconds : float
-            With Euler's method at most one `euler_tick`.
         """
-        if self.euler_tick > 0:
-            left = 1 - self.rates * seconds
-        else:
-            left = np.exp(-self.rates * seconds)
+        left, complement = self.left(seconds)
         if self.modes is None:
             return target + left * (weights - target)
         inside, residual = self.split(weights - target)
         out: NDArray[np.float64] = self.modes @ (left * inside)
-        out += np.exp(-self.complement_rate * seconds) * residual
+        out += complement * residual
         out += target
         return out

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
+from fmp_drake.primitives import PlaybackState, Player
+from fmp_drake.primitives.playback.sampling import track_sample
 from fmp_drake.systems.ink.grid import InkGrid
 
 
@@ -26,6 +28,8 @@ class CoverageChoice:
         At each edge of the eraser, m: what only the edge touches is not wiped.
     height : float
         Up to which the eraser counts as on the board, m.
+    area : ndarray of bool, shape (ny, nx), optional
+        The cells whose ink counts; all where None.
 
     Examples
     --------
@@ -36,8 +40,8 @@ class CoverageChoice:
     >>> ink[:, :20] = 0.0
     >>> strokes = np.array([[[x, -0.1, 0.0], [x, 0.1, 0.0]] for x in (-0.1, 0.1)])
     >>> choice = CoverageChoice(grid=grid, footprint=(0.05, 0.05), candidates=2)
-    >>> choice.best(ink, strokes)
-    1
+    >>> choice.wiped(ink, strokes)
+    array([ 0., 80.])
     """
 
     grid: InkGrid
@@ -45,6 +49,7 @@ class CoverageChoice:
     candidates: int
     margin: float = 0.005
     height: float = 0.01
+    area: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -67,6 +72,7 @@ class CoverageChoice:
         ndarray, shape (S,)
         """
         pitch, (rows, columns) = self.grid.pitch, self.grid.shape
+        ink = ink if self.area is None else ink * self.area
         half = np.maximum(np.array(self.footprint) / 2 - self.margin, 0.0)
         reach = np.floor(half / pitch + 1e-9)
         x, y = (np.arange(-r, r + 1, dtype=np.intp) for r in reach)
@@ -82,6 +88,20 @@ class CoverageChoice:
             total[i] = ink[over[1:-1, 1:-1]].sum()
         return total
 
-    def best(self, ink: NDArray[np.float64], paths: NDArray[np.float64]) -> int:
-        """Return the path that wipes most; the first of equals."""
-        return int(np.argmax(self.wiped(ink, paths)))
+    def tracked(
+        self, player: Player, state: PlaybackState, ink: NDArray[np.float64]
+    ) -> PlaybackState:
+        """Return the state that tracks the sample that wipes most; see `track_sample`.
+
+        Parameters
+        ----------
+        player : Player
+        state : PlaybackState
+        ink : ndarray, shape (ny, nx)
+        """
+        return track_sample(
+            player,
+            state,
+            count=self.candidates,
+            worth=lambda paths: self.wiped(ink, paths),
+        )

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats, check_number, read_only
+from fmp_drake.primitives.model.region import densified
 
 type FloatArray = NDArray[np.float64]
 type BoolArray = NDArray[np.bool_]
@@ -157,7 +158,7 @@ class InkGrid:
             True where the footprint has passed over the centre of the cell.
         """
         path = as_floats(p_BE, "the path", ("num_points", 3), error=SystemsError)
-        samples = _resample(path, 0.5 * float(self.pitch.min()))
+        samples = densified(path, 0.5 * float(self.pitch.min()))
         p = samples[samples[:, 2] <= height, :2] - self.corner
         half = 0.5 * np.asarray(footprint) + 1e-9
         first = np.ceil((p - half) / self.pitch - 0.5)
@@ -194,15 +195,3 @@ def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
         chosen = as_floats(np.ravel(mask), "the mask", clean.shape, error=SystemsError)
         clean = clean[chosen > 0]
     return float(np.count_nonzero(clean) / clean.size) if clean.size else 1.0
-
-
-def _resample(path: FloatArray, step: float) -> FloatArray:
-    """Put points on a path (num_points, 3) so that none is farther off than a step."""
-    change = np.diff(path, axis=0)
-    travel = np.hypot(change[:, 0], change[:, 1])
-    pieces = np.maximum(1, np.ceil(travel / step)).astype(np.intp)
-    segment = np.repeat(np.arange(len(pieces)), pieces)
-    within = np.arange(len(segment)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    t = (within / pieces[segment])[:, np.newaxis]
-    samples = path[segment] * (1.0 - t) + path[segment + 1] * t
-    return np.vstack([samples, path[-1:]])
