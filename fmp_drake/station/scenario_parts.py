@@ -247,7 +247,7 @@ class SkillConfig:
     window: float = bounded(6.0, above=0)
     components: int = bounded(80, least=1)
     sample: bool = True
-    candidates: int = bounded(32, least=1)
+    candidates: int = bounded(128, least=1)
     margin: float = bounded(0.02, above=0)
     seed: int = bounded(0, least=0)
     tempo: float = bounded(1.0, least=0, most=4)

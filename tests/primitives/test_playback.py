@@ -534,18 +534,6 @@ def test_plan_is_the_coming_ticks(small_skill, sample):
     assert coming[-1].remaps == 2
 
 
-def test_candidates_are_samples_of_the_component_and_follow_from_the_seed(small_skill):
-    player = Player(small_skill, seed=1)
-    state = player.start([0.1, 0.0])
-    targets = player.candidates(state, 500)
-    gaussian = small_skill.components_[state.component]
-    spread = (targets - gaussian.mean) @ gaussian.basis
-    assert_allclose(spread.std(axis=0), np.sqrt(gaussian.variances), rtol=0.15)
-    assert np.array_equal(player.candidates(state, 500), targets)
-    for other in (replace(state, seed=2), replace(state, remaps=1)):
-        assert not np.array_equal(player.candidates(other, 500), targets)
-
-
 @pytest.mark.parametrize("observed", [np.zeros((3, 2)), np.full((4, 2), np.nan)])
 def test_observation_that_does_not_fit_is_refused(small_skill, observed):
     player = Player(small_skill)
@@ -616,7 +604,7 @@ def test_offset_decays_where_the_tempo_is_0(small_skill):
 def test_other_target_and_observation_make_no_jump(player, tempo):
     state = player.advance(player.start(outside(player.skill), tempo=tempo), 0.87)
     before = player.motion(state)[:2]
-    target = player.candidates(state, 1)[0]
+    target = player.skill.components_[1].mean
     retargeted = player.retarget(state, target)
     assert np.array_equal(retargeted.target, target)
     assert_allclose(player.motion(retargeted)[:2], before, atol=1e-12)

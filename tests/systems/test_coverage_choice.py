@@ -96,25 +96,18 @@ def test_margin_makes_the_eraser_smaller(margin, cells):
     assert make_choice(margin=margin).wiped(GRID.full(), path) == cells
 
 
-def test_best_wipes_most_and_is_the_first_of_equals():
-    ink = GRID.full()
-    ink[:, :25] = 0.0
-    bare, edge, inked = at_cell(10, 30), at_cell(24, 30), at_cell(40, 30)
-    choice = make_choice()
-    for paths, best in (
-        ([bare, edge, inked], 2),
-        ([inked, edge, bare], 0),
-        ([bare, edge, bare], 1),
-        ([bare, inked, at_cell(35, 50)], 1),
-        ([bare, bare, bare], 0),
-    ):
-        assert choice.best(ink, np.array(paths)[:, None]) == best
+def test_only_ink_of_the_area_counts():
+    area = np.zeros(GRID.shape, dtype=bool)
+    area[:, :21] = True
+    inside, rim, outside = ([at_cell(c, 30)] for c in (10, 20, 40))
+    wiped = make_choice(area=area).wiped(GRID.full(), np.array([inside, rim, outside]))
+    assert_array_equal(wiped, [CELLS, 6 * 5, 0])
 
 
 def test_ink_and_paths_stay_as_they_are():
     ink, paths = GRID.full(), np.array([walk(1), walk(2)])
     before = ink.copy(), paths.copy()
-    make_choice().best(ink, paths)
+    make_choice(area=ink > 0).wiped(ink, paths)
     assert_array_equal(ink, before[0])
     assert_array_equal(paths, before[1])
 

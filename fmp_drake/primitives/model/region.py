@@ -14,8 +14,10 @@ if TYPE_CHECKING:
 
 # Points per margin along the paths: distances near the margin are exact to 0.2 %.
 _DENSITY = 8
-# No sparser than so many along the diagonal of the paths.
-_LEAST = 200
+# No sparser and no denser than so many along the diagonal of the paths.
+_LEAST, _MOST = 200, 2000
+# Of the margin: how much farther out than its mean a movement may be outside.
+_SLACK = 0.25
 # Of a deviation from a component's mean, from the whole to nothing.
 _FRACTIONS = (1.0, 0.75, 0.5, 0.25, 0.0)
 
@@ -69,7 +71,8 @@ class DemonstratedRegion:
         self.margin = float(margin)
         paths = [path[:, self._channels] for path in skill.paths_]
         size = float(np.linalg.norm(np.ptp(np.concatenate(paths), axis=0)))
-        spacing = min(margin / _DENSITY, max(size / _LEAST, 1e-9))
+        size = max(size, 1e-9)
+        spacing = float(np.clip(margin / _DENSITY, size / _MOST, size / _LEAST))
         self._tree = KDTree(
             np.concatenate([densified(path, spacing) for path in paths])
         )
@@ -86,7 +89,8 @@ class DemonstratedRegion:
         """Return which fractions of deviations keep a movement in the region.
 
         A movement may be outside where it would be without its deviation, such as on
-        the way back after a push, but no farther. So a fraction of 0 is always good.
+        the way back after a push, at most a quarter of the margin farther. So a fraction
+        of 0 is always good.
 
         Parameters
         ----------
@@ -99,7 +103,9 @@ class DemonstratedRegion:
         ndarray, shape (S,)
             The largest ones of 0, 1/4, 1/2, 3/4 and 1.
         """
-        limit = np.maximum(self.distance(steady), self.margin)
+        limit = self.distance(steady)
+        farther = limit + _SLACK * self.margin
+        limit = np.where(limit > self.margin, farther, self.margin)
         out = np.zeros(len(deviations))
         left = np.arange(len(deviations))
         for fraction in _FRACTIONS[:-1]:

@@ -112,11 +112,10 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
     extent = arrays["extent"]
     d = extent.shape[1]
     # Earlier files hold none: where their skills were demonstrated is not known.
-    paths, lengths = (
-        arrays.get("paths", np.empty((0, d))),
-        arrays.get("path_lengths", []),
-    )
-    if paths.shape != (sum(lengths), d) or min(lengths, default=1) < 1:
+    paths = arrays.get("paths", np.empty((0, d)))
+    lengths = arrays.get("path_lengths", np.empty(0, dtype=int))
+    fits = lengths.ndim == 1 and paths.shape == (int(lengths.sum()), d)
+    if not fits or np.any(lengths < 1):
         raise SkillFileError("its demonstrated paths do not fit together")
     reference = metadata.get("rotation_reference")
     if reference is not None:

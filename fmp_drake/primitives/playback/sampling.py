@@ -31,7 +31,7 @@ def track_sample(
     """Track a sample of a state's component, without a jump of the motion.
 
     Where the player has a region, samples are brought so close to the mean that up to the
-    next re-mapping they lead out of it at no tick, or no farther than the mean does. Of
+    next re-mapping they lead out of it at no tick, or hardly farther than the mean does. Of
     these the first is tracked after which the next mean stays inside, too; the speed at the
     end of a window may otherwise carry the movement out before the next one has effect.
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fmp_drake.compiled import compiled
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives import PlaybackState, Player
@@ -71,22 +72,12 @@ class CoverageChoice:
         -------
         ndarray, shape (S,)
         """
-        pitch, (rows, columns) = self.grid.pitch, self.grid.shape
-        ink = ink if self.area is None else ink * self.area
+        ink = np.array(ink) if self.area is None else ink * self.area
+        pitch = self.grid.pitch
         half = np.maximum(np.array(self.footprint) / 2 - self.margin, 0.0)
-        reach = np.floor(half / pitch + 1e-9)
-        x, y = (np.arange(-r, r + 1, dtype=np.intp) for r in reach)
-        cell = np.floor((paths[..., :2] - self.grid.corner) / pitch).astype(np.intp)
-        total = np.empty(len(paths))
-        for i, path in enumerate(cell):
-            on_board = path[paths[i, :, 2] <= self.height]
-            # With a rim for what hangs over the board's edge.
-            over = np.zeros((rows + 2, columns + 2), dtype=bool)
-            column = np.clip(on_board[:, 0, None] + x + 1, 0, columns + 1)
-            row = np.clip(on_board[:, 1, None] + y + 1, 0, rows + 1)
-            over[row[:, :, None], column[:, None, :]] = True
-            total[i] = ink[over[1:-1, 1:-1]].sum()
-        return total
+        reach = np.floor(half / pitch + 1e-9).astype(np.intp)
+        cells = np.floor((paths[..., :2] - self.grid.corner) / pitch).astype(np.intp)
+        return _passed_over(ink, cells, paths[..., 2] <= self.height, reach)
 
     def tracked(
         self, player: Player, state: PlaybackState, ink: NDArray[np.float64]
@@ -105,3 +96,37 @@ class CoverageChoice:
             count=self.candidates,
             worth=lambda paths: self.wiped(ink, paths),
         )
+
+
+@compiled
+def _passed_over(
+    ink: NDArray[np.float64],
+    cells: NDArray[np.intp],
+    down: NDArray[np.bool_],
+    reach: NDArray[np.intp],
+) -> NDArray[np.float64]:
+    """Return the ink under each path, every cell counted once.
+
+    Parameters
+    ----------
+    ink : ndarray, shape (ny, nx)
+    cells : ndarray, shape (S, T, 2)
+        Column and row of the eraser; they may lie beyond the grid.
+    down : ndarray, shape (S, T)
+        Whether it is on the board.
+    reach : ndarray, shape (2,)
+        How many columns and rows it reaches to each side.
+    """
+    total = np.zeros(len(cells))
+    last = np.full(ink.shape, -1)  # The last path that a cell was counted for.
+    for i in range(len(cells)):
+        for k in np.flatnonzero(down[i]):
+            column, row = cells[i, k]
+            for y in range(max(row - reach[1], 0), min(row + reach[1] + 1, len(ink))):
+                for x in range(
+                    max(column - reach[0], 0), min(column + reach[0] + 1, ink.shape[1])
+                ):
+                    if last[y, x] != i:
+                        last[y, x] = i
+                        total[i] += ink[y, x]
+    return total

@@ -1,0 +1,139 @@
+"""Facts about which samples are played: those that stay within what was shown."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fmp_drake.primitives import (
+    ExponentialTracker,
+    FourierMovementPrimitive,
+    LqrTracker,
+    Player,
+    ProportionalTracker,
+)
+from fmp_drake.primitives.playback.outlook import look_ahead
+from fmp_drake.primitives.playback.sampling import track_sample
+
+MARGIN = 0.01
+
+
+@pytest.fixture(scope="module")
+def skill(wiping_demonstration):
+    return FourierMovementPrimitive(n_components=40).fit(wiping_demonstration)
+
+
+def on_path(skill):
+    return skill.paths_[0][40]
+
+
+def off_paths(player, values):
+    return Player(player.skill, margin=MARGIN).region.distance(values)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_sample_that_is_played_leaves_the_region(skill, seed):
+    start = on_path(skill)
+    bounded = Player(skill, sample=True, seed=seed, margin=MARGIN)
+    free = Player(skill, sample=True, seed=seed)
+    outside = [off_paths(p, p.rollout(start, 50.0)[:, 0]) for p in (bounded, free)]
+    assert outside[0].max() <= MARGIN
+    assert outside[1].max() > MARGIN
+
+
+def test_choice_of_the_sample_does_not_lead_out_of_the_region(skill):
+    def worth(values):  # The farther out the better.
+        return np.max(player.region.distance(values), axis=1)
+
+    player = Player(skill, sample=True, margin=MARGIN)
+    state = player.start(on_path(skill))
+    for _ in range(8):
+        state = track_sample(player, state, count=16, worth=worth)
+        seconds = player.ticks_between_remaps * player.tick_seconds
+        values, _ = player.plan(state, player.ticks_between_remaps)
+        farthest = np.max(off_paths(player, values))
+        assert MARGIN / 2 < farthest <= MARGIN + 1e-9
+        state = player.advance(state, seconds)
+
+
+def test_way_back_from_outside_is_hardly_farther_out_than_that_of_the_mean(skill):
+    start = skill.extent_[1] + [0.1, 0.1, 0.05]
+    bounded = Player(skill, sample=True, seed=3, margin=MARGIN)
+    path = bounded.rollout(start, 15.0)[:, 0]
+    n = bounded.ticks_between_remaps
+    mean = off_paths(bounded, Player(skill).rollout(start, 15.0)[: n + 1, 0])
+    mine = off_paths(bounded, path)
+    assert mine[0] > 0.1
+    limit = np.where(mean > MARGIN, mean + MARGIN / 4, MARGIN)
+    assert np.all(mine[: n + 1] <= limit + 1e-9)
+    assert np.all(mine[n:] <= MARGIN)
+    # It is a sample all the same.
+    assert not np.allclose(
+        path[: n + 1], Player(skill).rollout(start, 15.0)[: n + 1, 0]
+    )
+
+
+def test_wide_margin_changes_nothing(skill):
+    start = on_path(skill)
+    free = Player(skill, sample=True, seed=1).rollout(start, 12.0)
+    wide = Player(skill, sample=True, seed=1, margin=5.0).rollout(start, 12.0)
+    assert_allclose(wide, free, atol=1e-9)
+
+
+def test_means_are_played_as_they_are(skill):
+    free, bounded = Player(skill), Player(skill, margin=1e-4)
+    start = on_path(skill)
+    assert_array_equal(bounded.rollout(start, 12.0), free.rollout(start, 12.0))
+
+
+def test_samples_follow_from_seed_and_re_mapping(skill):
+    start = on_path(skill)
+    paths = [
+        Player(skill, sample=True, seed=seed, margin=MARGIN).rollout(start, 12.0)
+        for seed in (1, 1, 2)
+    ]
+    assert_array_equal(paths[0], paths[1])
+    assert not np.allclose(paths[0], paths[2])
+
+
+def test_sample_worth_most_is_tracked_and_the_first_of_equals(small_skill):
+    player = Player(small_skill)
+    state = player.start([0.1, 0.0])
+    gaussian = small_skill.components_[state.component]
+    rng = np.random.default_rng([state.seed, state.remaps])
+    targets = gaussian.sample(rng, 6, with_noise=False)
+    before = player.motion(state)[:2]
+    for worth, best in (
+        ([0, 1, 5, 2, 3, 4], 2),
+        ([0, 3, 1, 3, 3, 2], 1),
+        (np.zeros(6), 0),
+    ):
+        tracked = track_sample(
+            player, state, count=6, worth=lambda _, worth=worth: np.array(worth)
+        )
+        assert_allclose(tracked.target, targets[best], atol=1e-12)
+        assert_allclose(player.motion(tracked)[:2], before, atol=1e-12)
+
+
+TRACKERS = (LqrTracker(), ExponentialTracker(beta=2e-8), ProportionalTracker(beta=2e-8))
+
+
+@pytest.mark.parametrize("tracker", TRACKERS, ids=lambda t: type(t).__name__)
+@pytest.mark.parametrize(("tempo", "passed"), [(1.0, 2.0), (1.0, 2.73), (1.9, 1.07)])
+def test_outlook_is_what_is_played(small_skill, tracker, tempo, passed):
+    player = Player(small_skill, sample=True, seed=2, tracker=tracker)
+    state = player.advance(player.start([0.3, 0.1], tempo=tempo), passed)
+    assert state.remaps == 1
+    outlook = look_ahead(small_skill, player.relaxations[state.component], state)
+    gaussian = small_skill.components_[state.component]
+    change = np.random.default_rng(1).normal(size=gaussian.rank)
+    change *= np.sqrt(gaussian.variances)
+    for target, values in (
+        (state.target, outlook.steady),
+        (
+            state.target + gaussian.basis @ change,
+            outlook.steady + outlook.response @ change,
+        ),
+    ):
+        # To the last sample of the window, where it is mapped anew.
+        plan = player.plan(player.retarget(state, target), len(values))[0]
+        assert_allclose(values, plan[1:], atol=1e-9)
