@@ -15,8 +15,8 @@ CELLS = 11 * 5
 
 
 def make_choice(**options):
-    options = {"grid": GRID, "footprint": FOOTPRINT, "candidates": 4} | options
-    return CoverageChoice(**options)
+    fixed = {"grid": GRID, "footprint": FOOTPRINT, "candidates": 4, "margin": 0.005}
+    return CoverageChoice(**fixed | options)
 
 
 def at_cell(column, row, z=0.0):

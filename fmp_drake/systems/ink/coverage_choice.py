@@ -26,7 +26,8 @@ class CoverageChoice:
     candidates : int
         How many samples are drawn.
     margin : float
-        At each edge of the eraser, m: what only the edge touches is not wiped.
+        At each edge of the eraser, m: what only the edge touches is not counted. The
+        felt presses less there, and the arm follows its path to 5 mm.
     height : float
         Up to which the eraser counts as on the board, m.
     area : ndarray of bool, shape (ny, nx), optional
@@ -42,13 +43,13 @@ class CoverageChoice:
     >>> strokes = np.array([[[x, -0.1, 0.0], [x, 0.1, 0.0]] for x in (-0.1, 0.1)])
     >>> choice = CoverageChoice(grid=grid, footprint=(0.05, 0.05), candidates=2)
     >>> choice.wiped(ink, strokes)
-    array([ 0., 80.])
+    array([ 0., 18.])
     """
 
     grid: InkGrid
     footprint: tuple[float, float]
     candidates: int
-    margin: float = 0.005
+    margin: float = 0.01
     height: float = 0.01
     area: NDArray[np.bool_] | None = None
 
