@@ -28,7 +28,8 @@ def print_report(console: Console, metrics: Mapping[str, Any]) -> None:
         "it took": ", ".join([*reached, spots]),
         "normal force": f"{m['normal_force_mean_n']:.1f} N (90 % between "
         f"{m['normal_force_p05_n']:.1f} and {m['normal_force_p95_n']:.1f} N), "
-        f"{100 * m['normal_force_wanted_fraction']:.1f} % in 5 to 15 N, "
+        f"{100 * m['normal_force_wanted_fraction']:.1f} % within 5 N of "
+        "the wanted, "
         f"in contact {100 * m['contact_fraction']:.1f} % of the time",
         "followed": f"to {1e3 * m['tracking_rms_m']:.1f} mm rms",
         "stayed": _stayed(m),

@@ -162,9 +162,10 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
 
 
 def _draw_force(ax: Axes, run: "WipingRun") -> None:
-    from fmp_drake.runs.metrics import WANTED_FORCE
+    from fmp_drake.runs.metrics import NEAR_FORCE
 
-    low, high = WANTED_FORCE
+    wanted = run.scenario.press.force
+    low, high = max(0.0, wanted - NEAR_FORCE), wanted + NEAR_FORCE
     ax.axhspan(
         low,
         high,

@@ -16,8 +16,8 @@ from fmp_drake.runs.signals import MILLISECOND
 from fmp_drake.systems.impedance.status import StatusFlag
 
 _CONTACT_FORCE = 0.5
-WANTED_FORCE = (5.0, 15.0)
-"""The normal force that is wanted, N."""
+NEAR_FORCE = 5.0
+"""How far from the wanted normal force it may be, N."""
 
 # Of the histogram of forces, N; larger forces than the largest count as that one.
 _BIN, _LARGEST_FORCE = 0.01, 500.0
@@ -42,9 +42,16 @@ class Samples(NamedTuple):
 
 
 class ForceMetrics:
-    """How hard and how constantly the eraser presses, from its first contact on."""
+    """How hard and how constantly the eraser presses, from its first contact on.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    wanted : float
+        Normal force, N.
+    """
+
+    def __init__(self, wanted: float) -> None:
+        self._low, self._high = wanted - NEAR_FORCE, wanted + NEAR_FORCE
         self._counts = np.zeros(round(_LARGEST_FORCE / _BIN), dtype=np.int64)
         self._sum = 0.0
         self._wanted = self._samples = 0
@@ -58,9 +65,9 @@ class ForceMetrics:
             force, touching = force[first:], touching[first:]
         self._samples += len(force)
         pressed = force[touching]
-        low, high = WANTED_FORCE
+        near = (pressed >= self._low) & (pressed <= self._high)
         self._sum += float(np.sum(pressed))
-        self._wanted += int(np.sum((pressed >= low) & (pressed <= high)))
+        self._wanted += int(np.sum(near))
         bins = np.minimum((pressed / _BIN).astype(int), len(self._counts) - 1)
         self._counts += np.bincount(bins, minlength=len(self._counts))
 

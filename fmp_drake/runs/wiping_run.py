@@ -152,8 +152,9 @@ class WipingRun:
     def begin_again(self) -> None:
         """Forget what was taken in, for a simulation that was reset; record anew."""
         limits = LimitMetrics(self._joint_limits())
+        force = ForceMetrics(self.scenario.press.force)
         region = RegionMetrics(self._region)
-        self._metrics = (ForceMetrics(), TrackingMetrics(), region, limits)
+        self._metrics = (force, TrackingMetrics(), region, limits)
         self._values = {
             name: Spill((self.station.GetOutputPort(name).size(),))
             for name in self.kept

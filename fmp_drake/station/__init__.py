@@ -21,7 +21,12 @@ from fmp_drake.station.parts.mouse import AddMousePull
 from fmp_drake.station.parts.page_scene import AddBodies, AddPage
 from fmp_drake.station.parts.posture import SolvePosture
 from fmp_drake.station.parts.stage import RenderLights, SetStage
-from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
+from fmp_drake.station.scenario import (
+    ListScenarios,
+    LoadScenario,
+    ParseScenario,
+    Scenario,
+)
 from fmp_drake.station.scenario_parts import (
     BoardConfig,
     BoardError,
@@ -68,6 +73,7 @@ __all__ = [
     "LoadScenario",
     "MakeTeachingStation",
     "MakeWipingStation",
+    "ParseScenario",
     "PressConfig",
     "RenderLights",
     "Scenario",

@@ -156,10 +156,43 @@ def LoadScenario(path: str | Path) -> Scenario:
             f"there is no scenario {path}; give a YAML file or one of: "
             f"{', '.join(ListScenarios())}."
         )
+    scenario = ParseScenario(file.read_bytes(), name=file.name)
+    skill, ink = scenario.skill, scenario.ink
+    if skill.demonstration.endswith((".csv", ".npz")):
+        skill.demonstration = str(file.parent / skill.demonstration)
+    if skill.file:
+        skill.file = str(file.parent / skill.file)
+    if ink.picture:
+        ink.picture = str(file.parent / ink.picture)
+    return scenario
+
+
+def ParseScenario(text: str | bytes, *, name: str = "this") -> Scenario:
+    """Read a scenario from YAML text, over the defaults of `Scenario`.
+
+    Files that it names are not looked for.
+
+    Parameters
+    ----------
+    text : str or bytes
+    name : str
+        Of the text, for errors.
+
+    Raises
+    ------
+    StationError
+        Where it holds keys or values that do not fit; it lists what is allowed.
+
+    Examples
+    --------
+    >>> ParseScenario("press: {force: 8.0}").press.force
+    8.0
+    """
     try:
-        _check_types(yaml.safe_load(file.read_bytes()), Scenario())
+        _check_types(yaml.safe_load(text), Scenario())
+        data = text.decode() if isinstance(text, bytes) else text
         scenario: Scenario = yaml_load_typed(  # type: ignore[no-untyped-call]
-            schema=Scenario, filename=str(file), defaults=Scenario()
+            schema=Scenario, data=data, defaults=Scenario()
         )
         scenario.check()
     except (
@@ -171,20 +204,13 @@ def LoadScenario(path: str | Path) -> Scenario:
         yaml.YAMLError,
     ) as error:
         reason = str(error).strip().splitlines()[0]
-        raise StationError(f"{file.name} is not a scenario: {reason}") from None
-    skill, ink = scenario.skill, scenario.ink
-    if skill.demonstration.endswith((".csv", ".npz")):
-        skill.demonstration = str(file.parent / skill.demonstration)
-    if skill.file:
-        skill.file = str(file.parent / skill.file)
-    if ink.picture:
-        ink.picture = str(file.parent / ink.picture)
+        raise StationError(f"{name} is not a scenario: {reason}") from None
     return scenario
 
 
 def _check_types(given: Any, default: Any, name: str = "") -> None:
     """Refuse what cannot stand in place of a default value, and say what can."""
-    fields = _fields(default)
+    fields = field_names(default)
     if fields:
         place, allowed = name or "a scenario", ", ".join(fields)
         if not isinstance(given, Mapping):
@@ -222,7 +248,7 @@ def _fits(given: Any, default: Any) -> bool:
     return isinstance(given, int | float) and not isinstance(given, bool)
 
 
-def _fields(value: Any) -> list[str]:
+def field_names(value: Any) -> list[str]:
     """Return the names of a dataclass's fields, or of one of Drake's own configs."""
     if dataclasses.is_dataclass(value):
         return [each.name for each in dataclasses.fields(value)]

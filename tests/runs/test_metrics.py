@@ -38,7 +38,7 @@ class Together:
     """All metrics of a run."""
 
     def __init__(self):
-        self.parts = ForceMetrics(), TrackingMetrics(), LimitMetrics(LIMITS)
+        self.parts = ForceMetrics(10.0), TrackingMetrics(), LimitMetrics(LIMITS)
 
     def update(self, chunk):
         for part in self.parts:

@@ -1,0 +1,107 @@
+"""What is wrong with a run, in words, worst first."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from fmp_drake.experiments.worlds.store import World
+from fmp_drake.station import ParseScenario
+
+MOST_RMS = 0.010
+"""Of the distance from the path, m."""
+LEAST_PRESSED = 0.95
+"""Fraction of the time in contact within 5 N of the wanted normal force."""
+
+# Limits of Franka's robots that are not in the metrics: Nm/s.
+_TORQUE_RATE = 1000.0
+# Deeper than this a body is in another, m; the solver lets them touch.
+_TOUCHING = 0.001
+
+
+class Fault(NamedTuple):
+    """Something that must not be.
+
+    Attributes
+    ----------
+    kind : str
+        through, nan, limit, exception, path or press.
+    severity : float
+        1 at the limit, more beyond it.
+    words : str
+    """
+
+    kind: str
+    severity: float
+    words: str
+
+
+def faults(world: World) -> list[Fault]:
+    """Return what went wrong in a world that was run, the worst first."""
+    if world.error:
+        return [Fault("exception", 1e6, f"stopped with {world.error}")]
+    found = sorted(_faults(world), key=lambda fault: -fault.severity)
+    return found
+
+
+def is_pushed(world: World, seconds: float) -> bool:
+    """Return whether somebody disturbs the arm before the end."""
+    pushes = ParseScenario(world.scenario).disturbances
+    return any(push.start < seconds for push in pushes)
+
+
+def largest_push(world: World) -> float:
+    """Return the greatest force of the disturbances, N; 0 without any."""
+    pushes = ParseScenario(world.scenario).disturbances
+    return max(
+        (math.hypot(*p.force) if p.kind == "push" else p.max_force for p in pushes),
+        default=0.0,
+    )
+
+
+def _faults(world: World) -> list[Fault]:
+    m: Mapping[str, Any] = world.metrics or {}
+    found = []
+    not_numbers = [
+        name for name, value in m.items() if isinstance(value, float) and value != value
+    ]
+    if not_numbers:
+        found.append(Fault("nan", 1e5, f"has NaN in {', '.join(not_numbers)}"))
+
+    def exceeds(kind: str, name: str, limit: float, words: str) -> None:
+        value = m.get(name)
+        if value is not None and value > limit:
+            found.append(Fault(kind, value / limit, words))
+
+    deep = m.get("penetration") or 0.0
+    exceeds("through", "penetration", _TOUCHING, f"a body is {1e3 * deep:.1f} mm in another")
+    for name, limit, unit, what in (
+        ("torque_ratio_max", 1.0, " of its limit", "a joint's torque"),
+        ("joint_speed_ratio_max", 1.0, " of its limit", "a joint's speed"),
+        ("torque_rate_max_nm_per_s", _TORQUE_RATE, " Nm/s", "a torque's rate"),
+    ):
+        value = m.get(name) or 0.0
+        exceeds("limit", name, limit * (1 + 1e-9), f"{what} reaches {value:.4g}{unit}")
+    margin = m.get("joint_limit_margin_min_rad")
+    if margin is not None and margin < 0:
+        found.append(
+            Fault("limit", 1 - margin, f"a joint is {-margin:.3f} rad beyond its limit")
+        )
+    rms, most = m.get("tracking_rms_m", 0.0), m.get("tracking_max_m", 0.0)
+    exceeds(
+        "path",
+        "tracking_rms_m",
+        MOST_RMS,
+        f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most",
+    )
+    scenario = ParseScenario(world.scenario)
+    pressed = m.get("normal_force_wanted_fraction", 1.0)
+    if not scenario.disturbances and scenario.press.force > 0 and pressed < LEAST_PRESSED:
+        words = (
+            f"presses within 5 N of the wanted {scenario.press.force:.1f} N for "
+            f"{100 * pressed:.0f} % of the time in contact (90 % from "
+            f"{m['normal_force_p05_n']:.1f} to {m['normal_force_p95_n']:.1f} N)"
+            if m["contact_fraction"] > 0
+            else "never touches the board"
+        )
+        found.append(Fault("press", 1 + LEAST_PRESSED - pressed, words))
+    return found

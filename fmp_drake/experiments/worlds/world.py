@@ -1,0 +1,178 @@
+"""One world: what it is, and what happened in it."""
+
+import hashlib
+import importlib.metadata
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from threadpoolctl import threadpool_limits
+
+import fmp_drake
+from fmp_drake import station
+from fmp_drake.errors import ExperimentError
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.runs import WipingRun, scenario_skill
+from fmp_drake.station import ParseScenario, Scenario, models_dir
+
+# Of what a run depends on.
+_ROOMS = ("primitives", "systems", "station", "runs")
+_LIBRARIES = ("drake", "numpy", "numba", "scipy", "scikit-learn")
+
+
+class Task(NamedTuple):
+    """What a process needs to know of a world that it shall run.
+
+    Attributes
+    ----------
+    number : int
+    scenario : str
+        YAML.
+    seconds : float
+        Simulated time.
+    force : bool
+        Run it even if it is refused in advance.
+    code : str
+        The `code_version` that is wanted.
+    """
+
+    number: int
+    scenario: str
+    seconds: float
+    force: bool
+    code: str
+
+    @property
+    def key(self) -> str:
+        """What tells this world, run by this code, from any other."""
+        parts = (self.scenario, float(self.seconds).hex(), self.code)
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+
+@dataclass(kw_only=True)
+class Outcome:
+    """What happened in a world.
+
+    Attributes
+    ----------
+    is_feasible : bool
+        Whether the check in advance passes.
+    verdict : str
+        What it says.
+    checked : dict
+        Its figures.
+    metrics : dict or None
+        Of the run; None where there was none, or an exception.
+    error : str
+        The exception; empty where there was none.
+    cpu_seconds : float
+    """
+
+    is_feasible: bool = True
+    verdict: str = ""
+    checked: dict[str, Any]
+    metrics: dict[str, Any] | None = None
+    error: str = ""
+    cpu_seconds: float = 0.0
+
+
+def run_world(task: Task) -> Outcome:
+    """Check a world in advance, and run it; an exception is an outcome.
+
+    Raises
+    ------
+    ExperimentError
+        Where this is not the code that the task wants.
+    """
+    if code_version() != task.code:
+        raise ExperimentError(
+            f"this process runs the code {code_version()}, its driver {task.code}; the "
+            "code, or a library, is not the same. Start again."
+        )
+    begun = time.process_time()
+    outcome = Outcome(checked={})
+    try:
+        with threadpool_limits(limits=1):
+            _run(task, outcome)
+    except Exception as error:  # noqa: BLE001
+        outcome.error = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    outcome.cpu_seconds = time.process_time() - begun
+    return outcome
+
+
+def _run(task: Task, outcome: Outcome) -> None:
+    scenario = ParseScenario(task.scenario)
+    skill, demonstrations = world_skill(scenario)
+    # Without a check in advance, every world is feasible.
+    check: Any = getattr(station, "CheckFeasibility", None)
+    if check is not None:
+        found = check(scenario, skill)
+        outcome.is_feasible, outcome.verdict = found.is_feasible, found.verdict
+        outcome.checked = _as_stored(found.values)
+    if outcome.is_feasible or task.force:
+        run = WipingRun(scenario, skill, demonstrations=demonstrations)
+        run.advance_to(task.seconds)
+        outcome.metrics = _as_stored(run.metrics())
+
+
+def _as_stored(figures: Mapping[str, Any]) -> dict[str, Any]:
+    """Return figures as they come back from the store, NaN included."""
+    stored: dict[str, Any] = json.loads(json.dumps(figures, default=float))
+    return stored
+
+
+def world_skill(
+    scenario: Scenario,
+) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
+    """Return the skill of a scenario and its demonstrations, learned once a process."""
+    plays = scenario.skill
+    return _learned(
+        plays.demonstration,
+        plays.file,
+        plays.window,
+        plays.components,
+        tuple(scenario.board.size),
+        tuple(scenario.eraser.footprint),
+    )
+
+
+@cache
+def _learned(
+    demonstration: str,
+    file: str,
+    window: float,
+    components: int,
+    board: tuple[float, ...],
+    footprint: tuple[float, ...],
+) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
+    """Learn from what a skill depends on, and nothing else."""
+    scenario = Scenario()
+    scenario.skill.demonstration, scenario.skill.file = demonstration, file
+    scenario.skill.window, scenario.skill.components = window, components
+    scenario.board.size, scenario.eraser.footprint = list(board), list(footprint)
+    skill, demonstrations, _ = scenario_skill(scenario)
+    return skill, demonstrations
+
+
+@cache
+def code_version() -> str:
+    """Return a hash of all that a run depends on, beside its scenario.
+
+    That is the code of the rooms up to `runs`, the models and demonstrations that come
+    with it, and the versions of the libraries that compute.
+    """
+    package = Path(fmp_drake.__file__).parent
+    files = [*package.glob("*.py"), *models_dir().glob("*/*.urdf")]
+    files += models_dir().glob("demonstrations/*.npz")
+    for room in _ROOMS:
+        files += (package / room).rglob("*.py")
+    digest = hashlib.sha256()
+    for file in sorted(files, key=lambda path: (path.name, str(path))):
+        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    for library in _LIBRARIES:
+        digest.update(importlib.metadata.version(library).encode() + b"\0")
+    return digest.hexdigest()[:12]

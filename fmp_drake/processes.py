@@ -1,0 +1,210 @@
+"""Many tasks in many processes: of this machine, or of a Dask cluster."""
+
+import os
+import signal
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import AbstractContextManager, contextmanager
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from threading import Thread
+from typing import Any, NamedTuple, Protocol
+
+from fmp_drake.errors import ExperimentError
+
+ATTEMPTS = 3
+"""How often a task is begun at most, where its process ends before it does."""
+
+# Matrices are small here: more threads would only spin, and round differently.
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+# Tasks for each process, after which it is replaced: a diagram of Drake that Python
+# has built is never freed, 20 MB for each wiping station.
+_TASKS_OF_A_PROCESS = 25
+
+
+class Workers(Protocol):
+    """Where tasks run."""
+
+    renewed_after: int | None
+    """Tasks after which the executor is replaced."""
+
+    def executor(self) -> AbstractContextManager[Executor]:
+        """Return an executor whose processes end with its context."""
+
+    def places(self) -> int:
+        """Return how many tasks may be with the executor at once."""
+
+
+class Done[T, R](NamedTuple):
+    """A task, how often it was begun, and its result or why there is none."""
+
+    task: T
+    attempts: int
+    result: R | Exception
+
+
+def run_tasks[T, R](
+    function: Callable[[T], R], tasks: Iterable[T], workers: Workers
+) -> Iterator[Done[T, R]]:
+    """Call a function with each task; yield each as it is done, in any order.
+
+    A task whose process is killed is begun again, up to `ATTEMPTS` times; the last
+    time it is alone, so that it is known who ends the processes. Close the iterator to
+    end what runs.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module, so that other processes find it.
+    tasks : iterable
+        Arguments, each small.
+    workers : Workers
+    """
+    waiting = deque((task, 1) for task in tasks)
+    while waiting:
+        with workers.executor() as executor:
+            running: dict[Future[R], tuple[T, int]] = {}
+            begun, usable = 0, True
+            while running or (waiting and usable):
+                while waiting and usable:
+                    beside = (waiting[0], *running.values())
+                    alone = any(attempts == ATTEMPTS for _, attempts in beside)
+                    if len(running) >= (1 if alone else workers.places()):
+                        break
+                    try:
+                        future = executor.submit(function, waiting[0][0])
+                    except BrokenExecutor:
+                        usable = False
+                        break
+                    running[future] = waiting.popleft()
+                    begun += 1
+                    usable = begun != workers.renewed_after
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    task, attempts = running.pop(future)
+                    try:
+                        result: R | Exception = future.result()
+                    except Exception as reason:  # noqa: BLE001
+                        usable = usable and not isinstance(reason, BrokenExecutor)
+                        if attempts < ATTEMPTS and not isinstance(
+                            reason, ExperimentError
+                        ):
+                            waiting.append((task, attempts + 1))
+                            continue
+                        result = reason
+                    yield Done(task, attempts, result)
+
+
+class LocalWorkers:
+    """Processes of this machine, each with one thread, that end with their driver.
+
+    Parameters
+    ----------
+    jobs : int
+        How many.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self.renewed_after: int | None = jobs * _TASKS_OF_A_PROCESS
+
+    @contextmanager
+    def executor(self) -> Iterator[Executor]:
+        """Return an executor of fresh processes; whatever they do ends at its exit."""
+        before = {name: os.environ.get(name) for name in _THREADS}
+        os.environ.update(dict.fromkeys(_THREADS, "1"))
+        context = get_context("spawn")
+        reader, writer = context.Pipe(duplex=False)
+        executor = ProcessPoolExecutor(
+            self._jobs, mp_context=context, initializer=_end_with, initargs=(reader,)
+        )
+        try:
+            yield executor
+        finally:
+            writer.close()
+            executor.shutdown(cancel_futures=True)
+            reader.close()
+            for name, value in before.items():
+                os.environ.pop(name)
+                if value is not None:
+                    os.environ[name] = value
+
+    def places(self) -> int:
+        """Return the number of processes."""
+        return self._jobs
+
+
+def _end_with(reader: Connection) -> None:
+    """Let this process end when nobody can write into a pipe any more.
+
+    The operating system closes the driver's end of the pipe also when it is killed.
+    Ctrl-C is the driver's to handle.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        try:
+            reader.recv()
+        except (EOFError, OSError):
+            os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
+
+
+class ClusterWorkers:
+    """The workers of a Dask cluster, which must have this version of the package.
+
+    Start them with one thread each; what they are sent is pickled and not encrypted,
+    unless the cluster's address begins with tls://.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as tcp://127.0.0.1:8786.
+
+    Raises
+    ------
+    ExperimentError
+        Where Dask is not installed.
+    """
+
+    renewed_after = None
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise ExperimentError(
+                "a cluster needs the extra: pip install fmp-drake[cluster]."
+            ) from None
+        self._connect = Client
+        self._address = address
+        self._client: Any = None
+
+    @contextmanager
+    def executor(self) -> Iterator[Executor]:
+        """Connect, and return an executor of the cluster's workers."""
+        try:
+            client = self._connect(self._address, timeout=10, set_as_default=False)
+        except (OSError, ValueError) as reason:
+            raise ExperimentError(
+                f"there is no cluster at {self._address} ({reason}); start one with "
+                "dask scheduler, and dask worker ADDRESS --nthreads 1."
+            ) from None
+        with client as self._client:
+            executor = client.get_executor(pure=False, retries=ATTEMPTS - 1)
+            try:
+                yield executor
+            finally:
+                executor.shutdown(wait=False)
+
+    def places(self) -> int:
+        """Return two for each worker that is there now."""
+        return 2 * max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))

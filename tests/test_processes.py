@@ -1,0 +1,111 @@
+"""Facts about tasks in many processes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from worlds_stub import square
+
+from fmp_drake.errors import ExperimentError
+from fmp_drake.processes import ATTEMPTS, ClusterWorkers, LocalWorkers, run_tasks
+
+DRIVER = """
+import sys
+from worlds_stub import square
+from fmp_drake.processes import LocalWorkers, run_tasks
+if __name__ == "__main__":
+    for _ in run_tasks(square, [(sys.argv[1], i, 60, "") for i in range(4)], LocalWorkers(2)):
+        pass
+"""
+
+
+def begun(folder):
+    """Return the numbers of the tasks that were begun, and by which processes."""
+    path = folder / "begun"
+    lines = path.read_text().splitlines() if path.exists() else []
+    return [int(line.split()[0]) for line in lines], {
+        int(line.split()[1]) for line in lines
+    }
+
+
+def alive(pid):
+    """Return whether a process still runs."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
+    except OSError:
+        return False
+
+
+def wait_until(true, seconds=30):
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_every_task_is_done_once(tmp_path):
+    tasks = [(tmp_path, i, 0, "") for i in range(9)]
+    done = list(run_tasks(square, tasks, LocalWorkers(2)))
+    assert sorted(d.result for d in done) == [i**2 for i in range(9)]
+    assert {d.attempts for d in done} == {1}
+    assert sorted(begun(tmp_path)[0]) == list(range(9))
+
+
+def test_task_of_a_killed_process_is_done_again(tmp_path):
+    tasks = [(tmp_path, i, 0.1, "kill once" if i == 1 else "") for i in range(5)]
+    done = {d.task[1]: d for d in run_tasks(square, tasks, LocalWorkers(2))}
+    assert [done[i].result for i in range(5)] == [0, 1, 4, 9, 16]
+    assert done[1].attempts == 2
+    assert not any(alive(pid) for pid in begun(tmp_path)[1])
+
+
+def test_task_that_ends_its_process_is_given_up_and_no_other(tmp_path):
+    tasks = [(tmp_path, i, 0.1, "kill" if i == 1 else "") for i in range(4)]
+    done = {d.task[1]: d for d in run_tasks(square, tasks, LocalWorkers(2))}
+    assert isinstance(done[1].result, Exception)
+    assert [done[i].result for i in (0, 2, 3)] == [0, 4, 9]
+    assert begun(tmp_path)[0].count(1) == ATTEMPTS
+
+
+def test_processes_are_replaced_after_some_tasks(tmp_path):
+    workers = LocalWorkers(1)
+    workers.renewed_after = 2
+    tasks = [(tmp_path, i, 0, "") for i in range(4)]
+    assert len(list(run_tasks(square, tasks, workers))) == 4
+    assert len(begun(tmp_path)[1]) == 2
+
+
+def test_nothing_goes_on_where_the_iterator_is_closed(tmp_path):
+    tasks = [(tmp_path, i, 0 if i == 0 else 60, "") for i in range(3)]
+    running = run_tasks(square, tasks, LocalWorkers(2))
+    assert next(running).result == 0
+    running.close()
+    assert not any(alive(pid) for pid in begun(tmp_path)[1])
+
+
+def test_processes_end_when_their_driver_is_killed(tmp_path):
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    script = tmp_path / "driver.py"
+    script.write_text(DRIVER)
+    driver = subprocess.Popen([sys.executable, script, tmp_path], env=environment)
+    wait_until(lambda: len(begun(tmp_path)[1]) == 2)
+    driver.send_signal(signal.SIGKILL)
+    driver.wait()
+    wait_until(lambda: not any(alive(pid) for pid in begun(tmp_path)[1]), 10)
+
+
+def test_cluster_that_is_not_there_is_named():
+    pytest.importorskip("distributed", reason="needs the extra cluster")
+    workers = ClusterWorkers("tcp://127.0.0.1:1")
+    with pytest.raises(ExperimentError, match=r"no cluster at tcp://127.0.0.1:1 "):
+        list(run_tasks(square, [()], workers))
+
+
+def test_without_dask_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ExperimentError, match=r"fmp-drake\[cluster\]"):
+        ClusterWorkers("tcp://127.0.0.1:8786")
