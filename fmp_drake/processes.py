@@ -3,7 +3,7 @@
 import os
 import signal
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -53,7 +53,7 @@ class Done[T, R](NamedTuple):
 
 def run_tasks[T, R](
     function: Callable[[T], R], tasks: Iterable[T], workers: Workers
-) -> Iterator[Done[T, R]]:
+) -> Generator[Done[T, R]]:
     """Call a function with each task; yield each as it is done, in any order.
 
     A task whose process is killed is begun again, up to `ATTEMPTS` times; the last
@@ -175,7 +175,7 @@ class ClusterWorkers:
         Where Dask is not installed.
     """
 
-    renewed_after = None
+    renewed_after: int | None = None
 
     def __init__(self, address: str) -> None:
         try:
@@ -184,7 +184,7 @@ class ClusterWorkers:
             raise ExperimentError(
                 "a cluster needs the extra: pip install fmp-drake[cluster]."
             ) from None
-        self._connect = Client
+        self._connect: Any = Client
         self._address = address
         self._client: Any = None
 
@@ -199,7 +199,7 @@ class ClusterWorkers:
                 "dask scheduler, and dask worker ADDRESS --nthreads 1."
             ) from None
         with client as self._client:
-            executor = client.get_executor(pure=False, retries=ATTEMPTS - 1)
+            executor: Executor = client.get_executor(pure=False, retries=ATTEMPTS - 1)
             try:
                 yield executor
             finally:

@@ -20,6 +20,7 @@ _COMMANDS = {
     "tables.",
     "scenarios": "List the scenarios that come with the package.",
     "video": "Turn FRAMES, the .tar that the page's recorder saves, into the film OUT.",
+    "worlds": "Draw worlds from SOURCE, run them, and report what went wrong in which.",
     "wipe": "Learn whiteboard wiping from a demonstration and wipe the board.",
 }
 

@@ -1,9 +1,10 @@
-"""The report: one HTML file with every figure inside, the figures, and the numbers."""
+"""Reports: one HTML file with every figure inside, or Markdown with figures beside it."""
 
 import base64
 import html
 import io
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,17 @@ _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 70rem;
        margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.8rem; } h2 { margin-top: 3rem; border-bottom: 1px solid #ccc; }
-img { max-width: 100%; } table { border-collapse: collapse; }
-th, td { padding: .25rem .75rem; text-align: right; border-bottom: 1px solid #ddd; }
-th:first-child, td:first-child { text-align: left; }
+img { max-width: 100%; } table { border-collapse: collapse; margin: 1rem 0; }
+th, td { padding: .25rem .75rem; text-align: right; border-bottom: 1px solid #ddd;
+         font-variant-numeric: tabular-nums; vertical-align: top; }
+th:first-child, td:first-child, .words { text-align: left; }
+code { font-size: .85em; background: #f2f2f0; padding: .1rem .3rem; border-radius: .2rem; }
 .verdict { font-weight: 600; padding: .1rem .5rem; border-radius: .3rem; }
 .yes { background: #d8f0dc; } .no { background: #f8dcd8; }
 """
+
+# Characters; longer cells are read as words.
+_MOST_OF_A_NUMBER = 30
 
 Section = tuple[str, Sequence[Finding]]
 
@@ -32,18 +38,20 @@ def write_report(
     sections: Sequence[Section],
     introduction: str,
     results: Mapping[str, Any],
+    title: str = "Fourier movement primitives: the experiments",
 ) -> None:
-    """Write `report.html`, a PNG for each figure, and `results.json`."""
-    parts = [
-        f"<h1>Fourier movement primitives: the experiments</h1><p>{introduction}</p>"
-    ]
+    """Write `report.html`, a PNG for each figure, and `results.json`.
+
+    In texts and cells, what stands between backticks is shown as code.
+    """
+    parts = [f"<h1>{html.escape(title)}</h1><p>{introduction}</p>"]
     parts.append(_verdicts(sections))
-    for title, findings in sections:
-        parts.append(f"<h2>{html.escape(title)}</h2>")
+    for heading, findings in sections:
+        parts.append(f"<h2>{html.escape(heading)}</h2>")
         parts += [_finding(folder, finding) for finding in findings]
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f"<title>FMP experiments</title><style>{_STYLE}</style></head><body>"
+        f"<title>{html.escape(title)}</title><style>{_STYLE}</style></head><body>"
         + "\n".join(parts)
         + "</body></html>\n"
     )
@@ -51,6 +59,29 @@ def write_report(
     write_text(
         folder / "results.json", json.dumps(results, indent=2) + "\n", ExperimentError
     )
+
+
+def write_page(
+    path: Path, *, sections: Sequence[Section], introduction: str, title: str
+) -> None:
+    """Write a report as Markdown, with a PNG for each figure beside it."""
+    lines = [f"# {title}", introduction]
+    for heading, findings in sections:
+        lines.append(f"## {heading}")
+        for finding in findings:
+            lines.append(f"### {finding.title}")
+            if finding.figure is not None:
+                _picture(path.parent, finding)
+                lines.append(f"![{finding.title}]({finding.name}.png)")
+            if finding.table is not None:
+                head, *rows = ([c.replace("|", "/") for c in r] for r in finding.table)
+                rows = [head, ["---"] * len(head), *rows]
+                lines.append("\n".join(f"| {' | '.join(row)} |" for row in rows))
+            lines.append(finding.shows)
+            if finding.claim:
+                holds = "holds" if finding.agrees else "does not hold"
+                lines.append(f"Claim: {finding.claim} **It {holds}.**")
+    write_text(path, "\n\n".join(lines) + "\n", ExperimentError)
 
 
 def _verdicts(sections: Sequence[Section]) -> str:
@@ -69,7 +100,11 @@ def _table(rows: Iterable[Iterable[str]], tag: str = "td") -> str:
     """Return a table of cells that are HTML already; the tag is that of row 1."""
     lines = []
     for row in rows:
-        lines.append("".join(f"<{tag}>{cell}</{tag}>" for cell in row))
+        line = ""
+        for cell in row:
+            words = ' class="words"' if len(cell) > _MOST_OF_A_NUMBER else ""
+            line += f"<{tag}{words}>{cell}</{tag}>"
+        lines.append(line)
         tag = "td"
     return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
 
@@ -78,15 +113,26 @@ def _finding(folder: Path, finding: Finding) -> str:
     title = html.escape(finding.title)
     parts = [f'<h3 id="{finding.name}">{title}</h3>']
     if finding.figure is not None:
-        buffer = io.BytesIO()
-        finding.figure.savefig(buffer, dpi=110, format="png")
-        with replaced(folder / f"{finding.name}.png", ExperimentError) as part:
-            part.write_bytes(buffer.getvalue())
-        data = base64.b64encode(buffer.getvalue()).decode()
+        data = base64.b64encode(_picture(folder, finding)).decode()
         parts.append(f'<img alt="{title}" src="data:image/png;base64,{data}">')
     if finding.table is not None:
-        parts.append(_table((map(html.escape, row) for row in finding.table), "th"))
-    parts.append(f"<p>{html.escape(finding.shows)}</p>")
+        parts.append(_table((map(_inline, row) for row in finding.table), "th"))
+    parts.append(f"<p>{_inline(finding.shows)}</p>")
     if finding.claim:
         parts.append(f"<p>Claim: {html.escape(finding.claim)} {_verdict(finding)}</p>")
     return "\n".join(parts)
+
+
+def _inline(text: str) -> str:
+    """Return a text as HTML, with code where backticks are."""
+    return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(text))
+
+
+def _picture(folder: Path, finding: Finding) -> bytes:
+    """Write the figure of a finding as PNG, and return it."""
+    buffer = io.BytesIO()
+    if finding.figure is not None:
+        finding.figure.savefig(buffer, dpi=110, format="png")
+    with replaced(folder / f"{finding.name}.png", ExperimentError) as part:
+        part.write_bytes(buffer.getvalue())
+    return buffer.getvalue()

@@ -71,11 +71,13 @@ class Distribution:
         if self.kind == "choice":
             return self.values[rng.integers(len(self.values))]
         if self.kind == "log_uniform":
-            return exp(rng.uniform(*map(log, self.values)))
+            least, most = map(log, self.values)
+            return exp(rng.uniform(least, most))
         if self.kind == "uniform":
-            if all(map(is_whole, self.values)):
-                return int(rng.integers(*self.values, endpoint=True))
-            return float(rng.uniform(*self.values))
+            least, most = self.values
+            if is_whole(least) and is_whole(most):
+                return int(rng.integers(least, most, endpoint=True))
+            return float(rng.uniform(least, most))
         mean, deviation, least, most = self.values
         while not least <= (value := float(rng.normal(mean, deviation))) <= most:
             pass

@@ -62,7 +62,9 @@ def _faults(world: World) -> list[Fault]:
     m: Mapping[str, Any] = world.metrics or {}
     found = []
     not_numbers = [
-        name for name, value in m.items() if isinstance(value, float) and value != value
+        name
+        for name, value in m.items()
+        if isinstance(value, float) and math.isnan(value)
     ]
     if not_numbers:
         found.append(Fault("nan", 1e5, f"has NaN in {', '.join(not_numbers)}"))
@@ -73,7 +75,9 @@ def _faults(world: World) -> list[Fault]:
             found.append(Fault(kind, value / limit, words))
 
     deep = m.get("penetration") or 0.0
-    exceeds("through", "penetration", _TOUCHING, f"a body is {1e3 * deep:.1f} mm in another")
+    exceeds(
+        "through", "penetration", _TOUCHING, f"a body is {1e3 * deep:.1f} mm in another"
+    )
     for name, limit, unit, what in (
         ("torque_ratio_max", 1.0, " of its limit", "a joint's torque"),
         ("joint_speed_ratio_max", 1.0, " of its limit", "a joint's speed"),
@@ -95,7 +99,11 @@ def _faults(world: World) -> list[Fault]:
     )
     scenario = ParseScenario(world.scenario)
     pressed = m.get("normal_force_wanted_fraction", 1.0)
-    if not scenario.disturbances and scenario.press.force > 0 and pressed < LEAST_PRESSED:
+    if (
+        not scenario.disturbances
+        and scenario.press.force > 0
+        and pressed < LEAST_PRESSED
+    ):
         words = (
             f"presses within 5 N of the wanted {scenario.press.force:.1f} N for "
             f"{100 * pressed:.0f} % of the time in contact (90 % from "

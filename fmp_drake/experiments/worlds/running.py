@@ -1,6 +1,6 @@
 """Running the worlds that are missing in a store."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import asdict
 
@@ -28,7 +28,7 @@ def run_worlds(
     *,
     force: bool = False,
     run: Callable[[Task], Outcome] = run_world,
-) -> Iterator[tuple[int, int]]:
+) -> Generator[tuple[int, int]]:
     """Run those of the first `count` worlds that a store does not have yet.
 
     Each is written as soon as it is done. Whatever ends this process, the same call

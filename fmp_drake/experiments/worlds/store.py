@@ -1,6 +1,7 @@
 """A folder that keeps worlds and what happened in them."""
 
 import fcntl
+import importlib.util
 import json
 import os
 import sqlite3
@@ -53,6 +54,12 @@ class World(Outcome):
     def was_run(self) -> bool:
         """Whether it was simulated, or an attempt was made."""
         return self.metrics is not None or bool(self.error)
+
+
+def check_parquet() -> None:
+    """Raise an ExperimentError where pyarrow is not installed."""
+    if importlib.util.find_spec("pyarrow") is None:
+        raise ExperimentError("Parquet files need pyarrow: pip install pyarrow.")
 
 
 class WorldStore:
@@ -130,7 +137,25 @@ class WorldStore:
     def finished(self, *, force: bool) -> set[str]:
         """Return the keys of the worlds that need not run, with `force` or without."""
         rows = self._base.execute("SELECT key, metrics, error FROM worlds")
-        return {k for k, metrics, error in rows if not force or metrics != "null" or error}
+        return {
+            k for k, metrics, error in rows if not force or metrics != "null" or error
+        }
+
+    def world(self, number: int) -> World:
+        """Return a world by its number.
+
+        Raises
+        ------
+        ExperimentError
+            Where there is none of that number.
+        """
+        worlds = {world.number: world for world in self.worlds()}
+        if number not in worlds:
+            known = f"{min(worlds)} to {max(worlds)}" if worlds else "none yet"
+            raise ExperimentError(
+                f"{self.folder} has no world {number}; its worlds are {known}."
+            )
+        return worlds[number]
 
     def worlds(self) -> list[World]:
         """Return the worlds by their numbers, of each what was written last."""
@@ -148,18 +173,11 @@ class WorldStore:
     def export(self, path: Path) -> None:
         """Write the worlds to a Parquet file, one column for each parameter and metric.
 
-        Raises
-        ------
-        ExperimentError
-            Where pyarrow is not installed.
+        It needs what `check_parquet` checks.
         """
-        try:
-            import pyarrow
-            import pyarrow.parquet
-        except ImportError:
-            raise ExperimentError(
-                "Parquet files need pyarrow: pip install pyarrow."
-            ) from None
+        import pyarrow
+        import pyarrow.parquet
+
         rows = []
         for world in self.worlds():
             row = asdict(world)

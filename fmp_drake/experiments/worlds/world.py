@@ -106,26 +106,41 @@ def run_world(task: Task) -> Outcome:
 
 def _run(task: Task, outcome: Outcome) -> None:
     scenario = ParseScenario(task.scenario)
-    skill, demonstrations = world_skill(scenario)
+    skill, _ = _skill(scenario)
     # Without a check in advance, every world is feasible.
     check: Any = getattr(station, "CheckFeasibility", None)
     if check is not None:
         found = check(scenario, skill)
         outcome.is_feasible, outcome.verdict = found.is_feasible, found.verdict
-        outcome.checked = _as_stored(found.values)
+        outcome.checked = as_stored(found.values)
     if outcome.is_feasible or task.force:
-        run = WipingRun(scenario, skill, demonstrations=demonstrations)
+        run = make_run(task.scenario)
         run.advance_to(task.seconds)
-        outcome.metrics = _as_stored(run.metrics())
+        outcome.metrics = as_stored(run.metrics())
 
 
-def _as_stored(figures: Mapping[str, Any]) -> dict[str, Any]:
+def as_stored(figures: Mapping[str, Any]) -> dict[str, Any]:
     """Return figures as they come back from the store, NaN included."""
     stored: dict[str, Any] = json.loads(json.dumps(figures, default=float))
     return stored
 
 
-def world_skill(
+def make_run(text: str, **shown: Any) -> WipingRun:
+    """Return a run of a world that has not begun.
+
+    Parameters
+    ----------
+    text : str
+        Its scenario, YAML.
+    **shown
+        How it is shown and what is kept of it, as for `WipingRun`.
+    """
+    scenario = ParseScenario(text)
+    skill, demonstrations = _skill(scenario)
+    return WipingRun(scenario, skill, demonstrations=demonstrations, **shown)
+
+
+def _skill(
     scenario: Scenario,
 ) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
     """Return the skill of a scenario and its demonstrations, learned once a process."""
