@@ -96,7 +96,7 @@ def run_tasks[T, R](
                         if attempts < ATTEMPTS and not isinstance(
                             reason, ExperimentError
                         ):
-                            waiting.append((task, attempts + 1))
+                            waiting.appendleft((task, attempts + 1))
                             continue
                         result = reason
                     yield Done(task, attempts, result)

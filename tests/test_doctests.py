@@ -15,6 +15,7 @@ FRONT_DOORS = (
     "film",
     "experiments",
     "experiments.baselines",
+    "experiments.worlds",
 )
 
 

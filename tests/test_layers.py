@@ -24,11 +24,12 @@ LAYERS = (
     "apps",
 )
 # Below all layers.
-BASE = {"errors", "numeric", "settings", "compiled", "__init__"}
+BASE = {"errors", "numeric", "settings", "compiled", "processes", "__init__"}
 FRONT_DOORS = (
     "fmp_drake",
     *(f"fmp_drake.{layer}" for layer in LAYERS[:-1]),
     "fmp_drake.experiments.baselines",
+    "fmp_drake.experiments.worlds",
 )
 MOST_MODULES = 16
 MOST_LINES = 400

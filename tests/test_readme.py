@@ -17,7 +17,11 @@ from fmp_drake.film.checks import renders
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-SHORTER = (("--duration 20", "--duration 2"), ("--minutes 3", "--minutes 0.2"))
+SHORTER = (
+    ("--duration 20", "--duration 2"),
+    ("--minutes 3", "--minutes 0.2"),
+    ("--count 100 --seconds 20", "--count 2 --seconds 0.2 --jobs 1"),
+)
 
 
 def blocks(language):

@@ -26,3 +26,25 @@ def square(task):
         raise ValueError("no square")
     time.sleep(seconds)
     return number**2
+
+
+def world(task):
+    """Note that a world was begun; the second one ends its process once."""
+    from fmp_drake.experiments.worlds import Outcome
+
+    folder = os.environ["WORLDS_STUB"]
+    last = task.number == int(os.environ.get("WORLDS_STUB_LAST", "-1"))
+    square((folder, task.number, 60 if last else 0, "kill once" * (task.number == 1)))
+    if task.number == 2:
+        return Outcome(checked={}, error="ValueError: too much")
+    return Outcome(checked={"margin": 0.1}, metrics={"rms": float("nan")})
+
+
+def drive(folder, count):
+    """Run worlds with `world` in one process."""
+    from fmp_drake.experiments.worlds import WorldSpec, WorldStore, run_worlds
+    from fmp_drake.processes import LocalWorkers
+
+    spec = WorldSpec("fields: {press.force: {uniform: [5.0, 9.0]}}")
+    store = WorldStore(Path(folder), spec.plan(seed=0, seconds=1.0))
+    list(run_worlds(store, spec, int(count), LocalWorkers(1), run=world))

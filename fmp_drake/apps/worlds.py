@@ -22,7 +22,6 @@ from fmp_drake.experiments.worlds import (
     WorldsReport,
     WorldStore,
     faults,
-    plan_of,
     replay_world,
     run_worlds,
 )
@@ -118,11 +117,11 @@ def worlds(
         workers: Workers = (
             LocalWorkers(jobs) if cluster is None else ClusterWorkers(cluster)
         )
-        store = WorldStore(out, plan_of(spec, seed=seed, seconds=seconds))
+        store = WorldStore(out, spec.plan(seed=seed, seconds=seconds))
         _run(console, store, spec, count, workers, force)
     report = WorldsReport(store)
     report.write(page)
-    console.print(report.introduction())
+    console.print(report.verdict())
     console.print(f"wrote {store.folder / 'report.html'}")
     if page is not None:
         console.print(f"wrote {page}")

@@ -5,18 +5,16 @@ does not have yet, and `WorldsReport` says what they show.
 """
 
 from fmp_drake.experiments.worlds.distribution import Distribution
-from fmp_drake.experiments.worlds.judging import Fault, faults
+from fmp_drake.experiments.worlds.judging import faults
 from fmp_drake.experiments.worlds.replaying import replay_world
 from fmp_drake.experiments.worlds.report import WorldsReport
-from fmp_drake.experiments.worlds.running import plan_of, run_worlds
-from fmp_drake.experiments.worlds.spec import Drawn, WorldSpec
+from fmp_drake.experiments.worlds.running import run_worlds
+from fmp_drake.experiments.worlds.spec import WorldSpec
 from fmp_drake.experiments.worlds.store import World, WorldStore
 from fmp_drake.experiments.worlds.world import Outcome, Task, run_world
 
 __all__ = [
     "Distribution",
-    "Drawn",
-    "Fault",
     "Outcome",
     "Task",
     "World",
@@ -24,7 +22,6 @@ __all__ = [
     "WorldStore",
     "WorldsReport",
     "faults",
-    "plan_of",
     "replay_world",
     "run_world",
     "run_worlds",

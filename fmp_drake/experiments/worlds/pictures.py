@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fmp_drake.numeric import is_number
-from fmp_drake.plots.style import DEMONSTRATED, PLAYED, SAMPLED, legend_above, set_title
+from fmp_drake.plots.style import DEMONSTRATED, PLAYED, SAMPLED, legend_above
 
 # Standard deviations of a 95 % interval, and bins of a parameter.
 _Z, _BINS = 1.96, 6
@@ -45,43 +45,40 @@ def draw_success(
         Of each world.
     """
     rows = ceil(len(parameters) / _COLUMNS)
-    figure = Figure(figsize=(12, 0.4 + 2.2 * rows), layout="constrained")
+    figure = Figure(figsize=(12, 0.4 + 2.0 * rows), layout="constrained")
     axes = figure.subplots(rows, _COLUMNS, sharey=True, squeeze=False)
     for ax in axes.flat[len(parameters) :]:
         ax.set_visible(False)
-    overall = 100 * float(np.mean(good))
     for ax, (name, values) in zip(axes.flat, parameters.items(), strict=False):
-        ax.axhline(overall, color=DEMONSTRATED, linewidth=0.8)
+        if good:
+            ax.axhline(100 * float(np.mean(good)), color=DEMONSTRATED, linewidth=0.8)
         if all(map(is_number, values)) and len(set(values)) > _BINS:
             _draw_numbers(ax, np.array(values, dtype=float), np.array(good))
         else:
             _draw_choices(ax, values, good)
-        set_title(ax, name)
-        ax.title.set_fontsize("small")
-        ax.set_ylim(-4, 104)
+        ax.set_ylim(-5, 104)
+        ax.set_title(name, loc="left", fontsize="small")
         ax.tick_params(labelsize="small")
         ax.spines[["top", "right"]].set_visible(False)
     for ax in axes[:, 0]:
-        ax.set_ylabel("good worlds (%)")
+        ax.set_ylabel("good (%)", fontsize="small")
     return figure
 
 
 def _draw_numbers(ax: Axes, values: Any, good: Any) -> None:
-    order = np.argsort(values)
-    for part in np.array_split(order, min(_BINS, max(1, len(order) // 4))):
-        at = float(np.median(values[part]))
-        _draw_fraction(ax, at, good[part])
-    ax.plot(values[~good], np.full(np.sum(~good), -1.0), "|", color=PLAYED)
-    if np.min(values) > 0 and np.max(values) / np.min(values) > 8:
+    for part in np.array_split(np.argsort(values), min(_BINS, 1 + len(values) // 8)):
+        _draw_fraction(ax, float(np.median(values[part])), good[part])
+    ax.plot(values[~good], np.full(np.sum(~good), -2.0), "|", color=PLAYED)
+    if np.min(values) > 0 and np.max(values) > 8 * np.min(values):
         ax.set_xscale("log")
 
 
 def _draw_choices(ax: Axes, values: Sequence[Any], good: Sequence[bool]) -> None:
-    choices = sorted(set(values), key=lambda value: (str(type(value)), value))
+    choices = sorted({str(value) for value in values})
     for i, choice in enumerate(choices):
-        these = [g for value, g in zip(values, good, strict=True) if value == choice]
-        _draw_fraction(ax, i, these)
-    ax.set_xticks(range(len(choices)), [str(choice) for choice in choices])
+        pairs = zip(values, good, strict=True)
+        _draw_fraction(ax, i, [g for value, g in pairs if str(value) == choice])
+    ax.set_xticks(range(len(choices)), choices)
     ax.set_xlim(-0.5, len(choices) - 0.5)
 
 
@@ -91,63 +88,31 @@ def _draw_fraction(ax: Axes, at: float, good: Sequence[bool]) -> None:
     ax.plot(at, 100 * float(np.mean(good)), "o", color=SAMPLED, markersize=4)
 
 
-def draw_figures(worlds: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
+def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
     """Draw how far off their path worlds were, and how long they pressed as wanted.
 
     Parameters
     ----------
-    worlds : mapping of str to sequence of pairs
-        By the names of groups: path error in mm rms, and per cent of the time in
-        contact within 5 N of the wanted force.
+    groups : mapping of str to sequence of pairs
+        Path error, m rms, and fraction of the time in contact within 5 N of the wanted
+        force, of each world.
     """
     figure = Figure(figsize=(12, 3.6), layout="constrained")
-    path, press = figure.subplots(1, 2)
-    for (name, pairs), color in zip(
-        worlds.items(), (SAMPLED, PLAYED, DEMONSTRATED), strict=False
-    ):
-        rows = np.array(pairs, dtype=float).reshape(-1, 2)
-        n = max(1, len(rows))
-        order = 100 * np.arange(1, len(rows) + 1) / n
-        style = {"color": color, "marker": ".", "markersize": 4, "linewidth": 1.2}
-        path.plot(np.sort(rows[:, 0]), order, label=name, **style)
-        press.plot(np.sort(rows[:, 1])[::-1], order, label=name, **style)
-    path.axvline(10, color="0.3", linestyle=":")
+    path, press = figure.subplots(1, 2, sharey=True)
+    for (name, pairs), color in zip(groups.items(), (SAMPLED, PLAYED), strict=True):
+        rms, pressed = np.array(pairs, dtype=float).reshape(-1, 2).T
+        for ax, values in (
+            (path, 1e3 * np.sort(rms)),
+            (press, 100 * np.sort(-pressed)),
+        ):
+            order = 100 * np.arange(1, len(values) + 1) / max(1, len(values))
+            ax.plot(np.abs(values), order, ".-", color=color, linewidth=1, label=name)
     path.set_xscale("log")
-    path.set_xlabel("off the path (mm rms); dotted: 10 mm")
-    press.axvline(95, color="0.3", linestyle=":")
-    press.set_xlabel("of the contact within 5 N of the wanted (%); dotted: 95 %")
-    for ax in (path, press):
-        ax.set_ylabel("worlds at least as good (%)")
-        ax.set_ylim(0, 102)
+    path.set_xlabel("off the path (mm rms)")
+    path.set_ylabel("worlds at least as good (%)")
+    press.set_xlabel("time in contact within 5 N of the wanted (%)")
+    for ax, limit in ((path, 10), (press, 95)):
+        ax.axvline(limit, color="0.3", linestyle=":", label="limit")
         ax.spines[["top", "right"]].set_visible(False)
-        legend_above(ax)
-    return figure
-
-
-def draw_places(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
-    """Draw where the boards were, seen from the side and from above.
-
-    Parameters
-    ----------
-    groups : mapping of str to sequence of positions
-        p_WB of each world, m, by the names good, wrong and refused.
-    """
-    figure = Figure(figsize=(12, 4.4), layout="constrained")
-    side, above = figure.subplots(1, 2)
-    looks = {"good": SAMPLED, "wrong": PLAYED, "refused": "0.6"}
-    for name, positions in groups.items():
-        p = np.array(positions, dtype=float).reshape(-1, 3)
-        hollow = "none" if name == "refused" else looks[name]
-        for ax, i in ((side, 2), (above, 1)):
-            ax.scatter(
-                p[:, 0], p[:, i], s=18, facecolors=hollow, edgecolors=looks[name],
-                label=name,
-            )  # fmt: skip
-    for ax, label in ((side, "z, height of the board (m)"), (above, "y (m)")):
-        ax.set_xlabel("x, distance of the board's middle from the arm's base (m)")
-        ax.set_ylabel(label)
-        ax.spines[["top", "right"]].set_visible(False)
-    set_title(side, "from the side")
-    set_title(above, "from above")
-    legend_above(above)
+    legend_above(press)
     return figure

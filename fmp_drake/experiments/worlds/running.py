@@ -11,15 +11,6 @@ from fmp_drake.experiments.worlds.world import Outcome, Task, code_version, run_
 from fmp_drake.processes import Workers, run_tasks
 
 
-def plan_of(spec: WorldSpec, *, seed: int, seconds: float) -> dict[str, str]:
-    """Return what a store's worlds have in common."""
-    return {
-        "spec": spec.text,
-        "seed": str(seed),
-        "seconds": repr(float(seconds)),
-    }
-
-
 def run_worlds(
     store: WorldStore,
     spec: WorldSpec,
@@ -37,7 +28,7 @@ def run_worlds(
     Parameters
     ----------
     store : WorldStore
-        Whose plan is that of `plan_of`.
+        Whose plan is that of the spec's `plan`.
     spec : WorldSpec
     count : int
     workers : Workers

@@ -114,6 +114,10 @@ class WorldSpec:
             )
         return cls(file.read_text(encoding="utf-8"), folder=file.parent)
 
+    def plan(self, *, seed: int, seconds: float) -> dict[str, str]:
+        """Return what the worlds of a store have in common."""
+        return {"spec": self.text, "seed": str(seed), "seconds": repr(float(seconds))}
+
     def draw(self, *, seed: int, number: int) -> Drawn:
         """Draw a world.
 

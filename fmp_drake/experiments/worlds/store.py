@@ -42,6 +42,12 @@ class World(Outcome):
         What was drawn.
     attempts : int
         How often it was begun.
+
+    Examples
+    --------
+    >>> world = World(number=0, code="", scenario="", parameters={}, checked={})
+    >>> world.was_run
+    False
     """
 
     number: int

@@ -38,6 +38,12 @@ class Task(NamedTuple):
         Run it even if it is refused in advance.
     code : str
         The `code_version` that is wanted.
+
+    Examples
+    --------
+    >>> task = Task(0, "press: {force: 8.0}", 0.1, force=False, code="")
+    >>> task.key == task._replace(number=1).key != task._replace(seconds=0.2).key
+    True
     """
 
     number: int
@@ -70,6 +76,11 @@ class Outcome:
     error : str
         The exception; empty where there was none.
     cpu_seconds : float
+
+    Examples
+    --------
+    >>> Outcome(is_feasible=False, verdict="out of reach", checked={}).metrics is None
+    True
     """
 
     is_feasible: bool = True

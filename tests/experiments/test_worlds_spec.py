@@ -1,0 +1,131 @@
+"""Facts about distributions over scenarios."""
+
+import numpy as np
+import pytest
+
+from fmp_drake import FmpError
+from fmp_drake.experiments.worlds import Distribution, WorldSpec
+from fmp_drake.station import ParseScenario
+
+SPEC = """
+base: {choice: [table_top, vertical]}
+offsets: {board: {rpy: [0, {uniform: [-0.1, 0.1]}, 0]}}
+fields:
+  "board.translation[2]": {uniform: [0.1, 0.2]}
+  press: {force: {log_uniform: [5, 20]}}
+  skill.demonstration: {choice: [eight, wiping]}
+  skill.seed: {uniform: [0, 9]}
+  sensors: {rate: 1000.0, delay: {normal: [0.001, 0.001, 0, 0.002]}}
+disturbances:
+  count: {choice: [0, 2]}
+  each: {start: 1.0, force: [0, {uniform: [-9.0, 9.0]}, 0]}
+"""
+
+
+def drawn(count=20, seed=3, spec=SPEC):
+    spec = WorldSpec(spec)
+    return [spec.draw(seed=seed, number=i) for i in range(count)]
+
+
+def test_world_depends_on_text_seed_and_number_only():
+    worlds = drawn()
+    spec = WorldSpec(SPEC)
+    alone = [spec.draw(seed=3, number=i) for i in reversed(range(20))]
+    assert alone[::-1] == worlds
+    assert len({w.scenario for w in worlds}) == 20
+    assert all(a != b for a, b in zip(worlds, drawn(seed=4), strict=True))
+    assert drawn(1) == worlds[:1]
+
+
+def test_scenario_has_what_was_drawn_and_the_rest_of_its_base():
+    seen = set()
+    for world in drawn():
+        p, s = world.parameters, ParseScenario(world.scenario)
+        assert s.board.translation[2] == p["board.translation[2]"]
+        assert s.press.force == p["press.force"]
+        assert s.skill.demonstration == p["skill.demonstration"]
+        assert s.skill.seed == p["skill.seed"]
+        assert 0 <= s.sensors.delay == p["sensors.delay"] <= 0.002
+        assert s.sensors.rate == 1000
+        upright = p["base"] == "vertical"
+        pitch = -1.5707963 * upright + p["board.rpy[1], offset"]
+        assert s.board.rpy == [0, pitch, 0]
+        assert s.board.translation[0] == (0.366 if upright else 0.55)
+        assert s.skill.tempo == (0.9 if upright else 1.0)
+        assert len(s.disturbances) == p["disturbances.count"]
+        for i, push in enumerate(s.disturbances):
+            assert push.start == 1
+            assert push.force == [0, p[f"disturbances[{i}].force[1]"], 0]
+        seen.add((p["base"], p["skill.demonstration"], p["disturbances.count"]))
+    assert [len(set(each)) for each in zip(*seen, strict=True)] == [2, 2, 2]
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "mean", "deviation"),
+    [
+        ("uniform", (1.0, 4.0), 2.5, 3 / 12**0.5),
+        ("uniform", (1, 4), 2.5, 1.25**0.5),
+        ("log_uniform", (1.0, np.e), np.e - 1, 0.492),
+        ("normal", (2.0, 0.5, 0.0, 9.0), 2.0, 0.5),
+        ("choice", (2, 4, 4, 4), 3.5, 0.75**0.5),
+    ],
+)
+def test_distribution_has_its_mean_and_deviation(kind, values, mean, deviation):
+    rng = np.random.default_rng(0)
+    drawn = [Distribution(kind, values).draw(rng) for _ in range(4000)]
+    assert np.mean(drawn) == pytest.approx(mean, abs=0.05)
+    assert np.std(drawn) == pytest.approx(deviation, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("fields: {board.frction: 1}", "no board.frction: board has translation, rpy"),
+        ('fields: {"board.rpy[3]": 1}', r"no board.rpy\[3\]: board.rpy has 0, 1, 2"),
+        ("fields: {press.force: {unifrm: [1, 2]}}", "press.force is a value. Dist"),
+        ("fields: 3", "no name; expected one such as board.rpy"),
+        ("fields: {board.friction: -1}", "board.friction is -1.0; it must be at least"),
+        ("fields: {press.force: {uniform: [-1, 2]}}", "press.force is -1.0; it must"),
+        ("fields: {press.force: {choice: [1, much]}}", "press.force is 'much'; expect"),
+        (
+            "fields: {press.force: {uniform: [2, 1]}}",
+            r"expected uniform: \[least, most",
+        ),
+        ("fields: {press.force: {log_uniform: [0, 1]}}", "both positive"),
+        ("fields: {press.force: {normal: [1, 2]}}", r"expected normal: \[mean, stand"),
+        ("fields: {press.force: {choice: []}}", "equally likely"),
+        ("offsets: {skill.demonstration: 1}", "offset 1 of skill.demonstration, which"),
+        ("stuff: 1", "have the keys description, base, offsets, fields, disturbances"),
+        ("- 1", "have the keys description"),
+        ("fields: {", "cannot be read as YAML"),
+        ("base: moon", "no scenario moon; give a YAML file or one of: cenic"),
+        ("disturbances: 2", "expected a mapping with count and each"),
+        ("disturbances: {count: 1.5}", "expected whole numbers"),
+        ("disturbances: {each: {forc: 1}}", "no forc: it has kind, start"),
+        ("disturbances: {each: {kind: kick}}", "choose one of: push, grasp"),
+    ],
+)
+def test_what_does_not_fit_is_named(text, message):
+    with pytest.raises(FmpError, match=message):
+        WorldSpec(text)
+
+
+def test_files_are_looked_for_beside_the_spec(tmp_path, make_npz):
+    make_npz("mine.npz")
+    path = tmp_path / "mine.yaml"
+    path.write_text("fields: {skill.demonstration: {choice: [mine.npz]}}")
+    scenario = ParseScenario(WorldSpec.load(path).draw(seed=0, number=0).scenario)
+    assert scenario.skill.demonstration == str(tmp_path / "mine.npz")
+
+
+def test_missing_spec_names_those_that_come_along():
+    with pytest.raises(
+        FmpError, match="no worlds nowhere; give a YAML file or one of: default"
+    ):
+        WorldSpec.load("nowhere")
+
+
+def test_bundled_worlds_can_be_drawn():
+    spec = WorldSpec.load("default")
+    for number in range(10):
+        ParseScenario(spec.draw(seed=0, number=number).scenario)

@@ -1,0 +1,32 @@
+"""Worlds in which something once went wrong, for some seconds each."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from fmp_drake.experiments.worlds import Task, World, WorldSpec, faults, run_world
+from fmp_drake.experiments.worlds.world import code_version
+
+WORST = yaml.safe_load(Path(__file__).with_name("worst_worlds.yaml").read_text())
+NEVER = {"through", "nan", "limit", "exception"}
+
+
+@pytest.fixture(scope="module")
+def spec():
+    return WorldSpec.load("default")
+
+
+@pytest.mark.parametrize("number", WORST["numbers"])
+def test_nothing_impossible_happens_in_one_of_the_worst_worlds(spec, number):
+    drawn = spec.draw(seed=WORST["seed"], number=number)
+    code = code_version()
+    task = Task(number, drawn.scenario, WORST["seconds"], force=True, code=code)
+    world = World(
+        number=number,
+        code=code,
+        scenario=drawn.scenario,
+        parameters=drawn.parameters,
+        **vars(run_world(task)),
+    )
+    assert [fault.words for fault in faults(world) if fault.kind in NEVER] == []
