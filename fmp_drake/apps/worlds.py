@@ -156,6 +156,12 @@ def _run(
             bar = progress.add_task("worlds", total=None)
             for done, of in steps:
                 progress.update(bar, completed=done, total=of)
+                if (
+                    of
+                    and not console.is_terminal
+                    and 20 * done // of > 20 * (done - 1) // of
+                ):
+                    console.print(f"{done} of {of} worlds")
     except KeyboardInterrupt:
         console.print(
             f"{len(store.worlds())} worlds are kept in {store.folder}; the same command "

@@ -20,8 +20,10 @@ h1 { font-size: 1.8rem; } h2 { margin-top: 3rem; border-bottom: 1px solid #ccc; 
 img { max-width: 100%; } table { border-collapse: collapse; margin: 1rem 0; }
 th, td { padding: .25rem .75rem; text-align: right; border-bottom: 1px solid #ddd;
          font-variant-numeric: tabular-nums; vertical-align: top; }
-th:first-child, td:first-child, .words { text-align: left; }
-code { font-size: .85em; background: #f2f2f0; padding: .1rem .3rem; border-radius: .2rem; }
+th { vertical-align: bottom; } td { white-space: nowrap; }
+th:first-child, td:first-child, .words { text-align: left; } .words { white-space: normal; }
+code { font-size: .8em; background: #f2f2f0; padding: .1rem .3rem; border-radius: .2rem;
+       white-space: nowrap; }
 .verdict { font-weight: 600; padding: .1rem .5rem; border-radius: .3rem; }
 .yes { background: #d8f0dc; } .no { background: #f8dcd8; }
 """

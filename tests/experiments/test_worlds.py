@@ -303,15 +303,18 @@ def test_pushed_worlds_are_not_judged_by_their_press(make_store):
     assert faults(make_store(run, 1, spec=spec).world(0)) == []
 
 
+@pytest.mark.parametrize("deep", [True, False])
 def test_report_and_page_say_what_went_wrong_and_how_to_see_it(
-    make_store, command, outputs
+    make_store, command, outputs, deep
 ):
     def run(task):
         if task.number == 3:
             return Outcome(
                 is_feasible=False, verdict="move it | 0.2 m nearer", checked={}
             )
-        return outcome(task, tracking_rms_m=0.002 + 0.02 * (task.number == 7))
+        rms = 0.002 + 0.02 * (task.number == 7)
+        depth = {"penetration_max_m": 0.0} if deep else {}
+        return outcome(task, tracking_rms_m=rms, **depth)
 
     store = make_store(run, 30)
     page = outputs / "README.md"
@@ -319,6 +322,7 @@ def test_report_and_page_say_what_went_wrong_and_how_to_see_it(
     texts = page.read_text(), (store.folder / "report.html").read_text()
     for text in texts:
         assert "Of 30 worlds" in text
+        assert ("deep bodies were" in text) is not deep
         assert "Of the 29 others 28 go well (96.6 %)" in text
         assert "22.0 mm rms" in text
         assert f"fmp-drake worlds {store.folder} --replay 7" in text

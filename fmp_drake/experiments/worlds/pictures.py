@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from fmp_drake.numeric import is_number
 from fmp_drake.plots.style import DEMONSTRATED, PLAYED, SAMPLED, legend_above
@@ -14,6 +15,9 @@ from fmp_drake.plots.style import DEMONSTRATED, PLAYED, SAMPLED, legend_above
 # Standard deviations of a 95 % interval, and bins of a parameter.
 _Z, _BINS = 1.96, 6
 _COLUMNS = 4
+# A parameter that spans more is drawn on a logarithmic axis.
+_DECADE = 10.0
+_TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 
 def interval(good: int, of: int) -> tuple[float, float]:
@@ -69,8 +73,10 @@ def _draw_numbers(ax: Axes, values: Any, good: Any) -> None:
     for part in np.array_split(np.argsort(values), min(_BINS, 1 + len(values) // 8)):
         _draw_fraction(ax, float(np.median(values[part])), good[part])
     ax.plot(values[~good], np.full(np.sum(~good), -2.0), "|", color=PLAYED)
-    if np.min(values) > 0 and np.max(values) > 8 * np.min(values):
+    ax.locator_params(axis="x", nbins=4)
+    if np.min(values) > 0 and np.max(values) > _DECADE * np.min(values):
         ax.set_xscale("log")
+        ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _draw_choices(ax: Axes, values: Sequence[Any], good: Sequence[bool]) -> None:
@@ -108,6 +114,9 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
             order = 100 * np.arange(1, len(values) + 1) / max(1, len(values))
             ax.plot(np.abs(values), order, ".-", color=color, linewidth=1, label=name)
     path.set_xscale("log")
+    path.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
+    path.xaxis.set_minor_formatter(NullFormatter())
+    path.set_xlim(1, max(20, 1.1 * path.get_xlim()[1]))
     path.set_xlabel("off the path (mm rms)")
     path.set_ylabel("worlds at least as good (%)")
     press.set_xlabel("time in contact within 5 N of the wanted (%)")

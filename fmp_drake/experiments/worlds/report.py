@@ -31,6 +31,7 @@ _NEVER = {
 }
 _KINDS = {**_NEVER, "path": "path missed", "press": "press missed"}
 _CLEAN = "no body through another, no NaN, no limit broken, no exception"
+_UNKNOWN = " How deep bodies were in others was not measured."
 # Fraction of good worlds that is wanted, and rows of the tables of worlds.
 _WANTED, _ROWS = 0.99, 20
 
@@ -62,6 +63,8 @@ class WorldsReport:
         self._run = [w for w in self._worlds if w.is_feasible and w.was_run]
         self._refused = [w for w in self._worlds if not w.is_feasible]
         self._wrong = [w for w in self._run if self._faults[w.number]]
+        measured = all("penetration_max_m" in w.metrics for w in self._run if w.metrics)
+        self._unknown = "" if measured else _UNKNOWN
         self._wrong.sort(key=lambda w: -self._faults[w.number][0].severity)
 
     def write(self, page: Path | None = None) -> None:
@@ -105,7 +108,7 @@ class WorldsReport:
             f"check in advance refuses {len(self._refused)}. Of the {n} others {good} go "
             f"well ({_percent(good, n)}), {', '.join(seen) or _CLEAN}. They took "
             f"{hours:.2f} hours of one core, with the code "
-            f"{', '.join(sorted({world.code for world in self._worlds}))}."
+            f"{', '.join(sorted({world.code for world in self._worlds}))}.{self._unknown}"
         )
 
     def _count(self, worlds: Sequence[World]) -> dict[str, int]:
@@ -135,9 +138,9 @@ class WorldsReport:
         return Finding(
             name="impossible",
             title="What must never happen",
-            shows=f"{', '.join(found)}, in {len(self._run)} worlds.",
-            claim=f"{_CLEAN.capitalize()}.",
-            agrees=not any(counts[kind] for kind in _NEVER),
+            shows=f"{', '.join(found)}, in {len(self._run)} worlds.{self._unknown}",
+            claim=f"N{_CLEAN[1:]}.",
+            agrees=not self._unknown and not any(counts[kind] for kind in _NEVER),
             table=[columns, *(self._row(k, v) for k, v in groups.items() if v)],
         )
 
@@ -208,7 +211,9 @@ class WorldsReport:
             name="worst",
             title="The worst worlds",
             shows=f"{len(self._wrong)} went wrong; the {len(rows)} worst are shown.",
-            table=[["world", "what went wrong", "what it is", "see it again"], *rows],
+            table=[["world", "what went wrong", "what it is", "see it again"], *rows]
+            if rows
+            else None,
         )
 
     def _refusals(self) -> Finding:
@@ -223,7 +228,7 @@ class WorldsReport:
             title="Why they are refused, and what happens nevertheless",
             shows=f"{len(self._refused)} are refused, {_percent(len(self._refused), n)}. "
             f"{len(forced)} were run by force, of which {well} went well.",
-            table=[["world", "why", "run by force", "see it"], *rows],
+            table=[["world", "why", "run by force", "see it"], *rows] if rows else None,
         )
 
     def _words(self, world: World) -> str:
