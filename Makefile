@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PYTHON ?= $(shell command -v python3.12 || command -v python3)
 
-.PHONY: help wipe test lint bench clean
+.PHONY: help wipe test test-quick lint bench clean
 
 help:
 	@echo "make wipe   learn from the bundled demonstration and wipe a board"
@@ -33,7 +33,10 @@ wipe: $(STAMP)
 	@$(BIN)/fmp-drake wipe $(ARGS)
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist loadscope $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder $(ARGS)
+
+test-quick: override ARGS += -m 'not slow and not browser'
+test-quick: test
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

@@ -57,6 +57,15 @@ def pytest_configure(config):
         subprocess.run([sys.executable, "-c", COMPILE], check=True)
 
 
+def pytest_collection_modifyitems(items):
+    """Put what takes long first, so that no process is left with it at the end."""
+    items.sort(
+        key=lambda item: (
+            not any(item.get_closest_marker(m) for m in ("slow", "browser"))
+        )
+    )
+
+
 def hand_demonstration(task, *, seconds, seed, rate=50):
     """Return a demonstration (x, y, z) in metres, with a height that wanders."""
     position = HandMotion.make(task, seconds=seconds, seed=seed).position

@@ -1,5 +1,7 @@
 """A station with a logger on every small output port, for the tests of stations."""
 
+import copy
+
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -24,6 +26,12 @@ class StationRun:
             self._sinks[port.get_name()] = sink
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
+
+    def from_context(self, context):
+        """Return a run of the same station that goes on from a context."""
+        run = copy.copy(self)
+        run.simulator = Simulator(self.diagram, context)
+        return run
 
     @property
     def names(self):

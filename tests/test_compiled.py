@@ -55,5 +55,5 @@ def test_it_works_where_neither_the_package_nor_the_home_can_be_written():
 
 
 def test_nothing_is_announced_where_the_cache_holds_it():
-    run(USE)
+    decayed_offset(np.ones((2, 3)), 0.4, 0.1)
     assert "compiling" not in run(USE).stderr

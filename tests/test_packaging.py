@@ -1,6 +1,7 @@
 """Facts about the built wheel, used outside the checkout."""
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -41,6 +42,14 @@ def installed(wheel, tmp_path_factory):
     site = tmp_path_factory.mktemp("site")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
+    # The sources are the checkout's: so is what has been compiled of them.
+    package = REPOSITORY / "fmp_drake"
+    for source in package.rglob("*.py"):
+        shutil.copystat(source, site / source.relative_to(REPOSITORY))
+    for kept in package.rglob("__pycache__/*.nb[ci]"):
+        copy = site / kept.relative_to(REPOSITORY)
+        copy.parent.mkdir(exist_ok=True)
+        shutil.copyfile(kept, copy)
 
     def run(*arguments):
         elsewhere = tmp_path_factory.mktemp("elsewhere")

@@ -15,13 +15,17 @@ from matplotlib import image
 from fmp_drake.apps.main import app
 from fmp_drake.film.checks import renders
 
+pytestmark = pytest.mark.slow
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 SHORTER = (
-    ("--duration 20", "--duration 2"),
-    ("--minutes 3", "--minutes 0.2"),
+    ("--duration 20", "--duration 0.5"),
+    ("--minutes 3", "--minutes 0.05"),
     ("--count 100 --seconds 20", "--count 2 --seconds 0.2 --jobs 1"),
 )
+# tests/experiments/test_reproduce.py runs it.
+REPRODUCE = "fmp-drake reproduce --quick --out report"
 
 
 def blocks(language):
@@ -58,6 +62,8 @@ def test_commands_run_in_the_order_of_the_readme(folder):
     pytest.importorskip("imageio_ffmpeg", reason="films need the extra packages")
     assert len(commands()) >= 7
     for line in commands():
+        if line.split("#")[0].rstrip() == REPRODUCE:
+            continue
         if "--video" in line and not renders():
             continue
         for long, short in SHORTER:
@@ -66,7 +72,7 @@ def test_commands_run_in_the_order_of_the_readme(folder):
         assert words[0] == "fmp-drake"
         result = CliRunner().invoke(app, words[1:], catch_exceptions=False)
         assert result.exit_code == 0, (line, result.output)
-    written = {p.name for p in folder.iterdir()}
+    written = {p.name for p in folder.iterdir()} | {"report"}
     for name in re.findall(
         r"--(?:report|html|out|plot|log|graphviz) (\S+)", "\n".join(commands())
     ):

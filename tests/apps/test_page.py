@@ -39,15 +39,22 @@ def wiped_patch(picture):
     return inside
 
 
-def shown(url, folder, *options, when=lambda picture: picture is not None):
-    """Return what a page shows once something holds of it, or else in the end."""
-    with Page(url, folder, *options) as page:
-        if not options:
-            page.wait_for_meshcat()
-        return settled(page, when)
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    """A browser for one page after the other."""
+    with Page("about:blank", tmp_path_factory.mktemp("page")) as page:
+        yield page
+
+
+def opened(browser, meshcat):
+    """Open the page of a run."""
+    browser.go(meshcat.web_url())
+    browser.wait_for_meshcat()
+    return browser
 
 
 def settled(page, when):
+    """Return what a page shows once something holds of it, or else in the end."""
     for _ in range(20):
         picture = page.settled_picture()
         if when(picture):
@@ -108,17 +115,23 @@ def run(learned, meshcat):
     return run
 
 
-def test_running_page_shows_arm_board_and_wiped_ink(run, meshcat, tmp_path):
+@pytest.fixture(scope="module")
+def pictures(run, meshcat, browser):
+    """What the running page shows, and what it shows without arm and board."""
     assert run.output("cleaned_fraction")[0] > 0.01
-    with Page(meshcat.web_url(), tmp_path) as page:
-        page.wait_for_meshcat()
-        picture = settled(page, has_ink)
-        assert_shows_a_wiped_board(picture)
-        # The arm and the board are what Drake's visualizer shows.
-        meshcat.SetProperty("/drake/bodies", "visible", False)
-        meshcat.Flush()
-        bare = settled(page, has_ink)
-        meshcat.SetProperty("/drake/bodies", "visible", True)
+    page = opened(browser, meshcat)
+    picture = settled(page, has_ink)
+    meshcat.SetProperty("/drake/bodies", "visible", False)
+    meshcat.Flush()
+    bare = settled(page, has_ink)
+    meshcat.SetProperty("/drake/bodies", "visible", True)
+    return picture, bare
+
+
+def test_running_page_shows_arm_board_and_wiped_ink(pictures):
+    picture, bare = pictures
+    assert_shows_a_wiped_board(picture)
+    # The arm and the board are what Drake's visualizer shows.
     gone = np.abs(picture - bare).max(axis=-1) > 0.1
     assert np.mean(gone) > 0.01
     # Above the board, where only the arm is.
@@ -126,25 +139,24 @@ def test_running_page_shows_arm_board_and_wiped_ink(run, meshcat, tmp_path):
     assert np.mean(gone[:first_ink]) > 0.01
 
 
-def test_running_page_shows_trail_and_plan(run, meshcat, tmp_path):
-    assert run is not None
-    picture = shown(meshcat.web_url(), tmp_path, when=has_ink)
+def test_running_page_shows_trail_and_plan(pictures):
+    picture, _ = pictures
     assert np.sum(orange(picture)) > 20
     assert np.sum(green(picture)) > 100
 
 
-def test_everything_but_the_bodies_can_be_switched_off(learned, tmp_path):
+def test_everything_but_the_bodies_can_be_switched_off(learned, browser):
     meshcat = open_page()
     run = make_run(learned, meshcat, show=())
     run.advance_to(1.0)
     assert meshcat.GetSliderNames() == []
-    picture = shown(meshcat.web_url(), tmp_path)
+    picture = opened(browser, meshcat).settled_picture()
     for part in (orange, green, blue_ink):
         assert np.mean(part(picture)) < 1e-3
     assert np.mean(picture.max(axis=-1) < 0.3) > 0.002
 
 
-def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, meshcat, tmp_path):
+def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, meshcat, browser):
     simulator = run.simulator
 
     def error():
@@ -161,41 +173,36 @@ def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, meshcat, tmp_
 
     undisturbed = error()
     assert undisturbed < 0.01
-    with Page(meshcat.web_url(), tmp_path) as page:
-        page.wait_for_meshcat()
-        at = page.grab("drake", "bodies", "eraser", "eraser")
-        to = [at[0] + 150, at[1] - 50]
-        page.drag(at, to, modifiers=CTRL)
-        step_until(lambda: error() > 0.02)
-        page.mouse("released", *to, modifiers=CTRL)
-        step_until(lambda: error() < 0.01)
+    page = opened(browser, meshcat)
+    at = page.grab("drake", "bodies", "eraser", "eraser")
+    to = [at[0] + 150, at[1] - 50]
+    page.drag(at, to, modifiers=CTRL)
+    step_until(lambda: error() > 0.02)
+    page.mouse("released", *to, modifiers=CTRL)
+    step_until(lambda: error() < 0.01)
 
 
 def test_replay_page_needs_no_network(command, tmp_path):
     html = tmp_path / "run.html"
-    assert command("wipe", "--headless", "--duration", 6, "--html", html).code == 0
-    picture = shown(
-        html.as_uri(),
-        tmp_path,
-        *OFFLINE,
-        when=lambda picture: np.mean(wiped_patch(picture)) > 0.001,
-    )
+    assert command("wipe", "--headless", "--duration", 4, "--html", html).code == 0
+    with Page(html.as_uri(), tmp_path, *OFFLINE) as page:
+        picture = settled(page, lambda picture: np.mean(wiped_patch(picture)) > 0.001)
     assert_shows_a_wiped_board(picture)
 
 
-def test_command_opens_the_page_that_it_names(command, monkeypatch, tmp_path):
+def test_command_opens_the_page_that_it_names(command, monkeypatch, browser):
     pages = []
 
-    def opened(console=None):
+    def open_and_keep(console=None):
         pages.append(open_page(console))
         return pages[-1]
 
-    monkeypatch.setattr(wipe_module, "open_page", opened)
+    monkeypatch.setattr(wipe_module, "open_page", open_and_keep)
     result = command("wipe", "--rate", 0, "--duration", 1)
     assert result.code == 0
     (page,) = pages
     assert f"watch it at {page.web_url()}" in result.out
-    picture = shown(page.web_url(), tmp_path, when=has_ink)
+    picture = settled(opened(browser, page), has_ink)
     assert np.mean(blue_ink(picture)) > INKED
     # The eraser has not come down yet.
     assert np.mean(wiped_patch(picture)) < 0.0003

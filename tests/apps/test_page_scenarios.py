@@ -13,6 +13,7 @@ from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 REPLAYED = "moving_board"
 SECONDS = 2.0
+SIZE = (480, 300)
 
 pytestmark = [pytest.mark.browser, needs_chromium]
 
@@ -51,7 +52,7 @@ def run_of():
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
-    with Page("about:blank", tmp_path_factory.mktemp("page")) as page:
+    with Page("about:blank", tmp_path_factory.mktemp("page"), size=SIZE) as page:
         yield page
 
 
@@ -110,7 +111,7 @@ def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
     run.remove_controls()
     html = tmp_path / "run.html"
     html.write_text(run.html(SECONDS), encoding="utf-8")
-    with Page(html.as_uri(), tmp_path, *OFFLINE) as offline:
+    with Page(html.as_uri(), tmp_path, *OFFLINE, size=SIZE) as offline:
         offline.wait_for("typeof viewer !== 'undefined'")
         time.sleep(SECONDS)  # The replay ends.
         picture = drawn(run, offline)

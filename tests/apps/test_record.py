@@ -5,15 +5,17 @@ import pytest
 
 from fmp_drake.primitives import Demonstration
 
+pytestmark = pytest.mark.slow
+
 
 def test_recording_is_a_demonstration_to_learn_from(command, outputs):
     path = outputs / "eight.npz"
-    result = command("record", "--task", "eight", "--minutes", 0.1, "--out", path)
+    result = command("record", "--task", "eight", "--minutes", 0.05, "--out", path)
     assert result.code == 0
     assert result.err == ""
     assert f"wrote {path}" in result.out
     recorded = Demonstration.load(path)
-    assert recorded.duration == pytest.approx(6.0)
+    assert recorded.duration == pytest.approx(3.0)
     assert recorded.is_uniform(20)
     assert recorded.frame == "board"
     assert "simulated" in recorded.note

@@ -15,6 +15,8 @@ from fmp_drake.experiments.report import write_report
 from fmp_drake.primitives import Demonstration
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
+pytestmark = pytest.mark.slow
+
 FIGURES = (
     "fig3",
     "fig4",

@@ -15,6 +15,8 @@ from tube import (
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
 
+pytestmark = pytest.mark.slow
+
 PERIODS = {"polishing": 2.0, "eight": 3.0}
 
 

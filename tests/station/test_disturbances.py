@@ -14,6 +14,8 @@ from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.station.wiping_station import MakeWipingStation
 from fmp_drake.systems.impedance.status import StatusFlag
 
+pytestmark = pytest.mark.slow
+
 FIRST, APART = 6.0, 4.3
 PUSHES = {
     "away from the base": [30.0, 0.0, 0.0],
@@ -176,7 +178,7 @@ def test_movement_goes_on_after_the_grasp(grasped):
 # simulator gives the same forces.
 def test_disturbances_repeat(bundled_skill):
     scenario = LoadScenario("table_top")
-    scenario.disturbances = [Disturbance(start=1.0, duration=0.5, force=[0, 0, -5.0])]
+    scenario.disturbances = [Disturbance(start=0.1, duration=0.2, force=[0, 0, -5.0])]
     logs = []
     for _ in range(2):
         builder = DiagramBuilder()
@@ -184,6 +186,6 @@ def test_disturbances_repeat(bundled_skill):
         log = LogVectorOutput(station.GetOutputPort("state"), builder, 0.01)
         diagram = builder.Build()
         simulator = Simulator(diagram)
-        simulator.AdvanceTo(2.0)
+        simulator.AdvanceTo(0.4)
         logs.append(log.FindLog(simulator.get_context()).data().copy())
     assert np.array_equal(*logs)

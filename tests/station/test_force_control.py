@@ -22,6 +22,8 @@ from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
 
+pytestmark = pytest.mark.slow
+
 WANTED = 10.0
 
 

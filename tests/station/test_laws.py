@@ -20,6 +20,8 @@ from fmp_drake.runs import WipingRun, load_context, save_context
 from fmp_drake.runs.signals import SIGNALS
 from fmp_drake.station import LoadScenario, MakeWipingStation
 
+pytestmark = pytest.mark.slow
+
 PARTS = ("plant", "fourier_primitive", "controller", "ink_board")
 # No multiples of anything.
 ODD_INSTANTS = 0.3 + np.cumsum(np.random.default_rng(1).uniform(0.01, 0.09, 20))

@@ -16,6 +16,8 @@ from fmp_drake.station.scenario_parts import BoardError, BoardMotion, SensorConf
 from fmp_drake.station.wiping_station import MakeWipingStation
 from fmp_drake.systems.impedance.status import StatusFlag
 
+pytestmark = pytest.mark.slow
+
 FRAME = ("task_frame", "task_frame_velocity", "task_frame_acceleration")
 EVERY = 20  # ms
 AMPLITUDE, FREQUENCY = 0.06, 0.1

@@ -16,6 +16,8 @@ from fmp_drake.station.teaching_station import (
 )
 from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion
 
+pytestmark = pytest.mark.slow
+
 SETTLE = 1.0
 SECONDS = 4.0
 SYSTEMS = {

@@ -32,6 +32,8 @@ from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
 
+pytestmark = pytest.mark.slow
+
 OUT = Path(__file__).resolve().parents[2] / "out" / "impedance.md"
 POSES = 10
 NO_LIMIT = 1e9

@@ -39,6 +39,8 @@ from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
 
+pytestmark = pytest.mark.slow
+
 Q_START = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 X_WT_FLAT = RigidTransform([0.5, 0, 0.1])
 X_WT_TILTED = RigidTransform(RollPitchYaw(0.3, -0.4, 0.5), [0.45, 0.05, 0.2])
