@@ -7,11 +7,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-MILLISECOND = 0.001
+MILLISECOND, SELDOM = 0.001, 0.05
 
 
 class StationRun:
-    """Logs what is small every millisecond, and the rest every 50 ms."""
+    """Logs what is small every millisecond; the rest and the covariance every 50 ms."""
 
     def __init__(self, station):
         self.station = station
@@ -20,7 +20,8 @@ class StationRun:
         self._sinks = {}
         for i in range(station.num_output_ports()):
             port = station.get_output_port(i)
-            period = MILLISECOND if port.size() <= 14 else 0.05
+            small = port.size() <= 14 and port.get_name() != "covariance"
+            period = MILLISECOND if small else SELDOM
             sink = LogVectorOutput(port, builder, period)
             sink.set_name(f"log_{port.get_name()}")
             self._sinks[port.get_name()] = sink

@@ -93,7 +93,7 @@ def test_every_start_is_back_in_the_tube_after_two_periods_and_stays(
 def test_ten_minutes_stay_in_the_tube(skill, task, demonstration):
     found = measure_return(
         skill,
-        starts=starts_in_box(skill, 6, seed=2),
+        starts=starts_in_box(skill, 2, seed=2),
         seconds=600.0,
         period=PERIODS[task],
         peak=peak_speed(demonstration, skill.rate),

@@ -531,7 +531,7 @@ def test_the_walls_keep_every_joint_inside(joint, side, how, worst_limits):
         force = 50 * direction / length if pushing else np.zeros(3)
         return np.r_[np.zeros(3), force]
 
-    logs = ArmLoop(q=q, push=push, stops=False).run(1.2, v=v)
+    logs = ArmLoop(q=q, push=push, stops=False).run(1.0, v=v)
     worst_limits.append(check_limits(logs, plant))
 
 
