@@ -16,13 +16,13 @@ from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 pytestmark = pytest.mark.slow
 
-SECONDS = 12.0
+SECONDS = 13.0
 
 
 def metrics_of(name):
     """Return the metrics of a run as `fmp-drake wipe --headless` simulates it.
 
-    Two windows long, and until two seconds after the last disturbance.
+    Two re-mappings long at any tempo, and until two seconds after the last disturbance.
     """
     scenario = LoadScenario(name)
     skill, demonstrations, _ = scenario_skill(scenario)
