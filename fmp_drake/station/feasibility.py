@@ -99,7 +99,7 @@ def CheckFeasibility(
     >>> from fmp_drake.primitives import Demonstration
     >>> from fmp_drake.station import LoadScenario, models_dir
     >>> wiping = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
-    >>> skill = FourierMovementPrimitive(n_components=4, stride=20).fit(wiping)
+    >>> skill = FourierMovementPrimitive().fit(wiping)
     >>> scenario = LoadScenario("table_top")
     >>> CheckFeasibility(scenario, skill).is_feasible
     True

@@ -7,18 +7,19 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import StationError
-from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.station import CheckFeasibility, ListScenarios, LoadScenario, Scenario
 from fmp_drake.station.parts.board_reach import BoardReach, FollowingBounds
 
 
 def kinematics():
-    """Return a scenario of each board, posture, motion and press."""
+    """Return a scenario of each board's place, error and motion, and posture."""
     known = {}
     for name in ListScenarios():
         s = LoadScenario(name)
         soft = s.impedance.covariance_stiffness.enabled
-        known.setdefault(repr((s.board, s.posture, s.skill.tempo, soft)), name)
+        b = s.board
+        key = (b.translation, b.rpy, b.error, b.motion, s.posture, soft)
+        known.setdefault(repr(key), name)
     return known.values()
 
 
@@ -59,7 +60,7 @@ def test_board_too_far_or_too_near_is_refused_and_the_move_helps(
 def test_skill_that_is_too_fast_is_refused_and_the_tempo_helps(bundled_skill):
     found = check(bundled_skill, tempo=3.0)
     assert not found.is_feasible
-    tempo = float(re.search(r"slow down to tempo ([\d.]+)", found.verdict)[1])
+    tempo = float(re.search(r"slow down to tempo (\d\.\d+)", found.verdict)[1])
     slower = check(bundled_skill, tempo=tempo)
     assert slower.is_feasible
     assert slower.values["largest_speed_ratio"] > 0.8
@@ -93,10 +94,9 @@ def test_verdict_is_one_line_and_values_are_plain_numbers(bundled_skill):
     assert "\n" not in found.verdict
     assert all(type(value) is float for value in found.values.values())
     assert found.margin.shape == (len(found.x), len(found.y))
-    assert isinstance(bundled_skill, FourierMovementPrimitive)
 
 
-def test_arm_that_cannot_reach_rests_where_its_springs_balance():
+def test_held_arm_follows_exactly_to_its_reach_and_stays_near_beyond():
     scenario = Scenario()
     reach = BoardReach(scenario, FollowingBounds())
     board = [scenario.board.assumed_pose()]
@@ -104,28 +104,9 @@ def test_arm_that_cannot_reach_rests_where_its_springs_balance():
     paths[0, :, 0] = np.minimum(0.01 * np.arange(60), 0.35)
     posture = reach.start_posture()
     motion = reach.follow(board, paths, step=0.1, postures=posture[None])
-    assert np.all(np.linalg.norm(motion.error[0, :10, 3:], axis=1) < 1e-4)
-    wrench = scenario.impedance.stiffness() @ motion.error[0, -1]
-    assert np.linalg.norm(motion.error[0, -1, 3:]) > 0.05
-    # A board whose axes are the world's: the Jacobian is needed in no other frame.
-    J = numeric_jacobian(reach, motion.q[0, -1])
-    assert np.max(np.abs(J.T @ wrench)) < 0.05 * np.linalg.norm(wrench)
-
-
-def numeric_jacobian(reach, q):
-    arm, tip = reach._arm, reach._tip
-    context = arm.CreateDefaultContext()
-    columns = []
-    for i in range(7):
-        poses = []
-        for sign in (-1, 1):
-            at = q.copy()
-            at[i] += sign * 1e-6
-            arm.SetPositions(context, at)
-            poses.append(tip.CalcPoseInWorld(context))
-        turned = poses[1].rotation() @ poses[0].rotation().inverse()
-        angle_axis = turned.ToAngleAxis()
-        moved = poses[1].translation() - poses[0].translation()
-        turn = angle_axis.angle() * angle_axis.axis()
-        columns.append(np.concatenate([turn, moved]) / 2e-6)
-    return np.array(columns).T
+    distance = np.linalg.norm(motion.error[0, :, 3:], axis=1)
+    assert np.all(distance[:10] < 1e-4)
+    assert 0.02 < distance[-1] < 0.15
+    room = reach.missed(motion)[2]
+    assert np.min(room) > -1e-9
+    assert_allclose(motion.q[0, 0], posture, atol=0.2)

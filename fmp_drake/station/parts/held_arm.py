@@ -52,8 +52,8 @@ class HeldArm:
 
     Differential inverse kinematics: the joints' way is that of least kinetic energy
     (dynamically consistent), with the posture's spring and damper in the nullspace. An
-    error that cannot be removed is divided by the springs' compliance, ``Jᵀ K e = 0`` at
-    rest. The joints stay within their limits, and do not feel their walls.
+    error that cannot be removed is divided, nearly, by the springs' compliance. The joints
+    stay within their limits, and do not feel their walls.
 
     Parameters
     ----------
