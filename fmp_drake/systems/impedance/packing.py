@@ -103,7 +103,7 @@ def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInput
 
     Parameters
     ----------
-    packed : array, shape (92,)
+    packed : array, shape (107,)
         A record of the type `PACKED` as numbers, zero where a port is not used.
     settings : ImpedanceSettings
         With the task frame where the port brings none, or none that is finite, and

@@ -83,7 +83,7 @@ def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]
 
         settings : array of bytes
             What `settings_of` returned.
-        packed : array, shape (92,)
+        packed : array, shape (107,)
             The inputs, see `unpack`.
         time : float
             s.
