@@ -10,6 +10,7 @@ from fmp_drake.runs.metrics import (
     ForceMetrics,
     JointLimits,
     LimitMetrics,
+    RegionMetrics,
     Samples,
     TrackingMetrics,
 )
@@ -157,3 +158,33 @@ def test_a_run_without_contact_has_no_force():
 
 def test_every_signal_of_the_metrics_is_taken():
     assert set(METRIC_SIGNALS) == set(PERIODS)
+
+
+class FlatRegion:
+    """Stands in for a region: the distance is the height."""
+
+    margin = 0.02
+
+    def distance(self, values):
+        return np.abs(values[:, 2])
+
+
+def off_paths(heights, chunks):
+    metrics = RegionMetrics(FlatRegion())
+    for part in np.array_split(np.asarray(heights, dtype=float), chunks):
+        values = np.column_stack([0 * part, 0 * part, part])
+        samples = Samples(0 * part, values)
+        still = Samples(0 * part, 0 * values)
+        metrics.update({"desired_position": still, "measured_position": samples})
+    return metrics.result()
+
+
+@pytest.mark.parametrize("chunks", [1, 2, 5])
+def test_distance_to_the_paths_counts_from_when_they_were_reached(chunks):
+    found = off_paths([0.5, 0.1, 0.02, 0.01, 0.03, 0.025], chunks)
+    assert found == {"desired_off_paths_max_m": 0.0, "measured_off_paths_max_m": 0.03}
+    assert off_paths([0.5, 0.1], chunks)["measured_off_paths_max_m"] is None
+
+
+def test_distance_to_unknown_paths_is_none():
+    assert set(RegionMetrics(None).result().values()) == {None}
