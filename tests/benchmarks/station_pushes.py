@@ -1,6 +1,6 @@
 """Pushes the arm of a scenario at its eraser, and says how it takes that.
 
-    python station_pushes.py table_top --force 34 80 --directions 0,0,-1 1,1,-1
+    python station_pushes.py table_top --force 34 80 --direction=0,0,-1 --direction=1,1,-1
 
 One second with each force in each direction of B (by default 20, 40 and 80 N along the 6
 axes and the 8 diagonals), from one and the same instant of the run: the simulation
@@ -140,12 +140,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenario")
     parser.add_argument("--force", type=float, nargs="+", default=[20.0, 40.0, 80.0])
-    parser.add_argument("--directions", nargs="+", help="of B, such as 0,0,-1")
+    parser.add_argument("--direction", action="append", help="of B: =0,0,-1")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     directions = AXES
-    if options.directions:
-        directions = [np.array(d.split(","), dtype=float) for d in options.directions]
+    if options.direction:
+        directions = [np.array(d.split(","), dtype=float) for d in options.direction]
     pushed = Pushed(options.scenario)
     rows = []
     for force, direction in product(options.force, directions):

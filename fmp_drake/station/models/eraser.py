@@ -22,7 +22,7 @@ from fmp_drake.station.scenario_parts import EraserConfig
 _THICK = 0.030  # The felt, m.
 _BARE = 0.012  # How much of it is before the core, m.
 _INSET = 0.005  # How far the core is within the felt's edges, m.
-_HARD = 3e6  # Pressure in the middle of core and handle, Pa.
+_HARD = 1e7  # Pressure in the middle of core and handle, Pa.
 _RIM = 0.006  # How much wider the handle is than the felt, m.
 _METAL = (0.55, 0.57, 0.59)
 _BLUE = (0.10, 0.32, 0.62)
@@ -47,15 +47,15 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     Behind 12 mm of felt there is a hard core, 5 mm within the felt's edges. It stands
     for the fibres that lie on one another by then, whose pressure grows with the cube
     of the density [1]_; the pressure of the felt alone falls again beyond half of the
-    thickness, and 45 N push it through a board. Core and handle give way by 0.1 mm for
-    100 N on the whole face. An eraser that is thrown flat at the board at 1.7 m/s with
-    10 kg behind it and a felt of 3e3 Pa goes 2.6 mm beyond the core's face.
+    thickness, and 45 N push it through a board. Core and handle are as hard as the
+    board, and give way by 0.03 mm for 100 N on the whole face. Thrown flat at the board
+    at 1.7 m/s with 10 kg behind it, the core goes 2.1 mm in with a felt of 3e3 Pa.
 
     The same law says which moduli make sense. Wool, of 1310 kg/m^3 and about 3 GPa,
     resists squeezing by half with k E phi^3 (2^3 - 1), with k about 0.01 and phi the
     fraction of the volume that is filled: 2.5e3 Pa for a fleece of 30 kg/m^3, 1.2e4 Pa
-    for one of 50, as on whiteboard erasers, 2e5 Pa for a felt of 130 kg/m^3. Felts also
-    get stiffer with the load that they carry [2]_, which is left out.
+    for one of 50, 2e5 Pa for a felt of 130 kg/m^3. Felts also get stiffer with the load
+    that they carry [2]_, which is left out.
 
     Parameters
     ----------
