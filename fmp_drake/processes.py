@@ -35,6 +35,8 @@ class Workers(Protocol):
 
     renewed_after: int | None
     """Tasks after which the executor is replaced."""
+    attempts: int
+    """How often a task is begun; 1 where the executor itself begins it again."""
 
     def executor(self) -> AbstractContextManager[Executor]:
         """Return an executor whose processes end with its context."""
@@ -76,7 +78,8 @@ def run_tasks[T, R](
             while running or (waiting and usable):
                 while waiting and usable:
                     beside = (waiting[0], *running.values())
-                    alone = any(attempts == ATTEMPTS for _, attempts in beside)
+                    last = max(attempts for _, attempts in beside)
+                    alone = last == workers.attempts > 1
                     if len(running) >= (1 if alone else workers.places()):
                         break
                     try:
@@ -93,7 +96,7 @@ def run_tasks[T, R](
                         result: R | Exception = future.result()
                     except Exception as reason:  # noqa: BLE001
                         usable = usable and not isinstance(reason, BrokenExecutor)
-                        if attempts < ATTEMPTS and not isinstance(
+                        if attempts < workers.attempts and not isinstance(
                             reason, ExperimentError
                         ):
                             waiting.appendleft((task, attempts + 1))
@@ -113,6 +116,7 @@ class LocalWorkers:
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
+        self.attempts = ATTEMPTS
         self.renewed_after: int | None = jobs * _TASKS_OF_A_PROCESS
 
     @contextmanager
@@ -176,6 +180,7 @@ class ClusterWorkers:
     """
 
     renewed_after: int | None = None
+    attempts = 1
 
     def __init__(self, address: str) -> None:
         try:

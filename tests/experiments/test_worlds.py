@@ -48,6 +48,7 @@ class Threads:
     """Workers that are this process."""
 
     renewed_after = None
+    attempts = 1
 
     @contextmanager
     def executor(self):
