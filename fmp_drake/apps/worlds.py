@@ -2,6 +2,7 @@
 
 import os
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -99,13 +100,10 @@ def worlds(
             _replay(console, store, replay, html, video)
             return
     else:
-        if out is None or replay is not None:
-            raise FmpError(
-                "worlds are replayed from a folder of them; give it in place of "
-                f"{source}."
-                if replay is not None
-                else "say with --out in which folder to keep the worlds."
-            )
+        if replay is not None:
+            raise FmpError(f"{source} is no folder of worlds, of which to replay one.")
+        if out is None:
+            raise FmpError("say with --out in which folder to keep the worlds.")
         for name, value, least in (
             ("count", count, 1),
             ("jobs", jobs, 1),
@@ -156,11 +154,7 @@ def _run(
             bar = progress.add_task("worlds", total=None)
             for done, of in steps:
                 progress.update(bar, completed=done, total=of)
-                if (
-                    of
-                    and not console.is_terminal
-                    and 20 * done // of > 20 * (done - 1) // of
-                ):
+                if not console.is_terminal and done % max(1, of // 20) == 0:
                     console.print(f"{done} of {of} worlds")
     except KeyboardInterrupt:
         console.print(
@@ -182,10 +176,8 @@ def _replay(
     if not world.is_feasible:
         console.print(f"refused in advance: {world.verdict}")
     metrics = replay_world(world, float(store.plan["seconds"]), html=html, video=video)
-    found = faults(world) if world.was_run else []
-    console.print(
-        f"world {number}: {'; '.join(f.words for f in found) or 'nothing went wrong'}."
-    )
+    found = [fault.words for fault in faults(replace(world, metrics=metrics, error=""))]
+    console.print(f"world {number} {'; '.join(found) or 'goes well'}")
     if world.metrics is not None:
         same = str(metrics) == str(world.metrics)  # NaN is not equal to itself.
         console.print(

@@ -2,6 +2,7 @@
 
 `polishing`, `eight` and `wiping` rerun its experiments, at the sizes of a `Profile`, and
 return what they found, each a `Finding`; `write_report` makes a page of them.
+`fmp_drake.experiments.worlds` runs scenarios that are drawn at random.
 `fmp_drake.experiments.baselines` has the movement primitives that FMP is compared with.
 """
 
