@@ -44,6 +44,8 @@ def print_report(console: Console, metrics: Mapping[str, Any]) -> None:
         if m["penetration_max_m"] > 0
         else "nothing hard below it",
     }
+    events = [event["text"] for event in m["events"]]
+    rows["what went wrong"] = "\n".join(events) or "nothing"
     for name, text in rows.items():
         table.add_row(f"[bold]{name}[/bold]", text)
     console.print(table)

@@ -197,6 +197,7 @@ def wipe(
         "real_time_factor": duration / wall_seconds,
         "learn_seconds": learn_seconds,
         **run.metrics(),
+        "events": [event._asdict() for event in run.events()],
     }
     print_report(console, metrics)
     if report is not None:

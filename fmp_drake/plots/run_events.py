@@ -1,4 +1,4 @@
-"""What happened in a run: re-mappings and disturbances, as marks over time."""
+"""What happened in a run: re-mappings, disturbances, faults, as marks over time."""
 
 from typing import TYPE_CHECKING
 
@@ -10,13 +10,14 @@ if TYPE_CHECKING:
 
 _LEAST_FORCE = 1e-3  # N, of a disturbance.
 _DISTURBED = "#CC79A7"
+_WRONG = "#D55E00"
 
 
 def draw_events(ax: Axes, run: "WipingRun") -> None:
     """Mark the re-mappings and the disturbances of a run in axes over time.
 
     Dotted lines are re-mappings that were due, dashed ones those after a push, and
-    shaded times are those of a disturbance.
+    shaded times are those of a disturbance, or of what went wrong.
     """
     time, counts = run.log_times("remaps"), run.log("remaps")
     total, after_push = (time[1:][risen] for risen in np.diff(counts, axis=0).T > 0)
@@ -33,6 +34,9 @@ def draw_events(ax: Axes, run: "WipingRun") -> None:
                 zorder=0.9,
                 label=label,
             )
+    for start, end, kind, _ in run.events():
+        if not kind.startswith("board"):
+            ax.axvspan(start, end, color=_WRONG, alpha=0.15, linewidth=1, label=kind)
     if "disturbance" not in run.kept:
         return
     disturbed = np.linalg.norm(run.log("disturbance"), axis=1) > _LEAST_FORCE

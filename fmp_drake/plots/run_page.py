@@ -43,7 +43,7 @@ def draw_run(run: "WipingRun") -> Figure:
     """Return a page: path, ink left; cleaned area, force and tracking error over time.
 
     Dotted lines are re-mappings, dashed ones those after a push, and shaded times are
-    those of a disturbance.
+    those of a disturbance, or of what went wrong; above is said what.
 
     Parameters
     ----------
@@ -69,6 +69,8 @@ def draw_run(run: "WipingRun") -> Figure:
         draw_events(ax, run)
         legend_above(ax)
     figure.align_ylabels([cleaned, force, error])
+    sentences = "\n".join(event.text for event in run.events())
+    figure.suptitle(sentences, fontsize="medium", x=0.01, ha="left")
     return figure
 
 

@@ -2,6 +2,7 @@
 
 from fmp_drake.runs.advancing import RunButtons, advance
 from fmp_drake.runs.context_file import load_context, save_context
+from fmp_drake.runs.events import RunEvent
 from fmp_drake.runs.log import RunLog, Signal
 from fmp_drake.runs.skills import (
     bundled_demonstrations,
@@ -14,6 +15,7 @@ from fmp_drake.runs.wiping_run import WipingRun
 
 __all__ = [
     "RunButtons",
+    "RunEvent",
     "RunLog",
     "Signal",
     "WipingRun",

@@ -15,7 +15,8 @@ from fmp_drake.primitives import DemonstratedRegion
 from fmp_drake.runs.signals import MILLISECOND
 from fmp_drake.systems.impedance.status import StatusFlag
 
-_CONTACT_FORCE = 0.5
+CONTACT_FORCE = 0.5
+"""The normal force from which on the eraser touches the board, N."""
 NEAR_FORCE = 5.0
 """How far from the wanted normal force it may be, N."""
 
@@ -59,7 +60,7 @@ class ForceMetrics:
     def update(self, chunk: Chunk) -> None:
         """Take the next normal forces."""
         force = chunk["normal_force"].values[:, 0]
-        touching = force > _CONTACT_FORCE
+        touching = force > CONTACT_FORCE
         if not self._samples:
             first = int(np.argmax(touching)) if np.any(touching) else len(force)
             force, touching = force[first:], touching[first:]

@@ -16,6 +16,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.runs.events import RunEvent, RunEvents
 from fmp_drake.runs.ink_metrics import ink_metrics
 from fmp_drake.runs.log import Rows, write_log
 from fmp_drake.runs.metrics import (
@@ -155,6 +156,7 @@ class WipingRun:
         force = ForceMetrics(self.scenario.press.force)
         region = RegionMetrics(self._region)
         self._metrics = (force, TrackingMetrics(), region, limits)
+        self._events = RunEvents()
         self._values = {
             name: Spill((self.station.GetOutputPort(name).size(),))
             for name in self.kept
@@ -188,6 +190,7 @@ class WipingRun:
             log.Clear()
         for metrics in self._metrics:
             metrics.update(chunk)
+        self._events.update(chunk)
         times = {}
         for name, spill in self._values.items():
             times[signal_kind(name).period], values = chunk[name]
@@ -228,6 +231,11 @@ class WipingRun:
             "remap_count": int(remaps),
             "reactive_remap_count": int(reactive),
         }
+
+    def events(self) -> list[RunEvent]:
+        """Return what went wrong in the run so far, in the order of time."""
+        self._take_in()
+        return self._events.result()
 
     def _joint_limits(self) -> JointLimits:
         plant: Any = self.station.GetSubsystemByName("plant")

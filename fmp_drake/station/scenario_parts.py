@@ -155,8 +155,7 @@ class PressConfig:
     force : float
         Along the board's normal, N; not negative.
     engage_height : float
-        Height of the eraser and its target over the board below which the force comes
-        in smoothly, m.
+        Height of the target over the board below which the force comes in smoothly, m.
 
     Examples
     --------

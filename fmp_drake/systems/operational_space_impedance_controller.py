@@ -35,10 +35,12 @@ Choosing the parameters
   greatest force of the spring; divided by D it is the greatest speed.
 - *Posture frequency*: a few rad/s; below 2 the elbow sags with friction.
 - *Normal force*: `desired_normal_force` is fed forward along −z of T. It comes in
-  smoothly while tool and target both approach the surface from `engage_height` on,
-  so that the arm does not push in free air. Where height or tilt are known no better
-  than the force by the stiffness, enable `force_control` and connect the measured
-  force; see `ForceControlConfig` for its gains.
+  smoothly while the target approaches the surface from `engage_height` on, and the
+  tool follows no faster than `force_control.search_speed` allows. Where the surface
+  is not where it is said to be, the target is as much lower or higher, up to
+  `search_range`; where there is none, a protective stop says so. Where the friction of
+  the joints matters beside the force, enable `force_control` and connect the
+  measured force; see `ForceControlConfig` for its gains.
 - *Minimal intervention*: `covariance_stiffness` takes K from the covariance of the
   demonstrations, ``k_min + (k_max − k_min) (1 + Σ / σ²)⁻¹``. Choose σ as the
   deviation that a person would not correct.
@@ -146,8 +148,9 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     - ``feedforward_wrench`` (6): torque and force, Nm and N, in T, that the robot
       shall apply at E's origin.
-    - ``desired_normal_force`` (1): N, along −z of T, applied where tool and target are
-      near the surface z = 0 of T. Less than 0 counts as 0.
+    - ``desired_normal_force`` (1): N, along −z of T, applied where the target is
+      near the surface z = 0 of T; up to twice as much brings a tool that was lifted
+      back to it. Less than 0 counts as 0.
     - ``desired_orientation`` (4): quaternion w, x, y, z of R_TE, of any length and
       sign; without it the configured orientation.
     - ``desired_angular_velocity``, ``desired_angular_acceleration`` (3): of E
@@ -193,8 +196,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
         The posture that is kept in the nullspace, rad. By default the middle of the
         joints' ranges (zero for a joint without limits).
     engage_height : float
-        Height of tool and target over T's plane below which the desired normal force
-        comes in, m.
+        Height of the target over T's plane below which the desired normal force comes
+        in, m.
 
     Raises
     ------

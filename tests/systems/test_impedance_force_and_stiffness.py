@@ -15,8 +15,11 @@ from fmp_drake.systems.impedance.algebra import (
 from fmp_drake.systems.impedance.force_control import (
     ForceControlConfig,
     ForceState,
+    Press,
+    approach_factor,
     correct_normal_force,
     engagement,
+    with_force,
 )
 from fmp_drake.systems.impedance.settings import values_of
 from fmp_drake.systems.impedance.stiffness import (
@@ -36,12 +39,19 @@ K = np.diag([30.0, 30, 3, 1500, 1500, 200])
 seeds = st.integers(0, 2**32 - 1)
 
 
-def pushed(measured, *, wanted=10.0, steps=1, state=None, saturated=False):
+def pushed(measured, *, wanted=10.0, steps=1, state=None, **others):
+    """Feed the same measured force, or none, for some milliseconds."""
     state = ForceState() if state is None else state
+    press = Press(
+        wanted=wanted,
+        measured=np.nan if measured is None else measured,
+        searching=wanted > 0,
+        height=0.0,
+        stiffness=200.0,
+        saturated=False,
+    )._replace(**others)
     for _ in range(steps):
-        result = correct_normal_force(
-            values_of(FORCE), state, wanted, measured, saturated, 0.001
-        )
+        result = correct_normal_force(values_of(FORCE), state, press, 0.001)
         state = result.state
     return result
 
@@ -51,45 +61,79 @@ def pushed(measured, *, wanted=10.0, steps=1, state=None, saturated=False):
 
 def test_a_force_that_is_too_small_is_increased():
     once, later = pushed(8.0), pushed(8.0, steps=100)
-    assert 0 < once.correction < later.correction
     assert once.closed
+    assert once.correction == FORCE.proportional_gain * 2
+    assert later.state.surface < once.state.surface < 0
 
 
-def test_the_integral_stops_at_its_limit_and_leaves_it_at_once():
+def test_a_surface_is_looked_for_no_farther_than_is_allowed_and_left_at_once():
     result = pushed(1.0, steps=10000)
-    assert result.correction == FORCE.max_correction
     assert result.limited
-    assert result.state.integral == FORCE.max_correction
-    assert pushed(12.0, state=result.state).state.integral < FORCE.max_correction
+    assert result.state.surface == -FORCE.search_range
+    assert pushed(12.0, state=result.state).state.surface > -FORCE.search_range
 
 
-def test_nothing_is_integrated_while_the_torque_is_saturated():
-    state = ForceState(2.0, 0.0)
-    assert pushed(5.0, state=state, saturated=True).state.integral == 2.0
+@pytest.mark.parametrize("measured", [5.0, None])
+def test_nothing_is_integrated_while_the_torque_is_saturated(measured):
+    state = ForceState(0.002, 0.0, 0.0)
+    found = pushed(measured, state=state, saturated=True, height=-0.01)
+    assert found.state.surface == 0.002
 
 
-def test_the_correction_is_released_when_contact_is_lost():
-    held = pushed(8.0, steps=500)
-    lost = pushed(0.0, steps=500, state=held.state)
-    assert lost.lost
-    assert not lost.closed
-    assert lost.correction < 1e-3 * held.correction
-
-
-def test_nothing_is_added_before_the_first_contact():
-    result = pushed(0.0, steps=100)
-    assert (result.correction, result.lost) == (0.0, True)
-
-
-def test_the_correction_is_released_when_no_force_is_wanted():
-    held = pushed(8.0, steps=500)
-    result = pushed(8.0, wanted=0.0, steps=500, state=held.state)
-    assert abs(result.correction) < 1e-3
-    assert not result.lost
+def test_what_was_found_is_forgotten_when_nothing_is_wanted_there():
+    for measured in (6.0, 14.0):
+        held = pushed(measured, steps=100)
+        assert abs(held.state.surface) > 1e-3
+        lifted = pushed(0.0, searching=False, steps=1500, state=held.state)
+        assert lifted.lost
+        assert not lifted.closed
+        assert (lifted.correction, lifted.state.surface) == (0.0, 0.0)
+        result = pushed(measured, wanted=0.0, steps=1500, state=held.state)
+        assert not result.lost
+        assert (result.correction, result.state.surface) == (0.0, 0.0)
 
 
 def test_pushing_is_never_turned_into_pulling():
     assert pushed(100.0, wanted=3.0, steps=1000).correction == -3.0
+
+
+def test_the_surface_follows_a_tool_that_sinks_soon_and_one_that_is_lifted_slowly():
+    """Without a sensor: a person may lift the tool, but nobody pushes it through."""
+    state = ForceState(0.0, 10.0, 0.0)
+    low, high = (pushed(None, height=z, steps=200, state=state) for z in (-0.01, 0.01))
+    assert low.state.surface == pytest.approx(-0.01, rel=0.03)
+    assert 0 < high.state.surface < 0.2 * FORCE.search_speed
+    far = pushed(None, height=0.05, steps=200, state=state)
+    assert far.state.surface == 0.0
+
+
+@pytest.mark.parametrize(
+    ("force", "height", "lost"),
+    [(10.0, 0.0, False), (1.0, 0.0, True), (30.0, 0.02, True), (10.0, 0.009, False)],
+)
+def test_contact_shows_in_the_force_of_the_law_and_in_the_height(force, height, lost):
+    """Also where nothing is measured; a person who lifts the tool is no surface."""
+    state = ForceState(0.0, force, 0.0)
+    assert pushed(None, height=height, steps=100, state=state).lost == lost
+
+
+def test_the_force_of_the_law_is_low_pass_filtered():
+    state = ForceState()
+    for _ in range(50):
+        state = with_force(values_of(FORCE), state, 10.0, 0.001)
+    assert state.force == pytest.approx(10 * (1 - np.exp(-1)), rel=0.02)
+
+
+def test_the_approach_is_slow_near_the_surface_and_quick_far_from_it():
+    def factor(height, speed):
+        return approach_factor(values_of(FORCE), 0.005, height, speed)
+
+    slow = FORCE.search_speed
+    assert factor(0.005, slow) == factor(-0.01, slow) == 1
+    assert factor(0.005, 1.5 * slow) == pytest.approx(0.5)
+    assert factor(0.005, 3 * slow) == 0
+    assert factor(0.035, 3 * slow) == 1
+    assert factor(0.3, 0.5) == 2
 
 
 def test_the_force_comes_in_as_a_smooth_step():

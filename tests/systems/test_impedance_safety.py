@@ -223,7 +223,7 @@ def test_the_memory_survives_its_vector(used):
     rng = np.random.default_rng(0)
     memory = ImpedanceMemory(
         watchdog=WatchdogState(2, 0.3, 1.1),
-        force=ForceState(1.5, 0.02),
+        force=ForceState(0.015, 7.0, 0.02),
         tank_energy=0.7,
         saturated=used,
         target=LastTarget(used, 0.05, random_pose(rng)),

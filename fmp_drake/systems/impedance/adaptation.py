@@ -1,16 +1,9 @@
-"""The stiffness and the normal force, as far as the inputs change them."""
-
-import math
+"""The stiffness, as far as the inputs change it."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import inlined
-from fmp_drake.systems.impedance.force_control import (
-    ForceCorrection,
-    ForceState,
-    correct_normal_force,
-)
 from fmp_drake.systems.impedance.packing import (
     ImpedanceMemory,
     StepInputs,
@@ -59,25 +52,3 @@ def next_stiffness(
         present, present + passed * (K - present), error, energy
     )
     return K, energy, _TANK_EMPTY * held_back
-
-
-@inlined
-def force_correction(
-    settings: ImpedanceSettings,
-    memory: ImpedanceMemory,
-    inputs: StepInputs,
-    wrench: Array,
-    fraction: float,
-) -> ForceCorrection:
-    """Return the correction of the normal force that `wrench` feeds forward."""
-    if not inputs.has_normal_force:
-        return ForceCorrection(0.0, ForceState(0.0, math.inf), False, False, False)
-    config = settings.config
-    return correct_normal_force(
-        config.force_control,
-        memory.force,
-        -wrench[5] if fraction == 1 else 0.0,
-        inputs.normal_force if inputs.finite else 0.0,
-        memory.saturated,
-        config.control_period,
-    )

@@ -73,6 +73,8 @@ class LawTorque(NamedTuple):
         not positive definite.
     dissipation : float
         Power that the task's damping takes out of the motion, W.
+    normal_force : float
+        Of spring, damping and feed-forward along −z of T, N.
     clipped : bool
         Whether an error was shortened.
     near_singular : bool
@@ -81,6 +83,7 @@ class LawTorque(NamedTuple):
 
     torque: Array
     dissipation: float
+    normal_force: float
     clipped: bool
     near_singular: bool
 
@@ -254,7 +257,7 @@ def impedance_law(
     """
     inverse_inertia = mobility(arm.M, arm.J)
     if not math.isfinite(np.sum(inverse_inertia)):
-        return LawTorque(np.full(len(arm.v), np.nan), 0.0, False, False)
+        return LawTorque(np.full(len(arm.v), np.nan), 0.0, 0.0, False, False)
     B, omega, bounded = task_modes(
         inverse_inertia,
         stiffness,
@@ -273,6 +276,8 @@ def impedance_law(
     spring, clipped = spring_wrench(
         stiffness, error, config.max_rotation_error, config.max_translation_error
     )
-    torque = BJ.T @ (x + damping) + arm.J.T @ (spring + feedforward_wrench)
+    wrench = spring + feedforward_wrench
+    torque = BJ.T @ (x + damping) + arm.J.T @ wrench
     torque += arm.M @ posture + arm.Cv
-    return LawTorque(torque, float(y @ damping), clipped, bounded)
+    normal_force = -float(wrench[5] + B[5] @ damping)
+    return LawTorque(torque, float(y @ damping), normal_force, clipped, bounded)

@@ -21,7 +21,7 @@ from fmp_drake.systems.impedance.target import TaskTarget
 
 Array = NDArray[np.float64]
 
-MEMORY_SIZE = 72
+MEMORY_SIZE = 73
 
 # Numbers that are larger are taken for an error.
 _LARGEST = 1e12
@@ -203,40 +203,41 @@ def initial_memory(stiffness: Array, *, tank_energy: float) -> ImpedanceMemory:
 
 @compiled
 def decode(vector: Array) -> ImpedanceMemory:
-    """Read a memory from a vector, shape (72,), without copying it."""
+    """Read a memory from a vector, shape (73,), without copying it."""
     return ImpedanceMemory(
         WatchdogState(int(vector[0]), vector[1], vector[2]),
-        ForceState(vector[3], vector[4]),
-        vector[5],
-        vector[6] > 0,
+        ForceState(vector[3], vector[4], vector[5]),
+        vector[6],
+        vector[7] > 0,
         LastTarget(
-            vector[7] > 0, vector[8], Pose(vector[9:18].reshape(3, 3), vector[18:21])
+            vector[8] > 0, vector[9], Pose(vector[10:19].reshape(3, 3), vector[19:22])
         ),
-        Pose(vector[21:30].reshape(3, 3), vector[30:33]),
-        vector[33:69].reshape(6, 6),
-        vector[69:],
+        Pose(vector[22:31].reshape(3, 3), vector[31:34]),
+        vector[34:70].reshape(6, 6),
+        vector[70:],
     )
 
 
 @compiled
 def encode(memory: ImpedanceMemory) -> Array:
-    """Write a memory into a new vector, shape (72,)."""
+    """Write a memory into a new vector, shape (73,)."""
     vector = np.empty(MEMORY_SIZE)
     vector[0] = memory.watchdog.mode
     vector[1] = memory.watchdog.clock
     vector[2] = memory.watchdog.duration
-    vector[3] = memory.force.integral
-    vector[4] = memory.force.lost_time
-    vector[5] = memory.tank_energy
-    vector[6] = memory.saturated
-    vector[7] = memory.target.known
-    vector[8] = memory.target.frozen_time
-    _put(vector, 9, memory.target.X.R.ravel())
-    _put(vector, 18, memory.target.X.p)
-    _put(vector, 21, memory.held.R.ravel())
-    _put(vector, 30, memory.held.p)
-    _put(vector, 33, memory.stiffness.ravel())
-    _put(vector, 69, memory.rotation_error)
+    vector[3] = memory.force.surface
+    vector[4] = memory.force.force
+    vector[5] = memory.force.lost_time
+    vector[6] = memory.tank_energy
+    vector[7] = memory.saturated
+    vector[8] = memory.target.known
+    vector[9] = memory.target.frozen_time
+    _put(vector, 10, memory.target.X.R.ravel())
+    _put(vector, 19, memory.target.X.p)
+    _put(vector, 22, memory.held.R.ravel())
+    _put(vector, 31, memory.held.p)
+    _put(vector, 34, memory.stiffness.ravel())
+    _put(vector, 70, memory.rotation_error)
     return vector
 
 

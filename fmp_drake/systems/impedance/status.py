@@ -16,6 +16,7 @@ class StatusFlag(IntFlag):
     - `JUMP`: the target jumped.
     - `STALE`: the target is too old, or stands still although it has a velocity.
     - `NO_STATE`: the arm's state was not finite; the torque goes to zero.
+    - `NOT_FOUND`: the surface is lower than is searched, or there is none.
 
     The torque was limited:
 
@@ -29,7 +30,8 @@ class StatusFlag(IntFlag):
 
     - `FORCE_CONTROL`: the normal force is controlled in closed loop.
     - `CONTACT_LOST`: a normal force is wanted, but nothing is touched.
-    - `FORCE_LIMITED`: the correction of the normal force is at its limit.
+    - `FORCE_LIMITED`: the surface is as far from where it is said to be as is
+      searched.
     - `STIFFNESS_REFUSED`: the stiffness or covariance at the port was no spring.
     - `TANK_EMPTY`: the energy tank held the stiffness back.
 
@@ -61,6 +63,7 @@ class StatusFlag(IntFlag):
     FORCE_LIMITED = 16384
     STIFFNESS_REFUSED = 32768
     TANK_EMPTY = 65536
+    NOT_FOUND = 131072
     BELOW_SURFACE = 1048576
 
 
@@ -76,8 +79,8 @@ class ImpedanceStatus(NamedTuple):
         recovery.
     torque_scale, rate_scale : float
         Factors in (0, 1] by which the torque and its change were shortened.
-    force_correction : float
-        What the closed loop adds to the wanted normal force, N.
+    surface_height : float
+        At which the surface was found, over where it is said to be, m.
     tank_energy : float
         Energy that the stiffness may still take from the tank, J.
 
@@ -92,7 +95,7 @@ class ImpedanceStatus(NamedTuple):
     target_fraction: float
     torque_scale: float
     rate_scale: float
-    force_correction: float
+    surface_height: float
     tank_energy: float
 
     @classmethod

@@ -9,12 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled, inlined
-from fmp_drake.systems.impedance.adaptation import force_correction, next_stiffness
+from fmp_drake.systems.impedance.adaptation import next_stiffness
 from fmp_drake.systems.impedance.algebra import Pose, compose, relative, twist_rotation
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import (
     ForceState,
+    Press,
+    approach_factor,
+    correct_normal_force,
     engagement,
+    is_beyond,
+    with_force,
 )
 from fmp_drake.systems.impedance.friction import friction_torque
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
@@ -58,6 +63,7 @@ _FORCE_CONTROL = int(StatusFlag.FORCE_CONTROL)
 _FORCE_LIMITED = int(StatusFlag.FORCE_LIMITED)
 _JOINT_WALL = int(StatusFlag.JOINT_WALL)
 _NEAR_SINGULAR = int(StatusFlag.NEAR_SINGULAR)
+_NOT_FOUND = int(StatusFlag.NOT_FOUND)
 _NO_STATE = int(StatusFlag.NO_STATE)
 _NOT_FINITE = int(StatusFlag.NOT_FINITE)
 _PROTECTIVE_STOP = int(StatusFlag.PROTECTIVE_STOP)
@@ -89,7 +95,7 @@ def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]
             s.
         previous : array, shape (n,)
             The torque of the update before, Nm.
-        memory : array, shape (72,)
+        memory : array, shape (73,)
             The vector of `ImpedanceMemory`, of the update before; not changed.
         known : bool
             Whether the state is finite; where it is not, the torque goes to zero.
@@ -107,7 +113,7 @@ def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]
             ``J̇ v``, rad/s² and m/s².
 
         It returns the torque, shape (n,), in Nm; the vector of `ImpedanceStatus`,
-        shape (6,); and that of `ImpedanceMemory`, shape (72,).
+        shape (6,); and that of `ImpedanceMemory`, shape (73,).
     """
 
     @compiled
@@ -159,6 +165,8 @@ def _next_torque(
     period = config.control_period
     X_WT = inputs.X_WT
     X_TE = relative(X_WT, X_WE)
+    rotation = twist_rotation(X_WT.R.T)
+    arm_T = ArmDynamics(arm.v, arm.M, arm.Cv, rotation @ arm.J, rotation @ arm.Jdot_v)
 
     # Which target is followed, and how far.
     target = inputs.target
@@ -169,13 +177,28 @@ def _next_torque(
         flags, last = target_faults(
             config.watchdog, memory.target, target_W, speed, inputs.age, period
         )
+    surface, height = memory.force.surface, X_TE.p[2] - target.X.p[2]
+    pressing = inputs.desired_normal_force * engagement(
+        target.X.p[2], settings.engage_height
+    )
+    searching = (
+        memory.watchdog.mode != STOPPED
+        and target.X.p[2] < settings.engage_height
+        and pressing - inputs.wrench[5] > 0
+        and (pressing > 0 or inputs.has_normal_force)
+    )
+    if searching and is_beyond(config.force_control, memory.force, height):
+        flags |= _NOT_FOUND
+    # A tool that was below the surface comes up in the stop, slowly, and that long it
+    # lasts; the surface that was found is forgotten meanwhile.
+    below = memory.watchdog.mode == STOPPED and surface < 0
     watchdog, held = supervised(
         config.watchdog,
         memory.watchdog,
         memory.held,
-        X_WE,
+        Pose(X_WE.R, X_WE.p - min(surface, 0.0) * X_WT.R[:, 2]),
         target_W,
-        flags != 0,
+        flags != 0 or below,
         period,
     )
     flags |= _PROTECTIVE_STOP * (watchdog.mode == STOPPED)
@@ -183,25 +206,45 @@ def _next_torque(
     fraction, rate = target_fraction(watchdog)
     wrench = np.zeros(6)
     if fraction > 0:
-        height = max(target.X.p[2], X_TE.p[2])
         wrench += inputs.wrench
-        wrench[5] -= inputs.desired_normal_force * engagement(
-            height, settings.engage_height
-        )
+        wrench[5] -= pressing
         target = motion_in_world(target, inputs.frame_twist, inputs.frame_acceleration)
         if fraction < 1:
             target = blended(target, relative(X_WT, held), fraction, rate)
     else:
+        pressing, searching = 0.0, False
         target = TaskTarget(relative(X_WT, held), np.zeros(6), np.zeros(6))
-    force = force_correction(settings, memory, inputs, wrench, fraction)
+    measured = math.nan
+    if inputs.has_normal_force:
+        measured = inputs.normal_force if inputs.finite else 0.0
+    force = correct_normal_force(
+        config.force_control,
+        memory.force,
+        Press(
+            -wrench[5] if fraction == 1 else 0.0,
+            measured,
+            searching,
+            height,
+            memory.stiffness[5, 5],
+            memory.saturated,
+        ),
+        period,
+    )
+    # The tool's speed relative to T, along z.
+    w, p = inputs.frame_twist, X_TE.p
+    rising = arm_T.J[5] @ arm.v - w[5] - (w[0] * p[1] - w[1] * p[0])
+    factor = approach_factor(config.force_control, surface, height, -rising)
+    factor *= engagement(
+        -height - config.force_control.search_range, settings.engage_height
+    )
+    wrench[5] += pressing * (1 - factor)
     wrench *= fraction
     wrench[5] -= force.correction
 
     # The law.
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error)
+    error[5] += force.state.surface
     K, energy, stiffness_flags = next_stiffness(settings, memory, inputs, error)
-    rotation = twist_rotation(X_WT.R.T)
-    arm_T = ArmDynamics(arm.v, arm.M, arm.Cv, rotation @ arm.J, rotation @ arm.Jdot_v)
     law = impedance_law(
         config, arm_T, K, error, target.V, target.A, wrench, settings.q_posture - q
     )
@@ -239,14 +282,14 @@ def _next_torque(
                 fraction,
                 limited.torque_scale,
                 limited.rate_scale,
-                force.correction,
+                force.state.surface,
                 energy,
             )
         ),
         encode(
             ImpedanceMemory(
                 watchdog,
-                force.state,
+                with_force(config.force_control, force.state, law.normal_force, period),
                 refill(config.tank, energy, law.dissipation * period),
                 limited.torque_scale < 1,
                 last,
@@ -271,7 +314,7 @@ def _without_state(
         encode(
             ImpedanceMemory(
                 WatchdogState(LOST, 0.0, 0.0),
-                ForceState(0.0, math.inf),
+                ForceState(0.0, 0.0, math.inf),
                 memory.tank_energy,
                 False,
                 LastTarget(memory.target.known, 0.0, memory.target.X),

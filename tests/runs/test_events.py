@@ -1,0 +1,105 @@
+"""Facts about the sentences that say what went wrong in a run."""
+
+import numpy as np
+import pytest
+
+from fmp_drake.runs.events import Occurrences, RunEvents
+from fmp_drake.runs.metrics import Samples
+from fmp_drake.systems import StatusFlag
+
+
+def recorded(seconds=8.0, *, touch=1.0, height=0.0):
+    """Signals of a run in which nothing went wrong after the first contact."""
+    fast, slow, path = (
+        p * np.arange(round(seconds / p) + 1) for p in (0.001, 0.01, 0.005)
+    )
+    force = np.where(slow < touch, 0.0, 10.0)
+    status = np.zeros((len(fast), 6))
+    status[:, 4] = height or 1e-4
+    status[(fast > 0.5) & (fast < touch), 0] = StatusFlag.CONTACT_LOST
+    desired = np.column_stack([np.sin(path), np.cos(path), 0 * path])
+    return {
+        "normal_force": Samples(slow, force[:, None]),
+        "status": Samples(fast, status),
+        "desired_position": Samples(path, desired),
+        "measured_position": Samples(path, desired + np.array([0, 0, height])),
+    }
+
+
+def mark(signals, start, end, flags):
+    times, status = signals["status"]
+    status[(times > start - 1e-6) & (times < end - 1e-6), 0] = float(flags)
+
+
+def sentences(signals, *, until=()):
+    """Feed the signals in chunks that end at some times."""
+    events, start = RunEvents(), -1.0
+    for end in (*until, 1e9):
+        events.update(
+            {
+                name: Samples(*(each[(t > start) & (t <= end)] for each in (t, values)))
+                for name, (t, values) in signals.items()
+            }
+        )
+        start = end
+    return [event.text for event in events.result()]
+
+
+def test_nothing_is_said_of_a_run_in_which_nothing_went_wrong():
+    assert sentences(recorded()) == []
+
+
+def test_contact_that_is_lost_is_said_with_its_longest_time():
+    signals = recorded()
+    for start, end in ((2.0, 2.3), (4.0, 4.8), (6.0, 6.1)):
+        mark(signals, start, end, StatusFlag.CONTACT_LOST)
+    assert sentences(signals) == [
+        "contact lost from 4.0 to 4.8 s (3 times in all, 1.2 s)"
+    ]
+
+
+def test_a_stop_is_said_with_its_cause():
+    signals = recorded()
+    stop = StatusFlag.PROTECTIVE_STOP
+    mark(signals, 7.2, 7.9, stop)
+    mark(signals, 7.2, 7.201, stop | StatusFlag.JUMP)
+    times, measured = signals["measured_position"]
+    measured[times > 7.19, 0] += 0.23
+    mark(signals, 3.0, 3.3, stop | StatusFlag.NOT_FOUND)
+    assert sentences(signals) == [
+        "protective stop from 3.0 to 3.3 s: no board was found where it is looked for",
+        "protective stop from 7.2 to 7.9 s: the target was 23 cm away",
+    ]
+
+
+@pytest.mark.parametrize(("height", "side"), [(-0.008, "lower"), (0.012, "higher")])
+def test_a_board_that_is_elsewhere_is_said(height, side):
+    expected = f"board found {1e3 * abs(height):.0f} mm {side} than assumed"
+    assert sentences(recorded(height=height)) == [expected]
+
+
+def test_what_still_goes_on_is_said_too():
+    signals = recorded()
+    mark(signals, 5.0, 99.0, StatusFlag.JOINT_WALL)
+    assert sentences(signals) == ["a joint at its wall from 5.0 to 8.0 s"]
+
+
+def test_sentences_are_the_same_for_any_chunks():
+    signals = recorded(height=-0.004)
+    rng = np.random.default_rng(3)
+    flags = [0, StatusFlag.CONTACT_LOST, StatusFlag.JOINT_WALL, 1, 9, 17]
+    status = signals["status"].values
+    status[1000:, 0] = np.repeat(rng.choice(flags, 70), 101)[: len(status) - 1000]
+    whole = sentences(signals)
+    assert len(whole) == 5
+    for ends in (np.arange(0.0, 8.0, 0.037), [0.2, 0.9995, 1.0, 5.5, 5.5], [7.9]):
+        assert sentences(signals, until=tuple(ends)) == whole
+
+
+def test_other_signals_are_said_as_easily():
+    deep = Occurrences("a hard part below the board", "up to {:.1f} mm deep")
+    deep.update(np.arange(6.0), np.array([0, 0.5, 0, 0, 3.25, 1]))
+    assert deep.events()[0].text == (
+        "a hard part below the board from 1.0 to 2.0 s (2 times in all, 2.0 s): "
+        "up to 3.2 mm deep"
+    )

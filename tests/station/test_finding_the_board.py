@@ -1,0 +1,90 @@
+"""Facts about a board that is not where it is said to be, and an arm that is pushed.
+
+The force that the board feels is read where no controller looks.
+"""
+
+import numpy as np
+import pytest
+
+from fmp_drake.runs import WipingRun
+from fmp_drake.station import LoadScenario
+from fmp_drake.station.scenario_parts import Disturbance
+from fmp_drake.systems import StatusFlag
+
+WANTED = 10.0
+
+
+def wiped(skill, seconds, *, name="table_top", height=0.0, push=0.0):
+    """Return times and values of force and status; the eraser starts on the board."""
+    scenario = LoadScenario(name)
+    scenario.board.error.translation = [0.0, 0.0, height]
+    scenario.skill.candidates = 1
+    if push:
+        scenario.disturbances = [
+            Disturbance(start=1.0, duration=1.0, force=[0.0, 0.0, push])
+        ]
+    keep = ("normal_force", "status", "measured_position")
+    run = WipingRun(scenario, skill, start=(0, 0, 0.01 + max(height, 0)), keep=keep)
+    run.advance_to(seconds)
+    return run, run.log("normal_force")[:, 0], run.log("status")
+
+
+@pytest.mark.parametrize("height", [-0.009, 0.009])
+def test_a_board_that_is_lower_or_higher_is_pressed_as_wanted(wiping_skill, height):
+    run, force, status = wiped(wiping_skill, 2.5, height=height)
+    assert not run.scenario.impedance.force_control.enabled
+    pressed = force[-100:]  # The last second.
+    assert pressed.min() > WANTED - 5
+    assert force.max() < WANTED + 5
+    assert not np.any(status[:, 0].astype(int) & StatusFlag.PROTECTIVE_STOP)
+    texts = [event.text for event in run.events()]
+    side = "lower" if height < 0 else "higher"
+    assert len(texts) == 1
+    assert texts[0].startswith("board found")
+    assert texts[0].endswith(f" mm {side} than assumed")
+    assert float(texts[0].split()[2]) == pytest.approx(9, abs=2)
+
+
+def test_where_there_is_no_board_a_protective_stop_says_so(wiping_skill):
+    run, force, status = wiped(wiping_skill, 3.5, height=-0.15)
+    assert force.max() == 0
+    flags = status[:, 0].astype(int)
+    stopped = np.flatnonzero(flags & StatusFlag.NOT_FOUND)
+    assert len(stopped) >= 1
+    assert flags[stopped[0]] & StatusFlag.PROTECTIVE_STOP
+    assert np.all(flags[1200 : stopped[0]] & StatusFlag.CONTACT_LOST)
+    settings = run.scenario.impedance.force_control
+    z = run.log("measured_position")[:, 2]
+    # As far as is searched below the path, and as the force takes to fade.
+    assert -0.015 > z.min() > -settings.search_range - 0.015
+    # It comes up again before it is led back to the path.
+    led = np.flatnonzero(flags & StatusFlag.RECOVER)
+    assert np.all(status[led[:1], 4] == 0)
+    assert "protective stop" in run.events()[0].text
+    assert "no board was found" in run.events()[0].text
+
+
+@pytest.mark.parametrize(
+    ("name", "push", "soon"), [("table_top", 20.0, 1.0), ("vertical", 80.0, 2.0)]
+)
+def test_a_person_who_lifts_the_eraser_is_soon_forgotten(
+    wiping_skill, name, push, soon
+):
+    run, force, status = wiped(wiping_skill, 2.2 + soon, name=name, push=push)
+    flags = status[:, 0].astype(int)
+    assert np.all(flags[1500:2000] & StatusFlag.CONTACT_LOST)
+    assert force[150:200].max() == 0
+    back = force[200 + round(100 * soon) :]
+    assert back.min() > WANTED - 5
+    # 12 N after 20 N, 22 N after 80 N from 0.5 m above the board.
+    assert force[200:].max() < WANTED + 0.2 * push
+    lost = next(event for event in run.events() if event.kind == "contact lost")
+    assert 1.0 < lost.start < 1.4
+    assert 2.0 < lost.end < 2.0 + soon
+
+
+def test_the_torque_does_not_jump_where_the_board_is_found(wiping_skill):
+    _, force, status = wiped(wiping_skill, 1.5, height=-0.009)
+    touched = np.argmax(force > 1)
+    assert touched > 10
+    assert np.all(status[10 * touched - 100 :, 3] == 1)  # Never at the rate limit.
