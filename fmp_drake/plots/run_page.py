@@ -70,7 +70,8 @@ def draw_run(run: "WipingRun") -> Figure:
         legend_above(ax)
     figure.align_ylabels([cleaned, force, error])
     sentences = "\n".join(event.text for event in run.events())
-    figure.suptitle(sentences, fontsize="medium", x=0.01, ha="left")
+    if sentences:
+        figure.suptitle(sentences, fontsize="medium", x=0.01, ha="left")
     return figure
 
 

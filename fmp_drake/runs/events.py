@@ -124,7 +124,7 @@ class RunEvents:
         self._lost = Occurrences("contact lost")
         self._wall = Occurrences("a joint at its wall")
         self._cause = 0
-        self._touched = False
+        self._touch = self._contact = np.inf
         self._span = (np.inf, 0.0)
         self._heights = np.zeros(2 * _MOST_HEIGHT + 1, dtype=np.int64)
 
@@ -135,14 +135,13 @@ class RunEvents:
         lost, stopped = flags & int(StatusFlag.CONTACT_LOST), flags & _STOPPED
         self._wall.update(times, flags & int(StatusFlag.JOINT_WALL))
 
-        # Contact can be lost after it has been made.
+        # Contact can be lost after it has been made, and seen.
         force = chunk["normal_force"]
-        touching = force.values[:, 0] > CONTACT_FORCE
-        first = 0.0 if self._touched else np.inf
-        if np.any(touching):
-            first = min(first, force.times[np.argmax(touching)])
-            self._touched = True
-        self._lost.update(times, lost * (times >= first))
+        touching = force.times[force.values[:, 0] > CONTACT_FORCE]
+        self._touch = min([self._touch, *touching[:1]])
+        seen = times[(times >= self._touch) & (lost == 0)]
+        self._contact = min([self._contact, *seen[:1]])
+        self._lost.update(times, lost * (times >= self._contact))
 
         # The cause of a stop is the fault at which it began.
         at, desired = chunk["desired_position"]
@@ -159,7 +158,7 @@ class RunEvents:
 
         # How high the board is shows where it is touched.
         pressed = (flags[rows] & (int(StatusFlag.CONTACT_LOST) | _NO_TARGET)) == 0
-        pressed &= (at >= first) & (status[rows, 4] != 0)
+        pressed &= (at >= self._contact) & (status[rows, 4] != 0)
         if np.any(pressed):
             self._span = (
                 min(self._span[0], float(at[pressed][0])),

@@ -33,6 +33,7 @@ from fmp_drake.plots import (
 )
 from fmp_drake.plots.style import component_color
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
+from fmp_drake.runs import RunEvent
 
 SIX = ("x", "y", "z", "force", "roll", "pitch")
 UNITS = ("m", "m", "m", "N", "rad", "rad")
@@ -679,13 +680,22 @@ class TestPages:
                 if len(line.get_xdata()) > 1
             )
 
+    def test_the_page_of_a_run_says_what_went_wrong(self, skills):
+        text = "contact lost from 0.5 to 0.9 s"
+        run = fake_run(skills[3], events=[RunEvent(0.5, 0.9, "contact lost", text)])
+        assert run_page.draw_run(run).get_suptitle() == text
+        for ax in run_axes(run)[2:]:
+            (shaded,) = (p for p in ax.patches if p.get_label() == "contact lost")
+            assert shaded.get_extents().width > 0
+        assert run_page.draw_run(fake_run(skills[3])).get_suptitle() == ""
+
 
 def run_axes(run):
     """Return the axes of a run's page: path, ink, cleaned, force, error."""
     return [ax for ax in run_page.draw_run(run).axes if ax.get_title(loc="left")]
 
 
-def fake_run(skill, *, clean=(), **more):
+def fake_run(skill, *, clean=(), events=(), **more):
     """Return what a page needs of a `WipingRun`: a board of 0.4 m by 0.6 m.
 
     The demonstrated area are the first 12 cells, and `clean` says when the first of
@@ -716,6 +726,7 @@ def fake_run(skill, *, clean=(), **more):
         ink=lambda: ink,
         initial_ink=np.ones_like(ink),
         output=lambda _: erase_time,
+        events=lambda: list(events),
         demonstrated_area=area,
     )
 

@@ -34,6 +34,7 @@ def test_a_board_that_is_lower_or_higher_is_pressed_as_wanted(wiping_skill, heig
     run, force, status = wiped(wiping_skill, 2.5, height=height)
     assert not run.scenario.impedance.force_control.enabled
     pressed = force[-100:]  # The last second.
+    assert pressed.mean() == pytest.approx(WANTED, abs=1.5)
     assert pressed.min() > WANTED - 5
     assert force.max() < WANTED + 5
     assert not np.any(status[:, 0].astype(int) & StatusFlag.PROTECTIVE_STOP)
@@ -42,7 +43,8 @@ def test_a_board_that_is_lower_or_higher_is_pressed_as_wanted(wiping_skill, heig
     assert len(texts) == 1
     assert texts[0].startswith("board found")
     assert texts[0].endswith(f" mm {side} than assumed")
-    assert float(texts[0].split()[2]) == pytest.approx(9, abs=2)
+    # The path itself has only come down to the board meanwhile.
+    assert float(texts[0].split()[2]) == pytest.approx(9, abs=4)
 
 
 def test_where_there_is_no_board_a_protective_stop_says_so(wiping_skill):

@@ -322,6 +322,8 @@ def wavering(kind):
     if kind == "force control":
         signals["desired_normal_force"] = lambda _t: np.array([5.0])
         signals["normal_force"] = lambda t: np.array([4 + np.sin(60 * t)])
+    if kind == "search":
+        signals["desired_normal_force"] = lambda _t: np.array([20.0])
     if kind == "moving frame":
         origin, axes = X_WT_TILTED.translation(), quaternion(X_WT_TILTED.rotation())
         signals["task_frame"] = lambda t: np.r_[
@@ -336,7 +338,14 @@ def wavering(kind):
 
 @pytest.mark.parametrize(
     "kind",
-    ["plain", "protective stop", "stiffness", "force control", "moving frame"],
+    [
+        "plain",
+        "protective stop",
+        "stiffness",
+        "force control",
+        "search",
+        "moving frame",
+    ],
 )
 def test_a_clone_continues_bit_identically_whatever_was_looked_at(kind):
     signals, config = wavering(kind)
