@@ -1,6 +1,6 @@
 """What went wrong in a run, in sentences that are made while it goes."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,9 +67,7 @@ class Occurrences:
         self._longest = (0.0, -1.0)
         self._count = 0
 
-    def update(
-        self, times: NDArray[np.float64], magnitude: NDArray[np.float64]
-    ) -> None:
+    def update(self, times: NDArray[np.float64], magnitude: NDArray[Any]) -> None:
         """Take the next samples; it is wrong where the magnitude is above 0."""
         if not len(times):
             return

@@ -6,6 +6,11 @@ higher, so that along the normal nothing but the wanted force is left of the law
 follows the measured force where there is one. Where there is none, what the law commands
 along the normal is the force of the contact, in quasi-static balance; the wanted force
 is left when the spring is at rest, so the height follows that of the tool.
+
+That estimate is wrong by the friction of the joints (about 5 N at a Panda's tool where
+it is not compensated), by the tool's inertia for 0.1 s after a jolt, and while the torque
+is limited. It cannot tell a surface from a person: who lifts the tool by less than half
+of `search_range` is taken for one, and who holds it there is slowly believed.
 """
 
 import math
