@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.primitives import DemonstratedRegion
+from fmp_drake.runs.occurrences import Occurrences
 from fmp_drake.runs.signals import MILLISECOND
 from fmp_drake.systems.impedance.status import StatusFlag
 
@@ -134,12 +135,21 @@ class RegionMetrics:
     ----------
     region : DemonstratedRegion, optional
         None where the paths are unknown.
+
+    Attributes
+    ----------
+    outside : Occurrences
+        When the measured position was farther from them than the region's margin.
     """
 
     def __init__(self, region: DemonstratedRegion | None) -> None:
         self._region = region
         self._largest = dict.fromkeys(("desired", "measured"), 0.0)
         self._inside = dict.fromkeys(self._largest, False)
+        self.outside = Occurrences(
+            "the eraser was outside what was demonstrated",
+            "up to {:.0f} mm from its paths",
+        )
 
     def update(self, chunk: Chunk) -> None:
         """Take the next positions."""
@@ -148,7 +158,13 @@ class RegionMetrics:
         for name in self._largest:
             distance = self._region.distance(chunk[f"{name}_position"].values)
             inside = np.logical_or.accumulate(distance <= self._region.margin)
-            counted = distance[inside | self._inside[name]]
+            inside |= self._inside[name]
+            counted = distance[inside]
+            if name == "measured":
+                left = inside & (distance > self._region.margin)
+                self.outside.update(
+                    chunk["measured_position"].times, 1e3 * left * distance
+                )
             self._inside[name] |= bool(np.any(inside))
             self._largest[name] = np.max(counted, initial=self._largest[name])
 

@@ -16,7 +16,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.runs.events import RunEvent, RunEvents
+from fmp_drake.runs.events import RunEvents
 from fmp_drake.runs.ink_metrics import ink_metrics
 from fmp_drake.runs.log import Rows, write_log
 from fmp_drake.runs.metrics import (
@@ -29,6 +29,7 @@ from fmp_drake.runs.metrics import (
     Samples,
     TrackingMetrics,
 )
+from fmp_drake.runs.occurrences import RunEvent
 from fmp_drake.runs.signals import SIGNALS, signal_kind
 from fmp_drake.runs.spill import Spill
 from fmp_drake.station.parts.page_scene import BOARD, INK
@@ -157,6 +158,7 @@ class WipingRun:
         region = RegionMetrics(self._region)
         self._metrics = (force, TrackingMetrics(), region, limits)
         self._events = RunEvents()
+        self._outside = region.outside
         self._values = {
             name: Spill((self.station.GetOutputPort(name).size(),))
             for name in self.kept
@@ -235,7 +237,7 @@ class WipingRun:
     def events(self) -> list[RunEvent]:
         """Return what went wrong in the run so far, in the order of time."""
         self._take_in()
-        return self._events.result()
+        return sorted([*self._events.result(), *self._outside.events()])
 
     def _joint_limits(self) -> JointLimits:
         plant: Any = self.station.GetSubsystemByName("plant")

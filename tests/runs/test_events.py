@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from fmp_drake.runs.events import Occurrences, RunEvents
+from fmp_drake.runs.events import RunEvents
 from fmp_drake.runs.metrics import Samples
+from fmp_drake.runs.occurrences import Occurrences
 from fmp_drake.systems import StatusFlag
 
 
@@ -20,6 +21,7 @@ def recorded(seconds=8.0, *, touch=1.0, height=0.0):
     desired = np.column_stack([np.sin(path), np.cos(path), 0 * path])
     return {
         "normal_force": Samples(slow, force[:, None]),
+        "penetration": Samples(slow, np.zeros((len(slow), 1))),
         "status": Samples(fast, status),
         "desired_position": Samples(path, desired),
         "measured_position": Samples(path, desired + np.array([0, 0, height])),
@@ -94,6 +96,15 @@ def test_sentences_are_the_same_for_any_chunks():
     assert len(whole) == 5
     for ends in (np.arange(0.0, 8.0, 0.037), [0.2, 0.9995, 1.0, 5.5, 5.5], [7.9]):
         assert sentences(signals, until=tuple(ends)) == whole
+
+
+def test_what_is_below_the_board_is_said_with_its_depth():
+    signals = recorded()
+    times, depth = signals["penetration"]
+    depth[(times > 2.0) & (times < 2.5)] = 0.0125
+    assert sentences(signals) == [
+        "a hard part below the board from 2.0 to 2.5 s: up to 12.5 mm deep"
+    ]
 
 
 def test_other_signals_are_said_as_easily():
