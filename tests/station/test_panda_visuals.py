@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from pydrake.geometry import Mesh, Role
+from pydrake.geometry import Capsule, Mesh, Role
 from pydrake.multibody.parsing import PackageMap
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
@@ -86,7 +86,7 @@ def test_normals_have_unit_length_and_agree_with_their_triangles(name):
         assert np.mean(along[big] > 0) > 0.998
 
 
-def test_every_link_shows_its_own_mesh_and_none_touches():
+def test_every_link_shows_its_own_mesh_and_touches_with_capsules_if_it_moves():
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), DiagramBuilder())
     panda, _ = AddPandaWithEraser(plant)
     plant.Finalize()
@@ -96,7 +96,9 @@ def test_every_link_shows_its_own_mesh_and_none_touches():
         frame = plant.GetBodyFrameIdOrThrow(body.index())
         (mesh,) = inspector.GetGeometries(frame, Role.kIllustration)
         assert inspector.GetShape(mesh).source().path().name == f"link{i}.gltf"
-        assert not inspector.GetGeometries(frame, Role.kProximity)
+        touching = inspector.GetGeometries(frame, Role.kProximity)
+        assert bool(touching) == (i > 0)
+        assert all(isinstance(inspector.GetShape(g), Capsule) for g in touching)
 
 
 # The official meshes. There is no network here: a small folder stands for them.
