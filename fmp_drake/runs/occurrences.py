@@ -17,6 +17,12 @@ class RunEvent(NamedTuple):
         In a few words.
     text : str
         A sentence about all times.
+
+    Examples
+    --------
+    >>> event = RunEvent(12.3, 13.1, "contact lost", "contact lost from 12.3 to 13.1 s")
+    >>> round(event.end - event.start, 1)
+    0.8
     """
 
     start: float

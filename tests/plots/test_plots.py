@@ -727,6 +727,7 @@ def fake_run(skill, *, clean=(), events=(), **more):
         initial_ink=np.ones_like(ink),
         output=lambda _: erase_time,
         events=lambda: list(events),
+        scenario=SimpleNamespace(press=SimpleNamespace(force=10.0)),
         demonstrated_area=area,
     )
 

@@ -38,13 +38,11 @@ def test_a_board_that_is_lower_or_higher_is_pressed_as_wanted(wiping_skill, heig
     assert pressed.min() > WANTED - 5
     assert force.max() < WANTED + 5
     assert not np.any(status[:, 0].astype(int) & StatusFlag.PROTECTIVE_STOP)
-    texts = [event.text for event in run.events()]
-    side = "lower" if height < 0 else "higher"
-    assert len(texts) == 1
-    assert texts[0].startswith("board found")
-    assert texts[0].endswith(f" mm {side} than assumed")
+    said = {event.kind: event.text for event in run.events()}
+    assert "contact lost" not in said
+    found = said[f"board found {'lower' if height < 0 else 'higher'} than assumed"]
     # The path itself has only come down to the board meanwhile.
-    assert float(texts[0].split()[2]) == pytest.approx(9, abs=4)
+    assert float(found.split()[2]) == pytest.approx(9, abs=4)
 
 
 def test_where_there_is_no_board_a_protective_stop_says_so(wiping_skill):
@@ -62,8 +60,8 @@ def test_where_there_is_no_board_a_protective_stop_says_so(wiping_skill):
     # It comes up again before it is led back to the path.
     led = np.flatnonzero(flags & StatusFlag.RECOVER)
     assert np.all(status[led[:1], 4] == 0)
-    assert "protective stop" in run.events()[0].text
-    assert "no board was found" in run.events()[0].text
+    said = {event.kind: event.text for event in run.events()}
+    assert "no board was found" in said["protective stop"]
 
 
 @pytest.mark.parametrize(
