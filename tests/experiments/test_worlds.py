@@ -97,7 +97,9 @@ def make_store(tmp_path):
 
 
 def outcome(_, **changes):
-    return Outcome(checked={}, metrics=GOOD | changes)
+    return Outcome(
+        checked={}, metrics=GOOD | changes, events="contact lost from 2.1 to 3.0 s"
+    )
 
 
 def without_times(store):
@@ -329,6 +331,7 @@ def test_report_and_page_say_what_went_wrong_and_how_to_see_it(
         assert "not measured" not in text
         assert "Of the 29 others 28 go well (96.6 %)" in text
         assert "22.0 mm rms" in text
+        assert "The run says: contact lost from 2.1 to 3.0 s." in text
         assert f"fmp-drake worlds {store.folder} --replay 7" in text
         assert "0.2 m nearer" in text
         assert "press.force" not in text  # It is in a picture.

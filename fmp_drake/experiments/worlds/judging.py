@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from fmp_drake.experiments.worlds.store import World
 from fmp_drake.station import ParseScenario
+from fmp_drake.systems.surface_monitor import TOLERANCE
 
 MOST_RMS = 0.010
 """Of the distance from the path, m."""
@@ -14,8 +15,6 @@ LEAST_PRESSED = 0.95
 
 # Limits of Franka's robots that are not in the metrics: Nm/s.
 _TORQUE_RATE = 1000.0
-# Deeper than this something hard is in the board, m: a core inside the felt gives way.
-_TOUCHING = 0.005
 
 
 class Fault(NamedTuple):
@@ -39,8 +38,7 @@ def faults(world: World) -> list[Fault]:
     """Return what went wrong in a world that was run, the worst first."""
     if world.error:
         return [Fault("exception", 1e6, f"stopped with {world.error}")]
-    found = sorted(_faults(world), key=lambda fault: -fault.severity)
-    return found
+    return sorted(_faults(world), key=lambda fault: -fault.severity)
 
 
 def is_pushed(world: World, seconds: float) -> bool:
@@ -78,7 +76,7 @@ def _faults(world: World) -> list[Fault]:
     exceeds(
         "through",
         "penetration_max_m",
-        _TOUCHING,
+        TOLERANCE,
         f"something hard is {1e3 * deep:.1f} mm below the surface",
     )
     for name, limit, unit, what in (

@@ -235,7 +235,8 @@ class WorldsReport:
         found = self._faults.get(world.number)
         if found is None:
             return "not run"
-        return "; ".join(fault.words for fault in found) or "went well"
+        words = "; ".join(fault.words for fault in found) or "went well"
+        return f"{words}. The run says: {world.events}." if world.events else words
 
     def _command(self, world: World) -> str:
         page = f"world_{world.number}.html"

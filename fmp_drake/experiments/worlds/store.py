@@ -21,7 +21,7 @@ CREATE TABLE IF NOT EXISTS worlds (
     key TEXT PRIMARY KEY, number INTEGER NOT NULL, code TEXT NOT NULL,
     scenario TEXT NOT NULL, parameters TEXT NOT NULL, is_feasible INTEGER NOT NULL,
     verdict TEXT NOT NULL, checked TEXT NOT NULL, metrics TEXT NOT NULL,
-    error TEXT NOT NULL, attempts INTEGER NOT NULL, cpu_seconds REAL NOT NULL);
+    events TEXT NOT NULL, error TEXT NOT NULL, attempts INTEGER NOT NULL, cpu_seconds REAL NOT NULL);
 """
 # Kept as JSON, which knows NaN; a number of SQLite does not.
 _JSON = ("parameters", "checked", "metrics")

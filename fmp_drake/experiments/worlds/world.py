@@ -73,6 +73,8 @@ class Outcome:
         Its figures.
     metrics : dict or None
         Of the run; None where there was none, or an exception.
+    events : str
+        What the run says that went wrong, and when.
     error : str
         The exception; empty where there was none.
     cpu_seconds : float
@@ -87,6 +89,7 @@ class Outcome:
     verdict: str = ""
     checked: dict[str, Any]
     metrics: dict[str, Any] | None = None
+    events: str = ""
     error: str = ""
     cpu_seconds: float = 0.0
 
@@ -128,6 +131,7 @@ def _run(task: Task, outcome: Outcome) -> None:
         run = make_run(task.scenario)
         run.advance_to(task.seconds)
         outcome.metrics = as_stored(run.metrics())
+        outcome.events = "; ".join(event.text for event in run.events())
 
 
 def as_stored(figures: Mapping[str, Any]) -> dict[str, Any]:
