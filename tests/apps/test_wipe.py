@@ -61,6 +61,8 @@ def test_three_seconds_write_report_picture_and_page(command, outputs):
     assert "http://" not in result.out
 
     metrics = json.loads(report.read_text(encoding="utf-8"))
+    assert metrics["events"] == []
+    assert "what went wrong  nothing" in result.out
     assert set(metrics) >= KEYS
     assert metrics["scenario"] == "table_top"
     assert metrics["seconds_to_99_percent"] is None
