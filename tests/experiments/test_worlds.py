@@ -17,6 +17,7 @@ from fmp_drake import ExperimentError
 from fmp_drake.apps import worlds as worlds_module
 from fmp_drake.experiments.worlds import (
     Outcome,
+    Task,
     WorldSpec,
     WorldsReport,
     WorldStore,
@@ -305,6 +306,15 @@ def test_pushed_worlds_are_not_judged_by_their_press(make_store):
     spec = "disturbances: {count: 1}"
     run = partial(outcome, normal_force_wanted_fraction=0.5)
     assert faults(make_store(run, 1, spec=spec).world(0)) == []
+
+
+def test_worlds_of_an_older_version_are_still_reported(make_store):
+    store = make_store(outcome, 1)
+    world = store.world(0)
+    world.scenario += "forgotten: {key: 1}\n"
+    store.keep(Task(0, world.scenario, 9.0, False, "older"), world)
+    WorldsReport(store).write()
+    assert "Of 1 worlds" in (store.folder / "report.html").read_text()
 
 
 def test_report_does_not_promise_what_was_not_measured(make_store):

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from fmp_drake.experiments.worlds.store import World
-from fmp_drake.station import ParseScenario
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
 MOST_RMS = 0.010
@@ -43,15 +42,16 @@ def faults(world: World) -> list[Fault]:
 
 def is_pushed(world: World, seconds: float) -> bool:
     """Return whether somebody disturbs the arm before the end."""
-    pushes = ParseScenario(world.scenario).disturbances
-    return any(push.start < seconds for push in pushes)
+    return any(push["start"] < seconds for push in world.fields["disturbances"])
 
 
 def largest_push(world: World) -> float:
     """Return the greatest force of the disturbances, N; 0 without any."""
-    pushes = ParseScenario(world.scenario).disturbances
     return max(
-        (math.hypot(*p.force) if p.kind == "push" else p.max_force for p in pushes),
+        (
+            math.hypot(*each["force"]) if each["kind"] == "push" else each["max_force"]
+            for each in world.fields["disturbances"]
+        ),
         default=0.0,
     )
 
@@ -98,15 +98,11 @@ def _faults(world: World) -> list[Fault]:
         MOST_RMS,
         f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most",
     )
-    scenario = ParseScenario(world.scenario)
+    wanted, pushes = world.fields["press"]["force"], world.fields["disturbances"]
     pressed = m.get("normal_force_wanted_fraction", 1.0)
-    if (
-        not scenario.disturbances
-        and scenario.press.force > 0
-        and pressed < LEAST_PRESSED
-    ):
+    if not pushes and wanted > 0 and pressed < LEAST_PRESSED:
         words = (
-            f"presses within 5 N of the wanted {scenario.press.force:.1f} N for "
+            f"presses within 5 N of the wanted {wanted:.1f} N for "
             f"{100 * pressed:.0f} % of the time in contact (90 % from "
             f"{m['normal_force_p05_n']:.1f} to {m['normal_force_p95_n']:.1f} N)"
             if m["contact_fraction"] > 0

@@ -20,7 +20,6 @@ from fmp_drake.experiments.worlds.pictures import (
     interval,
 )
 from fmp_drake.experiments.worlds.store import World, WorldStore
-from fmp_drake.station import ParseScenario
 
 # What must never be, and what a world is judged by beside it.
 _NEVER = {
@@ -247,15 +246,15 @@ class WorldsReport:
 
 def _about(world: World) -> str:
     """Say what a world is."""
-    s = ParseScenario(world.scenario)
-    place = ", ".join(f"{value:.2f}" for value in s.board.translation)
+    board, skill = world.fields["board"], world.fields["skill"]
+    place = ", ".join(f"{value:.2f}" for value in board["translation"])
     parts = [
-        f"{world.parameters.get('base', '')} {s.skill.demonstration}".strip(),
+        f"{world.parameters.get('base', '')} {skill['demonstration']}".strip(),
         f"board at ({place}) m",
-        f"{1e3 * s.board.error.translation[2]:+.1f} mm too high",
-        f"felt of {s.eraser.modulus / 1e3:.0f} kPa",
-        f"tempo {s.skill.tempo:.2f}",
-        f"{s.press.force:.1f} N",
+        f"{1e3 * board['error']['translation'][2]:+.1f} mm too high",
+        f"felt of {world.fields['eraser']['modulus'] / 1e3:.0f} kPa",
+        f"tempo {skill['tempo']:.2f}",
+        f"{world.fields['press']['force']:.1f} N",
     ]
     push = largest_push(world)
     return ", ".join([*parts, f"pushed with {push:.0f} N"] if push else parts)

@@ -8,8 +8,11 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.worlds.world import Outcome, Task
@@ -55,6 +58,12 @@ class World(Outcome):
     scenario: str
     parameters: dict[str, Any]
     attempts: int = 1
+
+    @cached_property
+    def fields(self) -> dict[str, Any]:
+        """What the scenario says, also one that an older version has drawn."""
+        fields: dict[str, Any] = yaml.load(self.scenario, Loader=yaml.CSafeLoader)
+        return fields
 
     @property
     def was_run(self) -> bool:
