@@ -5,6 +5,7 @@ import numpy as np
 from fmp_drake.runs.metrics import CONTACT_FORCE, Chunk
 from fmp_drake.runs.occurrences import Occurrences, RunEvent
 from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.surface_monitor import TOLERANCE
 
 # A board is said to be elsewhere from this height on, and the most, mm.
 _LEAST_HEIGHT, _MOST_HEIGHT = 3, 1000
@@ -45,7 +46,8 @@ class RunEvents:
         self._wall.update(times, flags & int(StatusFlag.JOINT_WALL))
 
         depth = chunk["penetration"]
-        self._below.update(depth.times, 1e3 * depth.values[:, 0])
+        millimetres = 1e3 * depth.values[:, 0]
+        self._below.update(depth.times, millimetres * (depth.values[:, 0] > TOLERANCE))
 
         # Contact can be lost after it has been made, and seen.
         force = chunk["normal_force"]
