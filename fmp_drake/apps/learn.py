@@ -9,8 +9,9 @@ from fmp_drake.apps.options import PATH, skill_options
 from fmp_drake.apps.page import make_console
 from fmp_drake.plots import plot_skill
 from fmp_drake.plots.outputs import check_picture
-from fmp_drake.primitives import save_skill
+from fmp_drake.primitives import FourierMovementPrimitive, save_skill
 from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.primitives.model.parameters import ModelChoice
 from fmp_drake.runs.skills import learn_skill, load_on_board
 from fmp_drake.station.scenario import Scenario
 
@@ -19,11 +20,18 @@ from fmp_drake.station.scenario import Scenario
 @click.argument("demonstrations", nargs=-1, required=True, type=PATH)
 @click.option("--out", type=PATH, required=True, help="Skill file (.npz) to write.")
 @click.option("--plot", type=PATH, help="Picture of the skill to write.")
+@click.option(
+    "--model",
+    type=click.Choice(["mixture", "phase", "automatic"]),
+    help="How to learn: by Gaussians over windows, by the phase of the movement, or by "
+    f"the phase where it can be tracked [default: {FourierMovementPrimitive().model}].",
+)
 @skill_options
 def learn(
     demonstrations: tuple[Path, ...],
     out: Path,
     plot: Path | None,
+    model: ModelChoice | None,
     transform: tuple[float, ...] | None,
     stretch: float,
     window: float | None,
@@ -41,14 +49,34 @@ def learn(
     started = time.perf_counter()
     with console.status("learning") as status:
         skill = learn_skill(
-            loaded, window=window, components=components, progress=status.update
+            loaded,
+            window=window,
+            components=components,
+            model=model,
+            progress=status.update,
         )
     console.print(
         f"learned {len(skill.components_)} components from {skill.n_windows_} windows "
         f"of {skill.n_steps / skill.rate:g} s in {time.perf_counter() - started:.2f} s"
     )
+    console.print(_about(skill))
     save_skill(skill, out)
     console.print(f"wrote {out}")
     if plot is not None:
         plot_skill(skill, loaded, plot)
         console.print(f"wrote {plot}")
+
+
+def _about(skill: FourierMovementPrimitive) -> str:
+    """Return which model was learned, and why."""
+    about = f"model: {skill.model_}, because {skill.model_reason_}"
+    model = skill.phase_model_
+    if model is None:
+        return about
+    about = (
+        f"model: phase, {skill.model_reason_}; period {skill.period_:.2f} s, tempo "
+        f"varies by {100 * model.tempo.spread / model.tempo.mean:.0f} %"
+    )
+    if model.paused:
+        about += f"; {model.paused / skill.rate:.1f} s of pauses left out"
+    return about

@@ -32,6 +32,8 @@ from fmp_drake.primitives.model.movement_primitive import (
     PAPER_SETTINGS,
     FourierMovementPrimitive,
 )
+from fmp_drake.primitives.model.phase.phase_model import PhaseModel
+from fmp_drake.primitives.model.prediction import Prediction, PredictionPlan
 from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.primitives.model.skill_file import load_skill, save_skill
 from fmp_drake.primitives.playback.playback_state import PlaybackState
@@ -56,9 +58,12 @@ __all__ = [
     "LqrTracker",
     "Mapping",
     "MappingPlan",
+    "PhaseModel",
     "Placement",
     "PlaybackState",
     "Player",
+    "Prediction",
+    "PredictionPlan",
     "ProportionalTracker",
     "SpectralPeak",
     "Spectrum",

@@ -15,6 +15,7 @@ from fmp_drake.primitives import (
     load_skill,
 )
 from fmp_drake.primitives.data.placement import Placement, fit_placement
+from fmp_drake.primitives.model.parameters import ModelChoice
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import SkillConfig
@@ -129,13 +130,15 @@ def learn_skill(
     *,
     window: float | None = None,
     components: int | None = None,
+    model: ModelChoice | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> FourierMovementPrimitive:
     """Learn a skill with the options of the command line, None for the defaults."""
     defaults = SkillConfig()
     window = defaults.window if window is None else window
     components = defaults.components if components is None else components
-    rate = FourierMovementPrimitive().rate
+    default = FourierMovementPrimitive()
+    rate = default.rate
     check_number(window, "window", above=0, unit="s", error=DemonstrationError)
     n_steps = max(8, round(window * rate))
     longest = max(d.duration for d in demonstrations)
@@ -147,6 +150,7 @@ def learn_skill(
             "down (--stretch)."
         )
     return FourierMovementPrimitive(
+        model=default.model if model is None else model,
         n_steps=n_steps,
         n_components=components,
         overlap=min(10, n_steps // 4),

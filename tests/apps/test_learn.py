@@ -30,6 +30,19 @@ def test_options_set_window_and_components(command, make_npz, outputs):
     assert len(learned.components_) <= 3
 
 
+def test_the_model_is_chosen_and_said(command, make_npz, outputs):
+    skill = outputs / "skill.npz"
+    said = {}
+    for model in ("mixture", "phase"):
+        result = command("learn", make_npz(), "--out", skill, "--model", model)
+        assert result.code == 0
+        assert load_skill(skill).model_ == model
+        said[model] = " ".join(result.out.split())
+    assert "model: mixture, because it was asked for" in said["mixture"]
+    assert f"period {load_skill(skill).period_:.2f} s" in said["phase"]
+    assert "cycles" in said["phase"]
+
+
 def test_stretch_slows_the_skill_down(command, make_npz, outputs):
     demo = make_npz()
     windows = []

@@ -110,6 +110,19 @@ def test_fit_with_the_defaults(benchmark, table, median):
     )
 
 
+def test_fit_of_the_phase_model(benchmark, table, median):
+    demonstration = bundled("eight")
+    skill = FourierMovementPrimitive(model="phase")
+    benchmark.pedantic(skill.fit, args=(demonstration,), rounds=3, warmup_rounds=1)
+    table.add(
+        f"fit of the phase model, M = {len(skill.components_)}, "
+        f"{skill.phase_model_.cycles:.0f} cycles",
+        median() * 1e3,
+        "ms",
+        below=4000,
+    )
+
+
 def test_held_out_log_likelihood(benchmark, table):
     demonstration = bundled("eight")
     learned = part(demonstration, 0, LEARN_SECONDS)

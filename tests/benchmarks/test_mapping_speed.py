@@ -93,6 +93,18 @@ def test_mapping_with_the_default_80_components(
     table.add("mapping, M = 80 (default)", median() * 1e6, "us")
 
 
+def test_mapping_with_the_phase_model(benchmark, table, median):
+    skill = FourierMovementPrimitive(model="phase").fit(bundled("eight"))
+    plan = skill.mapping_plan(np.arange(10))
+    benchmark(plan.map, bundled("eight").values[1000:1010].ravel())
+    table.add(
+        f"mapping, phase model, M = {len(skill.components_)}",
+        median() * 1e6,
+        "us",
+        below=20,
+    )
+
+
 def test_mapping_with_new_keypoints(benchmark, table, skill, median):
     values = bundled("eight").values
     points = [

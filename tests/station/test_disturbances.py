@@ -8,7 +8,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from scipy.stats import chi2
 from station_run import SELDOM, StationRun, check_limits
 
-from fmp_drake.experiments.baselines.period import fundamental_period
+from fmp_drake.primitives.model.phase.period import fundamental_period
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.station.wiping_station import MakeWipingStation

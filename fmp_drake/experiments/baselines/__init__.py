@@ -3,13 +3,13 @@
 from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
 from fmp_drake.experiments.baselines.alignment import AlignedPeriods, align_periods
 from fmp_drake.experiments.baselines.fourier_model import FourierModel
-from fmp_drake.experiments.baselines.joining import joined_recordings
-from fmp_drake.experiments.baselines.period import autocorrelation, fundamental_period
 from fmp_drake.experiments.baselines.periodic_dmp import PeriodicDMP
 from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.baselines.promp import ProMP
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.experiments.baselines.von_mises_basis import VonMisesBasis
+from fmp_drake.primitives.data.joining import joined_recordings
+from fmp_drake.primitives.model.phase.period import autocorrelation, fundamental_period
 
 __all__ = [
     "AlignedPeriods",

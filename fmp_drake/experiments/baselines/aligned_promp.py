@@ -6,10 +6,10 @@ from scipy.special import softmax
 from sklearn.base import clone
 
 from fmp_drake.experiments.baselines.alignment import align_periods
-from fmp_drake.experiments.baselines.joining import joined_recordings
-from fmp_drake.experiments.baselines.period import fundamental_period
 from fmp_drake.experiments.baselines.promp import ProMP
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
+from fmp_drake.primitives.data.joining import joined_recordings
+from fmp_drake.primitives.model.phase.period import fundamental_period
 
 # Narrow bases: near the best on held-out data of all bundled demonstrations. Of the
 # paper's cosines (width 100, ridge 3e-7) only polishing has few enough harmonics.

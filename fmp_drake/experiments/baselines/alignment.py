@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.baselines.period import parabola_top
+from fmp_drake.primitives.model.phase.period import parabola_top
 
 # A period may be this much shorter or longer than the mean one.
 _TEMPO = 0.3

@@ -7,10 +7,10 @@ from scipy.signal import StateSpace, lsim, savgol_filter
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines.alignment import align_periods
-from fmp_drake.experiments.baselines.joining import joined_recordings
-from fmp_drake.experiments.baselines.period import fundamental_period
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.numeric import finite_array
+from fmp_drake.primitives.data.joining import joined_recordings
+from fmp_drake.primitives.model.phase.period import fundamental_period
 
 _SUBSTEPS = 12  # Points of the integration for each sample.
 _POINTS = 400  # Of a period.

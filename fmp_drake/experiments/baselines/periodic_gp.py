@@ -15,9 +15,9 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from fmp_drake.experiments.baselines.joining import joined_recordings
-from fmp_drake.experiments.baselines.period import fundamental_period
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
+from fmp_drake.primitives.data.joining import joined_recordings
+from fmp_drake.primitives.model.phase.period import fundamental_period
 
 
 class PeriodicGP(TrajectoryModel):

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.data.demonstration import Demonstration
+from fmp_drake.primitives.data.joining import joined_recordings
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,11 +26,25 @@ class Windows:
     example : Demonstration or None
         The first demonstration, which names channels, units and frame; None where the
         windows were given as an array.
+    resampled : list of ndarray, shape (n, D), or None
+        The demonstrations that were cut, at one rate; None where the windows were given
+        as an array.
     """
 
     values: NDArray[np.float64]
     source: NDArray[np.int64]
     example: Demonstration | None
+    resampled: list[NDArray[np.float64]] | None = None
+
+    def recordings(self) -> list[NDArray[np.float64]]:
+        """Return what the windows were cut from, arrays (n, D).
+
+        Windows that were given as an array are joined where they overlap exactly.
+        """
+        if self.resampled is None:
+            return joined_recordings(self.values)
+        chosen = set(self.source.tolist())
+        return [y for i, y in enumerate(self.resampled) if i in chosen]
 
     def paths(self, stride: int) -> tuple[NDArray[np.float64], ...]:
         """Return the demonstrated paths, each (samples, D), without repetitions.
@@ -118,10 +133,8 @@ def as_windows(
         if not X:
             raise DemonstrationError("there is no demonstration; give at least one.")
         _check_alike(X)
-        each = [
-            sliding_windows(d.resample(rate).values, n_steps=n_steps, stride=stride)
-            for d in X
-        ]
+        resampled = [d.resample(rate).values for d in X]
+        each = [sliding_windows(y, n_steps=n_steps, stride=stride) for y in resampled]
         counts = [len(windows) for windows in each]
         if sum(counts) < at_least:
             longest = max(d.duration for d in X)
@@ -135,6 +148,7 @@ def as_windows(
             values=each[0] if len(each) == 1 else np.concatenate(each),
             source=np.repeat(np.arange(len(each)), counts),
             example=X[0],
+            resampled=resampled,
         )
     shape = ("windows", n_steps, "channels")
     what = "the windows (or give a Demonstration, or a list of them)"

@@ -121,6 +121,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         rate = self.n_steps / duration
         first = demonstrations[0]
         skill = FourierMovementPrimitive(
+            model="mixture",
             n_steps=2 * self.n_steps,
             stride=1,
             rate=rate,

@@ -103,6 +103,8 @@ def modulate_skill(
     -------
     FourierMovementPrimitive
         Its `extent_` is that of 200 samples. Nobody has shown it, so it has no `paths_`.
+        It is a mixture: the harmonics of a window are not those of a cycle, so it has no
+        phase model.
     """
     skill.check_fitted()
     index = channel_indices(channels, skill.channels_)
@@ -122,7 +124,13 @@ def modulate_skill(
         moved = replace(component, mean=mapped(component.mean))
         basis = mapped(component.basis.T).T
         components.append(_with_factor(moved, basis))
-    out = copy_skill(skill, components_=tuple(components))
+    out = copy_skill(
+        skill,
+        components_=tuple(components),
+        phase_model_=None,
+        model_="mixture",
+        model_reason_="the harmonics of its windows were changed",
+    )
     drawn = out.sample(_EXTENT_SAMPLES, with_noise=False)
     extent = np.stack([drawn.min(axis=(0, 1)), drawn.max(axis=(0, 1))])
     return copy_skill(out, extent_=extent, paths_=())

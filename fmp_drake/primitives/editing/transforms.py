@@ -190,9 +190,16 @@ def _apply(
     paths = [path.copy() for path in skill.paths_]
     for path in paths:
         path[:, index] = scale * path[:, index] @ rotation.T + translation
+    phase = skill.phase_model_
+    if phase is not None:
+        matrix, moved = np.eye(skill.n_channels_), np.zeros(skill.n_channels_)
+        matrix[np.ix_(index, index)] = scaled
+        moved[index] = translation / scales[index]
+        phase = phase.transformed(matrix, moved)
     return copy_skill(
         skill,
         components_=tuple(components),
+        phase_model_=phase,
         scales_=scales,
         extent_=extent,
         paths_=tuple(paths),

@@ -1,34 +1,32 @@
-"""The Fourier movement primitive: learning, sampling, mapping."""
+"""The Fourier movement primitive: a skill that is learned from demonstrations."""
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, DensityMixin
-from sklearn.utils.validation import check_is_fitted
 
-from fmp_drake.numeric import as_floats, check_number, finite_array
+from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
 from fmp_drake.primitives.data.scaling import ChannelScales, channel_scales
-from fmp_drake.primitives.data.windows import Windows, as_windows, weighted_windows
-from fmp_drake.primitives.model.basis import FourierBasis
-from fmp_drake.primitives.model.keypoint import (
-    Keypoint,
-    channel_indices,
-    stack_keypoints,
-)
-from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.mapping import Mapping, MappingPlan, Selection
-from fmp_drake.primitives.model.mixture import Progress, fit_mixture, log_densities
-from fmp_drake.primitives.model.parameters import check_parameters
+from fmp_drake.primitives.data.windows import Windows, weighted_windows
+from fmp_drake.primitives.model.mapping import Selection
+from fmp_drake.primitives.model.mixture import Progress, fit_mixture
+from fmp_drake.primitives.model.parameters import ModelChoice, check_parameters
+from fmp_drake.primitives.model.phase.fit import fit_phase_model, tracked
+from fmp_drake.primitives.model.phase.tracking import PhaseTrack
+from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
 
 # Section V of the paper.
-PAPER_SETTINGS: dict[str, Any] = {"n_components": 10, "stride": 10, "shrinkage": 0.0}
+PAPER_SETTINGS: dict[str, Any] = {
+    "model": "mixture",
+    "n_components": 10,
+    "stride": 10,
+    "shrinkage": 0.0,
+}
 
 
-class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[misc]
+class FourierMovementPrimitive(TrajectoryMixture):
     """A rhythmic skill, learned from demonstrations that need no preparation.
 
     Demonstrations are cut into overlapping windows; the Fourier weights of the windows
@@ -44,6 +42,11 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
 
     Parameters
     ----------
+    model : {"mixture", "phase", "automatic"}
+        How the Gaussians are found. "mixture": by EM over all windows, as in the paper.
+        "phase": the phase of the movement is tracked, and there is a Gaussian for each
+        of many phases; it needs four cycles or more. "automatic": the phase model where
+        the demonstrations have four cycles that look alike, else the mixture.
     n_steps : int
         T, samples in a window: enough for one or more periods.
     stride : int, optional
@@ -53,7 +56,8 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         Samples per second (Hz); demonstrations are resampled to it.
     n_components : int or "bic"
         M, Gaussians in the mixture; "bic" chooses by the Bayesian information
-        criterion.
+        criterion. The phase model has at most so many: one for each sample of a period,
+        from 30 to 80.
     overlap : int
         K, samples that two consecutive windows share when a skill is played.
     explained_variance : float
@@ -83,6 +87,12 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     components_ : tuple of LowRankGaussian
         The Gaussians of (9) over the D*T weights of the scaled values.
     scales_ : ndarray, shape (D,)
+    model_ : {"mixture", "phase"}
+        Which model was learned.
+    model_reason_ : str
+        Why.
+    phase_model_ : PhaseModel or None
+        What the phase model has learned: cycle, residual and tempo.
     n_channels_ : int
         D.
     n_windows_ : int
@@ -114,6 +124,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
     def __init__(
         self,
         *,
+        model: ModelChoice = "mixture",
         n_steps: int = 120,
         stride: int | None = None,
         rate: float = 20.0,
@@ -127,6 +138,7 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         selection: Selection = "cost",
         random_state: int = 0,
     ) -> None:
+        self.model = model
         self.n_steps = n_steps
         self.stride = stride
         self.rate = rate
@@ -181,6 +193,21 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         self.frame_ = example.frame if example else ""
         self.rotation_reference_ = example.rotation_reference if example else None
         self.scales_ = channel_scales(self.scales, values, self.units_)
+        track = self._chosen_track(windows, counts, progress)
+        self.model_: Literal["phase", "mixture"] = (
+            "mixture" if track is None else "phase"
+        )
+        if track is not None:
+            self.phase_model_, self.components_ = fit_phase_model(
+                track,
+                n_steps=self.n_steps,
+                pinned=self.overlap,
+                most_components=80 if self.n_components == "bic" else self.n_components,
+            )
+            m = len(self.components_)
+            self.proportions_ = np.full(m, 1 / m)
+            return self
+        self.phase_model_ = None
         self.proportions_, self.components_ = fit_mixture(
             self.analyze(values),
             n_components=self.n_components,
@@ -193,207 +220,39 @@ class FourierMovementPrimitive(DensityMixin, BaseEstimator):  # type: ignore[mis
         )
         return self
 
-    def analyze(self, windows: ArrayLike) -> NDArray[np.float64]:
-        """Return the Fourier weights (..., D*T) of windows of samples (..., T, D)."""
-        check_is_fitted(self, "scales_")
-        shape = ("...", self.n_steps, self.n_channels_)
-        return self.basis.analyze(
-            as_floats(windows, "the windows", shape) / self.scales_
-        )
-
-    def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Return the windows of samples (..., T, D) that have weights (..., D*T)."""
-        check_is_fitted(self, "scales_")
-        shape = ("...", self.n_channels_ * self.n_steps)
-        return (
-            self.basis.synthesize(as_floats(weights, "the weights", shape))
-            * self.scales_
-        )
-
-    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Return the log density of windows (N, T, D), shape (N,).
-
-        The real weights are an isometry of the samples, so this is a density
-        over trajectories, in units^-(T*D).
-        """
-        self.check_fitted()
-        weights = self.analyze(self._windows(X, at_least=1).values)
-        stretch = self.n_steps * float(np.sum(np.log(self.scales_)))
-        return log_densities(weights, self.proportions_, self.components_) - stretch
-
-    def score(self, X: ArrayLike, y: object = None) -> float:  # noqa: ARG002
-        """Return the mean log density per sample (time step) of windows."""
-        return float(np.mean(self.score_samples(X))) / self.n_steps
-
-    def sample(
-        self, n: int = 1, *, seed: int = 0, with_noise: bool = True
-    ) -> NDArray[np.float64]:
-        """Draw trajectories of one window from the mixture, shape (n, T, D)."""
-        self.check_fitted()
-        for name, value in (("n", n), ("seed", seed)):
-            check_number(value, name, least=0, most=2**31 - 1, whole=True)
-        rng = np.random.default_rng(seed)
-        counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())
-        weights = np.concatenate(
-            [
-                component.sample(rng, size, with_noise=with_noise)
-                for component, size in zip(self.components_, counts, strict=True)
-            ]
-        )
-        return self.synthesize(rng.permutation(weights))
-
-    def observation_rows(
+    def _chosen_track(
         self,
-        steps: ArrayLike,
-        *,
-        channels: Sequence[str | int] | None = None,
-        derivative: int = 0,
-    ) -> NDArray[np.float64]:
-        """Return Phi^D (20): the matrix from weights to values at K steps, (K*C, D*T).
-
-        Ordered like values of shape (steps, C) flattened: all C channels of the first
-        step, then of the second. In the channels' units, derivatives per second.
-        """
-        self.check_fitted()
-        times = as_floats(steps, "the steps", ("K",))
-        rows = self.basis.rows(times, derivative)
-        rows = rows * self.rate**derivative
-        index = channel_indices(channels, self.channels_)
-        out = np.zeros((len(rows), len(index), self.n_channels_, self.n_steps))
-        for i, channel in enumerate(index):
-            out[:, i, channel] = rows * self.scales_[channel]
-        return out.reshape(len(rows) * len(index), -1)
-
-    def mapping_plan(
-        self,
-        steps: ArrayLike,
-        *,
-        channels: Sequence[str | int] | None = None,
-        derivative: int = 0,
-        tolerance: ArrayLike | None = None,
-    ) -> MappingPlan:
-        """Prepare Algorithm 1 for values observed at fixed steps.
-
-        Parameters
-        ----------
-        steps : array_like, shape (K,)
-            Any times in samples, from 0 to T - 1.
-        channels : sequence of str or int, optional
-            The C observed ones; all where None.
-        derivative : int
-            Of the values: 1 for velocities.
-        tolerance : array_like, shape () or (K*C,), optional
-            lambda of (13), in squared units of the values; the skill's where None.
-
-        Returns
-        -------
-        MappingPlan
-            For observations of shape (K*C,), ordered as (K, C) flattened.
-        """
-        rows = self.observation_rows(steps, channels=channels, derivative=derivative)
-        if tolerance is None:
-            index = channel_indices(channels, self.channels_)
-            tolerance = np.tile(self._tolerances()[index], np.size(steps))
-        return self._plan(rows, tolerance)
-
-    def _plan(self, rows: NDArray[np.float64], tolerance: ArrayLike) -> MappingPlan:
-        return MappingPlan(
-            self.proportions_,
-            self.components_,
-            rows=rows,
-            tolerance=tolerance,
-            selection=self.selection,
+        windows: Windows,
+        counts: NDArray[np.float64] | None,
+        progress: Progress | None,
+    ) -> PhaseTrack | None:
+        """Choose the model: return the track to learn it from, None for the mixture."""
+        if self.model == "mixture":
+            self.model_reason_ = "it was asked for"
+            return None
+        if progress is not None:
+            progress("tracking the phase")
+        try:
+            if counts is not None and np.ptp(counts) > 0:
+                raise DemonstrationError("its demonstrations have different weights.")
+            scaled = [y / self.scales_ for y in windows.recordings()]
+            track = tracked(scaled, n_steps=self.n_steps)
+        except DemonstrationError as error:
+            if self.model == "phase":
+                raise DemonstrationError(
+                    f"the movement has no phase that could be learned: {error} Choose "
+                    "model='automatic' or 'mixture'."
+                ) from None
+            self.model_reason_ = f"the phase cannot be tracked: {error}".removesuffix(
+                "."
+            )
+            return None
+        self.model_reason_ = (
+            f"{track.cycles:.1f} cycles, of which one cycle and its tempo explain "
+            f"{100 * (1 - track.unexplained):.1f} %"
         )
-
-    def map_keypoints(self, keypoints: Sequence[Keypoint]) -> Mapping:
-        """Return the weights whose trajectory passes the keypoints (Algorithm 1).
-
-        The keypoints may be at any steps, of any channels and derivatives.
-        """
-        self.check_fitted()
-        rows, values, tolerances = stack_keypoints(
-            keypoints,
-            names=self.channels_,
-            tolerance=self._tolerances(),
-            rows_of=self.observation_rows,
-        )
-        return self._plan(rows, tolerances).map(values)
-
-    def _tolerances(self) -> NDArray[np.float64]:
-        """Return lambda of each channel, in its squared unit, shape (D,)."""
-        return self.tolerance * self.scales_**2
-
-    def map_partial(self, values: ArrayLike, *, first_step: int = 0) -> Mapping:
-        """Return the weights whose trajectory begins like an observed one (Algorithm 1).
-
-        Parameters
-        ----------
-        values : array_like, shape (K, D)
-            Observed values at K consecutive steps.
-        first_step : int
-            The step of the first.
-        """
-        self.check_fitted()
-        check_number(
-            first_step, "first_step", least=0, most=self.n_steps - 1, whole=True
-        )
-        shape = ("K", self.n_channels_)
-        y = finite_array(values, "the partial trajectory", shape)
-        check_number(
-            len(y), "the length of the trajectory", most=self.n_steps - first_step
-        )
-        plan = self.mapping_plan(first_step + np.arange(len(y)))
-        return plan.map(y.ravel())
-
-    def covariance(self, component: int, step: float) -> NDArray[np.float64]:
-        """Return the covariance (18) of a component at a time in samples, (D, D)."""
-        self.check_fitted()
-        last = len(self.components_) - 1
-        check_number(component, "component", least=0, most=last, whole=True)
-        check_number(step, "step", least=0, most=self.n_steps - 1)
-        gaussian: LowRankGaussian = self.components_[component]
-        row = self.basis.local_rows(step)[0]
-        factor = gaussian.basis.reshape(self.n_channels_, self.n_steps, gaussian.rank)
-        factor = np.tensordot(row, factor, axes=(0, 1)) * self.scales_[:, None]
-        noise = gaussian.noise * (row @ row) * np.diag(self.scales_**2)
-        out: NDArray[np.float64] = (factor * gaussian.variances) @ factor.T + noise
-        return out
-
-    @property
-    def basis(self) -> FourierBasis:
-        """The Fourier basis of a window."""
-        if self._basis.n_steps != self.n_steps:
-            self.__dict__.pop("_basis")
-        return self._basis
-
-    @cached_property
-    def _basis(self) -> FourierBasis:
-        return FourierBasis(self.n_steps)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave the basis out of copies: it follows from the parameters."""
-        state = dict(super().__getstate__())
-        state.pop("_basis", None)
-        return state
-
-    @property
-    def window_stride(self) -> int:
-        """Samples between the starts of two windows: `stride`, or its default."""
-        return max(1, self.n_steps // 60) if self.stride is None else self.stride
-
-    def check_fitted(self) -> None:
-        """Raise scikit-learn's NotFittedError before `fit`."""
-        check_is_fitted(self, "components_")
+        return track
 
     def check_parameters(self) -> None:
         """Raise SkillError where a parameter is out of range."""
         check_parameters(self.get_params())
-
-    def _windows(self, X: Any, *, at_least: int) -> Windows:
-        return as_windows(
-            X,
-            n_steps=self.n_steps,
-            stride=self.window_stride,
-            rate=self.rate,
-            at_least=at_least,
-        )

@@ -1,10 +1,12 @@
 """The ranges of a skill's parameters."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST, check_number, is_whole
+
+ModelChoice = Literal["mixture", "phase", "automatic"]
 
 
 def check_parameters(values: Mapping[str, Any]) -> None:
@@ -12,6 +14,11 @@ def check_parameters(values: Mapping[str, Any]) -> None:
 
     `scales` is checked where it is used, against the channels.
     """
+    model = values["model"]
+    if not isinstance(model, str) or model not in ("mixture", "phase", "automatic"):
+        raise SkillError(
+            f"model is {model!r}; it must be 'mixture', 'phase' or 'automatic'."
+        )
     least_positive = 1 / GREATEST
     check_number(values["n_steps"], "n_steps", least=8, whole=True)
     half = values["n_steps"] // 2

@@ -11,11 +11,17 @@ from fmp_drake.primitives.data.file_format import FileFormat
 from fmp_drake.primitives.model.fitted import build_skill
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+from fmp_drake.primitives.model.phase.phase_file import (
+    phase_arrays,
+    phase_numbers,
+    read_phase,
+)
 
 FORMAT = FileFormat(
     name="fmp-drake-skill",
-    # 2 added the scales of the channels, which had been 1, and the rotation reference.
-    version=2,
+    # 2 added the scales of the channels, which had been 1, and the rotation reference;
+    # 3 the phase model.
+    version=3,
     what="skill file",
     source="written by `save_skill` or `fmp-drake learn`",
 )
@@ -24,6 +30,7 @@ FORMAT = FileFormat(
 def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
     """Write a fitted skill to a file; an existing one is replaced at the end."""
     skill.check_fitted()
+    phase = skill.phase_model_
     metadata = {
         "parameters": skill.get_params(),
         "n_windows": skill.n_windows_,
@@ -31,6 +38,8 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
         "units": skill.units_,
         "frame": skill.frame_,
         "rotation_reference": skill.rotation_reference_,
+        "model_reason": skill.model_reason_,
+        "phase": None if phase is None else phase_numbers(phase),
     }
     FORMAT.write(
         Path(path),
@@ -46,6 +55,7 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
             "bases": np.concatenate([c.basis for c in skill.components_], axis=1),
             "variances": np.concatenate([c.variances for c in skill.components_]),
             "noise": np.array([c.noise for c in skill.components_]),
+            **({} if phase is None else phase_arrays(phase)),
         },
     )
 
@@ -73,12 +83,14 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
 def _check_arrays(skill: FourierMovementPrimitive) -> None:
     """Raise SkillFileError where the arrays of a skill cannot come from a fit."""
     d, proportions = skill.n_channels_, skill.proportions_
+    phase = skill.phase_model_
     if (
         skill.extent_.shape != (2, d)
         or skill.scales_.shape != (d,)
         or not np.all(skill.scales_ > 1 / GREATEST)
         or proportions.shape != (len(skill.components_),)
         or any(c.dim != d * skill.n_steps for c in skill.components_)
+        or (phase is not None and not phase.fits(proportions.size, d, skill.n_steps))
     ):
         raise SkillFileError("its arrays do not fit together")
     for names in (skill.channels_, skill.units_):
@@ -117,6 +129,8 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
     fits = lengths.ndim == 1 and paths.shape == (int(lengths.sum()), d)
     if not fits or np.any(lengths < 1):
         raise SkillFileError("its demonstrated paths do not fit together")
+    numbers = metadata.get("phase")
+    phase = None if numbers is None else read_phase(numbers, arrays)
     reference = metadata.get("rotation_reference")
     if reference is not None:
         x, y, z, w = (float(q) for q in reference)
@@ -124,6 +138,9 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
     return {
         "components_": components,
         "proportions_": arrays["proportions"],
+        "model_": "mixture" if phase is None else "phase",
+        "model_reason_": str(metadata.get("model_reason", "it was the only model")),
+        "phase_model_": phase,
         "extent_": extent,
         "paths_": tuple(np.split(paths, np.cumsum(lengths)[:-1])) if len(paths) else (),
         "scales_": np.ones(d) if int(metadata["version"]) < 2 else arrays["scales"],

@@ -11,7 +11,9 @@ from fmp_drake.numeric import all_finite, as_floats, is_number, is_whole
 from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.primitives.playback.confidence import confined
+from fmp_drake.primitives.playback.own_target import checked_target
 from fmp_drake.primitives.playback.playback_state import PlaybackState
+from fmp_drake.primitives.playback.remap_ticks import remap_ticks_of
 from fmp_drake.primitives.playback.sampling import track_sample
 from fmp_drake.primitives.playback.segment import (
     Segment,
@@ -39,7 +41,7 @@ class Player:
     their target while the window is played to its last sample. Then the last K values
     are mapped onto the first K samples of a new window (Algorithm 1), which may
     change the component, and the movement goes on from sample K - 1: every T - K
-    ticks, for ever. Where a playback stands is a `PlaybackState`; the methods of a
+    ticks, or oftener, for ever. Where a playback stands is a `PlaybackState`; the methods of a
     player turn one state into another and never change it.
 
     A mapped window meets the observation partly by the component's isotropic noise,
@@ -81,6 +83,11 @@ class Player:
     margin : float, optional
         How far samples may leave the demonstrated paths, m; None for no bound. See
         `DemonstratedRegion` and `track_sample`.
+    remap_ticks : int, optional
+        Ticks between two re-mappings, at most T - K, which it is where None; but
+        the means of a phase model are then mapped anew every second. They shrink over a
+        window, as the phase becomes unsure: on the bundled 8, played for a minute, to 0.86
+        of the demonstrated width with T - K, 0.98 with a second. Samples do not.
 
     Examples
     --------
@@ -109,6 +116,7 @@ class Player:
         confidence: float = 0.99,
         start_tolerance: float = 0.2,
         margin: float | None = None,
+        remap_ticks: int | None = None,
     ) -> None:
         skill.check_fitted()
         self.region = None if margin is None else DemonstratedRegion(skill, margin)
@@ -127,8 +135,9 @@ class Player:
         self.seed = int(seed)
         self.blend_time = float(blend_time)
         self.tick_seconds = 1 / skill.rate
-        self.ticks_between_remaps = skill.n_steps - skill.overlap
-        self._own_target = self._checked_target(target)
+        ticks = remap_ticks_of(skill, remap_ticks)
+        self.ticks_between_remaps, self._ticks_of_means = ticks
+        self._own_target = checked_target(skill, target, sample=sample)
         rule = LqrTracker() if tracker is None else tracker
         self.relaxations = [
             rule.relaxation(c, n_steps=skill.n_steps, tick=self.tick_seconds)
@@ -262,7 +271,9 @@ class Player:
             time_since_tick=0.0,
             tempo=max(state.tempo + state.tempo_rate * seconds, 0.0),
         )
-        return self.remap(state) if step == self.skill.n_steps - 1 else state
+        follows_mean = self._own_target is None and not state.sample
+        ticks = self._ticks_of_means if follows_mean else self.ticks_between_remaps
+        return self.remap(state) if step >= self.skill.overlap - 1 + ticks else state
 
     def _entered(
         self,
@@ -380,16 +391,3 @@ class Player:
                 out[i, k] = self.motion(state)
                 state = self._tick(state, self.tick_seconds)
         return out if starts.ndim == 2 else out[0]
-
-    def _checked_target(self, target: ArrayLike | None) -> NDArray[np.float64] | None:
-        if target is None:
-            return None
-        if self.sample:
-            raise SkillError("give either a target or sample=True, not both.")
-        own = as_floats(target, "the target")
-        n = self.skill.components_[0].dim
-        if own.shape != (n,) or not all_finite(own):
-            raise SkillError(
-                f"the target has shape {own.shape}; expected ({n},) finite weights."
-            )
-        return own

@@ -65,7 +65,7 @@ def track_sample(
     rng = np.random.default_rng([state.seed, state.remaps])
     if region is not None:
         count = max(count, _TRIES)
-    targets = gaussian.sample(rng, count, with_noise=False)
+    targets = player.skill.draw(state.component, rng, count)
     if region is None and worth is None:
         return player.retarget(state, targets[0])
     state = player.retarget(state, gaussian.mean)

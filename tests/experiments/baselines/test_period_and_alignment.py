@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter1d
 
-from fmp_drake.errors import ExperimentError
+from fmp_drake.errors import DemonstrationError, ExperimentError
 from fmp_drake.experiments.baselines import (
     align_periods,
     autocorrelation,
@@ -82,12 +82,12 @@ def test_the_period_is_found_in_several_recordings():
 
 
 def test_without_a_period_there_is_an_error():
-    with pytest.raises(ExperimentError, match="no period from 4 to 120 samples"):
+    with pytest.raises(DemonstrationError, match="no period from 4 to 120 samples"):
         fundamental_period([np.linspace(0, 1, 200)[:, None] ** 3])
-    with pytest.raises(ExperimentError, match="longest recording has 6 samples"):
+    with pytest.raises(DemonstrationError, match="longest recording has 6 samples"):
         fundamental_period([np.zeros((6, 1))])
     rng = np.random.default_rng(0)
-    with pytest.raises(ExperimentError, match="at least two full cycles"):
+    with pytest.raises(DemonstrationError, match="at least two full cycles"):
         fundamental_period([rng.standard_normal((2000, 2))])
 
 

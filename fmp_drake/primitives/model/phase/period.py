@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import detrend
 
-from fmp_drake.errors import ExperimentError
+from fmp_drake.errors import DemonstrationError
 
 # A peak this close to the highest one, and earlier, is the fundamental's.
 _ALMOST = 0.8
@@ -56,13 +56,13 @@ def fundamental_period(
 
     Raises
     ------
-    ExperimentError
+    DemonstrationError
         Where nothing repeats: a period must fit 1.7 times into the longest recording.
     """
     longest_recording = max((len(y) for y in recordings), default=0)
     longest = int(0.6 * longest_recording)
     if longest < shortest + 2:
-        raise ExperimentError(
+        raise DemonstrationError(
             f"the longest recording has {longest_recording} samples; at least "
             f"{int(np.ceil((shortest + 2) / 0.6))} are needed to find a period."
         )
@@ -75,7 +75,7 @@ def fundamental_period(
     peaks = peaks[peaks >= dip]
     if not len(peaks) or r[peaks].max() < _LEAST_CORRELATION:
         best = float(r[peaks].max()) if len(peaks) else 0.0
-        raise ExperimentError(
+        raise DemonstrationError(
             f"no period from {shortest:g} to {longest} samples was found (the best "
             f"correlates with {best:.2f}); record at least two full cycles."
         )

@@ -1,0 +1,1 @@
+"""The phase of a rhythmic movement, and the model that knows it."""

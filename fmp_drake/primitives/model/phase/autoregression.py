@@ -1,0 +1,105 @@
+"""Stationary vector autoregressions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_lyapunov
+
+_RIDGE = 1e-6
+_MOST_RADIUS = 0.995
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Autoregression:
+    """v_t = A_1 v_(t-1) + ... + A_p v_(t-p) + innovation, stationary.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (p, D, D)
+        A_1 to A_p.
+    innovation : ndarray, shape (D, D)
+        Covariance of the innovation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> process = Autoregression(
+    ...     coefficients=np.full((1, 1, 1), 0.5), innovation=np.full((1, 1), 0.75)
+    ... )
+    >>> process.autocovariance(3).ravel()
+    array([1.  , 0.5 , 0.25])
+    """
+
+    coefficients: NDArray[np.float64]
+    innovation: NDArray[np.float64]
+
+    @classmethod
+    def fit(
+        cls, recordings: Sequence[NDArray[np.float64]], *, order: int
+    ) -> "Autoregression":
+        """Learn from recordings (n, D) of about unit variance and zero mean."""
+        lagged, after = [], []
+        for v in recordings:
+            past = [v[order - k : len(v) - k] for k in range(1, order + 1)]
+            lagged.append(np.concatenate(past, axis=1))
+            after.append(v[order:])
+        x, y = np.concatenate(lagged), np.concatenate(after)
+        gram = x.T @ x + _RIDGE * len(x) * np.eye(x.shape[1])
+        solution = np.linalg.solve(gram, x.T @ y)
+        errors = y - x @ solution
+        d = y.shape[1]
+        coefficients = np.swapaxes(solution.reshape(order, d, d), 1, 2)
+        radius = np.max(np.abs(np.linalg.eigvals(_companion(coefficients))))
+        slow = min(1.0, _MOST_RADIUS / max(float(radius), 1e-12))
+        coefficients = coefficients * slow ** np.arange(1, order + 1)[:, None, None]
+        innovation = errors.T @ errors / len(errors) + 1e-12 * np.eye(d)
+        return cls(
+            coefficients=np.ascontiguousarray(coefficients), innovation=innovation
+        )
+
+    def autocovariance(self, count: int) -> NDArray[np.float64]:
+        """Return E[v_(t+k) v_t'] of the lags k = 0 to count - 1, (count, D, D)."""
+        d = len(self.innovation)
+        companion, stationary = _companion(self.coefficients), self._stationary()
+        out = np.empty((count, d, d))
+        for lag in range(count):
+            out[lag] = stationary[:d, :d]
+            stationary = companion @ stationary
+        return out
+
+    def sample(
+        self, rng: np.random.Generator, size: int, count: int
+    ) -> NDArray[np.float64]:
+        """Draw stretches of the process, shape (size, count, D)."""
+        p, d, _ = self.coefficients.shape
+        variances, vectors = np.linalg.eigh(self._stationary())
+        root = vectors * np.sqrt(np.maximum(variances, 0))
+        # The companion's state holds the newest sample first.
+        past = (rng.standard_normal((size, p * d)) @ root.T).reshape(size, p, d)
+        variances, vectors = np.linalg.eigh(self.innovation)
+        root = vectors * np.sqrt(np.maximum(variances, 0))
+        out = np.empty((size, p + count, d))
+        out[:, :p] = past[:, ::-1]
+        out[:, p:] = rng.standard_normal((size, count, d)) @ root.T
+        for t in range(p, p + count):
+            for k, matrix in enumerate(self.coefficients, start=1):
+                out[:, t] += out[:, t - k] @ matrix.T
+        return out[:, p:]
+
+    def _stationary(self) -> NDArray[np.float64]:
+        """Return the covariance of (v_t, ..., v_(t-p+1)), shape (p D, p D)."""
+        companion = _companion(self.coefficients)
+        d = len(self.innovation)
+        drive = np.zeros_like(companion)
+        drive[:d, :d] = self.innovation
+        out: NDArray[np.float64] = solve_discrete_lyapunov(companion, drive)
+        return (out + out.T) / 2
+
+
+def _companion(coefficients: NDArray[np.float64]) -> NDArray[np.float64]:
+    p, d, _ = coefficients.shape
+    out = np.eye(p * d, k=-d)
+    out[:d] = np.concatenate(list(coefficients), axis=1)
+    return out

@@ -1,0 +1,158 @@
+"""A phase model as a mixture of Gaussians over windows."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from fmp_drake.primitives.model.basis import FourierBasis
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.residual import Residual
+from fmp_drake.primitives.model.phase.tempo import phase_covariance
+from fmp_drake.primitives.model.phase.tracking import PhaseTrack
+
+Array = NDArray[np.float64]
+
+# Width, in rad, of the neighbourhood whose windows a component is learned from, and the
+# windows that its structural mean and covariance count for.
+_NEAR = 0.21
+_MEAN_WINDOWS = 5.0
+_COVARIANCE_WINDOWS = 60.0
+_WHITE = 1e-10
+
+
+def anchor_phases(track: PhaseTrack, count: int) -> tuple[Array, Array]:
+    """Return phases that equally many samples lie between, and their spacing (count,)."""
+    phase = np.sort(np.mod(np.concatenate(track.phases), 2 * np.pi))
+    edges = np.quantile(phase, np.arange(2 * count + 1) / (2 * count))
+    edges[[0, -1]] = 0.0, 2 * np.pi
+    return edges[1::2], np.diff(edges[::2])
+
+
+def phase_components(
+    track: PhaseTrack,
+    *,
+    cycle: Cycle,
+    residual: Residual,
+    tempo: float,
+    anchors: Array,
+    spacing: Array,
+    n_steps: int,
+    pinned: int,
+    rank: int,
+) -> tuple[LowRankGaussian, ...]:
+    """Return one Gaussian over the Fourier weights of a window for each anchor.
+
+    At each anchor the model is linearised: the phase strays around a constant tempo,
+    which moves the samples along the cycle, and the residual is added. This structure is
+    a prior; the windows that pass near the anchor's phase are counted into it.
+
+    Parameters
+    ----------
+    track : PhaseTrack
+    cycle, residual
+        Of the model.
+    tempo : float
+        Mean, rad per sample.
+    anchors, spacing : ndarray, shape (M,)
+        Phases at the sample `pinned`, and the widths of their cells.
+    n_steps : int
+        T, samples in a window.
+    pinned : int
+    rank : int
+        Most directions that are kept of each covariance.
+    """
+    d = cycle.coefficients.shape[1]
+    straying = phase_covariance(track.phases, tempo, count=n_steps, pinned=pinned)
+    smooth = _toeplitz(residual.process.autocovariance(n_steps))
+    shifted = np.zeros((n_steps, d, n_steps, d))
+    slow = np.concatenate(track.shifts).var(axis=0)
+    shifted[:, np.arange(d), :, np.arange(d)] = 2 * slow[:, None, None]
+    steps = np.arange(n_steps) - pinned
+    paths = anchors[:, None] + tempo * steps
+    errors, counts = _errors(track, cycle, paths, anchors, steps)
+    near, sums, grams = _pooled(errors, anchors)
+    basis, out = FourierBasis(n_steps), []
+    for m, path in enumerate(paths):
+        slope = cycle.values(path, 1)
+        factor = residual.factor(path)
+        formed = np.einsum("tab,tbuc->tauc", factor, smooth, optimize=True)
+        prior = np.einsum("tauc,udc->taud", formed, factor, optimize=True)
+        prior += slope[:, :, None, None] * straying[:, None, :, None] * slope
+        prior += shifted
+        windows, total = float(near[m] @ counts), near[m] @ sums
+        move = total / (windows + _MEAN_WINDOWS)
+        gram = np.tensordot(near[m], grams, axes=1)
+        gram -= np.outer(move, total) + np.outer(total, move)
+        gram += windows * np.outer(move, move)
+        covariance = _COVARIANCE_WINDOWS * prior.reshape(gram.shape) + gram
+        covariance /= _COVARIANCE_WINDOWS + windows
+        tangent = slope.ravel()
+        covariance += spacing[m] ** 2 / 12 * np.outer(tangent, tangent)
+        mean = cycle.values(path) + move.reshape(n_steps, d)
+        out.append(_low_rank(mean, covariance, basis, rank))
+    return tuple(out)
+
+
+def _toeplitz(autocovariance: Array) -> Array:
+    """Return E[v_t v_u'] of a stationary process, (T, D, T, D), from its lags."""
+    count = len(autocovariance)
+    lags = np.arange(count)[:, None] - np.arange(count)
+    later = autocovariance[np.abs(lags)]
+    both = np.where((lags >= 0)[..., None, None], later, np.swapaxes(later, -1, -2))
+    return np.swapaxes(both, 1, 2)
+
+
+def _errors(
+    track: PhaseTrack,
+    cycle: Cycle,
+    paths: Array,
+    anchors: Array,
+    steps: NDArray[np.int64],
+) -> tuple[list[Array], Array]:
+    """Return how the windows that pass each anchor differ from the cycle, (n, T D)."""
+    found: list[list[Array]] = [[] for _ in anchors]
+    for y, phase in zip(track.recordings, track.phases, strict=True):
+        times = np.arange(len(y), dtype=float)
+        spline = CubicSpline(times, y)
+        rising = np.maximum.accumulate(phase) + 1e-9 * times
+        for m, anchor in enumerate(anchors):
+            first = np.ceil((rising[0] - anchor) / (2 * np.pi))
+            last = np.floor((rising[-1] - anchor) / (2 * np.pi))
+            passed = anchor + 2 * np.pi * np.arange(first, last + 1)
+            at = np.interp(passed, rising, times)
+            at = at[(at + steps[0] >= 0) & (at + steps[-1] <= times[-1])]
+            windows = spline(at[:, None] + steps) - cycle.values(paths[m])
+            found[m].append(windows.reshape(len(at), -1))
+    errors = [np.concatenate(each) for each in found]
+    return errors, np.array([float(len(each)) for each in errors])
+
+
+def _pooled(errors: list[Array], anchors: Array) -> tuple[Array, Array, Array]:
+    """Return how near the anchors are (M, M), and the errors' sums and products."""
+    apart = np.angle(np.exp(1j * (anchors[:, None] - anchors)))
+    near = np.exp(-0.5 * (apart / _NEAR) ** 2)
+    near[near < 1e-4] = 0.0
+    sums = np.stack([e.sum(axis=0) for e in errors])
+    grams = np.stack([e.T @ e for e in errors])
+    return near, sums, grams
+
+
+def _low_rank(
+    mean: Array, covariance: Array, basis: FourierBasis, rank: int
+) -> LowRankGaussian:
+    """Return a Gaussian over weights from mean and covariance of samples (T, D)."""
+    size = len(covariance)
+    kept = min(rank, size - 1)
+    # All of them: finding only the greatest takes three times as long.
+    variances, vectors = np.linalg.eigh(covariance)
+    variances, vectors = variances[size - kept :], vectors[:, size - kept :]
+    noise = (float(np.trace(covariance)) - float(variances.sum())) / (size - kept)
+    noise = max(noise, 0.0) + _WHITE
+    windows = vectors.T.reshape(kept, *mean.shape)
+    return LowRankGaussian(
+        mean=basis.analyze(mean),
+        basis=np.ascontiguousarray(basis.analyze(windows).T),
+        variances=np.maximum(variances + _WHITE - noise, 0.0),
+        noise=noise,
+    )

@@ -1,0 +1,108 @@
+"""A movement whose phase is an angle: cycle, residual and tempo."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fmp_drake.numeric import finite_array
+from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.path import phase_path
+from fmp_drake.primitives.model.phase.residual import Residual
+from fmp_drake.primitives.model.phase.tempo import Tempo
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PhaseModel:
+    """y_t = f(phase_t) + L(phase_t) v_t, with a phase that runs at a varying tempo.
+
+    Values are those of a skill divided by its scales.
+
+    Attributes
+    ----------
+    cycle : Cycle
+        f.
+    residual : Residual
+        L and v.
+    tempo : Tempo
+        Of the phase, per sample.
+    anchors : ndarray, shape (M,)
+        The phase of each component of the skill at the sample `pinned`, rad.
+    spacing : ndarray, shape (M,)
+        The width of the phases around each anchor that are nearest to it, rad.
+    pinned : int
+        The sample of a window at which a component knows the phase.
+    cycles : float
+        How many were learned from.
+    paused : float
+        Samples of the recordings that were left out, because the movement paused.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import FourierMovementPrimitive
+    >>> rng = np.random.default_rng(0)
+    >>> phase = np.cumsum(rng.normal(0.2, 0.01, 600))
+    >>> path = np.column_stack([np.cos(phase), np.sin(phase)])
+    >>> windows = np.stack([path[i : i + 120] for i in range(0, 480, 2)])
+    >>> model = FourierMovementPrimitive(model="phase").fit(windows).phase_model_
+    >>> print(round(model.cycles))
+    19
+    """
+
+    cycle: Cycle
+    residual: Residual
+    tempo: Tempo
+    anchors: NDArray[np.float64]
+    spacing: NDArray[np.float64]
+    pinned: int
+    cycles: float
+    paused: float
+
+    @property
+    def period(self) -> float:
+        """The mean period, in samples."""
+        return 2 * np.pi / self.tempo.mean
+
+    def fits(self, components: int, channels: int, n_steps: int) -> bool:
+        """Return whether it can be that of a skill of so many of each."""
+        shape = self.cycle.coefficients.shape[1], self.anchors.shape
+        return shape == (channels, (components,)) and 0 <= self.pinned < n_steps
+
+    def phase(self, values: ArrayLike) -> NDArray[np.float64]:
+        """Return the unwrapped phase (n,) of consecutive samples (n, D), rad."""
+        y = finite_array(values, "the values", ("n", self.cycle.coefficients.shape[1]))
+        return phase_path(y, self.cycle, tempo=self.tempo.mean)
+
+    def sample(
+        self, rng: np.random.Generator, component: int, size: int, count: int
+    ) -> NDArray[np.float64]:
+        """Draw windows at the phase of a component, shape (size, count, D).
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        component : int
+            Index of its anchor.
+        size : int
+        count : int
+            Samples of a window.
+        """
+        within = self.spacing[component] * (rng.random((size, 1)) - 0.5)
+        path = self.tempo.sample(rng, size, count, pinned=self.pinned)
+        path += self.anchors[component] + within
+        v = self.residual.process.sample(rng, size, count)
+        formed = (self.residual.factor(path) @ v[..., None])[..., 0]
+        return self.cycle.values(path) + formed
+
+    def transformed(
+        self, matrix: NDArray[np.float64], offset: NDArray[np.float64]
+    ) -> "PhaseModel":
+        """Return the model of A y + b, for a matrix (D, D) and an offset (D,)."""
+        coefficients = self.cycle.coefficients @ matrix.T
+        coefficients[0] += offset
+        return replace(
+            self,
+            cycle=Cycle(coefficients=coefficients),
+            residual=replace(self.residual, factors=matrix @ self.residual.factors),
+        )

@@ -1,0 +1,80 @@
+"""How the phase of a movement runs on: a tempo that varies around its mean."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.primitives.model.phase.autoregression import Autoregression
+
+_ORDER = 4
+# Fraction of the windows, those with the greatest deviations, that do not count.
+_LEFT_OUT = 0.05
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Tempo:
+    """The increments of the phase from sample to sample.
+
+    Attributes
+    ----------
+    mean : float
+        rad per sample.
+    spread : float
+        Standard deviation, rad per sample.
+    process : Autoregression
+        Of the deviations from the mean, in their standard deviation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tempo = Tempo.fit([0.1 * np.arange(50)])
+    >>> round(tempo.mean, 3), round(tempo.spread, 3)
+    (0.1, 0.0)
+    """
+
+    mean: float
+    spread: float
+    process: Autoregression
+
+    @classmethod
+    def fit(cls, phases: Sequence[NDArray[np.float64]]) -> "Tempo":
+        """Learn from the unwrapped phases (n,) of recordings."""
+        increments = [np.diff(p) for p in phases]
+        mean = float(np.mean(np.concatenate(increments)))
+        spread = max(float(np.std(np.concatenate(increments))), 1e-9)
+        process = Autoregression.fit(
+            [(i[:, None] - mean) / spread for i in increments], order=_ORDER
+        )
+        return cls(mean=mean, spread=spread, process=process)
+
+    def sample(
+        self, rng: np.random.Generator, size: int, count: int, *, pinned: int
+    ) -> NDArray[np.float64]:
+        """Draw phases (size, count) that are 0 at the sample `pinned`."""
+        deviations = self.process.sample(rng, size, count - 1)[..., 0]
+        increments = self.mean + self.spread * deviations
+        phase = np.zeros((size, count))
+        np.cumsum(increments, axis=1, out=phase[:, 1:])
+        return phase - phase[:, pinned, None]
+
+
+def phase_covariance(
+    phases: Sequence[NDArray[np.float64]], tempo: float, *, count: int, pinned: int
+) -> NDArray[np.float64]:
+    """Return how the phase strays from a constant tempo, shape (count, count).
+
+    E[psi psi'] of psi(tau) = phase(t + tau) - phase(t + pinned) - tempo (tau - pinned)
+    over all windows of `count` samples but the few with the greatest deviations.
+    """
+    windows = [
+        np.lib.stride_tricks.sliding_window_view(p, count)
+        for p in phases
+        if len(p) >= count
+    ]
+    psi = np.concatenate(windows)
+    psi = psi - psi[:, pinned, None] - tempo * (np.arange(count) - pinned)
+    sizes = np.sum(psi**2, axis=1)
+    psi = psi[sizes <= np.quantile(sizes, 1 - _LEFT_OUT)]
+    return psi.T @ psi / len(psi)

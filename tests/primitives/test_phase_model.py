@@ -1,0 +1,298 @@
+"""Facts about the model that knows the phase."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.stats import chi2
+
+from fmp_drake.errors import DemonstrationError, SkillError, SkillFileError
+from fmp_drake.primitives import (
+    PAPER_SETTINGS,
+    Demonstration,
+    FourierMovementPrimitive,
+    Player,
+    load_skill,
+    modulate_skill,
+    save_skill,
+    scale_tempo,
+    transform_space,
+)
+from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.path import best_path, phase_path
+from fmp_drake.primitives.model.phase.tracking import track_phase
+from fmp_drake.primitives.model.prediction import PredictionPlan
+
+RATE = 20.0
+EIGHT = Path(__file__).resolve().parents[2] / "models/demonstrations/eight.npz"
+
+
+def curve(phase):
+    """Return a curve of two channels, 0.2 m wide, that never passes a point twice."""
+    x = np.cos(phase) + 0.3 * np.cos(2 * phase)
+    y = np.sin(phase) - 0.2 * np.cos(3 * phase)
+    return 0.1 * np.column_stack([x, y])
+
+
+def wavering(count, *, period=50, spread=0.06, seed=0):
+    """Return the phase of a movement whose tempo varies."""
+    noise = np.random.default_rng(seed).standard_normal(count + 40)
+    slow = np.convolve(noise, np.ones(20) / np.sqrt(20), "same")[20:-20]
+    return np.cumsum(2 * np.pi / period * (1 + spread * slow))
+
+
+def recorded(phase, *, seed=1):
+    """Return a demonstration at phases, half a millimetre of smooth noise on it."""
+    noise = np.random.default_rng(seed).standard_normal((len(phase) + 20, 2))
+    smooth = np.stack([np.convolve(n, np.ones(9) / 9, "same") for n in noise.T], 1)
+    values = curve(phase) + 1.5e-3 * smooth[10:-10]
+    return Demonstration(time=np.arange(len(phase)) / RATE, values=values)
+
+
+@pytest.fixture(scope="module")
+def eight():
+    """The bundled 8, and what is learned from its first two thirds."""
+    y = Demonstration.load(EIGHT).resample(RATE).values
+    known, held = y[: 2 * len(y) // 3], y[2 * len(y) // 3 :]
+    demonstration = Demonstration(time=np.arange(len(known)) / RATE, values=known)
+    return FourierMovementPrimitive(model="phase").fit(demonstration), known, held
+
+
+@pytest.fixture(scope="module")
+def small():
+    phase = wavering(900)
+    skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="automatic")
+    return skill.fit(recorded(phase)), phase
+
+
+# Tracking ---------------------------------------------------------------
+
+
+def test_the_cheapest_path_is_the_one_that_trying_all_finds():
+    rng = np.random.default_rng(0)
+    cost, step_cost = rng.random((5, 6)), np.array([0.5, 0.0, 0.7])
+    start, steps = best_path(cost, step_cost)
+
+    def price(first, by):
+        states = (first + np.concatenate([[0], np.cumsum(by)])) % 6
+        return cost[np.arange(5), states].sum() + step_cost[list(by)].sum()
+
+    every = min(price(first, by) for first in range(6) for by in np.ndindex(3, 3, 3, 3))
+    assert steps[0] == 0
+    assert price(start, steps[1:]) == pytest.approx(every)
+
+
+def test_phase_is_tracked_through_a_wavering_tempo():
+    phase = wavering(900, spread=0.12)
+    tracked = track_phase([recorded(phase).values], least=60)
+    off = tracked.phases[0] - phase
+    assert tracked.cycles == pytest.approx(
+        (phase[-1] - phase[0]) / (2 * np.pi), abs=0.1
+    )
+    # The zero of the phase is anywhere.
+    assert np.std(off) < 0.1
+
+
+def test_slow_shifts_of_the_centre_do_not_bend_the_phase():
+    phase = wavering(900)
+    moved = recorded(phase).values.copy()
+    moved[:, 0] += 0.03 * np.sin(np.linspace(0, 6, 900))
+    tracked = track_phase([moved], least=60)
+    assert np.std(tracked.phases[0] - phase) < 0.15
+    assert tracked.shifts[0][:, 0].std() > 0.01
+
+
+def test_a_pause_is_cut_out():
+    phase = wavering(900)
+    phase = np.concatenate([phase[:400], np.full(100, phase[400]), phase[400:]])
+    tracked = track_phase([recorded(phase).values], least=60)
+    assert len(tracked.recordings) == 2
+    assert 60 <= tracked.paused <= 140
+    assert len(tracked.recordings[0]) == pytest.approx(400, abs=25)
+
+
+def test_phase_of_seen_samples_is_that_of_the_cycle():
+    cycle = Cycle.fit(
+        np.linspace(0, 6.2, 200), curve(np.linspace(0, 6.2, 200)), harmonics=5
+    )
+    phase = 1.0 + 0.13 * np.arange(30)
+    found = phase_path(curve(phase), cycle, tempo=0.12)
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * phase), atol=0.02)
+
+
+# Which model ------------------------------------------------------------
+
+
+def test_automatic_takes_the_phase_where_there_are_cycles(small):
+    skill, phase = small
+    assert skill.model_ == "phase"
+    assert "cycles" in skill.model_reason_
+    assert skill.period_ == pytest.approx(
+        2 * np.pi / np.diff(phase).mean() / RATE, 0.02
+    )
+
+
+def test_automatic_takes_the_mixture_where_there_are_few_cycles_and_says_why():
+    demonstration = recorded(wavering(170))
+    skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="automatic")
+    skill.fit(demonstration)
+    assert skill.model_ == "mixture"
+    assert "3.4 cycles" in skill.model_reason_
+    with pytest.raises(SkillError, match="knows no phase"):
+        skill.phase(demonstration.values)
+    skill.set_params(model="phase")
+    with pytest.raises(
+        DemonstrationError, match=r"3\.4 cycles; the phase model needs 4"
+    ):
+        skill.fit(demonstration)
+
+
+def test_automatic_takes_the_mixture_where_nothing_repeats():
+    rng = np.random.default_rng(0)
+    walk = np.cumsum(rng.standard_normal((900, 2)), axis=0) / 100
+    demonstration = Demonstration(time=np.arange(900) / RATE, values=walk)
+    skill = FourierMovementPrimitive(model="automatic").fit(demonstration)
+    assert (skill.model_, skill.phase_model_) == ("mixture", None)
+    assert skill.model_reason_
+
+
+def test_the_paper_has_a_mixture_and_other_words_are_refused():
+    assert PAPER_SETTINGS["model"] == "mixture"
+    with pytest.raises(SkillError, match="'mixture', 'phase' or 'automatic'"):
+        FourierMovementPrimitive(model="angle").fit(recorded(wavering(300)))
+
+
+def test_windows_and_demonstrations_teach_the_same():
+    demonstration = recorded(wavering(500))
+    made = FourierMovementPrimitive(n_steps=60, overlap=6, stride=5, model="phase")
+    windows = np.stack([demonstration.values[i : i + 60] for i in range(0, 441, 5)])
+    one = made.fit(demonstration).components_
+    other = made.fit(windows).components_
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(a.mean, b.mean, atol=1e-9)
+
+
+def test_weights_may_leave_recordings_out_but_not_weigh_them():
+    both = [recorded(wavering(500)), recorded(wavering(300, seed=3), seed=4)]
+    skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="phase")
+    alone = skill.fit(both[:1]).phase_model_.cycles
+    assert skill.fit(both, weights=[2.0, 0.0]).phase_model_.cycles == alone
+    with pytest.raises(DemonstrationError, match="different weights"):
+        skill.fit(both, weights=[2.0, 1.0])
+
+
+# What it knows ----------------------------------------------------------
+
+
+def test_the_next_second_of_the_eight_is_predicted_with_honest_covariances(eight):
+    skill, _, held = eight
+    plan = PredictionPlan(skill, 20)
+    errors, inside = [], []
+    for first in range(0, len(held) - 30, 11):
+        prediction = plan.predict(held[first : first + 10])
+        error = held[first + 10 : first + 30] - prediction.values
+        errors.append(error)
+        squared = np.einsum(
+            "hd,hde,he->h", error, np.linalg.inv(prediction.covariances), error
+        )
+        inside.append(squared < chi2.ppf(0.95, 3))
+    assert np.sqrt(np.mean(np.sum(np.square(errors), axis=-1))) < 0.0125
+    assert 0.9 < np.mean(inside) < 0.99
+
+
+def test_the_held_out_density_of_the_eight_is_far_above_the_mixtures(eight):
+    skill, known, held = eight
+    windows = np.stack([held[i : i + 120] for i in range(0, len(held) - 120, 40)])
+    demonstration = Demonstration(time=np.arange(len(known)) / RATE, values=known)
+    mixture = FourierMovementPrimitive().fit(demonstration)
+    assert skill.score(windows) > mixture.score(windows) + 2
+
+
+def test_samples_follow_the_eight(eight):
+    skill, known, held = eight
+    apart = cKDTree(np.concatenate([known, held])).query(
+        skill.sample(300, seed=2).reshape(-1, 3)
+    )[0]
+    assert apart.mean() < 0.002
+    assert np.quantile(apart, 0.99) < 0.008
+
+
+def test_played_means_keep_their_width_and_samples_their_place(eight):
+    skill, known, held = eight
+    shown = np.concatenate([known, held])
+    tree = cKDTree(shown)
+    for sample in (False, True):
+        path = Player(skill, sample=sample).rollout(known[300], 60.0)[100:, 0]
+        apart = tree.query(path)[0]
+        assert apart.mean() < 0.002
+        assert np.quantile(apart, 0.99) < 0.008
+        assert np.all(path[:, :2].std(axis=0) > 0.95 * shown[:, :2].std(axis=0))
+
+
+def test_samples_differ_and_follow_from_the_seed(small):
+    skill, _ = small
+    a, b, other = skill.sample(4, seed=1), skill.sample(4, seed=1), skill.sample(4)
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, other)
+    assert skill.sample(0).shape == (0, 60, 2)
+
+
+def test_a_target_of_a_component_is_near_its_mean(small):
+    skill, _ = small
+    drawn = skill.draw(3, np.random.default_rng(0), 200)
+    mean = skill.synthesize(drawn.mean(axis=0))
+    apart = np.linalg.norm(mean - skill.synthesize(skill.components_[3].mean), axis=1)
+    assert apart.max() < 0.012  # Where the phase strays, the mean of samples shrinks.
+
+
+def test_phase_of_a_skill_counts_cycles(small):
+    skill, _ = small
+    going = wavering(200, seed=8)
+    found = skill.phase(recorded(going, seed=9).values)
+    assert np.std(found - going) < 0.1
+
+
+# What is done to it -----------------------------------------------------
+
+
+def test_a_skill_file_keeps_the_phase(small, tmp_path):
+    skill, _ = small
+    save_skill(skill, tmp_path / "s.npz")
+    loaded = load_skill(tmp_path / "s.npz")
+    assert (loaded.model_, loaded.model_reason_) == ("phase", skill.model_reason_)
+    assert loaded.period_ == skill.period_
+    assert np.array_equal(loaded.sample(3, seed=5), skill.sample(3, seed=5))
+    path = Player(skill, sample=True).rollout([0.1, 0.0], 9.0)
+    assert np.array_equal(Player(loaded, sample=True).rollout([0.1, 0.0], 9.0), path)
+
+
+@pytest.mark.parametrize(
+    "name", ["phase_anchors", "phase_tempo_innovation", "phase_cycle"]
+)
+def test_a_file_whose_phase_does_not_fit_is_refused(small, tmp_path, name):
+    skill, _ = small
+    save_skill(skill, tmp_path / "s.npz")
+    with np.load(tmp_path / "s.npz") as file:
+        arrays = dict(file)
+    arrays[name] = arrays[name][:-1]
+    np.savez(tmp_path / "s.npz", **arrays)
+    with pytest.raises(SkillFileError, match=r"incomplete skill file"):
+        load_skill(tmp_path / "s.npz")
+
+
+def test_an_edited_skill_has_the_edited_phase_model(small):
+    skill, _ = small
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    moved = transform_space(
+        skill, rotation=quarter, scale=2.0, translation=[1, 2], channels=["x", "y"]
+    )
+    expected = 2 * skill.sample(5, seed=1) @ quarter.T + [1, 2]
+    np.testing.assert_allclose(moved.sample(5, seed=1), expected, atol=1e-9)
+    assert scale_tempo(skill, 2.0).period_ == pytest.approx(skill.period_ / 2)
+
+
+def test_a_skill_with_other_harmonics_is_a_mixture(small):
+    louder = modulate_skill(small[0], harmonics=[2], gain=1.5)
+    assert (louder.model_, louder.phase_model_) == ("mixture", None)
+    assert louder.sample(2).shape == (2, 60, 2)
