@@ -12,6 +12,7 @@ from fmp_drake.errors import DemonstrationError
 _ALMOST = 0.8
 _LEAST_CORRELATION = 0.2
 _MOST_PERIODS = 8
+_FIRST_PEAKS = 3
 
 
 def autocorrelation(
@@ -91,6 +92,28 @@ def fundamental_period(
             break
         period = parabola_top(r, top) / k
     return period
+
+
+def other_periods(
+    recordings: Sequence[NDArray[np.float64]], period: float, *, shortest: float = 8.0
+) -> list[float]:
+    """Return periods, in samples, that a movement may have instead of an estimated one.
+
+    Fractions and multiples of it, and the first peaks of the autocorrelation: where the
+    tempo changes a lot, later and higher ones tell when a tempo comes back, not a place.
+    They grow.
+    """
+    longest = int(0.6 * max(len(y) for y in recordings))
+    r = autocorrelation(recordings, longest=longest + 1)
+    inner = np.arange(1, longest + 1)
+    peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (r[1:-1] > 0)]
+    first = [parabola_top(r, int(top)) for top in peaks[:_FIRST_PEAKS]]
+    found: list[float] = []
+    for each in sorted([*first, period / 3, period / 2, 2 * period, 3 * period]):
+        different = all(abs(each - p) > 0.05 * p for p in (*found, period))
+        if different and shortest <= each <= longest:
+            found.append(each)
+    return found
 
 
 def parabola_top(values: NDArray[np.float64], top: int) -> float:

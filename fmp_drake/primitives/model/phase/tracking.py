@@ -9,7 +9,6 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.path import phase_path
-from fmp_drake.primitives.model.phase.period import fundamental_period
 
 Recordings = Sequence[NDArray[np.float64]]
 
@@ -73,21 +72,17 @@ class PhaseTrack:
         ]
 
 
-def track_phase(recordings: Recordings, *, least: int) -> PhaseTrack:
+def track_phase(recordings: Recordings, *, period: float, least: int) -> PhaseTrack:
     """Track the phase through recordings (n, D), of which pauses are cut out.
 
     Parameters
     ----------
     recordings : sequence of ndarray, shape (n, D)
+    period : float
+        About, in samples.
     least : int
         Samples; shorter segments are left out.
-
-    Raises
-    ------
-    DemonstrationError
-        Where nothing repeats.
     """
-    period = fundamental_period(recordings)
     track = _tracked(list(recordings), period, _first_cycle(recordings, period))
     moving = [
         part
