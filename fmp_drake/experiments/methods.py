@@ -10,6 +10,7 @@ from fmp_drake.experiments.baselines.fourier_model import FourierModel
 from fmp_drake.experiments.baselines.periodic_dmp import PeriodicDMP
 from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.baselines.promp import ProMP
+from fmp_drake.experiments.baselines.replay import Replay
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.primitives import (
     PAPER_SETTINGS,
@@ -28,16 +29,27 @@ MULT = "ProMP-VM-Mult"
 ALIGNED = "ProMP-VM, aligned"
 FMP = "FMP"
 FMP_PAPER = "FMP, paper's settings"
+PHASE = "FMP, phase model"
+MULT_OWN = f"{MULT}, own frequency, M = 80"
+REPLAY = "replay"
+GP, DMP = "periodic GP", "periodic DMP"
+# Learned once, because there is no chance in them.
+SEEDLESS = (PHASE, REPLAY, GP, DMP)
 
 
 def fmp(seed: int = 0) -> FourierModel:
-    """Return FMP with the defaults of the estimator."""
-    return FourierModel(settings={"random_state": seed})
+    """Return FMP with the estimator's defaults of the mixture."""
+    return FourierModel(settings={"model": "mixture", "random_state": seed})
+
+
+def phase(_: int = 0) -> FourierModel:
+    """Return FMP with the phase model; there is no seed in it."""
+    return FourierModel(settings={"model": "phase"})
 
 
 def fmp_paper(seed: int = 0) -> FourierModel:
     """Return FMP as the paper sets it; its stride is that of the windows."""
-    return FourierModel(settings={**PAPER_SETTINGS, "random_state": seed})
+    return FourierModel(settings={**PAPER_SETTINGS, "random_state": seed}, maps=True)
 
 
 def promp_mult(seed: int = 0) -> ProMP:
@@ -47,6 +59,11 @@ def promp_mult(seed: int = 0) -> ProMP:
         n_components=10,
         random_state=seed,
     )
+
+
+def promp_own(seed: int = 0) -> ProMP:
+    """Return ProMP-VM-Mult at its best: f = k T / P, and as many Gaussians as FMP."""
+    return ProMP(frequencies=5, n_components=80, random_state=seed)
 
 
 def aligned_promp(seed: int = 0) -> AlignedProMP:
@@ -63,15 +80,17 @@ Maker = Callable[[int], TrajectoryModel]
 def compared(*, slow: bool) -> dict[str, tuple[Maker, int]]:
     """Return every method of the held-out table with the stride of its windows."""
     methods: dict[str, tuple[Maker, int]] = {
+        PHASE: (phase, FMP_STRIDE),
         FMP: (fmp, FMP_STRIDE),
         FMP_PAPER: (fmp_paper, PAPER_STRIDE),
         MULT: (promp_mult, PAPER_STRIDE),
-        f"{MULT}, FMP's windows": (promp_mult, FMP_STRIDE),
+        MULT_OWN: (promp_own, FMP_STRIDE),
         ALIGNED: (aligned_promp, PAPER_STRIDE),
-        "periodic DMP": (lambda _: PeriodicDMP(), PAPER_STRIDE),
+        DMP: (lambda _: PeriodicDMP(), PAPER_STRIDE),
+        REPLAY: (lambda _: Replay(), FMP_STRIDE),
     }
     if slow:
-        methods["periodic GP"] = (lambda _: PeriodicGP(), PAPER_STRIDE)
+        methods[GP] = (lambda _: PeriodicGP(), PAPER_STRIDE)
     return methods
 
 

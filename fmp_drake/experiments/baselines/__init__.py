@@ -6,6 +6,7 @@ from fmp_drake.experiments.baselines.fourier_model import FourierModel
 from fmp_drake.experiments.baselines.periodic_dmp import PeriodicDMP
 from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.baselines.promp import ProMP
+from fmp_drake.experiments.baselines.replay import Replay
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.experiments.baselines.von_mises_basis import VonMisesBasis
 from fmp_drake.primitives.data.joining import joined_recordings
@@ -18,6 +19,7 @@ __all__ = [
     "PeriodicDMP",
     "PeriodicGP",
     "ProMP",
+    "Replay",
     "TrajectoryModel",
     "VonMisesBasis",
     "align_periods",

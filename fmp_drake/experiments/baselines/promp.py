@@ -11,7 +11,9 @@ from fmp_drake.experiments.baselines.mixture_posterior import (
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.experiments.baselines.von_mises_basis import VonMisesBasis
 from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.primitives.data.joining import joined_recordings
 from fmp_drake.primitives.model.em import fit_gaussians
+from fmp_drake.primitives.model.phase.period import fundamental_period
 
 # Least variance of the observation noise: 0.1 mm where the values are metres.
 _LEAST_NOISE = 1e-8
@@ -42,9 +44,11 @@ class ProMP(TrajectoryModel):
 
     Parameters
     ----------
-    frequencies : tuple of float
-        f of (21), cycles per window: must be known. Several make ProMP-VM-Mult:
-        (1, 2, 3, 4, 5) in V-C.
+    frequencies : tuple of float or int
+        f of (21), cycles per window. Several make ProMP-VM-Mult: (1, 2, 3, 4, 5) in V-C.
+        A whole number n instead is the first n multiples of the movement's own
+        frequency, T / P with the fundamental period P of the windows: a window need not
+        hold whole periods.
     n_bases : int
         n of (21), of each frequency.
     width : float
@@ -62,6 +66,7 @@ class ProMP(TrajectoryModel):
 
     Attributes
     ----------
+    frequencies_ : tuple of float
     proportions_ : ndarray, shape (M,)
     means_ : ndarray, shape (M, D * B)
         Of the weights, those of a channel together.
@@ -89,7 +94,7 @@ class ProMP(TrajectoryModel):
     def __init__(
         self,
         *,
-        frequencies: tuple[float, ...] = (3.0,),
+        frequencies: tuple[float, ...] | int = (3.0,),
         n_bases: int = 20,
         width: float = 100.0,
         ridge: float = 3e-7,
@@ -110,6 +115,12 @@ class ProMP(TrajectoryModel):
     def _learn(self, windows: NDArray[np.float64]) -> None:
         self._check_parameters(ridge=0, n_components=1, reg_covar=0, tolerance=0)
         n = len(windows)
+        if isinstance(self.frequencies, int):
+            period = fundamental_period(joined_recordings(windows))
+            own = self.n_steps_ / period
+            self.frequencies_ = tuple(own * k for k in range(1, self.frequencies + 1))
+        else:
+            self.frequencies_ = tuple(self.frequencies)
         left, singular, right = np.linalg.svd(self._rows(), full_matrices=False)
         filters = singular / (singular**2 + self.ridge)
         by_channel = np.swapaxes(windows, 1, 2)
@@ -241,7 +252,7 @@ class ProMP(TrajectoryModel):
     def basis(self) -> VonMisesBasis:
         """The basis functions (21) of all frequencies."""
         return VonMisesBasis(
-            frequencies=tuple(self.frequencies),
+            frequencies=self.frequencies_,
             n_bases=self.n_bases,
             width=self.width,
         )

@@ -10,6 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.primitives.model.prediction import Prediction
 
 
 class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
@@ -89,6 +90,14 @@ class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
         shape = ("K", self.n_channels_)
         y = finite_array(prefix, "the prefix", shape, error=ExperimentError)
         return self._continue(y, horizon)
+
+    def tubes(self, prefix: ArrayLike, horizon: int) -> Prediction | None:  # noqa: ARG002
+        """Return the continuation with a covariance of each sample.
+
+        None where the model has none.
+        """
+        self.check_fitted()
+        return None
 
     def check_fitted(self) -> None:
         """Raise scikit-learn's NotFittedError before `fit`."""

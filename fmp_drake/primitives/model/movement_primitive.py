@@ -34,11 +34,13 @@ class FourierMovementPrimitive(TrajectoryMixture):
     is mapped to weights of that mixture (Algorithm 1), which give its continuation; a
     `Player` plays the skill (Algorithm 2).
 
-    The defaults are those that generalise: learned from 2 minutes of simulated hands
+    The defaults of the mixture are those that generalise: learned from 2 minutes of simulated hands
     that wipe, polish and draw an 8, they give the next minute a mean log-likelihood of
     17.0 nats per sample, `PAPER_SETTINGS` 6.7 (from 30 s: 15.5 against -771). Phase
     is an angle, so the weights lie near a closed curve: many components follow it,
-    and shrinkage keeps their covariances from fitting the few windows of each.
+    and shrinkage keeps their covariances from fitting the few windows of each. The phase
+    model, which knows that it is an angle, gives 20.8 and predicts the next second with
+    0.84 to 0.90 of the error.
 
     Parameters
     ----------

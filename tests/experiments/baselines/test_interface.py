@@ -13,16 +13,19 @@ from fmp_drake.experiments.baselines import (
     PeriodicDMP,
     PeriodicGP,
     ProMP,
+    Replay,
     TrajectoryModel,
 )
 
 MODELS = {
     "fourier": FourierModel(),
+    "phase": FourierModel(settings={"model": "phase"}),
     "promp": ProMP(frequencies=(2,)),
     "promp mixture": ProMP(frequencies=(2,), n_components=10),
     "promp mult": ProMP(frequencies=(1, 2, 3, 4, 5), n_components=4),
     "aligned promp": AlignedProMP(),
     "dmp": PeriodicDMP(),
+    "replay": Replay(),
     "gp": PeriodicGP(n_points=60, n_moments=8),
 }
 
