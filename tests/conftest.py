@@ -32,11 +32,15 @@ settings.load_profile("repeatable")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 COMPILE = """
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station import LoadScenario, MakeWipingStation, models_dir
 wiping = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+FourierMovementPrimitive(model="phase").fit(wiping)
 skill = FourierMovementPrimitive(n_components=4, stride=20).fit(wiping)
-MakeWipingStation(LoadScenario("table_top"), skill)
+station = MakeWipingStation(LoadScenario("table_top"), skill, meshcat=Meshcat())
+Simulator(station).AdvanceTo(0.3)
 """
 
 

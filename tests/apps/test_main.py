@@ -21,7 +21,7 @@ SCRIPT = Path(sys.executable).parent / "fmp-drake"
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (("--start", 5, 0, 0), "cannot bring the eraser to"),
+        (("--start", 5, 0, 0), "the start is out of reach"),
         (("--start", 0, 0, "nan"), "finite"),
         (("--start", 0, 0), "--start"),
         (("--duration", -1), "duration is -1"),

@@ -22,7 +22,7 @@ def test_recording_is_a_demonstration_to_learn_from(command, outputs):
     assert "eight" in recorded.note
     played = command(
         *("wipe", "--headless", "--duration", 0.2),
-        *("--demo", path, "--window", 2, "--components", 2),
+        *("--demo", path, "--window", 2, "--components", 2, "--force"),
     )
     assert played.code == 0
     assert "laid onto" not in played.out

@@ -110,7 +110,7 @@ def test_page_says_what_was_measured():
 def test_page_names_faults_and_leaves_out_pictures_that_are_not_there():
     faulty = METRICS | {"fault_fraction": 0.123}
     page = scenario_page({"pushed": Measured(faulty, False)}, duration=10.0)
-    assert "Stopped or at a wall 12.3 % of the time." in page
+    assert "Stopped, at a wall or below the surface 12.3 % of the time." in page
     assert "![" not in page
 
 

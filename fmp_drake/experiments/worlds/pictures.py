@@ -85,7 +85,7 @@ def _draw_choices(ax: Axes, values: Sequence[Any], good: Sequence[bool]) -> None
         pairs = zip(values, good, strict=True)
         _draw_fraction(ax, i, [g for value, g in pairs if str(value) == choice])
     ax.set_xticks(range(len(choices)), choices)
-    ax.set_xlim(-0.5, len(choices) - 0.5)
+    ax.set_xlim(-0.5, max(len(choices), 1) - 0.5)
 
 
 def _draw_fraction(ax: Axes, at: float, good: Sequence[bool]) -> None:
