@@ -220,8 +220,9 @@ class SkillConfig:
     sample : bool
         Whether to track samples of the components or their means.
     candidates : int
-        How many samples are drawn at each re-mapping; the one that passes over the most
-        ink of the demonstrated area is tracked. 1 for any sample, as in the paper.
+        How many samples are drawn at the start and at each re-mapping; the one that
+        passes over the most ink of the demonstrated area is tracked. 1 for any sample,
+        as in the paper.
     margin : float
         How far samples may leave the demonstrated paths, m.
     seed : int
@@ -246,7 +247,7 @@ class SkillConfig:
     window: float = bounded(6.0, above=0)
     components: int = bounded(80, least=1)
     sample: bool = True
-    candidates: int = bounded(128, least=1)
+    candidates: int = bounded(48, least=1)
     margin: float = bounded(0.02, above=0)
     seed: int = bounded(0, least=0)
     tempo: float = bounded(1.0, least=0, most=4)

@@ -109,8 +109,8 @@ class FourierPrimitiveSystem(LeafSystem):
     plan_seconds : float
         Length of the plan, s.
     choice : CoverageChoice, optional
-        After each re-mapping, of several samples the one is tracked that passes over the
-        most ink until the next one. For skills of 3 position channels in the frame of the
+        At the start and after each re-mapping, of several samples the one is tracked that
+        passes over the most ink until the next one. For skills of 3 position channels in the frame of the
         board.
     margin : float, optional
         How far samples may leave the demonstrated paths, m; None for no bound.
@@ -264,9 +264,10 @@ class FourierPrimitiveSystem(LeafSystem):
             return EventStatus.DidNothing()  # It goes on from where it stands.
         measured: Any = self._measured.Eval(context)
         start = player.start(measured, tempo=self._wanted_tempo(context))
+        start = replace(start, sample=self._wanted_sample(context))
         self._store(
             values,
-            replace(start, sample=self._wanted_sample(context)),
+            self._chosen(context, start),
             events=(time, time, math.inf, 0.0),
             measurements=start.history,
         )
@@ -298,10 +299,8 @@ class FourierPrimitiveSystem(LeafSystem):
                 blend_time = min(_PUSHED_BLEND_TIME, player.blend_time)
                 state = replace(state, blend_time=blend_time)
                 pushed_since, reactive = math.inf, reactive + 1
-        choice, remapped = self._choice, state.remaps != before.remaps
-        if choice is not None and remapped and state.sample:
-            ink: Any = self._ink.Eval(context)
-            state = choice.tracked(player, state, ink.reshape(choice.grid.shape))
+        if state.remaps != before.remaps:
+            state = self._chosen(context, state)
         rate = (tempo - state.tempo) / player.tick_seconds
         state = replace(state, tempo_rate=min(max(rate, -_TEMPO_RATE), _TEMPO_RATE))
         self._store(
@@ -311,6 +310,14 @@ class FourierPrimitiveSystem(LeafSystem):
             measurements=measurements,
         )
         return EventStatus.Succeeded()
+
+    def _chosen(self, context: Context, state: PlaybackState) -> PlaybackState:
+        """Return the state that tracks the sample of the choice, where there is one."""
+        if self._choice is None or not state.sample:
+            return state
+        ink: Any = self._ink.Eval(context)
+        ink = ink.reshape(self._choice.grid.shape)
+        return self._choice.tracked(self._player, state, ink)
 
     def _wanted_tempo(self, context: Context) -> float:
         if not self._tempo.HasValue(context):

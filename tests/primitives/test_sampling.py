@@ -55,6 +55,17 @@ def test_choice_of_the_sample_does_not_lead_out_of_the_region(skill):
         state = player.advance(state, seconds)
 
 
+def test_choice_draws_samples_out_where_the_region_allows_it(skill):
+    free, wide = Player(skill), Player(skill, margin=5.0)
+    state = free.start(on_path(skill))
+    mean = skill.components_[state.component].mean
+    near, far = (
+        track_sample(p, state, count=16, worth=lambda v: v[:, -1, 1]).target - mean
+        for p in (free, wide)
+    )
+    assert_allclose(far, 1.5 * near, atol=1e-12)
+
+
 def test_way_back_from_outside_is_hardly_farther_out_than_that_of_the_mean(skill):
     start = skill.extent_[1] + [0.1, 0.1, 0.05]
     bounded = Player(skill, sample=True, seed=3, margin=MARGIN)

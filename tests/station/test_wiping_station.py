@@ -16,7 +16,7 @@ from pydrake.systems.analysis import Simulator
 from station_run import StationRun, check_limits
 
 from fmp_drake.errors import StationError
-from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker
+from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker, modulate_skill
 from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.wiping_station import MakeWipingStation
@@ -377,6 +377,20 @@ def test_tracker_and_start_are_passed_on(restless_skill):
     )
     run = StationRun(station).advance(0.01)
     assert_allclose(run.log("measured_position")[0], [0.05, -0.1, 0.02], atol=5e-6)
+
+
+def test_margin_of_the_scenario_bounds_the_samples(restless_skill):
+    scenario = LoadScenario("table_top")
+    scenario.skill.margin = 0.03
+    without_paths = modulate_skill(restless_skill, harmonics=[1], gain=1.0)
+    regions = [
+        MakeWipingStation(scenario, skill)
+        .GetSubsystemByName("fourier_primitive")
+        .player.region
+        for skill in (restless_skill, without_paths)
+    ]
+    assert regions[0].margin == 0.03
+    assert regions[1] is None
 
 
 def test_scenario_moves_the_board(restless_skill):

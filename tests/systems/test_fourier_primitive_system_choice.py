@@ -65,6 +65,10 @@ def at_remap(simulator, number=1):
     return simulator.get_system().playback_state(simulator.get_context())
 
 
+def at_start(simulator):
+    return simulator.get_system().playback_state(simulator.get_context())
+
+
 def shown(simulator, names=OUTPUTS):
     system, context = simulator.get_system(), simulator.get_context()
     return np.concatenate([system.GetOutputPort(n).Eval(context) for n in names])
@@ -108,9 +112,13 @@ def test_no_output_feeds_the_ink_through(system):
         assert not system.HasDirectFeedthrough(port, output)
 
 
-def test_every_remapping_tracks_the_candidate_that_wipes_most(system):
-    chosen = []
-    simulator = simulator_of(system, ink=GRID.full())
+def test_start_and_every_remapping_track_the_candidate_that_wipes_most(system):
+    ink = left_half()
+    simulator = simulator_of(system, ink=ink)
+    state = at_start(simulator)
+    best, target = best_target(system, state, ink)
+    assert_allclose(state.target, target, atol=1e-12)
+    chosen = [best]
     for number in range(1, 7):
         # Another half of the board each time.
         ink = left_half()[:: (-1) ** number]
@@ -127,21 +135,17 @@ def test_every_remapping_tracks_the_candidate_that_wipes_most(system):
 
 @pytest.mark.parametrize("number", [2, 5])
 def test_choice_goes_where_the_ink_is_left(system, number):
-    state = at_remap(simulator_of(system, ink=GRID.full()))
+    state = at_start(simulator_of(system, ink=GRID.full()))
     targets, paths = candidates(system, state)
-    ink = GRID.swept_area(paths[number], CHOICE.footprint, height=CHOICE.height).astype(
-        float
-    )
-    state = at_remap(simulator_of(system, ink=ink))
+    inner = tuple(np.array(CHOICE.footprint) - 2 * CHOICE.margin)
+    ink = GRID.swept_area(paths[number], inner, height=CHOICE.height).astype(float)
+    state = at_start(simulator_of(system, ink=ink))
     assert_allclose(state.target, targets[number], atol=1e-12)
 
 
 def test_another_sample_is_tracked_than_without_a_choice(system, skill):
-    with_choice = simulator_of(system, ink=left_half())
-    without = simulator_of(make_system(skill, choice=None))
-    # Up to the first re-mapping nothing is chosen.
-    assert_array_equal(record(with_choice, 1.7), record(without, 1.7))
-    one, two = at_remap(with_choice), at_remap(without)
+    one = at_start(simulator_of(system, ink=left_half()))
+    two = at_start(simulator_of(make_system(skill, choice=None)))
     assert one.component == two.component
     assert not np.allclose(one.target, two.target)
 
@@ -239,6 +243,5 @@ def test_remapping_leaves_the_input_context_unchanged(system):
 
 
 def test_forgotten_ink_is_an_error_that_names_port_and_system(system):
-    simulator = simulator_of(system)
     with pytest.raises(RuntimeError, match=r"ink.*fourier_primitive.*not connected"):
-        at_remap(simulator)
+        simulator_of(system)

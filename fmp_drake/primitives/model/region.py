@@ -18,8 +18,10 @@ _DENSITY = 8
 _LEAST, _MOST = 200, 2000
 # Of the margin: how much farther out than its mean a movement may be outside.
 _SLACK = 0.25
-# Of a deviation from a component's mean, from the whole to nothing.
-_FRACTIONS = (1.0, 0.75, 0.5, 0.25, 0.0)
+# Of the margin: up to where a movement is drawn out. Between two ticks it may bulge.
+_FILLED = 0.96
+# Of a deviation from a component's mean, from the whole to an eighth.
+_FRACTIONS = np.arange(8, 0, -1) / 8
 
 
 class DemonstratedRegion:
@@ -89,8 +91,8 @@ class DemonstratedRegion:
         """Return which fractions of deviations keep a movement in the region.
 
         A movement may be outside where it would be without its deviation, such as on
-        the way back after a push, at most a quarter of the margin farther. So a fraction
-        of 0 is always good.
+        the way back after a push, at most a quarter of the margin farther. Inside it
+        keeps 4 % of the margin free. So a fraction of 0 is always good.
 
         Parameters
         ----------
@@ -101,14 +103,14 @@ class DemonstratedRegion:
         Returns
         -------
         ndarray, shape (S,)
-            The largest ones of 0, 1/4, 1/2, 3/4 and 1.
+            The largest ones of 0, 1/8, 1/4 ... 1.
         """
         limit = self.distance(steady)
-        farther = limit + _SLACK * self.margin
-        limit = np.where(limit > self.margin, farther, self.margin)
+        within = np.maximum(limit, _FILLED * self.margin)
+        limit = np.where(limit > self.margin, limit + _SLACK * self.margin, within)
         out = np.zeros(len(deviations))
         left = np.arange(len(deviations))
-        for fraction in _FRACTIONS[:-1]:
+        for fraction in _FRACTIONS:
             distance = self.distance(steady + fraction * deviations[left])
             fits = np.all(distance <= limit, axis=1)
             out[left[fits]] = fraction

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 type Worth = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
+# How much farther from the mean than it is a sample is drawn out at most.
+_WIDENED = 1.5
 # Samples that are looked at until the movement after one stays in the region.
 _TRIES = 8
 
@@ -34,6 +36,8 @@ def track_sample(
     next re-mapping they lead out of it at no tick, or hardly farther than the mean does. Of
     these the first is tracked after which the next mean stays inside, too; the speed at the
     end of a window may otherwise carry the movement out before the next one has effect.
+    Where there is a worth, too, samples are drawn out to 1.5 times their difference from
+    the mean as far as the region allows: what is worth most often lies at its rim.
 
     Parameters
     ----------
@@ -71,6 +75,8 @@ def track_sample(
     state = player.retarget(state, gaussian.mean)
     outlook = look_ahead(player.skill, player.relaxations[state.component], state)
     targets -= gaussian.mean
+    if region is not None and worth is not None:
+        targets *= _WIDENED
     values = np.tensordot(targets @ gaussian.basis, outlook.response, (1, 2))
     if region is not None:
         fractions = region.largest_fractions(outlook.steady, values)
