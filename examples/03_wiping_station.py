@@ -11,7 +11,7 @@ import argparse
 
 import numpy as np
 from pydrake.common.value import Value
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import Simulator
@@ -34,7 +34,7 @@ def main() -> None:
     scenario.board.rpy = [0.0, -0.10, 0.15]
     scenario.press.force = 8.0
 
-    meshcat = None if arguments.headless else Meshcat()
+    meshcat = None if arguments.headless else Meshcat(MeshcatParams(host="localhost"))
     station = MakeWipingStation(
         scenario, skill, start=[0.05, 0.20, 0.10], sample=True, seed=1, meshcat=meshcat
     )

@@ -9,6 +9,15 @@ import click
 PATH = click.Path(path_type=Path)
 
 
+host_option = click.option(
+    "--host",
+    default="localhost",
+    show_default=True,
+    help="Address that the page is served at. With another one than localhost (0.0.0.0 for "
+    "all of this machine's) everybody in the network can watch, and pull the arm.",
+)
+
+
 def skill_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that say how a skill is learned."""
     for option in (

@@ -6,6 +6,11 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from fmp_drake.errors import FmpError
+
+LOCAL = "localhost"
+"""Where a page is open for this machine only."""
+
 
 def make_console() -> Console:
     """Return a console that does not wrap what goes to a file or a pipe."""
@@ -13,9 +18,29 @@ def make_console() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=160)
 
 
-def open_page(console: Console | None = None) -> Meshcat:
-    """Start Meshcat and print the page's address."""
-    meshcat = Meshcat(MeshcatParams(show_stats_plot=False))
+def open_page(console: Console | None = None, *, host: str = LOCAL) -> Meshcat:
+    """Start Meshcat and print the page's address.
+
+    Parameters
+    ----------
+    console : Console, optional
+        Where to print it.
+    host : str
+        At which address of this machine the page is served. Whoever reaches it can pull
+        the arm and move the sliders.
+
+    Raises
+    ------
+    FmpError
+        Where the page cannot be served there.
+    """
+    try:
+        meshcat = Meshcat(MeshcatParams(host=host, show_stats_plot=False))
+    except RuntimeError as error:
+        raise FmpError(
+            f"the page cannot be served at {host}; give one of this machine's addresses, "
+            f"0.0.0.0 for all of them, or {LOCAL} for this machine only."
+        ) from error
     if console is not None:
         console.print(f"watch it at {meshcat.web_url()}")
     return meshcat

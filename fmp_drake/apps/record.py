@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.apps.options import PATH
+from fmp_drake.apps.options import PATH, host_option
 from fmp_drake.apps.page import make_console, open_page, show_progress
 from fmp_drake.errors import FmpError
 from fmp_drake.numeric import check_number
@@ -32,8 +32,15 @@ _SETTLE = 2.0
 @click.option(
     "--page", is_flag=True, help="Show the teaching in Meshcat, in real time."
 )
+@host_option
 def record(
-    task: Task, minutes: float, seed: int, out: Path, scenario: str, page: bool
+    task: Task,
+    minutes: float,
+    seed: int,
+    out: Path,
+    scenario: str,
+    page: bool,
+    host: str,
 ) -> None:
     """Record a demonstration: a simulated person guides the arm over the board."""
     console = make_console()
@@ -42,7 +49,7 @@ def record(
     check_number(seed, "seed", least=0, error=FmpError)
     seconds = 60 * minutes
     motion = HandMotion.make(task, seconds=_SETTLE + seconds + 1, seed=seed)
-    meshcat = open_page(console) if page else None
+    meshcat = open_page(console, host=host) if page else None
     station = MakeTeachingStation(LoadScenario(scenario), motion, meshcat=meshcat)
     simulator = Simulator(station)
     simulator.set_target_realtime_rate(1.0 if page else 0.0)

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from fmp_drake.apps.options import PATH, scene_options, skill_options
+from fmp_drake.apps.options import PATH, host_option, scene_options, skill_options
 from fmp_drake.apps.page import make_console, open_page, show_progress
 from fmp_drake.apps.report import print_report
 from fmp_drake.errors import FmpError, RunError, StationError
@@ -89,6 +89,7 @@ _PARTS = list(vars(ShowConfig()))
 @click.option(
     "--graphviz", type=PATH, help="Write a picture of the diagram (.svg, .png, .dot)."
 )
+@host_option
 @skill_options
 def wipe(
     scenario: str,
@@ -112,6 +113,7 @@ def wipe(
     log: Path | None,
     report: Path | None,
     graphviz: Path | None,
+    host: str,
     **learning: Any,
 ) -> None:
     """Learn whiteboard wiping from a demonstration and wipe the board."""
@@ -154,7 +156,9 @@ def wipe(
         raise StationError(f"{found.verdict} Or run it all the same with --force.")
     console.print(found.verdict)
 
-    meshcat = open_page(None if headless else console) if html or not headless else None
+    meshcat = None
+    if html or not headless:
+        meshcat = open_page(None if headless else console, host=host)
     run = WipingRun(
         scene,
         skill,

@@ -1,5 +1,6 @@
 """Facts about the page: what is seen in a browser, running and replayed."""
 
+import socket
 import time
 
 import numpy as np
@@ -8,6 +9,7 @@ from browser import CTRL, OFFLINE, Page, needs_chromium
 
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import open_page
+from fmp_drake.errors import FmpError
 from fmp_drake.runs.skills import default_demonstration, learn_skill, load_on_board
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.scenario import LoadScenario
@@ -190,11 +192,24 @@ def test_replay_page_needs_no_network(command, tmp_path):
     assert_shows_a_wiped_board(picture)
 
 
+def test_page_is_for_this_machine_only_unless_it_is_opened():
+    for options, is_refused in (({}, True), ({"host": "0.0.0.0"}, False)):
+        page = open_page(**options)
+        with socket.socket() as visitor:
+            # Of this machine, too, but not the address that is called localhost.
+            assert (visitor.connect_ex(("127.0.0.2", page.port())) > 0) == is_refused
+
+
+def test_page_at_an_address_of_another_machine_is_refused():
+    with pytest.raises(FmpError, match=r"192\.0\.2\.1; give one of this machine's"):
+        open_page(host="192.0.2.1")
+
+
 def test_command_opens_the_page_that_it_names(command, monkeypatch, browser):
     pages = []
 
-    def open_and_keep(console=None):
-        pages.append(open_page(console))
+    def open_and_keep(console=None, **options):
+        pages.append(open_page(console, **options))
         return pages[-1]
 
     monkeypatch.setattr(wipe_module, "open_page", open_and_keep)

@@ -46,8 +46,8 @@ def pages(monkeypatch):
     """Collect the pages that the command opens."""
     opened = []
 
-    def open_and_keep(console=None):
-        opened.append(open_page(console))
+    def open_and_keep(console=None, **options):
+        opened.append(open_page(console, **options))
         return opened[-1]
 
     monkeypatch.setattr(wipe_module, "open_page", open_and_keep)

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatParams
 from threadpoolctl import threadpool_limits
 
 from fmp_drake.errors import RunError
@@ -36,7 +36,7 @@ def replay_world(
     with threadpool_limits(limits=1):
         run = make_run(
             world.scenario,
-            meshcat=None if html is None else Meshcat(),
+            meshcat=None if html is None else Meshcat(MeshcatParams(host="localhost")),
             recording=html is not None,
             keep=FILM_SIGNALS if video is not None else (),
         )
