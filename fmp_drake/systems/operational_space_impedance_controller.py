@@ -59,8 +59,9 @@ limits, force control and friction compensation are outside of this argument too
 
 Safety
 ======
-Torque starts at zero, keeps the plant's limits without changing its direction, and
-changes by at most `max_torque_rate`. `JointWallConfig` keeps joints within their
+Torque starts at zero, keeps the plant's limits, also together with the torque that
+carries the arm's weight, without changing its direction, and changes by at most
+`max_torque_rate`. `JointWallConfig` keeps joints within their
 ranges and speeds; its torque comes on top of the limited task, and the sum is
 clipped joint by joint, so the wall wins. `max_effective_mass` bounds Λ near
 singularities, where D and the tracking get softer than chosen. `WatchdogConfig`
@@ -171,8 +172,9 @@ class OperationalSpaceImpedanceController(LeafSystem):
     Output ports:
 
     - ``torque`` (n): Nm, without gravity. It is discrete state: zero at first, then
-      updated every ``config.control_period``, within the plant's effort limits
-      and the configured rate.
+      updated every ``config.control_period``, within the plant's effort limits, also
+      together with the torque that carries the plant's weight, and the configured
+      rate.
     - ``measured_position`` (3): p_TE, m, in T.
     - ``measured_velocity`` (3): of E's origin relative to T, m/s, in T.
     - ``tracking_error`` (6): what is left to the desired pose as it came in, a

@@ -89,6 +89,16 @@ def test_pushes_break_no_limit(pushed):
     assert not np.any(flags & int(broken))
 
 
+def test_a_wrist_that_80_N_overload_swings_back_within_its_limits(bundled_skill):
+    scenario = LoadScenario("table_top")
+    push = Disturbance(start=4.0, duration=1.0, force=[80 / np.sqrt(3)] * 3)
+    scenario.disturbances = [push]
+    run = StationRun(MakeWipingStation(scenario, bundled_skill)).advance(5.3)
+    flags = run.log("status")[:, 0].astype(int)
+    assert np.any(flags & int(StatusFlag.TORQUE_LIMITED))
+    check_limits(run)
+
+
 # A person who leads the arm to a point and keeps it there -----------------------
 
 START, RELEASE = 6.0, 10.0

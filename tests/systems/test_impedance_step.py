@@ -81,6 +81,7 @@ def random_step(rng, ports):
         np.vstack([np.eye(3), rng.normal(size=3)]),
         rng.normal(size=(N, 6)),
         rng.normal(size=6),
+        20 * rng.normal(size=N),
     )
     memory = encode(initial_memory(settings[0].stiffness.copy(), tank_energy=0.1))
     return settings, packed, rng.normal(size=N), memory, arm
@@ -390,3 +391,18 @@ def test_a_clone_continues_bit_identically_whatever_was_looked_at(kind):
     simulator.AdvanceTo(end)
     for found, known in zip(state(simulator.get_context()), expected, strict=True):
         assert_array_equal(found, known)
+
+
+@pytest.mark.parametrize("force", [-2000.0, 2000.0])
+@pytest.mark.parametrize("axis", [3, 4, 5])
+def test_the_motors_bear_the_torque_and_the_weight_within_their_efforts(axis, force):
+    controller, plant = make_controller(), make_arm()
+    wrench = force * np.eye(6)[axis]
+    context = simulate_ports(controller, {"feedforward_wrench": wrench}, updates=150)
+    at = plant.CreateDefaultContext()
+    plant.SetPositions(at, Q_START)
+    torque = controller.GetOutputPort("torque").Eval(context)
+    borne = torque - plant.CalcGravityGeneralizedForces(at)
+    loads = np.abs([torque, borne]) / plant.GetEffortUpperLimits()
+    assert loads[1].max() < 1
+    assert 0.98 < loads.max() <= 1

@@ -135,9 +135,8 @@ class HeldArm:
         """Return M (B, n, n), Cv - g (B, n), X_WE (B, 3, 4) and J (B, 6, n) in W."""
         read = []
         for state in np.concatenate([q, v], axis=1):
-            _, _, M, Cv, X, J, _ = self._model.read(self._context, state)
-            gravity = self._arm.CalcGravityGeneralizedForces(self._context)
-            read.append((M, Cv - gravity, X.T, J.T))
+            _, _, M, Cv, X, J, _, weight = self._model.read(self._context, state)
+            read.append((M, Cv - weight, X.T, J.T))
         M, C, X, J = (np.array(each) for each in zip(*read, strict=True))
         return M, C, X, J
 

@@ -11,7 +11,7 @@ from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.limits import JointLimits
 
 Array = NDArray[np.float64]
-ArmReading = tuple[bool, Array, Array, Array, Array, Array, Array]
+ArmReading = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
 
 
 class ArmModel:
@@ -70,6 +70,7 @@ class ArmModel:
             X_WE.T,
             self._jacobian(plant_context).T,
             A_WE_bias.get_coeffs(),
+            plant.CalcGravityGeneralizedForces(plant_context),
         )
 
     def _jacobian(self, plant_context: Context) -> Array:

@@ -11,6 +11,10 @@ from fmp_drake.compiled import compiled
 
 Array = NDArray[np.float64]
 
+# The part of the efforts that is used, because the weight changes until the next
+# update, and the part that is left where the weight alone needs all.
+_USED, _LEFT = 0.99, 0.01
+
 
 @dataclass(kw_only=True)
 class JointWallConfig:
@@ -41,7 +45,7 @@ class JointWallConfig:
     width: float = 0.1
     braking_acceleration: float = 5.0
     speed_fraction: float = 0.85
-    braking_time: float = 0.02
+    braking_time: float = 0.01
 
 
 class JointLimits(NamedTuple):
@@ -205,8 +209,11 @@ def limited_torque(
     q: Array,
     v: Array,
     inertia: Array,
+    weight: Array,
 ) -> LimitedTorque:
     """Keep a torque within the efforts, the joints off their limits, its change small.
+
+    The motors bear the weight besides: the torque and the sum stay within the efforts.
 
     Parameters
     ----------
@@ -216,8 +223,12 @@ def limited_torque(
         Wanted, and of the update before, Nm.
     max_change : float
         As for `rate_scale`.
+    weight : array, shape (n,)
+        Generalized force of gravity, which the motors counter, Nm.
     """
     lower, upper = limits.lower_effort, limits.upper_effort
+    lower = np.maximum(np.minimum(_USED * lower + weight, _LEFT * lower), lower)
+    upper = np.minimum(np.maximum(_USED * upper + weight, _LEFT * upper), upper)
     scale = torque_scale(torque, lower, upper)
     torque = scale * torque
     wall = wall_torque(config, limits, q, v, inertia)
@@ -225,6 +236,6 @@ def limited_torque(
         torque = np.minimum(np.maximum(torque + wall.torque, lower), upper)
     change = torque - previous
     slowness = rate_scale(change, max_change)
-    return LimitedTorque(
-        previous + slowness * change, scale, slowness, wall.at_wall, wall.too_fast
-    )
+    # The box has moved with the arm since the previous torque.
+    torque = np.minimum(np.maximum(previous + slowness * change, lower), upper)
+    return LimitedTorque(torque, scale, slowness, wall.at_wall, wall.too_fast)

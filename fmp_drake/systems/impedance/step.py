@@ -111,6 +111,8 @@ def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]
             Transposed Jacobian of V_WE.
         A_WE_bias : array, shape (6,)
             ``J̇ v``, rad/s² and m/s².
+        weight : array, shape (n,)
+            Generalized force of gravity, Nm; it is compensated elsewhere.
 
         It returns the torque, shape (n,), in Nm; the vector of `ImpedanceStatus`,
         shape (6,); and that of `ImpedanceMemory`, shape (73,).
@@ -130,6 +132,7 @@ def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]
         X_WE: Array,
         J_WE: Array,
         A_WE_bias: Array,
+        weight: Array,
     ) -> tuple[Array, Array, Array]:
         every = settings.view(layout)[0]
         measured = Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3])
@@ -145,6 +148,7 @@ def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]
             arm,
             state[: len(previous)],
             previous,
+            weight,
         )
 
     return impedance_step
@@ -159,6 +163,7 @@ def _next_torque(
     arm: ArmDynamics,
     q: Array,
     previous: Array,
+    weight: Array,
 ) -> tuple[Array, Array, Array]:
     """Compute the next torque, status and memory; the arm is expressed in W."""
     config = settings.config
@@ -261,6 +266,7 @@ def _next_torque(
         q,
         arm.v,
         np.diag(arm.M).copy(),
+        weight,
     )
     flags |= (
         stiffness_flags
