@@ -172,6 +172,8 @@ class ClusterWorkers:
     ----------
     address : str
         Of the scheduler, such as tcp://127.0.0.1:8786.
+    patience : float
+        How long it is tried to reach it, s.
 
     Raises
     ------
@@ -182,7 +184,7 @@ class ClusterWorkers:
     renewed_after: int | None = None
     attempts = 1
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, *, patience: float = 10.0) -> None:
         try:
             from distributed import Client
         except ImportError:
@@ -190,14 +192,16 @@ class ClusterWorkers:
                 "a cluster needs the extra: pip install fmp-drake[cluster]."
             ) from None
         self._connect: Any = Client
-        self._address = address
+        self._address, self._patience = address, patience
         self._client: Any = None
 
     @contextmanager
     def executor(self) -> Iterator[Executor]:
         """Connect, and return an executor of the cluster's workers."""
         try:
-            client = self._connect(self._address, timeout=10, set_as_default=False)
+            client = self._connect(
+                self._address, timeout=self._patience, set_as_default=False
+            )
         except (OSError, ValueError) as reason:
             raise ExperimentError(
                 f"there is no cluster at {self._address} ({reason}); start one with "

@@ -100,7 +100,7 @@ def test_processes_end_when_their_driver_is_killed(tmp_path):
 
 def test_cluster_that_is_not_there_is_named():
     pytest.importorskip("distributed", reason="needs the extra cluster")
-    workers = ClusterWorkers("tcp://127.0.0.1:1")
+    workers = ClusterWorkers("tcp://127.0.0.1:1", patience=1.0)
     with pytest.raises(ExperimentError, match=r"no cluster at tcp://127.0.0.1:1 "):
         list(run_tasks(square, [()], workers))
 

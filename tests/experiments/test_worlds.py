@@ -370,7 +370,7 @@ def test_parquet_without_pyarrow_is_refused(make_store, refused, outputs, monkey
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     store = make_store(outcome)
     line = refused("worlds", store.folder, "--parquet", outputs / "w.parquet")
-    assert "pip install pyarrow" in line
+    assert "fmp-drake[parquet]" in line
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,9 @@ class World(Outcome):
 def check_parquet() -> None:
     """Raise an ExperimentError where pyarrow is not installed."""
     if importlib.util.find_spec("pyarrow") is None:
-        raise ExperimentError("Parquet files need pyarrow: pip install pyarrow.")
+        raise ExperimentError(
+            "Parquet files need pyarrow: pip install fmp-drake[parquet]."
+        )
 
 
 class WorldStore:
