@@ -268,14 +268,12 @@ class _Check:
 
     def _drag(self) -> float:
         """Return how far friction holds the eraser back, per newton of press, m/N."""
-        eraser, board = self._scenario.eraser.friction, self._scenario.board.friction
-        friction = 2 * eraser * board / max(eraser + board, 1e-9)  # As in Drake.
         config = self._scenario.impedance
         stiffness = min(config.translational_stiffness[:2])
         soft = config.covariance_stiffness
         if soft.enabled:  # Somewhere between the two.
             stiffness = math.sqrt(soft.min_stiffness * soft.max_stiffness)
-        return friction / stiffness
+        return self._scenario.contact_friction() / stiffness
 
 
 def _joint(values: Array) -> int:

@@ -121,6 +121,11 @@ class Scenario:
         for disturbance in self.disturbances:
             disturbance.check()
 
+    def contact_friction(self) -> float:
+        """Return the coefficient of friction between felt and board, as in Drake."""
+        felt, board = self.eraser.friction, self.board.friction
+        return 2 * felt * board / (felt + board) if felt + board else 0.0
+
     def eraser_orientation(self) -> RotationMatrix:
         """Return R_BE, how the eraser is held over the board."""
         return RotationMatrix(RollPitchYaw(np.array(self.impedance.orientation)))

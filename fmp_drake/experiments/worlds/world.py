@@ -13,11 +13,10 @@ from typing import Any, NamedTuple
 from threadpoolctl import threadpool_limits
 
 import fmp_drake
-from fmp_drake import station
 from fmp_drake.errors import ExperimentError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs import WipingRun, scenario_skill
-from fmp_drake.station import ParseScenario, Scenario, models_dir
+from fmp_drake.station import CheckFeasibility, ParseScenario, Scenario, models_dir
 
 # Of what a run depends on.
 _ROOMS = ("primitives", "systems", "station", "runs")
@@ -121,12 +120,9 @@ def run_world(task: Task) -> Outcome:
 def _run(task: Task, outcome: Outcome) -> None:
     scenario = ParseScenario(task.scenario)
     skill, _ = _skill(scenario)
-    # Without a check in advance, every world is feasible.
-    check: Any = getattr(station, "CheckFeasibility", None)
-    if check is not None:
-        found = check(scenario, skill)
-        outcome.is_feasible, outcome.verdict = found.is_feasible, found.verdict
-        outcome.checked = as_stored(found.values)
+    found = CheckFeasibility(scenario, skill)
+    outcome.is_feasible, outcome.verdict = found.is_feasible, found.verdict
+    outcome.checked = as_stored(found.values)
     if outcome.is_feasible or task.force:
         run = make_run(task.scenario)
         run.advance_to(task.seconds)

@@ -77,15 +77,12 @@ def CheckPress(scenario: Scenario, scene: BoardScene) -> None:
     ------
     StationError
     """
-    ours, boards = scenario.eraser.friction, scenario.board.friction
-    # As Drake combines two coefficients.
-    friction = 2 * ours * boards / (ours + boards) if ours + boards else 0.0
     limit = ArmPressLimit(
         scene.arm,
         frame=scene.arm_tip,
         q=scene.plant.GetDefaultPositions(scene.panda),
         R_WB=scene.X_WA.rotation(),
-        friction=friction,
+        friction=scenario.contact_friction(),
     )
     if scenario.press.force > limit:
         raise StationError(

@@ -74,15 +74,11 @@ class Autoregression:
     ) -> NDArray[np.float64]:
         """Draw stretches of the process, shape (size, count, D)."""
         p, d, _ = self.coefficients.shape
-        variances, vectors = np.linalg.eigh(self._stationary())
-        root = vectors * np.sqrt(np.maximum(variances, 0))
         # The companion's state holds the newest sample first.
-        past = (rng.standard_normal((size, p * d)) @ root.T).reshape(size, p, d)
-        variances, vectors = np.linalg.eigh(self.innovation)
-        root = vectors * np.sqrt(np.maximum(variances, 0))
+        past = rng.standard_normal((size, p * d)) @ _root(self._stationary()).T
         out = np.empty((size, p + count, d))
-        out[:, :p] = past[:, ::-1]
-        out[:, p:] = rng.standard_normal((size, count, d)) @ root.T
+        out[:, :p] = past.reshape(size, p, d)[:, ::-1]
+        out[:, p:] = rng.standard_normal((size, count, d)) @ _root(self.innovation).T
         for t in range(p, p + count):
             for k, matrix in enumerate(self.coefficients, start=1):
                 out[:, t] += out[:, t - k] @ matrix.T
@@ -96,6 +92,13 @@ class Autoregression:
         drive[:d, :d] = self.innovation
         out: NDArray[np.float64] = solve_discrete_lyapunov(companion, drive)
         return (out + out.T) / 2
+
+
+def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a matrix R with R R' the covariance."""
+    variances, vectors = np.linalg.eigh(covariance)
+    out: NDArray[np.float64] = vectors * np.sqrt(np.maximum(variances, 0))
+    return out
 
 
 def _companion(coefficients: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
 """Finding the cycle of a movement and the phase of every sample together."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,13 +94,7 @@ def track_phase(recordings: Recordings, *, period: float, least: int) -> PhaseTr
     if not moving or paused == 0:
         return track
     again = _tracked(moving, 2 * np.pi / track.tempo, track.cycle)
-    return PhaseTrack(
-        recordings=again.recordings,
-        phases=again.phases,
-        shifts=again.shifts,
-        cycle=again.cycle,
-        paused=paused,
-    )
+    return replace(again, paused=paused)
 
 
 def _tracked(
