@@ -8,6 +8,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 
 import fmp_drake
 
@@ -75,6 +76,20 @@ def names(wheel):
 
 def test_wheel_has_name_and_version_of_the_package(wheel):
     assert wheel.name == f"fmp_drake-{fmp_drake.__version__}-py3-none-any.whl"
+
+
+def test_citation_names_the_version_of_the_package():
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
+    assert citation["version"] == fmp_drake.__version__
+
+
+def test_workflows_run_what_the_checkout_has():
+    for path in sorted((REPOSITORY / ".github" / "workflows").glob("*.yml")):
+        for job in yaml.safe_load(path.read_text())["jobs"].values():
+            for step in job["steps"]:
+                assert set(step) <= {"uses", "with", "run", "env"}, path.name
+                if step.get("run", "").startswith("."):
+                    assert (REPOSITORY / step["run"]).is_file()
 
 
 def test_wheel_holds_every_module_and_model(wheel):
