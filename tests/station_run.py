@@ -1,4 +1,4 @@
-"""A station with a logger on every small output port, for the tests of stations."""
+"""A station with loggers on its output ports, for the tests of stations."""
 
 import copy
 
@@ -10,16 +10,25 @@ from pydrake.systems.primitives import LogVectorOutput
 MILLISECOND, SELDOM = 0.001, 0.05
 
 
-class StationRun:
-    """Logs what is small every millisecond; the rest and the covariance every 50 ms."""
+LIMITED = ("state", "actuation", "torque")
 
-    def __init__(self, station):
+
+class StationRun:
+    """Logs what is small every millisecond; the rest and the covariance every 50 ms.
+
+    Logging all ports takes as long as the simulation: name those that are looked at,
+    beside the `LIMITED`.
+    """
+
+    def __init__(self, station, *names):
         self.station = station
         builder = DiagramBuilder()
         builder.AddSystem(station)
         self._sinks = {}
         for i in range(station.num_output_ports()):
             port = station.get_output_port(i)
+            if names and port.get_name() not in (*LIMITED, *names):
+                continue
             small = port.size() <= 14 and port.get_name() != "covariance"
             period = MILLISECOND if small else SELDOM
             sink = LogVectorOutput(port, builder, period)
@@ -68,7 +77,7 @@ class StationRun:
 def check_limits(run):
     """Check the arm's joints against the limits of its model."""
     plant = run.station.GetSubsystemByName("plant")
-    state, actuation, torque = (run.log(n) for n in ("state", "actuation", "torque"))
+    state, actuation, torque = (run.log(n) for n in LIMITED)
     q, v = state[:, :7], state[:, 7:]
     assert np.all(np.isfinite(state))
     assert np.all(q > plant.GetPositionLowerLimits()[:7])

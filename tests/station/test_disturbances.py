@@ -16,13 +16,14 @@ from fmp_drake.systems.impedance.status import StatusFlag
 
 pytestmark = pytest.mark.slow
 
-FIRST, APART = 6.0, 4.3
+FIRST, APART = 2.5, 3.3
+LOGGED = ("measured_position", "desired_position", "disturbance", "status", "remaps")
 PUSHES = {
-    "away from the base": [30.0, 0.0, 0.0],
-    "to the base": [-30.0, 0.0, 0.0],
-    "to the left": [0.0, 30.0, 0.0],
-    "to the right": [0.0, -30.0, 0.0],
-    "off the board": [0.0, 0.0, 30.0],
+    "away from the base": [36.0, 0.0, 0.0],
+    "to the base": [-36.0, 0.0, 0.0],
+    "to the left": [0.0, 36.0, 0.0],
+    "to the right": [0.0, -36.0, 0.0],
+    "off the board": [0.0, 0.0, 36.0],
 }
 
 
@@ -35,7 +36,7 @@ def period(bundled_demonstration):
 
 @pytest.fixture(scope="module")
 def pushed(bundled_skill):
-    """A run in which 30 N push for 1 s in five directions, one after the other.
+    """A run in which 36 N push for 1 s in five directions, one after the other.
 
     The means are tracked: samples leave the 99 % tube by themselves at times.
     """
@@ -45,7 +46,7 @@ def pushed(bundled_skill):
         Disturbance(start=FIRST + APART * i, duration=1.0, force=force)
         for i, force in enumerate(PUSHES.values())
     ]
-    run = StationRun(MakeWipingStation(scenario, bundled_skill))
+    run = StationRun(MakeWipingStation(scenario, bundled_skill), "covariance", *LOGGED)
     return run.advance(FIRST + APART * len(PUSHES))
 
 
@@ -91,9 +92,9 @@ def test_pushes_break_no_limit(pushed):
 
 def test_a_wrist_that_80_N_overload_swings_back_within_its_limits(bundled_skill):
     scenario = LoadScenario("table_top")
-    push = Disturbance(start=4.0, duration=1.0, force=[80 / np.sqrt(3)] * 3)
+    push = Disturbance(start=2.5, duration=1.0, force=[80 / np.sqrt(3)] * 3)
     scenario.disturbances = [push]
-    run = StationRun(MakeWipingStation(scenario, bundled_skill)).advance(5.3)
+    run = StationRun(MakeWipingStation(scenario, bundled_skill), "status").advance(3.8)
     flags = run.log("status")[:, 0].astype(int)
     assert np.any(flags & int(StatusFlag.TORQUE_LIMITED))
     check_limits(run)
@@ -101,7 +102,7 @@ def test_a_wrist_that_80_N_overload_swings_back_within_its_limits(bundled_skill)
 
 # A person who leads the arm to a point and keeps it there -----------------------
 
-START, RELEASE = 6.0, 10.0
+START, RELEASE = 2.0, 5.5
 
 GRASP = Disturbance(
     kind="grasp",
@@ -125,8 +126,8 @@ def grasped(bundled_skill):
         scenario = LoadScenario("table_top")
         scenario.skill.push_threshold = threshold
         scenario.disturbances = [GRASP]
-        run = StationRun(MakeWipingStation(scenario, bundled_skill))
-        runs[name] = run.advance(RELEASE + 2.0)
+        run = StationRun(MakeWipingStation(scenario, bundled_skill), *LOGGED)
+        runs[name] = run.advance(RELEASE + 1.5)
     return runs
 
 

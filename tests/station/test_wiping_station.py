@@ -1,6 +1,6 @@
 """Facts about the whiteboard station: what a user would measure on the robot.
 
-Eighteen seconds of wiping and ten from outside are simulated once, and looked at from
+Thirteen seconds of wiping and seven from outside are simulated once, and looked at from
 many sides.
 """
 
@@ -64,8 +64,15 @@ SYSTEMS = {
 }
 FOOTPRINT = (0.12, 0.05)
 REMAP_SECONDS = 5.5
-REMAPS, SECONDS = 3, 18.0
+REMAPS, SECONDS = 2, 13.0
 ARRIVED = 4.0
+FOLLOWED = (
+    "desired_position",
+    "desired_velocity",
+    "measured_position",
+    "tracking_error",
+)
+INK = ("ink", "erase_time", "cleaned_fraction")
 
 
 def make_station(skill, **options):
@@ -80,7 +87,8 @@ def remaps(run):
 @pytest.fixture(scope="module")
 def wiped(bundled_skill):
     """Simulate what `fmp-drake wipe` does; count the re-mappings."""
-    run = StationRun(make_station(bundled_skill, sample=True, seed=0))
+    station = make_station(bundled_skill, sample=True, seed=0)
+    run = StationRun(station, *FOLLOWED, *INK, "normal_force", "status")
     run.remaps = []
     for number in range(1, REMAPS + 1):
         for time in (-0.0005, 0.0005):
@@ -97,10 +105,12 @@ def outside(bundled_demonstration):
 
 @pytest.fixture(scope="module")
 def from_outside(bundled_skill, outside):
-    """Simulate ten seconds from outside, and keep the context just before three."""
-    run = StationRun(make_station(bundled_skill, start=outside)).advance(2.9995)
+    """Simulate seven seconds from outside, and keep the context just before three."""
+    station = make_station(bundled_skill, start=outside)
+    run = StationRun(station, *FOLLOWED, "measured_velocity", "normal_force")
+    run.advance(2.9995)
     run.before_three = run.simulator.get_context().Clone()
-    return run.advance(10.0)
+    return run.advance(7.0)
 
 
 @pytest.fixture(params=["wiped", "from_outside"])
@@ -200,7 +210,7 @@ def test_actuation_is_torque_plus_gravity(from_outside):
     AddPandaWithEraser(arm)
     arm.Finalize()
     context = arm.CreateDefaultContext()
-    for k in (0, 3000, 10000):
+    for k in (0, 3000, 7000):
         arm.SetPositions(context, from_outside.log("state")[k, :7])
         assert_allclose(
             gravity[k], -arm.CalcGravityGeneralizedForces(context), atol=1e-9
@@ -228,7 +238,7 @@ def test_most_of_what_was_demonstrated_is_erased(wiped, bundled_demonstration):
     grid = wiped.station.GetSubsystemByName("ink_board").grid
     ink = wiped.log("ink")[-1].reshape(grid.shape)
     area = grid.swept_area(bundled_demonstration.values, FOOTPRINT)
-    assert cleaned_fraction(ink, area) > 0.9
+    assert cleaned_fraction(ink, area) > 0.8
     assert wiped.log("cleaned_fraction")[-1, 0] == cleaned_fraction(ink)
 
 
@@ -274,7 +284,8 @@ def test_remapping_does_not_make_the_motion_jump(wiped):
 
 
 def seeded(skill, seed):
-    return StationRun(make_station(skill, sample=True, seed=seed))
+    station = make_station(skill, sample=True, seed=seed)
+    return StationRun(station, *FOLLOWED, "weights", "normal_force", "cleaned_fraction")
 
 
 @pytest.fixture(scope="module")
@@ -375,7 +386,7 @@ def test_tracker_and_start_are_passed_on(restless_skill):
     station = make_station(
         restless_skill, tracker=LqrTracker(), start=[0.05, -0.1, 0.02]
     )
-    run = StationRun(station).advance(0.01)
+    run = StationRun(station, "measured_position").advance(0.01)
     assert_allclose(run.log("measured_position")[0], [0.05, -0.1, 0.02], atol=5e-6)
 
 
@@ -397,7 +408,8 @@ def test_scenario_moves_the_board(restless_skill):
     scenario = LoadScenario("table_top")
     scenario.board.translation = [0.5, 0.1, 0.25]
     scenario.board.rpy = [0.05, -0.1, 0.3]
-    run = StationRun(MakeWipingStation(scenario, restless_skill)).advance(2.0)
+    station = MakeWipingStation(scenario, restless_skill)
+    run = StationRun(station, *FOLLOWED, "normal_force").advance(2.0)
     assert_allclose(run.log("measured_position")[0], scenario.start, atol=5e-6)
     force = run.log("normal_force")[-500:, 0]
     assert 5 < np.mean(force) < 15
@@ -424,7 +436,8 @@ def test_skill_that_is_not_fitted_is_refused():
 
 @pytest.mark.parametrize("start", [(0.15, 0.0, 0.01), (-0.15, 0.3, 0.01)])
 def test_start_close_above_the_board_is_as_good_as_any(bundled_skill, start):
-    run = StationRun(make_station(bundled_skill, start=start)).advance(1.5)
+    station = make_station(bundled_skill, start=start)
+    run = StationRun(station, *FOLLOWED).advance(1.5)
     assert np.all(np.abs(run.log("measured_position")[:, :2]) < [0.25, 0.35])
     error = run.log("measured_position") - run.log("desired_position")
     assert np.max(np.linalg.norm(error, axis=1)) < 0.02
