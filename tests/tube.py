@@ -5,7 +5,7 @@ its values there: squared Mahalanobis distance, with the covariance (18), up to 
 99 % quantile of the chi-square distribution. Only the public interface is used.
 """
 
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -65,6 +65,12 @@ class Tube:
         return squares <= self.threshold
 
 
+@cache
+def tube_of(skill):
+    """Return the tubes of a skill, whose tables take a second, once for all tests."""
+    return Tube(skill)
+
+
 class Return(NamedTuple):
     """What playing from many starts showed.
 
@@ -106,7 +112,7 @@ def measure_return(skill, *, starts, seconds, period, peak, **options):
     **options
         Of the player.
     """
-    tube, player = Tube(skill), Player(skill, **options)
+    tube, player = tube_of(skill), Player(skill, **options)
     ticks = round(seconds * skill.rate)
     inside, greatest = [], []
     for i, start in enumerate(starts):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from tube import (
-    Tube,
     bundled,
     measure_return,
     peak_speed,
     remapping_jumps,
     starts_in_box,
+    tube_of,
 )
 
 from fmp_drake.primitives import FourierMovementPrimitive, Player
@@ -44,7 +44,7 @@ def papers_skill(demonstration):
 
 
 def test_tube_holds_what_a_component_draws(skill):
-    tube = Tube(skill)
+    tube = tube_of(skill)
     rng = np.random.default_rng(0)
     for j in (0, 7, 30):
         windows = skill.synthesize(skill.components_[j].sample(rng, 400))
@@ -55,7 +55,7 @@ def test_tube_holds_what_a_component_draws(skill):
 
 
 def test_tube_is_narrow(skill):
-    tube = Tube(skill)
+    tube = tube_of(skill)
     starts = starts_in_box(skill, 300)
     player = Player(skill)
     components = np.array([player.start(s).component for s in starts])
@@ -80,8 +80,8 @@ def test_every_start_is_back_in_the_tube_after_two_periods_and_stays(
     skill = request.getfixturevalue(settings)
     found = measure_return(
         skill,
-        starts=starts_in_box(skill, 60, seed=1),
-        seconds=20.0,
+        starts=starts_in_box(skill, 30, seed=1),
+        seconds=12.0,
         period=PERIODS[task],
         peak=peak_speed(demonstration, skill.rate),
     )
@@ -93,7 +93,7 @@ def test_every_start_is_back_in_the_tube_after_two_periods_and_stays(
 def test_ten_minutes_stay_in_the_tube(skill, task, demonstration):
     found = measure_return(
         skill,
-        starts=starts_in_box(skill, 2, seed=2),
+        starts=starts_in_box(skill, 1, seed=2),
         seconds=600.0,
         period=PERIODS[task],
         peak=peak_speed(demonstration, skill.rate),
@@ -109,7 +109,7 @@ def test_samples_stay_in_the_tube_as_often_as_demonstrations_do(
     found = measure_return(
         skill,
         starts=starts_in_box(skill, 60, seed=3),
-        seconds=20.0,
+        seconds=12.0,
         period=PERIODS[task],
         peak=peak_speed(demonstration, skill.rate),
         sample=True,

@@ -431,7 +431,7 @@ def played_at(system, start, tempo, until, every=0.01):
 @pytest.mark.parametrize("tempo", [0.0, 0.5, 0.9, 1.0, 1.37, 2.0])
 def test_tempo_is_that_of_the_player(small_skill, start, tempo):
     system = FourierPrimitiveSystem(small_skill)
-    played = played_at(system, start, lambda _: tempo, 6)
+    played = played_at(system, start, lambda _: tempo, 4.2)
     player = Player(small_skill)
     first = player.start(start, tempo=tempo)
     expected = [

@@ -281,7 +281,7 @@ def test_a_moving_arm_without_a_reference_motion_generates_no_energy(
             return restless_push(t) if environment == "pushing" else absorb(t, state)
 
         loop = ArmLoop(q=q, push=push)
-        energy = np.cumsum(loop.power(loop.run(2.0, v=v))) * 0.001
+        energy = np.cumsum(loop.power(loop.run(1.5, v=v))) * 0.001
         given_back = max(given_back, -energy.min() / kinetic)
     table[f"energy given to an environment that is {environment}, of the start's"] = (
         f"{100 * max(given_back, 0):.0f} %"
@@ -321,7 +321,7 @@ def pumped(tank):
         tank=tank,
     )
     loop = ArmLoop({"stiffness": stiffness}, config=config, push=push)
-    logs = loop.run(6.0)
+    logs = loop.run(4.0)
     return np.cumsum(loop.power(logs)) * 0.001, logs["status"]
 
 
@@ -329,7 +329,7 @@ def test_a_changing_stiffness_gives_no_more_than_the_tank_had(table):
     tank = EnergyTankConfig(initial_energy=0.2, capacity=0.4)
     energy, status = pumped(tank)
     open_energy, _ = pumped(EnergyTankConfig(initial_energy=1e6, capacity=1e6))
-    table["energy taken out of a pumped stiffness in 6 s, tank of 0.2 J"] = (
+    table["energy taken out of a pumped stiffness in 4 s, tank of 0.2 J"] = (
         f"{max(0.0, -energy.min()):.2f} J (without the tank {-open_energy.min():.1f} J)"
     )
     assert energy.min() > -tank.initial_energy
@@ -383,9 +383,7 @@ def disturbed(p, kind):
         if kind == "jump" and bad:
             return p + np.array([0.2, -0.2, 0.1])
         if kind == "not finite" and bad:
-            return np.array([np.nan, 0.0, 0.0])
-        if kind == "infinite" and bad:
-            return np.array([0.0, np.inf, 0.0])
+            return np.array([np.nan, 0.0, 0.0] if t < 0.75 else [0.0, np.inf, 0.0])
         if kind == "huge" and bad:
             return np.array([0.0, 1e200, 0.0])
         return p
@@ -401,7 +399,6 @@ def disturbed(p, kind):
     [
         ("jump", StatusFlag.JUMP),
         ("not finite", StatusFlag.NOT_FINITE),
-        ("infinite", StatusFlag.NOT_FINITE),
         ("huge", StatusFlag.NOT_FINITE),
         ("stale", StatusFlag.STALE),
     ],
@@ -409,7 +406,7 @@ def disturbed(p, kind):
 def test_a_bad_target_is_held_against_and_recovered_from(kind, flag, worst_limits):
     plant = make_arm()
     p = pose_in_task(plant, Q_START, RigidTransform([0.5, 0, 0.1])).translation()
-    logs = ArmLoop(disturbed(p, kind), stops=False).run(4.0)
+    logs = ArmLoop(disturbed(p, kind), stops=False).run(3.0)
     worst_limits.append(check_limits(logs, plant))
     seen = flags_seen(logs)
     assert flag | StatusFlag.PROTECTIVE_STOP | StatusFlag.RECOVER in seen
@@ -498,12 +495,12 @@ def test_limits_hold_at_singular_poses_under_steps_and_pushes(pose, worst_limits
     pushes *= 50 / np.linalg.norm(pushes, axis=1)[:, None]
 
     def position(t):
-        return p + 0.5 * steps[int(t / 0.2) % 20] if t < 2.0 else p
+        return p + 0.5 * steps[int(t / 0.2) % 20] if t < 1.5 else p
 
     def push(t):
-        return np.r_[np.zeros(3), pushes[int(t / 0.3) % 20] if t < 2.0 else np.zeros(3)]
+        return np.r_[np.zeros(3), pushes[int(t / 0.3) % 20] if t < 1.5 else np.zeros(3)]
 
-    logs = ArmLoop({"desired_position": position}, q=q, push=push, stops=False).run(4.0)
+    logs = ArmLoop({"desired_position": position}, q=q, push=push, stops=False).run(3.0)
     worst_limits.append(check_limits(logs, plant))
     assert np.abs(logs["state"][-1, 7:]).max() < 0.2
 
@@ -527,11 +524,11 @@ def test_the_walls_keep_every_joint_inside(joint, side, how, worst_limits):
         plant.SetPositions(context, state[:7])
         direction = side * jacobian(plant, context)[3:, joint]
         length = np.linalg.norm(direction)
-        pushing = how == "pushed" and t < 0.8 and length > 0.05
+        pushing = how == "pushed" and t < 0.6 and length > 0.05
         force = 50 * direction / length if pushing else np.zeros(3)
         return np.r_[np.zeros(3), force]
 
-    logs = ArmLoop(q=q, push=push, stops=False).run(1.0, v=v)
+    logs = ArmLoop(q=q, push=push, stops=False).run(0.7, v=v)
     worst_limits.append(check_limits(logs, plant))
 
 

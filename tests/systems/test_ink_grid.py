@@ -71,7 +71,7 @@ def test_swept_area_is_close_to_a_brute_force_sweep(x, y):
     path = np.array([[-0.05, 0.02, 0.0], [x, y, 0.0]])
     swept = GRID.swept_area(path, FELT).ravel()
     dense, grown = np.zeros((2, GRID.num_cells), dtype=bool)
-    for t in np.linspace(0.0, 1.0, 500):
+    for t in np.linspace(0.0, 1.0, 200):
         away = np.abs(GRID.centres - path[0, :2] - t * (path[1] - path[0])[:2])
         dense |= np.all(away <= np.array(FELT) / 2, axis=1)
         grown |= np.all(away <= np.array(FELT) / 2 + 0.0025, axis=1)
