@@ -49,8 +49,11 @@ class Drawings:
         self.properties[path, name] = value
 
 
-def make_diagram(meshcat, *, height=SIDE / 2, **options):
-    """A box on the ground, or above it."""
+def make_diagram(meshcat, *, height=SIDE / 2, box_first=False, **options):
+    """A box on the ground, or above it, and another one beside it.
+
+    Drake orders the two bodies of a contact as their geometries were registered.
+    """
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
     soft, hard = ProximityProperties(), ProximityProperties()
@@ -58,21 +61,19 @@ def make_diagram(meshcat, *, height=SIDE / 2, **options):
     AddRigidHydroelasticProperties(0.5, hard)
     for properties in (soft, hard):
         AddContactMaterial(10.0, None, CoulombFriction(0.5, 0.5), properties)
-    plant.RegisterCollisionGeometry(
-        plant.world_body(),
-        RigidTransform([0, 0, -0.1]),
-        Box(1, 1, 0.2),
-        "ground",
-        hard,
-    )
-    box = plant.AddRigidBody(
-        "box", SpatialInertia.SolidBoxWithMass(MASS, SIDE, SIDE, SIDE)
-    )
-    plant.RegisterCollisionGeometry(
-        box, RigidTransform(), Box(SIDE, SIDE, SIDE), "box", soft
-    )
+    inertia = SpatialInertia.SolidBoxWithMass(MASS, SIDE, SIDE, SIDE)
+    box, other = (plant.AddRigidBody(name, inertia) for name in ("box", "other"))
+    cube, below = Box(SIDE, SIDE, SIDE), RigidTransform([0, 0, -0.1])
+    shapes = [
+        (plant.world_body(), below, Box(1, 1, 0.2), "ground", hard),
+        (box, RigidTransform(), cube, "box", soft),
+        (other, RigidTransform(), cube, "other", soft),
+    ]
+    for shape in shapes[::-1] if box_first else shapes:
+        plant.RegisterCollisionGeometry(*shape)
     plant.Finalize()
     plant.SetDefaultFloatingBaseBodyPose(box, RigidTransform([0.2, 0.1, height]))
+    plant.SetDefaultFloatingBaseBodyPose(other, RigidTransform([-0.2, 0, SIDE / 2]))
     arrow = builder.AddSystem(ForceArrow(plant, body=box, meshcat=meshcat, **options))
     builder.Connect(
         plant.get_contact_results_output_port(), arrow.GetInputPort("contact_results")
@@ -93,8 +94,9 @@ def test_its_port_has_a_name(drawings):
     assert arrow.get_input_port().get_name() == "contact_results"
 
 
-def test_the_arrow_of_a_resting_box_is_its_weight(drawings):
-    diagram, _ = make_diagram(drawings, metres_per_newton=0.01)
+@pytest.mark.parametrize("box_first", [False, True])
+def test_the_arrow_of_a_resting_box_is_its_weight(drawings, box_first):
+    diagram, _ = make_diagram(drawings, box_first=box_first, metres_per_newton=0.01)
     Simulator(diagram).AdvanceTo(1.0)
     pose = drawings.poses["/force"]
     assert_allclose(pose.translation(), [0.2, 0.1, 0.0], atol=2e-3)

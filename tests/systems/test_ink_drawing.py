@@ -76,6 +76,14 @@ def test_a_second_line_is_below_the_first():
     assert two[0] > two[1]
 
 
+def test_an_empty_line_leaves_its_place_free():
+    high = [
+        np.ptp(extent(draw_words(GRID, text, height=0.06, quarter_turns=0)), axis=0)[1]
+        for text in ("M", "M\nM", "M\n\nM")
+    ]
+    assert high[2] - high[1] == pytest.approx(high[1] - high[0], abs=0.005)
+
+
 def test_letters_keep_their_holes():
     ink = draw_words(GRID, "O", quarter_turns=0)
     middle = ink[GRID.shape[0] // 2, GRID.shape[1] // 2]

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from arm_loop import make_arm
 from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.multibody.plant import MultibodyPlant
 
-from fmp_drake.errors import ControllerError
+from fmp_drake.errors import ControllerError, SystemsError
+from fmp_drake.station import AddPandaWithEraser
 from fmp_drake.systems.impedance.friction import (
     FrictionConfig,
     SigmoidFriction,
@@ -79,6 +81,13 @@ def test_the_system_gives_the_friction_as_a_generalized_force():
             system.GetInputPort("state").FixValue(context, np.r_[np.ones(7), v])
             force = system.GetOutputPort("generalized_force").Eval(context)
             assert_allclose(force, -friction_torque(panda_friction(), v))
+
+
+def test_a_plant_that_is_not_finalized_is_refused():
+    plant = MultibodyPlant(1e-3)
+    arm, _ = AddPandaWithEraser(plant)
+    with pytest.raises(SystemsError, match=r"not finalized; call Finalize\(\)"):
+        JointFriction(plant, arm=arm, config=FrictionConfig())
 
 
 def test_a_forgotten_state_is_named():
