@@ -1,9 +1,8 @@
 """Every example runs, headless, as its first lines say."""
 
 import ast
-import os
 import re
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -16,18 +15,17 @@ EXAMPLES = REPOSITORY / "examples"
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 
 
-def run(name, folder, *options):
-    done = subprocess.run(
-        [sys.executable, str(EXAMPLES / name), *options],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        env={**os.environ, "PYTHONWARNINGS": "error::UserWarning"},
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+@pytest.fixture
+def run(capsys, monkeypatch, tmp_path):
+    """The function that runs an example in an empty folder and returns what it prints."""
+
+    def run(name, *options):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [name, *options])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
 
 
 def test_every_example_is_run_here():
@@ -55,30 +53,29 @@ def test_readme_and_examples_enter_by_the_front_doors():
     assert not [each for each in imported if each[1].count(".") > 1]
 
 
-def test_skill_is_learned_saved_and_drawn(tmp_path):
-    printed = run("01_learn_a_skill.py", tmp_path)
+def test_skill_is_learned_saved_and_drawn(run, tmp_path):
+    printed = run("01_learn_a_skill.py")
     assert "windows" in printed
     written = {p.suffix for p in (tmp_path / "out").iterdir()}
     assert {".npz", ".png"} <= written
 
 
-def test_primitive_in_a_diagram_of_ones_own_is_followed(tmp_path):
-    printed = run("02_primitive_in_your_diagram.py", tmp_path)
+def test_primitive_in_a_diagram_of_ones_own_is_followed(run):
+    printed = run("02_primitive_in_your_diagram.py")
     assert "re-mapped 5 times" in printed
     assert "mm rms" in printed
 
 
-@pytest.mark.slow
-def test_station_wipes_the_moved_board_and_is_pushed(tmp_path):
-    printed = run("03_wiping_station.py", tmp_path, "--headless", "--duration", "8")
+def test_station_wipes_the_moved_board_and_is_pushed(run):
+    printed = run("03_wiping_station.py", "--headless", "--duration", "7")
     steps = [line for line in printed.splitlines() if "off the path" in line]
-    assert len(steps) == 8
+    assert len(steps) == 7
     assert sum("(pushed)" in line for line in steps) == 1
     assert "cleaned  0.0 %" not in steps[-1]
 
 
-def test_tool_follows_while_it_tilts_and_its_stiffness_changes(tmp_path):
-    printed = run("04_tilting_tool.py", tmp_path)
+def test_tool_follows_while_it_tilts_and_its_stiffness_changes(run):
+    printed = run("04_tilting_tool.py")
     degrees, millimetres = map(
         float, re.findall(r"most ([\d.]+) .* ([\d.]+) mm", printed)[0]
     )

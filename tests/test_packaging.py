@@ -109,23 +109,25 @@ def test_wheel_holds_nothing_else(wheel):
     assert f"{about}/licenses/LICENSE" in names(wheel)
 
 
-def test_unpacked_wheel_is_what_python_imports(installed):
-    found = installed("-c", "import fmp_drake; print(fmp_drake.__file__)")
-    assert Path(found.strip()).parent == installed.site / "fmp_drake"
-
-
-def test_unpacked_wheel_finds_its_models(installed):
+def test_unpacked_wheel_is_imported_whole_and_finds_its_models(installed):
     code = """
-from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.parts.board_scene import AddBoardScene
+import importlib, pkgutil, fmp_drake
+print(fmp_drake.__file__)
+for module in pkgutil.walk_packages(fmp_drake.__path__, "fmp_drake."):
+    importlib.import_module(module.name)
+    print(module.name)
+from fmp_drake.station import AddBoardScene, LoadScenario, models_dir
 from pydrake.systems.framework import DiagramBuilder
 scenario = LoadScenario("table_top")
 AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)
 print(models_dir())
 """
-    folder = installed("-c", code).strip()
-    assert Path(folder) == installed.site / "fmp_drake" / "models"
+    package, *imported, models = installed("-c", code).splitlines()
+    assert Path(package).parent == installed.site / "fmp_drake"
+    assert Path(models) == installed.site / "fmp_drake" / "models"
+    assert "fmp_drake.apps.main" in imported
+    assert "fmp_drake.station.wiping_station" in imported
+    assert len(imported) > 30
 
 
 def test_unpacked_wheel_wipes(installed):
@@ -133,19 +135,6 @@ def test_unpacked_wheel_wipes(installed):
         *("-m", "fmp_drake.apps.main", "wipe", "--headless", "--duration", 0.2)
     )
     assert "cleaned" in out
-
-
-def test_every_module_of_the_wheel_can_be_imported(installed):
-    code = """
-import importlib, pkgutil, fmp_drake
-for module in pkgutil.walk_packages(fmp_drake.__path__, "fmp_drake."):
-    importlib.import_module(module.name)
-    print(module.name)
-"""
-    imported = installed("-c", code).split()
-    assert "fmp_drake.apps.main" in imported
-    assert "fmp_drake.station.wiping_station" in imported
-    assert len(imported) > 30
 
 
 def test_wheel_installs_the_script(wheel):

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 SHORTER = (
-    ("--duration 20", "--duration 0.5"),
+    ("--duration 20", "--duration 0.2"),
     ("--minutes 3", "--minutes 0.05"),
     ("--count 100 --seconds 20", "--count 2 --seconds 0.2 --jobs 1"),
 )

@@ -142,7 +142,7 @@ def test_cluster_gives_the_identical_store(out, spec_file, tmp_path):
     spec = WorldSpec.load(spec_file)
     store = WorldStore(tmp_path, spec.plan(seed=0, seconds=0.3))
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
+        n_workers=1, threads_per_worker=1, dashboard_address=None
     ) as cluster:
         workers = ClusterWorkers(cluster.scheduler_address)
         list(run_worlds(store, spec, 2, workers))
