@@ -35,7 +35,8 @@ wipe: $(STAMP)
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder $(ARGS)
 
-test-quick: override ARGS += -m 'not slow and not browser'
+test-quick: override ARGS += -m 'not slow and not browser' \
+    tests/primitives tests/systems tests/test_layers.py
 test-quick: test
 
 lint: $(STAMP)
