@@ -47,15 +47,18 @@ Simulator(station).AdvanceTo(0.3)
 def pytest_configure(config):
     """Forget compiled functions that are older than what they may call.
 
-    Compiled code is kept for each file, and does not notice changes in another one.
+    Compiled code is kept for each file, and does not notice changes in another one. It
+    calls nothing outside of its folder.
     """
     if hasattr(config, "workerinput"):  # The first process has done it.
         return
     package = REPOSITORY / "fmp_drake"
-    newest = max(path.stat().st_mtime for path in package.rglob("*.py"))
-    for kept in package.rglob("__pycache__/*.nb[ci]"):
-        if kept.stat().st_mtime < newest:
-            kept.unlink()
+    for cache in {kept.parent for kept in package.rglob("__pycache__/*.nb[ci]")}:
+        sources = [package / "compiled.py", *cache.parent.glob("*.py")]
+        newest = max(path.stat().st_mtime for path in sources)
+        for kept in cache.glob("*.nb[ci]"):
+            if kept.stat().st_mtime < newest:
+                kept.unlink()
     if not any(package.rglob("__pycache__/step.*impedance_step-*.nbc")):
         # Once for all processes, and with its announcement outside of the tests.
         subprocess.run([sys.executable, "-c", COMPILE], check=True)

@@ -1,10 +1,14 @@
 """Facts about the compilation of plain functions."""
 
+import importlib
+import pkgutil
 import subprocess
 import sys
 
 import numpy as np
+from numba.core.dispatcher import Dispatcher
 
+import fmp_drake
 from fmp_drake.primitives.playback.segment import decayed_offset
 
 # Nothing can be written but below the folder for temporary files.
@@ -34,6 +38,19 @@ def run(code):
     return subprocess.run(
         [sys.executable, "-c", code], check=True, capture_output=True, text=True
     )
+
+
+def test_compiled_functions_call_only_those_of_their_folder():
+    # Otherwise tests/conftest.py would not see that a called one has changed.
+    rooms = {}
+    for found in pkgutil.walk_packages(fmp_drake.__path__, "fmp_drake."):
+        module = importlib.import_module(found.name)
+        functions = [f for f in vars(module).values() if isinstance(f, Dispatcher)]
+        if {"compiled", "inlined"} & set(vars(module)) and functions:
+            rooms[found.name] = {f.__module__.rpartition(".")[0] for f in functions}
+    assert len(rooms) > 10
+    for name, called in rooms.items():
+        assert called == {name.rpartition(".")[0]}, name
 
 
 def test_compiled_function_is_what_was_written():
