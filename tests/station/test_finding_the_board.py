@@ -14,15 +14,13 @@ from fmp_drake.systems import StatusFlag
 WANTED = 10.0
 
 
-def wiped(skill, seconds, *, name="table_top", height=0.0, push=0.0):
+def wiped(skill, seconds, *, name="table_top", height=0.0, push=None):
     """Return times and values of force and status; the eraser starts on the board."""
     scenario = LoadScenario(name)
     scenario.board.error.translation = [0.0, 0.0, height]
     scenario.skill.candidates = 1
     if push:
-        scenario.disturbances = [
-            Disturbance(start=1.0, duration=1.0, force=[0.0, 0.0, push])
-        ]
+        scenario.disturbances = [Disturbance(start=1.0, duration=1.0, force=push)]
     keep = ("normal_force", "status", "measured_position")
     run = WipingRun(scenario, skill, start=(0, 0, 0.01 + max(height, 0)), keep=keep)
     run.advance_to(seconds)
@@ -70,7 +68,9 @@ def test_where_there_is_no_board_a_protective_stop_says_so(wiping_skill):
 def test_a_person_who_lifts_the_eraser_is_soon_forgotten(
     wiping_skill, name, push, soon
 ):
-    run, force, status = wiped(wiping_skill, 2.2 + soon, name=name, push=push)
+    run, force, status = wiped(
+        wiping_skill, 2.2 + soon, name=name, push=[0.0, 0.0, push]
+    )
     flags = status[:, 0].astype(int)
     assert np.all(flags[1500:2000] & StatusFlag.CONTACT_LOST)
     assert force[150:200].max() == 0
@@ -81,6 +81,18 @@ def test_a_person_who_lifts_the_eraser_is_soon_forgotten(
     lost = next(event for event in run.events() if event.kind == "contact lost")
     assert 1.0 < lost.start < 1.4
     assert 2.0 < lost.end < 2.0 + soon
+
+
+def test_an_eraser_pushed_off_the_board_comes_back_onto_it(wiping_skill):
+    """The push is more than the arm can hold; before, it hooked behind the frame."""
+    push = [-80.0, 0.0, 0.0]
+    run, force, status = wiped(wiping_skill, 4.0, name="vertical", push=push)
+    x, _, z = run.log("measured_position").T
+    assert x.min() < -0.3  # The board ends at -0.25 m.
+    assert z.min() > -0.01
+    assert force[-100:] == pytest.approx(WANTED, abs=5)
+    assert "a hard part below the board" not in {e.kind for e in run.events()}
+    assert not np.any(status[:, 0].astype(int) & StatusFlag.PROTECTIVE_STOP)
 
 
 def test_the_torque_does_not_jump_where_the_board_is_found(wiping_skill):

@@ -46,6 +46,7 @@ def pushed(measured, *, wanted=10.0, steps=1, state=None, **others):
         wanted=wanted,
         measured=np.nan if measured is None else measured,
         searching=wanted > 0,
+        away=False,
         height=0.0,
         stiffness=200.0,
         saturated=False,
@@ -74,9 +75,10 @@ def test_a_surface_is_looked_for_no_farther_than_is_allowed_and_left_at_once():
 
 
 @pytest.mark.parametrize("measured", [5.0, None])
-def test_nothing_is_integrated_while_the_torque_is_saturated(measured):
+@pytest.mark.parametrize("why", ["saturated", "away"])
+def test_the_surface_stands_still_for_limited_torque_and_a_far_target(measured, why):
     state = ForceState(0.002, 0.0, 0.0)
-    found = pushed(measured, state=state, saturated=True, height=-0.01)
+    found = pushed(measured, state=state, height=-0.01, **{why: True})
     assert found.state.surface == 0.002
 
 

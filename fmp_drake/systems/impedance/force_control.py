@@ -11,6 +11,15 @@ That estimate is wrong by the friction of the joints (about 5 N at a Panda's too
 it is not compensated), by the tool's inertia for 0.1 s after a jolt, and while the torque
 is limited. It cannot tell a surface from a person: who lifts the tool by less than half
 of `search_range` is taken for one, and who holds it there is slowly believed.
+
+A tool that was pushed far from its target along the surface may be beside what it shall
+press on. There the press and the search rest, and the tool is lifted until it is back.
+Force controllers are let go likewise where the tool is lifted off the surface [1]_.
+
+References
+----------
+.. [1] C. Schindlbeck, S. Haddadin, "Unified passivity-based Cartesian force/impedance
+   control for rigid and flexible joint robots via task-energy tanks", ICRA 2015.
 """
 
 import math
@@ -55,6 +64,12 @@ class ForceControlConfig:
     search_range : float
         How much lower or higher the surface may be, m. Where it is not found, there
         is a protective stop.
+    rest_distance : float
+        Distance of the tool from its target along the surface from which on the press
+        fades; from twice as much on it rests, m.
+    lift_height : float
+        To which the tool is lifted there, m; higher where the target is farther away
+        than the stiffness sees.
 
     Examples
     --------
@@ -70,6 +85,8 @@ class ForceControlConfig:
     release_time: float = 0.05
     search_speed: float = 0.03
     search_range: float = 0.03
+    rest_distance: float = 0.1
+    lift_height: float = 0.03
 
 
 class ForceState(NamedTuple):
@@ -99,6 +116,8 @@ class Press(NamedTuple):
         Force of the tool along −z of T, N; NaN where it is not measured.
     searching : bool
         Whether the target is at the surface, which is to be found.
+    away : bool
+        Whether the tool is far from its target along the surface.
     height : float
         Of the tool over its target, m.
     stiffness : float
@@ -110,6 +129,7 @@ class Press(NamedTuple):
     wanted: float
     measured: float
     searching: bool
+    away: bool
     height: float
     stiffness: float
     saturated: bool
@@ -172,8 +192,8 @@ def correct_normal_force(
 ) -> ForceCorrection:
     """Find the surface, and correct the normal force by what is measured of it.
 
-    The height of the surface stands still while the arm's torque is saturated, and
-    stops at `search_range`. What was found is forgotten, at `search_speed`, when
+    The height of the surface stands still while the arm's torque is saturated or the
+    tool is far from its target, and stops at `search_range`. What was found is forgotten, at `search_speed`, when
     nothing is looked for any more.
 
     Parameters
@@ -213,7 +233,7 @@ def correct_normal_force(
     else:
         speed = min(max(-surface / period, -config.search_speed), config.search_speed)
     most = config.search_range
-    if not press.saturated:
+    if not (press.saturated or press.away):
         surface = min(max(surface + period * speed, -most), most)
     # Pushing is never turned into pulling.
     correction = max(config.proportional_gain * error, -press.wanted) if closed else 0.0

@@ -182,12 +182,14 @@ def _next_torque(
         flags, last = target_faults(
             config.watchdog, memory.target, target_W, speed, inputs.age, period
         )
-    surface, height = memory.force.surface, X_TE.p[2] - target.X.p[2]
-    pressing = inputs.desired_normal_force * engagement(
-        target.X.p[2], settings.engage_height
-    )
+    surface, offset = memory.force.surface, X_TE.p - target.X.p
+    height, rest = offset[2], config.force_control.rest_distance
+    near = engagement(math.hypot(offset[0], offset[1]) - rest, rest)
+    engaged = engagement(target.X.p[2], settings.engage_height)
+    pressing = inputs.desired_normal_force * engaged * near
     searching = (
-        memory.watchdog.mode != STOPPED
+        near == 1
+        and memory.watchdog.mode != STOPPED
         and target.X.p[2] < settings.engage_height
         and pressing - inputs.wrench[5] > 0
         and (pressing > 0 or inputs.has_normal_force)
@@ -209,10 +211,14 @@ def _next_torque(
     flags |= _PROTECTIVE_STOP * (watchdog.mode == STOPPED)
     flags |= _RECOVER * (watchdog.mode == RECOVERING)
     fraction, rate = target_fraction(watchdog)
-    wrench = np.zeros(6)
+    wrench, lifting = np.zeros(6), 0.0
     if fraction > 0:
         wrench += inputs.wrench
         wrench[5] -= pressing
+        if inputs.desired_normal_force > 0:
+            # From below the surface the tool comes up before it comes back.
+            lift = config.force_control.lift_height + max(-height, 0.0)
+            lifting = engaged * (1 - near) * memory.stiffness[5, 5] * lift
         target = motion_in_world(target, inputs.frame_twist, inputs.frame_acceleration)
         if fraction < 1:
             target = blended(target, relative(X_WT, held), fraction, rate)
@@ -229,6 +235,7 @@ def _next_torque(
             -wrench[5] if fraction == 1 else 0.0,
             measured,
             searching,
+            near < 1,
             height,
             memory.stiffness[5, 5],
             memory.saturated,
@@ -242,7 +249,7 @@ def _next_torque(
     factor *= engagement(
         -height - config.force_control.search_range, settings.engage_height
     )
-    wrench[5] += pressing * (1 - factor)
+    wrench[5] += pressing * (1 - factor) + lifting
     wrench *= fraction
     wrench[5] -= force.correction
 
