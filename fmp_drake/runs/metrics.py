@@ -96,10 +96,14 @@ class ForceMetrics:
 
 
 class TrackingMetrics:
-    """How closely the desired motion is followed, and how smooth it is."""
+    """How closely the desired motion is followed, and how smooth it is.
+
+    Also in the plane of the board alone, because along its normal the eraser follows the
+    board, which may be higher or lower than the desired motion.
+    """
 
     def __init__(self) -> None:
-        self._squares = self._largest = self._jump = 0.0
+        self._squares = self._in_plane = self._largest = self._jump = 0.0
         self._samples = 0
         self._last: NDArray[np.float64] = np.zeros((0, 7))
 
@@ -107,7 +111,9 @@ class TrackingMetrics:
         """Take the next positions and desired velocities."""
         desired, velocity = chunk["desired_position"], chunk["desired_velocity"]
         measured = chunk["measured_position"]
-        squares = np.sum((desired.values - measured.values) ** 2, axis=1)
+        each = (desired.values - measured.values) ** 2
+        squares = np.sum(each, axis=1)
+        self._in_plane += float(np.sum(each[:, :2]))
         self._squares += float(np.sum(squares))
         self._largest = float(np.sqrt(np.max(squares, initial=self._largest**2)))
         self._samples += len(squares)
@@ -121,8 +127,10 @@ class TrackingMetrics:
 
     def result(self) -> Metrics:
         """Return the metrics."""
+        samples = max(1, self._samples)
         return {
-            "tracking_rms_m": float(np.sqrt(self._squares / max(1, self._samples))),
+            "tracking_rms_m": float(np.sqrt(self._squares / samples)),
+            "tracking_in_plane_rms_m": float(np.sqrt(self._in_plane / samples)),
             "tracking_max_m": self._largest,
             "desired_position_jump_max_m": self._jump,
         }

@@ -39,8 +39,9 @@ Choosing the parameters
   tool follows no faster than `force_control.search_speed` allows. Where the surface
   is not where it is said to be, the target is as much lower or higher, up to
   `search_range`; where there is none, a protective stop says so. Beside its target, by
-  `rest_distance` and more, the tool is lifted instead. Where the friction of the joints matters beside the force, enable `force_control` and connect the
-  measured force; see `ForceControlConfig` for its gains.
+  `rest_distance` and more, the tool is lifted instead. Where the friction of the joints
+  matters beside the force, enable `force_control` and connect the measured force; see
+  `ForceControlConfig` for its gains.
 - *Minimal intervention*: `covariance_stiffness` takes K from the covariance of the
   demonstrations, ``k_min + (k_max − k_min) (1 + Σ / σ²)⁻¹``. Choose σ as the
   deviation that a person would not correct.

@@ -283,7 +283,11 @@ def test_store_of_another_plan_is_refused(make_store):
         ({"torque_rate_max_nm_per_s": 1500.0}, "limit", "reaches 1500 Nm/s"),
         ({"joint_speed_ratio_max": 1.1}, "limit", "speed reaches 1.1 of its limit"),
         ({"joint_limit_margin_min_rad": -0.1}, "limit", "0.100 rad beyond its limit"),
-        ({"tracking_rms_m": 0.034}, "path", "34.0 mm rms"),
+        (
+            {"tracking_rms_m": 0.034},
+            "path",
+            "34.0 mm rms (about 34.0 mm in the board's plane)",
+        ),
         ({"normal_force_wanted_fraction": 0.5}, "press", "50 % of the time in contact"),
         (
             {"contact_fraction": 0.0, "normal_force_wanted_fraction": 0.0},
@@ -315,6 +319,23 @@ def test_worlds_of_an_older_version_are_still_reported(make_store):
     store.keep(Task(0, world.scenario, 9.0, False, "older"), world)
     WorldsReport(store).write()
     assert "Of 1 worlds" in (store.folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize("measured", [{"tracking_in_plane_rms_m": 0.006}, {}])
+def test_report_names_the_worlds_that_miss_their_path_by_the_height(
+    make_store, measured
+):
+    """Also in a store that was written before this was measured."""
+    spec = "fields: {board.error.translation: [0.0, 0.0, -0.008]}"
+    store = make_store(
+        partial(outcome, tracking_rms_m=0.0101, **measured), 1, spec=spec
+    )
+    (fault,) = faults(store.world(0))
+    assert f"10.1 mm rms ({'6.0' if measured else 'about 6.2'} mm in" in fault.words
+    WorldsReport(store).write()
+    text = (store.folder / "report.html").read_text()
+    assert "in its plane they follow: 0." in text
+    assert "8.0 mm lower than assumed" in text
 
 
 def test_report_does_not_promise_what_was_not_measured(make_store):

@@ -113,6 +113,9 @@ def test_metrics_are_what_their_names_say(samples):
             "normal_force_wanted_fraction": wanted.mean(),
             "contact_fraction": len(pressed) / len(since),
             "tracking_rms_m": np.sqrt(np.mean(away**2)),
+            "tracking_in_plane_rms_m": np.sqrt(
+                2 * np.mean((desired - measured)[:, :2] ** 2)
+            ),
             "tracking_max_m": away.max(),
             "desired_position_jump_max_m": np.linalg.norm(jumps, axis=1).max(),
             "torque_ratio_max": np.abs(samples["actuation"].values).max() / 80,

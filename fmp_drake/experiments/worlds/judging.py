@@ -56,6 +56,24 @@ def largest_push(world: World) -> float:
     )
 
 
+def in_plane_rms(world: World) -> float:
+    """Return the rms distance from the path in the board's plane, m.
+
+    Stores of older versions do not have it: there it is what the difference between the
+    board's height and the assumed one leaves of the whole distance.
+    """
+    m: Mapping[str, Any] = world.metrics or {}
+    height = world.fields["board"]["error"]["translation"][2]
+    left = max(m.get("tracking_rms_m", 0.0) ** 2 - height**2, 0.0)
+    return float(m.get("tracking_in_plane_rms_m", math.sqrt(left)))
+
+
+def misses_by_height(world: World) -> bool:
+    """Return whether a path is missed because of the board's height alone."""
+    rms = (world.metrics or {}).get("tracking_rms_m", 0.0)
+    return in_plane_rms(world) <= MOST_RMS < rms
+
+
 def _faults(world: World) -> list[Fault]:
     m: Mapping[str, Any] = world.metrics or {}
     found = []
@@ -92,11 +110,14 @@ def _faults(world: World) -> list[Fault]:
             Fault("limit", 1 - margin, f"a joint is {-margin:.3f} rad beyond its limit")
         )
     rms, most = m.get("tracking_rms_m", 0.0), m.get("tracking_max_m", 0.0)
+    about = "" if "tracking_in_plane_rms_m" in m else "about "
     exceeds(
         "path",
         "tracking_rms_m",
         MOST_RMS,
-        f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most",
+        f"follows its path to {1e3 * rms:.1f} mm rms "
+        f"({about}{1e3 * in_plane_rms(world):.1f} mm in the board's plane), {1e3 * most:.0f} mm "
+        "at most",
     )
     wanted, pushes = world.fields["press"]["force"], world.fields["disturbances"]
     pressed = m.get("normal_force_wanted_fraction", 1.0)
