@@ -5,13 +5,14 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PYTHON ?= $(shell command -v python3.12 || command -v python3)
 
-.PHONY: help wipe test test-quick lint bench clean
+.PHONY: help wipe test test-quick lint bench docs clean
 
 help:
 	@echo "make wipe   learn from the bundled demonstration and wipe a board"
 	@echo "            (options: make wipe ARGS='--duration 30')"
 	@echo "make test   run the tests          make lint   check style and types"
-	@echo "make bench  measure speed          make clean  remove the environment"
+	@echo "make bench  measure speed          make docs   build the site in out/site"
+	@echo "make clean  remove the environment"
 
 # uv can bring its own Python 3.12; without it, a Python 3.12 must be there.
 $(STAMP): pyproject.toml constraints.txt .python-version
@@ -43,6 +44,8 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
 
 bench: $(STAMP)
 	@mkdir -p out
@@ -50,6 +53,13 @@ bench: $(STAMP)
 	    --benchmark-columns=min,median,iqr,rounds \
 	    --benchmark-json=out/benchmark.json $(ARGS)
 	@echo "The figures are in out/benchmark.md, out/growth.png and out/benchmark.json."
+
+docs: $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going \
+	    examples/site out/site $(ARGS)
+	@echo "The site is out/site/index.html."
 
 clean:
 	rm -rf $(VENV) out dist

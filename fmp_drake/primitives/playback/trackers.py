@@ -42,7 +42,7 @@ class Tracker(Protocol):
 class LqrTracker:
     """Optimal return: the paper's future work, in closed form.
 
-    Minimises the integral of (w - mu)' Sigma^-1 (w - mu) + rho |dw/dt|^2 over
+    Minimises the integral of ``(w - mu)' Sigma^-1 (w - mu) + rho |dw/dt|^2`` over
     all time. In the eigenbasis of Sigma every coordinate decays with its own time
     constant sqrt(rho * eigenvalue): quickly where the demonstrations agree, slowly
     where they vary.

@@ -1,0 +1,76 @@
+"""
+Keypoints: through here, at that time, this fast
+================================================
+
+A learned movement is a distribution over whole windows, so it can be conditioned on
+anything that is linear in a window: where it begins, where it is at some time, how fast.
+That is equation (13) of the paper, and it takes some tens of microseconds.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from fmp_drake.plots import draw_demonstrations_in_plane
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Keypoint
+from fmp_drake.station import models_dir
+
+recording = Demonstration.load(models_dir() / "demonstrations" / "eight.npz")
+skill = FourierMovementPrimitive().fit(recording)
+
+# %%
+# The beginning of a window
+# -------------------------
+# Ten samples of a person's movement, half a second, are enough to say how it goes on.
+
+observed = recording.resample(skill.rate).values[400:410]
+begun = skill.map_partial(observed)
+print(f"component {begun.component} explains it best")
+
+# %%
+# One point, at one time
+# ----------------------
+# Wherever the movement is in its cycle: after 2 seconds it shall be 2 cm to the side
+# of the middle, without an opinion about the other channels. The result is the most
+# probable window of the component that is nearest.
+
+middle = recording.values.mean(axis=0)
+point = Keypoint(step=2.0 * skill.rate, values=[middle[1] + 0.02], channels=["y"])
+through = skill.map_keypoints([point])
+
+# %%
+# Several at once, and velocities
+# -------------------------------
+# A tolerance (in squared units) says how closely. Here: begin where the person was, and
+# 3 s later pass the middle at rest in x.
+
+begin = Keypoint(step=0, values=observed[0], tolerance=1e-8)
+slow = Keypoint(
+    step=3.0 * skill.rate, values=[0.0], channels=["x"], derivative=1, tolerance=1e-4
+)
+both = skill.map_keypoints([begin, slow])
+
+figure, axes = plt.subplots(1, 3, figsize=(11, 4), layout="constrained", sharey=True)
+for ax, mapping, title in zip(
+    axes,
+    (begun, through, both),
+    ("from ten samples", "y after 2 s", "start, and at rest in x after 3 s"),
+    strict=True,
+):
+    draw_demonstrations_in_plane(recording, ax=ax)
+    x, y, _ = skill.synthesize(mapping.weights).T
+    ax.plot(y, x, color="tab:orange", linewidth=2)
+    ax.set_title(title)
+axes[0].plot(*observed.T[[1, 0]], "k", linewidth=4)
+axes[1].axvline(middle[1] + 0.02, color="k", linestyle=":")
+plt.show()
+
+# %%
+# What was asked for is what comes out, as closely as the tolerance says:
+
+step = int(2.0 * skill.rate)
+reached = skill.synthesize(through.weights)[step, 1]
+print(f"wanted y = {middle[1] + 0.02:.4f} m, got {reached:.4f} m")
+velocity = skill.observation_rows([3.0 * skill.rate], channels=["x"], derivative=1)
+print(f"speed in x after 3 s: {1e3 * (velocity @ both.weights)[0]:.1f} mm/s")
+assert abs(reached - middle[1] - 0.02) < 1e-3
+assert np.abs(velocity @ both.weights)[0] < 0.02

@@ -1,0 +1,96 @@
+"""
+A force that follows the movement
+=================================
+
+The wanted normal force is a port like any other. Here it is a function of where the tool is:
+hard on the right half of the board, light on the left. The same port can be fed with a
+trajectory, or with a fourth channel that was learned.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+from pydrake.symbolic import Variable, tanh
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import (
+    Demultiplexer,
+    LogVectorOutput,
+    SymbolicVectorSystem,
+)
+
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.station import (
+    AddArmController,
+    AddBoardScene,
+    AddInk,
+    LoadScenario,
+    models_dir,
+)
+from fmp_drake.systems import FourierPrimitiveSystem
+
+recording = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+skill = FourierMovementPrimitive().fit(recording)
+scenario = LoadScenario("table_top")
+
+# %%
+# The parts of the wiping station, wired by hand
+# ----------------------------------------------
+
+builder = DiagramBuilder()
+scene = AddBoardScene(builder, scenario, start=[0.0, 0.1, 0.05])
+controller = AddArmController(
+    builder, scene, scenario.impedance, engage_height=scenario.press.engage_height
+)
+ink = AddInk(builder, scene, scenario)
+primitive = builder.AddSystem(FourierPrimitiveSystem(skill))
+builder.Connect(
+    controller.GetOutputPort("measured_position"),
+    primitive.GetInputPort("measured_position"),
+)
+motion = builder.AddSystem(Demultiplexer([3, 3, 3]))
+builder.Connect(primitive.GetOutputPort("motion"), motion.get_input_port())
+for i, order in enumerate(("position", "velocity", "acceleration")):
+    builder.Connect(
+        motion.get_output_port(i), controller.GetInputPort(f"desired_{order}")
+    )
+
+# %%
+# The profile: 6 N at the one side, 14 N at the other, smooth between.
+
+x, y, z = (Variable(name) for name in "xyz")
+profile = builder.AddSystem(
+    SymbolicVectorSystem(
+        time=None,
+        state=[],
+        input=[x, y, z],
+        dynamics=[],
+        output=[10.0 - 4.0 * tanh(y / 0.03)],
+    )
+)
+builder.Connect(motion.get_output_port(0), profile.get_input_port())
+builder.Connect(
+    profile.get_output_port(), controller.GetInputPort("desired_normal_force")
+)
+
+wanted_log = LogVectorOutput(profile.get_output_port(), builder, 0.02)
+force_log = LogVectorOutput(ink.GetOutputPort("normal_force"), builder, 0.02)
+simulator = Simulator(builder.Build())
+simulator.AdvanceTo(10.0)
+
+# %%
+# What the board feels is what was wanted, once the tool has come down:
+
+context = simulator.get_context()
+time = wanted_log.FindLog(context).sample_times()
+wanted = wanted_log.FindLog(context).data()[0]
+force = force_log.FindLog(context).data()[0]
+figure, ax = plt.subplots(figsize=(8, 3.5), layout="constrained")
+ax.plot(time, force, color="tab:orange", label="on the board")
+ax.plot(time, wanted, color="k", linestyle="--", label="wanted")
+ax.set(xlabel="time (s)", ylabel="normal force (N)", ylim=(0, 20))
+ax.legend()
+plt.show()
+
+error = np.sqrt(np.mean((force - wanted)[time > 2.0] ** 2))
+print(f"off by {error:.1f} N rms")
+assert error < 2.5

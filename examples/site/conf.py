@@ -1,0 +1,161 @@
+"""The documentation site: ``make docs``."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from sphinx.application import Sphinx
+
+import fmp_drake
+
+mpl.use("Agg")
+
+HERE = Path(__file__).parent
+GENERATED = HERE / "generated"
+FRONT_DOORS = {
+    "fmp_drake.primitives": "The skill: learned, mapped, played, edited. No Drake.",
+    "fmp_drake.systems": "Drake systems: the primitive, the controller, ink, people.",
+    "fmp_drake.station": "The Panda at a whiteboard, wired from a scenario.",
+    "fmp_drake.runs": "A station with its metrics and its log.",
+    "fmp_drake.plots": "Pictures of recordings, skills and runs.",
+    "fmp_drake.film": "Films of a run, without a screen.",
+    "fmp_drake.experiments": "The paper's experiments, and scores on unseen data.",
+    "fmp_drake.experiments.worlds": "Scenarios drawn at random, run and judged.",
+    "fmp_drake.experiments.baselines": "Other movement primitives, to compare with.",
+}
+# Seconds of each replay.
+REPLAYED = 8.0
+
+project = "fmp_drake"
+author = "the fmp_drake authors"
+version = release = fmp_drake.__version__
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx_gallery.gen_gallery",
+    "numpydoc",
+    "sphinx-mathjax-offline",
+]
+templates_path = ["templates"]
+exclude_patterns = ["templates"]
+html_theme = "pydata_sphinx_theme"
+html_title = "fmp_drake"
+html_css_files = ["site.css"]
+html_static_path = ["static"]
+html_show_sourcelink = False
+# Pages with nothing beside them.
+html_sidebars = {name: [] for name in ("mathematics", "limits", "generated/scenarios")}
+html_theme_options = {
+    "show_prev_next": False,
+    "navigation_with_keys": False,
+    "header_links_before_dropdown": 6,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+project_copyright = "2026, the fmp_drake authors"
+autosummary_generate = True
+autodoc_typehints = "none"
+numpydoc_show_class_members = False
+sphinx_gallery_conf = {
+    "examples_dirs": [".."],
+    "gallery_dirs": ["gallery"],
+    "filename_pattern": r"/\d\d_",
+    "ignore_pattern": r"/site/",
+    "min_reported_time": 1e9,
+    "download_all_examples": False,
+    "remove_config_comments": True,
+    "show_signature": False,
+    "plot_gallery": True,
+    "abort_on_example_error": True,
+}
+
+
+def write_api(folder: Path) -> None:
+    """Write a page for each front door, with every public name."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = ["API", "===", ""]
+    for name, purpose in FRONT_DOORS.items():
+        public = import_module(name).__all__
+        classes = [n for n in public if n[0].isupper() and not n.isupper()]
+        others = [n for n in public if n not in classes]
+        page = [
+            name,
+            "=" * len(name),
+            "",
+            purpose,
+            "",
+            f".. currentmodule:: {name}",
+            "",
+        ]
+        for group in (classes, others):
+            if group:
+                page += [".. autosummary::", "   :toctree: ../api", ""]
+                page += [*(f"   {each}" for each in group), ""]
+        (folder / f"{name}.rst").write_text("\n".join(page), encoding="utf-8")
+    lines += [".. toctree::", "   :maxdepth: 1", ""]
+    lines += [f"   {name}" for name in FRONT_DOORS]
+    (folder / "index.rst").write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def write_scenarios(folder: Path, replays: Path) -> None:
+    """Run every scenario, write its replay, and a page that embeds them."""
+    from fmp_drake.apps.page import open_page
+    from fmp_drake.runs import WipingRun, scenario_skill
+    from fmp_drake.station import ListScenarios, LoadScenario
+
+    folder.mkdir(parents=True, exist_ok=True)
+    replays.mkdir(parents=True, exist_ok=True)
+    lines = [
+        "Scenarios",
+        "=========",
+        "",
+        f"{REPLAYED:.0f} seconds of each, to turn and to replay: open the controls at the",
+        "top right for time and speed. ``fmp-drake wipe --scenario NAME`` runs them for",
+        "as long as you like; ``fmp-drake scenarios`` lists them.",
+        "",
+    ]
+    for name in ListScenarios():
+        scenario = LoadScenario(name)
+        file = replays / f"{name}.html"
+        if not file.exists():
+            skill, demonstrations, _ = scenario_skill(scenario)
+            run = WipingRun(
+                scenario,
+                skill,
+                demonstrations=demonstrations,
+                meshcat=open_page(),
+                recording=True,
+            )
+            run.advance_to(REPLAYED)
+            run.remove_controls()
+            file.write_text(run.html(REPLAYED), encoding="utf-8")
+        lines += [name, "-" * len(name), "", scenario.description, ""]
+        lines += [
+            ".. raw:: html",
+            "",
+            f'   <iframe class="replay" loading="lazy" title="replay of {name}"',
+            f'     src="../replays/{name}.html"></iframe>',
+            "",
+        ]
+    (folder / "scenarios.rst").write_text("\n".join(lines), encoding="utf-8")
+
+
+def show_ports(*event: Any) -> None:
+    """Make of the sections of ports, which numpydoc does not know, definition lists."""
+    lines: list[str] = event[-1]
+    text = re.sub(
+        r"^(Input|Output) ports?\n-+\n",
+        r".. rubric:: \1 ports\n\n",
+        "\n".join(lines),
+        flags=re.MULTILINE,
+    )
+    lines[:] = text.split("\n")
+
+
+def setup(app: Sphinx) -> None:
+    """Write the pages that are made of the package, before Sphinx looks for pages."""
+    write_api(GENERATED)
+    write_scenarios(GENERATED, Path(app.outdir) / "replays")
+    app.connect("autodoc-process-docstring", show_ports, priority=100)
