@@ -214,7 +214,7 @@ def wipe(
         plot_run(run, plot)
         console.print(f"wrote {plot}")
     if html is not None:
-        write_text(html, run.html(duration), RunError)
+        write_text(html, run.html(), RunError)
         console.print(f"wrote {html}")
     if video is not None and reel is not None:
         film_run(run, reel, video, width=video_width)

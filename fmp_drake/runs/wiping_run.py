@@ -37,11 +37,13 @@ from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.wiping_station import MakeWipingStation
 from fmp_drake.systems.ink.recording import AddInkToRecording
 from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
-from fmp_drake.systems.viewer.path_drawing import draw_line
+from fmp_drake.systems.viewer.path_recording import AddPathToRecording
 
 # Simulated seconds after which the logged samples are taken in, at the latest.
 _CHUNK = 1.0
-# Points of the path that a page replays.
+# Of a recording: seconds between two looks at the ink, at the least, and points of the
+# path at the most.
+_INK_PERIOD = 0.25
 _PATH_POINTS = 20_000
 
 
@@ -164,7 +166,10 @@ class WipingRun:
             for name in self.kept
         }
         self._times = {signal_kind(name).period: Spill() for name in self.kept}
+        self._looks = Spill()
+        self._inks = Spill((self.grid.num_cells,), np.uint8)
         if self.meshcat is not None and self._recording:
+            self._look()
             self.meshcat.DeleteRecording()
             self.meshcat.StartRecording(frames_per_second=30.0)
 
@@ -199,6 +204,14 @@ class WipingRun:
             spill.append(values)
         for period, added in times.items():
             self._times[period].append(added)
+        if self._recording and context.get_time() >= self._looked + _INK_PERIOD:
+            self._look()
+
+    def _look(self) -> None:
+        """Keep the ink for the recording."""
+        self._looked = self.simulator.get_context().get_time()
+        self._looks.append(self._looked)
+        self._inks.append(np.rint(255 * np.clip(self.output("ink"), 0, 1)))
 
     def log(self, name: str) -> NDArray[np.float64]:
         """Return the values of a kept signal, shape (samples, size), read only."""
@@ -289,7 +302,7 @@ class WipingRun:
         scenario = yaml_dump_typed(self.scenario)  # type: ignore[no-untyped-call]
         write_log(path, signals, scenario=scenario, seed=self.seed, metrics=metrics)
 
-    def html(self, duration: float) -> str:
+    def html(self) -> str:
         """Return a page of its own that replays the arm, the force and the ink.
 
         Call it once, after the run; it needs `recording` and a Meshcat.
@@ -300,13 +313,12 @@ class WipingRun:
             )
         self.meshcat.StopRecording()
         if self.scenario.show.ink:
+            self._look()
             AddInkToRecording(
                 self.meshcat,
                 grid=self.grid,
-                initial_ink=self.initial_ink,
-                final_ink=self.ink(),
-                fade_time=self.output("fade_time"),
-                end_time=duration,
+                times=self._looks.array(),
+                ink=self._inks.array(),
                 path=INK,
             )
         # What changes its shape cannot be replayed.
@@ -314,10 +326,12 @@ class WipingRun:
             self.meshcat.Delete(f"{BOARD}/{name}")
         if self.scenario.show.trail:
             path = self.log("measured_position")
-            draw_line(
+            shown = np.s_[:: max(4, -(-len(path) // _PATH_POINTS))]
+            AddPathToRecording(
                 self.meshcat,
                 f"{BOARD}/measured",
-                path[:: max(4, -(-len(path) // _PATH_POINTS))],
+                times=self.log_times("measured_position")[shown],
+                points=path[shown],
                 color=TRAIL_COLOR,
             )
         self.meshcat.PublishRecording()

@@ -121,7 +121,7 @@ def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
     run = run_of(REPLAYED)
     run.remove_controls()
     html = tmp_path / "run.html"
-    html.write_text(run.html(SECONDS), encoding="utf-8")
+    html.write_text(run.html(), encoding="utf-8")
     with Page(html.as_uri(), tmp_path, *OFFLINE, size=SIZE) as offline:
         offline.wait_for("typeof viewer !== 'undefined'")
         time.sleep(SECONDS)  # The replay ends.

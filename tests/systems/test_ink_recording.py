@@ -24,27 +24,25 @@ def meshcat():
     return Meshcat()
 
 
-def fade_times():
-    """Rows go one after the other from 0.1 s on; the upper third stays."""
-    rows = np.full(GRID.shape, np.inf)
-    rows[:20] = np.linspace(0.1, 3.9, 20)[:, np.newaxis]
-    return rows.ravel()
+TIMES = np.arange(0.0, 4.01, 0.1)
 
 
-def final_ink():
-    return np.where(np.isfinite(fade_times()), 0.0, 1.0)
+def inks():
+    """Rows are wiped one after the other; then four keep 40 and four 80 % of the ink."""
+    ink = np.full((len(TIMES), *GRID.shape), 255, dtype=np.uint8)
+    for row, time in enumerate(np.linspace(0.1, 3.9, 20)):
+        ink[time - 1e-9 <= TIMES, row] = 0
+    ink[TIMES >= 3.0, 20:24] = 102
+    ink[TIMES >= 1.0, 24:28] = 204
+    return ink
 
 
 def record(meshcat, **options):
     meshcat.DeleteRecording()
     meshcat.StartRecording(frames_per_second=32.0)
     meshcat.StopRecording()
-    arrays = {
-        "initial_ink": GRID.full(),
-        "final_ink": final_ink(),
-        "fade_time": fade_times(),
-    }
-    return AddInkToRecording(meshcat, grid=GRID, end_time=4.0, **(arrays | options))
+    arrays = {"times": TIMES, "ink": inks().reshape(len(TIMES), -1)}
+    return AddInkToRecording(meshcat, grid=GRID, **(arrays | options))
 
 
 def test_a_recording_has_two_layers_per_second_and_not_too_many(meshcat, monkeypatch):
@@ -73,7 +71,8 @@ def test_layers_are_the_initial_ink_over_the_final_one(meshcat, monkeypatch):
         area += size.prod(axis=0).sum()
         assert (vertices[2] > remains[2].max()).all()
         np.testing.assert_allclose(colours, ink_colours(np.ones(colours.shape[1])).T)
-    assert area == pytest.approx(0.4 * 0.2, rel=0.021)
+    # What changes, and two more rows.
+    assert area == pytest.approx(0.4 * 0.30, rel=0.021)
 
 
 def test_a_recording_replaces_the_live_ink_and_leaves_all_else(meshcat):
@@ -88,9 +87,33 @@ def test_a_recording_replaces_the_live_ink_and_leaves_all_else(meshcat):
 
 
 def test_a_recording_refuses_arrays_of_another_grid(meshcat):
-    for name in ("initial_ink", "final_ink", "fade_time"):
-        with pytest.raises(SystemsError, match=f"{name} has 7 values"):
-            record(meshcat, **{name: np.ones(7)})
+    with pytest.raises(SystemsError, match="the first ink has 7 values"):
+        record(meshcat, ink=np.ones((len(TIMES), 7), dtype=np.uint8))
+
+
+def test_no_cell_shows_its_end_before_its_time(meshcat, monkeypatch):
+    """Seen from above: where and when the initial ink is hidden."""
+    drawn = {}
+    monkeypatch.setattr(
+        ink_recording,
+        "draw_ink",
+        lambda _, path, mesh: drawn.update({path: mesh}) or True,
+    )
+    hidden = {}
+    monkeypatch.setattr(
+        ink_recording,
+        "show_during",
+        lambda _, path, *, until, end: hidden.update({path: until}),
+    )
+    record(meshcat)
+    for row, time in ((2, 0.5), (10, 2.1), (21, 3.0), (26, 1.0), (28, 1.0)):
+        y = GRID.corner[1] + (row + 0.5) * GRID.pitch[1]
+        over = [
+            path
+            for path, (v, _, _) in drawn.items()
+            if np.any((v[1, 0::4] < y) & (y < v[1, 2::4])) and path in hidden
+        ]
+        assert [hidden[path] for path in over] == [pytest.approx(time, abs=0.26)]
 
 
 PROBE = """
@@ -134,4 +157,4 @@ def test_the_replay_wipes_the_ink_and_brings_it_back(meshcat, tmp_path):
     assert full > one > two > four > 0
     assert again == full
     # A third of the board stays inked; perspective makes the far third smaller.
-    assert 0.1 * full < four < 0.4 * full
+    assert 0.02 * full < four < 0.4 * full

@@ -47,7 +47,7 @@ def replay_world(
         metrics = as_stored(run.metrics())
         run.remove_controls()
         if html is not None:
-            write_text(html, run.html(seconds), RunError)
+            write_text(html, run.html(), RunError)
         if video is not None:
             film_run(run, reel, video, width=_WIDTH)
     return metrics

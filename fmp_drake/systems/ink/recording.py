@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
+from scipy.ndimage import minimum_filter
 
 from fmp_drake.systems.ink.grid import InkGrid
-from fmp_drake.systems.ink.mesh import LIFT, corner_shades, draw_ink, ink_mesh
+from fmp_drake.systems.ink.mesh import LEVELS, LIFT, corner_shades, draw_ink, ink_mesh
+from fmp_drake.systems.viewer.path_recording import show_during
 
 LAYERS_PER_SECOND = 2.0
 """Layers per second of the recording, unless there would be too many."""
@@ -15,15 +17,16 @@ LAYERS_PER_SECOND = 2.0
 MAX_LAYERS = 150
 """Largest number of layers of a recording."""
 
+# Of a loss of ink, in 255ths, that is seen: half a shade.
+_SEEN = 255 / LEVELS / 2
+
 
 def AddInkToRecording(
     meshcat: Meshcat,
     *,
     grid: InkGrid,
-    initial_ink: ArrayLike,
-    final_ink: ArrayLike,
-    fade_time: ArrayLike,
-    end_time: float,
+    times: ArrayLike,
+    ink: ArrayLike,
     path: str = "ink",
 ) -> int:
     """Add the disappearing ink to Meshcat's recording.
@@ -41,13 +44,10 @@ def AddInkToRecording(
         The Meshcat that has recorded the simulation.
     grid : InkGrid
         Division of the surface into cells.
-    initial_ink, final_ink : array_like, shape (ny, nx) or (ny nx,)
-        Ink at the start and at the end, from 0 to 1.
-    fade_time : array_like, shape (ny, nx) or (ny nx,)
-        Time in seconds at which a cell lost half of its ink, `inf` if it did not:
-        the `fade_time` output of `InkBoard` at the end.
-    end_time : float
-        Last time of the recording in seconds.
+    times : array_like, shape (K,)
+        When the ink was looked at, from the start to the end of the recording, s.
+    ink : array_like of uint8, shape (K, ny nx)
+        Ink that was left then, 0 for none to 255 for all.
     path : str
         Meshcat path at the board frame B, the same as the visualizer's.
 
@@ -61,39 +61,48 @@ def AddInkToRecording(
     SystemsError
         If the arrays do not fit the grid.
     """
-    initial, final, times = (
-        grid.cells(name, np.asarray(array, dtype=float))
-        for name, array in (
-            ("initial_ink", initial_ink),
-            ("final_ink", final_ink),
-            ("fade_time", fade_time),
+    looks, inks = np.asarray(times, dtype=float), np.asarray(ink)
+    initial, final, fade_time = (
+        grid.cells(name, cells)
+        for name, cells in (
+            ("the first ink", inks[0] / 255),
+            ("the last ink", inks[-1] / 255),
+            ("ink", _fade_times(looks, inks)),
         )
     )
     animation = meshcat.get_mutable_recording()
     start = animation.start_time()
-    span = max(end_time - start, 1.0 / animation.frames_per_second())
+    span = max(looks[-1] - start, 1.0 / animation.frames_per_second())
     count = int(min(MAX_LAYERS, max(1.0, np.ceil(span * LAYERS_PER_SECOND))))
     width = span / count
-    faded = np.isfinite(times)
+    # Beside what fades the shades of corners change, too, which an oblique look sees
+    # under the edge of a layer.
+    beside = minimum_filter(fade_time, 5, mode="nearest")
+    fading = np.where(np.isfinite(fade_time), fade_time, beside)
+    faded = np.isfinite(fading)
     layer = np.full(grid.shape, -1)
-    layer[faded] = np.clip((times[faded] - start) / width, 0, count - 1).astype(int)
+    layer[faded] = np.clip((fading[faded] - start) / width, 0, count - 1).astype(int)
 
     meshcat.Delete(f"{path}/live")
     meshcat.Delete(f"{path}/recorded")
     remains = ink_mesh(grid, corner_shades(final))
     draw_ink(meshcat, f"{path}/recorded/remains", remains)
     shades = corner_shades(initial)
-    last = max(1, animation.frame(start + span))
     used = 0
     for k in range(count):
         name = f"{path}/recorded/layer_{k:03d}"
         mesh = ink_mesh(grid, shades, cells=layer == k, lift=2.0 * LIFT)
-        if not draw_ink(meshcat, name, mesh):
-            continue
-        used += 1
-        hide = min(max(1, animation.frame(start + (k + 0.5) * width)), last)
-        animation.SetProperty(0, name, "visible", True)
-        animation.SetProperty(hide, name, "visible", False)
-        # Meshcat loops each path by itself: let all last equally long.
-        animation.SetProperty(last, name, "visible", False)
+        if draw_ink(meshcat, name, mesh):
+            used += 1
+            hide = start + (k + 0.5) * width
+            show_during(animation, name, until=hide, end=start + span)
     return used
+
+
+def _fade_times(
+    times: NDArray[np.float64], ink: NDArray[np.uint8]
+) -> NDArray[np.float64]:
+    """Return when each cell had lost half of what it loses, s; `inf` if nothing."""
+    first, last = ink[0].astype(int), ink[-1].astype(int)
+    faded = np.argmax(ink <= ((first + last) // 2).astype(np.uint8), axis=0)
+    return np.where(first - last >= _SEEN, times[faded], np.inf)
