@@ -1,10 +1,10 @@
 """The console, the Meshcat page, and the progress of a simulation."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from pydrake.geometry import Meshcat, MeshcatParams
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn, track
 
 from fmp_drake.errors import FmpError
 
@@ -73,3 +73,14 @@ def show_progress(
         bar = progress.add_task(label, total=until)
         for time in times:
             progress.update(bar, completed=time)
+
+
+def track_frames(console: Console, frames: Sequence[int]) -> Iterable[int]:
+    """Go through the frames of a film, with a bar that shows how far it is rendered."""
+    return track(
+        frames,
+        "rendering",
+        console=console,
+        transient=not console.is_terminal,
+        disable=not console.is_terminal,
+    )

@@ -1,10 +1,12 @@
 """`fmp-drake video`."""
 
+from functools import partial
 from pathlib import Path
 
 import click
 
 from fmp_drake.apps.options import PATH
+from fmp_drake.apps.page import make_console, track_frames
 from fmp_drake.errors import FmpError
 from fmp_drake.film.page_frames import convert_frames
 from fmp_drake.primitives.data.files import check_writable
@@ -23,5 +25,5 @@ def video(frames: Path, out: Path, fps: int, overwrite: bool) -> None:
     check_writable(out)
     if out.exists() and not overwrite:
         raise FmpError(f"{out} exists already; give --overwrite to replace it.")
-    convert_frames(frames, out, fps=fps)
+    convert_frames(frames, out, fps=fps, track=partial(track_frames, make_console()))
     click.echo(f"wrote {out}")

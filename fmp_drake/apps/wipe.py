@@ -3,13 +3,14 @@
 import json
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
 from fmp_drake.apps.options import PATH, host_option, scene_options, skill_options
-from fmp_drake.apps.page import make_console, open_page, show_progress
+from fmp_drake.apps.page import make_console, open_page, show_progress, track_frames
 from fmp_drake.apps.report import print_report
 from fmp_drake.errors import FmpError, RunError, StationError
 from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
@@ -217,7 +218,8 @@ def wipe(
         write_text(html, run.html(), RunError)
         console.print(f"wrote {html}")
     if video is not None and reel is not None:
-        film_run(run, reel, video, width=video_width)
+        track = partial(track_frames, console)
+        film_run(run, reel, video, width=video_width, track=track)
         console.print(f"wrote {video}")
     if not headless and sys.stdin is not None and sys.stdin.isatty():
         console.input("the page stays open; press Enter to quit ")

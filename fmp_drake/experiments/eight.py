@@ -41,6 +41,7 @@ from fmp_drake.experiments.metrics import (
 from fmp_drake.experiments.paths import draw_paths
 from fmp_drake.experiments.profile import Profile
 from fmp_drake.plots import draw_demonstrations_in_plane
+from fmp_drake.plots.style import SAMPLED, same_limits, set_title
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 
 Samples = dict[str, NDArray[np.float64]]
@@ -113,10 +114,11 @@ def _samples(samples: Samples, recorded: Demonstration, near: Closeness) -> Find
     draw_demonstrations_in_plane([recorded], ax=axes[0])
     for ax, name in zip(axes[1:], (MULT, FMP_PAPER), strict=True):
         for path in samples[name][:15]:
-            ax.plot(path[:, 1], path[:, 0], linewidth=0.8)
-        ax.set_title(f"samples of {name}", loc="left")
+            ax.plot(path[:, 1], path[:, 0], color=SAMPLED, linewidth=0.8)
+        set_title(ax, f"15 samples of {name}")
         ax.set(aspect="equal", xlabel=axes[0].get_xlabel())
-        ax.set(xlim=axes[0].get_xlim(), ylim=axes[0].get_ylim())
+        ax.locator_params(nbins=6)
+    same_limits(axes)
     rough = {name: roughness(samples[name][:500], RATE) for name in (MULT, FMP_PAPER)}
     shown = roughness(recorded.values, RATE)
     far = {
@@ -208,8 +210,9 @@ def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding
                 SENSITIVITY_BINS, ratio, style, marker="o", label=f"floor {floor:g}"
             )
     for ax, name in zip(axes, ("forward", "reverse"), strict=True):
-        ax.axhline(0.5, color="0.6", linewidth=1)
-        ax.set(title=f"{name} KL", xlabel="cells along each axis", ylim=(0, None))
+        ax.axhline(0.5, color="0.6", linewidth=1, label="the paper's claim")
+        set_title(ax, f"{name} KL")
+        ax.set(xlabel="cells along each axis", ylim=(0, None))
     axes[0].set_ylabel(f"FMP / {MULT}")
     axes[0].legend()
     return Finding(

@@ -217,8 +217,18 @@ def _bars(numbers: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
         values: Any = [numbers[n].get(measure, {}).get("mean", np.nan) for n in names]
         spreads = [numbers[n].get(measure, {}).get("std", 0.0) for n in names]
         colors = ["#0072b2" if n == PHASE else "0.7" for n in names]
-        ax.barh(names, values, xerr=spreads, color=colors)
+        bars = ax.barh(names, values, xerr=spreads, color=colors)
+        texts = ["" if np.isnan(v) else f"{v:.3g}" for v in values]
+        ax.bar_label(bars, texts, padding=3, fontsize="small")
+        ax.margins(x=0.2)
+        better = "right" if measure == "log_density" else "left"
         ax.set_xlabel(MEASURES[measure])
+        arrow = (
+            "better \N{RIGHTWARDS ARROW}"
+            if better == "right"
+            else "\N{LEFTWARDS ARROW} better"
+        )
+        ax.set_title(arrow, loc=better, fontsize="medium")
         if measure == "log_density":
             ax.set_xlim(left=max(0.0, float(np.nanmin(values)) - 1))
     axes[0].invert_yaxis()

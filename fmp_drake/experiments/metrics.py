@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.plots.style import set_title, shape_of
 
 # The grid of Table I here; the paper does not state its own. The sensitivity study
 # varies both.
@@ -100,14 +101,21 @@ def draw_grids(
     samples: Mapping[str, Samples], *, extent: NDArray[np.float64]
 ) -> Figure:
     """Draw heatmaps of several sets of trajectories with one colour scale."""
-    figure = Figure(figsize=(4.2 * len(samples), 4.2), layout="constrained")
-    axes = figure.subplots(1, len(samples))
+    columns = min(4, len(samples))
+    rows = -(-len(samples) // columns)
+    height = 0.9 + 3.0 * shape_of(*np.ptp(extent, axis=1))
+    figure = Figure(figsize=(0.8 + 3.8 * columns, height * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
     grids = [heatmap(s, bins=60, extent=extent) for s in samples.values()]
     top = float(np.percentile(np.concatenate([g[g > 0] for g in grids]), 99))
-    for ax, name, grid in zip(axes, samples, grids, strict=True):
+    for ax in axes[len(samples) :]:
+        ax.remove()
+    for ax, name, grid in zip(axes, samples, grids, strict=False):
         box = (*extent[1], *extent[0])
         image = ax.imshow(grid, origin="lower", extent=box, vmin=0, vmax=top)
         ax.invert_xaxis()
-        ax.set(title=name, xlabel="y (m)", ylabel="x (m)")
-    figure.colorbar(image, ax=axes, label="fraction of the samples", shrink=0.8)
+        set_title(ax, name)
+        ax.set(xlabel="y (m)", ylabel="x (m)")
+    shown = list(axes[: len(samples)])
+    figure.colorbar(image, ax=shown, label="fraction of the samples", extend="max")
     return figure

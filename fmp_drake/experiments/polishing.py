@@ -62,7 +62,8 @@ def _demonstrations(
         name="fig3",
         title="Fig. 3: demonstrations of polishing",
         shows=f"{recorded.duration:.0f} s of guided polishing, the first 20 s over time, "
-        f"and windows of {N_STEPS / RATE:g} s in the plane; they start at any phase.",
+        f"and windows of {N_STEPS / RATE:g} s in the plane, in the colours of their components; they "
+        "start at any phase.",
         figure=figure,
     )
 

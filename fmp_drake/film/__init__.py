@@ -7,6 +7,7 @@ run what cannot be made.
 
 from fmp_drake.film.camera import FilmCamera
 from fmp_drake.film.checks import check_film
+from fmp_drake.film.gauge import Gauge
 from fmp_drake.film.overlay import Trail
 from fmp_drake.film.reel import FilmReel
 from fmp_drake.film.render import render_film, render_picture
@@ -16,6 +17,7 @@ __all__ = [
     "FILM_SIGNALS",
     "FilmCamera",
     "FilmReel",
+    "Gauge",
     "Trail",
     "check_film",
     "film_run",

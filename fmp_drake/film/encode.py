@@ -3,7 +3,7 @@
 import contextlib
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -26,12 +26,26 @@ _RARE = 0.5
 # What every player and browser plays: H.264 of even sizes in the common colour format.
 _ENCODING = (
     *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"),
-    *("-c:v", "libx264", "-crf", "18", "-movflags", "+faststart"),
+    *(
+        "-c:v",
+        "libx264",
+        "-preset",
+        "veryfast",
+        "-crf",
+        "18",
+        "-movflags",
+        "+faststart",
+    ),
 )
 
 
 def write_film(
-    path: Path, frame: Callable[[int], Frame], count: int, *, fps: float
+    path: Path,
+    frame: Callable[[int], Frame],
+    count: int,
+    *,
+    fps: float,
+    track: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> None:
     """Write a film of numbered frames; an existing one is replaced at the end.
 
@@ -46,6 +60,8 @@ def write_film(
         Number of frames, at least 1.
     fps : float
         Frames per second.
+    track : callable
+        Goes through the numbers of the frames, and may show how far it is.
 
     Raises
     ------
@@ -56,9 +72,9 @@ def write_film(
         if path.suffix.lower() == ".gif":
             chosen = np.linspace(0, count - 1, min(_SAMPLES, count)).round()
             palette = _palette([frame(int(i)) for i in chosen])
-            _write_gif(part, map(frame, range(count)), fps, palette)
+            _write_gif(part, map(frame, track(range(count))), fps, palette)
         else:
-            _write_video(part, map(frame, range(count)), fps)
+            _write_video(part, map(frame, track(range(count))), fps)
 
 
 def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
@@ -110,8 +126,12 @@ def _write_gif(
 
 def _palette(samples: Sequence[Frame]) -> Image.Image:
     """Return a picture with the palette that fits all samples."""
-    colors = np.concatenate([sample.reshape(-1, 3) for sample in samples])
-    kept, counts = np.unique(colors // 4, axis=0, return_counts=True)
-    repeats = np.ceil(counts**_RARE).astype(int)
-    together = Image.fromarray(np.repeat(4 * kept + 2, repeats, axis=0)[None])
+    colors = np.concatenate([sample.reshape(-1, 3) for sample in samples]) // 4
+    numbers = colors @ np.array([1 << 12, 1 << 6, 1])
+    counts = np.bincount(numbers, minlength=1 << 18)
+    kept = np.flatnonzero(counts)
+    repeats = np.ceil(counts[kept] ** _RARE).astype(int)
+    shades = np.stack([kept >> 12, kept >> 6 & 63, kept & 63], axis=-1)
+    palette = (4 * shades + 2).astype(np.uint8)
+    together = Image.fromarray(np.repeat(palette, repeats, axis=0)[None])
     return together.quantize(colors=_COLORS, method=Image.Quantize.MEDIANCUT)

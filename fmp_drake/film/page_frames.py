@@ -3,6 +3,7 @@
 import contextlib
 import tarfile
 import tempfile
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,13 @@ from fmp_drake.film.encode import write_film
 from fmp_drake.numeric import check_number
 
 
-def convert_frames(frames: Path, out: Path, *, fps: float) -> None:
+def convert_frames(
+    frames: Path,
+    out: Path,
+    *,
+    fps: float,
+    track: Callable[[Sequence[int]], Iterable[int]] = iter,
+) -> None:
     """Make a film of an archive of numbered pictures.
 
     Parameters
@@ -27,6 +34,8 @@ def convert_frames(frames: Path, out: Path, *, fps: float) -> None:
         the end.
     fps : float
         Frames per second.
+    track : callable
+        Goes through the numbers of the frames, and may show how far it is.
 
     Raises
     ------
@@ -56,4 +65,4 @@ def convert_frames(frames: Path, out: Path, *, fps: float) -> None:
             # The window may have been resized while it was recorded.
             return np.asarray(Image.open(pictures[i]).convert("RGB").resize(size))
 
-        write_film(out, frame, len(pictures), fps=fps)
+        write_film(out, frame, len(pictures), fps=fps, track=track)

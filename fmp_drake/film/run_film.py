@@ -1,19 +1,34 @@
 """The film of one run of the wiping station."""
 
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from fmp_drake.film.camera import FilmCamera
+from fmp_drake.film.gauge import Gauge
 from fmp_drake.film.overlay import Trail
 from fmp_drake.film.reel import FilmReel
 from fmp_drake.film.render import render_film
+from fmp_drake.runs.metrics import NEAR_FORCE
 from fmp_drake.runs.wiping_run import WipingRun
 
-FILM_SIGNALS = ("measured_position",)
+FILM_SIGNALS = ("measured_position", "normal_force")
 """Names of the signals that a run must keep for its film."""
 
 
-def film_run(run: WipingRun, reel: FilmReel, path: Path, *, width: int) -> None:
+def film_run(
+    run: WipingRun,
+    reel: FilmReel,
+    path: Path,
+    *,
+    width: int,
+    track: Callable[[Sequence[int]], Iterable[int]] = iter,
+) -> None:
     """Render the film of a run, as its scenario's camera sees it.
+
+    It shows the normal force with the band in which it should be, and how much of the
+    demonstrated area is clean.
 
     Parameters
     ----------
@@ -25,6 +40,8 @@ def film_run(run: WipingRun, reel: FilmReel, path: Path, *, width: int) -> None:
         Ends in .mp4 or .gif.
     width : int
         Pixels, 4 to 3.
+    track : callable
+        Goes through the numbers of the frames, and may show how far it is.
 
     Raises
     ------
@@ -32,6 +49,11 @@ def film_run(run: WipingRun, reel: FilmReel, path: Path, *, width: int) -> None:
         Where the film cannot be made; an existing file is then left as it was.
     """
     camera = run.scenario.camera
+    wanted = run.scenario.press.force
+    low, high = max(0.0, wanted - NEAR_FORCE), wanted + NEAR_FORCE
+    force = np.interp(
+        reel.times, run.log_times("normal_force"), run.log("normal_force")[:, 0]
+    )
     speed = f", {reel.speed:g} times as fast" if reel.speed != 1 else ""
     render_film(
         path,
@@ -49,6 +71,20 @@ def film_run(run: WipingRun, reel: FilmReel, path: Path, *, width: int) -> None:
             positions=run.log("measured_position"),
         ),
         captions=[f"{time:.0f} s{speed}" for time in reel.times],
+        gauges=[
+            Gauge(
+                text=f"force {{:.1f}} N (wanted {low:g} to {high:g})",
+                values=force,
+                most=high + NEAR_FORCE,
+                band=(low, high),
+            ),
+            Gauge(
+                text="cleaned {:.0f} %",
+                values=100 * run.cleaned_by(reel.times),
+                most=100.0,
+            ),
+        ],
+        track=track,
     )
 
 

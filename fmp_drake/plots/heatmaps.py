@@ -16,6 +16,8 @@ from fmp_drake.plots.panels import PlanePanel
 from fmp_drake.plots.style import DENSITY_MAP, add_colorbar, shape_of
 from fmp_drake.primitives import FourierMovementPrimitive
 
+# Of the densities that are not 0, %: a colour scale ends here.
+_CLIPPED = 99
 _REFINED = 4  # A path passes cells between two samples, too.
 
 
@@ -79,6 +81,7 @@ def draw_heatmap(
         np.ma.masked_equal(density, 0),
         cmap=DENSITY_MAP,
         vmin=0,
+        vmax=np.percentile(density[density > 0], _CLIPPED) if density.any() else None,
         rasterized=True,
     )
     if colorbar:
@@ -184,4 +187,4 @@ def _add_density_bar(
 ) -> None:
     up, left = (names.units[i] for i in plane)
     unit = f"{up}²" if up == left else f"({up} {left})"
-    add_colorbar(ax, mesh, f"density (1/{unit})")
+    add_colorbar(ax, mesh, f"density (1/{unit})", extend="max")

@@ -18,6 +18,8 @@ from fmp_drake.plots.style import (
     shape_of,
 )
 
+# Of a picture with axes of equal scale: the shorter side beside the longer.
+_NARROWEST = 0.4
 _PLANE_WIDTH = 5.5  # inches, of a figure of its own
 
 
@@ -79,10 +81,20 @@ class PlanePanel:
         ax.locator_params(nbins=6)
         if self._channels.units[up] == self._channels.units[left]:
             ax.set_aspect("equal")
+            _widen(ax)
             if self._figure is not None:
                 ratio = shape_of(np.ptp(ax.get_ylim()), np.ptp(ax.get_xlim()))
                 self._figure.set_figheight(1.0 + (_PLANE_WIDTH - 1.2) * ratio)
         return ax
+
+
+def _widen(ax: Axes) -> None:
+    """Let no side be so short beside the other that the labels of its ticks overlap."""
+    low, high = np.reshape(ax.dataLim.extents, (2, 2))
+    if np.all(np.isfinite([low, high])):
+        middle, half = (low + high) / 2, 0.5 * _NARROWEST * np.max(high - low)
+        ax.update_datalim([middle - half, middle + half])
+        ax.autoscale_view()
 
 
 class TimePanels:

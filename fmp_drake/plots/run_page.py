@@ -79,7 +79,7 @@ def _draw_path(ax: Axes, run: "WipingRun") -> None:
     panel = PlanePanel(Channels.of_skill(run.skill), None, ax)
     for path in run.demonstrated:
         panel.grey_path(path)
-    measured = run.log("measured_position")[::20]
+    measured = run.log("measured_position")[::4]  # 50 Hz.
     panel.path(measured, color=PLAYED, linewidth=0.7, label="measured")
     _finish_board(panel, run, "path of the eraser")
 

@@ -104,15 +104,18 @@ def add_colorbar(
     label: str,
     *,
     ticks: Sequence[float] | None = None,
+    extend: str = "neither",
 ) -> None:
     """Add a colour bar to the right of one picture in the plane, or of a stack."""
     if isinstance(axes, Axes):
         # Attached, it stays as high as axes of equal aspect.
         cax = axes.inset_axes((1.03, 0.0, 0.035, 1.0))
-        bar = axes.figure.colorbar(mappable, cax=cax, label=label)
+        bar = axes.figure.colorbar(mappable, cax=cax, label=label, extend=extend)
     else:
         stack = list(axes)
-        bar = stack[0].figure.colorbar(mappable, ax=stack, label=label, aspect=40)
+        bar = stack[0].figure.colorbar(
+            mappable, ax=stack, label=label, aspect=40, extend=extend
+        )
     bar.outline.set_visible(False)
     if ticks is not None:
         bar.set_ticks(ticks)

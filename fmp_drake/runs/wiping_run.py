@@ -35,6 +35,7 @@ from fmp_drake.runs.spill import Spill
 from fmp_drake.station.parts.page_scene import BOARD, INK
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.systems.ink.grid import CLEAN_BELOW
 from fmp_drake.systems.ink.recording import AddInkToRecording
 from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.viewer.path_recording import AddPathToRecording
@@ -280,6 +281,13 @@ class WipingRun:
         for path in self.demonstrated:
             area |= self.grid.swept_area(path, (x, y))
         return area
+
+    def cleaned_by(self, times: ArrayLike) -> NDArray[np.float64]:
+        """Return the fraction of the inked demonstrated area that was clean by times (N,), s."""
+        area = self.demonstrated_area & (self.initial_ink >= CLEAN_BELOW)
+        erased = np.sort(self.output("erase_time").reshape(area.shape)[area])
+        count = np.searchsorted(erased, np.asarray(times), side="right")
+        return count / max(1, len(erased))
 
     def save_log(self, path: Path, metrics: Mapping[str, Any]) -> None:
         """Write the kept signals, and the ink at the end, to a file for `RunLog.load`.

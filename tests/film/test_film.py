@@ -18,13 +18,14 @@ from fmp_drake.errors import FmpError
 from fmp_drake.film import (
     FilmCamera,
     FilmReel,
+    Gauge,
     Trail,
     check_film,
     checks,
     render_film,
 )
 from fmp_drake.film.board_paint import BoardPaint
-from fmp_drake.film.overlay import paint_trail
+from fmp_drake.film.overlay import load_font, paint_trail
 from fmp_drake.film.scene import FilmScene
 from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.ink.grid import InkGrid
@@ -204,6 +205,26 @@ class TestInk:
 
 
 @pytest.mark.usefixtures("egl")
+def test_a_gauge_shows_its_value_over_its_band():
+    gauge = Gauge(
+        text="force {:.1f} N", values=[0.0, 10.0], most=20.0, band=(5.0, 15.0)
+    )
+    assert gauge.text_of(1) == "force 10.0 N"
+    pictures = [Image.new("RGB", (320, 240), "white") for _ in range(3)]
+    for frame, picture in enumerate(pictures[:2]):
+        gauge.draw(picture, frame, row=0, font=load_font(480))
+    gauge.draw(pictures[2], 1, row=2, font=load_font(480))
+    empty, half, lower = (np.asarray(p).astype(int) for p in pictures)
+    columns = np.flatnonzero(blue(half).any(axis=0))
+    r, g, b = np.moveaxis(empty, -1, 0)
+    band = np.flatnonzero(((g > r + 30) & (g > b + 20)).any(axis=0))
+    assert not blue(empty).any()
+    # The value ends in the middle of its band, which is half as long as the bar.
+    assert columns[-1] == pytest.approx(band.mean(), abs=1.5)
+    assert len(columns) == pytest.approx(len(band), abs=2)
+    assert blue(lower).any(axis=1).argmax() > np.flatnonzero(blue(half).any(axis=1))[-1]
+
+
 def test_a_trail_is_drawn_on_the_board_only(station):
     clean = np.zeros(GRID.shape)
     points = np.column_stack(
@@ -306,6 +327,21 @@ class TestFilms:
             assert opened.size == SIZE
             assert 0.05 < blue(opened.convert("RGB")).mean() < 0.5
 
+    @pytest.mark.parametrize("name", ["film.gif", "film.mp4"])
+    def test_every_frame_is_tracked_once(self, name, station, outputs):
+        if name.endswith(".mp4"):
+            pytest.importorskip("imageio_ffmpeg")
+        seen = []
+
+        def track(numbers):
+            for number in numbers:
+                seen.append(number)
+                yield number
+
+        film = outputs / name
+        render_film(film, station=station, fps=10, track=track, **frames_of(3))
+        assert seen == [0, 1, 2]
+
     @pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
     def test_a_film_that_fails_leaves_the_older_one(self, name, station, outputs):
         if name.endswith("mp4"):
@@ -342,6 +378,10 @@ class TestFilms:
             ({"times": np.zeros((0,))}, "a film has"),
             ({"captions": ["one"]}, "1 captions for 3 frames"),
             ({"supersample": 0}, "supersample is 0"),
+            (
+                {"gauges": [Gauge(text="force {:.0f} N", values=[1.0], most=20.0)]},
+                "values \\(1,\\); expected \\(3,\\)",
+            ),
             ({"size": (161, 120)}, "must be even"),
             ({"fps": 0}, "fps is 0"),
             ({"camera": FilmCamera(eye=(0, 0, 1), target=(0, 0, 0))}, "straight"),

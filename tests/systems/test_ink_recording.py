@@ -103,7 +103,7 @@ def test_no_cell_shows_its_end_before_its_time(meshcat, monkeypatch):
     monkeypatch.setattr(
         ink_recording,
         "show_during",
-        lambda _, path, *, until, end: hidden.update({path: until}),
+        lambda _, path, **when: hidden.update({path: when["until"]}),
     )
     record(meshcat)
     for row, time in ((2, 0.5), (10, 2.1), (21, 3.0), (26, 1.0), (28, 1.0)):

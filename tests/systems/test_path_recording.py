@@ -1,5 +1,7 @@
 """Facts about the path in a recording of Meshcat."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, Rgba
@@ -33,7 +35,7 @@ def test_each_part_of_a_path_is_seen_when_it_has_been_gone_along(seconds, monkey
     assert 1 <= len(parts) <= 300
     for part, when in zip(parts, since.values(), strict=True):
         assert part[-1, 0] == when <= part[0, 0] + max(0.26, seconds / 250)
-    for a, b in zip(parts[:-1], parts[1:], strict=True):
+    for a, b in pairwise(parts):
         np.testing.assert_array_equal(a[-1], b[0])
     np.testing.assert_array_equal(parts[0][0], points[0])
     np.testing.assert_array_equal(parts[-1][-1], points[-1])

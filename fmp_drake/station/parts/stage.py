@@ -105,7 +105,7 @@ def RenderLights() -> RenderEngineVtkParams:
         lights=[key, *lamps],
         default_clear_color=np.array(_SKY),
         cast_shadows=True,
-        shadow_map_size=2048,
+        shadow_map_size=1024,
     )
 
 

@@ -1,5 +1,6 @@
 """A path in a recording of Meshcat, which appears as it was gone along."""
 
+from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -38,7 +39,7 @@ def AddPathToRecording(
     animation = meshcat.get_mutable_recording()
     parts = int(np.clip(np.ceil((at[-1] - at[0]) / _PART), 1, _MAX_PARTS))
     edges = np.searchsorted(at, np.linspace(at[0], at[-1], parts + 1))
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         name = f"{path}/{a}"
         draw_line(meshcat, name, line[a : b + 1], color=color)
         show_during(animation, name, since=at[b], end=at[-1])
