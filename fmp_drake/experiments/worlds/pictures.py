@@ -114,9 +114,10 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
             order = 100 * np.arange(1, len(values) + 1) / max(1, len(values))
             ax.plot(np.abs(values), order, ".-", color=color, linewidth=1, label=name)
     path.set_xscale("log")
+    farthest = max(20, 1.1 * path.get_xlim()[1])  # All ticks would widen it.
     path.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
     path.xaxis.set_minor_formatter(NullFormatter())
-    path.set_xlim(1, max(20, 1.1 * path.get_xlim()[1]))
+    path.set_xlim(1, farthest)
     path.set_xlabel("off the path (mm rms)")
     path.set_ylabel("worlds at least as good (%)")
     press.set_xlabel("time in contact within 5 N of the wanted (%)")
