@@ -10,7 +10,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.station.parts.board_reach import BoardReach, FollowingBounds
 from fmp_drake.station.parts.held_arm import HeldMotion
-from fmp_drake.station.parts.skill_paths import skill_paths
+from fmp_drake.station.parts.skill_paths import CheckPositions, skill_paths
 from fmp_drake.station.scenario import Scenario
 
 Array = NDArray[np.float64]
@@ -108,12 +108,7 @@ def CheckFeasibility(
     False
     """
     scenario.check()
-    skill.check_fitted()
-    if skill.n_channels_ != 3:
-        raise StationError(
-            f"the skill has {skill.n_channels_} channels; the station needs the 3 "
-            "coordinates of a position."
-        )
+    CheckPositions(skill)
     return _Check(scenario, skill, bounds or FollowingBounds()).result()
 
 

@@ -8,7 +8,6 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
-from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_ink import AddInk
@@ -16,6 +15,7 @@ from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.external_forces import AddExternalForces
 from fmp_drake.station.parts.page_scene import AddPage, PagePorts
 from fmp_drake.station.parts.press_limit import CheckPress
+from fmp_drake.station.parts.skill_paths import CheckPositions
 from fmp_drake.station.parts.surface_watch import AddSurfaceWatch
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
@@ -86,12 +86,7 @@ def MakeWipingStation(
         Where the skill has no 3 channels, the arm cannot reach the start, or the press
         is more than it bears there.
     """
-    skill.check_fitted()
-    if skill.n_channels_ != 3:
-        raise StationError(
-            f"the skill has {skill.n_channels_} channels; the station needs the 3 "
-            "coordinates of a position."
-        )
+    CheckPositions(skill)
     builder = DiagramBuilder()
     start = scenario.start if start is None else start
     scene = AddBoardScene(builder, scenario, start=start, visuals=visuals)

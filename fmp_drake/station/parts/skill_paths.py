@@ -3,12 +3,23 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 
 Array = NDArray[np.float64]
 
 # Of so many times the windows the longest are taken, as a run takes what wipes most.
 _DRAWN = 16
+
+
+def CheckPositions(skill: FourierMovementPrimitive) -> None:
+    """Refuse a skill that is not fitted, or not of the 3 coordinates of a position."""
+    skill.check_fitted()
+    if skill.n_channels_ != 3:
+        raise StationError(
+            f"the skill has {skill.n_channels_} channels; the station needs the 3 "
+            "coordinates of a position."
+        )
 
 
 def skill_paths(
