@@ -58,8 +58,8 @@ def run_tasks[T, R](
 ) -> Generator[Done[T, R]]:
     """Call a function with each task; yield each as it is done, in any order.
 
-    A task whose process is killed is begun again, up to `ATTEMPTS` times; the last
-    time it is alone, so that it is known who ends the processes. Close the iterator to
+    A task whose process is killed is begun again, as often as the workers attempt; the
+    last time it is alone, so that it is known who ends the processes. Close the iterator to
     end what runs.
 
     Parameters
@@ -112,11 +112,13 @@ class LocalWorkers:
     ----------
     jobs : int
         How many.
+    attempts : int
+        How often a task is begun at most.
     """
 
-    def __init__(self, jobs: int) -> None:
+    def __init__(self, jobs: int, *, attempts: int = ATTEMPTS) -> None:
         self._jobs = jobs
-        self.attempts = ATTEMPTS
+        self.attempts = attempts
         self.renewed_after: int | None = jobs * _TASKS_OF_A_PROCESS
 
     @contextmanager

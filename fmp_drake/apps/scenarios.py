@@ -47,5 +47,6 @@ def scenarios(page: Path | None, duration: float) -> None:
     for name, each in measure_scenarios(names, duration, page.parent):
         measured[name] = each
         console.print(f"measured {name}")
-    write_text(page, scenario_page(measured, duration=duration), RunError)
+    in_order = {name: measured[name] for name in names}
+    write_text(page, scenario_page(in_order, duration=duration), RunError)
     console.print(f"wrote {page}")

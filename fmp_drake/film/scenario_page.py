@@ -1,8 +1,7 @@
 """The page with the metrics and a picture of each scenario."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from functools import partial
 from os import cpu_count
 from pathlib import Path
 from typing import NamedTuple
@@ -11,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from fmp_drake.errors import RunError
 from fmp_drake.film import FilmCamera, FilmReel, render_picture
+from fmp_drake.processes import LocalWorkers, run_tasks
 from fmp_drake.runs.metrics import Metrics
 from fmp_drake.runs.skills import scenario_skill
 from fmp_drake.runs.wiping_run import WipingRun
@@ -66,16 +66,13 @@ def measure_scenario(name: str, duration: float, folder: Path) -> Measured:
 def measure_scenarios(
     names: Iterable[str], duration: float, folder: Path
 ) -> Iterator[tuple[str, Measured]]:
-    """Run scenarios in parallel processes; yield each name with what was measured."""
-    with ProcessPoolExecutor(
-        cpu_count(), mp_context=get_context("spawn"), max_tasks_per_child=1
-    ) as pool:
-        jobs = {
-            name: pool.submit(measure_scenario, name, duration, folder)
-            for name in names
-        }
-        for name, job in jobs.items():
-            yield name, job.result()
+    """Run scenarios in parallel processes; yield names with what was measured, in any order."""
+    measure = partial(measure_scenario, duration=duration, folder=folder)
+    workers = LocalWorkers(cpu_count() or 1, attempts=1)
+    for done in run_tasks(measure, names, workers):
+        if isinstance(done.result, Exception):
+            raise done.result
+        yield done.task, done.result
 
 
 def scenario_page(measured: Mapping[str, Measured], *, duration: float) -> str:
