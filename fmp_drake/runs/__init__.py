@@ -3,7 +3,7 @@
 from fmp_drake.runs.advancing import RunButtons, advance
 from fmp_drake.runs.context_file import load_context, save_context
 from fmp_drake.runs.log import RunLog, Signal
-from fmp_drake.runs.occurrences import RunEvent
+from fmp_drake.runs.run_event import RunEvent
 from fmp_drake.runs.skills import (
     bundled_demonstrations,
     default_demonstration,

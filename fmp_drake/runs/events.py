@@ -3,7 +3,8 @@
 import numpy as np
 
 from fmp_drake.runs.metrics import CONTACT_FORCE, Chunk
-from fmp_drake.runs.occurrences import Occurrences, RunEvent
+from fmp_drake.runs.occurrences import Occurrences
+from fmp_drake.runs.run_event import RunEvent
 from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.surface_monitor import TOLERANCE
 

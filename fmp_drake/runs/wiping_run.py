@@ -29,7 +29,7 @@ from fmp_drake.runs.metrics import (
     Samples,
     TrackingMetrics,
 )
-from fmp_drake.runs.occurrences import RunEvent
+from fmp_drake.runs.run_event import RunEvent
 from fmp_drake.runs.signals import SIGNALS, signal_kind
 from fmp_drake.runs.spill import Spill
 from fmp_drake.station.parts.page_scene import BOARD, INK
