@@ -85,3 +85,18 @@ def test_the_log_of_a_run_is_what_it_has_kept(parts, tmp_path):
     assert_array_equal(log["ink"].values[0], parts.output("ink"))
     assert log.metrics == {"tempo": 1.0}
     assert yaml_load_typed(schema=Scenario, data=log.scenario).start == [0.0, 0.0, 0.0]
+
+
+def test_cells_of_the_demonstrated_area_are_cleaned_one_after_the_other(
+    whole, monkeypatch
+):
+    area = whole.demonstrated_area.ravel()
+    erased = np.full(area.size, 0.5)  # Beside the area, which does not count.
+    erased[area] = 1.0 + np.arange(area.sum()) / area.sum()
+    erased[np.flatnonzero(area)[-1]] = np.inf
+    monkeypatch.setattr(whole, "output", {"erase_time": erased}.__getitem__)
+    np.testing.assert_allclose(
+        whole.cleaned_by([0.0, 0.9, 1.5, 9.0]),
+        [0.0, 0.0, 0.5, 1.0 - 1.0 / area.sum()],
+        atol=1.1 / area.sum(),
+    )
