@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from fmp_drake.experiments import (
     wiping,
     write_report,
 )
+from fmp_drake.experiments.held_out import LEAST_RECORDING
 from fmp_drake.experiments.methods import N_STEPS, PAPER_STRIDE, RATE
 from fmp_drake.experiments.metrics import BINS, FLOOR
 from fmp_drake.experiments.report import Section
@@ -48,7 +50,15 @@ Progress = Callable[[str], None]
     multiple=True,
     help="Also evaluate the methods on this recording (again).",
 )
-def reproduce(out: Path, quick: bool, demos: tuple[Path, ...]) -> None:
+@click.option(
+    "--demos",
+    "folder",
+    type=PATH,
+    help="Also compare the methods, held out, on every .npz file in this folder.",
+)
+def reproduce(
+    out: Path, quick: bool, demos: tuple[Path, ...], folder: Path | None
+) -> None:
     """Rerun the paper's experiments and write a report with figures and tables."""
     console = make_console()
     profile = QUICK if quick else FULL
@@ -68,6 +78,10 @@ def reproduce(out: Path, quick: bool, demos: tuple[Path, ...]) -> None:
                 console.print(f"{seconds:4.0f} s  {what}")
 
         sections, results = run_experiments(profile, others, demos, progress)
+        if folder is not None:
+            section, scores = compare_recordings(folder, profile, progress)
+            sections.append(section)
+            results["held_out"] |= scores
     results["seconds"] = time.perf_counter() - started
     write_report(
         out, sections=sections, introduction=_introduction(profile), results=results
@@ -122,6 +136,35 @@ def run_experiments(
         for f in group
     }
     return sections, results
+
+
+def compare_recordings(
+    folder: Path, profile: Profile, progress: Progress
+) -> tuple[Section, dict[str, Any]]:
+    """Score every method on the recordings of a folder.
+
+    Those whose names differ only in a number at their end show the same movement: each
+    in turn is held out. Of others, those that are long enough are cut into three.
+    """
+    groups: dict[str, list[Demonstration]] = {}
+    for path in sorted(folder.glob("*.npz")):
+        name = path.stem.rstrip("0123456789").rstrip("_-") or path.stem
+        groups.setdefault(name, []).append(Demonstration.load(path))
+    findings, results = [], {}
+    for name, recordings in groups.items():
+        seconds = max(each.duration for each in recordings)
+        if len(recordings) == 1 and seconds < LEAST_RECORDING / RATE:
+            progress(f"{name} lasts {seconds:.1f} s: too short to hold out a part")
+            continue
+        every = replace(profile, folds=max(profile.folds, len(recordings)))
+        scores = evaluate(recordings, every, partial(_prefixed, progress, name))
+        results[name] = summary(scores)
+        findings.append(held_out_finding(name, scores))
+    if not findings:
+        raise FmpError(
+            f"{folder} has no .npz recording of {LEAST_RECORDING / RATE:g} s or more."
+        )
+    return (f"Held out: recordings in {folder.name}", findings), results
 
 
 def _prefixed(progress: Progress, task: str, what: str) -> None:

@@ -43,8 +43,8 @@ def fmp(seed: int = 0) -> FourierModel:
 
 
 def phase(_: int = 0) -> FourierModel:
-    """Return FMP with the phase model; there is no seed in it."""
-    return FourierModel(settings={"model": "phase"})
+    """Return FMP with the phase model, where the movement has a phase."""
+    return FourierModel(settings={"model": "automatic"})
 
 
 def fmp_paper(seed: int = 0) -> FourierModel:
@@ -77,9 +77,9 @@ def aligned_promp(seed: int = 0) -> AlignedProMP:
 Maker = Callable[[int], TrajectoryModel]
 
 
-def compared(*, slow: bool) -> dict[str, tuple[Maker, int]]:
+def compared() -> dict[str, tuple[Maker, int]]:
     """Return every method of the held-out table with the stride of its windows."""
-    methods: dict[str, tuple[Maker, int]] = {
+    return {
         PHASE: (phase, FMP_STRIDE),
         FMP: (fmp, FMP_STRIDE),
         FMP_PAPER: (fmp_paper, PAPER_STRIDE),
@@ -87,17 +87,17 @@ def compared(*, slow: bool) -> dict[str, tuple[Maker, int]]:
         MULT_OWN: (promp_own, FMP_STRIDE),
         ALIGNED: (aligned_promp, PAPER_STRIDE),
         DMP: (lambda _: PeriodicDMP(), PAPER_STRIDE),
+        GP: (lambda _: PeriodicGP(), PAPER_STRIDE),
         REPLAY: (lambda _: Replay(), FMP_STRIDE),
     }
-    if slow:
-        methods[GP] = (lambda _: PeriodicGP(), PAPER_STRIDE)
-    return methods
 
 
-def cut(demonstrations: Sequence[Demonstration], *, stride: int) -> NDArray[np.float64]:
+def cut(
+    demonstrations: Sequence[Demonstration], *, stride: int, n_steps: int = N_STEPS
+) -> NDArray[np.float64]:
     """Return the windows of demonstrations, (N, T, D)."""
     return demonstration_windows(
-        demonstrations, n_steps=N_STEPS, stride=stride, rate=RATE
+        demonstrations, n_steps=n_steps, stride=stride, rate=RATE
     )
 
 

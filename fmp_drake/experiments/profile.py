@@ -21,8 +21,6 @@ class Profile:
         Places at which the next second is predicted.
     robot_seconds : float
         Simulated seconds of wiping by the Panda.
-    slow_methods : bool
-        Include the Gaussian process.
 
     Examples
     --------
@@ -38,7 +36,6 @@ class Profile:
     tasks: tuple[str, ...]
     predictions: int
     robot_seconds: float
-    slow_methods: bool
 
 
 FULL = Profile(
@@ -48,7 +45,6 @@ FULL = Profile(
     tasks=("polishing", "eight", "wiping"),
     predictions=100,
     robot_seconds=20.0,
-    slow_methods=True,
 )
 QUICK = Profile(
     samples=1_000,
@@ -57,5 +53,4 @@ QUICK = Profile(
     tasks=("eight",),
     predictions=20,
     robot_seconds=3.0,
-    slow_methods=False,
 )

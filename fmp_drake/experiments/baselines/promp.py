@@ -12,8 +12,10 @@ from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.experiments.baselines.von_mises_basis import VonMisesBasis
 from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.data.joining import joined_recordings
+from fmp_drake.primitives.model.conditioning import Conditioning
 from fmp_drake.primitives.model.em import fit_gaussians
 from fmp_drake.primitives.model.phase.period import fundamental_period
+from fmp_drake.primitives.model.prediction import Prediction
 
 # Least variance of the observation noise: 0.1 mm where the values are metres.
 _LEAST_NOISE = 1e-8
@@ -145,6 +147,7 @@ class ProMP(TrajectoryModel):
                 f"reg_covar is {self.reg_covar!r}: too little for the covariances of "
                 f"{flat.shape[1]} redundant weights; it must be greater."
             ) from None
+        self._conditioning: tuple[tuple[int, int], Conditioning] | None = None
         self.proportions_, self.means_ = fit.proportions, fit.means
         self.covariances_ = fit.covariances
 
@@ -211,10 +214,28 @@ class ProMP(TrajectoryModel):
         The expectation is over all components. The bases are periodic, so the horizon
         may be longer than the window.
         """
-        k = len(prefix)
-        posterior = self.posterior(np.arange(k), prefix, noise=self.noise_)
-        mean = posterior.probabilities @ posterior.means
-        return self.trajectory(mean, k + np.arange(horizon))
+        return self.tubes(prefix, horizon).values
+
+    def tubes(self, prefix: ArrayLike, horizon: int) -> Prediction:
+        """Return the continuation of a prefix (K, D), noise included."""
+        self.check_fitted()
+        y = np.asarray(prefix, dtype=float)
+        k, d = y.shape
+        if self._conditioning is None or self._conditioning[0] != (k, horizon):
+            rows = np.einsum(
+                "kb,de->kdeb", self._rows(np.arange(k + horizon)), np.eye(d)
+            ).reshape(-1, self.means_.shape[1])
+            noise = np.diag(np.tile(self.noise_, k + horizon))
+            conditioning = Conditioning(
+                self.proportions_,
+                (self.means_ @ rows.T).reshape(len(self.means_), -1, d),
+                rows @ self.covariances_ @ rows.T + noise,
+                seen=k,
+                noise=np.zeros(k * d),
+            )
+            self._conditioning = (k, horizon), conditioning
+        values, covariances = self._conditioning[1].predict(y)
+        return Prediction(values=values, covariances=covariances)
 
     def posterior(
         self, steps: ArrayLike, values: ArrayLike, *, noise: ArrayLike

@@ -5,16 +5,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import softmax
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.primitives.model.conditioning import Conditioning
 
 if TYPE_CHECKING:
     from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
-
-# Components of less probability do not count.
-_LEAST_PROBABILITY = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,7 +24,8 @@ class Prediction:
         Expected.
     covariances : ndarray, shape (H, D, D)
         Of each sample: of the mixture, so it says also how unsure it is which component
-        goes on.
+        goes on. With a phase model they are scaled so that of what was left out in
+        turn while learning, 95 % lies in the ellipsoids of 95 %.
 
     Examples
     --------
@@ -75,32 +73,17 @@ class PredictionPlan:
             horizon, "the horizon", least=1, most=skill.n_steps - k, whole=True
         )
         rows = skill.observation_rows(np.arange(k + horizon))
-        seen = k * d
-        noise = np.tile(skill.tolerance * skill.scales_**2, k)
+        parts = [component.marginal(rows) for component in skill.components_]
+        self._conditioning = Conditioning(
+            skill.proportions_,
+            np.stack([mean.reshape(-1, d) for mean, _ in parts]),
+            np.stack([covariance for _, covariance in parts]),
+            seen=k,
+            noise=np.tile(skill.tolerance * skill.scales_**2, k),
+        )
+        phase = skill.phase_model_
+        self._widening = np.ones(horizon) if phase is None else phase.widening(horizon)
         self._shape = (k, d)
-        self._whitening, self._expected, self._offsets = [], [], []
-        self._ahead, self._gains, self._covariances = [], [], []
-        for proportion, component in zip(
-            skill.proportions_, skill.components_, strict=True
-        ):
-            mean, covariance = component.marginal(rows)
-            observed = covariance[:seen, :seen] + np.diag(noise)
-            whitening = np.linalg.inv(np.linalg.cholesky(observed))
-            root = covariance[seen:, :seen] @ whitening.T
-            # Of each sample ahead its own block.
-            blocks = root.reshape(horizon, d, seen)
-            own = np.arange(horizon)
-            later = covariance[seen:, seen:].reshape(horizon, d, horizon, d)
-            self._covariances.append(
-                later[own, :, own] - blocks @ np.swapaxes(blocks, 1, 2)
-            )
-            self._whitening.append(whitening)
-            self._expected.append(mean[:seen])
-            self._ahead.append(mean[seen:])
-            self._gains.append(root)
-            self._offsets.append(
-                np.log(proportion) + float(np.sum(np.log(np.diag(whitening))))
-            )
 
     def predict(self, values: ArrayLike) -> Prediction:
         """Return the next samples after observed ones (n, D), of which K count."""
@@ -110,26 +93,7 @@ class PredictionPlan:
             raise SkillError(
                 f"{len(y)} samples were observed; a prediction needs the last {k}."
             )
-        flat = y[-k:].ravel()
-        whitened = [
-            w @ (flat - e) for w, e in zip(self._whitening, self._expected, strict=True)
-        ]
-        evidence = [
-            offset - 0.5 * float(z @ z)
-            for offset, z in zip(self._offsets, whitened, strict=True)
-        ]
-        probabilities = softmax(evidence)
-        probabilities[probabilities < _LEAST_PROBABILITY] = 0.0
-        probabilities /= probabilities.sum()
-        chosen = np.flatnonzero(probabilities)
-        means = np.stack(
-            [self._ahead[j] + self._gains[j] @ whitened[j] for j in chosen]
-        ).reshape(len(chosen), -1, d)
-        probability = probabilities[chosen]
-        mean = np.tensordot(probability, means, axes=1)
-        off = means - mean
-        covariances = np.stack([self._covariances[j] for j in chosen])
-        covariances = covariances + off[..., :, None] * off[..., None, :]
+        mean, covariances = self._conditioning.predict(y[-k:])
         return Prediction(
-            values=mean, covariances=np.tensordot(probability, covariances, axes=1)
+            values=mean, covariances=self._widening[:, None, None] * covariances
         )

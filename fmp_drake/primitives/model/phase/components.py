@@ -1,5 +1,7 @@
 """A phase model as a mixture of Gaussians over windows."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -62,17 +64,47 @@ def phase_components(
     rank : int
         Most directions that are kept of each covariance.
     """
-    d = cycle.coefficients.shape[1]
-    straying = phase_covariance(track.phases, tempo, count=n_steps, pinned=pinned)
-    smooth = _toeplitz(residual.process.autocovariance(n_steps))
+    basis = FourierBasis(n_steps)
+    return tuple(
+        _low_rank(mean, covariance, basis, rank)
+        for mean, covariance in anchored_gaussians(
+            track,
+            cycle=cycle,
+            residual=residual,
+            tempo=tempo,
+            anchors=anchors,
+            spacing=spacing,
+            steps=np.arange(n_steps) - pinned,
+        )
+    )
+
+
+def anchored_gaussians(
+    track: PhaseTrack,
+    *,
+    cycle: Cycle,
+    residual: Residual,
+    tempo: float,
+    anchors: Array,
+    spacing: Array,
+    steps: NDArray[np.int64],
+) -> Iterator[tuple[Array, Array]]:
+    """Return mean (n, D) and covariance (n D, n D) of samples around each anchor.
+
+    The parameters are those of `phase_components`; `steps` (n,) are the rising places
+    of the samples, of which 0 knows the phase.
+    """
+    d, n_steps, pinned = cycle.coefficients.shape[1], len(steps), -int(steps[0])
+    span = int(np.ptp(steps)) + 1
+    straying = phase_covariance(track.phases, tempo, count=span, pinned=pinned)
+    straying = straying[np.ix_(steps + pinned, steps + pinned)]
+    smooth = _toeplitz(residual.process.autocovariance(span), steps)
     shifted = np.zeros((n_steps, d, n_steps, d))
     slow = np.concatenate(track.shifts).var(axis=0)
     shifted[:, np.arange(d), :, np.arange(d)] = 2 * slow[:, None, None]
-    steps = np.arange(n_steps) - pinned
     paths = anchors[:, None] + tempo * steps
     errors, counts = _errors(track, cycle, paths, anchors, steps)
     near, sums, grams = _pooled(errors, anchors)
-    basis, out = FourierBasis(n_steps), []
     for m, path in enumerate(paths):
         slope = cycle.values(path, 1)
         factor = residual.factor(path)
@@ -90,14 +122,12 @@ def phase_components(
         tangent = slope.ravel()
         covariance += spacing[m] ** 2 / 12 * np.outer(tangent, tangent)
         mean = cycle.values(path) + move.reshape(n_steps, d)
-        out.append(_low_rank(mean, covariance, basis, rank))
-    return tuple(out)
+        yield mean, covariance
 
 
-def _toeplitz(autocovariance: Array) -> Array:
-    """Return E[v_t v_u'] of a stationary process, (T, D, T, D), from its lags."""
-    count = len(autocovariance)
-    lags = np.arange(count)[:, None] - np.arange(count)
+def _toeplitz(autocovariance: Array, steps: NDArray[np.int64]) -> Array:
+    """Return E[v_t v_u'] of a stationary process at steps, (n, D, n, D)."""
+    lags = steps[:, None] - steps
     later = autocovariance[np.abs(lags)]
     both = np.where((lags >= 0)[..., None, None], later, np.swapaxes(later, -1, -2))
     return np.swapaxes(both, 1, 2)
@@ -123,7 +153,7 @@ def _errors(
             at = np.interp(passed, rising, times)
             at = at[(at + steps[0] >= 0) & (at + steps[-1] <= times[-1])]
             windows = spline(at[:, None] + steps) - cycle.values(paths[m])
-            found[m].append(windows.reshape(len(at), -1))
+            found[m].append(windows.reshape(len(at), paths[m].size * y.shape[1]))
     errors = [np.concatenate(each) for each in found]
     return errors, np.array([float(len(each)) for each in errors])
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.phase.calibration import calibrate
 from fmp_drake.primitives.model.phase.components import anchor_phases, phase_components
 from fmp_drake.primitives.model.phase.period import fundamental_period, other_periods
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
@@ -107,6 +108,9 @@ def fit_phase_model(
         anchors=anchors,
         spacing=spacing,
         pinned=pinned,
+        calibration=calibrate(
+            track, anchors=anchors, spacing=spacing, n_steps=n_steps, pinned=pinned
+        ),
         cycles=track.cycles,
         paused=float(track.paused),
     )

@@ -25,6 +25,7 @@ def phase_arrays(model: PhaseModel) -> dict[str, NDArray[np.float64]]:
         "phase_tempo_innovation": model.tempo.process.innovation,
         "phase_anchors": model.anchors,
         "phase_spacing": model.spacing,
+        "phase_calibration": model.calibration,
     }
 
 
@@ -60,6 +61,7 @@ def read_phase(
         ("phase_tempo_innovation", (1, 1)),
         ("phase_anchors", (count,)),
         ("phase_spacing", (count,)),
+        ("phase_calibration", (-1, 2)),
     ):
         found = arrays[name].shape
         if len(found) != len(shape) or any(
@@ -69,6 +71,9 @@ def read_phase(
     tempo = float(numbers["tempo"])
     if not (tempo > 0 and float(numbers["tempo_spread"]) >= 0 and len(cycle) % 2 == 1):
         raise SkillFileError("its phase does not run forwards")
+    ahead, widening = arrays["phase_calibration"].T
+    if not (ahead.size and np.all(np.diff(ahead) > 0) and np.all(widening > 0)):
+        raise SkillFileError("its predictions have no covariances")
     return PhaseModel(
         cycle=Cycle(coefficients=cycle),
         residual=Residual(
@@ -89,6 +94,7 @@ def read_phase(
         anchors=arrays["phase_anchors"],
         spacing=arrays["phase_spacing"],
         pinned=int(numbers["pinned"]),
+        calibration=arrays["phase_calibration"],
         cycles=float(numbers["cycles"]),
         paused=float(numbers["paused"]),
     )

@@ -32,6 +32,8 @@ class PhaseModel:
         The width of the phases around each anchor that are nearest to it, rad.
     pinned : int
         The sample of a window at which a component knows the phase.
+    calibration : ndarray, shape (A, 2)
+        Samples ahead, and what covariances of predictions so far are multiplied by.
     cycles : float
         How many were learned from.
     paused : float
@@ -56,6 +58,7 @@ class PhaseModel:
     anchors: NDArray[np.float64]
     spacing: NDArray[np.float64]
     pinned: int
+    calibration: NDArray[np.float64]
     cycles: float
     paused: float
 
@@ -68,6 +71,10 @@ class PhaseModel:
         """Return whether it can be that of a skill of so many of each."""
         shape = self.cycle.coefficients.shape[1], self.anchors.shape
         return shape == (channels, (components,)) and 0 <= self.pinned < n_steps
+
+    def widening(self, horizon: int) -> NDArray[np.float64]:
+        """Return what covariances of the next samples are multiplied by, (horizon,)."""
+        return np.interp(np.arange(1, horizon + 1), *self.calibration.T)
 
     def phase(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return the unwrapped phase (n,) of consecutive samples (n, D), rad."""
