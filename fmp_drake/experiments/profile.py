@@ -40,7 +40,7 @@ class Profile:
 
 FULL = Profile(
     samples=10_000,
-    seeds=3,
+    seeds=2,
     folds=3,
     tasks=("polishing", "eight", "wiping"),
     predictions=100,

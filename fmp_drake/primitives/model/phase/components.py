@@ -21,6 +21,8 @@ _NEAR = 0.21
 _MEAN_WINDOWS = 5.0
 _COVARIANCE_WINDOWS = 60.0
 _WHITE = 1e-10
+# With more cycles, windows that are cut by the end of a recording do not count.
+_MANY_CYCLES = 12.0
 
 
 def anchor_phases(track: PhaseTrack, count: int) -> tuple[Array, Array]:
@@ -103,21 +105,29 @@ def anchored_gaussians(
     slow = np.concatenate(track.shifts).var(axis=0)
     shifted[:, np.arange(d), :, np.arange(d)] = 2 * slow[:, None, None]
     paths = anchors[:, None] + tempo * steps
-    errors, counts = _errors(track, cycle, paths, anchors, steps)
-    near, sums, grams = _pooled(errors, anchors)
-    for m, path in enumerate(paths):
+
+    def structure(path: Array) -> Array:
         slope = cycle.values(path, 1)
         factor = residual.factor(path)
         formed = np.einsum("tab,tbuc->tauc", factor, smooth, optimize=True)
         prior = np.einsum("tauc,udc->taud", formed, factor, optimize=True)
         prior += slope[:, :, None, None] * straying[:, None, :, None] * slope
         prior += shifted
+        return prior.reshape(n_steps * d, -1)
+
+    errors = _errors(track, cycle, paths, anchors, steps)
+    counts = np.array([float(len(each)) for each in errors])
+    lacking = [_complete(e, structure(p)) for e, p in zip(errors, paths, strict=True)]
+    near, sums, grams = _pooled(errors, anchors)
+    grams += np.stack(lacking)
+    for m, path in enumerate(paths):
+        prior, slope = structure(path), cycle.values(path, 1)
         windows, total = float(near[m] @ counts), near[m] @ sums
         move = total / (windows + _MEAN_WINDOWS)
         gram = np.tensordot(near[m], grams, axes=1)
         gram -= np.outer(move, total) + np.outer(total, move)
         gram += windows * np.outer(move, move)
-        covariance = _COVARIANCE_WINDOWS * prior.reshape(gram.shape) + gram
+        covariance = _COVARIANCE_WINDOWS * prior + gram
         covariance /= _COVARIANCE_WINDOWS + windows
         tangent = slope.ravel()
         covariance += spacing[m] ** 2 / 12 * np.outer(tangent, tangent)
@@ -139,8 +149,13 @@ def _errors(
     paths: Array,
     anchors: Array,
     steps: NDArray[np.int64],
-) -> tuple[list[Array], Array]:
-    """Return how the windows that pass each anchor differ from the cycle, (n, T D)."""
+) -> list[Array]:
+    """Return how the windows that pass each anchor differ from the cycle, (n, T D).
+
+    Of few cycles also those count that are cut by the end of a recording, after a quarter
+    of them; what they lack is NaN.
+    """
+    cut = 0 if track.cycles > _MANY_CYCLES else 3 * int(steps[-1]) // 4
     found: list[list[Array]] = [[] for _ in anchors]
     for y, phase in zip(track.recordings, track.phases, strict=True):
         times = np.arange(len(y), dtype=float)
@@ -151,11 +166,31 @@ def _errors(
             last = np.floor((rising[-1] - anchor) / (2 * np.pi))
             passed = anchor + 2 * np.pi * np.arange(first, last + 1)
             at = np.interp(passed, rising, times)
-            at = at[(at + steps[0] >= 0) & (at + steps[-1] <= times[-1])]
-            windows = spline(at[:, None] + steps) - cycle.values(paths[m])
+            at = at[(at + steps[0] >= 0) & (at + steps[-1] <= times[-1] + cut)]
+            place = at[:, None] + steps
+            windows = spline(place) - cycle.values(paths[m])
+            windows[place > times[-1]] = np.nan
             found[m].append(windows.reshape(len(at), paths[m].size * y.shape[1]))
-    errors = [np.concatenate(each) for each in found]
-    return errors, np.array([float(len(each)) for each in errors])
+    return [np.concatenate(each) for each in found]
+
+
+def _complete(errors: Array, prior: Array) -> Array:
+    """Put what is expected of them into windows (n, T D) where they are NaN.
+
+    Return the sum of the covariances of what was put there, (T D, T D).
+    """
+    unsure = np.zeros_like(prior)
+    for window in errors:
+        seen = np.isfinite(window)
+        if not seen.all():
+            known = prior[seen]
+            gains = np.linalg.solve(
+                known[:, seen] + _WHITE * np.eye(len(known)), known[:, ~seen]
+            )
+            window[~seen] = window[seen] @ gains
+            left = prior[np.ix_(~seen, ~seen)] - known[:, ~seen].T @ gains
+            unsure[np.ix_(~seen, ~seen)] += left
+    return unsure
 
 
 def _pooled(errors: list[Array], anchors: Array) -> tuple[Array, Array, Array]:

@@ -66,15 +66,23 @@ def phase_covariance(
     """Return how the phase strays from a constant tempo, shape (count, count).
 
     E[psi psi'] of psi(tau) = phase(t + tau) - phase(t + pinned) - tempo (tau - pinned)
-    over all windows of `count` samples but the few with the greatest deviations.
+    over all windows of `count` samples but the few with the greatest deviations. Each
+    pair of samples counts where both are in a recording, of windows that at least begin
+    there: in a short one few windows are whole.
     """
+    lacking = np.full(2 * (count - 1 - pinned) // 3, np.nan)
     windows = [
-        np.lib.stride_tricks.sliding_window_view(p, count)
+        np.lib.stride_tricks.sliding_window_view(np.concatenate([p, lacking]), count)
         for p in phases
-        if len(p) >= count
+        if len(p) + len(lacking) >= count
     ]
-    psi = np.concatenate(windows)
-    psi = psi - psi[:, pinned, None] - tempo * (np.arange(count) - pinned)
-    sizes = np.sum(psi**2, axis=1)
+    psi, steps = np.concatenate(windows), np.arange(count) - pinned
+    psi = psi - psi[:, pinned, None] - tempo * steps
+    # A phase strays like a random walk.
+    sizes = np.nanmean(psi**2 / np.maximum(np.abs(steps), 1), axis=1)
     psi = psi[sizes <= np.quantile(sizes, 1 - _LEFT_OUT)]
-    return psi.T @ psi / len(psi)
+    known = np.isfinite(psi).astype(float)
+    psi = np.where(known > 0, psi, 0.0)
+    out = psi.T @ psi / np.maximum(known.T @ known, 1.0)
+    variances, vectors = np.linalg.eigh(out)
+    return np.asarray((vectors * np.maximum(variances, 0.0)) @ vectors.T)
