@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from fmp_drake.apps.reproduce import compare_recordings
+from fmp_drake.errors import FmpError
 from fmp_drake.experiments.finding import Closeness, Finding, roughness
 from fmp_drake.experiments.held_out import evaluate, held_out_finding, summary
 from fmp_drake.experiments.methods import (
     FMP,
     FMP_PAPER,
+    GP,
     MULT,
     MULT_OWN,
     PHASE,
     REPLAY,
+    compared,
 )
 from fmp_drake.experiments.metrics import divergences, grid_extent
 from fmp_drake.experiments.profile import QUICK
@@ -164,6 +168,32 @@ def test_short_recordings_get_no_heatmap():
     assert "forward_kl" not in scores[FMP]
     assert scores[PHASE]["prediction_rms"][0] > 0
     assert held_out_finding("polishing", scores).table
+
+
+def test_recordings_of_one_movement_are_held_out_in_turn(tmp_path, monkeypatch):
+    for i, name in enumerate(("loop_1", "loop_2", "loop_3", "short")):
+        path = HandMotion.make("polishing", seconds=11, seed=i).position[:2000:10]
+        count = 100 if name == "short" else 200
+        np.savez(
+            tmp_path / f"{name}.npz",
+            time=np.arange(count) / 20,
+            position=np.column_stack([path, 1e-4 * np.sin(np.arange(200))])[:count],
+        )
+    few = {name: compared()[name] for name in (PHASE, FMP, FMP_PAPER, REPLAY, GP)}
+    monkeypatch.setattr("fmp_drake.experiments.held_out.compared", lambda: few)
+    told = []
+    small = replace(QUICK, samples=50, predictions=5)
+    (_, findings), results = compare_recordings(tmp_path, small, told.append)
+    assert [f.name for f in findings] == ["held_out_loop"]
+    assert any("short lasts" in each for each in told)
+    scores = results["loop"]
+    assert scores[PHASE]["prediction_rms"]["mean"] < 0.03 * 1e3
+    assert "tube_10" in scores[GP]
+
+
+def test_a_folder_without_recordings_is_refused(tmp_path):
+    with pytest.raises(FmpError, match=r"has no \.npz recording of 7\.5 s"):
+        compare_recordings(tmp_path, QUICK, lambda _: None)
 
 
 def test_report_escapes_what_it_prints(tmp_path):

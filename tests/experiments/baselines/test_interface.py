@@ -26,7 +26,7 @@ MODELS = {
     "aligned promp": AlignedProMP(),
     "dmp": PeriodicDMP(),
     "replay": Replay(),
-    "gp": PeriodicGP(n_points=60, n_moments=8),
+    "gp": PeriodicGP(),
 }
 
 

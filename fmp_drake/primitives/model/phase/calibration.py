@@ -18,6 +18,8 @@ from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 Array = NDArray[np.float64]
 
 _COVERED = 0.95
+# Of a higher quantile few predictions would decide.
+_MOST_COVERED = 0.98
 _PARTS = 5
 # Places in all parts at which is predicted, and the samples ahead that are looked at.
 _PLACES = 300
@@ -81,7 +83,7 @@ def calibrate(
     if squares:
         # Predictions that share no sample; of so few the quantile must be higher.
         count = sum(map(len, track.recordings)) / (pinned + ahead)
-        levels = np.minimum(_COVERED * (1 + 1 / count), 1.0)
+        levels = np.minimum(_COVERED * (1 + 1 / count), _MOST_COVERED)
         quantiles = map(np.quantile, np.transpose(squares), levels)
         factors = np.array(list(quantiles)) / chi2.ppf(_COVERED, channels)
     return np.column_stack([ahead, factors])

@@ -11,6 +11,8 @@ from fmp_drake.primitives.model.phase.autoregression import Autoregression
 _ORDER = 4
 # Fraction of the windows, those with the greatest deviations, that do not count.
 _LEFT_OUT = 0.05
+# Whole windows for each of their samples that are enough to learn from.
+_MANY = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,11 +68,13 @@ def phase_covariance(
     """Return how the phase strays from a constant tempo, shape (count, count).
 
     E[psi psi'] of psi(tau) = phase(t + tau) - phase(t + pinned) - tempo (tau - pinned)
-    over all windows of `count` samples but the few with the greatest deviations. Each
-    pair of samples counts where both are in a recording, of windows that at least begin
-    there: in a short one few windows are whole.
+    over all windows of `count` samples but the few with the greatest deviations. Where
+    few windows are whole, those count that at least begin in a recording, as far as they
+    are in it.
     """
-    lacking = np.full(2 * (count - 1 - pinned) // 3, np.nan)
+    whole = sum(max(0, len(p) - count + 1) for p in phases)
+    cut = 0 if whole >= _MANY * count else 2 * (count - 1 - pinned) // 3
+    lacking = np.full(cut, np.nan)
     windows = [
         np.lib.stride_tricks.sliding_window_view(np.concatenate([p, lacking]), count)
         for p in phases
@@ -78,8 +82,7 @@ def phase_covariance(
     ]
     psi, steps = np.concatenate(windows), np.arange(count) - pinned
     psi = psi - psi[:, pinned, None] - tempo * steps
-    # A phase strays like a random walk.
-    sizes = np.nanmean(psi**2 / np.maximum(np.abs(steps), 1), axis=1)
+    sizes = np.nanmean(psi**2, axis=1)
     psi = psi[sizes <= np.quantile(sizes, 1 - _LEFT_OUT)]
     known = np.isfinite(psi).astype(float)
     psi = np.where(known > 0, psi, 0.0)
