@@ -4,7 +4,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,20 +13,22 @@ from scipy.signal import butter, sosfiltfilt
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.numeric import GREATEST, as_floats, check_number
-from fmp_drake.primitives.data.csv_table import read_recording
 from fmp_drake.primitives.data.file_format import FileFormat
-from fmp_drake.primitives.data.files import read_npz, replaced
+from fmp_drake.primitives.data.files import replaced
+
+if TYPE_CHECKING:
+    from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
 
 FORMAT = FileFormat(
     name="fmp-drake-demonstration",
     version=1,
     what="demonstration",
-    source="an .npz with `time` and `values` or `position`, or a .csv",
+    source="an .npz with `time` and `values` or `position`, a table (.csv), a bag ...",
 )
 
 _MAX_GAP_SECONDS = 0.5
 _UNIFORM = 1e-3
-_NAMES = ("channels", "units", "frame", "note", "rotation_reference")
+NAMES = ("channels", "units", "frame", "note", "rotation_reference")
 
 # A rotation vector, rad; see `fmp_drake.primitives.editing.orientation`.
 ROTATION_CHANNELS = ("rx", "ry", "rz")
@@ -232,7 +234,7 @@ class Demonstration:
         if path.suffix == ".csv":
             self._save_csv(path)
             return
-        metadata = {name: getattr(self, name) for name in _NAMES}
+        metadata = {name: getattr(self, name) for name in NAMES}
         FORMAT.write(path, metadata, {"time": self.time, "values": self.values})
 
     def _save_csv(self, path: Path) -> None:
@@ -252,29 +254,36 @@ class Demonstration:
                 writer.writerow([repr(float(t)), *(repr(float(v)) for v in row)])
 
     @classmethod
-    def load(cls, path: str | Path) -> "Demonstration":
-        """Read a demonstration from an `.npz` or `.csv` file.
+    def load(
+        cls, path: str | Path, options: "ReadingOptions | None" = None
+    ) -> "Demonstration":
+        """Read a demonstration from a file; `read_demonstrations` says of which kinds.
 
-        An `.npz` holds `time` (N,) in seconds and `values` (N, D), or `position`
-        (N, 3) in metres. A `.csv` has a header line with `time` and a name
-        for each channel, with an optional unit: `x [m]`.
+        What was recognised in it is in the `note`.
+
+        Parameters
+        ----------
+        path : str or Path
+        options : ReadingOptions, optional
+            What the file does not say: columns, unit, rate, topic.
 
         Raises
         ------
         SkillFileError
             Where the file is missing, broken or of another kind.
         DemonstrationError
-            Where its numbers cannot be used.
+            Where its numbers cannot be used, or it holds several demonstrations.
         """
-        path = Path(path)
-        if not path.is_file():
-            raise SkillFileError(f"there is no demonstration file {path}.")
-        try:
-            if path.suffix == ".csv":
-                return cls(**read_recording(path))
-            return cls(**_read_npz(path))
-        except DemonstrationError as error:
-            raise DemonstrationError(f"{path}: {error}") from None
+        # The readers make demonstrations.
+        from fmp_drake.primitives.data.recordings import read_demonstrations
+
+        found, _ = read_demonstrations([path], options)
+        if len(found) != 1:
+            raise DemonstrationError(
+                f"{path} holds {len(found)} demonstrations; read them with "
+                "`read_demonstrations`."
+            )
+        return found[0]
 
 
 def default_channels(count: int) -> tuple[str, ...]:
@@ -312,21 +321,3 @@ def _unit_quaternion(
     if abs(length - 1) > 1e-12:  # Else as it is: files have to give back the same.
         x, y, z, w = x / length, y / length, z / length, w / length
     return (x, y, z, w)
-
-
-def _read_npz(path: Path) -> dict[str, Any]:
-    arrays = read_npz(path, f"a demonstration is {FORMAT.source}")
-    name = "values" if "values" in arrays else "position"
-    if "time" not in arrays or name not in arrays:
-        raise SkillFileError(
-            f"{path} holds {', '.join(sorted(arrays)) or 'nothing'}; a demonstration "
-            "needs `time` (N,) and `values` (N, D) or `position` (N, 3)."
-        )
-    out: dict[str, Any] = {"time": arrays["time"], "values": arrays[name]}
-    for key in ("time", "values"):
-        if not np.can_cast(np.asarray(out[key]).dtype, float, "same_kind"):
-            raise SkillFileError(f"{path}: `{key}` does not hold numbers.")
-    if "metadata" in arrays:
-        metadata = FORMAT.parse(path, arrays["metadata"])
-        out.update({key: metadata[key] for key in _NAMES if key in metadata})
-    return out

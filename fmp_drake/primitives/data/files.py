@@ -4,6 +4,7 @@ import os
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from math import prod
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -59,7 +60,11 @@ def write_text(path: Path, text: str, error: type[FmpError] = FmpError) -> None:
 
 
 def read_npz(
-    path: Path, expected: str, error: type[FmpError] = SkillFileError
+    path: Path,
+    expected: str,
+    error: type[FmpError] = SkillFileError,
+    *,
+    most: int = 2**32,
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays of an `.npz` file, none of them pickled.
 
@@ -70,15 +75,36 @@ def read_npz(
         What the file should have been, for the error.
     error : type of FmpError
         Raised where the file cannot be read in full.
+    most : int
+        Bytes that it may take when it is unpacked.
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            _check_sizes(file.zip, most)
             return {name: file[name] for name in file.files}
     except Exception as reason:  # noqa: BLE001
         # Broken bytes surface from NumPy, zipfile and zlib as a dozen types.
         raise error(
             f"{path} is not a readable .npz file ({reason}); {expected}."
         ) from None
+
+
+def _check_sizes(archive: zipfile.ZipFile, most: int) -> None:
+    """Refuse arrays that claim to be larger than is allowed, or than their bytes."""
+    total = sum(member.file_size for member in archive.infolist())
+    if total > most:
+        raise ValueError(
+            f"unpacked it takes {total / 2**20:.0f} MB, allowed are {most / 2**20:.0f}"
+        )
+    for member in archive.infolist():
+        with archive.open(member) as stream:
+            read = {
+                (1, 0): npy.read_array_header_1_0,
+                (2, 0): npy.read_array_header_2_0,
+            }
+            shape, _, dtype = read[npy.read_magic(stream)](stream)
+        if prod(shape) * dtype.itemsize > member.file_size:
+            raise ValueError(f"{member.filename} is shorter than its shape {shape}")
 
 
 def write_npz(

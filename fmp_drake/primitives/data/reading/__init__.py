@@ -1,0 +1,1 @@
+"""Reading recordings as people have them: tables, arrays, bags, datasets."""

@@ -1,0 +1,187 @@
+"""Tables in text files: the delimiter, the header and the numbers as people have them."""
+
+import codecs
+import csv
+import re
+from array import array
+from pathlib import Path
+
+import numpy as np
+
+from fmp_drake.errors import SkillFileError
+from fmp_drake.primitives.data.reading.table import MOST_BYTES, Table, check_size
+from fmp_drake.primitives.data.reading.units import named_unit
+
+_COMMENT = re.compile(r"^\s*(?:#|%|//)+\s*")
+_EMPTY = {"", "nan", "na", "n/a", "null", "none", "-"}
+_DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
+# Lines before the numbers begin.
+_LONGEST_PREAMBLE = 200
+_UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?")
+
+
+def read_text(path: Path) -> Table:
+    """Return the columns of a table in a text file.
+
+    Comments and other lines before the numbers are passed over; the last of them is the
+    header where it has as many cells. Columns of words are left out.
+
+    Raises
+    ------
+    SkillFileError
+        Where the file is no such table; the line is named.
+    """
+    check_size(path, path.stat().st_size, MOST_BYTES / 2)
+    lines = _decoded(path).splitlines()
+    if not any(map(str.strip, lines)):
+        raise SkillFileError(f"{path} is empty.")
+    begin, delimiter = _begin(path, lines)
+    first = _cells(lines[begin], delimiter)
+    width = len(first)
+    header, units = _header(path, lines[:begin], delimiter, first)
+    words = [i for i, cell in enumerate(first) if _number(cell) is None]
+    numbers = array("d")
+    has_commas = False
+    for number, line in enumerate(lines[begin:], begin + 1):
+        if not line.strip() or _COMMENT.match(line):
+            continue
+        cells = _cells(line, delimiter)
+        if len(cells) != width:
+            raise SkillFileError(
+                f"{path}: line {number} has {len(cells)} cells; line {begin + 1} has "
+                f"{width}."
+            )
+        for i, cell in enumerate(cells):
+            value = np.nan if i in words else _number(cell)
+            if value is None:
+                raise SkillFileError(
+                    f"{path}: line {number}: {cell!r} in the column "
+                    f"{header[i] or i + 1} is no number."
+                )
+            numbers.append(value)
+        has_commas = has_commas or (delimiter != "," and "," in line)
+    values = np.array(numbers).reshape(-1, width)
+    empty = [
+        i for i in range(width) if not header[i] and np.all(np.isnan(values[:, i]))
+    ]
+    kept = [i for i in range(width) if i not in {*words, *empty}]
+    remarks = []
+    if delimiter != "," or has_commas:
+        remarks.append(
+            f"{'decimal commas, ' if has_commas else ''}{_DELIMITERS[delimiter]} between "
+            "the columns"
+        )
+    if words:
+        named = ", ".join(header[i] or f"column {i + 1}" for i in words)
+        remarks.append(f"{named} left out: words")
+    return Table(
+        names=tuple(header[i] for i in kept),
+        units=tuple(units[i] for i in kept),
+        values=values[:, kept],
+        remarks=tuple(remarks),
+    )
+
+
+def _decoded(path: Path) -> str:
+    """Return the text of a file in UTF-8, UTF-16 or the encoding of old spreadsheets."""
+    raw = path.read_bytes()
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encodings = ["utf-16"]
+    else:
+        encodings = ["utf-8-sig", "cp1252"]
+    for encoding in encodings:
+        try:
+            text = raw.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text
+    raise SkillFileError(f"{path} is no text file: no table can be read from it.")
+
+
+def _begin(path: Path, lines: list[str]) -> tuple[int, str]:
+    """Return the index of the first line of numbers, and the delimiter."""
+    content = [i for i, line in enumerate(lines) if line.strip()]
+    for i, after in zip(content, [*content[1:], None], strict=True):
+        if i > content[0] + _LONGEST_PREAMBLE:
+            break
+        if _COMMENT.match(lines[i]):
+            continue
+        best, chosen = 0.5, ""
+        for delimiter in _DELIMITERS:
+            if delimiter.strip() and delimiter not in lines[i]:
+                continue
+            cells = [cell for cell in _cells(lines[i], delimiter) if cell]
+            fraction = sum(_number(cell) is not None for cell in cells) / len(cells)
+            if fraction > best:
+                best, chosen = fraction, delimiter
+        # A number in a preamble stands alone.
+        alone = after is not None and len(_cells(lines[after], chosen or " ")) != len(
+            _cells(lines[i], chosen or " ")
+        )
+        if chosen and not (alone and len(_cells(lines[i], chosen)) == 1):
+            return i, chosen
+    raise SkillFileError(
+        f"{path} has no line of numbers among its first {_LONGEST_PREAMBLE}; expected a "
+        "table with a header such as `time,x,y,z`."
+    )
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line."""
+    if delimiter == " ":
+        return [cell.strip('"') for cell in line.split()]
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _number(cell: str) -> float | None:
+    """Return the number or the time that a cell holds, None for words."""
+    if cell.lower() in _EMPTY:
+        return float("nan")
+    for text in (cell, cell.replace(",", ".")):
+        try:
+            return float(text)
+        except ValueError:
+            pass
+    if not re.match(r"(\d{4}-\d\d-\d\d[T ])?\d\d:\d\d:\d\d", cell):
+        return None
+    stamp = re.sub(r"(Z|[+-]\d\d:?\d\d)$", "", cell).replace(" ", "T")
+    try:
+        date = np.datetime64(stamp if "T" in stamp else f"1970-01-01T{stamp}", "ns")
+    except ValueError:
+        return None
+    return date.astype(np.int64) / 1e9
+
+
+def _header(
+    path: Path, before: list[str], delimiter: str, first: list[str]
+) -> tuple[list[str], list[str]]:
+    """Return names and units of columns, from the last lines before the numbers."""
+    width = len(first)
+    lines = [line for line in before if line.strip()]
+    rows = [_cells(_COMMENT.sub("", line), delimiter) for line in lines]
+    if delimiter == " ":  # `x [mm]` is one.
+        rows = [re.sub(r"\s+([\[(])", r"\1", " ".join(row)).split() for row in rows]
+    if not rows:
+        return [""] * width, [""] * width
+    below = [""] * width
+    if len(rows) > 1 and len(rows[-2]) == width == len(rows[-1]):
+        found = [_UNIT.fullmatch(cell) for cell in rows[-1]]
+        if all(found):
+            below = [each[1] if each else "" for each in found]
+            rows.pop()
+    names = rows[-1]
+    if len(names) == width - 1 and not first[-1]:  # Rows end with a delimiter ...
+        names = [*names, ""]
+    elif len(names) == width - 1 and first[0].isdigit():  # ... or are numbered.
+        names = ["", *names]
+    if len(names) != width:
+        if _COMMENT.match(lines[-1]) or len(names) == 1:
+            return [""] * width, [""] * width
+        raise SkillFileError(
+            f"{path}: line {len(before) + 1} has {width} cells; the header has "
+            f"{len(names)}."
+        )
+    split = [named_unit(name) for name in names]
+    units = [unit or under for (_, unit), under in zip(split, below, strict=True)]
+    return [name for name, _ in split], units
