@@ -13,7 +13,9 @@ from fmp_drake.errors import FmpError
 # The module `fmp_drake.apps.wipe` has the command `wipe`, and so on.
 _COMMANDS = {
     "check": "Tell whether the arm can follow a skill on a board, and what would help.",
-    "learn": "Learn a skill from DEMONSTRATIONS (.npz or .csv) and write it to a file.",
+    "inspect": "Tell what is in recordings, and whether they can be learned.",
+    "learn": "Learn a skill from DEMONSTRATIONS (tables, bags ...) and write it to a "
+    "file.",
     "record": "Record a demonstration: a simulated person guides the arm over the "
     "board.",
     "reproduce": "Rerun the paper's experiments and write a report with figures and "

@@ -1,10 +1,13 @@
 """Options that several commands share."""
 
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
+
+from fmp_drake.primitives import ReadingOptions
 
 PATH = click.Path(path_type=Path)
 
@@ -18,8 +21,47 @@ host_option = click.option(
 )
 
 
+def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options that say what files do not: the command gets them as `reading`."""
+
+    @wraps(command)
+    def reads(
+        *,
+        columns: str,
+        unit: str,
+        sample_rate: float | None,
+        topic: str,
+        **others: Any,
+    ) -> None:
+        reading = ReadingOptions.parse(
+            columns, unit=unit, rate=sample_rate, topic=topic
+        )
+        command(reading=reading, **others)
+
+    for option in (
+        click.option(
+            "--topic", default="", help="Topic of a bag, or feature of a dataset."
+        ),
+        click.option(
+            "--sample-rate",
+            type=float,
+            help="Samples per second (Hz) of a recording without times.",
+        ),
+        click.option("--unit", default="", help="Of positions: m, cm, mm ..."),
+        click.option(
+            "--columns",
+            default="",
+            metavar="NAME=COLUMN,...",
+            help="Which columns are read, by name or number: time=stamp [ms],x=2,y=3.",
+        ),
+    ):
+        reads = option(reads)
+    return reads
+
+
 def skill_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that say how a skill is learned."""
+    """Add the options that say how a skill is read and learned."""
+    command = reading_options(command)
     for option in (
         click.option(
             "--transform",

@@ -1,13 +1,29 @@
 """Recordings as they are: over time and in the plane (Fig. 3)."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from fmp_drake.plots.channels import Channels, Demonstrations, as_list
 from fmp_drake.plots.panels import PlanePanel, TimePanels
+from fmp_drake.plots.style import save
 from fmp_drake.primitives import Demonstration
+
+
+def plot_demonstrations(demonstrations: Demonstrations, path: Path) -> None:
+    """Write a picture of recordings, over time and in the plane (.png, .pdf, .svg)."""
+    shown = as_list(demonstrations)
+    count = len(Channels.of_demonstrations(shown).names)
+    figure = Figure(figsize=(12, max(4.0, 1 + 1.3 * count)), layout="constrained")
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=[2, 1])[0]
+    rows = left.subplots(count, squeeze=False, sharex=True)[:, 0]
+    draw_demonstrations_over_time(shown, axes=rows)
+    if count > 1:
+        draw_demonstrations_in_plane(shown, ax=right.subplots())
+    save(figure, path)
 
 
 def draw_demonstrations_over_time(

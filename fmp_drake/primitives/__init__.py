@@ -2,6 +2,8 @@
 
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.placement import Placement, fit_placement
+from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
+from fmp_drake.primitives.data.recordings import read_demonstrations
 from fmp_drake.primitives.data.windows import sliding_windows
 from fmp_drake.primitives.discrete.discrete_movement_primitive import (
     DiscreteMovementPrimitive,
@@ -65,6 +67,7 @@ __all__ = [
     "Prediction",
     "PredictionPlan",
     "ProportionalTracker",
+    "ReadingOptions",
     "SpectralPeak",
     "Spectrum",
     "Tracker",
@@ -77,6 +80,7 @@ __all__ = [
     "mean_rotation",
     "modulate_skill",
     "modulate_windows",
+    "read_demonstrations",
     "rotation_vectors",
     "rotations_of",
     "save_skill",

@@ -12,16 +12,22 @@ from fmp_drake.numeric import check_number
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
+    ReadingOptions,
     load_skill,
+    read_demonstrations,
 )
-from fmp_drake.primitives.data.placement import Placement, fit_placement
+from fmp_drake.primitives.data.placement import Placement, check_width, fit_placement
 from fmp_drake.primitives.model.parameters import ModelChoice
 from fmp_drake.station.models.model_files import models_dir
+from fmp_drake.station.parts.joint_recording import EraserPath, PandaJoints
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import SkillConfig
 
 # What is left of the board around the eraser, m.
 _MARGIN = 0.02
+# What is laid onto the board touches it so often at least, at this part of its size.
+_LEAST_TOUCHING, _LEAST_SCALE = 0.2, 0.3
+_BOARD = ["x", "y", "z"]
 
 
 def bundled_demonstrations() -> list[str]:
@@ -31,11 +37,11 @@ def bundled_demonstrations() -> list[str]:
 
 def default_demonstration(task: str = "wiping") -> Path:
     """Return a demonstration that comes with the package, or a file of the user's."""
-    if task.endswith((".npz", ".csv")):
+    if Path(task).suffix or Path(task).is_dir():
         return Path(task)
     if task not in bundled_demonstrations():
         raise DemonstrationError(
-            f"there is no demonstration {task}; give a .npz or .csv file or one of: "
+            f"there is no demonstration {task}; give a file or one of: "
             f"{', '.join(bundled_demonstrations())}."
         )
     return models_dir() / "demonstrations" / f"{task}.npz"
@@ -50,6 +56,7 @@ def scenario_skill(
     stretch: float = 1.0,
     window: float | None = None,
     components: int | None = None,
+    reading: ReadingOptions | None = None,
 ) -> tuple[FourierMovementPrimitive, list[Demonstration], list[str]]:
     """Load or learn what a scenario, or the command line, says.
 
@@ -78,6 +85,7 @@ def scenario_skill(
         scenario=scenario,
         transform=transform,
         stretch=stretch,
+        reading=reading,
     )
     skill = learn_skill(
         demonstrations,
@@ -93,36 +101,105 @@ def load_on_board(
     scenario: Scenario,
     transform: Sequence[float] | None,
     stretch: float,
+    reading: ReadingOptions | None = None,
+    needs_board: bool = True,
 ) -> tuple[list[Demonstration], list[str]]:
-    """Load demonstrations in the frame of the board, and say what was done."""
-    check_number(stretch, "stretch", above=0, error=DemonstrationError)
-    usable = np.array(scenario.board.size) - scenario.eraser.footprint - _MARGIN
+    """Load demonstrations in the frame of the board, and say what was done.
+
+    Without `needs_board` those that have neither positions nor a Panda's joints stay as
+    they are.
+    """
     demonstrations, remarks = [], []
     for path in paths:
-        demonstration = Demonstration.load(path)
-        if demonstration.n_channels != 3:
-            raise DemonstrationError(
-                f"{path} has {demonstration.n_channels} channels "
-                f"({', '.join(demonstration.channels)}); the board needs x, y and z."
-            )
-        if stretch != 1.0:
-            demonstration = replace(demonstration, time=demonstration.time * stretch)
-        if transform is not None:
-            placement = Placement(
-                rotation=Rotation.from_euler("xyz", transform[3:]).as_matrix(),
-                translation=np.array(transform[:3]),
-            )
-            demonstration = placement.apply(demonstration)
-        elif demonstration.frame != "board":
-            placement = fit_placement(demonstration, usable=usable)
-            demonstration = placement.apply(demonstration)
-            remarks.append(
-                f"{path.name}: laid onto the middle of the board by its plane, at "
-                f"{100 * placement.scale:.0f} % of its size; it touches the board "
-                f"{100 * placement.touching:.0f} % of the time"
-            )
-        demonstrations.append(demonstration)
+        found, said = load_as_recorded([path], stretch=stretch, reading=reading)
+        remarks += said
+        for demonstration in found:
+            try:
+                demonstration, said = lay_on_board(
+                    demonstration,
+                    scenario=scenario,
+                    transform=transform,
+                    needs_board=needs_board,
+                )
+            except DemonstrationError as error:
+                raise DemonstrationError(f"{path}: {error}") from None
+            demonstrations.append(demonstration)
+            remarks += [f"{path.name}: {remark}" for remark in said]
     return demonstrations, remarks
+
+
+def load_as_recorded(
+    paths: Sequence[Path], *, stretch: float, reading: ReadingOptions | None = None
+) -> tuple[list[Demonstration], list[str]]:
+    """Load demonstrations with all their channels, and say what was recognised."""
+    check_number(stretch, "stretch", above=0, error=DemonstrationError)
+    demonstrations, remarks = read_demonstrations(paths, reading)
+    if stretch != 1.0:
+        demonstrations = [replace(d, time=d.time * stretch) for d in demonstrations]
+    return demonstrations, remarks
+
+
+def lay_on_board(
+    demonstration: Demonstration,
+    *,
+    scenario: Scenario,
+    transform: Sequence[float] | None = None,
+    needs_board: bool = True,
+) -> tuple[Demonstration, list[str]]:
+    """Return x, y and z of a demonstration in the frame of the board, and remarks.
+
+    Raises
+    ------
+    DemonstrationError
+        Where there is no position, or none that makes sense on the board.
+    """
+    remarks = []
+    names = demonstration.channels
+    if not set(_BOARD) <= set(names):
+        listed = ", ".join(names)
+        if PandaJoints(demonstration):
+            demonstration = EraserPath(demonstration, eraser=scenario.eraser)
+            remarks.append(f"the eraser's path by a Panda's kinematics, from {listed}")
+        elif needs_board:
+            raise DemonstrationError(
+                f"the channels are {listed}; the board needs x, y and z. Say which "
+                "columns they are (--columns x=NAME,y=NAME,z=NAME)."
+            )
+        else:
+            return demonstration, ["as recorded: without x, y and z there is no board"]
+    elif len(names) > 3:
+        others = ", ".join(name for name in names if name not in _BOARD)
+        demonstration = demonstration.select(_BOARD)
+        remarks.append(f"{others} left out: the board needs x, y and z")
+    check_width(demonstration)
+    if transform is not None:
+        placement = Placement(
+            rotation=Rotation.from_euler("xyz", transform[3:]).as_matrix(),
+            translation=np.array(transform[:3]),
+        )
+        return placement.apply(demonstration), remarks
+    if demonstration.frame == "board":
+        return demonstration, remarks
+    usable = np.array(scenario.board.size) - scenario.eraser.footprint - _MARGIN
+    placement = fit_placement(demonstration, usable=usable)
+    touching = f"{100 * placement.touching:.0f} % of the time"
+    at_size = f"{100 * placement.scale:.0f} % of its size"
+    instead = "Give its pose (--transform), or learn it as it is (learn --as-recorded)."
+    if placement.touching < _LEAST_TOUCHING:
+        raise DemonstrationError(
+            f"laid onto the board it would touch it {touching}; at least "
+            f"{100 * _LEAST_TOUCHING:.0f} % make sense. {instead}"
+        )
+    if placement.scale < _LEAST_SCALE:
+        raise DemonstrationError(
+            f"it would fit onto the board at {at_size}; at least "
+            f"{100 * _LEAST_SCALE:.0f} % make sense. {instead}"
+        )
+    remarks.append(
+        f"laid onto the middle of the board by its plane, at {at_size}; it touches the "
+        f"board {touching}"
+    )
+    return placement.apply(demonstration), remarks
 
 
 def learn_skill(

@@ -17,6 +17,7 @@ from fmp_drake.station.parts.board_scene import (
     BoardScene,
 )
 from fmp_drake.station.parts.external_forces import AddExternalForces
+from fmp_drake.station.parts.joint_recording import EraserPath, PandaJoints
 from fmp_drake.station.parts.mouse import AddMousePull
 from fmp_drake.station.parts.page_scene import AddBodies, AddPage
 from fmp_drake.station.parts.posture import SolvePosture
@@ -66,6 +67,7 @@ __all__ = [
     "DemonstrationFromRecorder",
     "Disturbance",
     "EraserConfig",
+    "EraserPath",
     "Feasibility",
     "FollowingBounds",
     "InkConfig",
@@ -73,6 +75,7 @@ __all__ = [
     "LoadScenario",
     "MakeTeachingStation",
     "MakeWipingStation",
+    "PandaJoints",
     "ParseScenario",
     "PressConfig",
     "RenderLights",

@@ -10,6 +10,8 @@ from fmp_drake.primitives.data.demonstration import Demonstration
 
 _TRIES = 1000
 _ENOUGH = 2000  # samples, to tell one plane from another
+_WIDTHS = (0.003, 3.0)  # m, of a path that an arm can follow
+_GUESSES = {"millimetres": ("mm", 1e-3), "centimetres": ("cm", 1e-2)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,6 +59,25 @@ class Placement:
         return replace(
             demonstration, values=values, channels=("x", "y", "z"), frame="board"
         )
+
+
+def check_width(demonstration: Demonstration) -> None:
+    """Refuse a path x, y, z that no arm can follow, and guess what its unit is.
+
+    Raises
+    ------
+    DemonstrationError
+        Where it is more than 3 m wide, or less than 3 mm.
+    """
+    width = float(np.max(np.ptp(demonstration.select(["x", "y", "z"]).values, axis=0)))
+    if _WIDTHS[0] <= width <= _WIDTHS[1]:
+        return
+    guess = "check its unit (--unit) and its columns (--columns)"
+    for name, (unit, factor) in _GUESSES.items():
+        if 0.03 <= width * factor <= _WIDTHS[1]:
+            guess = f"{name}? Give --unit {unit}"
+            break
+    raise DemonstrationError(f"the path is {width:.3g} m wide: {guess}.")
 
 
 def fit_placement(
