@@ -15,6 +15,9 @@ from fmp_drake.primitives.data.reading.units import named_unit
 _COMMENT = re.compile(r"^\s*(?:#|%|//)+\s*")
 _EMPTY = {"", "nan", "na", "n/a", "null", "none", "-"}
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
+_DATE = re.compile(
+    r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d\d:\d\d:\d\d(?:\.\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
+)
 # Lines before the numbers begin.
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?")
@@ -143,11 +146,11 @@ def _number(cell: str) -> float | None:
             return float(text)
         except ValueError:
             pass
-    if not re.match(r"(\d{4}-\d\d-\d\d[T ])?\d\d:\d\d:\d\d", cell):
+    found = _DATE.fullmatch(cell)
+    if found is None:
         return None
-    stamp = re.sub(r"(Z|[+-]\d\d:?\d\d)$", "", cell).replace(" ", "T")
     try:
-        date = np.datetime64(stamp if "T" in stamp else f"1970-01-01T{stamp}", "ns")
+        date = np.datetime64(f"{found[1] or '1970-01-01'}T{found[2]}", "ns")
     except ValueError:
         return None
     return date.astype(np.int64) / 1e9

@@ -71,7 +71,7 @@ def seconds(time: NDArray[np.float64], stated: str) -> tuple[NDArray[np.float64]
             unit = next(name for limit, name in _EPOCHS if start > limit)
         elif step < 1:
             unit = "s"
-        elif np.all(steps == 1):
+        elif np.all(np.diff(time) == 1):
             raise DemonstrationError(
                 "the time counts 1, 2, 3 ...: samples, or milliseconds? Give the sample "
                 "rate (--sample-rate), or the unit (--columns 'time=t [ms]')."

@@ -1,0 +1,245 @@
+"""Facts about files as people have them: read exactly, or refused with advice."""
+
+import re
+
+import numpy as np
+import pytest
+import recorded_files as files
+from numpy.testing import assert_allclose
+
+from fmp_drake.errors import FmpError
+from fmp_drake.primitives import (
+    Demonstration,
+    ReadingOptions,
+    read_demonstrations,
+    rotations_of,
+)
+
+NEEDS = {"bag": "rosbags", "ros": "rosbags", "mcap": "rosbags"} | dict.fromkeys(
+    ("lerobot", "parquet", "half"), "pyarrow"
+)
+
+# Read as x, y and z.
+POSITIONS = (
+    files.plain,
+    files.units_in_brackets,
+    files.pandas_index,
+    files.pandas_time_index,
+    files.pandas_dates,
+    files.short_t,
+    files.capitals,
+    files.semicolons,
+    files.decimal_commas,
+    files.tabs,
+    files.spaces,
+    files.no_header,
+    files.comments,
+    files.preamble_and_units_below,
+    files.spreadsheet,
+    files.old_spreadsheet,
+    files.milliseconds,
+    files.milliseconds_in_the_name,
+    files.nanoseconds,
+    files.millimetres,
+    files.columns_by_name,
+    files.columns_by_number,
+    files.rate_instead_of_time,
+    files.samples_counted,
+    files.repeated_stamps,
+    files.gaps_between_topics,
+    files.words_beside,
+    files.npz_of_the_package,
+    files.npz_of_someone,
+    files.npz_in_milliseconds,
+    files.npy_with_a_rate,
+    files.npy_with_times,
+    files.npy_with_fields,
+    files.parquet,
+)
+# Read as x, y, z and an orientation.
+POSES = (
+    files.ros_topic_echo,
+    files.bagpy,
+    files.tum,
+    files.ros1_poses,
+    files.ros1_one_topic_of_two,
+    files.ros2_transforms,
+    files.mcap_file,
+    files.ros2_without_stamps,
+)
+REFUSED = {
+    files.no_time: r"no column tells the time; .* x, y, z\. .*--sample-rate",
+    files.counted_time: r"counts 1, 2, 3 \.\.\.: samples, or milliseconds\? Give",
+    files.coarse_time: r"stays the same in 392 of 400 samples: .*--sample-rate",
+    files.time_backwards: r"does not increase after sample 199 \(3\.98 s, then 0 s\)",
+    files.missing_value: r"values holds 1 NaN .* sample 7",
+    files.unknown_column: r"no column 'px' for x; the columns are time, x, y, z",
+    files.repeated_names: r"names of columns repeat: .* time, a, a, a",
+    files.no_quaternions: r"no unit quaternions \(lengths from 5 to 5\)",
+    files.letter: r"no line of numbers .* header such as `time,x,y,z`",
+    files.windows: r"the array \(5, 120, 3\).* expected .* \(N, D\)",
+    files.objects: r"Python objects, which may run code; save an array",
+    files.pickled: r"a Python pickle, which may run code; a demonstration is",
+    files.excel: r"an Excel or other office file; .* Export it",
+    files.hollow_archive: r"unpacked it takes 288 MB, allowed are 256",
+    files.boasting_archive: r"shorter than its shape",
+    files.bytes_of(
+        "d.h5", b"\x89HDF\r\n\x1a\n"
+    ): r"an HDF5 file .*; a demonstration is",
+    files.bytes_of("d.mat", b"MATLAB 5.0 MAT-file"): "a MATLAB file",
+    files.bytes_of("d.csv.gz", b"\x1f\x8b\x08"): "compressed by gzip",
+    files.bytes_of("d.json", b'{"x": [1, 2]}'): "a JSON file",
+    files.bytes_of("d.csv", b"1,2\0\0\0,3"): "no text file",
+    files.bytes_of("d.bag", b""): "not a readable bag",
+    files.bytes_of("d.parquet", b"PAR1"): "not a readable Parquet file",
+    files.bytes_of("d.csv", b""): "is empty",
+    files.empty_folder: "a folder, but neither a ROS 2 bag .* nor a LeRobot dataset",
+    files.ros1_two_poses: r"topics /left \(PoseStamped\), /right .* --topic",
+    files.ros1_cut: "not a readable bag",
+    files.half_a_dataset: r"no feature observation\.state; .* --topic among action",
+}
+
+
+def name_of(make):
+    return make.__name__
+
+
+def written(make, folder):
+    """Write a file, where what writes it is installed."""
+    for begin, package in NEEDS.items():
+        if make.__name__.startswith(begin):
+            pytest.importorskip(package)
+    return make(folder)
+
+
+def options_of(file):
+    given = dict(file.options)
+    rate = given.pop("sample-rate", None)
+    return ReadingOptions.parse(given.pop("columns", ""), rate=rate, **given)
+
+
+def read(make, folder):
+    file = written(make, folder)
+    found, remarks = read_demonstrations([file.path], options_of(file))
+    return found, " ".join(remarks)
+
+
+def test_there_are_at_least_25_kinds():
+    assert len(POSITIONS) + len(POSES) + len(REFUSED) > 60
+
+
+@pytest.mark.parametrize("make", POSITIONS, ids=name_of)
+def test_positions_are_read(make, tmp_path):
+    (found,), _ = read(make, tmp_path)
+    assert found.channels == ("x", "y", "z")
+    assert found.units == ("m", "m", "m")
+    assert_allclose(found.time, files.TIME, atol=1e-6)
+    assert_allclose(found.values, files.PATH, atol=1e-12)
+
+
+@pytest.mark.parametrize("make", POSES, ids=name_of)
+def test_poses_are_read_with_an_orientation_that_does_not_jump(make, tmp_path):
+    (found,), _ = read(make, tmp_path)
+    assert found.channels == ("x", "y", "z", "rx", "ry", "rz")
+    assert found.units == ("m", "m", "m", "rad", "rad", "rad")
+    assert_allclose(found.time, files.TIME, atol=1e-6)
+    assert_allclose(found.values[:, :3], files.PATH, atol=1e-12)
+    turned = rotations_of(found.values[:, 3:], found.rotation_reference)
+    assert np.max((turned * files.TURNS.inv()).magnitude()) < 1e-6
+    assert np.max(np.abs(np.diff(found.values[:, 3:], axis=0))) < 0.1
+
+
+@pytest.mark.parametrize("make", REFUSED, ids=name_of)
+def test_what_cannot_be_read_is_refused_with_advice(make, tmp_path):
+    with pytest.raises(FmpError, match=REFUSED[make]) as refusal:
+        read(make, tmp_path)
+    assert str(tmp_path) in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (files.milliseconds, "the time is in ms"),
+        (files.nanoseconds, "the time is in ns"),
+        (files.decimal_commas, "decimal commas, semicolons between the columns"),
+        (files.units_in_brackets, "x was in another unit: now in m"),
+        (files.repeated_stamps, "2 samples with the time of the one before left out"),
+        (files.gaps_between_topics, "400 rows without a value left out"),
+        (files.no_header, "column 1, which grows, is taken for the time"),
+        (files.words_beside, "task left out: words"),
+        (files.npz_of_someone, "gains .* left out"),
+        (files.ros1_poses, "/pose, header stamps"),
+        (files.ros2_without_stamps, "/pose, times of receipt"),
+    ],
+    ids=lambda each: getattr(each, "__name__", ""),
+)
+def test_what_was_recognised_is_said(make, said, tmp_path):
+    (found,), remarks = read(make, tmp_path)
+    assert re.search(said, remarks)
+    assert found.note in remarks
+
+
+@pytest.mark.parametrize("make", [files.lerobot_2, files.lerobot_3], ids=name_of)
+def test_a_dataset_has_a_demonstration_for_each_episode(make, tmp_path):
+    found, remarks = read(make, tmp_path)
+    assert "episode 1: observation.state at 50 Hz" in remarks
+    for episode, each in enumerate(found):
+        assert each.channels == ("x", "y", "z")
+        assert_allclose(each.time, files.TIME, atol=1e-6)
+        assert_allclose(each.values, files.PATH + 0.1 * episode, atol=1e-6)
+    with pytest.raises(FmpError, match="holds 2 demonstrations"):
+        Demonstration.load(tmp_path / "dataset")
+
+
+def test_parts_of_a_dataset_without_names_are_numbered(tmp_path):
+    found, _ = read(files.lerobot_without_names, tmp_path)
+    assert found[0].channels == tuple(f"c{i}" for i in range(7))
+    assert_allclose(found[0].values, files.JOINTS, atol=1e-6)
+
+
+def test_joints_of_a_bag_keep_their_names(tmp_path):
+    (found,), _ = read(files.ros2_joints, tmp_path)
+    assert found.channels == tuple(f"panda_joint{i}" for i in range(1, 8))
+    assert set(found.units) == {"rad"}
+    assert_allclose(found.values, files.JOINTS, atol=1e-12)
+
+
+def test_recordings_that_are_read_together_have_one_reference_of_rotations(tmp_path):
+    one = files.tum(tmp_path).path
+    later = tmp_path / "later.txt"
+    rows = one.read_text().split("\n")
+    later.write_text("\n".join([rows[0], *rows[200:]]))
+    found, _ = read_demonstrations([one, later])
+    assert found[0].rotation_reference == found[1].rotation_reference
+    assert_allclose(found[1].values, found[0].values[199:], atol=1e-9)
+
+
+def test_forces_and_angles_without_units_get_those_of_their_kind(tmp_path):
+    text = files.lines(*[files.TIME] * 5, header="time,force_x,joint_1,pitch,emg")
+    found = Demonstration.load(files.write(tmp_path, text).path)
+    assert found.units == ("N", "rad", "rad", "1")
+
+
+def test_degrees_become_radians(tmp_path):
+    text = files.lines(files.TIME, 90 + files.TIME, header="time,elbow [deg]")
+    found = Demonstration.load(files.write(tmp_path, text).path)
+    assert found.units == ("rad",)
+    assert found.values[0, 0] == pytest.approx(np.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"unit": "furlong"}, "unit is 'furlong'; choose one of m, cm, mm"),
+        ({"rate": -1}, "sample rate is -1"),
+    ],
+)
+def test_options_that_mean_nothing_are_refused(given, message):
+    with pytest.raises(FmpError, match=message):
+        ReadingOptions(**given)
+
+
+@pytest.mark.parametrize("columns", ["time", "=x", "x=", "x=1,y"])
+def test_columns_are_pairs(columns):
+    with pytest.raises(FmpError, match="write NAME=COLUMN"):
+        ReadingOptions.parse(columns)

@@ -1,0 +1,549 @@
+"""Writers of one recording in the forms that people have it in.
+
+Each gets a folder and returns the file, and the options that it needs.
+"""
+
+import json
+import pickle
+import zipfile
+from collections import namedtuple
+from functools import cache
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+Written = namedtuple("Written", "path options", defaults=({},))
+
+RATE = 50
+TIME = np.arange(400) / RATE
+PATH = 0.2 * np.column_stack(
+    [np.sin(2 * TIME), np.cos(1.5 * TIME), 0.1 * np.sin(TIME) ** 2]
+)
+# It passes 180 degrees, and its quaternions change their signs now and then.
+TURNS = Rotation.from_rotvec(np.outer(2 + 1.5 * np.sin(2 * TIME), [0, 0, 1]))
+QUATERNIONS = TURNS.as_quat() * np.where(TIME % 2 < 1, 1, -1)[:, None]
+JOINTS = [0, -0.8, 0, -2.3, 0, 1.6, 0.8] + 0.2 * np.sin(np.outer(TIME, np.arange(1, 8)))
+STAMPS = 1_700_000_000_000_000_000 + np.round(TIME * 1e9).astype(np.int64)
+
+
+def write(folder, text, name="d.csv", encoding="utf-8", **options):
+    path = folder / name
+    path.write_bytes(text.encode(encoding))
+    return Written(path, options)
+
+
+def lines(*columns, delimiter=",", header=None, form=repr):
+    """Return a table, its numbers in full."""
+    rows = [
+        delimiter.join(form(float(v)) if isinstance(v, float) else str(v) for v in row)
+        for row in zip(*columns, strict=True)
+    ]
+    return "\n".join([*([header] if header is not None else []), *rows]) + "\n"
+
+
+def xyz(time=TIME, path=PATH, **options):
+    return lines(time, *path.T, **options)
+
+
+def german(number):
+    return repr(number).replace(".", ",")
+
+
+# Tables ---------------------------------------------------------------------
+
+
+def plain(folder):
+    return write(folder, xyz(header="time,x,y,z"))
+
+
+def units_in_brackets(folder):
+    return write(folder, xyz(path=1e3 * PATH, header="Time [s],x [mm],y [mm],z [mm]"))
+
+
+def pandas_index(folder):
+    counts = range(len(TIME))
+    return write(folder, lines(counts, TIME, *PATH.T, header=",time,x,y,z"))
+
+
+def pandas_time_index(folder):
+    return write(folder, xyz(header=",x,y,z"))
+
+
+def pandas_dates(folder):
+    dates = np.datetime_as_string(STAMPS.astype("datetime64[ns]"), unit="us")
+    dates = [f"{d.replace('T', ' ')}+00:00" for d in dates]
+    return write(folder, lines(dates, *PATH.T, header="datetime,x,y,z"))
+
+
+def short_t(folder):
+    return write(folder, xyz(header="t,x,y,z"))
+
+
+def capitals(folder):
+    return write(folder, xyz(header="Time,X,Y,Z"), "RUN 3.CSV")
+
+
+def semicolons(folder):
+    return write(folder, xyz(header="time;x;y;z", delimiter=";"))
+
+
+def decimal_commas(folder):
+    text = xyz(header="Zeit;x;y;z", delimiter=";", form=german)
+    return write(folder, text, columns="time=Zeit,x=x,y=y,z=z")
+
+
+def tabs(folder):
+    return write(folder, xyz(header="time\tx\ty\tz", delimiter="\t"), "d.tsv")
+
+
+def spaces(folder):
+    np.savetxt(folder / "d.txt", np.column_stack([TIME, PATH]), header="time x y z")
+    return Written(folder / "d.txt")
+
+
+def no_header(folder):
+    return write(folder, xyz(), "d.dat")
+
+
+def comments(folder):
+    text = "# recorded by hand\n# on a Monday\n" + xyz(header="time,x,y,z")
+    return write(folder, text.replace("\n0.02,", "\n# a remark\n\n0.02,"))
+
+
+def preamble_and_units_below(folder):
+    text = "Motion capture,1.2\nRate,50\n\nTime,X,Y,Z\ns,mm,mm,mm\n"
+    return write(folder, text + xyz(path=1e3 * PATH))
+
+
+def spreadsheet(folder):
+    text = "sep=;\n" + xyz(header="time;x;y;z;", delimiter=";")
+    text = text.replace("\n", ";\n").replace("sep=;;", "sep=;").replace("z;;", "z;")
+    return write(folder, text.replace("\n", "\r\n"), encoding="utf-16")
+
+
+def old_spreadsheet(folder):
+    text = xyz(header="time;x;y;z;größe", delimiter=";").replace("\n", ";0\n")
+    text = text.replace("größe;0", "größe")
+    return write(folder, text, encoding="cp1252", columns="time=time,x=x,y=y,z=z")
+
+
+def milliseconds(folder):
+    return write(folder, xyz(1e3 * TIME, header="t,x,y,z"))
+
+
+def milliseconds_in_the_name(folder):
+    return write(folder, xyz(1e3 * TIME, header="time_ms,x,y,z"))
+
+
+def nanoseconds(folder):
+    return write(folder, xyz(STAMPS, header="timestamp,x,y,z"))
+
+
+def millimetres(folder):
+    return write(folder, xyz(path=1e3 * PATH, header="time,x,y,z"), unit="mm")
+
+
+def columns_by_name(folder):
+    other = np.cos(TIME)
+    text = lines(other, *PATH.T, STAMPS // 10**6, header="foo,a,b,c,when")
+    return write(folder, text, columns="time=when [ms], x=a [m], y=b, z=c")
+
+
+def columns_by_number(folder):
+    text = lines(*PATH.T, TIME)
+    return write(folder, text, columns="time=4,x=1,y=2,z=3")
+
+
+def rate_instead_of_time(folder):
+    return write(folder, lines(*PATH.T, header="x,y,z"), **{"sample-rate": RATE})
+
+
+def samples_counted(folder):
+    counts = range(len(TIME))
+    text = lines(counts, *PATH.T, header="frame,x,y,z")
+    return write(folder, text, **{"sample-rate": RATE})
+
+
+def repeated_stamps(folder):
+    twice = np.sort(np.r_[np.arange(400), 17, 200])
+    return write(folder, xyz(TIME[twice], PATH[twice], header="time,x,y,z"))
+
+
+def gaps_between_topics(folder):
+    rows = xyz(header="__time,/a/x,/a/y,/a/z").split("\n")
+    mixed = [row for r in rows[1:-1] for row in (r + ",", f"{r.split(',')[0]},,,,7")]
+    header = rows[0] + ",/b"
+    options = {"columns": "time=__time,x=/a/x,y=/a/y,z=/a/z"}
+    return write(folder, "\n".join([header, *mixed]), **options)
+
+
+def words_beside(folder):
+    words = ["wiping"] * len(TIME)
+    return write(folder, lines(TIME, words, *PATH.T, header="time,task,x,y,z"))
+
+
+def ros_topic_echo(folder):
+    header = (
+        "%time,field.header.seq,field.header.stamp,field.header.frame_id,"
+        + ",".join(
+            [
+                *(f"field.pose.position.{a}" for a in "xyz"),
+                *(f"field.pose.orientation.{a}" for a in "xyzw"),
+            ]
+        )
+    )
+    frames = ["base"] * len(TIME)
+    columns = (STAMPS + 10**6, range(400), STAMPS, frames, *PATH.T, *QUATERNIONS.T)
+    return write(folder, lines(*columns, header=header))
+
+
+def bagpy(folder):
+    header = "Time,header.seq,header.stamp.secs,header.stamp.nsecs,header.frame_id," + (
+        ",".join(
+            [
+                *(f"transform.translation.{a}" for a in "xyz"),
+                *(f"transform.rotation.{a}" for a in "xyzw"),
+            ]
+        )
+    )
+    whole, rest = STAMPS // 10**9, STAMPS % 10**9
+    frames = ["base"] * len(TIME)
+    columns = (TIME + 1e9, range(400), whole, rest, frames, *PATH.T, *QUATERNIONS.T)
+    return write(folder, lines(*columns, header=header))
+
+
+def tum(folder):
+    header = "# timestamp tx ty tz qx qy qz qw"
+    text = lines(TIME, *PATH.T, *QUATERNIONS.T, header=header, delimiter=" ")
+    return write(folder, text, "d.txt")
+
+
+# Arrays ---------------------------------------------------------------------
+
+
+def npz_of_the_package(folder):
+    from fmp_drake.primitives import Demonstration
+
+    Demonstration(time=TIME, values=PATH).save(folder / "d.npz")
+    return Written(folder / "d.npz")
+
+
+def npz_of_someone(folder):
+    np.savez(folder / "d.npz", t=STAMPS, pos=PATH, note="of someone", gains=np.ones(7))
+    return Written(folder / "d.npz")
+
+
+def npz_in_milliseconds(folder):
+    np.savez(folder / "d.npz", time=1e3 * TIME, position=PATH)
+    return Written(folder / "d.npz")
+
+
+def npy_with_a_rate(folder):
+    np.save(folder / "d.npy", PATH)
+    return Written(folder / "d.npy", {"sample-rate": RATE})
+
+
+def npy_with_times(folder):
+    np.save(folder / "d.npy", np.column_stack([TIME, PATH]))
+    return Written(folder / "d.npy")
+
+
+def npy_with_fields(folder):
+    kind = [(name, float) for name in ("time", "x", "y", "z")]
+    rows = [tuple(row) for row in np.column_stack([TIME, PATH])]
+    np.save(folder / "d.npy", np.array(rows, dtype=kind))
+    return Written(folder / "d.npy")
+
+
+def parquet(folder):
+    import pyarrow as pa
+    from pyarrow.parquet import write_table
+
+    table = {
+        "time": STAMPS.astype("datetime64[ns]"),
+        **dict(zip("xyz", PATH.T, strict=True)),
+    }
+    write_table(pa.table(table), folder / "d.parquet")
+    return Written(folder / "d.parquet")
+
+
+# Bags -----------------------------------------------------------------------
+
+
+@cache
+def typestore(ros):
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+
+
+def header(ros, k, stamped=True):
+    types = typestore(ros).types
+    sec, nanosec = divmod(int(STAMPS[k]) if stamped else 0, 10**9)
+    stamp = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    seq = {"seq": k} if ros == 1 else {}
+    return types["std_msgs/msg/Header"](stamp=stamp, frame_id="base", **seq)
+
+
+def pose_stamped(ros, k, stamped=True):
+    types = typestore(ros).types
+    return types["geometry_msgs/msg/PoseStamped"](
+        header=header(ros, k, stamped),
+        pose=types["geometry_msgs/msg/Pose"](
+            position=types["geometry_msgs/msg/Point"](*PATH[k]),
+            orientation=types["geometry_msgs/msg/Quaternion"](*QUATERNIONS[k]),
+        ),
+    )
+
+
+def transform_stamped(ros, k):
+    types = typestore(ros).types
+    return types["geometry_msgs/msg/TransformStamped"](
+        header=header(ros, k),
+        child_frame_id="tool",
+        transform=types["geometry_msgs/msg/Transform"](
+            translation=types["geometry_msgs/msg/Vector3"](*PATH[k]),
+            rotation=types["geometry_msgs/msg/Quaternion"](*QUATERNIONS[k]),
+        ),
+    )
+
+
+def joint_state(ros, k):
+    return typestore(ros).types["sensor_msgs/msg/JointState"](
+        header=header(ros, k),
+        name=[f"panda_joint{i}" for i in range(1, 8)],
+        position=JOINTS[k],
+        velocity=np.zeros(7),
+        effort=np.zeros(7),
+    )
+
+
+def bag(path, topics, ros=2, storage=None, late=0):
+    """Write messages of topics, received 3 ms after their stamps, or never the same."""
+    if ros == 1:
+        from rosbags.rosbag1 import Writer
+
+        writer = Writer(path)
+        raw = typestore(1).serialize_ros1
+    else:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage])
+        raw = typestore(2).serialize_cdr
+    with writer:
+        for topic, message in topics.items():
+            kind = message(0).__msgtype__
+            connection = writer.add_connection(topic, kind, typestore=typestore(ros))
+            for k in range(len(TIME)):
+                writer.write(connection, int(STAMPS[k]) + late, raw(message(k), kind))
+    return path
+
+
+def ros1_poses(folder):
+    topics = {"/pose": lambda k: pose_stamped(1, k)}
+    return Written(bag(folder / "d.bag", topics, ros=1, late=3 * 10**6))
+
+
+def ros1_one_topic_of_two(folder):
+    topics = {
+        "/a": lambda k: pose_stamped(1, len(TIME) - 1 - k),
+        "/b": lambda k: pose_stamped(1, k),
+    }
+    return Written(bag(folder / "d.bag", topics, ros=1), {"topic": "/b"})
+
+
+def ros2_transforms(folder):
+    topics = {"/tool": lambda k: transform_stamped(2, k)}
+    return Written(bag(folder / "bag", topics, storage="SQLITE3"))
+
+
+def mcap_file(folder):
+    topics = {
+        "/pose": lambda k: pose_stamped(2, k),
+        "/joints": lambda k: joint_state(2, k),
+    }
+    bag(folder / "bag", topics, storage="MCAP")
+    return Written(folder / "bag" / "bag.mcap")
+
+
+def ros2_without_stamps(folder):
+    topics = {"/pose": lambda k: pose_stamped(2, k, stamped=False)}
+    return Written(bag(folder / "bag", topics, storage="SQLITE3"))
+
+
+def ros2_joints(folder):
+    topics = {"/joint_states": lambda k: joint_state(2, k)}
+    return Written(bag(folder / "bag", topics, storage="MCAP"))
+
+
+def ros1_two_poses(folder):
+    topics = {
+        "/left": lambda k: pose_stamped(1, k),
+        "/right": lambda k: pose_stamped(1, k),
+    }
+    return Written(bag(folder / "d.bag", topics, ros=1))
+
+
+def ros1_cut(folder):
+    path = ros1_poses(folder).path
+    path.write_bytes(path.read_bytes()[:20_000])
+    return Written(path)
+
+
+# Datasets -------------------------------------------------------------------
+
+
+def dataset(folder, version, names, values, **kept):
+    """Write two episodes, the second a shifted copy of the first."""
+    import pyarrow as pa
+    from pyarrow.parquet import write_table
+
+    folder = folder / "dataset"
+    (folder / "meta").mkdir(parents=True)
+    state = {"dtype": "float64", "shape": [values.shape[1]], "names": names}
+    info = {
+        "codebase_version": version,
+        "fps": RATE,
+        "features": {"observation.state": state},
+    }
+    (folder / "meta" / "info.json").write_text(json.dumps(info | kept))
+    tables = [
+        pa.table(
+            {
+                "observation.state": list(values + 0.1 * episode),
+                "timestamp": TIME,
+                "frame_index": np.arange(len(TIME)),
+                "episode_index": np.full(len(TIME), episode),
+            }
+        )
+        for episode in range(2)
+    ]
+    chunk = folder / "data" / "chunk-000"
+    chunk.mkdir(parents=True)
+    if version == "v3.0":
+        write_table(pa.concat_tables(tables), chunk / "file-000.parquet")
+    else:
+        for i, table in enumerate(tables):
+            write_table(table, chunk / f"episode_{i:06d}.parquet")
+    return Written(folder)
+
+
+def lerobot_2(folder):
+    return dataset(folder, "v2.1", ["x", "y", "z"], PATH)
+
+
+def lerobot_3(folder):
+    return dataset(folder, "v3.0", {"motors": ["x", "y", "z"]}, PATH)
+
+
+def lerobot_without_names(folder):
+    return dataset(folder, "v3.0", None, JOINTS)
+
+
+# What cannot be read --------------------------------------------------------
+
+
+def bytes_of(name, content):
+    def make(folder):
+        (folder / name).write_bytes(content)
+        return Written(folder / name)
+
+    return make
+
+
+def hollow_archive(folder):
+    """An archive of 1 MB that would take 288 MB."""
+    with zipfile.ZipFile(
+        folder / "d.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1
+    ) as archive:
+        for name in ("time", "position"):
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                np.lib.format.write_array_header_1_0(
+                    stream,
+                    {"descr": "<f8", "fortran_order": False, "shape": (18 * 2**20,)},
+                )
+                for _ in range(144):
+                    stream.write(bytes(2**20))
+    return Written(folder / "d.npz")
+
+
+def boasting_archive(folder):
+    """An array whose header claims a terabyte."""
+    with zipfile.ZipFile(folder / "d.npz", "w") as archive:
+        for name in ("time", "position"):
+            with archive.open(f"{name}.npy", "w") as stream:
+                np.lib.format.write_array_header_1_0(
+                    stream,
+                    {"descr": "<f8", "fortran_order": False, "shape": (2**37,)},
+                )
+    return Written(folder / "d.npz")
+
+
+def objects(folder):
+    np.save(folder / "d.npy", np.array([{"x": 1}], dtype=object), allow_pickle=True)
+    return Written(folder / "d.npy")
+
+
+def pickled(folder):
+    (folder / "d.pkl").write_bytes(pickle.dumps(PATH))
+    return Written(folder / "d.pkl")
+
+
+def excel(folder):
+    with zipfile.ZipFile(folder / "d.csv", "w") as archive:
+        archive.writestr("[Content_Types].xml", "<Types/>")
+    return Written(folder / "d.csv")
+
+
+def windows(folder):
+    np.save(folder / "d.npy", np.zeros((5, 120, 3)))
+    return Written(folder / "d.npy", {"sample-rate": RATE})
+
+
+def no_time(folder):
+    return write(folder, lines(*PATH.T, header="x,y,z"))
+
+
+def counted_time(folder):
+    return write(folder, xyz(np.arange(400.0), header="time,x,y,z"))
+
+
+def coarse_time(folder):
+    return write(folder, xyz(np.floor(TIME), header="time,x,y,z"))
+
+
+def time_backwards(folder):
+    return write(folder, xyz(np.r_[TIME[:200], TIME[:200]], header="time,x,y,z"))
+
+
+def missing_value(folder):
+    text = xyz(header="time,x,y,z").split("\n")
+    text[8] = text[8].rsplit(",", 1)[0] + ","
+    return write(folder, "\n".join(text))
+
+
+def unknown_column(folder):
+    return write(folder, xyz(header="time,x,y,z"), columns="time=time,x=px")
+
+
+def repeated_names(folder):
+    return write(folder, xyz(header="time,a,a,a"))
+
+
+def no_quaternions(folder):
+    text = lines(TIME, *PATH.T, *(QUATERNIONS.T * 5), header="time,x,y,z,qx,qy,qz,qw")
+    return write(folder, text)
+
+
+def letter(folder):
+    return write(folder, "Dear Sir,\nhere is\nmy motion.\n", "d.txt")
+
+
+def empty_folder(folder):
+    return Written(folder)
+
+
+def half_a_dataset(folder):
+    return dataset(
+        folder, "v3.0", None, JOINTS, features={"action": {"dtype": "float32"}}
+    )
