@@ -215,7 +215,8 @@ def test_windows_and_demonstrations_teach_the_same(polishing_demonstration):
 @pytest.mark.parametrize(
     ("x", "message"),
     [
-        (np.zeros((5, 8)), r"shape \(5, 8\); expected \(windows, 8"),
+        (np.zeros((2, 5, 8, 1)), r"shape \(2, 5, 8, 1\); expected \(windows, 8"),
+        (np.zeros((5, 8)), r"0 windows of 0\.4 s .* Record at least 0\.4 s"),
         (np.zeros((5, 9, 2)), "windows, 8, channels"),
         (np.zeros((5, 8, 0)), "expected .windows, 8, channels"),
         (np.full((5, 8, 2), np.nan), "NaN or infinite numbers in the windows"),
@@ -228,6 +229,26 @@ def test_windows_and_demonstrations_teach_the_same(polishing_demonstration):
 def test_what_cannot_be_learned_from_is_refused(x, message):
     with pytest.raises(DemonstrationError, match=message):
         tiny().fit(x)
+
+
+def test_arrays_are_recordings_at_the_rate_of_the_skill(polishing_demonstration):
+    y = polishing_demonstration.resample(20).values
+    time = np.arange(len(y)) / 20
+    whole = tiny().fit(Demonstration(time=time, values=y))
+    halves = tiny().fit(
+        [Demonstration(time=time[:300], values=part) for part in (y[:300], y[300:600])]
+    )
+    one = tiny().fit(Demonstration(time=time, values=y[:, 0]))
+    for expected, x in (
+        (whole, y),
+        (whole, y.tolist()),
+        (halves, [y[:300], y[300:600]]),
+        (one, y[:, 0]),
+    ):
+        skill = tiny().fit(x)
+        assert np.array_equal(skill.components_[0].mean, expected.components_[0].mean)
+        assert skill.paths_
+    assert whole.score(y) == whole.score(Demonstration(time=time, values=y))
 
 
 def test_short_demonstration_says_how_long_it_must_be():

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.numeric import as_floats, check_number, finite_array
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.joining import joined_recordings
+
+_WHAT = "the windows (or give a Demonstration, or a list of them)"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,20 +118,40 @@ def _check_alike(demonstrations: Sequence[Demonstration]) -> None:
                 )
 
 
+def _recordings(X: Any, *, n_steps: int, rate: float) -> Sequence[Demonstration] | None:
+    """Return X as demonstrations, None where it is windows."""
+    if isinstance(X, Demonstration):
+        return [X]
+    if isinstance(X, Sequence) and not isinstance(X, str):
+        if all(isinstance(each, Demonstration) for each in X):
+            return X
+        arrays = [x for x in X if isinstance(x, np.ndarray) and x.ndim in (1, 2)]
+        are_windows = all(x.ndim == 2 and len(x) == n_steps for x in arrays)
+        if len(arrays) == len(X) and not are_windows:
+            return [_sampled(x, rate) for x in arrays]
+    array = as_floats(X, _WHAT, error=DemonstrationError)
+    return [_sampled(array, rate)] if array.ndim in (1, 2) else None
+
+
+def _sampled(values: NDArray[np.float64], rate: float) -> Demonstration:
+    return Demonstration(time=np.arange(len(values)) / rate, values=values)
+
+
 def as_windows(
     X: Any, *, n_steps: int, stride: int, rate: float, at_least: int
 ) -> Windows:
-    """Return the windows of a demonstration, a list of them, or an array (N, T, D).
+    """Return the windows of one or several recordings, or those in an array (N, T, D).
+
+    A recording is a demonstration, or an array (N, D) or (N,) sampled at the rate.
 
     Raises
     ------
     DemonstrationError
         Where there is nothing to learn from in it.
     """
-    if isinstance(X, Demonstration):
-        X = [X]
-    is_list = isinstance(X, Sequence) and not isinstance(X, str)
-    if is_list and all(isinstance(d, Demonstration) for d in X):
+    recordings = _recordings(X, n_steps=n_steps, rate=rate)
+    if recordings is not None:
+        X = recordings
         if not X:
             raise DemonstrationError("there is no demonstration; give at least one.")
         _check_alike(X)
@@ -151,8 +173,7 @@ def as_windows(
             resampled=resampled,
         )
     shape = ("windows", n_steps, "channels")
-    what = "the windows (or give a Demonstration, or a list of them)"
-    values = finite_array(X, what, shape, error=DemonstrationError)
+    values = finite_array(X, _WHAT, shape, error=DemonstrationError)
     if len(values) < at_least:
         raise DemonstrationError(
             f"there are {len(values)} windows; at least {at_least} are needed."

@@ -121,6 +121,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
     >>> future = skill.synthesize(mapping.weights)
     >>> bool(np.allclose(future, circles[:120], atol=1e-3))
     True
+
+    An array is a recording at the skill's rate:
+
+    >>> FourierMovementPrimitive(rate=20, n_components=2).fit(circles).n_windows_
+    141
     """
 
     def __init__(
@@ -162,12 +167,13 @@ class FourierMovementPrimitive(TrajectoryMixture):
         weights: ArrayLike | None = None,
         progress: Progress | None = None,
     ) -> Self:
-        """Learn from demonstrations, or from windows of shape (N, T, D).
+        """Learn from demonstrations, arrays (N, D), or windows of shape (N, T, D).
 
         Parameters
         ----------
-        X : Demonstration, sequence of Demonstration, or array_like
-            Demonstrations may differ in length.
+        X : Demonstration, ndarray, or a sequence of them
+            Demonstrations may differ in length. An array (N, D) is a recording, sampled
+            at the skill's rate; one of three dimensions is windows that are cut already.
         y : ignored
         weights : array_like, optional
             How much each demonstration (or window) counts, relative to the others; one
