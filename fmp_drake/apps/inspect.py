@@ -26,7 +26,7 @@ def inspect(
     for file in files:
         demonstrations, _ = read_demonstrations([file], reading)
         for demonstration in demonstrations:
-            about = demonstration.note or "nothing had to be guessed"
+            about = demonstration.note or "as it is"
             console.print(f"{file}: {about}", markup=False, soft_wrap=True)
             for line in describe_recording(demonstration):
                 console.print(f"  {line}", markup=False, soft_wrap=True)

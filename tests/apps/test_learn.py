@@ -1,7 +1,11 @@
 """Facts about `fmp-drake learn`."""
 
+import re
+
 import matplotlib.image
 import numpy as np
+import pytest
+import recorded_files
 
 from fmp_drake.primitives import load_skill
 
@@ -85,3 +89,89 @@ def test_failed_learning_keeps_the_older_skill(command, refused, make_npz, outpu
 def test_demonstration_and_output_are_required(refused, make_npz):
     assert "DEMONSTRATIONS" in refused("learn", "--out", "skill.npz")
     assert "--out" in refused("learn", make_npz())
+
+
+# Whatever the recording looks like -------------------------------------------
+
+
+def table(path, *columns, header):
+    np.savetxt(
+        path, np.column_stack(columns), delimiter=",", header=header, comments=""
+    )
+    return path
+
+
+def circles(seconds=20):
+    time = np.arange(0, seconds, 0.05)
+    path = [0.08 * np.cos(3 * time), 0.12 * np.sin(3 * time), 0 * time]
+    return time, np.column_stack(path)
+
+
+def test_units_that_cannot_be_right_are_refused_with_a_guess(command, refused, outputs):
+    time, path = circles()
+    right = table(outputs / "m.csv", time, path, header="time,x,y,z")
+    wrong = table(outputs / "mm.csv", time, 1e3 * path, header="time,x,y,z")
+    skill = outputs / "skill.npz"
+    said = refused("learn", wrong, "--out", skill)
+    assert "the path is 240 m wide: millimetres? Give --unit mm" in said
+    learned = []
+    for options in ((right,), (wrong, "--unit", "mm")):
+        assert command("learn", *options, "--components", 3, "--out", skill).code == 0
+        learned.append(load_skill(skill).components_[0].mean)
+    np.testing.assert_allclose(*learned, atol=1e-9)
+
+
+def test_what_makes_no_sense_on_the_board_is_refused_and_learned_as_it_is(
+    command, refused, outputs
+):
+    time, path = circles()
+    ball = 0.2 * np.sin(np.outer(time, [3.0, 2.3, 5.1]) + [0, 1, 2])
+    tumbling = table(outputs / "tumbling.csv", time, ball, header="time,x,y,z")
+    large = table(outputs / "large.csv", time, 12 * path, header="time,x,y,z")
+    skill = outputs / "skill.npz"
+    for file, reason in (
+        (tumbling, r"would touch it \d+ % of the time; at least 20 %"),
+        (large, "at 19 % of its size; at least 30 %"),
+    ):
+        said = refused("learn", file, "--out", skill)
+        assert re.search(reason, said)
+        assert "--as-recorded" in said
+        options = ("--as-recorded", "--components", 3, "--out", skill)
+        assert command("learn", file, *options).code == 0
+        assert load_skill(skill).frame_ == ""
+
+
+def test_channels_of_all_kinds_are_learned_but_not_wiped_with(
+    command, refused, outputs
+):
+    time, path = circles()
+    file = table(outputs / "d.csv", time, path[:, :2], header="t,force_x,pitch [deg]")
+    skill = outputs / "skill.npz"
+    result = command("learn", file, "--components", 3, "--out", skill)
+    assert result.code == 0
+    assert "d.csv: as recorded: without x, y and z there is no board" in result.out
+    assert load_skill(skill).channels_ == ("force_x", "pitch")
+    assert load_skill(skill).units_ == ("N", "rad")
+    said = refused("wipe", "--headless", "--demo", file)
+    assert "the channels are force_x, pitch; the board needs x, y and z" in said
+
+
+def test_a_panda_s_joints_are_learned_as_the_path_of_the_eraser(command, outputs):
+    time, path = circles()
+    joints = [0, -0.8, 0, -2.3, 0, 1.6, 0.8] + path[:, [0, 1, 0, 1, 0, 1, 0]]
+    names = [f"panda_joint{i}" for i in range(1, 8)]
+    file = table(outputs / "d.csv", time, joints, header=",".join(["time", *names]))
+    skill = outputs / "skill.npz"
+    options = ("--transform", 0, 0, 0, 0, 0, 0, "--components", 3, "--out", skill)
+    result = command("learn", file, *options)
+    assert result.code == 0, result
+    assert "the eraser's path by a Panda's kinematics, from panda_joint1" in result.out
+    assert load_skill(skill).channels_ == ("x", "y", "z")
+
+
+@pytest.mark.parametrize("make", [recorded_files.letter, recorded_files.counted_time])
+@pytest.mark.parametrize("command_line", [("inspect",), ("learn", "--out", "s.npz")])
+def test_files_that_cannot_be_read_are_refused_in_one_line(
+    refused, tmp_path, make, command_line
+):
+    assert "d." in refused(*command_line, make(tmp_path).path)

@@ -13,7 +13,7 @@ from fmp_drake.station.scenario_parts import EraserConfig
 
 # Names without a robot's are taken for a Panda's where the angles are possible.
 _JOINT = re.compile(
-    r"(?:.*(?:panda|fr3|franka|fer)\w*?_)?(?:joint|q|j)[_.]?(\d)([_.]pos(ition)?)?",
+    r"(?:.*(?:panda|fr3|franka|fer)\d*_)?(?:joint|q|j)[_.]?(\d)([_.]pos(ition)?)?",
     re.IGNORECASE,
 )
 _MARGIN = 0.05  # rad

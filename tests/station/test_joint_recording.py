@@ -1,0 +1,82 @@
+"""Facts about recordings of a Panda's joints."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from recorded_files import JOINTS, TIME
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.primitives import Demonstration
+from fmp_drake.station import EraserPath, PandaJoints
+
+# Denavit and Hartenberg's parameters (Craig) as Franka publishes them: a, d, alpha.
+LINKS = (
+    (0, 0.333, 0),
+    (0, 0, -np.pi / 2),
+    (0, 0.316, np.pi / 2),
+    (0.0825, 0, np.pi / 2),
+    (-0.0825, 0.384, -np.pi / 2),
+    (0, 0, np.pi / 2),
+    (0.088, 0, np.pi / 2),
+)
+FELT = 0.107 + 0.100  # From the seventh joint to the flange, to the felt, m.
+
+
+def forward(q):
+    pose = np.eye(4)
+    for angle, (a, d, alpha) in zip(q, LINKS, strict=True):
+        c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+        pose = pose @ [
+            [c, -s, 0, a],
+            [s * ca, c * ca, -sa, -d * sa],
+            [s * sa, c * sa, ca, d * ca],
+            [0, 0, 0, 1],
+        ]
+    return (pose @ [0, 0, FELT, 1])[:3]
+
+
+def recorded(values=JOINTS, name="panda_joint{}", first=1, extra=()):
+    channels = [name.format(i) for i in range(first, first + 7)]
+    return Demonstration(
+        time=TIME,
+        values=np.column_stack([values, np.zeros((len(TIME), len(extra)))]),
+        channels=(*channels, *extra),
+        units=("rad",) * (7 + len(extra)),
+    )
+
+
+def test_path_is_that_of_the_published_kinematics():
+    path = EraserPath(recorded(extra=("panda_finger_joint1",)))
+    assert path.channels == ("x", "y", "z")
+    assert path.frame == "panda_link0"
+    assert_allclose(path.values, [forward(q) for q in JOINTS], atol=1e-9)
+    assert np.array_equal(path.time, TIME)
+
+
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [
+        ("panda_joint{}", 1),
+        ("fr3_joint{}", 1),
+        ("joint_{}", 0),
+        ("q{}", 1),
+        ("joint_{}.pos", 0),
+    ],
+)
+def test_joints_are_known_by_their_names(name, first):
+    expected = [name.format(i) for i in range(first, first + 7)]
+    assert PandaJoints(recorded(name=name, first=first)) == expected
+
+
+@pytest.mark.parametrize("name", ["iiwa_joint_{}", "motor{}"])
+def test_joints_of_other_robots_are_not_taken_for_a_panda_s(name):
+    assert PandaJoints(recorded(name=name)) == []
+    with pytest.raises(DemonstrationError, match="are no Panda's joints"):
+        EraserPath(recorded(name=name))
+
+
+def test_angles_that_a_panda_cannot_have_are_refused():
+    with pytest.raises(
+        DemonstrationError, match=r"q2 is -45.8 .* from -1\.76 to 1\.76 rad"
+    ):
+        EraserPath(recorded(values=np.rad2deg(JOINTS), name="q{}"))
