@@ -60,7 +60,7 @@ low, high = skill.extent_
 start = (low + high) / 2
 start[0] = high[0] + 0.15
 player = Player(skill)
-velocity = player.rollout(start, duration=30.0)[:, 1]
+velocity = player.rollout(start, duration=30.0).velocity
 steps = np.linalg.norm(np.diff(recording.values, axis=0), axis=1)
 print(
     f"peak speed {np.max(np.linalg.norm(velocity, axis=1)):.2f} m/s, "

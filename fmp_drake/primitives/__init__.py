@@ -38,6 +38,7 @@ from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.primitives.model.prediction import Prediction, PredictionPlan
 from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.primitives.model.skill_file import load_skill, save_skill
+from fmp_drake.primitives.playback.motion import Motion
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.player import Player
 from fmp_drake.primitives.playback.trackers import (
@@ -60,6 +61,7 @@ __all__ = [
     "LqrTracker",
     "Mapping",
     "MappingPlan",
+    "Motion",
     "PhaseModel",
     "Placement",
     "PlaybackState",

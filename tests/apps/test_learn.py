@@ -125,7 +125,7 @@ def test_what_makes_no_sense_on_the_board_is_refused_and_learned_as_it_is(
     command, refused, outputs
 ):
     time, path = circles()
-    ball = 0.2 * np.sin(np.outer(time, [3.0, 2.3, 5.1]) + [0, 1, 2])
+    ball = 0.2 * np.sin(np.outer(time, [3.0, 2.3, 5.1]) + np.arange(3))
     tumbling = table(outputs / "tumbling.csv", time, ball, header="time,x,y,z")
     large = table(outputs / "large.csv", time, 12 * path, header="time,x,y,z")
     skill = outputs / "skill.npz"

@@ -316,6 +316,21 @@ def test_samples_stay_in_the_span_of_the_component(small_skill):
     assert_allclose(gaussian.basis @ (gaussian.basis.T @ delta), delta, atol=1e-12)
 
 
+def test_parts_of_a_motion_have_names(small_skill):
+    player = Player(small_skill)
+    starts = np.zeros((2, 2))
+    for motion in (
+        player.motion(player.start([0.1, 0.0])),
+        player.rollout([0.1, 0.0], 2.0),
+        player.rollout(starts, 1.0),
+    ):
+        parts = (motion.position, motion.velocity, motion.acceleration)
+        assert np.array_equal(np.stack(parts, axis=-2), motion)
+        # Whatever is taken out of it or computed from it has no names.
+        for plain in (*parts, motion[0], 2 * motion, motion.max(axis=0), *motion):
+            assert type(plain) is np.ndarray
+
+
 def test_rollout_is_repeated_ticks(player):
     start = outside(player.skill)
     state = player.start(start)

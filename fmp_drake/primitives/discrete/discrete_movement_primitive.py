@@ -18,6 +18,7 @@ from fmp_drake.primitives.discrete.via_points import DiscreteMovement, ViaPoint
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.mapping import MappingPlan, Selection
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+from fmp_drake.primitives.playback.motion import Motion
 
 
 class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
@@ -214,8 +215,8 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         via: Sequence[ViaPoint] = (),
         duration: float | None = None,
         rate: float = 100.0,
-    ) -> NDArray[np.float64]:
-        """Return a movement as samples of value, velocity and acceleration.
+    ) -> Motion:
+        """Return a movement as samples of position, velocity and acceleration.
 
         Parameters
         ----------
@@ -226,8 +227,8 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
 
         Returns
         -------
-        ndarray, shape (samples, 3, D)
-            Value, velocity and acceleration, as `DiscreteMovement.motion` gives them.
+        Motion, shape (samples, 3, D)
+            Position, velocity and acceleration, as `DiscreteMovement.motion` gives them.
         """
         check_number(rate, "rate", above=0.0, unit="Hz")
         movement = self.plan(start, goal, via=via, duration=duration)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fmp_drake.primitives.playback.motion import Motion
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ViaPoint:
@@ -58,7 +60,7 @@ class DiscreteMovement:
         """Make the array read-only."""
         self.coefficients.setflags(write=False)
 
-    def motion(self, seconds: ArrayLike) -> NDArray[np.float64]:
+    def motion(self, seconds: ArrayLike) -> Motion:
         """Return the desired motion at any time.
 
         Parameters
@@ -69,8 +71,8 @@ class DiscreteMovement:
 
         Returns
         -------
-        ndarray, shape (..., 3, D)
-            Value, velocity (per second) and acceleration (per second^2) of each
+        Motion, shape (..., 3, D)
+            Position, velocity (per second) and acceleration (per second^2) of each
             channel. Position and velocity are continuous everywhere; the acceleration
             is not 0 at the start and the end, and is 0 outside.
         """
@@ -81,5 +83,4 @@ class DiscreteMovement:
         moving = np.where(within, omega, 0.0)
         cosine, sine = np.cos(angle), np.sin(angle)
         rows = np.stack([cosine, -moving * sine, -(moving**2) * cosine], axis=-2)
-        out: NDArray[np.float64] = rows @ self.coefficients
-        return out
+        return Motion(rows @ self.coefficients)

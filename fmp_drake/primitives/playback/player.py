@@ -11,6 +11,7 @@ from fmp_drake.numeric import all_finite, as_floats, is_number, is_whole
 from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.primitives.playback.confidence import confined
+from fmp_drake.primitives.playback.motion import Motion
 from fmp_drake.primitives.playback.own_target import checked_target
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.remap_ticks import remap_ticks_of
@@ -303,16 +304,16 @@ class Player:
         """Prepare the motion from a state to its next tick, for `segment_motion`."""
         return make_segment(self.skill, self.relaxations[state.component], state)
 
-    def motion(self, state: PlaybackState) -> NDArray[np.float64]:
+    def motion(self, state: PlaybackState) -> Motion:
         """Return the desired motion at a state.
 
         Returns
         -------
-        ndarray, shape (3, D)
-            Value, velocity (per second) and acceleration (per second^2) of each
+        Motion, shape (3, D)
+            Position, velocity (per second) and acceleration (per second^2) of each
             channel. The relaxation of the weights is part of the derivatives.
         """
-        return segment_motion(self.segment(state), 0.0)
+        return Motion(segment_motion(self.segment(state), 0.0))
 
     def weights(self, state: PlaybackState) -> NDArray[np.float64]:
         """Return the Fourier weights at a state, shape (D*T,)."""
@@ -364,7 +365,7 @@ class Player:
             )
         return self._covariances[j][state.step]
 
-    def rollout(self, start: ArrayLike, duration: float) -> NDArray[np.float64]:
+    def rollout(self, start: ArrayLike, duration: float) -> Motion:
         """Play from one or many starts for some seconds, sampled at every tick.
 
         Parameters
@@ -376,8 +377,8 @@ class Player:
 
         Returns
         -------
-        ndarray, shape (ticks + 1, 3, D) or (S, ticks + 1, 3, D)
-            As `motion` gives them.
+        Motion, shape (ticks + 1, 3, D) or (S, ticks + 1, 3, D)
+            As `motion` gives them: `.position` has the shape (ticks + 1, D).
         """
         if not (is_number(duration) and duration >= 0):
             raise SkillError(f"duration is {duration} s; it must not be negative.")
@@ -390,4 +391,4 @@ class Player:
             for k in range(ticks + 1):
                 out[i, k] = self.motion(state)
                 state = self._tick(state, self.tick_seconds)
-        return out if starts.ndim == 2 else out[0]
+        return Motion(out if starts.ndim == 2 else out[0])
