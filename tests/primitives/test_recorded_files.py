@@ -243,3 +243,27 @@ def test_options_that_mean_nothing_are_refused(given, message):
 def test_columns_are_pairs(columns):
     with pytest.raises(FmpError, match="write NAME=COLUMN"):
         ReadingOptions.parse(columns)
+
+
+CELLS = (
+    "0|-2.5|1,5|nan||x|t|#|%time|y [mm]|qx|qw|z|12:00:00|2024-13-01 10:00:00Z|1e400|"
+    '"|_|secs|nsecs|inf'
+).split("|")
+
+
+def test_tables_of_anything_are_read_or_refused(tmp_path):
+    rng = np.random.default_rng(0)
+    path, reasons = tmp_path / "d.csv", []
+    given = [None, ReadingOptions(rate=10), ReadingOptions.parse("time=1,x=2")]
+    for number in range(400):
+        width, delimiter = rng.integers(1, 7), rng.choice([",", ";", "\t", " "])
+        head = rng.choice(CELLS, (rng.integers(0, 4), width))
+        body = 0.02 * np.arange(12)[:, None] + rng.normal(0, 0.01, (12, width))
+        rows = [*head, *body.astype(str)[: rng.integers(0, 12)]]
+        path.write_text("\n".join(delimiter.join(row) for row in rows))
+        try:
+            read_demonstrations([path], given[number % 3])
+        except FmpError as error:
+            reasons.append(str(error))
+    assert 100 < len(reasons) < 390
+    assert all("d.csv" in reason for reason in reasons)

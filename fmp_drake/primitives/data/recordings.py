@@ -66,7 +66,8 @@ def read_demonstrations(
     remarks = []
     for path in map(Path, paths):
         try:
-            found = _read(path, options)
+            with np.errstate(all="ignore"):  # A demonstration refuses what is infinite.
+                found = _read(path, options)
         except (DemonstrationError, SkillFileError) as error:
             raise _naming(path, error) from None
         demonstrations += found

@@ -115,7 +115,8 @@ def _begin(path: Path, lines: list[str]) -> tuple[int, str]:
             if delimiter.strip() and delimiter not in lines[i]:
                 continue
             cells = [cell for cell in _cells(lines[i], delimiter) if cell]
-            fraction = sum(_number(cell) is not None for cell in cells) / len(cells)
+            known = sum(_number(cell) is not None for cell in cells)
+            fraction = known / max(1, len(cells))
             if fraction > best:
                 best, chosen = fraction, delimiter
         # A number in a preamble stands alone.
@@ -134,7 +135,11 @@ def _cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line."""
     if delimiter == " ":
         return [cell.strip('"') for cell in line.split()]
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error as error:
+        raise SkillFileError(f"a line cannot be split into cells ({error}).") from None
+    return [cell.strip() for cell in cells]
 
 
 def _number(cell: str) -> float | None:
