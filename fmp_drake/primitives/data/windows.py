@@ -164,7 +164,7 @@ def as_windows(
             raise DemonstrationError(
                 f"the demonstrations give {sum(counts)} windows of {n_steps / rate:g} s "
                 f"(the longest lasts {longest:.3g} s); at least {at_least} are needed. "
-                f"Record at least {needed:.3g} s, or choose shorter windows (n_steps)."
+                f"Record at least {needed:.3g} s, or choose shorter windows (n_steps; --window)."
             )
         return Windows(
             values=each[0] if len(each) == 1 else np.concatenate(each),
