@@ -110,9 +110,8 @@ def nan_in_the_values():
     [
         (nan_in_the_values(), "NaN"),
         ({"time": np.arange(3) / 20, "position": np.eye(3)}, "3 samples"),
-        ({"time": np.zeros(400)}, "increase"),
+        ({"time": np.zeros(400)}, "the time stays the same"),
         ({"time": np.arange(7)}, "shape"),
-        ({"values": np.ones((400, 2))}, "2 channels"),
         ({"values": np.array(["a"] * 400)}, "numbers"),
         ({"position": np.zeros((400, 3))}, "point or a line"),
     ],
@@ -136,8 +135,8 @@ def test_demonstration_with_wrong_numbers_is_refused(
     ("text", "reason"),
     [
         ("", "empty"),
-        ("a,b,c\n1,2,3\n", "columns a, b, c"),
-        ("time,x,y,z\n0,1,2,three\n", "line 2"),
+        ("a,b,c\n1,2,3\n", "columns are a, b, c"),
+        ("time,x,y,z\n0,1,2,3\n1,1,2,three\n", "line 3: 'three'"),
         ("time,x,y,z\n0,1,2\n", "line 2 has 3 cells"),
         ("time,x,y,z\n0,1,2,3\n", "1 samples"),
     ],

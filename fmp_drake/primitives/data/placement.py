@@ -70,7 +70,7 @@ def check_width(demonstration: Demonstration) -> None:
         Where it is more than 3 m wide, or less than 3 mm.
     """
     width = float(np.max(np.ptp(demonstration.select(["x", "y", "z"]).values, axis=0)))
-    if _WIDTHS[0] <= width <= _WIDTHS[1]:
+    if width == 0 or _WIDTHS[0] <= width <= _WIDTHS[1]:  # A point is refused later.
         return
     guess = "check its unit (--unit) and its columns (--columns)"
     for name, (unit, factor) in _GUESSES.items():
