@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn, track
 
 from fmp_drake.errors import FmpError
+from fmp_drake.systems.viewer.page_panel import PagePanel
 
 LOCAL = "localhost"
 """Where a page is open for this machine only."""
@@ -18,13 +19,17 @@ def make_console() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=160)
 
 
-def open_page(console: Console | None = None, *, host: str = LOCAL) -> Meshcat:
-    """Start Meshcat and print the page's address.
+def open_page(
+    console: Console | None = None, *, title: str = "fmp_drake", host: str = LOCAL
+) -> PagePanel:
+    """Start Meshcat with a panel beside it and print the page's address.
 
     Parameters
     ----------
     console : Console, optional
         Where to print it.
+    title : str
+        Of the panel and the tab.
     host : str
         At which address of this machine the page is served. Whoever reaches it can pull
         the arm and move the sliders.
@@ -41,9 +46,11 @@ def open_page(console: Console | None = None, *, host: str = LOCAL) -> Meshcat:
             f"the page cannot be served at {host}; give one of this machine's addresses, "
             f"0.0.0.0 for all of them, or {LOCAL} for this machine only."
         ) from error
+    panel = PagePanel(meshcat, host=host)
+    panel.show(title=title)
     if console is not None:
-        console.print(f"watch it at {meshcat.web_url()}")
-    return meshcat
+        console.print(f"watch it at {panel.url}")
+    return panel
 
 
 def show_progress(

@@ -49,7 +49,8 @@ def record(
     check_number(seed, "seed", least=0, error=FmpError)
     seconds = 60 * minutes
     motion = HandMotion.make(task, seconds=_SETTLE + seconds + 1, seed=seed)
-    meshcat = open_page(console, host=host) if page else None
+    panel = open_page(console, title=scenario, host=host) if page else None
+    meshcat = None if panel is None else panel.meshcat
     station = MakeTeachingStation(LoadScenario(scenario), motion, meshcat=meshcat)
     simulator = Simulator(station)
     simulator.set_target_realtime_rate(1.0 if page else 0.0)

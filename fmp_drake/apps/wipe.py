@@ -157,9 +157,11 @@ def wipe(
         raise StationError(f"{found.verdict} Or run it all the same with --force.")
     console.print(found.verdict)
 
-    meshcat = None
+    title = Path(scenario).stem
+    panel = meshcat = None
     if html or not headless:
-        meshcat = open_page(None if headless else console, host=host)
+        panel = open_page(None if headless else console, title=title, host=host)
+        meshcat = panel.meshcat
     run = WipingRun(
         scene,
         skill,
@@ -168,6 +170,7 @@ def wipe(
         seed=seed,
         visuals=visuals,
         meshcat=meshcat,
+        panel=panel,
         recording=html is not None,
         keep={
             *(SIGNALS if log is not None else ()),
@@ -188,12 +191,15 @@ def wipe(
         run.simulator,
         duration,
         meshcat=None if headless else meshcat,
+        panel=panel,
         advance_to=run.advance_to,
         on_reset=run.begin_again,
     )
     show_progress(console, times, until=duration, label="wiping")
     wall_seconds = time.perf_counter() - started
     run.remove_controls()
+    if panel is not None:
+        panel.show(mode="finished", level="idle", detail=f"after {duration:g} s")
 
     metrics: dict[str, Any] = {
         "scenario": scenario,
@@ -215,7 +221,7 @@ def wipe(
         plot_run(run, plot)
         console.print(f"wrote {plot}")
     if html is not None:
-        write_text(html, run.html(), RunError)
+        write_text(html, run.html(title=title), RunError)
         console.print(f"wrote {html}")
     if video is not None and reel is not None:
         track = partial(track_frames, console)

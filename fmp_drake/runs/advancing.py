@@ -12,6 +12,7 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
 from fmp_drake.runs.signals import MILLISECOND
+from fmp_drake.systems.viewer.page_panel import PagePanel
 
 # Simulated milliseconds between two looks at the buttons, and real seconds between
 # those of a pause.
@@ -22,11 +23,13 @@ _POLL = 0.02
 class RunButtons:
     """The page's buttons to pause and to reset a run; a context manager.
 
-    The buttons are in the page while the context is entered.
+    The buttons are in the page while the context is entered. A panel says what the next
+    click on them does.
 
     Parameters
     ----------
     meshcat : Meshcat
+    panel : PagePanel, optional
 
     Examples
     --------
@@ -39,9 +42,10 @@ class RunButtons:
     PAUSE = "pause / resume"
     RESET = "reset"
 
-    def __init__(self, meshcat: Meshcat) -> None:
-        self._meshcat = meshcat
+    def __init__(self, meshcat: Meshcat, panel: PagePanel | None = None) -> None:
+        self._meshcat, self._panel = meshcat, panel
         self._resets = 0
+        self._shown: bool | None = None
 
     def __enter__(self) -> Self:
         """Add the buttons."""
@@ -54,11 +58,26 @@ class RunButtons:
         """Remove the buttons."""
         for name in (self.PAUSE, self.RESET):
             self._meshcat.DeleteButton(name, strict=False)
+        self._show(False)
 
     @property
     def paused(self) -> bool:
         """Whether the pause button was clicked an odd number of times."""
-        return self._meshcat.GetButtonClicks(self.PAUSE) % 2 == 1
+        paused = self._meshcat.GetButtonClicks(self.PAUSE) % 2 == 1
+        self._show(paused)
+        return paused
+
+    def _show(self, paused: bool) -> None:
+        if self._panel is not None and paused != self._shown:
+            label = "resume (P)" if paused else "pause (P)"
+            self._panel.show(
+                paused=paused,
+                buttons={
+                    self.PAUSE: {"label": label},
+                    self.RESET: {"label": "reset (R)"},
+                },
+            )
+            self._shown = paused
 
     def take_reset(self) -> bool:
         """Return whether the reset button was clicked since the last question."""
@@ -72,6 +91,7 @@ def advance(
     until: float,
     *,
     meshcat: Meshcat | None = None,
+    panel: PagePanel | None = None,
     advance_to: Callable[[float], object] | None = None,
     on_reset: Callable[[], None] | None = None,
 ) -> Iterator[float]:
@@ -88,13 +108,17 @@ def advance(
         When to end, s of simulated time.
     meshcat : Meshcat, optional
         Its page gets buttons to pause and to reset the run.
+    panel : PagePanel, optional
+        Of the page, to say whether the run is paused.
     advance_to : callable, optional
         Called with a time to advance to; the simulator's own by default.
     on_reset : callable, optional
         Called after a reset, for what is not in the context.
     """
     with ExitStack() as stack:
-        buttons = stack.enter_context(RunButtons(meshcat)) if meshcat else None
+        buttons = None
+        if meshcat is not None:
+            buttons = stack.enter_context(RunButtons(meshcat, panel))
         context = simulator.get_context()
         simulator.Initialize()
         waited = False

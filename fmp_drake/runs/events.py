@@ -5,7 +5,7 @@ import numpy as np
 from fmp_drake.runs.metrics import CONTACT_FORCE, Chunk
 from fmp_drake.runs.occurrences import Occurrences
 from fmp_drake.runs.run_event import RunEvent
-from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.status import STOP_REASONS, StatusFlag
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
 # A board is said to be elsewhere from this height on, and the most, mm.
@@ -14,13 +14,7 @@ _LEAST_HEIGHT, _MOST_HEIGHT = 3, 1000
 _TINY = 1e-9
 _STOPPED = int(StatusFlag.PROTECTIVE_STOP)
 _NO_TARGET = int(StatusFlag.PROTECTIVE_STOP | StatusFlag.RECOVER)
-_STOPS = {
-    StatusFlag.JUMP: "the target was {:.0f} cm away",
-    StatusFlag.STALE: "the target was too old",
-    StatusFlag.NOT_FINITE: "an input was not finite",
-    StatusFlag.NO_STATE: "the arm's state was not known",
-    StatusFlag.NOT_FOUND: "no board was found where it is looked for",
-}
+_STOPS = {**STOP_REASONS, StatusFlag.JUMP: "the target was {:.0f} cm away"}
 
 
 class RunEvents:

@@ -29,6 +29,7 @@ from fmp_drake.runs.metrics import (
     Samples,
     TrackingMetrics,
 )
+from fmp_drake.runs.page_text import describe_page
 from fmp_drake.runs.run_event import RunEvent
 from fmp_drake.runs.signals import SIGNALS, signal_kind
 from fmp_drake.runs.spill import Spill
@@ -38,6 +39,7 @@ from fmp_drake.station.wiping_station import MakeWipingStation
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
 from fmp_drake.systems.ink.recording import AddInkToRecording
 from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
+from fmp_drake.systems.viewer.page_panel import PagePanel, add_panel
 from fmp_drake.systems.viewer.path_recording import AddPathToRecording
 
 # Simulated seconds after which the logged samples are taken in, at the latest.
@@ -61,7 +63,7 @@ class WipingRun:
         Fitted.
     demonstrations : sequence of Demonstration
         What it was learned from, in the frame of the board; may be empty.
-    start, sample, seed, visuals, meshcat
+    start, sample, seed, visuals, meshcat, panel
         As for `MakeWipingStation`.
     recording : bool
         Record the run for `html`.
@@ -107,6 +109,7 @@ class WipingRun:
         seed: int | None = None,
         visuals: str = "own",
         meshcat: Meshcat | None = None,
+        panel: PagePanel | None = None,
         recording: bool = False,
         keep: Iterable[str] = (),
     ) -> None:
@@ -114,6 +117,8 @@ class WipingRun:
         self.skill = skill
         self.meshcat = meshcat
         self.seed = scenario.skill.seed if seed is None else seed
+        if panel is not None:
+            panel.show(**describe_page(scenario))
         paths = [d.values for d in demonstrations] or list(skill.paths_)
         self.demonstrated = paths or [
             skill.synthesize(c.mean) for c in skill.components_
@@ -126,6 +131,7 @@ class WipingRun:
             seed=self.seed,
             visuals=visuals,
             meshcat=meshcat,
+            panel=panel,
             demonstrated=paths,
         )
         primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
@@ -176,10 +182,9 @@ class WipingRun:
 
     def remove_controls(self) -> None:
         """Take the controls, which act no more after a run, from the page."""
-        for name in ("page_controls", "plan_visualizer"):
-            if self.station.HasSubsystemNamed(name):
-                system: Any = self.station.GetSubsystemByName(name)
-                system.Delete()
+        if self.station.HasSubsystemNamed("page_controls"):
+            controls: Any = self.station.GetSubsystemByName("page_controls")
+            controls.Delete()
 
     def advance_to(self, time: float) -> None:
         """Advance the simulation to a time, s, and take in what is logged."""
@@ -310,10 +315,11 @@ class WipingRun:
         scenario = yaml_dump_typed(self.scenario)  # type: ignore[no-untyped-call]
         write_log(path, signals, scenario=scenario, seed=self.seed, metrics=metrics)
 
-    def html(self) -> str:
+    def html(self, *, title: str = "A whiteboard is wiped") -> str:
         """Return a page of its own that replays the arm, the force and the ink.
 
-        Call it once, after the run; it needs `recording` and a Meshcat.
+        Call it once, after the run; it needs `recording` and a Meshcat. The title is
+        shown in the tab and above the legend.
         """
         if self.meshcat is None or not self._recording:
             raise RunError(
@@ -343,4 +349,8 @@ class WipingRun:
                 color=TRAIL_COLOR,
             )
         self.meshcat.PublishRecording()
-        return self.meshcat.StaticHtml()
+        text = describe_page(self.scenario, replay=True)
+        text["title"] = title
+        seconds = self.simulator.get_context().get_time()
+        text["mode"], text["detail"] = "replay", f"of a run of {seconds:g} s"
+        return add_panel(self.meshcat.StaticHtml(), text, live=None)

@@ -13,13 +13,14 @@ from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_ink import AddInk
 from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.external_forces import AddExternalForces
-from fmp_drake.station.parts.page_scene import AddPage, PagePorts
+from fmp_drake.station.parts.page_scene import AddPage, AddPageStatus, PagePorts
 from fmp_drake.station.parts.press_limit import CheckPress
 from fmp_drake.station.parts.skill_paths import CheckPositions
 from fmp_drake.station.parts.surface_watch import AddSurfaceWatch
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
+from fmp_drake.systems.viewer.page_panel import PagePanel
 
 _DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 
@@ -34,6 +35,7 @@ def MakeWipingStation(
     seed: int | None = None,
     visuals: str = "own",
     meshcat: Meshcat | None = None,
+    panel: PagePanel | None = None,
     demonstrated: Sequence[NDArray[np.float64]] = (),
 ) -> Diagram:
     """Build the diagram in which the arm plays a skill on the whiteboard.
@@ -48,7 +50,8 @@ def MakeWipingStation(
     gravity_compensation, actuation, ink_board, surface_monitor, status; where the scenario needs them sensors,
     rail, rail_state, task_frame, task_frame_velocity, task_frame_acceleration,
     joint_friction, disturbances and spatial_force_sum; with a Meshcat those of `AddPage`,
-    whose page_controls take the place of tempo and desired_normal_force.
+    whose page_controls take the place of tempo and desired_normal_force; with a panel
+    page_status.
 
     Output ports, all vectors: desired_position, desired_velocity,
     desired_acceleration (3,), covariance (9,), weights, component (1,), remaps (2,) of
@@ -77,6 +80,8 @@ def MakeWipingStation(
         Of the arm: `own`, or `drake_models` for those that Drake downloads.
     meshcat : Meshcat, optional
         Where to show the scene, as far as the scenario's `show` says.
+    panel : PagePanel, optional
+        Where to say what goes on.
     demonstrated : sequence of ndarray, shape (N, 3)
         Paths in B to show, m.
 
@@ -102,14 +107,15 @@ def MakeWipingStation(
     plays = scenario.skill
     ink = AddInk(builder, scene, scenario)
     choice = None
+    x, y = scenario.eraser.footprint
+    swept = [ink.grid.swept_area(path, (x, y)) for path in skill.paths_]
+    area = np.any(swept, axis=0) if swept else None
     if plays.candidates > 1:
-        x, y = scenario.eraser.footprint
-        swept = [ink.grid.swept_area(path, (x, y)) for path in skill.paths_]
         choice = CoverageChoice(
             grid=ink.grid,
             footprint=(x, y),
             candidates=plays.candidates,
-            area=np.any(swept, axis=0) if swept else None,
+            area=area,
         )
     primitive = FourierPrimitiveSystem(
         skill,
@@ -175,7 +181,11 @@ def MakeWipingStation(
     builder.ExportOutput(actuation.get_output_port(), "actuation")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
     status = controller.GetOutputPort("status")
-    AddSurfaceWatch(builder, scene, scenario.board.size, status=status)
+    status = AddSurfaceWatch(builder, scene, scenario.board.size, status=status)
+    if panel is not None:
+        AddPageStatus(
+            builder, panel, primitive=primitive, status=status, ink=ink, area=area
+        )
     for system in (controller, ink):
         for i in range(system.num_output_ports()):
             port = system.get_output_port(i)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat, Rgba
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats, check_number
@@ -20,15 +20,12 @@ PLAN_COLOR = Rgba(0.05, 0.55, 0.25, 1.0)
 TUBE_COLOR = Rgba(0.20, 0.75, 0.40, 0.28)
 """Colour of the tube of the covariance."""
 
-SLIDER = "component"
-"""Name of the control that shows the number of the active component."""
-
 
 class PlanVisualizer(LeafSystem):
     """Draws the plan as a line in the tube of its covariance, and the component.
 
-    The mean path of the active component is a line in the component's own colour; its
-    number is shown by a slider among the page's controls, which nothing reads but this.
+    The mean path of the active component is a line in the component's own colour. Which
+    one was drawn last is discrete state, that it is not drawn again.
 
     Input ports
     -----------
@@ -93,13 +90,12 @@ class PlanVisualizer(LeafSystem):
         self._plan = self.DeclareVectorInputPort("plan", 3 * points)
         self._covariance = self.DeclareVectorInputPort("plan_covariance", 9 * points)
         self._component = self.DeclareVectorInputPort("component", 1)
+        self._drawn = int(self.DeclareDiscreteState(np.array([-1.0])))
         self.DeclareInitializationPublishEvent(self._redraw)
         self.DeclareForcedPublishEvent(self._redraw)
+        # A publish event may not write state, so there is an update beside it.
         self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
-
-    def Delete(self) -> None:
-        """Remove the control from the page."""
-        self._meshcat.DeleteSlider(SLIDER, strict=False)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
 
     def _plan_points(self, context: Context) -> NDArray[np.float64]:
         plan: Any = self._plan.Eval(context)
@@ -112,20 +108,18 @@ class PlanVisualizer(LeafSystem):
     def _redraw(self, context: Context) -> None:
         self._meshcat.Delete(self._path)
         if self._show_component:
-            self._add_slider()
             self._draw_component(self._active(context))
         self._draw_plan(context)
 
     def _draw(self, context: Context) -> None:
         component = self._active(context)
-        # The slider tells which component has been drawn.
-        if (
-            self._show_component
-            and SLIDER in self._meshcat.GetSliderNames()
-            and self._meshcat.GetSliderValue(SLIDER) != component
-        ):
+        drawn = context.get_discrete_state(self._drawn).value()[0]
+        if self._show_component and drawn != component:
             self._draw_component(component)
         self._draw_plan(context)
+
+    def _remember(self, context: Context, values: DiscreteValues) -> None:
+        values.set_value(self._drawn, np.array([float(self._active(context))]))
 
     def _draw_plan(self, context: Context) -> None:
         plan = self._plan_points(context)
@@ -157,12 +151,6 @@ class PlanVisualizer(LeafSystem):
             radius=0.0015,
             color=component_color(component),
         )
-        self._meshcat.SetSliderValue(SLIDER, component)
-
-    def _add_slider(self) -> None:
-        if SLIDER not in self._meshcat.GetSliderNames():
-            last = max(1, len(self._component_paths) - 1)
-            self._meshcat.AddSlider(SLIDER, min=0, max=last, step=1, value=0)
 
 
 def component_color(component: int) -> Rgba:

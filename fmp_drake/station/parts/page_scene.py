@@ -14,11 +14,14 @@ from fmp_drake.station.parts.stage import SetStage
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.force_arrow import ForceArrow
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.systems.ink.grid import CLEAN_BELOW
 from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.ink_visualizer import InkVisualizer
 from fmp_drake.systems.page_controls import PageControls
+from fmp_drake.systems.page_status import PageStatus
 from fmp_drake.systems.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 
 # Everything on the page has a period of 2^n milliseconds: its events then fall on steps
@@ -114,7 +117,6 @@ def AddPage(
     if show.trail:
         trail = builder.AddSystem(TrailVisualizer(meshcat, path=f"{BOARD}/trail"))
         builder.Connect(measured_position, trail.get_input_port())
-    # First, so that its sliders come first.
     controls = None
     if show.controls:
         controls = PageControls(
@@ -150,3 +152,37 @@ def AddPage(
     if show.mouse:
         pull = AddMousePull(builder, scene.plant, scene.scene_graph, meshcat)
     return PagePorts(controls=controls, pull=pull)
+
+
+def AddPageStatus(
+    builder: DiagramBuilder,
+    panel: PagePanel,
+    *,
+    primitive: FourierPrimitiveSystem,
+    status: OutputPort,
+    ink: InkBoard,
+    area: NDArray[np.bool_] | None,
+) -> None:
+    """Show in a panel what a wiping station is doing: system page_status.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    panel : PagePanel
+    primitive : FourierPrimitiveSystem
+    status : OutputPort
+        Of the controller and what watches it.
+    ink : InkBoard
+    area : ndarray of bool, shape (ny, nx), optional
+        The cells that should be cleaned where there is ink; all by default.
+    """
+    inked = ink.initial_ink >= CLEAN_BELOW
+    wanted = inked if area is None else inked & area
+    shown = builder.AddSystem(PageStatus(panel, area=wanted))
+    builder.Connect(status, shown.GetInputPort("status"))
+    for port in (
+        ink.GetOutputPort("normal_force"),
+        ink.GetOutputPort("ink"),
+        primitive.GetOutputPort("component"),
+    ):
+        builder.Connect(port, shown.GetInputPort(port.get_name()))

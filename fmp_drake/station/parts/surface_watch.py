@@ -19,7 +19,7 @@ _ROUND = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
 
 def AddSurfaceWatch(
     builder: DiagramBuilder, scene: BoardScene, size: list[float], *, status: OutputPort
-) -> None:
+) -> OutputPort:
     """Watch all of arm and eraser that touches and is hard; report it in the status.
 
     Systems: surface_monitor; status, the sum of the controller's status and the
@@ -33,6 +33,11 @@ def AddSurfaceWatch(
         The board's, m.
     status : OutputPort
         The controller's.
+
+    Returns
+    -------
+    OutputPort
+        The sum.
     """
     plant = scene.plant
     inspector = scene.scene_graph.model_inspector()
@@ -65,6 +70,7 @@ def AddSurfaceWatch(
     builder.Connect(monitor.GetOutputPort("status"), total.get_input_port(1))
     builder.ExportOutput(total.get_output_port(), "status")
     builder.ExportOutput(monitor.GetOutputPort("penetration"), "penetration")
+    return total.get_output_port()
 
 
 def _balls(shape: Any) -> tuple[NDArray[np.float64], float]:

@@ -112,3 +112,12 @@ class ImpedanceStatus(NamedTuple):
 
 
 STATUS_SIZE = len(ImpedanceStatus._fields)
+
+STOP_REASONS = {
+    StatusFlag.JUMP: "the target jumped away",
+    StatusFlag.STALE: "the target was too old",
+    StatusFlag.NOT_FINITE: "an input was not finite",
+    StatusFlag.NO_STATE: "the arm's state was not known",
+    StatusFlag.NOT_FOUND: "no board was found where it is looked for",
+}
+"""Why there is a protective stop, by the fault that began it."""

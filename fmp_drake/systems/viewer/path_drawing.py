@@ -15,6 +15,18 @@ LIFT = 0.002
 """Height in metres at which paths are drawn above themselves."""
 
 
+def css_color(color: Rgba) -> str:
+    """Return a colour as CSS.
+
+    Examples
+    --------
+    >>> css_color(Rgba(1.0, 0.5, 0.0, 0.3))
+    'rgb(255 128 0 / 0.3)'
+    """
+    red, green, blue = (round(255 * c) for c in (color.r(), color.g(), color.b()))
+    return f"rgb({red} {green} {blue} / {color.a():g})"
+
+
 def lifted(points: ArrayLike, lift: float = LIFT) -> NDArray[np.float64]:
     """Return points (N, 3) in B above the board, raised by `lift` (m) along z.
 

@@ -1,0 +1,313 @@
+"""The panel beside the scene on the page: what is going on, in words."""
+
+import json
+import re
+import threading
+import urllib.request
+import weakref
+from collections.abc import Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any, Literal, NotRequired, TypedDict, Unpack
+from urllib.error import HTTPError
+from urllib.parse import urlsplit
+
+from pydrake.geometry import Meshcat
+
+from fmp_drake.errors import SystemsError
+
+# Seconds between two messages to a browser, and after which an idle one is sent.
+_PAUSE, _IDLE = 0.1, 2.0
+# Above Meshcat's own port, where that is free.
+_PORT_OFFSET = 1000
+
+
+class ButtonLook(TypedDict):
+    """How a button of the page looks now.
+
+    Attributes
+    ----------
+    label : str
+        What is on it, instead of its name.
+    enabled : bool
+        Whether it can be pressed.
+    hint : str
+        What is shown while the mouse is over it.
+    """
+
+    label: NotRequired[str]
+    enabled: NotRequired[bool]
+    hint: NotRequired[str]
+
+
+class LegendEntry(TypedDict):
+    """A colour of the scene, and what it stands for.
+
+    Attributes
+    ----------
+    name : str
+    color : str
+        In CSS; of the component that plays where it is empty.
+    kind : str
+        `area`, `line` or `arrow`.
+    """
+
+    name: str
+    color: str
+    kind: Literal["area", "line", "arrow"]
+
+
+class PanelFields(TypedDict, total=False):
+    """What the panel says. A field that was never given is not shown.
+
+    Attributes
+    ----------
+    title, subtitle : str
+        Of the panel; the title is also the tab's.
+    mode : str
+        What is being done, in a word or two.
+    level : str
+        How well that is: decides the colour.
+    detail : str
+        A sentence about the mode, such as the reason of a stop.
+    paused : bool
+        Is shown instead of the mode.
+    time : float
+        s.
+    cleaned : float
+        Fraction, from 0 to 1.
+    force : float
+        On the board, N.
+    force_band : tuple of 2 floats
+        Within which the force is good, N.
+    component : str
+        Which one plays.
+    component_color : str
+        In CSS.
+    legend : list of LegendEntry
+    help : list of str
+        How to use the page, in sentences.
+    buttons : dict of str to ButtonLook
+        By the names that `Meshcat.AddButton` was given; others look like their names.
+    """
+
+    title: str
+    subtitle: str
+    mode: str
+    level: Literal["good", "busy", "bad", "idle"]
+    detail: str
+    paused: bool
+    time: float
+    cleaned: float
+    force: float
+    force_band: tuple[float, float]
+    component: str
+    component_color: str
+    legend: list[LegendEntry]
+    help: list[str]
+    buttons: dict[str, ButtonLook]
+
+
+class PagePanel:
+    """Meshcat's page with a panel that says what is going on, at an address of its own.
+
+    The panel's sliders and buttons are those of the Meshcat, whose page without the panel
+    is served as before. What it says is given by `show`, which only keeps it:
+    browsers are told by threads of their own, and there is nothing that they could change.
+
+    Parameters
+    ----------
+    meshcat : Meshcat
+    host : str
+        Address of this machine at which the page is served, as the Meshcat's.
+
+    Attributes
+    ----------
+    meshcat : Meshcat
+    url : str
+        Where to open the page.
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> panel = PagePanel(Meshcat())
+    >>> panel.show(title="table_top", mode="wiping", level="good", time=1.5)
+    >>> panel.shown["mode"]
+    'wiping'
+    >>> panel.close()
+    """
+
+    def __init__(self, meshcat: Meshcat, *, host: str = "localhost") -> None:
+        self.meshcat = meshcat
+        inner = urlsplit(meshcat.web_url())
+        self._board = _Board()
+        with urllib.request.urlopen(meshcat.web_url()) as answer:
+            page = answer.read().decode()
+        server = _serve(host, meshcat.port(), self._board, page)
+        self.url = f"http://{inner.hostname}:{server.server_port}/?tracked_camera=on"
+        thread = threading.Thread(
+            target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True
+        )
+        thread.start()
+        self._finalizer = weakref.finalize(self, _stop, server, self._board)
+        self._finalizer.atexit = False
+
+    def show(self, **fields: Unpack[PanelFields]) -> None:
+        """Show these fields from now on; the others stay as they are."""
+        self._board.put(fields)
+
+    @property
+    def shown(self) -> Mapping[str, Any]:
+        """The fields that are shown."""
+        return self._board.fields
+
+    def close(self) -> None:
+        """End the page; what is open in browsers stays as it is."""
+        self._finalizer()
+
+
+def add_panel(page: str, fields: PanelFields, *, live: Mapping[str, Any] | None) -> str:
+    """Return a page of Meshcat with a panel in it.
+
+    Parameters
+    ----------
+    page : str
+        HTML, as Meshcat serves it or `Meshcat.StaticHtml` returns it.
+    fields : PanelFields
+        What the panel says, at first.
+    live : mapping, optional
+        Where the page finds its Meshcat; None for a page without one.
+
+    Raises
+    ------
+    SystemsError
+        Where it is no such page.
+    """
+    end = page.rfind("</body>")
+    head = page.find("</head>")
+    if min(head, end) < 0:
+        raise SystemsError("a panel needs a page with a head and a body, as Meshcat's.")
+    panel = Path(__file__).with_suffix(".html").read_text(encoding="utf-8")
+    start = json.dumps({"fields": fields, "live": live}).replace("<", r"\u003c")
+    title = str(fields.get("title", "fmp_drake")).replace("<", "&lt;")
+    return "".join(
+        (
+            re.sub("<title>.*?</title>", "", page[:head], flags=re.DOTALL),
+            f"<title>{title}</title><script>const fmpStart = {start};",
+            # The page is served beside its Meshcat, not by it.
+            _REDIRECT if live else "",
+            "</script>",
+            page[head:end],
+            panel,
+            page[end:],
+        )
+    )
+
+
+_REDIRECT = """
+WebSocket = class extends WebSocket {
+  constructor(url) {
+    super(url.replace(location.host, `${location.hostname}:${fmpStart.live.port}`));
+  }
+};
+"""
+
+
+class _Board:
+    """The fields, for the threads that tell browsers about them."""
+
+    def __init__(self) -> None:
+        self.fields: dict[str, Any] = {}
+        self.is_open = True
+        self._version = 0
+        self._changed = threading.Condition()
+
+    def put(self, fields: Mapping[str, Any]) -> None:
+        with self._changed:
+            self.fields = {**self.fields, **fields}
+            self._version += 1
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        self.is_open = False
+        self.put({})
+
+    def after(self, version: int) -> tuple[int, dict[str, Any]]:
+        """Wait for a later version than this, but not for long."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._version != version, timeout=_IDLE)
+            return self._version, self.fields
+
+
+def _serve(host: str, inner: int, board: _Board, page: str) -> ThreadingHTTPServer:
+    """Bind a server that adds the panel to what Meshcat serves at a port."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            path = urlsplit(self.path).path
+            try:
+                if path in ("/", "/index.html"):
+                    text = add_panel(page, board.fields, live={"port": inner})  # type: ignore[arg-type]
+                    self._answer(text.encode(), "text/html; charset=utf-8")
+                elif path == "/panel":
+                    self._tell()
+                else:
+                    self._pass_on()
+            except ConnectionError:
+                pass  # The browser has gone.
+
+        def _answer(self, body: bytes, kind: str, caching: str = "no-cache") -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", kind)
+            self.send_header("Cache-Control", caching)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def _tell(self) -> None:
+            """Send the fields whenever they change, as server-sent events."""
+            self.send_response(200)
+            self.send_header("Content-Type", "text/event-stream")
+            self.send_header("Cache-Control", "no-store")
+            self.end_headers()
+            version = -1
+            while board.is_open:
+                version, fields = board.after(version)
+                self.wfile.write(f"data: {json.dumps(fields)}\n\n".encode())
+                threading.Event().wait(_PAUSE)
+
+        def _pass_on(self) -> None:
+            """Fetch what the page needs besides from Meshcat."""
+            try:
+                with urllib.request.urlopen(f"{address}{self.path}") as answer:
+                    body, about = answer.read(), answer.headers
+            except HTTPError as error:
+                self.send_error(error.code)
+                return
+            kind = about.get("Content-Type") or "application/octet-stream"
+            self._answer(body, kind, about.get("Cache-Control") or "no-cache")
+
+        def log_message(self, *_: object) -> None:
+            """Say nothing."""
+
+    class Server(ThreadingHTTPServer):
+        daemon_threads = True
+        block_on_close = False
+
+    here = "" if host == "*" else host
+    address = f"http://{host if host not in ('*', '0.0.0.0') else 'localhost'}:{inner}"
+    try:
+        return Server((here, inner + _PORT_OFFSET), Handler)
+    except OSError:
+        return Server((here, 0), Handler)
+
+
+def _stop(server: ThreadingHTTPServer, board: _Board) -> None:
+    """End a server, from any thread."""
+
+    def stop() -> None:
+        server.shutdown()
+        server.server_close()
+
+    board.close()
+    threading.Thread(target=stop, daemon=True).start()
