@@ -9,13 +9,10 @@ from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.viewer.page_panel import LegendEntry, PanelFields
 from fmp_drake.systems.viewer.path_drawing import DEMONSTRATION_COLOR, css_color
 
-VIEW_HELP = "Drag to turn the view, with the right button to move it; the wheel zooms."
+VIEW_HELP = "Drag beside it to turn the view; right button: move, wheel: zoom."
 """How the camera is moved."""
 
-_PULL_HELP = (
-    "Hold Ctrl and drag the arm with the left mouse button: it gives way, and returns "
-    "when you let go."
-)
+_PULL_HELP = "Ctrl + left button drags the arm; let go, and it returns."
 _INK_COLOR = "rgb({:.0f} {:.0f} {:.0f})".format(*(255 * ink_colours(1.0, srgb=True)))
 
 

@@ -184,7 +184,13 @@ def MakeWipingStation(
     status = AddSurfaceWatch(builder, scene, scenario.board.size, status=status)
     if panel is not None:
         AddPageStatus(
-            builder, panel, primitive=primitive, status=status, ink=ink, area=area
+            builder,
+            panel,
+            primitive=primitive,
+            status=status,
+            period=scenario.impedance.control_period,
+            ink=ink,
+            area=area,
         )
     for system in (controller, ink):
         for i in range(system.num_output_ports()):

@@ -11,7 +11,7 @@ from fmp_drake.numeric import check_number
 _SLIDERS = {
     "tempo": ("tempo", 0.25, 2.0, 0.05),
     "normal_force": ("normal force (N)", 0.0, 15.0, 0.5),
-    "sample": ("sample (0: mean)", 0.0, 1.0, 1.0),
+    "sample": ("play samples", 0.0, 1.0, 1.0),
 }
 # Largest difference, in steps, of a slider from the value that it stands for.
 _ROUNDING = 0.501

@@ -5,7 +5,12 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, InputPort, LeafSystem
+from pydrake.systems.framework import (
+    Context,
+    DiscreteValues,
+    InputPort,
+    LeafSystem,
+)
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
@@ -21,10 +26,14 @@ from fmp_drake.systems.viewer.path_drawing import css_color
 
 # Less is no contact, N.
 _CONTACT = 0.5
+_REASONS = int(sum(STOP_REASONS))
 
 
 class PageStatus(LeafSystem):
     """Shows time, force, cleaned area, component and mode in the panel of a page.
+
+    A fault that stops the arm may last for one update of the controller; the latest is
+    discrete state.
 
     Input ports
     -----------
@@ -43,7 +52,9 @@ class PageStatus(LeafSystem):
     area : array_like of bool, shape (ny nx,)
         The cells that should be cleaned.
     period : float
-        Between two looks, s.
+        Between two pictures, s.
+    status_period : float
+        Between two updates of the status, s.
 
     Examples
     --------
@@ -65,11 +76,17 @@ class PageStatus(LeafSystem):
     """
 
     def __init__(
-        self, panel: PagePanel, *, area: ArrayLike, period: float = 0.128
+        self,
+        panel: PagePanel,
+        *,
+        area: ArrayLike,
+        period: float = 0.128,
+        status_period: float = 0.001,
     ) -> None:
         super().__init__()
         self.set_name("page_status")
-        check_number(period, "period", above=0, unit="s", error=SystemsError)
+        for name, value in {"period": period, "status_period": status_period}.items():
+            check_number(value, name, above=0, unit="s", error=SystemsError)
         self._panel = panel
         self._area: NDArray[np.bool_] = np.array(area, dtype=bool).ravel()
         sizes = {"status": STATUS_SIZE, "normal_force": 1, "component": 1}
@@ -77,6 +94,8 @@ class PageStatus(LeafSystem):
             name: self.DeclareVectorInputPort(name, size)
             for name, size in {**sizes, "ink": self._area.size}.items()
         }
+        self._fault = int(self.DeclareDiscreteState(1))
+        self.DeclarePeriodicDiscreteUpdateEvent(status_period, 0.0, self._remember)
         self.DeclareInitializationPublishEvent(self._show)
         self.DeclareForcedPublishEvent(self._show)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._show)
@@ -84,7 +103,11 @@ class PageStatus(LeafSystem):
     def _show(self, context: Context) -> None:
         values: dict[str, Any] = {k: p.Eval(context) for k, p in self._inputs.items()}
         force, component = float(values["normal_force"][0]), int(values["component"][0])
-        level, mode, detail = mode_in_words(int(values["status"][0]), force)
+        flags = int(values["status"][0])
+        fault = flags & _REASONS or int(
+            context.get_discrete_state(self._fault).value()[0]
+        )
+        level, mode, detail = mode_in_words(flags, fault, force)
         self._panel.show(
             level=level,
             mode=mode,
@@ -96,9 +119,14 @@ class PageStatus(LeafSystem):
             component_color=css_color(component_color(component)),
         )
 
+    def _remember(self, context: Context, values: DiscreteValues) -> None:
+        status: Any = self._inputs["status"].Eval(context)
+        if fault := int(status[0]) & _REASONS:
+            values.set_value(self._fault, np.array([float(fault)]))
+
 
 def mode_in_words(
-    flags: int, force: float
+    flags: int, fault: int, force: float
 ) -> tuple[Literal["good", "busy", "bad"], str, str]:
     """Say what a wiping arm is doing.
 
@@ -106,6 +134,8 @@ def mode_in_words(
     ----------
     flags : int
         `StatusFlag` of the controller and what watches it.
+    fault : int
+        Those of `STOP_REASONS` that were there last; none is 0.
     force : float
         Of the eraser on the board, N.
 
@@ -120,18 +150,14 @@ def mode_in_words(
 
     Examples
     --------
-    >>> mode_in_words(StatusFlag.PROTECTIVE_STOP | StatusFlag.STALE, 0.0)
+    >>> mode_in_words(StatusFlag.PROTECTIVE_STOP, StatusFlag.STALE, 0.0)
     ('bad', 'protective stop', 'the target was too old')
     """
+    reasons = [text for flag, text in STOP_REASONS.items() if fault & flag]
     if flags & StatusFlag.PROTECTIVE_STOP:
-        reasons = [text for flag, text in STOP_REASONS.items() if flags & flag]
-        return (
-            "bad",
-            "protective stop",
-            reasons[0] if reasons else "waits until its target is good again",
-        )
+        return "bad", "protective stop", ", ".join(reasons)
     if flags & StatusFlag.RECOVER:
-        return "busy", "going back", "is led back to its target"
+        return "busy", "going back", "after a protective stop: " + ", ".join(reasons)
     if flags & StatusFlag.BELOW_SURFACE:
         return "bad", "below the board", "something hard is below the surface"
     if flags & StatusFlag.CONTACT_LOST:

@@ -160,6 +160,7 @@ def AddPageStatus(
     *,
     primitive: FourierPrimitiveSystem,
     status: OutputPort,
+    period: float,
     ink: InkBoard,
     area: NDArray[np.bool_] | None,
 ) -> None:
@@ -172,13 +173,15 @@ def AddPageStatus(
     primitive : FourierPrimitiveSystem
     status : OutputPort
         Of the controller and what watches it.
+    period : float
+        Of the controller, s.
     ink : InkBoard
     area : ndarray of bool, shape (ny, nx), optional
         The cells that should be cleaned where there is ink; all by default.
     """
     inked = ink.initial_ink >= CLEAN_BELOW
     wanted = inked if area is None else inked & area
-    shown = builder.AddSystem(PageStatus(panel, area=wanted))
+    shown = builder.AddSystem(PageStatus(panel, area=wanted, status_period=period))
     builder.Connect(status, shown.GetInputPort("status"))
     for port in (
         ink.GetOutputPort("normal_force"),

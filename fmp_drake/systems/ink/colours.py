@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 type FloatArray = NDArray[np.float64]
 
-INK_COLOUR = (0.01, 0.04, 0.45)
-"""Colour of full ink (linear RGB, 0 to 1): a blue marker."""
+INK_COLOUR = (0.20, 0.38, 0.76)
+"""Colour of full ink (linear RGB, 0 to 1): a pale blue marker. What is drawn on the
+board in green, orange and violet can be told from it."""
 
 BOARD_COLOUR = (1.0, 1.0, 1.0)
 """Colour towards which the ink fades (linear RGB, 0 to 1)."""

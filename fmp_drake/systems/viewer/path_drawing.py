@@ -8,7 +8,7 @@ from pydrake.geometry import Meshcat, Rgba
 
 from fmp_drake.systems.viewer.swept_mesh import rod_mesh
 
-DEMONSTRATION_COLOR = Rgba(0.50, 0.52, 0.55, 1.0)
+DEMONSTRATION_COLOR = Rgba(0.36, 0.38, 0.42, 1.0)
 """Colour of demonstrated paths."""
 
 LIFT = 0.002
