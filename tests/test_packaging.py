@@ -94,8 +94,9 @@ def test_workflows_run_what_the_checkout_has():
 
 def test_wheel_holds_every_module_and_model(wheel):
     held = names(wheel)
-    modules = (REPOSITORY / "fmp_drake").rglob("*.py")
-    assert {p.relative_to(REPOSITORY).as_posix() for p in modules} <= held
+    package = REPOSITORY / "fmp_drake"
+    files = [*package.rglob("*.py"), *package.rglob("*.html")]
+    assert {p.relative_to(REPOSITORY).as_posix() for p in files} <= held
     models = [p for p in (REPOSITORY / "models").rglob("*") if p.is_file()]
     assert len(models) > 5
     for path in models:

@@ -2,6 +2,7 @@
 
 import socket
 import time
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -21,8 +22,8 @@ pytestmark = [pytest.mark.browser, needs_chromium]
 
 
 def blue_ink(picture):
-    r, g, b = np.moveaxis(picture, -1, 0)
-    return (b > 0.6) & (r < 0.25) & (g < 0.35)
+    r, _, b = np.moveaxis(picture, -1, 0)
+    return (b > 0.6) & (b - r > 0.12) & (r > 0.3)
 
 
 def white(picture):
@@ -48,9 +49,9 @@ def browser(tmp_path_factory):
         yield page
 
 
-def opened(browser, meshcat):
+def opened(browser, url):
     """Open the page of a run."""
-    browser.go(meshcat.web_url())
+    browser.go(url)
     browser.wait_for_meshcat()
     return browser
 
@@ -95,24 +96,34 @@ def learned():
 
 
 @pytest.fixture(scope="module")
-def meshcat():
+def panel():
     return open_page()
 
 
-def make_run(learned, meshcat, *, show=None):
+@pytest.fixture(scope="module")
+def meshcat(panel):
+    return panel.meshcat
+
+
+def make_run(learned, panel, *, show=None):
     demonstrations, skill = learned
     scenario = LoadScenario("table_top")
     for name in vars(scenario.show):
         setattr(scenario.show, name, show is None or name in show)
     return WipingRun(
-        scenario, skill, demonstrations=demonstrations, sample=True, meshcat=meshcat
+        scenario,
+        skill,
+        demonstrations=demonstrations,
+        sample=True,
+        meshcat=panel.meshcat,
+        panel=panel,
     )
 
 
 @pytest.fixture(scope="module")
-def run(learned, meshcat):
+def run(learned, panel):
     """Simulate three seconds of what `fmp-drake wipe` shows."""
-    run = make_run(learned, meshcat)
+    run = make_run(learned, panel)
     run.advance_to(3.0)
     return run
 
@@ -121,7 +132,7 @@ def run(learned, meshcat):
 def pictures(run, meshcat, browser):
     """What the running page shows, and what it shows without arm and board."""
     assert run.output("cleaned_fraction")[0] > 0.01
-    page = opened(browser, meshcat)
+    page = opened(browser, meshcat.web_url())
     picture = settled(page, has_ink)
     meshcat.SetProperty("/drake/bodies", "visible", False)
     meshcat.Flush()
@@ -148,17 +159,18 @@ def test_running_page_shows_trail_and_plan(pictures):
 
 
 def test_everything_but_the_bodies_can_be_switched_off(learned, browser):
-    meshcat = open_page()
-    run = make_run(learned, meshcat, show=())
+    panel = open_page()
+    run = make_run(learned, panel, show=())
     run.advance_to(1.0)
-    assert meshcat.GetSliderNames() == []
-    picture = opened(browser, meshcat).settled_picture()
+    assert panel.meshcat.GetSliderNames() == []
+    assert panel.shown["legend"] == []
+    picture = opened(browser, panel.meshcat.web_url()).settled_picture()
     for part in (orange, green, blue_ink):
         assert np.mean(part(picture)) < 1e-3
     assert np.mean(picture.max(axis=-1) < 0.3) > 0.002
 
 
-def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, meshcat, browser):
+def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, panel, browser):
     simulator = run.simulator
 
     def error():
@@ -175,7 +187,7 @@ def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, meshcat, brow
 
     undisturbed = error()
     assert undisturbed < 0.01
-    page = opened(browser, meshcat)
+    page = opened(browser, panel.url)
     at = page.grab("drake", "bodies", "eraser", "eraser")
     to = [at[0] + 150, at[1] - 50]
     page.drag(at, to, modifiers=CTRL)
@@ -194,10 +206,11 @@ def test_replay_page_needs_no_network(command, tmp_path):
 
 def test_page_is_for_this_machine_only_unless_it_is_opened():
     for options, is_refused in (({}, True), ({"host": "0.0.0.0"}, False)):
-        page = open_page(**options)
-        with socket.socket() as visitor:
-            # Of this machine, too, but not the address that is called localhost.
-            assert (visitor.connect_ex(("127.0.0.2", page.port())) > 0) == is_refused
+        panel = open_page(**options)
+        for port in (panel.meshcat.port(), urlsplit(panel.url).port):
+            with socket.socket() as visitor:
+                # Of this machine, too, but not the address that is called localhost.
+                assert (visitor.connect_ex(("127.0.0.2", port)) > 0) == is_refused
 
 
 def test_page_at_an_address_of_another_machine_is_refused():
@@ -216,8 +229,10 @@ def test_command_opens_the_page_that_it_names(command, monkeypatch, browser):
     result = command("wipe", "--rate", 0, "--duration", 1)
     assert result.code == 0
     (page,) = pages
-    assert f"watch it at {page.web_url()}" in result.out
-    picture = settled(opened(browser, page), has_ink)
+    assert f"watch it at {page.url}" in result.out
+    picture = settled(opened(browser, page.url), has_ink)
+    assert browser.run("document.title") == "table_top"
+    assert "finished" in browser.run("document.body.innerText")
     assert np.mean(blue_ink(picture)) > INKED
     # The eraser has not come down yet.
     assert np.mean(wiped_patch(picture)) < 0.0003

@@ -19,8 +19,8 @@ pytestmark = [pytest.mark.browser, needs_chromium]
 
 
 def blue_ink(picture):
-    r, g, b = np.moveaxis(picture, -1, 0)
-    return (b > 0.5) & (r < 0.3) & (g < 0.4)
+    r, _, b = np.moveaxis(picture, -1, 0)
+    return (b > 0.6) & (b - r > 0.12) & (r > 0.3)
 
 
 def white(picture):
@@ -41,7 +41,7 @@ def run_of():
                 scenario,
                 skill,
                 demonstrations=demonstrations,
-                meshcat=open_page(),
+                meshcat=open_page().meshcat,
                 recording=name == REPLAYED,
             )
             runs[name].advance_to(SECONDS)

@@ -37,7 +37,7 @@ def rows(page):
 
 def blue_ink(picture):
     r, g, b = np.moveaxis(picture[..., :3], -1, 0)
-    return (b > 0.3) & (b > 2 * r) & (b > 1.5 * g)
+    return (b > 0.3) & (b > 1.4 * r) & (b > 1.2 * g)
 
 
 def test_every_scenario_is_listed_with_its_description(command):

@@ -47,8 +47,9 @@ def pages(monkeypatch):
     opened = []
 
     def open_and_keep(console=None, **options):
-        opened.append(open_page(console, **options))
-        return opened[-1]
+        panel = open_page(console, **options)
+        opened.append(panel.meshcat)
+        return panel
 
     monkeypatch.setattr(wipe_module, "open_page", open_and_keep)
     return opened

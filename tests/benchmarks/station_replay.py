@@ -33,8 +33,9 @@ def wiping_skill():
     return FourierMovementPrimitive().fit(Demonstration.load(path))
 
 
-def make_station(scenario, meshcat=None):
-    return MakeWipingStation(scenario, wiping_skill(), meshcat=meshcat)
+def make_station(scenario, panel=None):
+    meshcat = None if panel is None else panel.meshcat
+    return MakeWipingStation(scenario, wiping_skill(), meshcat=meshcat, panel=panel)
 
 
 def make_simulator(diagram, scenario):

@@ -13,6 +13,7 @@ from pydrake.geometry import Meshcat
 from station_replay import make_bare, make_simulator, make_station, record, take_turns
 
 from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.systems.viewer.page_panel import PagePanel
 
 
 def main():
@@ -21,7 +22,7 @@ def main():
     torques = record(scenario, warm_up + slices)
     bare = make_simulator(make_bare(scenario, *torques), scenario)
     station = make_simulator(make_station(scenario), scenario)
-    page = make_simulator(make_station(scenario, Meshcat()), scenario)
+    page = make_simulator(make_station(scenario, PagePanel(Meshcat())), scenario)
     seconds, off = take_turns(
         (station, bare, page), warm_up=warm_up, slices=slices, follow=name == "cenic"
     )

@@ -5,7 +5,7 @@ import numpy as np
 from fmp_drake.systems.ink.colours import BOARD_COLOUR, INK_COLOUR, ink_colours
 
 
-def test_full_ink_is_a_blue_marker_and_none_is_the_board():
+def test_full_ink_is_a_pale_blue_marker_and_none_is_the_board():
     colours = ink_colours(np.array([[0.0, 1.0, 0.5]]))
     assert colours.shape == (1, 3, 3)
     np.testing.assert_allclose(colours[0, 0], BOARD_COLOUR)
@@ -14,7 +14,7 @@ def test_full_ink_is_a_blue_marker_and_none_is_the_board():
         colours[0, 2], 0.5 * np.add(INK_COLOUR, BOARD_COLOUR), rtol=1e-12
     )
     red, green, blue = ink_colours(1.0, srgb=True)
-    assert blue > 3 * green > 3 * red > 0.0
+    assert blue > 1.2 * green > 1.4 * red > 0.5
 
 
 def test_srgb_is_the_standard_curve():

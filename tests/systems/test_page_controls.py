@@ -11,7 +11,7 @@ from fmp_drake.systems.page_controls import PageControls
 NAMES = {
     "tempo": "tempo",
     "normal_force": "normal force (N)",
-    "sample": "sample (0: mean)",
+    "sample": "play samples",
 }
 
 

@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems import plan_visualizer
-from fmp_drake.systems.plan_visualizer import SLIDER, PlanVisualizer, component_color
+from fmp_drake.systems.plan_visualizer import PlanVisualizer, component_color
 
 N = 5
 SIZES = {"plan": 3 * N, "plan_covariance": 9 * N, "component": 1}
@@ -108,28 +108,8 @@ def test_a_component_is_drawn_when_it_becomes_active(meshcat, drawn):
     drawn.clear()
     simulator.AdvanceTo(1.96)
     assert [name for name, _ in drawn].count("component") == 1
-    # Where somebody has moved the slider, it is set back.
-    meshcat.SetSliderValue(SLIDER, 4)
-    simulator.AdvanceTo(1.999)
-    simulator.AdvanceTo(2.06)
-    assert meshcat.GetSliderValue(SLIDER) == 2
-
-
-def test_its_slider_shows_the_component_until_it_is_deleted(meshcat):
-    diagram, visualizer = make_diagram(meshcat)
+    # It is nothing that somebody could set.
     assert meshcat.GetSliderNames() == []
-    simulator = Simulator(diagram)
-    simulator.AdvanceTo(3.5)
-    assert meshcat.GetSliderNames() == [SLIDER]
-    assert meshcat.GetSliderValue(SLIDER) == 3
-    # Somebody else's station in the same page, and this one again.
-    other, _ = make_diagram(meshcat)
-    Simulator(other).Initialize()
-    assert meshcat.GetSliderValue(SLIDER) == 0
-    for _ in range(2):
-        visualizer.Delete()
-        assert meshcat.GetSliderNames() == []
-    simulator.AdvanceTo(4.5)
 
 
 @pytest.mark.parametrize("name", ["plan", "tube", "component"])
@@ -139,7 +119,6 @@ def test_every_part_can_be_switched_off(meshcat, drawn, name):
     parts = {"line", "tube", "component"}
     parts.remove("line" if name == "plan" else name)
     assert {part for part, _ in drawn} == parts
-    assert meshcat.GetSliderNames() == ([] if name == "component" else [SLIDER])
 
 
 def test_a_second_simulation_draws_the_same_and_begins_anew(meshcat, drawn):
@@ -165,12 +144,13 @@ def test_an_initialisation_removes_what_was_drawn(meshcat):
     assert not meshcat.HasPath("board/plan/old")
 
 
-def test_a_viewer_has_no_state(meshcat):
-    diagram, visualizer = make_diagram(meshcat)
+def test_a_forced_picture_leaves_the_context_as_it_was(meshcat):
+    diagram, _ = make_diagram(meshcat)
     context = diagram.CreateDefaultContext()
-    assert visualizer.GetMyContextFromRoot(context).is_stateless()
+    before = context.get_discrete_state_vector().CopyToVector()
     diagram.ForcedPublish(context)
     assert meshcat.HasPath("plan/line")
+    assert_array_equal(context.get_discrete_state_vector().CopyToVector(), before)
 
 
 @pytest.mark.parametrize("forgotten", list(SIZES))

@@ -1,0 +1,199 @@
+"""Facts about the panel of the page in a browser: what it says, and what it does."""
+
+import time
+
+import numpy as np
+import pytest
+from browser import OFFLINE, Page, needs_chromium
+
+from fmp_drake.apps.page import open_page
+from fmp_drake.runs.advancing import RunButtons
+from fmp_drake.runs.page_text import describe_page
+from fmp_drake.station import LoadScenario
+from fmp_drake.systems.page_controls import PageControls
+from fmp_drake.systems.viewer.page_panel import add_panel
+
+pytestmark = [pytest.mark.browser, needs_chromium]
+
+TEXT = "document.getElementById('fmp-panel').innerText"
+# Boxes of all that is written in the panel, and of what it is beside.
+CUT_OFF = """(() => {
+  const panel = document.getElementById('fmp-panel').getBoundingClientRect();
+  const scene = viewer.renderer.domElement.getBoundingClientRect();
+  const out = [...document.querySelectorAll('#fmp-panel :is(h1, p, b, span, li, button)')]
+    .filter((e) => e.offsetParent && (e.scrollWidth > e.clientWidth + 1
+      && getComputedStyle(e).display !== 'inline'
+      || e.getBoundingClientRect().right > panel.right))
+    .map((e) => e.textContent);
+  return [out, scene.left - panel.right, scene.right - innerWidth];
+})()"""
+BUTTON = """document.querySelector('#fmp-buttons button[data-name="%s"]')"""
+SLIDER = """document.querySelector('#fmp-sliders label[data-name="%s"] input')"""
+
+
+@pytest.fixture(scope="module")
+def panel():
+    panel = open_page(title="table_top")
+    panel.show(**describe_page(LoadScenario("table_top")))
+    panel.show(mode="wiping", level="good", time=12.34, cleaned=0.625, force=9.5)
+    yield panel
+    panel.close()
+
+
+@pytest.fixture(scope="module")
+def page(panel, tmp_path_factory):
+    with Page(panel.url, tmp_path_factory.mktemp("page")) as page:
+        page.wait_for_meshcat()
+        yield page
+
+
+def resize(page, width, height):
+    page.call(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=height,
+        deviceScaleFactor=1,
+        mobile=False,
+    )
+    page.wait_for(
+        f"viewer.renderer.domElement.getBoundingClientRect().right == {width}"
+    )
+
+
+def wait_until(condition):
+    deadline = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < deadline, "it never happened"
+        time.sleep(0.05)
+
+
+def test_the_page_says_what_is_seen_and_how_to_drag(page):
+    text = page.wait_for(TEXT)
+    assert page.run("document.title") == "table_top"
+    for said in (
+        *("wiping", "12.3 s", "cleaned", "63 %", "9.5 N", "5 N", "15 N"),
+        *(
+            "ink",
+            "demonstrated paths",
+            "path of the eraser",
+            "plan of the next seconds",
+        ),
+        *("mean of the component", "force on the eraser", "Ctrl + left button"),
+    ):
+        assert said in text, said
+
+
+@pytest.mark.parametrize("size", [(800, 500), (1600, 1000)])
+def test_nothing_of_the_panel_is_cut_off_or_over_the_scene(page, panel, size):
+    buttons = RunButtons(panel.meshcat, panel)
+    with buttons:
+        assert not buttons.paused
+        page.wait_for(f"{BUTTON % RunButtons.RESET} !== null")
+        resize(page, *size)
+        assert page.run(CUT_OFF) == [[], 0, 0]
+
+
+def test_a_stop_is_shown_with_its_reason_while_it_lasts(page, panel):
+    panel.show(mode="protective stop", level="bad", detail="no board was found")
+    page.wait_for(f"{TEXT}.includes('no board was found')")
+    assert page.run("document.getElementById('fmp-mode').className") == "bad"
+    panel.show(mode="wiping", level="good", detail="")
+    page.wait_for(f"!{TEXT}.includes('no board was found')")
+
+
+def test_the_pause_button_says_what_it_does_next(page, panel):
+    with RunButtons(panel.meshcat, panel) as buttons:
+        assert not buttons.paused
+        pause = BUTTON % RunButtons.PAUSE
+        page.wait_for(f"{pause} && {pause}.textContent === 'pause (P)'")
+        page.run(f"{pause}.click()")
+        wait_until(lambda: buttons.paused)
+        page.wait_for(f"{pause}.textContent === 'resume (P)'")
+        page.wait_for(f"{TEXT}.includes('paused')")
+        page.run(f"{pause}.click()")
+        wait_until(lambda: not buttons.paused)
+        page.wait_for(f"{pause}.textContent === 'pause (P)'")
+    page.wait_for(f"{pause} === null")
+
+
+def test_a_button_that_is_switched_off_cannot_be_pressed(page, panel):
+    panel.meshcat.AddButton("learn")
+    learn = BUTTON % "learn"
+    panel.show(buttons={"learn": {"label": "learn (7 s more)", "enabled": False}})
+    page.wait_for(f"{learn} && {learn}.textContent === 'learn (7 s more)'")
+    page.run(f"{learn}.click()")
+    panel.show(buttons={})
+    page.wait_for(f"!{learn}.disabled && {learn}.textContent === 'learn'")
+    assert panel.meshcat.GetButtonClicks("learn") == 0
+    page.run(f"{learn}.click()")
+    wait_until(lambda: panel.meshcat.GetButtonClicks("learn") == 1)
+    panel.meshcat.DeleteButton("learn")
+
+
+def test_the_sliders_of_the_panel_are_those_of_the_diagram(page, panel):
+    controls = PageControls(panel.meshcat, tempo=0.8)
+    controls.ExecuteInitializationEvents(controls.CreateDefaultContext())
+    tempo, samples = SLIDER % "tempo", SLIDER % "play samples"
+    page.wait_for(f"{tempo} && {tempo}.value === '0.8'")
+    page.run(f"{tempo}.value = 1.5; {tempo}.dispatchEvent(new Event('input'))")
+    wait_until(lambda: panel.meshcat.GetSliderValue("tempo") == 1.5)
+    page.run(f"{samples}.click()")
+    wait_until(lambda: panel.meshcat.GetSliderValue("play samples") == 1.0)
+    # And back, as an initialisation does.
+    panel.meshcat.SetSliderValue("tempo", 0.5)
+    page.wait_for(f"{tempo}.value === '0.5'")
+    controls.Delete()
+    page.wait_for(f"{tempo} === null")
+
+
+def test_the_viewer_s_own_menu_is_closed_until_it_is_asked_for(page):
+    menu = "viewer.gui.domElement"
+    assert page.run(f"{menu}.offsetHeight") == 0
+    page.run("document.getElementById('fmp-viewer').click()")
+    page.wait_for(f"{menu}.offsetHeight > 0")
+    assert page.run("Object.values(viewer.gui.__folders).every((f) => f.closed)")
+    page.run("document.getElementById('fmp-viewer').click()")
+    page.wait_for(f"{menu}.offsetHeight === 0")
+
+
+def test_the_camera_of_the_page_is_known(page, panel):
+    panel.meshcat.SetCameraPose([1.0, -2.0, 1.5], [0.0, 0.0, 0.0])
+    page.wait_for_meshcat()
+
+    def seen():
+        X_WC = panel.meshcat.GetTrackedCameraPose()
+        return X_WC is not None and np.allclose(
+            X_WC.translation(), [1.0, -2.0, 1.5], atol=1e-3
+        )
+
+    wait_until(seen)
+
+
+def test_a_page_without_its_program_says_so(tmp_path):
+    panel = open_page()
+    with Page(panel.url, tmp_path) as page:
+        page.wait_for_meshcat()
+        panel.show(mode="wiping", level="good")
+        page.wait_for(f"{TEXT}.includes('wiping')")
+        panel.close()
+        page.wait_for(f"{TEXT}.includes('no connection')")
+
+
+def test_a_saved_page_has_title_legend_and_explanation_without_network(panel, tmp_path):
+    html = tmp_path / "run.html"
+    text = describe_page(LoadScenario("words"), replay=True)
+    html.write_text(
+        add_panel(panel.meshcat.StaticHtml(), {**text, "title": "words"}, live=None),
+        encoding="utf-8",
+    )
+    with Page(html.as_uri(), tmp_path, *OFFLINE) as page:
+        page.wait_for("!!document.getElementById('fmp-help')?.innerText")
+        said = page.run(TEXT)
+        assert page.run("document.title") == "words"
+        assert "Words are written on the board" in page.run(
+            "document.getElementById('fmp-panel').textContent"
+        )
+        assert "path of the eraser" in said
+        # There is no plan in a replay, and nothing to pull.
+        assert "plan" not in said
+        assert "Ctrl" not in said

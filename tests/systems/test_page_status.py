@@ -1,0 +1,116 @@
+"""Facts about what the panel says of a station."""
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.systems import StatusFlag
+from fmp_drake.systems.page_status import PageStatus, mode_in_words
+from fmp_drake.systems.viewer.page_panel import PagePanel
+
+STOP = StatusFlag.PROTECTIVE_STOP
+INPUTS = {"normal_force": [9.0], "ink": [0.0, 1.0, 0.05, 1.0], "component": [3.0]}
+
+
+class Flags(LeafSystem):
+    """A status with a fault for one millisecond, a stop after it, and a recovery."""
+
+    def __init__(self):
+        super().__init__()
+        state = self.DeclareDiscreteState(6)
+        self.DeclareStateOutputPort("status", state)
+        self.DeclarePeriodicDiscreteUpdateEvent(0.001, 0.0, self._update)
+
+    def _update(self, context, values):
+        ms = round(1000 * context.get_time())
+        flags = STOP if 50 <= ms < 300 else StatusFlag.RECOVER if ms >= 300 else 0
+        if ms == 50:
+            flags |= StatusFlag.NOT_FOUND
+        values.set_value(np.array([float(flags), 0, 0, 0, 0, 0]))
+
+
+@pytest.fixture
+def panel():
+    panel = PagePanel(Meshcat())
+    yield panel
+    panel.close()
+
+
+def make_simulator(panel, forgotten=None):
+    builder = DiagramBuilder()
+    shown = builder.AddSystem(PageStatus(panel, area=[True, True, True, False]))
+    flags = builder.AddSystem(Flags())
+    if forgotten != "status":
+        builder.Connect(flags.get_output_port(), shown.GetInputPort("status"))
+    for name, value in INPUTS.items():
+        if name != forgotten:
+            source = builder.AddSystem(ConstantVectorSource(np.array(value)))
+            builder.Connect(source.get_output_port(), shown.GetInputPort(name))
+    return Simulator(builder.Build())
+
+
+def test_ports_have_names_and_sizes(panel):
+    status = PageStatus(panel, area=np.ones((2, 3)))
+    ports = [status.get_input_port(i) for i in range(status.num_input_ports())]
+    sizes = {"status": 6, "normal_force": 1, "ink": 6, "component": 1}
+    assert {port.get_name(): port.size() for port in ports} == sizes
+    assert status.num_output_ports() == 0
+
+
+def test_it_shows_time_force_component_and_what_is_clean_of_the_area(panel):
+    make_simulator(panel).AdvanceTo(0.03)
+    shown = panel.shown
+    assert (shown["time"], shown["force"], shown["mode"]) == (0.0, 9.0, "wiping")
+    assert shown["cleaned"] == pytest.approx(2 / 3)
+    assert shown["component"] == "mean of component 3"
+
+
+def test_the_reason_of_a_stop_is_shown_although_its_fault_was_short(panel):
+    simulator = make_simulator(panel)
+    simulator.AdvanceTo(0.2)
+    assert panel.shown["level"] == "bad"
+    assert panel.shown["mode"] == "protective stop"
+    assert panel.shown["detail"] == "no board was found where it is looked for"
+    # In another simulator, too: it is in the context.
+    copy = Simulator(simulator.get_system(), simulator.get_context().Clone())
+    copy.AdvanceTo(0.4)
+    assert panel.shown["mode"] == "going back"
+    assert "no board was found" in panel.shown["detail"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "force", "mode"),
+    [
+        (0, 9.0, "wiping"),
+        (0, 0.0, "in the air"),
+        (
+            StatusFlag.FORCE_CONTROL | StatusFlag.CONTACT_LOST,
+            0.0,
+            "searching the board",
+        ),
+        (StatusFlag.RECOVER, 9.0, "going back"),
+        (STOP | StatusFlag.CONTACT_LOST, 0.0, "protective stop"),
+        (StatusFlag.BELOW_SURFACE, 9.0, "below the board"),
+        (StatusFlag.TORQUE_LIMITED, 9.0, "wiping"),
+    ],
+)
+def test_modes_have_words(flags, force, mode):
+    assert mode_in_words(flags, 0, force)[1] == mode
+
+
+@pytest.mark.parametrize("forgotten", ["status", *INPUTS])
+def test_a_forgotten_input_is_named(panel, forgotten):
+    with pytest.raises(
+        (RuntimeError, ValueError), match=rf"\({forgotten}\).*page_status"
+    ):
+        make_simulator(panel, forgotten).AdvanceTo(0.1)
+
+
+@pytest.mark.parametrize("name", ["period", "status_period"])
+def test_values_that_do_not_fit_are_refused(panel, name):
+    with pytest.raises(SystemsError, match=f"{name} .*must be positive"):
+        PageStatus(panel, area=[True], **{name: 0.0})
