@@ -6,7 +6,7 @@ from fmp_drake.systems.force_arrow import FORCE_COLOR
 from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.plan_visualizer import PLAN_COLOR, TUBE_COLOR
 from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
-from fmp_drake.systems.viewer.page_panel import LegendEntry, PanelFields
+from fmp_drake.systems.viewer.panel_fields import Kind, PanelFields
 from fmp_drake.systems.viewer.path_drawing import DEMONSTRATION_COLOR, css_color
 
 VIEW_HELP = "Drag beside it to turn the view; right button: move, wheel: zoom."
@@ -32,57 +32,33 @@ def describe_page(scenario: Scenario, *, replay: bool = False) -> PanelFields:
     (5.0, 15.0)
     """
     show, force = scenario.show, scenario.press.force
-    legend: list[tuple[bool, LegendEntry]] = [
-        (show.ink, {"name": "ink", "color": _INK_COLOR, "kind": "area"}),
+    plans = not replay
+    legend: list[tuple[bool, str, str, Kind]] = [
+        (show.ink, "ink", _INK_COLOR, "area"),
         (
             show.demonstrations,
-            {
-                "name": "demonstrated paths",
-                "color": css_color(DEMONSTRATION_COLOR),
-                "kind": "line",
-            },
+            "demonstrated paths",
+            css_color(DEMONSTRATION_COLOR),
+            "line",
         ),
+        (show.trail, "path of the eraser", css_color(TRAIL_COLOR), "line"),
         (
-            show.trail,
-            {
-                "name": "path of the eraser",
-                "color": css_color(TRAIL_COLOR),
-                "kind": "line",
-            },
+            show.plan and plans,
+            "plan of the next seconds",
+            css_color(PLAN_COLOR),
+            "line",
         ),
-        (
-            show.plan and not replay,
-            {
-                "name": "plan of the next seconds",
-                "color": css_color(PLAN_COLOR),
-                "kind": "line",
-            },
-        ),
-        (
-            show.tube and not replay,
-            {
-                "name": "its variation (2σ)",
-                "color": css_color(TUBE_COLOR),
-                "kind": "area",
-            },
-        ),
-        (
-            show.component and not replay,
-            {"name": "mean of the component", "color": "", "kind": "line"},
-        ),
-        (
-            show.force,
-            {
-                "name": "force on the eraser",
-                "color": css_color(FORCE_COLOR),
-                "kind": "arrow",
-            },
-        ),
+        (show.tube and plans, "its variation (2σ)", css_color(TUBE_COLOR), "area"),
+        (show.component and plans, "mean of the component", "", "line"),
+        (show.force, "force on the eraser", css_color(FORCE_COLOR), "arrow"),
     ]
-    pull = [_PULL_HELP] if show.mouse and not replay else []
     return {
         "subtitle": scenario.description,
         "force_band": (max(0.0, force - NEAR_FORCE), force + NEAR_FORCE),
-        "legend": [entry for is_shown, entry in legend if is_shown],
-        "help": [*pull, VIEW_HELP],
+        "legend": [
+            {"name": name, "color": color, "kind": kind}
+            for is_shown, name, color, kind in legend
+            if is_shown
+        ],
+        "help": [*([_PULL_HELP] if show.mouse and plans else []), VIEW_HELP],
     }

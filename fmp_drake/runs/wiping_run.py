@@ -353,4 +353,4 @@ class WipingRun:
         text["title"] = title
         seconds = self.simulator.get_context().get_time()
         text["mode"], text["detail"] = "replay", f"of a run of {seconds:g} s"
-        return add_panel(self.meshcat.StaticHtml(), text, live=None)
+        return add_panel(self.meshcat.StaticHtml(), text)

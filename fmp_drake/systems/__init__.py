@@ -35,6 +35,7 @@ from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
 from fmp_drake.systems.page_controls import PageControls
+from fmp_drake.systems.page_status import PageStatus
 from fmp_drake.systems.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 from fmp_drake.systems.sensor_model import SensorModel
@@ -42,6 +43,7 @@ from fmp_drake.systems.spatial_force_sum import SpatialForceSum
 from fmp_drake.systems.surface_monitor import SurfaceMonitor
 from fmp_drake.systems.teaching.hand_motion import HandMotion, HandVariability
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 
 __all__ = [
@@ -69,6 +71,8 @@ __all__ = [
     "MousePull",
     "OperationalSpaceImpedanceController",
     "PageControls",
+    "PagePanel",
+    "PageStatus",
     "PlanVisualizer",
     "Push",
     "ScriptedDisturbances",

@@ -183,7 +183,7 @@ def test_a_saved_page_has_title_legend_and_explanation_without_network(panel, tm
     html = tmp_path / "run.html"
     text = describe_page(LoadScenario("words"), replay=True)
     html.write_text(
-        add_panel(panel.meshcat.StaticHtml(), {**text, "title": "words"}, live=None),
+        add_panel(panel.meshcat.StaticHtml(), {**text, "title": "words"}),
         encoding="utf-8",
     )
     with Page(html.as_uri(), tmp_path, *OFFLINE) as page:

@@ -19,6 +19,7 @@ from fmp_drake.primitives import load_skill, save_skill
 from fmp_drake.runs import WipingRun, load_context, save_context
 from fmp_drake.runs.signals import SIGNALS
 from fmp_drake.station import LoadScenario, MakeWipingStation
+from fmp_drake.systems.viewer.page_panel import PagePanel
 
 pytestmark = pytest.mark.slow
 
@@ -28,8 +29,8 @@ ODD_INSTANTS = 0.3 + np.cumsum(np.random.default_rng(1).uniform(0.01, 0.09, 20))
 
 
 @pytest.fixture(scope="module")
-def meshcat():
-    return Meshcat()
+def panel():
+    return PagePanel(Meshcat())
 
 
 def scenario_at(tempo, *, reactive=False):
@@ -80,7 +81,7 @@ def look_at_everything(station, context):
     [(0.5, False), (0.9, False), (1.0, False), (1.37, False), (1.0, True)],
 )
 def test_page_recording_log_and_film_change_nothing(
-    restless_skill, meshcat, tempo, reactive
+    restless_skill, panel, tempo, reactive
 ):
     scenario = scenario_at(tempo, reactive=reactive)
     end = max(0.95 / tempo, 1.2)  # Past a re-mapping, and the push.
@@ -89,7 +90,12 @@ def test_page_recording_log_and_film_change_nothing(
     expected = state_of(alone.get_system(), alone.get_context())
 
     watched = WipingRun(
-        scenario, restless_skill, meshcat=meshcat, recording=True, keep=SIGNALS
+        scenario,
+        restless_skill,
+        meshcat=panel.meshcat,
+        panel=panel,
+        recording=True,
+        keep=SIGNALS,
     )
     reel = FilmReel(watched.station, fps=20.0, speed=1.0)
     reel.watch(watched.simulator)
@@ -169,7 +175,7 @@ def is_plain(value):
     return value is None or isinstance(value, plain)
 
 
-def test_caches_hold_arrays_and_plain_values(restless_skill, meshcat, monkeypatch):
+def test_caches_hold_arrays_and_plain_values(restless_skill, panel, monkeypatch):
     declared = []
     declare = LeafSystem.DeclareCacheEntry
 
@@ -180,7 +186,7 @@ def test_caches_hold_arrays_and_plain_values(restless_skill, meshcat, monkeypatc
 
     monkeypatch.setattr(LeafSystem, "DeclareCacheEntry", recording)
     station = MakeWipingStation(
-        scenario_at(0.9, reactive=True), restless_skill, meshcat=meshcat
+        scenario_at(0.9, reactive=True), restless_skill, meshcat=panel.meshcat
     )
     simulator = Simulator(station)
     simulator.AdvanceTo(0.4)

@@ -117,7 +117,7 @@ def test_two_panels_have_addresses_of_their_own(panel):
 
 
 def test_a_saved_page_gets_a_panel_that_says_what_it_is_given():
-    page = add_panel(Meshcat().StaticHtml(), {"title": "run"}, live=None)
+    page = add_panel(Meshcat().StaticHtml(), {"title": "run"})
     assert page.count("<title>") == 1
     assert "<title>run</title>" in page
     assert page.rstrip().endswith("</html>")
@@ -125,4 +125,4 @@ def test_a_saved_page_gets_a_panel_that_says_what_it_is_given():
 
 def test_a_panel_in_what_is_no_page_is_refused():
     with pytest.raises(SystemsError, match="a head and a body"):
-        add_panel("<p>nothing</p>", {}, live=None)
+        add_panel("<p>nothing</p>", {})

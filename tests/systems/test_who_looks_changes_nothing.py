@@ -12,8 +12,10 @@ from rubbed_board import GRID, OUTPUTS, add_ink, make_plant
 from fmp_drake.systems.force_arrow import ForceArrow
 from fmp_drake.systems.ink_visualizer import InkVisualizer
 from fmp_drake.systems.page_controls import PageControls
+from fmp_drake.systems.page_status import PageStatus
 from fmp_drake.systems.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.viewer.page_panel import PagePanel
 
 PATHS = [np.eye(4, 3)]
 
@@ -57,6 +59,11 @@ def controlled(meshcat, *, watched):
             source = builder.AddSystem(ConstantVectorSource(np.zeros(size)))
             builder.Connect(source.get_output_port(), plan.GetInputPort(name))
         builder.AddSystem(PageControls(meshcat))
+        status = builder.AddSystem(PageStatus(PagePanel(meshcat), area=[True]))
+        for name, size in {"status": 6, "normal_force": 1, "ink": 1}.items():
+            source = builder.AddSystem(ConstantVectorSource(np.ones(size)))
+            builder.Connect(source.get_output_port(), status.GetInputPort(name))
+        builder.Connect(source.get_output_port(), status.GetInputPort("component"))
     simulator = Simulator(builder.Build())
     simulator.get_mutable_integrator().set_target_accuracy(1e-6)
     return simulator

@@ -1,1 +1,1 @@
-"""Meshes of paths and tubes."""
+"""Meshes of paths and tubes, and the panel of the page."""

@@ -3,109 +3,24 @@
 import json
 import re
 import threading
-import urllib.request
+import time
 import weakref
-from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, Literal, NotRequired, TypedDict, Unpack
+from typing import Unpack
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
+from urllib.request import ProxyHandler, build_opener
 
 from pydrake.geometry import Meshcat
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.systems.viewer.panel_fields import PanelFields
 
 # Seconds between two messages to a browser, and after which an idle one is sent.
 _PAUSE, _IDLE = 0.1, 2.0
 # Above Meshcat's own port, where that is free.
 _PORT_OFFSET = 1000
-
-
-class ButtonLook(TypedDict):
-    """How a button of the page looks now.
-
-    Attributes
-    ----------
-    label : str
-        What is on it, instead of its name.
-    enabled : bool
-        Whether it can be pressed.
-    hint : str
-        What is shown while the mouse is over it.
-    """
-
-    label: NotRequired[str]
-    enabled: NotRequired[bool]
-    hint: NotRequired[str]
-
-
-class LegendEntry(TypedDict):
-    """A colour of the scene, and what it stands for.
-
-    Attributes
-    ----------
-    name : str
-    color : str
-        In CSS; of the component that plays where it is empty.
-    kind : str
-        `area`, `line` or `arrow`.
-    """
-
-    name: str
-    color: str
-    kind: Literal["area", "line", "arrow"]
-
-
-class PanelFields(TypedDict, total=False):
-    """What the panel says. A field that was never given is not shown.
-
-    Attributes
-    ----------
-    title, subtitle : str
-        Of the panel; the title is also the tab's.
-    mode : str
-        What is being done, in a word or two.
-    level : str
-        How well that is: decides the colour.
-    detail : str
-        A sentence about the mode, such as the reason of a stop.
-    paused : bool
-        Is shown instead of the mode.
-    time : float
-        s.
-    cleaned : float
-        Fraction, from 0 to 1.
-    force : float
-        On the board, N.
-    force_band : tuple of 2 floats
-        Within which the force is good, N.
-    component : str
-        Which one plays.
-    component_color : str
-        In CSS.
-    legend : list of LegendEntry
-    help : list of str
-        How to use the page, in sentences.
-    buttons : dict of str to ButtonLook
-        By the names that `Meshcat.AddButton` was given; others look like their names.
-    """
-
-    title: str
-    subtitle: str
-    mode: str
-    level: Literal["good", "busy", "bad", "idle"]
-    detail: str
-    paused: bool
-    time: float
-    cleaned: float
-    force: float
-    force_band: tuple[float, float]
-    component: str
-    component_color: str
-    legend: list[LegendEntry]
-    help: list[str]
-    buttons: dict[str, ButtonLook]
 
 
 class PagePanel:
@@ -139,12 +54,10 @@ class PagePanel:
 
     def __init__(self, meshcat: Meshcat, *, host: str = "localhost") -> None:
         self.meshcat = meshcat
-        inner = urlsplit(meshcat.web_url())
         self._board = _Board()
-        with urllib.request.urlopen(meshcat.web_url()) as answer:
-            page = answer.read().decode()
-        server = _serve(host, meshcat.port(), self._board, page)
-        self.url = f"http://{inner.hostname}:{server.server_port}/?tracked_camera=on"
+        server = _serve(host, meshcat.web_url(), self._board)
+        name = urlsplit(meshcat.web_url()).hostname
+        self.url = f"http://{name}:{server.server_port}/?tracked_camera=on"
         thread = threading.Thread(
             target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True
         )
@@ -157,7 +70,7 @@ class PagePanel:
         self._board.put(fields)
 
     @property
-    def shown(self) -> Mapping[str, Any]:
+    def shown(self) -> PanelFields:
         """The fields that are shown."""
         return self._board.fields
 
@@ -166,7 +79,7 @@ class PagePanel:
         self._finalizer()
 
 
-def add_panel(page: str, fields: PanelFields, *, live: Mapping[str, Any] | None) -> str:
+def add_panel(page: str, fields: PanelFields, *, port: int | None = None) -> str:
     """Return a page of Meshcat with a panel in it.
 
     Parameters
@@ -175,8 +88,8 @@ def add_panel(page: str, fields: PanelFields, *, live: Mapping[str, Any] | None)
         HTML, as Meshcat serves it or `Meshcat.StaticHtml` returns it.
     fields : PanelFields
         What the panel says, at first.
-    live : mapping, optional
-        Where the page finds its Meshcat; None for a page without one.
+    port : int, optional
+        Where a page that is served beside its Meshcat finds it, on the same machine.
 
     Raises
     ------
@@ -188,14 +101,13 @@ def add_panel(page: str, fields: PanelFields, *, live: Mapping[str, Any] | None)
     if min(head, end) < 0:
         raise SystemsError("a panel needs a page with a head and a body, as Meshcat's.")
     panel = Path(__file__).with_suffix(".html").read_text(encoding="utf-8")
-    start = json.dumps({"fields": fields, "live": live}).replace("<", r"\u003c")
+    start = json.dumps({"fields": fields, "port": port}).replace("<", r"\u003c")
     title = str(fields.get("title", "fmp_drake")).replace("<", "&lt;")
     return "".join(
         (
             re.sub("<title>.*?</title>", "", page[:head], flags=re.DOTALL),
             f"<title>{title}</title><script>const fmpStart = {start};",
-            # The page is served beside its Meshcat, not by it.
-            _REDIRECT if live else "",
+            _REDIRECT if port else "",
             "</script>",
             page[head:end],
             panel,
@@ -204,10 +116,11 @@ def add_panel(page: str, fields: PanelFields, *, live: Mapping[str, Any] | None)
     )
 
 
+# Meshcat's page looks for its Meshcat where it was served.
 _REDIRECT = """
 WebSocket = class extends WebSocket {
   constructor(url) {
-    super(url.replace(location.host, `${location.hostname}:${fmpStart.live.port}`));
+    super(url.replace(location.host, `${location.hostname}:${fmpStart.port}`));
   }
 };
 """
@@ -217,12 +130,12 @@ class _Board:
     """The fields, for the threads that tell browsers about them."""
 
     def __init__(self) -> None:
-        self.fields: dict[str, Any] = {}
+        self.fields: PanelFields = {}
         self.is_open = True
         self._version = 0
         self._changed = threading.Condition()
 
-    def put(self, fields: Mapping[str, Any]) -> None:
+    def put(self, fields: PanelFields) -> None:
         with self._changed:
             self.fields = {**self.fields, **fields}
             self._version += 1
@@ -232,22 +145,26 @@ class _Board:
         self.is_open = False
         self.put({})
 
-    def after(self, version: int) -> tuple[int, dict[str, Any]]:
+    def after(self, version: int) -> tuple[int, PanelFields]:
         """Wait for a later version than this, but not for long."""
         with self._changed:
             self._changed.wait_for(lambda: self._version != version, timeout=_IDLE)
             return self._version, self.fields
 
 
-def _serve(host: str, inner: int, board: _Board, page: str) -> ThreadingHTTPServer:
-    """Bind a server that adds the panel to what Meshcat serves at a port."""
+def _serve(host: str, meshcat: str, board: _Board) -> ThreadingHTTPServer:
+    """Bind a server that adds the panel to what Meshcat serves at its address."""
+    fetch = build_opener(ProxyHandler({})).open  # It is on this machine.
+    with fetch(meshcat) as answer:
+        page = answer.read().decode()
+    inner = urlsplit(meshcat).port or 80
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             path = urlsplit(self.path).path
             try:
                 if path in ("/", "/index.html"):
-                    text = add_panel(page, board.fields, live={"port": inner})  # type: ignore[arg-type]
+                    text = add_panel(page, board.fields, port=inner)
                     self._answer(text.encode(), "text/html; charset=utf-8")
                 elif path == "/panel":
                     self._tell()
@@ -274,12 +191,12 @@ def _serve(host: str, inner: int, board: _Board, page: str) -> ThreadingHTTPServ
             while board.is_open:
                 version, fields = board.after(version)
                 self.wfile.write(f"data: {json.dumps(fields)}\n\n".encode())
-                threading.Event().wait(_PAUSE)
+                time.sleep(_PAUSE)
 
         def _pass_on(self) -> None:
             """Fetch what the page needs besides from Meshcat."""
             try:
-                with urllib.request.urlopen(f"{address}{self.path}") as answer:
+                with fetch(f"{meshcat}{self.path}") as answer:
                     body, about = answer.read(), answer.headers
             except HTTPError as error:
                 self.send_error(error.code)
@@ -295,7 +212,6 @@ def _serve(host: str, inner: int, board: _Board, page: str) -> ThreadingHTTPServ
         block_on_close = False
 
     here = "" if host == "*" else host
-    address = f"http://{host if host not in ('*', '0.0.0.0') else 'localhost'}:{inner}"
     try:
         return Server((here, inner + _PORT_OFFSET), Handler)
     except OSError:
