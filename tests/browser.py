@@ -26,6 +26,9 @@ OFFLINE = ("--proxy-server=127.0.0.1:9", "--host-resolver-rules=MAP * ~NOTFOUND"
 
 CTRL = 2
 
+PANEL = 256
+"""Width of the panel beside the scene, pixels."""
+
 # How long a page may take, s, and how often it is tried.
 _PATIENCE, _TRIES = 45.0, 4
 

@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from browser import CTRL, OFFLINE, Page, needs_chromium
+from browser import CTRL, OFFLINE, PANEL, Page, needs_chromium
 
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import open_page
@@ -199,9 +199,11 @@ def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, panel, browse
 def test_replay_page_needs_no_network(command, tmp_path):
     html = tmp_path / "run.html"
     assert command("wipe", "--headless", "--duration", 3, "--html", html).code == 0
-    with Page(html.as_uri(), tmp_path, *OFFLINE) as page:
+    size = (800 + PANEL, 500)
+    with Page(html.as_uri(), tmp_path, *OFFLINE, size=size) as page:
         picture = settled(page, lambda picture: np.mean(wiped_patch(picture)) > 0.001)
-    assert_shows_a_wiped_board(picture)
+        assert page.run("document.title") == "table_top"
+    assert_shows_a_wiped_board(picture[:, PANEL:])
 
 
 def test_page_is_for_this_machine_only_unless_it_is_opened():

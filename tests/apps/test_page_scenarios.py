@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from browser import OFFLINE, Page, needs_chromium
+from browser import OFFLINE, PANEL, Page, needs_chromium
 
 from fmp_drake.apps.page import open_page
 from fmp_drake.runs.skills import scenario_skill
@@ -122,10 +122,11 @@ def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
     run.remove_controls()
     html = tmp_path / "run.html"
     html.write_text(run.html(), encoding="utf-8")
-    with Page(html.as_uri(), tmp_path, *OFFLINE, size=SIZE) as offline:
+    size = (SIZE[0] + PANEL, SIZE[1])
+    with Page(html.as_uri(), tmp_path, *OFFLINE, size=size) as offline:
         offline.wait_for("typeof viewer !== 'undefined'")
         time.sleep(SECONDS)  # The replay ends.
-        picture = drawn(run, offline)
+        picture = drawn(run, offline)[:, PANEL:]
     live, _ = pictures(run, page)
     ink, live_ink = blue_ink(picture), blue_ink(live)
     assert np.mean(live_ink) > 0.05
