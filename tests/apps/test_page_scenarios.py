@@ -132,4 +132,5 @@ def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
     assert np.mean(live_ink) > 0.05
     # The board on its rail, arm and ink where the run left them.
     assert np.mean(ink != live_ink) < 0.05 * np.mean(live_ink)
-    assert np.mean(np.abs(picture - live).max(axis=-1) > 0.1) < 0.01
+    # Below the bar of the viewer's own controls, which the panel hides.
+    assert np.mean(np.abs(picture - live)[30:].max(axis=-1) > 0.1) < 0.01
