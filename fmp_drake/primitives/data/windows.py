@@ -62,6 +62,16 @@ class Windows:
         )
 
 
+def extent_of(values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the least and the greatest value of recordings (n, D), shape (2, D)."""
+    return np.stack(
+        [
+            np.min([y.min(axis=0) for y in values], axis=0),
+            np.max([y.max(axis=0) for y in values], axis=0),
+        ]
+    )
+
+
 def sliding_windows(
     values: NDArray[np.float64], *, n_steps: int, stride: int
 ) -> NDArray[np.float64]:

@@ -9,7 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
 from fmp_drake.primitives.data.scaling import ChannelScales, channel_scales
-from fmp_drake.primitives.data.windows import Windows, weighted_windows
+from fmp_drake.primitives.data.windows import (
+    Windows,
+    extent_of,
+    weighted_windows,
+)
 from fmp_drake.primitives.model.mapping import Selection
 from fmp_drake.primitives.model.mixture import Progress, fit_mixture
 from fmp_drake.primitives.model.parameters import ModelChoice, check_parameters
@@ -95,6 +99,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
         Why.
     phase_model_ : PhaseModel or None
         What the phase model has learned: cycle, residual and tempo.
+    period_ : float
+        Mean period, s; only with a phase model, as the next two.
+    tempos_, amplitudes_ : ndarray, shape (C,)
+        Of the demonstrated cycles one after the other; 1 is the mean tempo, and the size
+        of the mean cycle.
     n_channels_ : int
         D.
     n_windows_ : int
@@ -102,7 +111,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
     extent_ : ndarray, shape (2, D)
         Least and greatest value of each channel in the demonstrations.
     paths_ : tuple of ndarray, shape (samples, D)
-        The demonstrations; empty where unknown, as for windows given as an array.
+        The demonstrations; empty where unknown, as for windows given as an array. The
+        phase model leaves out pauses, and the ways to and from the movement.
     channels_, units_ : tuple of str
     frame_ : str
         Of the demonstrations.
@@ -195,7 +205,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.n_windows_ = len(values)
         self.n_channels_ = d
         self.paths_ = windows.paths(self.window_stride)
-        self.extent_ = np.stack([values.min(axis=(0, 1)), values.max(axis=(0, 1))])
+        self.extent_ = extent_of([values.reshape(-1, d)])
         self.channels_ = example.channels if example else default_channels(d)
         self.units_ = example.units if example else ("m",) * d
         self.frame_ = example.frame if example else ""
@@ -214,6 +224,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
             )
             m = len(self.components_)
             self.proportions_ = np.full(m, 1 / m)
+            if track.paused or track.approach:
+                # What was left out of the recordings was not meant to be played.
+                kept = [y * self.scales_ for y in track.recordings]
+                self.extent_ = extent_of(kept)
+                self.paths_ = tuple(kept) if self.paths_ else ()
             return self
         self.phase_model_ = None
         self.proportions_, self.components_ = fit_mixture(

@@ -96,8 +96,8 @@ class DemonstratedRegion:
 
         Parameters
         ----------
-        steady : ndarray, shape (N, D)
-            The movement without deviations.
+        steady : ndarray, shape (N, D) or (S, N, D)
+            The movement without deviations; one for all, or one each.
         deviations : ndarray, shape (S, N, D)
 
         Returns
@@ -110,9 +110,11 @@ class DemonstratedRegion:
         limit = np.where(limit > self.margin, limit + _SLACK * self.margin, within)
         out = np.zeros(len(deviations))
         left = np.arange(len(deviations))
+        steady = np.broadcast_to(steady, deviations.shape)
+        limit = np.broadcast_to(limit, deviations.shape[:2])
         for fraction in _FRACTIONS:
-            distance = self.distance(steady + fraction * deviations[left])
-            fits = np.all(distance <= limit, axis=1)
+            distance = self.distance(steady[left] + fraction * deviations[left])
+            fits = np.all(distance <= limit[left], axis=1)
             out[left[fits]] = fraction
             left = left[~fits]
         return out

@@ -112,28 +112,44 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             if self.phase_model_ is None:
                 drawn = self.components_[j].sample(rng, size, with_noise=with_noise)
             else:
-                drawn = self.basis.analyze(
-                    self.phase_model_.sample(rng, j, int(size), self.n_steps)
-                )
+                drawn = np.sum(self.draw(j, rng, int(size)), axis=0)
             parts.append(drawn)
         return self.synthesize(rng.permutation(np.concatenate(parts)))
 
     def draw(
-        self, component: int, rng: np.random.Generator, size: int = 1
-    ) -> NDArray[np.float64]:
-        """Draw weights of windows that belong to a component, shape (size, D*T).
+        self,
+        component: int,
+        rng: np.random.Generator,
+        size: int = 1,
+        *,
+        past: NDArray[np.float64] | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw weights of windows that belong to a component, without its white noise.
 
-        These are what a playback tracks that samples. Of the phase model's samples they
-        are what lies in the span of the component, as all that is played.
+        Parameters
+        ----------
+        component : int
+        rng : numpy.random.Generator
+        size : int
+        past : ndarray, shape (K, D), optional
+            The first samples of a window, from whose phase and tempo a sample of the
+            phase model goes on.
+
+        Returns
+        -------
+        centre, deviation : ndarray, shape (size, D*T)
+            Two parts to be added: the mean, or of a phase model the cycle at a tempo that
+            varies, and how the sample differs from it.
         """
         self.check_fitted()
         gaussian = self.components_[component]
         if self.phase_model_ is None:
-            return gaussian.sample(rng, size, with_noise=False)
-        windows = self.phase_model_.sample(rng, component, size, self.n_steps)
-        inside = (self.basis.analyze(windows) - gaussian.mean) @ gaussian.basis
-        out: NDArray[np.float64] = gaussian.mean + inside @ gaussian.basis.T
-        return out
+            drawn = gaussian.sample(rng, size, with_noise=False)
+            centre = np.broadcast_to(gaussian.mean, drawn.shape)
+            return centre, drawn - gaussian.mean
+        seen = None if past is None else past / self.scales_
+        parts = self.phase_model_.draw(rng, component, size, self.n_steps, past=seen)
+        return self.basis.analyze(parts[0]), self.basis.analyze(parts[1])
 
     @property
     def period_(self) -> float:
@@ -145,6 +161,17 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             Where the skill has no phase model.
         """
         return self._with_phase().period / self.rate
+
+    @property
+    def tempos_(self) -> NDArray[np.float64]:
+        """Tempo of each demonstrated cycle, 1 is the mean, shape (C,)."""
+        model = self._with_phase()
+        return model.period / model.history.lengths
+
+    @property
+    def amplitudes_(self) -> NDArray[np.float64]:
+        """Size of each demonstrated cycle, 1 is the mean cycle's, shape (C,)."""
+        return self._with_phase().history.amplitudes
 
     def phase(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return the phase of consecutive samples of the movement, shape (n,).

@@ -33,6 +33,33 @@ class Outlook(NamedTuple):
     seconds: float
 
 
+def look_ahead_at_once(
+    skill: "FourierMovementPrimitive",
+    state: PlaybackState,
+    motion: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Prepare the outlook from a state whose weights are replaced at once.
+
+    The offset takes up the difference, so that the motion, (2, D), stays as it is.
+
+    Returns
+    -------
+    steady : ndarray, shape (N, D)
+        What the motion adds to the values at the coming ticks.
+    rows : ndarray, shape (N, T)
+        What multiplies the new weights of a channel.
+    """
+    now, step = state.time_since_tick, np.arange(state.step + 1, skill.n_steps)
+    tempo = state.tempo if state.tempo > 0 else 1.0
+    seconds = ((step - state.step) / skill.rate - now) / tempo
+    fading = np.array(
+        [decayed_offset(np.eye(2), state.blend_time, t)[0] for t in seconds]
+    )
+    here = min(state.step + now * skill.rate, skill.n_steps - 1)
+    seen = skill.basis.local_rows(here)[:2] * [[1.0], [skill.rate * tempo]]
+    return fading @ motion, skill.basis.rows(step) - fading @ seen
+
+
 def look_ahead(
     skill: "FourierMovementPrimitive", relaxation: Relaxation, state: PlaybackState
 ) -> Outlook:

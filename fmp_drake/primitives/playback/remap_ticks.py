@@ -7,6 +7,9 @@ from fmp_drake.numeric import check_number
 if TYPE_CHECKING:
     from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
+# Ticks.
+_EDGE = 4
+
 
 def remap_ticks_of(
     skill: "FourierMovementPrimitive", given: int | None
@@ -14,7 +17,8 @@ def remap_ticks_of(
     """Return the ticks between two re-mappings, of samples and of means.
 
     T - K each where none are given, as in the paper; but one second for the means of a
-    phase model, which shrink over a window.
+    phase model, which shrink over a window. Its samples are rough, so they are left a few
+    ticks before the end, where their velocity is that of a curve that goes on.
     """
     most = skill.n_steps - skill.overlap
     if given is not None:
@@ -22,4 +26,5 @@ def remap_ticks_of(
         return int(given), int(given)
     if skill.phase_model_ is None:
         return most, most
+    most = max(1, most - _EDGE)
     return most, min(most, max(1, round(skill.rate)))

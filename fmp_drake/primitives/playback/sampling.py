@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.primitives.playback.outlook import look_ahead
+from fmp_drake.primitives.playback.outlook import look_ahead, look_ahead_at_once
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.segment import decayed_offset
 
@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 
 type Worth = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-# How much farther from the mean than it is a sample is drawn out at most.
+# How much farther from the mean than it is a sample is drawn out at most; of a phase model
+# only what it adds to the cycle.
 _WIDENED = 1.5
+_WIDENED_RESIDUAL = 3.0
 # Samples that are looked at until the movement after one stays in the region.
 _TRIES = 8
 
@@ -37,7 +39,8 @@ def track_sample(
     these the first is tracked after which the next mean stays inside, too; the speed at the
     end of a window may otherwise carry the movement out before the next one has effect.
     Where there is a worth, too, samples are drawn out to 1.5 times their difference from
-    the mean as far as the region allows: what is worth most often lies at its rim.
+    the mean, or 3 times that from the cycle of a phase model, as far as the region allows:
+    what is worth most often lies at its rim.
 
     Parameters
     ----------
@@ -65,32 +68,31 @@ def track_sample(
     >>> high.target.shape
     (48,)
     """
-    gaussian, region = player.skill.components_[state.component], player.region
+    skill, region = player.skill, player.region
     rng = np.random.default_rng([state.seed, state.remaps])
     if region is not None:
         count = max(count, _TRIES)
-    targets = player.skill.draw(state.component, rng, count)
+    past = skill.synthesize(state.weights)[: skill.overlap]
+    centre, deviation = skill.draw(state.component, rng, count, past=past)
     if region is None and worth is None:
-        return player.retarget(state, targets[0])
-    state = player.retarget(state, gaussian.mean)
-    outlook = look_ahead(player.skill, player.relaxations[state.component], state)
-    targets -= gaussian.mean
+        return _tracking(player, state, centre[0] + deviation[0])
     if region is not None and worth is not None:
-        targets *= _WIDENED
-    values = np.tensordot(targets @ gaussian.basis, outlook.response, (1, 2))
+        deviation *= _WIDENED if skill.phase_model_ is None else _WIDENED_RESIDUAL
+    steady, values = _led_to(player, state, centre, deviation)
     if region is not None:
-        fractions = region.largest_fractions(outlook.steady, values)
-        targets *= fractions[:, None]
+        fractions = region.largest_fractions(steady, values)
+        deviation *= fractions[:, None]
         values *= fractions[:, None, None]
-    values += outlook.steady
+    values += steady
+    targets = centre + deviation
     order = np.arange(count)
     if worth is not None:
         order = np.argsort(-worth(values), kind="stable")
     if region is None:
-        return player.retarget(state, gaussian.mean + targets[order[0]])
+        return _tracking(player, state, targets[order[0]])
     best, least = state, math.inf
     for i in order[:_TRIES]:
-        tracking = player.retarget(state, gaussian.mean + targets[i])
+        tracking = _tracking(player, state, targets[i])
         after = _next_mean(player, tracking, values[i])
         outside = max(float(np.max(region.distance(after))), region.margin)
         if outside < least:
@@ -98,6 +100,52 @@ def track_sample(
         if outside <= region.margin:
             break
     return best
+
+
+def _tracking(
+    player: "Player", state: PlaybackState, target: NDArray[np.float64]
+) -> PlaybackState:
+    """Return the state that tracks a sample; that of a phase model is played at once.
+
+    On the way from one weights to others that differ in phase, both would be averaged,
+    and what is played would leave the cycle.
+    """
+    if player.skill.phase_model_ is None:
+        return player.retarget(state, target)
+    new = replace(state, weights=target, target=target)
+    change = player.motion(state)[:2] - player.motion(new)[:2]
+    return replace(new, offset=state.offset + change)
+
+
+def _led_to(
+    player: "Player",
+    state: PlaybackState,
+    centre: NDArray[np.float64],
+    deviation: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the values at the coming ticks that S targets lead to, as two parts.
+
+    Returns
+    -------
+    steady : ndarray, shape (N, D) or (S, N, D)
+        Of the centres (S, D*T).
+    values : ndarray, shape (S, N, D)
+        What their deviations (S, D*T) add.
+    """
+    skill = player.skill
+    if skill.phase_model_ is None:
+        gaussian = skill.components_[state.component]
+        state = player.retarget(state, gaussian.mean)
+        outlook = look_ahead(skill, player.relaxations[state.component], state)
+        added = np.tensordot(deviation @ gaussian.basis, outlook.response, (1, 2))
+        return outlook.steady, added
+    kept, rows = look_ahead_at_once(skill, state, player.motion(state)[:2])
+
+    def seen(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        windows = weights.reshape(len(weights), skill.n_channels_, skill.n_steps)
+        return np.swapaxes(windows @ rows.T, 1, 2) * skill.scales_
+
+    return kept + seen(centre), seen(deviation)
 
 
 def _next_mean(

@@ -70,14 +70,25 @@ class Autoregression:
         return out
 
     def sample(
-        self, rng: np.random.Generator, size: int, count: int
+        self,
+        rng: np.random.Generator,
+        size: int,
+        count: int,
+        *,
+        last: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Draw stretches of the process, shape (size, count, D)."""
+        """Draw stretches of the process, shape (size, count, D).
+
+        They go on from the last values (n, D), where there are some.
+        """
         p, d, _ = self.coefficients.shape
-        # The companion's state holds the newest sample first.
-        past = rng.standard_normal((size, p * d)) @ _root(self._stationary()).T
         out = np.empty((size, p + count, d))
-        out[:, :p] = past.reshape(size, p, d)[:, ::-1]
+        if last is None or not len(last):
+            # The companion's state holds the newest sample first.
+            past = rng.standard_normal((size, p * d)) @ _root(self._stationary()).T
+            out[:, :p] = past.reshape(size, p, d)[:, ::-1]
+        else:
+            out[:, :p] = np.pad(last, ((p, 0), (0, 0)), mode="edge")[-p:]
         out[:, p:] = rng.standard_normal((size, count, d)) @ _root(self.innovation).T
         for t in range(p, p + count):
             for k, matrix in enumerate(self.coefficients, start=1):

@@ -49,6 +49,15 @@ class Cycle:
             self.coefficients
         )
 
+    def folds(self, tolerance: float) -> int:
+        """Return of how many equal cycles it consists, up to a fraction of its variance."""
+        energy = np.sum(self.coefficients[1:] ** 2, axis=1).reshape(-1, 2).sum(axis=1)
+        order = np.arange(1, len(energy) + 1)
+        for folds in (5, 4, 3, 2):
+            if energy[order % folds != 0].sum() < tolerance * energy.sum():
+                return folds
+        return 1
+
 
 def _rows(
     phase: NDArray[np.float64], harmonics: int, derivative: int

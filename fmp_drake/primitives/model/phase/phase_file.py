@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fmp_drake.errors import SkillFileError
 from fmp_drake.primitives.model.phase.autoregression import Autoregression
 from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.history import CycleHistory
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.primitives.model.phase.residual import Residual
 from fmp_drake.primitives.model.phase.tempo import Tempo
@@ -26,6 +27,9 @@ def phase_arrays(model: PhaseModel) -> dict[str, NDArray[np.float64]]:
         "phase_anchors": model.anchors,
         "phase_spacing": model.spacing,
         "phase_calibration": model.calibration,
+        "phase_lengths": model.history.lengths,
+        "phase_amplitudes": model.history.amplitudes,
+        "phase_shifts": model.history.shifts,
     }
 
 
@@ -35,8 +39,8 @@ def phase_numbers(model: PhaseModel) -> dict[str, float]:
         "tempo": model.tempo.mean,
         "tempo_spread": model.tempo.spread,
         "pinned": model.pinned,
-        "cycles": model.cycles,
         "paused": model.paused,
+        "approach": model.approach,
     }
 
 
@@ -52,7 +56,7 @@ def read_phase(
     """
     cycle = arrays["phase_cycle"]
     d = cycle.shape[1]
-    count = arrays["phase_anchors"].size
+    count, cycles = arrays["phase_anchors"].size, arrays["phase_lengths"].size
     for name, shape in (
         ("phase_factors", (-1, d, d)),
         ("phase_residual", (-1, d, d)),
@@ -62,6 +66,9 @@ def read_phase(
         ("phase_anchors", (count,)),
         ("phase_spacing", (count,)),
         ("phase_calibration", (-1, 2)),
+        ("phase_lengths", (cycles,)),
+        ("phase_amplitudes", (cycles,)),
+        ("phase_shifts", (cycles, d)),
     ):
         found = arrays[name].shape
         if len(found) != len(shape) or any(
@@ -95,6 +102,11 @@ def read_phase(
         spacing=arrays["phase_spacing"],
         pinned=int(numbers["pinned"]),
         calibration=arrays["phase_calibration"],
-        cycles=float(numbers["cycles"]),
+        history=CycleHistory(
+            lengths=arrays["phase_lengths"],
+            amplitudes=arrays["phase_amplitudes"],
+            shifts=arrays["phase_shifts"],
+        ),
         paused=float(numbers["paused"]),
+        approach=float(numbers["approach"]),
     )

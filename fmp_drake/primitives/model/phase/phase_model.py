@@ -7,9 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.numeric import finite_array
 from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.history import CycleHistory
 from fmp_drake.primitives.model.phase.path import phase_path
 from fmp_drake.primitives.model.phase.residual import Residual
 from fmp_drake.primitives.model.phase.tempo import Tempo
+
+# How far from its anchor a component is at most entered, rad.
+_FARTHEST = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,10 +38,11 @@ class PhaseModel:
         The sample of a window at which a component knows the phase.
     calibration : ndarray, shape (A, 2)
         Samples ahead, and what covariances of predictions so far are multiplied by.
-    cycles : float
-        How many were learned from.
-    paused : float
-        Samples of the recordings that were left out, because the movement paused.
+    history : CycleHistory
+        Of the whole cycles that were learned from.
+    paused, approach : float
+        Samples of the recordings that were left out: the movement paused, or had not
+        begun yet or was over.
 
     Examples
     --------
@@ -48,8 +53,8 @@ class PhaseModel:
     >>> path = np.column_stack([np.cos(phase), np.sin(phase)])
     >>> windows = np.stack([path[i : i + 120] for i in range(0, 480, 2)])
     >>> model = FourierMovementPrimitive(model="phase").fit(windows).phase_model_
-    >>> print(round(model.cycles))
-    19
+    >>> print(round(model.period), model.cycles)
+    31 18
     """
 
     cycle: Cycle
@@ -59,13 +64,19 @@ class PhaseModel:
     spacing: NDArray[np.float64]
     pinned: int
     calibration: NDArray[np.float64]
-    cycles: float
+    history: CycleHistory
     paused: float
+    approach: float
 
     @property
     def period(self) -> float:
         """The mean period, in samples."""
         return 2 * np.pi / self.tempo.mean
+
+    @property
+    def cycles(self) -> int:
+        """How many whole cycles were learned from."""
+        return len(self.history.lengths)
 
     def fits(self, components: int, channels: int, n_steps: int) -> bool:
         """Return whether it can be that of a skill of so many of each."""
@@ -81,10 +92,16 @@ class PhaseModel:
         y = finite_array(values, "the values", ("n", self.cycle.coefficients.shape[1]))
         return phase_path(y, self.cycle, tempo=self.tempo.mean)
 
-    def sample(
-        self, rng: np.random.Generator, component: int, size: int, count: int
-    ) -> NDArray[np.float64]:
-        """Draw windows at the phase of a component, shape (size, count, D).
+    def draw(
+        self,
+        rng: np.random.Generator,
+        component: int,
+        size: int,
+        count: int,
+        *,
+        past: NDArray[np.float64] | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Draw windows at the phase of a component, as two parts to be added.
 
         Parameters
         ----------
@@ -94,13 +111,37 @@ class PhaseModel:
         size : int
         count : int
             Samples of a window.
+        past : ndarray, shape (K, D), optional
+            The first samples of the window: their phase and tempo go on.
+
+        Returns
+        -------
+        centre, deviation : ndarray, shape (size, count, D)
+            The cycle, with a tempo that varies, and the residual.
         """
         within = self.spacing[component] * (rng.random((size, 1)) - 0.5)
-        path = self.tempo.sample(rng, size, count, pinned=self.pinned)
+        begin = None
+        if past is not None:
+            within, begin = self._passing(past, component)
+        path = self.tempo.sample(rng, size, count, pinned=self.pinned, begin=begin)
         path += self.anchors[component] + within
         v = self.residual.process.sample(rng, size, count)
-        formed = (self.residual.factor(path) @ v[..., None])[..., 0]
-        return self.cycle.values(path) + formed
+        deviation = (self.residual.factor(path) @ v[..., None])[..., 0]
+        return self.cycle.values(path), deviation
+
+    def _passing(
+        self, past: NDArray[np.float64], component: int
+    ) -> tuple[float, float]:
+        """Return how far a window gets past an anchor, rad, and at which tempo."""
+        steps = np.arange(float(len(past))) - self.pinned
+        path = self.anchors[component] + self.tempo.mean * steps
+        along = self.cycle.values(path, 1)
+        # By how much the phase differs from the path: a straight line in time.
+        rows = np.stack([along, along * steps[:, None]], axis=-1).reshape(-1, 2)
+        off = (past - self.cycle.values(path)).ravel()
+        ahead, faster = np.linalg.lstsq(rows, off)[0]
+        ahead = np.clip(ahead, -_FARTHEST, _FARTHEST)
+        return float(ahead), self.tempo.mean + float(faster)
 
     def transformed(
         self, matrix: NDArray[np.float64], offset: NDArray[np.float64]
@@ -112,4 +153,5 @@ class PhaseModel:
             self,
             cycle=Cycle(coefficients=coefficients),
             residual=replace(self.residual, factors=matrix @ self.residual.factors),
+            history=replace(self.history, shifts=self.history.shifts @ matrix.T),
         )

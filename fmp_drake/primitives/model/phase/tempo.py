@@ -13,6 +13,8 @@ _ORDER = 4
 _LEFT_OUT = 0.05
 # Whole windows for each of their samples that are enough to learn from.
 _MANY = 5
+# Standard deviations from the mean that a tempo to go on from may have.
+_MOST = 2.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,10 +54,26 @@ class Tempo:
         return cls(mean=mean, spread=spread, process=process)
 
     def sample(
-        self, rng: np.random.Generator, size: int, count: int, *, pinned: int
+        self,
+        rng: np.random.Generator,
+        size: int,
+        count: int,
+        *,
+        pinned: int,
+        begin: float | None = None,
     ) -> NDArray[np.float64]:
-        """Draw phases (size, count) that are 0 at the sample `pinned`."""
-        deviations = self.process.sample(rng, size, count - 1)[..., 0]
+        """Draw phases (size, count) that are 0 at the sample `pinned`.
+
+        With a tempo `begin`, rad per sample, up to there, where one is given.
+        """
+        if begin is None:
+            deviations = self.process.sample(rng, size, count - 1)[..., 0]
+        else:
+            last = np.clip((begin - self.mean) / self.spread, -_MOST, _MOST)
+            deviations = np.full((size, count - 1), last)
+            deviations[:, pinned:] = self.process.sample(
+                rng, size, count - 1 - pinned, last=np.array([[last]])
+            )[..., 0]
         increments = self.mean + self.spread * deviations
         phase = np.zeros((size, count))
         np.cumsum(increments, axis=1, out=phase[:, 1:])

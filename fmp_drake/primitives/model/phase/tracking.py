@@ -34,6 +34,8 @@ class PhaseTrack:
     cycle : Cycle
     paused : int
         Samples left out because the movement paused.
+    approach : int
+        Samples left out at the ends because they led there or away.
     """
 
     recordings: list[NDArray[np.float64]]
@@ -41,6 +43,7 @@ class PhaseTrack:
     shifts: list[NDArray[np.float64]]
     cycle: Cycle
     paused: int
+    approach: int = 0
 
     @property
     def tempo(self) -> float:
@@ -56,13 +59,18 @@ class PhaseTrack:
     @property
     def unexplained(self) -> float:
         """The fraction of the variance that cycle and phase do not explain."""
-        errors, values = (
-            np.concatenate(self.residuals()),
-            np.concatenate(self.recordings),
-        )
-        shifts = np.concatenate(self.shifts)
+        errors = np.concatenate(self.residuals()) - np.concatenate(self.shifts)
+        return self._fraction(errors)
+
+    @property
+    def shifted(self) -> float:
+        """The fraction of the variance that slow shifts of the centre take."""
+        return self._fraction(np.concatenate(self.shifts))
+
+    def _fraction(self, errors: NDArray[np.float64]) -> float:
+        values = np.concatenate(self.recordings)
         total = float(np.sum((values - values.mean(axis=0)) ** 2))
-        return float(np.sum((errors - shifts) ** 2)) / max(total, 1e-300)
+        return float(np.sum(errors**2)) / max(total, 1e-300)
 
     def residuals(self) -> list[NDArray[np.float64]]:
         """Return what the cycle leaves of the recordings, shifts included."""
