@@ -16,6 +16,7 @@ from fmp_drake.primitives import (
 )
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.primitives.model.parameters import ModelChoice
+from fmp_drake.runs.skill_words import skill_in_words
 from fmp_drake.runs.skills import learn_skill, load_as_recorded, load_on_board
 from fmp_drake.station.scenario import Scenario
 
@@ -80,24 +81,10 @@ def learn(
         f"learned {len(skill.components_)} components from {skill.n_windows_} windows "
         f"of {skill.n_steps / skill.rate:g} s in {time.perf_counter() - started:.2f} s"
     )
-    console.print(_about(skill))
+    for sentence in skill_in_words(skill):
+        console.print(sentence)
     save_skill(skill, out)
     console.print(f"wrote {out}")
     if plot is not None:
         plot_skill(skill, loaded, plot)
         console.print(f"wrote {plot}")
-
-
-def _about(skill: FourierMovementPrimitive) -> str:
-    """Return which model was learned, and why."""
-    about = f"model: {skill.model_}, because {skill.model_reason_}"
-    model = skill.phase_model_
-    if model is None:
-        return about
-    about = (
-        f"model: phase, {skill.model_reason_}; period {skill.period_:.2f} s, tempo "
-        f"varies by {100 * model.tempo.spread / model.tempo.mean:.0f} %"
-    )
-    if model.paused:
-        about += f"; {model.paused / skill.rate:.1f} s of pauses left out"
-    return about

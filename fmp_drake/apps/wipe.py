@@ -23,6 +23,7 @@ from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.runs.advancing import advance
 from fmp_drake.runs.log import check_log
 from fmp_drake.runs.signals import SIGNALS
+from fmp_drake.runs.skill_words import model_in_words
 from fmp_drake.runs.skills import scenario_skill
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.feasibility import CheckFeasibility
@@ -151,6 +152,7 @@ def wipe(
         f"skill of {len(skill.components_)} components from {skill.n_windows_} windows "
         f"of {skill.n_steps / skill.rate:g} s, ready after {learn_seconds:.2f} s"
     )
+    console.print(model_in_words(skill))
 
     found = CheckFeasibility(scene, skill)
     if not (found.is_feasible or force):

@@ -189,7 +189,7 @@ def _drawn(model: TrajectoryModel, held: Demonstration) -> Demonstration:
     skill = model.skill_
     assert skill.phase_model_ is not None
     rng = np.random.default_rng(1)
-    long = sum(skill.phase_model_.draw(rng, 0, 1, len(held.values)))[0]
+    long = np.sum(skill.phase_model_.draw(rng, 0, 1, len(held.values)), axis=0)[0]
     values = long * skill.scales_
     return replace(held, values=values)
 

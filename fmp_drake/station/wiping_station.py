@@ -55,7 +55,7 @@ def MakeWipingStation(
 
     Output ports, all vectors: desired_position, desired_velocity,
     desired_acceleration (3,), covariance (9,), weights, component (1,), remaps (2,) of
-    the skill; measured_position, measured_velocity (3,) in B, tracking_error (6,),
+    the skill, and its phase (1,) where it has a phase model; measured_position, measured_velocity (3,) in B, tracking_error (6,),
     status (6,) of the controller and of the surface monitor, read with
     `ImpedanceStatus`; penetration (1,) in m, of the deepest hard point of arm and eraser
     below the board's surface; torque (7,)
@@ -175,8 +175,9 @@ def MakeWipingStation(
 
     for order, name in enumerate(_DESIRED):
         builder.ExportOutput(desired.get_output_port(order), name)
-    for name in ("covariance", "weights", "component", "remaps"):
-        builder.ExportOutput(primitive.GetOutputPort(name), name)
+    for name in ("covariance", "weights", "component", "remaps", "phase"):
+        if primitive.HasOutputPort(name):
+            builder.ExportOutput(primitive.GetOutputPort(name), name)
     actuation = builder.GetSubsystemByName("actuation")
     builder.ExportOutput(actuation.get_output_port(), "actuation")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")

@@ -26,8 +26,11 @@ from fmp_drake.primitives import (
     Player,
     Tracker,
 )
+from fmp_drake.primitives.playback.place import phase_of
 from fmp_drake.primitives.playback.segment import Segment, segment_motion
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
+
+Calc = Callable[[Context, BasicVector], None]
 
 MAX_TEMPO = 4.0
 """Fastest tempo; 1 is as demonstrated."""
@@ -83,6 +86,9 @@ class FourierPrimitiveSystem(LeafSystem):
         The Fourier weights, channel by channel.
     component : (1,)
         Index of the active component j*.
+    phase : (1,)
+        Where in its cycle the desired motion is, rad, from 0 to 2 pi; only where the
+        skill has a phase model.
     plan : (P*D,)
         Desired positions from the last event on, tick by tick: where the movement
         leads to if nothing interferes.
@@ -154,10 +160,8 @@ class FourierPrimitiveSystem(LeafSystem):
         self._player = player
         if push_threshold is not None:
             check_number(push_threshold, "push_threshold", above=0, error=SystemsError)
-        check_number(push_dwell, "push_dwell", above=0, unit="s", error=SystemsError)
-        check_number(
-            plan_seconds, "plan_seconds", above=0, unit="s", error=SystemsError
-        )
+        for name, value in (("push_dwell", push_dwell), ("plan_seconds", plan_seconds)):
+            check_number(value, name, above=0, unit="s", error=SystemsError)
         self._push_threshold = push_threshold
         self._push_dwell = push_dwell
         self._plan_ticks = math.ceil(plan_seconds / player.tick_seconds - 1e-6)
@@ -200,15 +204,18 @@ class FourierPrimitiveSystem(LeafSystem):
         declare = self.DeclareVectorOutputPort
         self._motion = declare("motion", 3 * d, self._calc_motion, now)
         for order, name in enumerate(("position", "velocity", "acceleration")):
-            declare(name, d, self._calc_order(order), now)
-        declare("covariance", d * d, self._calc_covariance, now)
-        declare("weights", weights, self._calc_weights, now)
-        declare("component", 1, self._calc_component, now)
+            declare(name, d, self._calc_part_of(self._motion, order), now)
+        player = self._player
+        declare("covariance", d * d, self._calc_of(player.covariance), now)
+        declare("weights", weights, self._calc_of(player.weights), now)
+        declare("component", 1, self._calc_of(lambda state: state.component), now)
+        if player.skill.phase_model_ is not None:
+            phase = self._calc_of(lambda state: phase_of(player, state))
+            declare("phase", 1, phase, now)
         points = self._plan_ticks + 1
-        declare("plan", points * d, self._calc_part_of(self._plan, 0), state)
-        declare(
-            "plan_covariance", points * d**2, self._calc_part_of(self._plan, 1), state
-        )
+        for order, (name, size) in enumerate((("plan", d), ("plan_covariance", d * d))):
+            part = self._calc_part_of(self._plan, order)
+            declare(name, points * size, part, state)
         declare("remaps", 2, self._calc_remaps, now)
 
     @staticmethod
@@ -363,35 +370,23 @@ class FourierPrimitiveSystem(LeafSystem):
                 begin, segment = later, candidate
         output.SetFromVector(segment_motion(segment, elapsed - begin).ravel())
 
-    def _calc_order(self, order: int) -> Callable[[Context, BasicVector], None]:
-        def calc(context: Context, output: BasicVector) -> None:
-            motion: Any = self._motion.Eval(context)
-            output.SetFromVector(motion.reshape(3, -1)[order])
-
-        return calc
-
     def _calc_plan(self, context: Any, value: Any) -> None:
         value.set_value(self._player.plan(self._read(context), self._plan_ticks))
 
     @staticmethod
-    def _calc_part_of(
-        cache: CacheEntry, order: int
-    ) -> Callable[[Context, BasicVector], None]:
+    def _calc_part_of(source: Any, order: int) -> Calc:
         def calc(context: Context, output: BasicVector) -> None:
-            parts: Any = cache.Eval(context)
-            output.SetFromVector(parts[order].ravel())
+            found = source.Eval(context)
+            parts = found if isinstance(found, tuple) else found.reshape(3, -1)
+            output.SetFromVector(np.ravel(parts[order]))
 
         return calc
 
-    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        state = self.playback_state(context)
-        output.SetFromVector(self._player.covariance(state).ravel())
+    def _calc_of(self, what: Callable[[PlaybackState], Any]) -> Calc:
+        def calc(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(np.ravel(what(self.playback_state(context))))
 
-    def _calc_weights(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._player.weights(self.playback_state(context)))
-
-    def _calc_component(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self.playback_state(context).component)
+        return calc
 
     def _calc_remaps(self, context: Context, output: BasicVector) -> None:
         reactive = context.get_discrete_state().value(self._events)[3]

@@ -49,10 +49,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
     Parameters
     ----------
     model : {"mixture", "phase", "automatic"}
-        How the Gaussians are found. "mixture": by EM over all windows, as in the paper.
-        "phase": the phase of the movement is tracked, and there is a Gaussian for each
-        of many phases; it needs four cycles or more. "automatic": the phase model where
-        the demonstrations have four cycles that look alike, else the mixture.
+        How the Gaussians are found. "phase": the phase of the movement is tracked, and
+        there is a Gaussian for each of many phases; it needs four cycles or more.
+        "mixture": by EM over all windows, as in the paper. "automatic": the phase model
+        where the demonstrations have four cycles that look alike, else the mixture;
+        `model_` and `model_reason_` say which and why.
     n_steps : int
         T, samples in a window: enough for one or more periods.
     stride : int, optional
@@ -141,7 +142,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     def __init__(
         self,
         *,
-        model: ModelChoice = "mixture",
+        model: ModelChoice = "automatic",
         n_steps: int = 120,
         stride: int | None = None,
         rate: float = 20.0,
