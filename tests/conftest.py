@@ -110,6 +110,12 @@ def wiping_skill(wiping_demonstration):
 
 
 @pytest.fixture(scope="session")
+def wiping_mixture(wiping_demonstration):
+    """As `wiping_skill`, without a phase model."""
+    return FourierMovementPrimitive(model="mixture").fit(wiping_demonstration)
+
+
+@pytest.fixture(scope="session")
 def small_skill(polishing_demonstration):
     """A skill that dense matrices can follow: T = 24, K = 4, M = 3, D = 2, 10 Hz."""
     return FourierMovementPrimitive(

@@ -21,6 +21,7 @@ from fmp_drake.plots.learned import (
     draw_component_over_time,
     draw_samples_in_plane,
 )
+from fmp_drake.plots.phase import draw_phase
 from fmp_drake.plots.played import draw_rollout_over_time, draw_way_back
 from fmp_drake.plots.reach import draw_reach, plot_reach
 from fmp_drake.plots.recorded import (
@@ -39,6 +40,7 @@ __all__ = [
     "draw_demonstrations_over_time",
     "draw_heatmap",
     "draw_heatmaps",
+    "draw_phase",
     "draw_reach",
     "draw_rollout_over_time",
     "draw_run",

@@ -13,6 +13,7 @@ from fmp_drake.plots.learned import (
     draw_component_over_time,
     draw_samples_in_plane,
 )
+from fmp_drake.plots.phase import draw_phase
 from fmp_drake.plots.played import draw_rollout_over_time, draw_way_back
 from fmp_drake.plots.recorded import draw_demonstrations_in_plane
 from fmp_drake.plots.spectra import draw_spectra
@@ -41,7 +42,7 @@ def draw_skill(
     """Return a page about a skill and the demonstrations it was learned from.
 
     A skill of one channel has no plane: its windows and its most frequent component
-    are drawn over time instead.
+    are drawn over time instead. Where there is a phase model, its pictures follow.
 
     Parameters
     ----------
@@ -63,8 +64,14 @@ def draw_skill(
         span = np.ptp(samples, axis=(0, 1))[list(names.plane(plane))]
         ratio = shape_of(*span)
     heights = [2 * (0.9 + 2.8 * ratio), 1 + 1.3 * channels]
+    if skill.phase_model_ is not None:
+        heights.append(3.8)
     figure = Figure(figsize=(15, sum(heights)), layout="constrained")
-    top, bottom = figure.subfigures(2, squeeze=False, height_ratios=heights)[:, 0]
+    parts = figure.subfigures(len(heights), squeeze=False, height_ratios=heights)
+    top, bottom = parts[:2, 0]
+    if skill.phase_model_ is not None:
+        axes = parts[2, 0].subplots(1, 3)
+        draw_phase(skill, demonstrations=demonstrations, plane=plane, axes=axes)
     if channels > 1:
         axes = top.subplots(2, 4)
         draw_demonstrations_in_plane(demonstrations, plane=plane, ax=axes[0, 0])

@@ -23,6 +23,7 @@ from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.fit import tracked
 from fmp_drake.primitives.model.phase.path import best_path, phase_path
 from fmp_drake.primitives.model.prediction import PredictionPlan
+from fmp_drake.primitives.playback.place import phase_of
 
 RATE = 20.0
 EIGHT = Path(__file__).resolve().parents[2] / "models/demonstrations/eight.npz"
@@ -225,7 +226,7 @@ def test_the_held_out_density_of_the_eight_is_far_above_the_mixtures(eight):
     skill, known, held = eight
     windows = np.stack([held[i : i + 120] for i in range(0, len(held) - 120, 40)])
     demonstration = Demonstration(time=np.arange(len(known)) / RATE, values=known)
-    mixture = FourierMovementPrimitive().fit(demonstration)
+    mixture = FourierMovementPrimitive(model="mixture").fit(demonstration)
     assert skill.score(windows) > mixture.score(windows) + 2
 
 
@@ -330,3 +331,113 @@ def test_a_skill_with_other_harmonics_is_a_mixture(small):
     louder = modulate_skill(small[0], harmonics=[2], gain=1.5)
     assert (louder.model_, louder.phase_model_) == ("mixture", None)
     assert louder.sample(2).shape == (2, 60, 2)
+
+
+# Recordings as people make them ---------------------------------------------
+
+
+def eased(begin, end, count):
+    """Return a way (count, 2) that begins and ends at rest."""
+    t = np.linspace(0, 1, count)[:, None]
+    t = t * t * (3 - 2 * t)
+    return (1 - t) * np.asarray(begin) + t * np.asarray(end)
+
+
+def learned(values):
+    demonstration = Demonstration(time=np.arange(len(values)) / RATE, values=values)
+    return FourierMovementPrimitive(n_steps=60, overlap=6).fit(demonstration)
+
+
+def off_the_curve(skill, seconds=40.0):
+    """Return the 99 % quantile of how far samples that are played leave the curve, m."""
+    cycle = curve(np.linspace(0, 2 * np.pi, 800))
+    player = Player(skill, sample=True, seed=1)
+    path = player.rollout(cycle[0], seconds)[100:, 0]
+    return float(np.quantile(cKDTree(cycle).query(path)[0], 0.99))
+
+
+def test_ways_to_and_from_a_movement_are_left_out():
+    phase = wavering(600)
+    movement = recorded(phase).values
+    to = eased([0.3, 0.2], movement[0], 50)
+    back = eased(movement[-1], [-0.4, 0.0], 40)
+    skill = learned(np.concatenate([to, movement, back]))
+    assert skill.model_ == "phase"
+    assert 80 <= skill.phase_model_.approach <= 95
+    assert np.all(np.abs(skill.extent_ - learned(movement).extent_) < 0.01)
+    assert len(np.concatenate(skill.paths_)) < 615
+    assert off_the_curve(skill) < 0.012
+
+
+def test_a_pause_is_not_played():
+    phase = wavering(600)
+    phase = np.concatenate([phase[:300], np.full(80, phase[300]), phase[300:]])
+    skill = learned(recorded(phase).values)
+    assert 50 <= skill.phase_model_.paused <= 110
+    path = Player(skill, sample=True).rollout(curve(phase[:1])[0], 30.0)[100:, 0]
+    ahead = np.diff(skill.phase(path))
+    assert ahead.min() > 0.3 * ahead.mean()
+
+
+@pytest.mark.parametrize(
+    "tempo",
+    [
+        np.linspace(0.8, 1.2, 800),
+        np.where(np.arange(800) < 400, 1.0, 1.4),
+        1 + 0.4 * np.sin(np.arange(800) / 90),
+    ],
+    ids=["ramp", "step", "wave"],
+)
+def test_samples_stay_on_the_cycle_where_the_tempo_changes_by_40_percent(tempo):
+    skill = learned(recorded(np.cumsum(2 * np.pi / 50 * tempo)).values)
+    assert skill.model_ == "phase"
+    assert np.ptp(skill.tempos_) > 0.3
+    assert off_the_curve(skill) < 0.015
+
+
+def test_a_drift_is_found_and_a_great_one_refused_in_words():
+    values = recorded(wavering(700)).values
+    ramp = np.linspace(0, 1, 700)[:, None] * [1.0, 0.0]
+    skill = learned(values + 0.1 * ramp)
+    assert skill.phase_model_.history.drift == pytest.approx([0.1, 0.0], abs=0.02)
+    wandered = learned(values + 0.6 * ramp)
+    assert wandered.model_ == "mixture"
+    assert "the phase cannot be tracked" in wandered.model_reason_
+
+
+def test_a_cycle_that_consists_of_equal_ones_is_known_as_such():
+    phase = np.linspace(0, 2 * np.pi, 400)
+    for count in (1, 2, 3):
+        cycle = Cycle.fit(phase, curve(count * phase), harmonics=15)
+        assert cycle.folds(0.01) == count
+
+
+def test_tempo_and_size_of_every_cycle_are_kept(small, tmp_path):
+    skill, _ = small
+    assert len(skill.tempos_) == skill.phase_model_.cycles == 17
+    assert skill.tempos_.mean() == pytest.approx(1, abs=0.05)
+    assert skill.amplitudes_ == pytest.approx(np.ones(17), abs=0.05)
+    save_skill(skill, tmp_path / "s.npz")
+    assert np.array_equal(load_skill(tmp_path / "s.npz").tempos_, skill.tempos_)
+
+
+def test_few_components_make_a_mixture():
+    skill = FourierMovementPrimitive(n_steps=60, overlap=6, n_components=4)
+    skill.fit(recorded(wavering(400)))
+    assert skill.model_ == "mixture"
+    assert "n_components is 4" in skill.model_reason_
+
+
+def test_the_phase_of_a_playback_runs_on_from_cycle_to_cycle(small):
+    skill, _ = small
+    for sample in (False, True):
+        player = Player(skill, sample=sample)
+        state = player.start(curve(np.zeros(1))[0])
+        phases = []
+        for _ in range(300):
+            state = player.advance(state, 0.04)
+            phases.append(phase_of(player, state))
+        steps = np.angle(np.exp(1j * np.diff(phases[50:])))
+        assert np.all(steps > 0)
+        assert steps.mean() * 25 * skill.period_ == pytest.approx(2 * np.pi, rel=0.1)
+        assert steps.max() < 2 * steps.mean()

@@ -96,13 +96,13 @@ def test_start_maps_one_sample(small_skill):
     assert np.array_equal(state.target, gaussian.mean)
 
 
-def test_start_within_its_tolerance_does_not_swing_out_elsewhere(wiping_skill):
-    low, high = wiping_skill.extent_
+def test_start_within_its_tolerance_does_not_swing_out_elsewhere(wiping_mixture):
+    low, high = wiping_mixture.extent_
     starts = np.random.default_rng(0).uniform(low, high, size=(100, 3))
     starts[:, 2] = 0.1
 
     def swing(**options):
-        paths = Player(wiping_skill, **options).rollout(starts, 6.0)[:, :, 0, :2]
+        paths = Player(wiping_mixture, **options).rollout(starts, 6.0)[:, :, 0, :2]
         outside = np.maximum(paths - high[:2], low[:2] - paths).max(axis=(1, 2))
         return np.percentile(outside, 90)
 
@@ -512,7 +512,8 @@ def test_ten_minutes_stay_where_the_demonstrations_were(wiping_skill, sample):
     second, last = motion[1200:2400, 0], motion[-1200:, 0]
     assert_allclose(last.std(axis=0), second.std(axis=0), rtol=0.35)
     # Values are the integral of velocities and those of accelerations, throughout.
-    for k, tolerance in ((0, 2e-3), (1, 0.05)):
+    # At a re-mapping the acceleration may jump.
+    for k, tolerance in ((0, 4e-3), (1, 0.15)):
         trapezium = (motion[1:, k + 1] + motion[:-1, k + 1]) / 2 / 20
         assert np.max(np.abs(np.diff(motion[:, k], axis=0) - trapezium)) < tolerance
 
@@ -522,7 +523,8 @@ def test_skill_of_a_movement_that_never_varies_plays():
     time = np.arange(400) / 20
     angle = 2 * np.pi * time / 2.5
     exact = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]) / 10
-    skill = FourierMovementPrimitive().fit(Demonstration(time=time, values=exact))
+    demonstration = Demonstration(time=time, values=exact)
+    skill = FourierMovementPrimitive(model="mixture").fit(demonstration)
     assert min(c.rank for c in skill.components_) == 0
     path = Player(skill).rollout([0.2, 0.2, 0.1], 20.0)
     assert np.all(np.isfinite(path))

@@ -17,7 +17,11 @@ from fmp_drake.primitives.data.windows import (
 from fmp_drake.primitives.model.mapping import Selection
 from fmp_drake.primitives.model.mixture import Progress, fit_mixture
 from fmp_drake.primitives.model.parameters import ModelChoice, check_parameters
-from fmp_drake.primitives.model.phase.fit import fit_phase_model, tracked
+from fmp_drake.primitives.model.phase.fit import (
+    LEAST_COMPONENTS,
+    fit_phase_model,
+    tracked,
+)
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
 
@@ -38,7 +42,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     is mapped to weights of that mixture (Algorithm 1), which give its continuation; a
     `Player` plays the skill (Algorithm 2).
 
-    The defaults of the mixture are those that generalise: learned from 2 minutes of simulated hands
+    The defaults are those that generalise. Those of the mixture: learned from 2 minutes of simulated hands
     that wipe, polish and draw an 8, they give the next minute a mean log-likelihood of
     17.0 nats per sample, `PAPER_SETTINGS` 6.7 (from 30 s: 15.5 against -771). Phase
     is an angle, so the weights lie near a closed curve: many components follow it,
@@ -52,7 +56,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         How the Gaussians are found. "phase": the phase of the movement is tracked, and
         there is a Gaussian for each of many phases; it needs four cycles or more.
         "mixture": by EM over all windows, as in the paper. "automatic": the phase model
-        where the demonstrations have four cycles that look alike, else the mixture;
+        where the demonstrations have four cycles that look alike and n_components is at
+        least 30, else the mixture;
         `model_` and `model_reason_` say which and why.
     n_steps : int
         T, samples in a window: enough for one or more periods.
@@ -253,6 +258,13 @@ class FourierMovementPrimitive(TrajectoryMixture):
         """Choose the model: return the track to learn it from, None for the mixture."""
         if self.model == "mixture":
             self.model_reason_ = "it was asked for"
+            return None
+        few = self.n_components == "bic" or self.n_components < LEAST_COMPONENTS
+        if self.model == "automatic" and few:
+            self.model_reason_ = (
+                f"n_components is {self.n_components}; the phase model has "
+                f"{LEAST_COMPONENTS} or more"
+            )
             return None
         if progress is not None:
             progress("tracking the phase")

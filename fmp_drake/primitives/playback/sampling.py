@@ -79,6 +79,9 @@ def track_sample(
     if region is not None and worth is not None:
         deviation *= _WIDENED if skill.phase_model_ is None else _WIDENED_RESIDUAL
     steady, values = _led_to(player, state, centre, deviation)
+    # Up to the next re-mapping.
+    ticks = skill.overlap - 1 + player.ticks_between_remaps - state.step
+    steady, values = steady[..., :ticks, :], values[:, :ticks]
     if region is not None:
         fractions = region.largest_fractions(steady, values)
         deviation *= fractions[:, None]
@@ -153,6 +156,8 @@ def _next_mean(
 ) -> NDArray[np.float64]:
     """Return the values (N, D) that the next window leads to if its mean is tracked.
 
+    Of a phase model: if its cycle is.
+
     Parameters
     ----------
     player : Player
@@ -166,11 +171,15 @@ def _next_mean(
     end = replace(
         state,
         weights=relaxation.after(state.weights, state.target, seconds),
-        step=skill.n_steps - 1,
+        step=state.step + len(values),
         history=np.concatenate([state.history, values])[-skill.overlap :],
         offset=decayed_offset(state.offset, state.blend_time, wait)[:2],
         time_since_tick=0.0,
         sample=False,
     )
     after = player.remap(end)
+    if skill.phase_model_ is not None:
+        past = skill.synthesize(after.weights)[: skill.overlap]
+        parts = skill.draw(after.component, np.random.default_rng(0), past=past)
+        return _led_to(player, after, *parts)[0][0]
     return look_ahead(skill, player.relaxations[after.component], after).steady

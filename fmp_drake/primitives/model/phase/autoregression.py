@@ -70,27 +70,21 @@ class Autoregression:
         return out
 
     def sample(
-        self,
-        rng: np.random.Generator,
-        size: int,
-        count: int,
-        *,
-        last: NDArray[np.float64] | None = None,
+        self, normals: NDArray[np.float64], *, last: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Draw stretches of the process, shape (size, count, D).
+        """Make stretches of the process (S, n, D) of standard normals (S, p + n, D).
 
-        They go on from the last values (n, D), where there are some.
+        They go on from a value `last`, (D,), that it had for p samples, if one is given.
         """
         p, d, _ = self.coefficients.shape
-        out = np.empty((size, p + count, d))
-        if last is None or not len(last):
+        out = normals @ _root(self.innovation).T
+        if last is None:
             # The companion's state holds the newest sample first.
-            past = rng.standard_normal((size, p * d)) @ _root(self._stationary()).T
-            out[:, :p] = past.reshape(size, p, d)[:, ::-1]
+            past = normals[:, :p].reshape(-1, p * d) @ _root(self._stationary()).T
+            out[:, :p] = past.reshape(-1, p, d)[:, ::-1]
         else:
-            out[:, :p] = np.pad(last, ((p, 0), (0, 0)), mode="edge")[-p:]
-        out[:, p:] = rng.standard_normal((size, count, d)) @ _root(self.innovation).T
-        for t in range(p, p + count):
+            out[:, :p] = last
+        for t in range(p, out.shape[1]):
             for k, matrix in enumerate(self.coefficients, start=1):
                 out[:, t] += out[:, t - k] @ matrix.T
         return out[:, p:]

@@ -28,7 +28,7 @@ MOST_UNEXPLAINED = 0.05
 MOST_SHIFTED = 0.5
 # A track that is slower or faster than the period it began with has another cycle.
 _TEMPO_FOUND = (0.6, 1.6)
-_COMPONENTS = (30, 80)
+LEAST_COMPONENTS, _MOST_COMPONENTS = 30, 80
 _RANK = 160
 
 
@@ -120,7 +120,9 @@ def fit_phase_model(
     """
     tempo = Tempo.fit(track.phases)
     residual = Residual.fit(track.phases, track.residuals())
-    count = int(np.clip(round(2 * np.pi / tempo.mean), *_COMPONENTS))
+    count = int(
+        np.clip(round(2 * np.pi / tempo.mean), LEAST_COMPONENTS, _MOST_COMPONENTS)
+    )
     anchors, spacing = anchor_phases(track, min(count, most_components))
     components = phase_components(
         track,

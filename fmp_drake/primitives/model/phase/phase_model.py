@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
 from fmp_drake.numeric import finite_array
 from fmp_drake.primitives.model.phase.cycle import Cycle
@@ -119,13 +120,21 @@ class PhaseModel:
         centre, deviation : ndarray, shape (size, count, D)
             The cycle, with a tempo that varies, and the residual.
         """
-        within = self.spacing[component] * (rng.random((size, 1)) - 0.5)
+        d = self.cycle.coefficients.shape[1]
+        of_tempo = len(self.tempo.process.coefficients) + count - 1
+        of_residual = len(self.residual.process.coefficients) + count
+        # In one draw, so that the first sample is the same, however many there are.
+        normals = rng.standard_normal((size, 1 + of_tempo + of_residual * d))
+        within = self.spacing[component] * (ndtr(normals[:, :1]) - 0.5)
         begin = None
         if past is not None:
             within, begin = self._passing(past, component)
-        path = self.tempo.sample(rng, size, count, pinned=self.pinned, begin=begin)
+        path = self.tempo.sample(
+            normals[:, 1 : 1 + of_tempo], pinned=self.pinned, begin=begin
+        )
         path += self.anchors[component] + within
-        v = self.residual.process.sample(rng, size, count)
+        v = normals[:, 1 + of_tempo :].reshape(size, of_residual, d)
+        v = self.residual.process.sample(v)
         deviation = (self.residual.factor(path) @ v[..., None])[..., 0]
         return self.cycle.values(path), deviation
 

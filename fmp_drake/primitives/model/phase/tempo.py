@@ -55,27 +55,32 @@ class Tempo:
 
     def sample(
         self,
-        rng: np.random.Generator,
-        size: int,
-        count: int,
+        normals: NDArray[np.float64],
         *,
         pinned: int,
         begin: float | None = None,
     ) -> NDArray[np.float64]:
-        """Draw phases (size, count) that are 0 at the sample `pinned`.
+        """Make phases (S, n) that are 0 at the sample `pinned`.
 
-        With a tempo `begin`, rad per sample, up to there, where one is given.
+        Parameters
+        ----------
+        normals : ndarray, shape (S, p + n - 1)
+            Standard normals; p is the order of the process.
+        pinned : int
+        begin : float, optional
+            Tempo up to there, rad per sample; a random one where None.
         """
+        normals = normals[..., None]
         if begin is None:
-            deviations = self.process.sample(rng, size, count - 1)[..., 0]
+            deviations = self.process.sample(normals)[..., 0]
         else:
             last = np.clip((begin - self.mean) / self.spread, -_MOST, _MOST)
-            deviations = np.full((size, count - 1), last)
-            deviations[:, pinned:] = self.process.sample(
-                rng, size, count - 1 - pinned, last=np.array([[last]])
-            )[..., 0]
+            after = self.process.sample(normals[:, pinned:], last=np.array([last]))
+            deviations = np.pad(
+                after[..., 0], ((0, 0), (pinned, 0)), constant_values=last
+            )
         increments = self.mean + self.spread * deviations
-        phase = np.zeros((size, count))
+        phase = np.zeros((len(normals), increments.shape[1] + 1))
         np.cumsum(increments, axis=1, out=phase[:, 1:])
         return phase - phase[:, pinned, None]
 
