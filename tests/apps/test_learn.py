@@ -43,7 +43,7 @@ def test_the_model_is_chosen_and_said(command, make_npz, outputs):
         assert load_skill(skill).model_ == model
         said[model] = " ".join(result.out.split())
     assert "model: mixture, because it was asked for" in said["mixture"]
-    assert f"period {load_skill(skill).period_:.2f} s" in said["phase"]
+    assert f"cycles of {load_skill(skill).period_:.2f} s" in said["phase"]
     assert "cycles" in said["phase"]
 
 

@@ -93,11 +93,19 @@ def track_sample(
         order = np.argsort(-worth(values), kind="stable")
     if region is None:
         return _tracking(player, state, targets[order[0]])
+    tried = list(order[:_TRIES])
+    if skill.phase_model_ is not None:
+        # At last the cycle alone, whose end leads nowhere else.
+        targets = np.concatenate([targets, centre[order[:1]]])
+        values = np.concatenate([values, steady[order[:1]]])
+        tried.append(count)
     best, least = state, math.inf
-    for i in order[:_TRIES]:
+    for i in tried:
         tracking = _tracking(player, state, targets[i])
-        after = _next_mean(player, tracking, values[i])
-        outside = max(float(np.max(region.distance(after))), region.margin)
+        led_to = _next_mean(player, tracking, values[i])
+        if skill.phase_model_ is not None:
+            led_to = np.concatenate([values[i], led_to])
+        outside = max(float(np.max(region.distance(led_to))), region.margin)
         if outside < least:
             best, least = tracking, outside
         if outside <= region.margin:

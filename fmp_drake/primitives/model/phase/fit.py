@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.phase.calibration import calibrate
 from fmp_drake.primitives.model.phase.approach import without_approach
+from fmp_drake.primitives.model.phase.calibration import calibrate
 from fmp_drake.primitives.model.phase.components import anchor_phases, phase_components
 from fmp_drake.primitives.model.phase.history import CycleHistory
 from fmp_drake.primitives.model.phase.period import fundamental_period, other_periods
