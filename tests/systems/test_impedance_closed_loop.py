@@ -735,6 +735,7 @@ def test_every_optional_input_is_followed_with_and_without_caching():
     config = ImpedanceConfig(max_torque_rate=NO_LIMIT)
     config.covariance_stiffness.enabled = True
     config.force_control.enabled = True
+    config.force_control.rest_distance = 10.0  # The frames of below are anywhere.
     config.stiffness_time_constant = 0.0
     config.tank = EnergyTankConfig(initial_energy=1e6, capacity=1e6)
     controller = OperationalSpaceImpedanceController(
