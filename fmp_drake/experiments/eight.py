@@ -31,6 +31,7 @@ from fmp_drake.experiments.methods import (
     promp_own,
 )
 from fmp_drake.experiments.metrics import (
+    BINS,
     FLOOR,
     SENSITIVITY_BINS,
     SENSITIVITY_FLOORS,
@@ -173,7 +174,8 @@ def _table(table: dict[str, dict[str, float]]) -> Finding:
         f"divergences are {ratios[0]:.2f} (forward) and {ratios[1]:.2f} (reverse) of "
         f"{MULT}'s; with 80, 2 samples apart, and the movement's own frequencies, "
         f"{equal[0]:.2f} and {equal[1]:.2f}. All learned from what they are compared "
-        "with, so replaying it is best: see the held-out tables. Grid of {BINS} x {BINS} cells over the demonstrated "
+        "with, so replaying it is best: see the held-out tables. "
+        f"Grid of {BINS} x {BINS} cells over the demonstrated "
         f"box and 15 % around it; {FLOOR:g} is added to every cell of both heatmaps "
         "before they are normalised, which settles the empty ones.",
         claim="FMP is about twice as close to the demonstrations (0.55 and 0.53).",
