@@ -5,11 +5,12 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PYTHON ?= $(shell command -v python3.12 || command -v python3)
 
-.PHONY: help wipe test test-quick lint bench docs clean
+.PHONY: help wipe teach test test-quick lint bench docs clean
 
 help:
 	@echo "make wipe   learn from the bundled demonstration and wipe a board"
 	@echo "            (options: make wipe ARGS='--duration 30')"
+	@echo "make teach  drag the arm on a page in the browser, press learn, and it wipes on"
 	@echo "make test   run the tests          make lint   check style and types"
 	@echo "make bench  measure speed          make docs   build the site in out/site"
 	@echo "make clean  remove the environment"
@@ -32,6 +33,9 @@ $(STAMP): pyproject.toml constraints.txt .python-version
 
 wipe: $(STAMP)
 	@$(BIN)/fmp-drake wipe $(ARGS)
+
+teach: $(STAMP)
+	@$(BIN)/fmp-drake teach $(ARGS)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder $(ARGS)

@@ -21,6 +21,8 @@ _COMMANDS = {
     "reproduce": "Rerun the paper's experiments and write a report with figures and "
     "tables.",
     "scenarios": "List the scenarios that come with the package.",
+    "teach": "Teach the arm with the mouse: drag it on the page, press learn, and it "
+    "wipes on.",
     "video": "Turn FRAMES, the .tar that the page's recorder saves, into the film OUT.",
     "worlds": "Draw worlds from SOURCE, run them, and report what went wrong in which.",
     "wipe": "Learn whiteboard wiping from a demonstration and wipe the board.",

@@ -12,6 +12,7 @@ from fmp_drake.errors import FmpError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.advancing import advance
+from fmp_drake.station.parts.hands import SimulatedHand
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.teaching_station import (
     DemonstrationFromRecorder,
@@ -51,7 +52,8 @@ def record(
     motion = HandMotion.make(task, seconds=_SETTLE + seconds + 1, seed=seed)
     panel = open_page(console, title=scenario, host=host) if page else None
     meshcat = None if panel is None else panel.meshcat
-    station = MakeTeachingStation(LoadScenario(scenario), motion, meshcat=meshcat)
+    hand = SimulatedHand(motion)
+    station = MakeTeachingStation(LoadScenario(scenario), hand, meshcat=meshcat)
     simulator = Simulator(station)
     simulator.set_target_realtime_rate(1.0 if page else 0.0)
     started = time.perf_counter()

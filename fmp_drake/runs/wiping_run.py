@@ -63,7 +63,7 @@ class WipingRun:
         Fitted.
     demonstrations : sequence of Demonstration
         What it was learned from, in the frame of the board; may be empty.
-    start, sample, seed, visuals, meshcat, panel
+    start, q, sample, seed, visuals, meshcat, panel
         As for `MakeWipingStation`.
     recording : bool
         Record the run for `html`.
@@ -105,6 +105,7 @@ class WipingRun:
         *,
         demonstrations: Sequence[Demonstration] = (),
         start: ArrayLike | None = None,
+        q: ArrayLike | None = None,
         sample: bool | None = None,
         seed: int | None = None,
         visuals: str = "own",
@@ -127,6 +128,7 @@ class WipingRun:
             scenario,
             skill,
             start=start,
+            q=q,
             sample=sample,
             seed=self.seed,
             visuals=visuals,

@@ -17,8 +17,9 @@ from fmp_drake.station.parts.board_scene import (
     BoardScene,
 )
 from fmp_drake.station.parts.external_forces import AddExternalForces
+from fmp_drake.station.parts.hands import MouseOnPage, SimulatedHand, TeachingHand
 from fmp_drake.station.parts.joint_recording import EraserPath, PandaJoints
-from fmp_drake.station.parts.mouse import AddMousePull
+from fmp_drake.station.parts.mouse import AddMouseHand, AddMousePull
 from fmp_drake.station.parts.page_scene import AddBodies, AddPage
 from fmp_drake.station.parts.posture import SolvePosture
 from fmp_drake.station.parts.stage import RenderLights, SetStage
@@ -44,6 +45,7 @@ from fmp_drake.station.scenario_parts import (
 from fmp_drake.station.teaching_station import (
     DemonstrationFromRecorder,
     MakeTeachingStation,
+    ReadRecorder,
 )
 from fmp_drake.station.wiping_station import MakeWipingStation
 
@@ -54,6 +56,7 @@ __all__ = [
     "AddEraser",
     "AddExternalForces",
     "AddInk",
+    "AddMouseHand",
     "AddMousePull",
     "AddPage",
     "AddPandaWithEraser",
@@ -75,15 +78,19 @@ __all__ = [
     "LoadScenario",
     "MakeTeachingStation",
     "MakeWipingStation",
+    "MouseOnPage",
     "PandaJoints",
     "ParseScenario",
     "PressConfig",
+    "ReadRecorder",
     "RenderLights",
     "Scenario",
     "SensorConfig",
     "SetStage",
     "ShowConfig",
+    "SimulatedHand",
     "SkillConfig",
     "SolvePosture",
+    "TeachingHand",
     "models_dir",
 ]

@@ -1,20 +1,24 @@
 """The station where a person teaches the arm by hand."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    LogVectorOutput,
+    Multiplexer,
+)
 
 from fmp_drake.primitives import Demonstration
 from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_scene import AddBoardScene
+from fmp_drake.station.parts.hands import TeachingHand
 from fmp_drake.station.parts.page_scene import AddBodies
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.human_hand import HumanHand
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 RATE = 20.0
 
@@ -26,53 +30,99 @@ GUIDING = ImpedanceConfig(
 
 
 def MakeTeachingStation(
-    scenario: Scenario, motion: HandMotion, *, meshcat: Meshcat | None = None
+    scenario: Scenario,
+    hand: TeachingHand,
+    *,
+    q: ArrayLike | None = None,
+    meshcat: Meshcat | None = None,
 ) -> Diagram:
-    """Build a station where a simulated hand guides the gravity-compensated arm.
+    """Build a station where a hand leads the gravity-compensated arm.
 
     Systems: plant, scene_graph, controller with rest for its inputs,
-    gravity_compensation, actuation, human_hand, recorder, and meshcat_visualizer
-    where there is a Meshcat. Output ports: position (3,) of the eraser in the board's
-    frame, m, and state (14,) of the arm.
+    gravity_compensation, actuation, recorder of what recorded joins, and
+    meshcat_visualizer where there is a Meshcat; human_hand and leading of a
+    `SimulatedHand`, mouse_hand and meshcat_mouse_spring of a `MouseOnPage`. Output ports:
+    position (3,) of the eraser in the frame of the board, as the arm measures it, m; leading (1,), 1
+    while the hand leads; state (14,) of the arm; torque (7,) commanded without gravity
+    and actuation (7,) with it, Nm.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    hand : TeachingHand
+        For example a `SimulatedHand`, or a `MouseOnPage`.
+    q : array_like, shape (7,), optional
+        Joint angles in which the arm begins, rad; where the hand begins if None.
+    meshcat : Meshcat, optional
+        Where to show the scene.
     """
     builder = DiagramBuilder()
-    first, _ = motion.at(0.0)
-    scene = AddBoardScene(builder, scenario, start=[*first, 0.005])
+    start = scenario.start if hand.start is None else hand.start
+    scene = AddBoardScene(builder, scenario, start=start, q=q)
     plant = scene.plant
     controller = AddArmController(builder, scene, GUIDING)
     rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(3)))
     for port in ("desired_position", "desired_velocity", "desired_acceleration"):
         builder.Connect(rest.get_output_port(), controller.GetInputPort(port))
-    hand = builder.AddSystem(
-        HumanHand(
-            plant,
-            grip=scene.tip,
-            X_WB=scene.X_WB,
-            motion=motion,
-            R_BE=scenario.eraser_orientation(),
-        )
-    )
-    for port in ("body_poses", "body_spatial_velocities"):
-        builder.Connect(plant.GetOutputPort(port), hand.GetInputPort(port))
-    builder.Connect(
-        hand.GetOutputPort("spatial_forces"),
-        plant.GetInputPort("applied_spatial_force"),
-    )
-    position = hand.GetOutputPort("position")
-    LogVectorOutput(position, builder, 1 / RATE).set_name("recorder")
+    forces, leading = hand.AddTo(builder, scene, scenario)
+    builder.Connect(forces, plant.GetInputPort("applied_spatial_force"))
+    position = controller.GetOutputPort("measured_position")
+    recorded = builder.AddNamedSystem("recorded", Multiplexer([3, 1]))
+    builder.Connect(position, recorded.get_input_port(0))
+    builder.Connect(leading, recorded.get_input_port(1))
+    sink = LogVectorOutput(recorded.get_output_port(), builder, 1 / RATE)
+    sink.set_name("recorder")
     if meshcat is not None:
         AddBodies(builder, scene, scenario, meshcat)
     builder.ExportOutput(position, "position")
+    builder.ExportOutput(leading, "leading")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
+    builder.ExportOutput(controller.GetOutputPort("torque"), "torque")
+    actuation = builder.GetSubsystemByName("actuation").get_output_port()
+    builder.ExportOutput(actuation, "actuation")
     diagram = builder.Build()
     diagram.set_name("teaching_station")
     return diagram
 
 
+class Recorded(NamedTuple):
+    """What the recorder of a teaching station has recorded, 20 times a second.
+
+    Attributes
+    ----------
+    time : ndarray, shape (N,)
+        s.
+    position : ndarray, shape (N, 3)
+        p_BE, m.
+    leads : ndarray, shape (N,)
+        Whether the hand led.
+    """
+
+    time: NDArray[np.float64]
+    position: NDArray[np.float64]
+    leads: NDArray[np.bool_]
+
+
+def ReadRecorder(diagram: Diagram, context: Context) -> Recorded:
+    """Return what the recorder of a teaching station has recorded.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        From `MakeTeachingStation`.
+    context : Context
+        Of the diagram, after a simulation.
+    """
+    recorder: Any = diagram.GetSubsystemByName("recorder")
+    log = recorder.FindLog(context)
+    values = np.array(log.data().T)
+    return Recorded(np.array(log.sample_times()), values[:, :3], values[:, 3] > 0)
+
+
 def DemonstrationFromRecorder(
     diagram: Diagram, context: Context, *, skip: float, note: str
 ) -> Demonstration:
-    """Return what the recorder of a teaching station has recorded.
+    """Return all that the recorder of a teaching station has recorded, led or not.
 
     Parameters
     ----------
@@ -84,13 +134,11 @@ def DemonstrationFromRecorder(
         Seconds to leave out at the beginning.
     note : str
     """
-    recorder: Any = diagram.GetSubsystemByName("recorder")
-    log = recorder.FindLog(context)
-    times = log.sample_times()
-    keep = times >= skip - 1e-9
+    recorded = ReadRecorder(diagram, context)
+    keep = recorded.time >= skip - 1e-9
     return Demonstration(
-        time=np.round(times[keep] - skip, 9),
-        values=np.array(log.data()[:, keep].T),
+        time=np.round(recorded.time[keep] - skip, 9),
+        values=recorded.position[keep],
         channels=("x", "y", "z"),
         units=("m", "m", "m"),
         frame="board",

@@ -30,6 +30,7 @@ def MakeWipingStation(
     skill: FourierMovementPrimitive,
     *,
     start: ArrayLike | None = None,
+    q: ArrayLike | None = None,
     tracker: Tracker | None = None,
     sample: bool | None = None,
     seed: int | None = None,
@@ -72,6 +73,8 @@ def MakeWipingStation(
         Fitted, of 3 position channels in the frame of the board, m.
     start : array_like, shape (3,), optional
         p_BE of the eraser at time 0, m; the scenario's where None.
+    q : array_like, shape (7,), optional
+        Joint angles in which the arm begins instead, at rest, rad.
     tracker : Tracker, optional
         As for `FourierPrimitiveSystem`.
     sample, seed : optional
@@ -94,7 +97,7 @@ def MakeWipingStation(
     CheckPositions(skill)
     builder = DiagramBuilder()
     start = scenario.start if start is None else start
-    scene = AddBoardScene(builder, scenario, start=start, visuals=visuals)
+    scene = AddBoardScene(builder, scenario, start=start, q=q, visuals=visuals)
     CheckPress(scenario, scene)
     plant = scene.plant
     controller = AddArmController(

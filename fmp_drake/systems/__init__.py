@@ -30,7 +30,7 @@ from fmp_drake.systems.ink.recording import AddInkToRecording
 from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.ink_visualizer import InkVisualizer
 from fmp_drake.systems.joint_friction import JointFriction
-from fmp_drake.systems.mouse_pull import MousePull
+from fmp_drake.systems.mouse_hand import MouseHand
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -68,7 +68,7 @@ __all__ = [
     "JointFriction",
     "JointWallConfig",
     "MissedSpots",
-    "MousePull",
+    "MouseHand",
     "OperationalSpaceImpedanceController",
     "PageControls",
     "PagePanel",

@@ -5,9 +5,10 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from station_run import MILLISECOND, StationRun
+from station_run import MILLISECOND, StationRun, check_limits
 
 from fmp_drake.errors import StationError
+from fmp_drake.station.parts.hands import SimulatedHand
 from fmp_drake.station.scenario import LoadScenario, Scenario
 from fmp_drake.station.teaching_station import (
     RATE,
@@ -27,6 +28,8 @@ SYSTEMS = {
     "gravity_compensation",
     "actuation",
     "human_hand",
+    "leading",
+    "recorded",
     "recorder",
     "rest",
 }
@@ -34,7 +37,9 @@ SYSTEMS = {
 
 def teach(task, *, seed=0, seconds=SECONDS):
     motion = HandMotion.make(task, seconds=SECONDS + 1, seed=seed)
-    run = StationRun(MakeTeachingStation(LoadScenario("table_top"), motion))
+    run = StationRun(
+        MakeTeachingStation(LoadScenario("table_top"), SimulatedHand(motion))
+    )
     run.motion = motion
     return run.advance(seconds)
 
@@ -57,7 +62,13 @@ def lesson(request, lessons):
 def test_exported_ports_have_names_and_sizes(lesson):
     station = lesson.station
     ports = [station.get_output_port(i) for i in range(station.num_output_ports())]
-    assert {p.get_name(): p.size() for p in ports} == {"position": 3, "state": 14}
+    assert {p.get_name(): p.size() for p in ports} == {
+        "position": 3,
+        "leading": 1,
+        "state": 14,
+        "torque": 7,
+        "actuation": 7,
+    }
     assert station.num_input_ports() == 0
 
 
@@ -68,7 +79,8 @@ def test_every_system_has_a_name(lesson):
 
 def test_documentation_names_every_port_and_system():
     words = re.findall(r"\w+", MakeTeachingStation.__doc__)
-    assert {"position", "state"} | SYSTEMS <= set(words)
+    ports = {"position", "leading", "state", "torque", "actuation"}
+    assert ports | SYSTEMS <= set(words)
 
 
 def test_recording_is_uniform_at_20_hertz(lesson):
@@ -118,12 +130,7 @@ def test_arm_goes_where_the_hand_wants(lesson):
 
 
 def test_arm_keeps_its_limits(lesson):
-    plant = lesson.station.GetSubsystemByName("plant")
-    state = lesson.log("state")
-    q, v = state[:, :7], state[:, 7:]
-    assert np.all(q > plant.GetPositionLowerLimits())
-    assert np.all(q < plant.GetPositionUpperLimits())
-    assert np.all(np.abs(v) < plant.GetVelocityUpperLimits())
+    check_limits(lesson)
     assert lesson.log("position").shape[0] == SECONDS / MILLISECOND + 1
 
 
@@ -156,4 +163,4 @@ def test_board_out_of_reach_is_refused():
     scenario.board.translation = [1.5, 0.0, 0.1]
     motion = HandMotion.make("eight", seconds=1, seed=0)
     with pytest.raises(StationError, match="cannot bring the eraser to"):
-        MakeTeachingStation(scenario, motion)
+        MakeTeachingStation(scenario, SimulatedHand(motion))

@@ -20,7 +20,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, Sine
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.station.models.whiteboard import AddWhiteboard
 from fmp_drake.station.parts.posture import SolvePosture
@@ -83,6 +83,7 @@ def AddBoardScene(
     scenario: Scenario,
     *,
     start: ArrayLike,
+    q: ArrayLike | None = None,
     visuals: str = "own",
 ) -> BoardScene:
     """Add the plant with arm, eraser and board, the eraser held at a start.
@@ -93,6 +94,8 @@ def AddBoardScene(
     scenario : Scenario
     start : array_like, shape (3,)
         p_BE, m: where the board is assumed to be.
+    q : array_like, shape (7,), optional
+        Joint angles in which the arm begins instead, wherever the eraser then is, rad.
     visuals : str
         Of the arm: `own` or `drake_models`.
 
@@ -115,10 +118,14 @@ def AddBoardScene(
 
     moved = RigidTransform(-board.motion.amplitude * board.axis())
     X_WA = board.assumed_pose() @ moved
-    X_AE = RigidTransform(scenario.eraser_orientation(), np.asarray(start, dtype=float))
-    posture = SolvePosture(
-        arm, frame=arm_tip, X_WE=X_WA @ X_AE, q_preferred=scenario.posture
-    )
+    if q is None:
+        X_AE = RigidTransform(
+            scenario.eraser_orientation(), np.asarray(start, dtype=float)
+        )
+        q = SolvePosture(
+            arm, frame=arm_tip, X_WE=X_WA @ X_AE, q_preferred=scenario.posture
+        )
+    posture = finite_array(q, "q", (len(scenario.posture),), error=StationError)
     plant.SetDefaultPositions(panda, posture)
     if scenario.friction.enabled:
         friction = builder.AddSystem(

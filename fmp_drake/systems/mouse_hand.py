@@ -1,0 +1,237 @@
+"""The hand of somebody who drags the arm on the page."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import Value
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, Frame
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    LeafSystem,
+)
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
+from fmp_drake.systems.teaching.mouse_drag import (
+    PULLING,
+    STATE,
+    Array,
+    BoardPlane,
+    Drag,
+    DragConfig,
+    cursor_of,
+    follow,
+    hand_force,
+    no_drag,
+)
+
+
+class MouseHand(LeafSystem):
+    """Leads a tool over a board by the mouse, or pulls at a body that is dragged.
+
+    With a `board` a drag of any movable body leads the tool: in parallel to the board,
+    whatever way the page's camera looks. Without, it pulls at the point that was grabbed,
+    in the plane of the screen. The mouse is part of the outside world: it is read at
+    a rate, and what was read is the state. A page that is silent for 0.3 s although the
+    arm moves counts as gone, and a cursor that jumps has let go; see `follow`.
+
+    Input ports
+    -----------
+    spring : abstract
+        Of Drake's mouse spring: the forces of a drag, or none.
+    body_poses, body_spatial_velocities : abstract
+        The plant's ports of the same names.
+
+    Output ports
+    ------------
+    spatial_forces : abstract
+        For the plant's applied_spatial_force port.
+    leading : (1,)
+        1 while somebody leads, else 0.
+    cursor_interval : (1,)
+        Between two positions of the cursor, as the page sends them, s.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Finalized; knows the masses.
+    meshcat : Meshcat, optional
+        Whose page tells where its camera is (``?tracked_camera=on``).
+    specific_stiffness : float
+        Of the mouse spring, 1/s^2.
+    config : DragConfig
+    bodies : iterable of BodyIndex, optional
+        What may be dragged; all bodies where None.
+    tip : Frame, optional
+        The tool that is led over the `board`.
+    board : BoardPlane, optional
+    eye : array_like, shape (3,)
+        Of a camera that the page does not tell, in W, m.
+    period : float
+        Between two readings, s.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> _ = AddPandaWithEraser(plant)
+    >>> plant.Finalize()
+    >>> hand = MouseHand(plant, specific_stiffness=100.0)
+    >>> float(hand.GetOutputPort("leading").Eval(hand.CreateDefaultContext())[0])
+    0.0
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        *,
+        specific_stiffness: float,
+        meshcat: Meshcat | None = None,
+        config: DragConfig = PULLING,
+        bodies: Iterable[BodyIndex] | None = None,
+        tip: Frame | None = None,
+        board: BoardPlane | None = None,
+        eye: Any = (1.0, 0.0, 1.0),
+        period: float = 0.016,
+    ) -> None:
+        super().__init__()
+        self.set_name("mouse_hand")
+        if (tip is None) != (board is None):
+            raise SystemsError("give both a tip and a board to lead it on, or neither.")
+        for name, value in {
+            "specific_stiffness": specific_stiffness,
+            "period": period,
+            **{n: getattr(config, n) for n in ("stiffness", "max_force", "max_speed")},
+        }.items():
+            check_number(value, name, above=0, error=SystemsError)
+        self._meshcat, self._config, self._board = meshcat, config, board
+        self._specific, self._period = float(specific_stiffness), float(period)
+        self._eye = np.array(eye, dtype=float)
+        self._tip_body, self._p_LE = 0, np.zeros(3)
+        if tip is not None:
+            self._tip_body = int(tip.body().index())
+            self._p_LE = np.array(tip.GetFixedPoseInBodyFrame().translation())
+        # What must not be dragged has no mass here.
+        self._masses = np.zeros(plant.num_bodies())
+        for i in range(plant.num_bodies()) if bodies is None else map(int, bodies):
+            self._masses[i] = plant.get_body(BodyIndex(i)).default_mass()
+        self._spring = self.DeclareAbstractInputPort(
+            "spring", Value[list[ExternallyAppliedSpatialForce]]()
+        )
+        self._poses = self.DeclareAbstractInputPort(
+            "body_poses", Value[list[RigidTransform]]()
+        )
+        self._velocities = self.DeclareAbstractInputPort(
+            "body_spatial_velocities", Value[list[SpatialVelocity]]()
+        )
+        state = self.DeclareDiscreteState(no_drag())
+        self._state = int(state)
+        ticket = self.discrete_state_ticket(state)
+        self.DeclareAbstractOutputPort(
+            "spatial_forces",
+            Value[list[ExternallyAppliedSpatialForce]],
+            self._calc_forces,
+            prerequisites_of_calc={
+                ticket,
+                self._poses.ticket(),
+                self._velocities.ticket(),
+            },
+        )
+        for name, field in (("leading", "leading"), ("cursor_interval", "interval")):
+
+            def calc(context: Context, output: BasicVector, field: str = field) -> None:
+                output[0] = self._read_state(context)[field]
+
+            self.DeclareVectorOutputPort(name, 1, calc, prerequisites_of_calc={ticket})
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._read)
+
+    def _read_state(self, context: Context) -> Any:
+        values: Any = context.get_discrete_state(self._state).value()
+        return values.view(STATE)[0]
+
+    def _point(
+        self, context: Context, body: int, p_BoQ_B: Array
+    ) -> tuple[Array, Array]:
+        """Return position and velocity of a point of a body, in W."""
+        poses: Any = self._poses.Eval(context)
+        velocities: Any = self._velocities.Eval(context)
+        p_BoQ_W = poses[body].rotation() @ p_BoQ_B
+        v = velocities[body].Shift(p_BoQ_W).translational()
+        return poses[body].translation() + p_BoQ_W, v
+
+    def _led(self, state: Any) -> tuple[int, Array]:
+        """Return the body that the hand acts at, and where on it."""
+        if self._board is not None:
+            return self._tip_body, self._p_LE
+        return int(state["body"]), state["point"]
+
+    def _drag(self, context: Context) -> Drag | None:
+        springs: Any = self._spring.Eval(context)
+        for spring in springs:
+            body = int(spring.body_index)
+            force = np.array(spring.F_Bq_W.translational())
+            if not self._masses[body] > 0 or not np.all(np.isfinite(force)):
+                continue
+            point = np.array(spring.p_BoBq_B)
+            anchor, velocity = self._point(context, body, point)
+            cursor = cursor_of(
+                force,
+                anchor=anchor,
+                velocity=velocity,
+                mass=self._masses[body],
+                stiffness=self._specific,
+            )
+            return Drag(body, point, anchor, cursor)
+        return None
+
+    def _read(self, context: Context, values: DiscreteValues) -> None:
+        state: Any = context.get_discrete_state(self._state).value()
+        drag = self._drag(context)
+        s = state.view(STATE)[0]
+        grabs = self._board is None and not s["leading"] and drag is not None
+        if grabs and drag is not None:
+            here = drag.anchor
+        else:
+            here, _ = self._point(context, *self._led(s))
+        page = self._meshcat
+        camera = None if page is None else page.GetTrackedCameraPose()
+        new = follow(
+            state,
+            drag,
+            time=context.get_time(),
+            period=self._period,
+            here=here,
+            eye=self._eye if camera is None else np.array(camera.translation()),
+            config=self._config,
+            board=self._board,
+        )
+        values.set_value(self._state, new)
+
+    def _calc_forces(self, context: Any, output: Any) -> None:
+        s, config, board = self._read_state(context), self._config, self._board
+        leading = bool(s["leading"])
+        if not s["started"] or not (leading or config.hold_stiffness > 0):
+            output.set_value([])
+            return
+        body, point = self._led(s)
+        here, velocity = self._point(context, body, point)
+        f_W = hand_force(
+            s["wanted"] - here,
+            velocity,
+            leading=leading,
+            config=config,
+            normal=None if board is None else board.normal,
+            height=0.0 if board is None else board.height(here),
+        )
+        force = ExternallyAppliedSpatialForce()
+        force.body_index = BodyIndex(body)
+        force.p_BoBq_B = point
+        force.F_Bq_W = SpatialForce(np.zeros(3), f_W)
+        output.set_value([force])

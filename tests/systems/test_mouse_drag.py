@@ -1,0 +1,249 @@
+"""Facts about what a drag on the page may do to the arm, without an arm."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from fmp_drake.systems.teaching.mouse_drag import (
+    LEADING,
+    PULLING,
+    STATE,
+    BoardPlane,
+    Drag,
+    cursor_of,
+    follow,
+    hand_force,
+    no_drag,
+    slide,
+)
+
+PERIOD = 0.016
+EYE = np.array([1.0, 0.0, 1.0])
+UP = np.array([0.0, 0.0, 1.0])
+BOARD = BoardPlane(np.eye(3, 4), np.array([0.2, 0.3]))
+
+
+class Hand:
+    """The hand of a page, on a point that is led as if it had no mass, or stands."""
+
+    def __init__(self, config=LEADING, board=BOARD, *, stands=False):
+        self.state, self.time, self.stands = no_drag(), 0.0, stands
+        self.here = np.zeros(3)
+        self.config, self.board = config, board
+        self.look(None)
+
+    def look(self, drag):
+        self.state = follow(
+            self.state,
+            drag,
+            time=self.time,
+            period=PERIOD,
+            here=self.here,
+            eye=EYE,
+            config=self.config,
+            board=self.board,
+        )
+        self.time += PERIOD
+        if self["leading"] and not self.stands:
+            self.here = np.array(self["wanted"])
+        return self
+
+    def __getitem__(self, name):
+        return self.state.view(STATE)[0][name]
+
+    def over(self, x, y, *, anchor=(0, 0, 0)):
+        """Look at a page whose cursor is over a point of the board."""
+        p, look = np.array([x, y, 0.0]), -EYE
+        ray = p - EYE
+        cursor = EYE + ray * (look @ look) / (ray @ look)
+        return self.look(Drag(5, np.zeros(3), np.array(anchor, dtype=float), cursor))
+
+    def silent(self, seconds, x, y):
+        for _ in range(round(seconds / PERIOD)):
+            self.over(x, y)
+        return self
+
+    def dragged(self, x, y, *, steps=20, each=1):
+        """Drag to a point, the page's pictures some readings apart."""
+        for i in range(1, steps + 1):
+            for _ in range(each):
+                self.over(x * i / steps, y * i / steps)
+        return self
+
+
+def test_the_cursor_is_found_from_the_springs_force():
+    anchor, velocity, cursor = np.random.default_rng(0).normal(size=(3, 3))
+    force = 2.5 * (100 * (cursor - anchor) - 10 * velocity)
+    found = cursor_of(force, anchor=anchor, velocity=velocity, mass=2.5, stiffness=100)
+    assert_allclose(found, cursor)
+
+
+@pytest.mark.parametrize("normal", [[0, 0, 1], [0, 0.6, 0.8], [1, 0, 0]])
+def test_a_slid_point_is_in_the_plane_and_under_the_cursor(normal):
+    normal, point = np.array(normal, dtype=float), np.array([0.1, 0.2, 0.05])
+    cursor = np.array([0.2, 0.1, 0.3])
+    found = slide(cursor, eye=EYE, point=point, normal=normal)
+    assert (found - point) @ normal == pytest.approx(0, abs=1e-12)
+    assert_allclose(np.cross(found - EYE, cursor - EYE), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("cursor", [(2, 0, 1), (2, 0, 0.99), (1, 0, 2)])
+def test_a_ray_that_grazes_the_board_or_leaves_it_meets_nothing(cursor):
+    assert slide(np.array(cursor), eye=EYE, point=np.zeros(3), normal=UP) is None
+
+
+def test_a_drag_leads_to_the_cursor_over_the_board():
+    hand = Hand().dragged(0.1, -0.15)
+    assert hand["leading"]
+    hand.silent(0.1, 0.1, -0.15)
+    assert_allclose(hand["wanted"], [0.1, -0.15, 0], atol=1e-9)
+
+
+def test_what_is_grabbed_beside_the_tool_moves_it_by_as_much():
+    hand = Hand()
+    hand.here = np.array([0.02, 0.0, -0.3])
+    hand.dragged(0.05, 0.08).silent(0.1, 0.05, 0.08)
+    assert_allclose(hand["wanted"], [0.07, 0.08, -0.3], atol=1e-9)
+
+
+def test_the_wanted_point_never_moves_faster_than_the_limit():
+    hand, before, fastest = Hand(), np.zeros(3), 0.0
+    for i in range(60):
+        hand.over(0.15 * np.sin(0.4 * i), 0.15 * np.cos(0.4 * i) - 0.15)
+        fastest = max(fastest, np.linalg.norm(hand["wanted"] - before))
+        before = np.array(hand["wanted"])
+    assert fastest == pytest.approx(LEADING.max_speed * PERIOD)
+
+
+@pytest.mark.parametrize("each", [1, 3, 6, 12])
+def test_a_slow_page_leads_as_steadily_as_a_fast_one(each):
+    hand, x = Hand(), []
+    for i in range(240):
+        t = i // each * each * PERIOD
+        hand.over(0.15 * np.sin(2 * t), 0)
+        x.append(hand["wanted"][0])
+    x, now = np.array(x)[60:], np.arange(60, 240)
+    errors = [
+        np.abs(x - 0.15 * np.sin(2 * PERIOD * (now - lag))).max() for lag in range(30)
+    ]
+    assert np.argmin(errors) <= 2 * each
+    # Of 6 mm from picture to picture at 60 of them in a second, 58 mm at 5.
+    assert min(errors) < 0.001 + 0.0006 * each
+    # No standing still between pictures.
+    steps = np.abs(np.diff(x))[:40]
+    assert np.mean(steps < 1e-5) < 0.2
+
+
+def test_a_silent_page_moves_the_arm_by_no_more_than_the_limit_and_lets_go():
+    hand = Hand().over(0, 0).over(0.19, 0)
+    hand.silent(2.0, 0.19, 0)
+    assert not hand["leading"]
+    assert 0.03 < hand.here[0] <= LEADING.max_ahead + 1e-9
+
+
+def test_a_silent_page_goes_on_when_it_wakes_up():
+    hand = Hand().over(0, 0).over(0.12, 0)
+    hand.silent(2.0, 0.12, 0)
+    hand.over(0.121, 0, anchor=hand.here)
+    assert hand["leading"]
+
+
+def test_a_still_mouse_on_a_still_arm_is_not_a_silent_page():
+    hand = Hand().dragged(0.1, 0).silent(0.2, 0.1, 0)
+    at = hand.here.copy()
+    hand.over(0.1, 0, anchor=at).silent(5.0, 0.1, 0)
+    assert hand["leading"]
+    assert_allclose(hand.here, at, atol=1e-6)
+
+
+def test_a_cursor_that_jumps_has_let_go_until_it_grabs_anew():
+    hand = Hand().dragged(0.05, 0)
+    hand.over(-0.19, 0.25)
+    assert not hand["leading"]
+    at = hand.here.copy()
+    hand.dragged(0.05, 0)
+    assert not hand["leading"]
+    assert_array_equal(hand["wanted"], at)
+    hand.look(None)
+    hand.over(0, 0)
+    assert hand["leading"]
+
+
+def test_a_cursor_at_the_horizon_has_let_go():
+    hand = Hand().dragged(0.05, 0)
+    hand.look(Drag(5, np.zeros(3), np.zeros(3), np.array([2.0, 0, 1])))
+    assert not hand["leading"]
+
+
+def test_the_tool_is_led_to_the_edge_of_the_board_and_not_beyond():
+    hand = Hand().dragged(0.5, 0, steps=100).silent(0.2, 0.5, 0)
+    assert hand["leading"]
+    assert_allclose(hand["wanted"], [0.2, 0, 0], atol=1e-9)
+    for i in range(60):
+        hand.over(0.5 - 0.01 * i, 0)
+    assert hand["wanted"][0] < 0
+
+
+def test_let_go_the_place_is_kept():
+    hand = Hand().dragged(0.1, 0.1)
+    at = hand.here.copy()
+    hand.look(None)
+    assert not hand["leading"]
+    assert_array_equal(hand["wanted"], at)
+
+
+def test_a_drag_from_before_the_beginning_does_nothing_until_it_moves():
+    hand = Hand()
+    hand.state = no_drag()
+    hand.silent(1.0, 0.1, 0)
+    assert not hand["leading"]
+
+
+def test_who_turns_the_camera_of_another_page_does_not_turn_the_drag():
+    hand = Hand().over(0, 0)
+    for _ in range(20):
+        hand.state = follow(
+            hand.state,
+            None if not hand["leading"] else Drag(5, *np.zeros((3, 3))),
+            time=hand.time,
+            period=PERIOD,
+            here=hand.here,
+            eye=np.array([-3.0, 0.0, 0.4]),
+            config=LEADING,
+            board=BOARD,
+        )
+    assert_array_equal(hand["eye"], EYE)
+
+
+def test_two_bodies_are_two_drags():
+    hand = Hand(PULLING, None)
+    hand.look(Drag(3, np.zeros(3), np.zeros(3), np.zeros(3)))
+    hand.look(Drag(4, np.ones(3), np.ones(3), np.ones(3)))
+    assert hand["body"] == 4
+    assert_array_equal(hand["point"], np.ones(3))
+
+
+@pytest.mark.parametrize("leading", [True, False])
+@pytest.mark.parametrize("normal", [None, UP, np.array([0.6, 0, 0.8])])
+def test_no_message_can_make_the_force_greater_than_the_limit(leading, normal):
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        away, velocity = rng.normal(size=(2, 3)) * [[10.0], [3.0]]
+        f = hand_force(away, velocity, leading=leading, config=LEADING, normal=normal)
+        along = 0.0 if normal is None else normal @ f
+        across = f if normal is None else f - along * normal
+        assert np.linalg.norm(across) <= LEADING.max_force + 1e-9
+        assert abs(along) <= LEADING.max_force + 1e-9
+
+
+@pytest.mark.parametrize(("height", "press"), [(-0.01, 5), (0.004, 15), (0.3, 20)])
+def test_the_hand_presses_brakes_and_holds_the_tool_on_the_board(height, press):
+    f = hand_force(
+        np.array([0.01, 0, 0.5]),
+        np.array([0, 0.1, 0]),
+        leading=True,
+        config=LEADING,
+        normal=UP,
+        height=height,
+    )
+    assert_allclose(f, [25.0, -25.0, -press])

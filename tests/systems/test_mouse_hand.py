@@ -1,0 +1,222 @@
+"""Facts about the hand of somebody who drags on the page, at a plant without a page."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.common.value import Value
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, SpatialInertia
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.systems import MouseHand
+from fmp_drake.systems.teaching.mouse_drag import LEADING, PULLING, BoardPlane
+
+SPECIFIC = 100.0
+MASSES = {1: 0.25, 2: 5.0}
+POSE = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.5, 0.1, 0.2])
+POINT = [0.01, 0.02, 0.03]
+EYE = [1.0, 0.0, 1.5]
+
+
+@pytest.fixture(scope="module")
+def plant():
+    plant = MultibodyPlant(1e-3)
+    for index, mass in MASSES.items():
+        body = plant.AddRigidBody(
+            f"body_{index}", SpatialInertia.SolidSphereWithMass(mass, 0.1)
+        )
+        assert int(body.index()) == index
+    ghost = plant.AddRigidBody("ghost")
+    plant.WeldFrames(plant.world_frame(), ghost.body_frame())
+    plant.Finalize()
+    return plant
+
+
+def pulling(plant, **options):
+    return MouseHand(plant, specific_stiffness=SPECIFIC, **options)
+
+
+def leading(plant, **options):
+    return pulling(
+        plant,
+        config=LEADING,
+        tip=plant.get_body(BodyIndex(2)).body_frame(),
+        board=BoardPlane(np.eye(3, 4), np.array([2.0, 2.0])),
+        eye=EYE,
+        **options,
+    )
+
+
+def spring(body, stretch, velocity=(0, 0, 0)):
+    """Return what Drake's spring gives for a stretch, m, and a velocity, m/s."""
+    force = ExternallyAppliedSpatialForce()
+    force.body_index = BodyIndex(body)
+    force.p_BoBq_B = POINT
+    away, v = np.array(stretch, dtype=float), np.array(velocity, dtype=float)
+    push = MASSES.get(body, 0.0) * (SPECIFIC * away - SPECIFIC**0.5 * v)
+    force.F_Bq_W = SpatialForce(np.concatenate([np.zeros(3), push]))
+    return force
+
+
+def say(hand, context, *forces, velocity=(0, 0, 0)):
+    """Fix what the page and the plant say."""
+    value = Value[list[ExternallyAppliedSpatialForce]](list(forces))
+    hand.GetInputPort("spring").FixValue(context, value)
+    poses = Value[list[RigidTransform]]([POSE] * 4)
+    hand.GetInputPort("body_poses").FixValue(context, poses)
+    moving = [SpatialVelocity(np.zeros(3), np.array(velocity, dtype=float))] * 4
+    value = Value[list[SpatialVelocity]](moving)
+    hand.GetInputPort("body_spatial_velocities").FixValue(context, value)
+
+
+def begin(hand):
+    """Return a simulator after a reading in which nothing was dragged."""
+    simulator = Simulator(hand)
+    say(hand, simulator.get_mutable_context())
+    simulator.AdvanceTo(0.01)
+    return simulator
+
+
+def drag(hand, simulator, *stretches, body=1, seconds=0.016):
+    """Drag, and let one reading after the other see it."""
+    for stretch in stretches:
+        say(hand, simulator.get_mutable_context(), spring(body, stretch))
+        simulator.AdvanceTo(simulator.get_context().get_time() + seconds)
+
+
+def output(hand, simulator, name="spatial_forces"):
+    return hand.GetOutputPort(name).Eval(simulator.get_context())
+
+
+def test_ports_have_names_and_only_the_plant_feeds_through(plant):
+    hand = pulling(plant)
+    assert hand.get_name() == "mouse_hand"
+    inputs = [hand.get_input_port(i).get_name() for i in range(3)]
+    assert inputs == ["spring", "body_poses", "body_spatial_velocities"]
+    outputs = [hand.get_output_port(i).get_name() for i in range(3)]
+    assert outputs == ["spatial_forces", "leading", "cursor_interval"]
+    fed = [[hand.HasDirectFeedthrough(i, j) for j in range(3)] for i in range(3)]
+    assert fed == [[False] * 3, [True, False, False], [True, False, False]]
+
+
+@pytest.mark.parametrize("body", MASSES)
+@pytest.mark.parametrize("caching", [True, False])
+def test_every_body_is_pulled_as_stiffly_where_it_was_grabbed(plant, body, caching):
+    hand = pulling(plant)
+    simulator = begin(hand)
+    if not caching:
+        simulator.get_mutable_context().DisableCaching()
+    steps = [[0, 0.03 * k / 9, 0.04 * k / 9] for k in range(10)]
+    drag(hand, simulator, *steps, steps[-1], steps[-1], body=body)
+    (force,) = output(hand, simulator)
+    assert int(force.body_index) == body
+    assert_allclose(force.p_BoBq_B, POINT)
+    assert_allclose(force.F_Bq_W.translational(), [0, 12.0, 16.0], atol=1e-9)
+    assert_array_equal(force.F_Bq_W.rotational(), np.zeros(3))
+
+
+def test_a_body_that_moves_is_pulled_to_the_same_cursor_and_braked(plant):
+    hand = pulling(plant)
+    simulator = begin(hand)
+    v = np.array([0.1, 0.0, 0.0])
+    for _ in range(2):
+        force = spring(1, [0, 0, 0], v)
+        say(hand, simulator.get_mutable_context(), force, velocity=v)
+        simulator.AdvanceTo(simulator.get_context().get_time() + 0.016)
+    (force,) = output(hand, simulator)
+    pulled = force.F_Bq_W.translational()
+    assert_allclose(pulled, -PULLING.damping * v, atol=1e-9)
+
+
+def test_a_drag_of_any_body_leads_the_tool_in_its_middle(plant):
+    hand = leading(plant)
+    simulator = begin(hand)
+    drag(hand, simulator, *[[0, 0.002 * k, 0] for k in range(6)], body=1)
+    assert output(hand, simulator, "leading")[0] == 1
+    (force,) = output(hand, simulator)
+    assert int(force.body_index) == 2
+    assert_array_equal(force.p_BoBq_B, np.zeros(3))
+    x, y, z = force.F_Bq_W.translational()
+    assert abs(x) < 1e-9
+    assert y > 5
+    assert z == pytest.approx(-LEADING.normal_force - 0.006 * LEADING.stiffness)
+
+
+def test_what_must_not_be_dragged_leads_nothing(plant):
+    hand = leading(plant, bodies=[BodyIndex(2)])
+    simulator = begin(hand)
+    drag(hand, simulator, [0, 0, 0], [0, 0.01, 0], body=1)
+    assert output(hand, simulator, "leading")[0] == 0
+    drag(hand, simulator, [0, 0, 0], [0, 0.01, 0], body=2)
+    assert output(hand, simulator, "leading")[0] == 1
+
+
+def test_let_go_a_led_arm_is_held_and_a_pulled_one_is_not(plant):
+    for make, count in ((leading, 1), (pulling, 0)):
+        hand = make(plant)
+        simulator = begin(hand)
+        drag(hand, simulator, [0, 0, 0], [0, 0.01, 0])
+        say(hand, simulator.get_mutable_context())
+        simulator.AdvanceTo(simulator.get_context().get_time() + 0.02)
+        forces = output(hand, simulator)
+        assert len(forces) == count
+        for force in forces:
+            assert_allclose(
+                force.F_Bq_W.translational(), [0, 0, -LEADING.hold_force], atol=1e-9
+            )
+
+
+def test_the_interval_of_the_pages_pictures_is_known(plant):
+    hand = leading(plant)
+    simulator = begin(hand)
+    drag(hand, simulator, *[[0, 0.003 * k, 0] for k in range(20)], seconds=0.096)
+    interval = output(hand, simulator, "cursor_interval")[0]
+    assert interval == pytest.approx(0.096, abs=0.001)
+
+
+def test_the_mouse_is_read_at_a_rate_and_what_was_read_is_the_state(plant):
+    hand = pulling(plant, period=0.1)
+    simulator = begin(hand)
+    drag(hand, simulator, [0, 0, 0.01], seconds=0.05)
+    assert output(hand, simulator) == []
+    drag(hand, simulator, [0, 0, 0.01], seconds=0.05)
+    assert len(output(hand, simulator)) == 1
+    copy = simulator.get_context().Clone()
+    assert len(hand.GetOutputPort("spatial_forces").Eval(copy)) == 1
+
+
+def test_a_cloned_context_goes_on_alike(plant):
+    hand = leading(plant)
+    simulator = begin(hand)
+    drag(hand, simulator, [0, 0, 0], [0, 0.01, 0])
+    copy = Simulator(hand, simulator.get_context().Clone())
+    for each in (simulator, copy):
+        drag(hand, each, [0, 0.02, 0], [0, 0.03, 0])
+    (one,), (other,) = output(hand, simulator), output(hand, copy)
+    assert_array_equal(one.F_Bq_W.get_coeffs(), other.F_Bq_W.get_coeffs())
+
+
+@pytest.mark.parametrize(
+    "force", [spring(3, [0.1, 0, 0]), spring(1, [np.nan, 0, 0])], ids=["ghost", "nan"]
+)
+def test_a_body_without_mass_and_nonsense_are_not_pulled(plant, force):
+    hand = pulling(plant)
+    simulator = begin(hand)
+    say(hand, simulator.get_mutable_context(), force)
+    simulator.AdvanceTo(0.05)
+    assert output(hand, simulator) == []
+
+
+def test_a_forgotten_input_is_named(plant):
+    with pytest.raises(RuntimeError, match=r"spring.*mouse_hand"):
+        Simulator(pulling(plant)).AdvanceTo(0.1)
+
+
+def test_values_that_do_not_fit_are_refused(plant):
+    with pytest.raises(SystemsError, match=r"period is -1.0; it must be positive"):
+        pulling(plant, period=-1.0)
+    with pytest.raises(SystemsError, match="a tip and a board"):
+        pulling(plant, board=BoardPlane(np.eye(3, 4), np.ones(2)))
