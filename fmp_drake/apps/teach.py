@@ -53,25 +53,18 @@ def teach(
     with console.status("compiling, once"):
         skill, _, _ = scenario_skill(scene)
         WipingRun(scene, skill).advance_to(0.01)
-    meshcat = open_page(host=host)
+    panel = open_page(title=f"teach: {Path(scenario).stem}", host=host)
     session = TeachingSession(
-        scene, MouseOnPage(meshcat), meshcat=meshcat, out=out, skill_file=skill_file
+        scene, MouseOnPage(panel.meshcat), panel=panel, out=out, skill_file=skill_file
     )
-    console.print(
-        f"teach it at {meshcat.web_url()}/?tracked_camera=on\n"
-        "drag the eraser with Ctrl and the left mouse button; Ctrl-C ends"
-    )
-    page = TeachPage(meshcat)
-    page.show(session.buttons, session.status)
+    console.print(f"teach it at {panel.url}; Ctrl-C ends")
+    page = TeachPage(panel, scene)
     until = float("inf") if duration is None else duration
     for stretch in range(int(1e9)):
         if stretch * _STRETCH >= until:
             break
         session.advance(_STRETCH)
-        if button := page.clicked():
-            page.show(session.buttons, f"{button} ...")
-            session.press(button)
-            console.print(f"{button}: {session.status}")
-        if button or stretch % round(_TEXT / _STRETCH) == 0:
-            page.show(session.buttons, session.status)
-    page.delete()
+        if button := page.attend(session):
+            console.print(f"{button}: {session.remark or session.status}")
+        elif stretch % round(_TEXT / _STRETCH) == 0:
+            page.show(session)

@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import FmpError, RunError
@@ -22,6 +21,7 @@ from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.teaching_station import RATE, MakeTeachingStation
 from fmp_drake.systems.ink.grid import cleaned_fraction
 from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
+from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations, draw_rod
 
 Mode = Literal["teach", "play"]
@@ -59,8 +59,8 @@ class TeachingSession:
     scenario : Scenario
     hand : TeachingHand
         A `MouseOnPage`, for example.
-    meshcat : Meshcat, optional
-        Where to show it.
+    panel : PagePanel, optional
+        The page where it is shown.
     clock : callable, optional
         Returns the time, s: the simulation keeps pace with it, and what is recorded has its
         rhythm. None to simulate as fast as possible.
@@ -93,12 +93,13 @@ class TeachingSession:
         scenario: Scenario,
         hand: TeachingHand,
         *,
-        meshcat: Meshcat | None = None,
+        panel: PagePanel | None = None,
         clock: Callable[[], float] | None = time.monotonic,
         out: Path = Path("taught.npz"),
         skill_file: Path = Path("taught_skill.npz"),
     ) -> None:
-        self._scenario, self._hand, self._meshcat = scenario, hand, meshcat
+        self._scenario, self._hand, self._panel = scenario, hand, panel
+        self._meshcat = None if panel is None else panel.meshcat
         self._clock = clock
         self._out, self._skill_file = out, skill_file
         self.skill: FourierMovementPrimitive | None = None
@@ -120,6 +121,16 @@ class TeachingSession:
         return BUTTONS[self.mode]
 
     @property
+    def is_led(self) -> bool:
+        """Whether somebody leads or pulls the arm now."""
+        return bool(self._output("leading")[0])
+
+    @property
+    def missing(self) -> float:
+        """How many seconds are to be shown before it can learn; 0 if none."""
+        return self._missing(self.demonstrations)
+
+    @property
     def simulator(self) -> Simulator:
         """Of the station of this mode."""
         return self._simulator
@@ -136,17 +147,19 @@ class TeachingSession:
         context = self._simulator.get_context()
         end = context.get_time() + seconds
         while (now := context.get_time()) < end - 1e-9:
-            then = min((round(now * RATE) + 1) / RATE, end)
+            sample = (np.floor(now * RATE + 1e-6) + 1) / RATE
+            then = float(min(sample, end))
             if self._run is None:
                 self._simulator.AdvanceTo(then)
             else:
                 self._run.advance_to(then)
-            self._record()
+            if then == sample:
+                self._record()
 
     def _record(self) -> None:
         now = self._simulator.get_context().get_time()
         clock = now if self._clock is None else self._clock()
-        position, leads = self._output(self._position), bool(self._output("leading")[0])
+        position, leads = self._output(self._position), self.is_led
         self._samples.append((now, clock, *position, leads))
         lag = (clock - self._samples[0][1]) - (now - self._samples[0][0])
         if self._clock is not None and lag - self._lag > _BEHIND:
@@ -273,6 +286,7 @@ class TeachingSession:
             demonstrations=demonstrations,
             q=self._q(),
             meshcat=self._meshcat,
+            panel=self._panel,
         )
         if self._run is not None:
             self._run.remove_controls()
@@ -348,17 +362,17 @@ class TeachingSession:
 
     @property
     def status(self) -> str:
-        """What the session does, what may be done, and what came of it: a sentence each."""
-        if self._run is None:
-            missing = self._missing(self.demonstrations)
-            said = "drag the eraser with Ctrl + left mouse button"
-            said += f"; {missing:.0f} s to show" if missing > 0 else "; enough to learn"
-        else:
+        """What the session does, and what is in the way; a sentence."""
+        if self._run is not None:
             cleaned = cleaned_fraction(self._run.ink(), self._run.demonstrated_area)
-            said = f"wiping: {100 * cleaned:.0f} % clean"
+            said = f"wiping: {100 * cleaned:.0f} % of what was shown is clean"
+        elif missing := self.missing:
+            said = f"{missing:.0f} s to show, at least"
+        else:
+            said = "enough to learn; more is better"
         if self.realtime_rate < _SLOW:
             said += (
                 f"; this machine is too slow to teach on "
                 f"({100 * self.realtime_rate:.0f} % of real time)"
             )
-        return f"{said}. {self.remark}" if self.remark else said
+        return said
