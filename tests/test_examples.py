@@ -59,6 +59,10 @@ FACTS = {
         r"off the path +([\d.]+) mm.*cleaned +([\d.]+) %  \(pushed\)",
         lambda off, cleaned: off > 5 and cleaned > 10,
     ),
+    "04_teach_by_mouse.py": (
+        r"learned in ([\d.]+) s\nwiping: (\d+) %",
+        lambda _, cleaned: cleaned > 20,
+    ),
     "06_tilting_tool.py": (
         r"most ([\d.]+) .* ([\d.]+) mm",
         lambda degrees, off: degrees < 0.5 and off < 2.0,

@@ -11,6 +11,8 @@ from fmp_drake.runs.skills import (
     load_on_board,
     scenario_skill,
 )
+from fmp_drake.runs.teach_page import TeachPage
+from fmp_drake.runs.teaching_session import TeachingSession
 from fmp_drake.runs.wiping_run import WipingRun
 
 __all__ = [
@@ -18,6 +20,8 @@ __all__ = [
     "RunEvent",
     "RunLog",
     "Signal",
+    "TeachPage",
+    "TeachingSession",
     "WipingRun",
     "advance",
     "bundled_demonstrations",

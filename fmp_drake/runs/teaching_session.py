@@ -153,7 +153,7 @@ class TeachingSession:
                 self._simulator.AdvanceTo(then)
             else:
                 self._run.advance_to(then)
-            if then == sample:
+            if then > sample - 1e-6 / RATE:
                 self._record()
 
     def _record(self) -> None:
@@ -273,6 +273,8 @@ class TeachingSession:
         station = MakeTeachingStation(
             self._scenario, self._hand, q=q, meshcat=self._meshcat
         )
+        if self._meshcat is not None:
+            self._meshcat.Delete("/force")  # The arrow of the wiping station.
         self._run, self._simulator = None, Simulator(station)
         self._station, self._position = station, "position"
         self._begin()

@@ -42,14 +42,17 @@ from fmp_drake.systems.sensor_model import SensorModel
 from fmp_drake.systems.spatial_force_sum import SpatialForceSum
 from fmp_drake.systems.surface_monitor import SurfaceMonitor
 from fmp_drake.systems.teaching.hand_motion import HandMotion, HandVariability
+from fmp_drake.systems.teaching.mouse_drag import BoardPlane, DragConfig
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 
 __all__ = [
     "AddInkToRecording",
+    "BoardPlane",
     "CovarianceStiffnessConfig",
     "CoverageChoice",
+    "DragConfig",
     "EnergyTankConfig",
     "ForceArrow",
     "ForceControlConfig",

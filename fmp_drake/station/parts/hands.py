@@ -16,7 +16,14 @@ from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 
 class TeachingHand(Protocol):
-    """What leads the arm: simulated, by the mouse, or a person's at a real arm."""
+    """What leads the arm: simulated, by the mouse, or a person's at a real arm.
+
+    Examples
+    --------
+    >>> hand: TeachingHand = SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
+    >>> from fmp_drake.station import LoadScenario, MakeTeachingStation
+    >>> station = MakeTeachingStation(LoadScenario("table_top"), hand)
+    """
 
     @property
     def start(self) -> list[float] | None:

@@ -106,6 +106,12 @@ class BoardPlane(NamedTuple):
     X_WB : ndarray, shape (3, 4)
     half_size : ndarray, shape (2,)
         Half of where the tool may be, along x and y of B, m.
+
+    Examples
+    --------
+    >>> board = BoardPlane(np.eye(3, 4), np.array([0.2, 0.3]))
+    >>> board.inside(np.array([0.5, 0.0, 0.1]))
+    array([0.2, 0. , 0.1])
     """
 
     X_WB: Array

@@ -1,0 +1,103 @@
+"""Teaches by a synthetic mouse, learns, plays, and says how well, as a table.
+
+    python teach_by_mouse.py --seconds 30 --play 60 --frames 60
+    python teach_by_mouse.py --shape eight --board vertical --frames 10 --play 0
+
+Shapes on boards, each seen by the scenario's camera and by one from the other side. Columns:
+rms of the recording from the cursor's path, after its lag; the largest used fractions of the joints' ranges, speeds
+and torques while it was taught; and when it played, the share of the shown area that is
+clean, the largest distance of the eraser from what was shown (in the plane of the board), the
+part of the time within 20 mm of it, the fractions of speeds and torques, and what went wrong.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from page_mouse import SHAPES, TaughtSession
+
+from fmp_drake.station import LoadScenario
+from fmp_drake.systems import cleaned_fraction
+
+SETTLE = 2.5
+
+
+def other_side(scenario):
+    """Return an eye opposite to the scenario's, mirrored at the board's middle plane."""
+    x, y, z = scenario.camera.eye
+    return [x, -y, z]
+
+
+def teach(board, shape, *, mirrored, frames, seconds, play):
+    scenario = LoadScenario(board)
+    eye = other_side(scenario) if mirrored else scenario.camera.eye
+    taught = TaughtSession(
+        scenario, frames=frames, latency=max(0.05, 1 / frames), eye=eye
+    )
+    taught.session.advance(1.5)
+    taught.press()
+    taught.drag(shape, seconds)
+    taught.release()
+    rms = taught.recording_error()
+    worst = " ".join(f"{taught.worst[k]:5.2f}" for k in ("range", "speed", "torque"))
+    line = f"{board:10} {shape:7} {'other' if mirrored else 'own':6} {frames:3.0f}"
+    line += f" {1e3 * rms:6.1f} {worst}"
+    if play:
+        session = taught.session
+        started = time.process_time()
+        session.press("learn")
+        if session.mode != "play":
+            return f"{line}  {session.remark}"
+        learned = time.process_time() - started
+        run = session._run
+        session.advance(play)
+        metrics = run.metrics()
+        clean = cleaned_fraction(run.ink(), run.demonstrated_area)
+        shown = np.concatenate([d.values[:, :2] for d in session._kept])
+        path = np.array([s[2:4] for s in session._samples])[round(20 * SETTLE) :]
+        away, _ = cKDTree(shown).query(path)
+        line += (
+            f"  {100 * clean:5.1f} {1e3 * away.max():5.1f} {100 * np.mean(away < 0.02):5.1f}"
+            f" {metrics['joint_speed_ratio_max']:5.2f} {metrics['torque_ratio_max']:5.2f}"
+            f" {learned:5.2f}  {'; '.join(e.text for e in run.events())}"
+        )
+    return line
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--shape", nargs="+", default=list(SHAPES))
+    parser.add_argument(
+        "--board", nargs="+", default=["table_top", "tilted", "vertical"]
+    )
+    parser.add_argument("--camera", nargs="+", default=["own", "other"])
+    parser.add_argument("--frames", type=float, default=60.0)
+    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--play", type=float, default=60.0)
+    chosen = parser.parse_args()
+    sys.stdout.write(
+        "board      shape   camera f/s rms/mm  range speed torque"
+        "  clean  away  in20 speed torque learn/s\n"
+    )
+    for camera in chosen.camera:
+        for board in chosen.board:
+            for shape in chosen.shape:
+                line = teach(
+                    board,
+                    shape,
+                    mirrored=camera == "other",
+                    frames=chosen.frames,
+                    seconds=chosen.seconds,
+                    play=chosen.play,
+                )
+                sys.stdout.write(f"{line}\n")
+                sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,125 @@
+"""Facts about teaching with the mouse, with a page that needs no browser.
+
+All shapes, boards and cameras, and 60 s of play: `tests/benchmarks/teach_by_mouse.py`.
+"""
+
+import numpy as np
+import pytest
+from page_mouse import TaughtSession
+
+from fmp_drake.station import LoadScenario
+
+pytestmark = pytest.mark.slow
+
+ABUSED = 0.10  # How far the arm may move by itself, m.
+
+
+def begin(board="table_top", **options):
+    scenario = LoadScenario(board)
+    scenario.skill.window, scenario.skill.candidates = 2.0, 4
+    taught = TaughtSession(scenario, **options)
+    taught.session.advance(1.2)
+    return taught
+
+
+@pytest.mark.parametrize(
+    ("board", "shape", "frames", "latency", "error"),
+    [("table_top", "eight", 60, 0.05, 0.005), ("vertical", "square", 10, 0.1, 0.015)],
+)
+def test_what_is_dragged_is_recorded_learned_and_wiped(
+    board, shape, frames, latency, error
+):
+    eye = [-0.85, 1.45, 1.2] if board == "vertical" else None
+    taught = begin(board, frames=frames, latency=latency, eye=eye)
+    taught.press("panda/panda_link6" if board == "vertical" else "eraser/eraser")
+    taught.drag(shape, 6.0)
+    taught.release()
+    assert taught.recording_error(settle=1.5) < error
+    assert max(taught.worst.values()) < 1
+    (shown,) = taught.session.demonstrations
+    assert np.ptp(shown.values[20:, 2]) < 0.006
+    taught.session.press("learn")
+    assert taught.session.mode == "play"
+    taught.session.advance(2.0)
+    assert "wiping: 0 %" not in taught.session.status
+
+
+@pytest.fixture(scope="module")
+def abused():
+    """A session that somebody is not kind to."""
+    return begin()
+
+
+@pytest.fixture
+def dragged(abused):
+    """The session, in the middle of a drag near the middle of the board."""
+    abused.session.press("again")
+    x, y, _ = abused.tip()
+    abused.press()
+    for k in np.linspace(0, 1, 40):
+        abused.frame([k * (0.05 - x), -k * y])
+    yield abused
+    abused.release()
+    abused.session.advance(0.5)
+    assert max(abused.worst.values()) < 1
+
+
+def moved(taught, seconds, say=lambda: None, *, steps=20):
+    """Return how far the eraser gets from where it is within some time, m."""
+    start, farthest = taught.tip(), 0.0
+    for _ in range(steps):
+        say()
+        taught.session.advance(seconds / steps)
+        farthest = max(farthest, np.linalg.norm(taught.tip() - start))
+    return farthest
+
+
+def test_a_page_that_freezes_in_mid_drag_lets_go_and_can_go_on(dragged):
+    dragged.frame([0.0, 0.15])
+    assert moved(dragged, 2.0) < ABUSED
+    assert not dragged.session.is_led
+    at = dragged.tip()
+    assert moved(dragged, 1.0) < 0.005
+    # Reloaded: it says that nothing is dragged, and is dragged anew.
+    dragged.mouse.release()
+    dragged.session.advance(0.1)
+    dragged.press()
+    for k in np.linspace(0, 0.08, 50):
+        dragged.frame([k, 0])
+    assert dragged.session.is_led
+    one, two = dragged.session.demonstrations
+    assert np.linalg.norm(two.values[0, :2] - at[:2]) < 0.02
+    for shown in (one, two):
+        assert np.linalg.norm(np.diff(shown.values, axis=0), axis=1).max() < 0.05
+
+
+def test_a_cursor_that_jumps_over_the_screen_does_not_take_the_arm_along(dragged):
+    rng = np.random.default_rng(0)
+    first = moved(dragged, 0.5, lambda: dragged.frame([0.4, -0.5]))
+    assert first < ABUSED
+    assert not dragged.session.is_led
+    wild = moved(dragged, 1.0, lambda: dragged.frame(rng.uniform(-1, 1, 2)))
+    assert wild < ABUSED
+
+
+def test_a_button_that_is_released_outside_the_window_leaves_the_arm_on_the_board(
+    dragged,
+):
+    for k in np.linspace(0, 1.5, 100):
+        dragged.frame([0.0, k])
+    dragged.mouse.release()
+    dragged.session.advance(0.5)
+    assert abs(dragged.tip()[1]) < 0.33
+    assert moved(dragged, 1.0) < 0.01
+
+
+def test_two_pages_that_drag_at_once_cannot_tear_the_arm(dragged):
+    sides = iter(np.tile([-0.15, 0.15], 1000))
+    assert moved(dragged, 1.0, lambda: dragged.frame([0.05, next(sides)])) < ABUSED
+
+
+def test_a_page_that_says_nonsense_is_not_followed(dragged):
+    here = dragged.pose("eraser/eraser").translation()
+    ways = np.array([[0, 0, 1e9], [np.inf, 0, 0], [-5, -5, -5]])
+    far = iter([*(here + ways)] * 20)
+    assert moved(dragged, 0.5, lambda: dragged.mouse.send(here, next(far))) < ABUSED

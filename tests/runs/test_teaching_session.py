@@ -1,0 +1,155 @@
+"""Facts about a session of teaching, driven without a page."""
+
+import numpy as np
+import pytest
+
+from fmp_drake.errors import RunError
+from fmp_drake.primitives import Demonstration, load_skill
+from fmp_drake.runs import TeachingSession
+from fmp_drake.station import LoadScenario, SimulatedHand
+from fmp_drake.systems import HandMotion
+
+MOTION = HandMotion.make("eight", seconds=30.0, seed=0)
+
+
+def begin(**options):
+    scenario = LoadScenario("table_top")
+    scenario.skill.window, scenario.skill.candidates = 1.0, 4
+    return TeachingSession(
+        scenario, SimulatedHand(MOTION), **{"clock": None, **options}
+    )
+
+
+def place(session):
+    """Return the joints' angles and speeds."""
+    station = session.simulator.get_system()
+    if not station.HasOutputPort("state"):  # A run has its station in its diagram.
+        station = station.GetSubsystemByName("wiping_station")
+    context = station.GetMyContextFromRoot(session.simulator.get_context())
+    return np.split(np.array(station.GetOutputPort("state").Eval(context)), 2)
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory):
+    """A session that has learned and plays, and where its arm was before."""
+    folder = tmp_path_factory.mktemp("taught")
+    session = begin(out=folder / "shown.npz", skill_file=folder / "skill.npz")
+    session.advance(2.5)
+    before = place(session)[0]
+    session.press("learn")
+    return session, before, place(session), folder
+
+
+def test_it_begins_with_teaching():
+    session = begin()
+    assert session.mode == "teach"
+    assert session.buttons == ("learn", "again", "play", "save")
+    assert session.skill is None
+    assert session.missing == 2.0
+
+
+def test_it_says_how_much_is_missing_and_goes_on_teaching():
+    session = begin()
+    session.advance(1.2)
+    session.press("learn")
+    assert session.mode == "teach"
+    assert "show 1 s more: two windows of 1 s" in session.remark
+    session.press("play")
+    assert session.mode == "teach"
+    assert "learn first" in session.remark
+
+
+def test_again_forgets_what_was_shown():
+    session = begin()
+    session.advance(1.0)
+    assert session.demonstrations
+    session.press("again")
+    assert session.demonstrations == []
+    session.advance(0.8)
+    (shown,) = session.demonstrations
+    assert 0.6 < shown.duration <= 0.8
+
+
+def test_a_button_of_another_mode_is_refused():
+    with pytest.raises(
+        RunError, match=r"no button 'more' in the mode teach; press one"
+    ):
+        begin().press("more")
+
+
+def test_after_learning_it_plays_from_where_the_arm_is(taught):
+    session, before, (q, v), _ = taught
+    assert session.mode == "play"
+    assert "learned in" in session.remark
+    assert np.array_equal(q, before)
+    assert not v.any()
+
+
+def test_what_was_taught_is_saved_and_what_plays_cleans_the_board(taught):
+    session, _, _, folder = taught
+    session.advance(1.0)
+    assert "% of what was shown is clean" in session.status
+    assert "wiping: 0 %" not in session.status
+    session.press("save")
+    assert session.remark == "wrote shown.npz, skill.npz"
+    assert Demonstration.load(folder / "shown.npz").frame == "board"
+    assert load_skill(folder / "skill.npz").n_windows_ == session.skill.n_windows_
+
+
+def test_it_goes_to_and_fro_between_teaching_and_playing(taught):
+    session, *_ = taught
+    if session.mode == "teach":
+        session.press("play")
+    skill = session.skill
+    for _ in range(2):
+        session.advance(0.1)
+        before = place(session)[0]
+        session.press("teach")
+        assert session.mode == "teach"
+        assert session.demonstrations == []
+        assert np.array_equal(place(session)[0], before)
+        session.advance(0.1)
+        session.press("play")
+        assert session.skill is skill
+
+
+def test_more_is_learned_together_with_the_first(taught):
+    session, *_ = taught
+    if session.mode == "play":
+        session.press("teach")
+    session.advance(2.4)
+    session.press("learn")
+    windows = session.skill.n_windows_
+    session.press("more")
+    assert session.mode == "teach"
+    assert len(session.demonstrations) == 1
+    session.advance(2.4)
+    session.press("learn")
+    assert session.skill.n_windows_ > 1.7 * windows
+
+
+def test_nothing_to_save_is_said(tmp_path):
+    session = begin(out=tmp_path / "a.npz", skill_file=tmp_path / "b.npz")
+    session.press("save")
+    assert session.remark == "nothing to save yet"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_written_is_said_and_the_session_goes_on(tmp_path):
+    session = begin(out=tmp_path / "missing" / "a.npz")
+    session.advance(1.0)
+    session.press("save")
+    assert "cannot write" in session.remark
+    assert session.mode == "teach"
+
+
+def test_a_machine_that_is_too_slow_is_said_and_the_rhythm_is_the_hands():
+    ticks = iter(np.arange(0.0, 1000.0, 0.1))
+    # One look at the clock for each sample: 20 samples in 2 s.
+    session = begin(clock=lambda: float(next(ticks)))
+    session.simulator.set_target_realtime_rate(0.0)
+    session.advance(2.5)
+    assert session.realtime_rate == pytest.approx(0.5, abs=0.03)
+    assert "too slow to teach on (50 % of real time)" in session.status
+    (shown,) = session.demonstrations
+    assert shown.duration == pytest.approx(5.0, abs=0.3)
