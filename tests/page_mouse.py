@@ -8,6 +8,7 @@ from pydrake.geometry import Meshcat
 
 from fmp_drake.runs import TeachingSession
 from fmp_drake.station import MouseOnPage
+from fmp_drake.systems import PagePanel
 
 # Of the page's world, whose y is up.
 _TO_PAGE = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -110,15 +111,18 @@ class TaughtSession:
         Pictures of the page in a second.
     latency : float
         How old what they show is, s.
-    eye, target : array_like, optional
+    eye : array_like, optional
         Of the page's camera, m; the scenario's by default.
+    panel : bool
+        Whether there is a page with a panel, whose mouse pulls while it plays.
     """
 
-    def __init__(self, scenario, *, frames=60.0, latency=0.05, eye=None, **options):
+    def __init__(self, scenario, *, frames=60.0, latency=0.05, eye=None, panel=False):
         self.meshcat = Meshcat()
         self.scenario, self.frames, self.latency = scenario, frames, latency
+        self.panel = PagePanel(self.meshcat) if panel else None
         self.session = TeachingSession(
-            scenario, MouseOnPage(self.meshcat), clock=None, **options
+            scenario, MouseOnPage(self.meshcat), clock=None, panel=self.panel
         )
         camera = scenario.camera
         self.mouse = PageMouse(
@@ -140,9 +144,17 @@ class TaughtSession:
     def now(self):
         return self.simulator.get_context().get_time()
 
+    @property
+    def station(self):
+        """The station of this mode; that of a run is in a diagram with loggers."""
+        system = self.simulator.get_system()
+        if system.HasSubsystemNamed("wiping_station"):
+            return system.GetSubsystemByName("wiping_station")
+        return system
+
     def pose(self, name):
         """Return X_WB of a body, as in `eraser/eraser`."""
-        plant = self.simulator.get_system().GetSubsystemByName("plant")
+        plant = self.station.GetSubsystemByName("plant")
         context = plant.GetMyContextFromRoot(self.simulator.get_context())
         model, body = name.split("/")
         instance = plant.GetModelInstanceByName(model)
@@ -150,9 +162,11 @@ class TaughtSession:
 
     def tip(self):
         """Return p_BE, as the station says."""
-        station = self.simulator.get_system()
+        station = self.station
         context = station.GetMyContextFromRoot(self.simulator.get_context())
-        return np.array(station.GetOutputPort("position").Eval(context))
+        led = station.HasOutputPort("position")
+        port = station.GetOutputPort("position" if led else "measured_position")
+        return np.array(port.Eval(context))
 
     def watch(self):
         """Keep the largest used fractions of the arm's limits, at every step."""

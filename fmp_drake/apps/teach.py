@@ -1,11 +1,14 @@
 """`fmp-drake teach`."""
 
+from itertools import count
 from pathlib import Path
 
 import click
 
 from fmp_drake.apps.options import PATH, host_option
 from fmp_drake.apps.page import make_console, open_page
+from fmp_drake.errors import FmpError
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.skills import scenario_skill
 from fmp_drake.runs.teach_page import TeachPage
@@ -49,6 +52,8 @@ def teach(
     console = make_console()
     for target in (out, skill_file):
         check_writable(target)
+    if duration is not None:
+        check_number(duration, "duration", above=0, unit="s", error=FmpError)
     scene = LoadScenario(scenario)
     with console.status("compiling, once"):
         skill, _, _ = scenario_skill(scene)
@@ -59,10 +64,8 @@ def teach(
     )
     console.print(f"teach it at {panel.url}; Ctrl-C ends")
     page = TeachPage(panel, scene)
-    until = float("inf") if duration is None else duration
-    for stretch in range(int(1e9)):
-        if stretch * _STRETCH >= until:
-            break
+    stretches = count() if duration is None else range(round(duration / _STRETCH))
+    for stretch in stretches:
         session.advance(_STRETCH)
         if button := page.attend(session):
             console.print(f"{button}: {session.remark or session.status}")

@@ -32,6 +32,7 @@ def test_the_page_opens_and_says_where(command, outputs):
     ("options", "reason"),
     [
         (("--scenario", "billiards"), "table_top"),
+        (("--duration", -1), "duration is -1"),
         (("--out", "missing/a.npz"), "there is no folder"),
         (("--skill", "missing/b.npz"), "there is no folder"),
     ],

@@ -44,6 +44,27 @@ def test_what_is_dragged_is_recorded_learned_and_wiped(
     assert "wiping: 0 %" not in taught.session.status
 
 
+def test_what_is_shown_by_pulling_while_it_plays_is_learned_too():
+    taught = begin(panel=True)
+    taught.press()
+    taught.drag("circle", 4.3)
+    taught.release()
+    taught.session.press("learn")
+    windows = taught.session.skill.n_windows_
+    taught.session.advance(0.3)
+    taught.press()
+    taught.drag("circle", 2.5, size=0.5)
+    assert taught.session.is_led
+    taught.session.press("more")
+    assert taught.session.mode == "play"
+    assert "learned in" in taught.session.remark
+    assert taught.session.skill.n_windows_ > windows
+    taught.session.press("more")
+    assert taught.session.mode == "teach"
+    assert len(taught.session.demonstrations) == 2
+    taught.panel.close()
+
+
 @pytest.fixture(scope="module")
 def abused():
     """A session that somebody is not kind to."""

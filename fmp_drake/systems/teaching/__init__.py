@@ -1,1 +1,1 @@
-"""How a person's hand moves."""
+"""How a person's hand moves, and what a mouse on a page may do to an arm."""
