@@ -45,7 +45,6 @@ from fmp_drake.station.scenario_parts import (
 from fmp_drake.station.teaching_station import (
     DemonstrationFromRecorder,
     MakeTeachingStation,
-    ReadRecorder,
 )
 from fmp_drake.station.wiping_station import MakeWipingStation
 
@@ -82,7 +81,6 @@ __all__ = [
     "PandaJoints",
     "ParseScenario",
     "PressConfig",
-    "ReadRecorder",
     "RenderLights",
     "Scenario",
     "SensorConfig",

@@ -1,16 +1,12 @@
 """The station where a person teaches the arm by hand."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
-from pydrake.systems.primitives import (
-    ConstantVectorSource,
-    LogVectorOutput,
-    Multiplexer,
-)
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from fmp_drake.primitives import Demonstration
 from fmp_drake.station.parts.arm_controller import AddArmController
@@ -39,8 +35,7 @@ def MakeTeachingStation(
     """Build a station where a hand leads the gravity-compensated arm.
 
     Systems: plant, scene_graph, controller with rest for its inputs,
-    gravity_compensation, actuation, recorder of what recorded joins, and
-    meshcat_visualizer where there is a Meshcat; human_hand and leading of a
+    gravity_compensation, actuation, recorder, and meshcat_visualizer where there is a Meshcat; human_hand and leading of a
     `SimulatedHand`, mouse_hand and meshcat_mouse_spring of a `MouseOnPage`. Output ports:
     position (3,) of the eraser in the frame of the board, as the arm measures it, m; leading (1,), 1
     while the hand leads; state (14,) of the arm; torque (7,) commanded without gravity
@@ -67,11 +62,7 @@ def MakeTeachingStation(
     forces, leading = hand.AddTo(builder, scene, scenario)
     builder.Connect(forces, plant.GetInputPort("applied_spatial_force"))
     position = controller.GetOutputPort("measured_position")
-    recorded = builder.AddNamedSystem("recorded", Multiplexer([3, 1]))
-    builder.Connect(position, recorded.get_input_port(0))
-    builder.Connect(leading, recorded.get_input_port(1))
-    sink = LogVectorOutput(recorded.get_output_port(), builder, 1 / RATE)
-    sink.set_name("recorder")
+    LogVectorOutput(position, builder, 1 / RATE).set_name("recorder")
     if meshcat is not None:
         AddBodies(builder, scene, scenario, meshcat)
     builder.ExportOutput(position, "position")
@@ -83,40 +74,6 @@ def MakeTeachingStation(
     diagram = builder.Build()
     diagram.set_name("teaching_station")
     return diagram
-
-
-class Recorded(NamedTuple):
-    """What the recorder of a teaching station has recorded, 20 times a second.
-
-    Attributes
-    ----------
-    time : ndarray, shape (N,)
-        s.
-    position : ndarray, shape (N, 3)
-        p_BE, m.
-    leads : ndarray, shape (N,)
-        Whether the hand led.
-    """
-
-    time: NDArray[np.float64]
-    position: NDArray[np.float64]
-    leads: NDArray[np.bool_]
-
-
-def ReadRecorder(diagram: Diagram, context: Context) -> Recorded:
-    """Return what the recorder of a teaching station has recorded.
-
-    Parameters
-    ----------
-    diagram : Diagram
-        From `MakeTeachingStation`.
-    context : Context
-        Of the diagram, after a simulation.
-    """
-    recorder: Any = diagram.GetSubsystemByName("recorder")
-    log = recorder.FindLog(context)
-    values = np.array(log.data().T)
-    return Recorded(np.array(log.sample_times()), values[:, :3], values[:, 3] > 0)
 
 
 def DemonstrationFromRecorder(
@@ -134,11 +91,13 @@ def DemonstrationFromRecorder(
         Seconds to leave out at the beginning.
     note : str
     """
-    recorded = ReadRecorder(diagram, context)
-    keep = recorded.time >= skip - 1e-9
+    recorder: Any = diagram.GetSubsystemByName("recorder")
+    log = recorder.FindLog(context)
+    times = log.sample_times()
+    keep = times >= skip - 1e-9
     return Demonstration(
-        time=np.round(recorded.time[keep] - skip, 9),
-        values=recorded.position[keep],
+        time=np.round(times[keep] - skip, 9),
+        values=np.array(log.data()[:, keep].T),
         channels=("x", "y", "z"),
         units=("m", "m", "m"),
         frame="board",

@@ -29,7 +29,6 @@ SYSTEMS = {
     "actuation",
     "human_hand",
     "leading",
-    "recorded",
     "recorder",
     "rest",
 }
