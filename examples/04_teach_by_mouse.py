@@ -37,7 +37,9 @@ else:
 # Show
 # ----
 
-while sum(shown.duration for shown in session.demonstrations) < (20.0 if page else 12.5):
+while sum(shown.duration for shown in session.demonstrations) < (
+    20.0 if page else 12.5
+):
     session.advance(0.5)
 demonstrations = session.demonstrations
 
