@@ -11,8 +11,8 @@ from fmp_drake.errors import FmpError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.skills import scenario_skill
-from fmp_drake.runs.teach_page import TeachPage
-from fmp_drake.runs.teaching_session import TeachingSession
+from fmp_drake.runs.teaching.teach_page import TeachPage
+from fmp_drake.runs.teaching.teaching_session import TeachingSession
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.parts.hands import MouseOnPage
 from fmp_drake.station.scenario import LoadScenario

@@ -11,8 +11,8 @@ from fmp_drake.runs.skills import (
     load_on_board,
     scenario_skill,
 )
-from fmp_drake.runs.teach_page import TeachPage
-from fmp_drake.runs.teaching_session import TeachingSession
+from fmp_drake.runs.teaching.teach_page import TeachPage
+from fmp_drake.runs.teaching.teaching_session import TeachingSession
 from fmp_drake.runs.wiping_run import WipingRun
 
 __all__ = [

@@ -1,0 +1,1 @@
+"""Sessions of teaching, and their page."""
