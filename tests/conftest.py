@@ -110,9 +110,9 @@ def wiping_skill(wiping_demonstration):
 
 
 @pytest.fixture(scope="session")
-def wiping_mixture(wiping_demonstration):
-    """As `wiping_skill`, without a phase model."""
-    return FourierMovementPrimitive(model="mixture").fit(wiping_demonstration)
+def wiping_phase(wiping_demonstration):
+    """As `wiping_skill`, with a phase model."""
+    return FourierMovementPrimitive(model="phase").fit(wiping_demonstration)
 
 
 @pytest.fixture(scope="session")

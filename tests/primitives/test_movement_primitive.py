@@ -16,7 +16,7 @@ from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 PARAMETERS = {
-    "model": "automatic",
+    "model": "mixture",
     "n_steps": 120,
     "stride": None,
     "rate": 20.0,

@@ -345,7 +345,8 @@ def eased(begin, end, count):
 
 def learned(values):
     demonstration = Demonstration(time=np.arange(len(values)) / RATE, values=values)
-    return FourierMovementPrimitive(n_steps=60, overlap=6).fit(demonstration)
+    skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="automatic")
+    return skill.fit(demonstration)
 
 
 def off_the_curve(skill, seconds=40.0):
@@ -422,7 +423,9 @@ def test_tempo_and_size_of_every_cycle_are_kept(small, tmp_path):
 
 
 def test_few_components_make_a_mixture():
-    skill = FourierMovementPrimitive(n_steps=60, overlap=6, n_components=4)
+    skill = FourierMovementPrimitive(
+        n_steps=60, overlap=6, n_components=4, model="automatic"
+    )
     skill.fit(recorded(wavering(400)))
     assert skill.model_ == "mixture"
     assert "n_components is 4" in skill.model_reason_

@@ -96,13 +96,13 @@ def test_start_maps_one_sample(small_skill):
     assert np.array_equal(state.target, gaussian.mean)
 
 
-def test_start_within_its_tolerance_does_not_swing_out_elsewhere(wiping_mixture):
-    low, high = wiping_mixture.extent_
+def test_start_within_its_tolerance_does_not_swing_out_elsewhere(wiping_skill):
+    low, high = wiping_skill.extent_
     starts = np.random.default_rng(0).uniform(low, high, size=(100, 3))
     starts[:, 2] = 0.1
 
     def swing(**options):
-        paths = Player(wiping_mixture, **options).rollout(starts, 6.0)[:, :, 0, :2]
+        paths = Player(wiping_skill, **options).rollout(starts, 6.0)[:, :, 0, :2]
         outside = np.maximum(paths - high[:2], low[:2] - paths).max(axis=(1, 2))
         return np.percentile(outside, 90)
 
