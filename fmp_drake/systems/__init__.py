@@ -36,6 +36,8 @@ from fmp_drake.systems.operational_space_impedance_controller import (
 )
 from fmp_drake.systems.page_controls import PageControls
 from fmp_drake.systems.page_status import PageStatus
+from fmp_drake.systems.panda.gating import GateConfig, GateMode
+from fmp_drake.systems.panda.reading import GateFault
 from fmp_drake.systems.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 from fmp_drake.systems.sensor_model import SensorModel
@@ -43,6 +45,7 @@ from fmp_drake.systems.spatial_force_sum import SpatialForceSum
 from fmp_drake.systems.surface_monitor import SurfaceMonitor
 from fmp_drake.systems.teaching.hand_motion import HandMotion, HandVariability
 from fmp_drake.systems.teaching.mouse_drag import BoardPlane, DragConfig
+from fmp_drake.systems.torque_gate import TorqueGate
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
@@ -58,6 +61,9 @@ __all__ = [
     "ForceControlConfig",
     "FourierPrimitiveSystem",
     "FrictionConfig",
+    "GateConfig",
+    "GateFault",
+    "GateMode",
     "Grasp",
     "GripConfig",
     "HandMotion",
@@ -83,6 +89,7 @@ __all__ = [
     "SpatialForceSum",
     "StatusFlag",
     "SurfaceMonitor",
+    "TorqueGate",
     "TrailVisualizer",
     "WatchdogConfig",
     "cleaned_fraction",

@@ -1,0 +1,209 @@
+"""The last system before a real arm: no torque passes that the arm might not bear."""
+
+from functools import partial
+from typing import Any, cast
+
+import numpy as np
+from drake import lcmt_panda_command, lcmt_panda_status
+from numpy.typing import ArrayLike
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    LeafSystem,
+    ValueProducer,
+)
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import as_floats
+from fmp_drake.settings import check_settings
+from fmp_drake.systems.panda.gating import (
+    GateConfig,
+    GateState,
+    gate_step,
+    initial_gate,
+)
+from fmp_drake.systems.panda.reading import JOINTS, ArmReading, read_status
+
+# Groups of the discrete state.
+_TORQUE, _GATE, _READING = range(3)
+
+
+class TorqueGate(LeafSystem):
+    """Lets a controller's torque through to an arm while everything is as it must be.
+
+    The torque begins at 0 and, once the operator has said go, follows the
+    controller's, never faster than the configured rate of the wall clock, whatever
+    was missed. At any fault it goes to 0 at that rate, and stays there until the operator
+    says go again. See `GateFault` and `gate_step`.
+
+    Input ports
+    -----------
+    torque : vector (7,)
+        Wanted, without gravity, Nm.
+    status : abstract
+        The last ``lcmt_panda_status`` of the arm.
+    wall_time : vector (1,)
+        s; the clock that the arm's messages are stamped with.
+    go : vector (1,)
+        How many times the operator has said go; less than 0 for a stop.
+
+    Output ports
+    ------------
+    command : abstract
+        The ``lcmt_panda_command`` to send, stamped with the wall clock.
+    torque_sent : vector (7,)
+        Nm; discrete state.
+    state : vector (14,)
+        Angles and speeds of the arm, rad and rad/s, of the last good status.
+    torque_measured : vector (7,)
+        With gravity, Nm, of the last good status.
+    torque_external : vector (7,)
+        Of what touches the arm, on the arm, Nm, of the last good status.
+    mode : vector (1,)
+        A `GateMode`.
+    faults : vector (1,)
+        A `GateFault`: why the torque went to zero.
+    age : vector (1,)
+        Of the newest status, s; infinite before the first.
+
+    Parameters
+    ----------
+    config : GateConfig
+    initial : array_like, shape (7,)
+        Angles that `state` shows before the first status, rad.
+
+    Raises
+    ------
+    SystemsError
+        If a value is out of range.
+
+    Examples
+    --------
+    >>> gate = TorqueGate(GateConfig(), initial=np.zeros(7))
+    >>> gate.GetOutputPort("torque_sent").Eval(gate.CreateDefaultContext())
+    array([0., 0., 0., 0., 0., 0., 0.])
+    """
+
+    def __init__(self, config: GateConfig, *, initial: ArrayLike) -> None:
+        super().__init__()
+        self.set_name("torque_gate")
+        check_settings(config, SystemsError)
+        self._config = config
+        first = as_floats(initial, "the initial angles", (JOINTS,), error=SystemsError)
+        torque = self.DeclareVectorInputPort("torque", JOINTS)
+        status = self.DeclareAbstractInputPort(
+            "status", AbstractValue.Make(lcmt_panda_status())
+        )
+        wall_time = self.DeclareVectorInputPort("wall_time", 1)
+        go = self.DeclareVectorInputPort("go", 1)
+        self._torque, self._status, self._wall_time, self._go = (
+            torque, status, wall_time, go,
+        )  # fmt: skip
+        sent, rest = initial_gate().vectors()
+        sent_index = self.DeclareDiscreteState(sent)
+        gate_index = self.DeclareDiscreteState(rest)
+        read_index = self.DeclareDiscreteState(np.r_[first, np.zeros(3 * JOINTS)])
+        self._reading = self.DeclareCacheEntry(
+            "reading",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(read_status(None)),
+                calc=self._calc_reading,
+            ),
+            prerequisites_of_calc={status.ticket()},
+        )
+        gate_ticket = self.discrete_state_ticket(gate_index)
+        # What is good in a message is seen at once.
+        seen = {
+            self._reading.ticket(),
+            gate_ticket,
+            self.discrete_state_ticket(read_index),
+        }
+        self.DeclareAbstractOutputPort(
+            "command",
+            lambda: AbstractValue.Make(lcmt_panda_command()),
+            self._calc_command,
+            prerequisites_of_calc={
+                self.discrete_state_ticket(sent_index),
+                gate_ticket,
+            },
+        )
+        self.DeclareStateOutputPort("torque_sent", sent_index)
+        for name, first_row, rows in (
+            ("state", 0, 2),
+            ("torque_measured", 2, 1),
+            ("torque_external", 3, 1),
+        ):
+            part = slice(first_row * JOINTS, (first_row + rows) * JOINTS)
+            self.DeclareVectorOutputPort(
+                name,
+                rows * JOINTS,
+                partial(self._calc_seen, part),
+                prerequisites_of_calc=seen,
+            )
+        for i, name in enumerate(("mode", "faults")):
+            self.DeclareVectorOutputPort(
+                name,
+                1,
+                partial(self._calc_gate, i),
+                prerequisites_of_calc={gate_ticket},
+            )
+        self.DeclareVectorOutputPort(
+            "age",
+            1,
+            self._calc_age,
+            prerequisites_of_calc={gate_ticket, wall_time.ticket()},
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
+
+    def _calc_reading(self, context: Any, value: Any) -> None:
+        value.set_value(read_status(self._status.Eval(context)))
+
+    def _state(self, context: Context) -> GateState:
+        discrete = context.get_discrete_state()
+        return GateState.from_vectors(discrete.value(_TORQUE), discrete.value(_GATE))
+
+    def _seen(self, context: Context) -> Any:
+        """Return the numbers of the last good status."""
+        reading = cast(ArmReading, self._reading.Eval(context))
+        if reading.is_finite and reading.time >= self._state(context).status_time:
+            return np.concatenate(reading[1:4])
+        return context.get_discrete_state().value(_READING)
+
+    def _update(self, context: Context, values: DiscreteValues) -> None:
+        wall_time: Any = self._wall_time.Eval(context)
+        go: Any = self._go.Eval(context)
+        after = gate_step(
+            self._config,
+            self._state(context),
+            reading=cast(ArmReading, self._reading.Eval(context)),
+            torque=np.array(self._torque.Eval(context)),
+            wall_time=float(wall_time[0]),
+            go=float(go[0]),
+        )
+        torque, rest = after.vectors()
+        values.set_value(_READING, self._seen(context))
+        values.set_value(_TORQUE, torque)
+        values.set_value(_GATE, rest)
+
+    def _calc_command(self, context: Any, value: Any) -> None:
+        value.set_value(self._command(self._state(context)))
+
+    def _command(self, state: GateState) -> lcmt_panda_command:
+        message = lcmt_panda_command()
+        message.utime = round(1e6 * np.nan_to_num(state.wall_time))
+        message.num_joint_torque = JOINTS
+        message.joint_torque = state.torque.tolist()
+        message.control_mode_expected = lcmt_panda_status.CONTROL_MODE_TORQUE
+        return message
+
+    def _calc_seen(self, part: slice, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._seen(context)[part])
+
+    def _calc_gate(self, i: int, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([context.get_discrete_state(_GATE).value()[i]])
+
+    def _calc_age(self, context: Context, output: BasicVector) -> None:
+        wall_time: Any = self._wall_time.Eval(context)
+        output.SetFromVector(wall_time - self._state(context).status_time)

@@ -1,0 +1,324 @@
+"""Facts about the torque that may be sent to a real arm."""
+
+import struct
+
+import numpy as np
+import pytest
+from drake import lcmt_panda_status
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.systems import GateConfig, GateFault, GateMode, TorqueGate
+from fmp_drake.systems.panda.gating import (
+    GateState,
+    gate_step,
+    initial_gate,
+    limited_change,
+)
+from fmp_drake.systems.panda.reading import read_status
+
+NOW = 1.7e9
+LIMIT = np.array(GateConfig().max_torque)
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+# What a clock, a network and a person may do; mostly what they should.
+STEPS = st.lists(
+    st.fixed_dictionaries(
+        {
+            "elapsed": st.one_of(st.just(1e-3), st.floats(-1e-3, 0.06), ANY),
+            "age": st.one_of(st.just(0.0), st.floats(-0.06, 0.2), ANY),
+            "torque": st.one_of(st.floats(-200, 200), ANY),
+            "status": st.sampled_from(
+                ["good"] * 12 + ["no joints", "nan", "huge", "idle", "position", "none"]
+            ),
+            "go": st.sampled_from([0] * 6 + [1, 1, 1, -1]),
+        }
+    ),
+    max_size=60,
+)
+
+
+def status(time=NOW, kind="good", **values):
+    message = lcmt_panda_status()
+    message.utime = round(1e6 * time) if abs(time) < 1e12 else 0
+    message.num_joints = 7
+    for name in message.__slots__:
+        if name.startswith("joint_"):
+            setattr(message, name, [0.1] * 7)
+    message.robot_mode = lcmt_panda_status.kMove
+    message.control_mode = lcmt_panda_status.CONTROL_MODE_TORQUE
+    if kind == "no joints":
+        message.joint_position = []
+    elif kind in ("nan", "huge"):
+        message.joint_velocity = [0.0] * 6 + [np.nan if kind == "nan" else 1e200]
+    elif kind == "idle":
+        message.robot_mode = lcmt_panda_status.kIdle
+    elif kind == "position":
+        message.control_mode = lcmt_panda_status.CONTROL_MODE_POSITION
+    for name, value in values.items():
+        setattr(message, name, value)
+    return None if kind == "none" else message
+
+
+def play(steps, config=None):
+    """Yield the gate before and after each step, and the step."""
+    gate, wall, gos = initial_gate(), NOW, 0
+    for each in steps:
+        wall_time = wall + each["elapsed"]
+        if np.isfinite(wall_time) and abs(wall_time - NOW) < 1e3:
+            wall = wall_time
+        gos += each["go"] > 0
+        after = gate_step(
+            config or GateConfig(),
+            gate,
+            reading=read_status(status(wall - each["age"], each["status"])),
+            torque=np.full(7, each["torque"]),
+            wall_time=wall_time,
+            go=-1.0 if each["go"] < 0 else gos,
+        )
+        yield gate, after, {**each, "wall_time": wall_time}
+        gate = after
+
+
+# Whatever happens ---------------------------------------------------------------------
+
+
+@given(STEPS)
+def test_torque_is_finite_and_within_its_limits(steps):
+    for _, after, _ in play(steps):
+        assert np.all(np.abs(after.torque) <= LIMIT)
+
+
+@given(STEPS)
+def test_torque_changes_by_at_most_its_rate_times_the_wall_time(steps):
+    for before, after, step in play(steps):
+        change = np.max(np.abs(after.torque - before.torque))
+        assert change <= 0.9 + 1e-12
+        elapsed = step["wall_time"] - before.wall_time
+        if np.isfinite(elapsed):
+            assert change <= 900 * max(elapsed, 0.0) + 1e-12
+
+
+@given(STEPS)
+def test_a_gate_that_is_not_open_lets_nothing_grow(steps):
+    for before, after, _ in play(steps):
+        if after.mode is not GateMode.OPEN:
+            assert np.all(np.abs(after.torque) <= np.abs(before.torque))
+
+
+@given(STEPS)
+def test_a_gate_opens_at_a_go_only_and_from_zero_torque(steps):
+    for before, after, step in play(steps):
+        if after.mode is GateMode.OPEN and before.mode is not GateMode.OPEN:
+            assert step["go"] > 0
+            assert step["status"] == "good"
+            assert not np.any(before.torque)
+
+
+@given(STEPS)
+def test_an_open_gate_has_a_status_that_is_young_and_good(steps):
+    for _, after, step in play(steps):
+        if after.mode is GateMode.OPEN:
+            assert step["status"] == "good"
+            assert abs(after.wall_time - after.status_time) <= 0.05 + 1e-6
+            assert np.isfinite(step["torque"])
+
+
+@given(STEPS)
+def test_a_dry_gate_sends_zeros_in_the_same_modes(steps):
+    wet, dry = play(steps), play(steps, GateConfig(dry=True))
+    for (_, after, _), (_, never, _) in zip(wet, dry, strict=True):
+        assert not np.any(never.torque)
+        if after.mode is not never.mode:
+            break  # A go is void while the torque is on its way to zero.
+        assert never.status_time == after.status_time
+
+
+@given(STEPS)
+def test_a_gate_is_two_vectors(steps):
+    for _, after, _ in play(steps):
+        again = GateState.from_vectors(*after.vectors())
+        assert_array_equal(again.torque, after.torque)
+        assert_array_equal(np.array(again[1:]), np.array(after[1:]))
+
+
+@given(
+    st.lists(st.floats(-100, 100), min_size=7, max_size=7),
+    st.lists(st.floats(-100, 100), min_size=7, max_size=7),
+    st.floats(0, 1),
+)
+def test_a_limited_change_goes_straight_to_what_is_wanted(previous, wanted, most):
+    previous = np.clip(previous, -LIMIT, LIMIT)
+    wanted = np.clip(wanted, -LIMIT, LIMIT)
+    change = limited_change(previous, wanted, most, LIMIT) - previous
+    whole = wanted - previous
+    assert np.max(np.abs(change)) <= most + 1e-12
+    assert np.linalg.norm(np.outer(change, whole) - np.outer(whole, change)) < 1e-9
+
+
+@given(st.binary(max_size=600))
+def test_any_message_is_a_reading(data):
+    whole = status().encode()
+    for raw in (data, whole[:40] + data + whole[40 + len(data) :]):
+        try:
+            message = lcmt_panda_status.decode(raw)
+        except (ValueError, struct.error):
+            message = None
+        reading = read_status(message)
+        assert not reading.is_finite or np.all(np.isfinite(np.r_[reading[1:4]]))
+
+
+# One after the other -----------------------------------------------------------------
+
+
+def step(**values):
+    usual = {"elapsed": 1e-3, "age": 0.0, "torque": 5.0, "status": "good", "go": 0}
+    return usual | values
+
+
+def last_of(steps, config=None):
+    return list(play(steps, config))[-1][1]
+
+
+OPENED = [step(), step(go=1), *[step()] * 20]
+
+
+def test_torque_is_zero_until_go_and_comes_in_at_its_rate():
+    assert not np.any(last_of([step()] * 50).torque)
+    opened = [after.torque[0] for _, after, _ in play(OPENED)]
+    assert np.allclose(opened[:8], [0, 0.9, 1.8, 2.7, 3.6, 4.5, 5.0, 5.0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fault"),
+    [
+        ({"age": 0.051}, GateFault.STALE | GateFault.OUT_OF_ORDER),
+        ({"age": -0.06}, GateFault.STALE),
+        ({"age": 0.01}, GateFault.OUT_OF_ORDER),
+        ({"status": "no joints"}, GateFault.CORRUPT),
+        ({"status": "nan"}, GateFault.NOT_FINITE),
+        ({"status": "huge"}, GateFault.NOT_FINITE),
+        ({"status": "idle"}, GateFault.WRONG_MODE),
+        ({"status": "position"}, GateFault.WRONG_MODE),
+        ({"elapsed": 1.0}, GateFault.GAP),
+        ({"elapsed": -0.01}, GateFault.CLOCK | GateFault.OUT_OF_ORDER),
+        ({"elapsed": np.nan}, GateFault.CLOCK),
+        ({"torque": np.nan}, GateFault.NO_TORQUE),
+        ({"go": -1}, GateFault.STOPPED),
+    ],
+)
+def test_a_fault_stops_the_arm_until_the_operator_says_go(wrong, fault):
+    stopped = last_of([*OPENED, step(**wrong)])
+    assert stopped.mode is GateMode.STOPPED
+    assert stopped.faults & fault == fault
+    calm = [*OPENED, step(**wrong), *[step()] * 50]
+    assert not np.any(last_of(calm).torque)
+    assert last_of(calm).mode is GateMode.STOPPED
+    again = last_of([*calm, step(go=1), *[step()] * 20])
+    assert again.mode is GateMode.OPEN
+    assert again.torque[0] == 5.0
+
+
+def test_a_go_with_a_fault_or_before_the_torque_is_zero_is_void():
+    refused = last_of([step(), step(go=1, status="idle"), *[step()] * 5])
+    assert refused.mode is GateMode.WAITING
+    assert refused.faults is GateFault.WRONG_MODE
+    hasty = [*OPENED, step(age=1.0), step(go=1), *[step()] * 20]
+    assert last_of(hasty).mode is GateMode.STOPPED
+
+
+def test_full_torque_is_zero_after_a_tenth_of_a_second():
+    full = [step(), step(go=1, torque=80.0), *[step(torque=80.0)] * 100]
+    assert last_of(full).torque[0] == 80.0
+    assert not np.any(last_of([*full, step(age=1.0), *[step(torque=80.0)] * 90]).torque)
+
+
+def test_after_a_frozen_second_torque_goes_on_from_where_it_was():
+    after = last_of([*OPENED, step(elapsed=1.0, torque=-80.0)])
+    assert after.torque[0] == pytest.approx(5.0 - 0.9)
+
+
+# The system --------------------------------------------------------------------------
+
+
+def fixed(gate, context, *, torque=5.0, wall_time=NOW, go=0.0, message=None):
+    message = status(wall_time) if message is None else message
+    gate.GetInputPort("torque").FixValue(context, np.full(7, torque))
+    gate.GetInputPort("status").FixValue(context, AbstractValue.Make(message))
+    gate.GetInputPort("wall_time").FixValue(context, [wall_time])
+    gate.GetInputPort("go").FixValue(context, [go])
+
+
+def show(gate, context, name):
+    return gate.GetOutputPort(name).Eval(context)
+
+
+@pytest.mark.parametrize("caching", [True, False])
+def test_the_system_steps_the_gate_and_shows_it(caching):
+    gate = TorqueGate(GateConfig(), initial=np.full(7, 0.3))
+    simulator = Simulator(gate)
+    context = simulator.get_mutable_context()
+    if not caching:
+        context.DisableCaching()
+    fixed(gate, context, message=lcmt_panda_status())
+    assert_array_equal(show(gate, context, "state"), [0.3] * 7 + [0.0] * 7)
+    assert show(gate, context, "age") == np.inf
+    expected = initial_gate()
+    for i in range(8):
+        wall_time = NOW + 1e-3 * i
+        fixed(gate, context, wall_time=wall_time, go=float(i > 2))
+        simulator.AdvanceTo(1e-3 * i + 5e-4)
+        expected = gate_step(
+            GateConfig(),
+            expected,
+            reading=read_status(status(wall_time)),
+            torque=np.full(7, 5.0),
+            wall_time=wall_time,
+            go=float(i > 2),
+        )
+        clone = context.Clone()
+        for each in (context, clone):
+            assert_array_equal(show(gate, each, "torque_sent"), expected.torque)
+            assert show(gate, each, "mode") == expected.mode
+        command = show(gate, context, "command")
+        assert command.utime == round(1e6 * wall_time)
+        assert command.joint_torque == expected.torque.tolist()
+        assert command.control_mode_expected == 4
+        assert command.num_joint_position == command.num_joint_velocity == 0
+    assert expected.mode is GateMode.OPEN
+    assert_array_equal(show(gate, context, "state"), [0.1] * 14)
+    assert_array_equal(show(gate, context, "torque_external"), [-0.1] * 7)
+    # A broken message is not seen: the last good one is.
+    fixed(gate, context, message=status(NOW + 1, "nan", joint_position=[9.0] * 7))
+    assert_array_equal(show(gate, context, "state"), [0.1] * 14)
+
+
+def test_the_torque_sent_feeds_nothing_through():
+    gate = TorqueGate(GateConfig(), initial=np.zeros(7))
+    ports = {p: gate.GetOutputPort(p).get_index() for p in ("command", "torque_sent")}
+    for index in ports.values():
+        for i in range(gate.num_input_ports()):
+            assert not gate.HasDirectFeedthrough(i, index)
+    seen = gate.GetOutputPort("state").get_index()
+    assert gate.HasDirectFeedthrough(gate.GetInputPort("status").get_index(), seen)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"max_rate": 2000.0}, "max_rate is 2000.0; .* at most 1000"),
+        ({"max_torque": [100.0] * 7}, r"max_torque\[0\] is 100.0; .* at most 87"),
+        ({"expiry": 1.0}, "expiry is 1.0; .* at most 0.1"),
+    ],
+)
+def test_values_that_a_panda_does_not_bear_are_refused(values, message):
+    with pytest.raises(SystemsError, match=message):
+        TorqueGate(GateConfig(**values), initial=np.zeros(7))
+
+
+def test_angles_of_another_arm_are_refused():
+    with pytest.raises(SystemsError, match=r"shape \(6,\); expected \(7,\)"):
+        TorqueGate(GateConfig(), initial=np.zeros(6))
