@@ -63,6 +63,7 @@ FACTS = {
         r"learned in ([\d.]+) s\nwiping: (\d+) %",
         lambda _, cleaned: cleaned > 20,
     ),
+    "05_your_own_robot.py": (r"8 to ([\d.]+) mm rms", lambda off: off < 2.0),
     "06_tilting_tool.py": (
         r"most ([\d.]+) .* ([\d.]+) mm",
         lambda degrees, off: degrees < 0.5 and off < 2.0,

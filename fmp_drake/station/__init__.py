@@ -9,6 +9,13 @@ from fmp_drake.station.feasibility import CheckFeasibility, Feasibility
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import AddPandaWithEraser, models_dir
 from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.panda_driver import (
+    LcmPanda,
+    LoadPanda,
+    MakePandaDriver,
+    ReplayPanda,
+    SimulatedPanda,
+)
 from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_ink import AddInk
 from fmp_drake.station.parts.board_reach import FollowingBounds
@@ -73,8 +80,11 @@ __all__ = [
     "Feasibility",
     "FollowingBounds",
     "InkConfig",
+    "LcmPanda",
     "ListScenarios",
+    "LoadPanda",
     "LoadScenario",
+    "MakePandaDriver",
     "MakeTeachingStation",
     "MakeWipingStation",
     "MouseOnPage",
@@ -82,11 +92,13 @@ __all__ = [
     "ParseScenario",
     "PressConfig",
     "RenderLights",
+    "ReplayPanda",
     "Scenario",
     "SensorConfig",
     "SetStage",
     "ShowConfig",
     "SimulatedHand",
+    "SimulatedPanda",
     "SkillConfig",
     "SolvePosture",
     "TeachingHand",

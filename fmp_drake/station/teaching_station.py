@@ -50,6 +50,9 @@ def MakeTeachingStation(
         Joint angles in which the arm begins, rad; where the hand begins if None.
     meshcat : Meshcat, optional
         Where to show the scene.
+    panda_driver, human_hand, recorder, and meshcat_visualizer
+    where there is a Meshcat. Output ports: position (3,) of the eraser in the board's
+    frame, m, and state (14,) of the arm.
     """
     builder = DiagramBuilder()
     start = scenario.start if hand.start is None else hand.start

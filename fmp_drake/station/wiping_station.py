@@ -47,8 +47,7 @@ def MakeWipingStation(
     ``ApplySimulatorConfig(scenario.simulator, simulator)``.
 
     Systems: plant, scene_graph, fourier_primitive, desired_motion, tempo, desired_normal_force,
-    controller,
-    gravity_compensation, actuation, ink_board, surface_monitor, status; where the scenario needs them sensors,
+    controller, panda_driver, ink_board, surface_monitor, status; where the scenario needs them
     rail, rail_state, task_frame, task_frame_velocity, task_frame_acceleration,
     joint_friction, disturbances and spatial_force_sum; with a Meshcat those of `AddPage`,
     whose page_controls take the place of tempo and desired_normal_force; with a panel
@@ -183,6 +182,10 @@ def MakeWipingStation(
             builder.ExportOutput(primitive.GetOutputPort(name), name)
     actuation = builder.GetSubsystemByName("actuation")
     builder.ExportOutput(actuation.get_output_port(), "actuation")
+    for name in ("covariance", "weights", "component", "remaps"):
+        builder.ExportOutput(primitive.GetOutputPort(name), name)
+    driver = builder.GetSubsystemByName("panda_driver")
+    builder.ExportOutput(driver.GetOutputPort("torque_measured"), "actuation")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
     status = controller.GetOutputPort("status")
     status = AddSurfaceWatch(builder, scene, scenario.board.size, status=status)

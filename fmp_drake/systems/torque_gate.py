@@ -202,7 +202,7 @@ class TorqueGate(LeafSystem):
         output.SetFromVector(self._seen(context)[part])
 
     def _calc_gate(self, i: int, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([context.get_discrete_state(_GATE).value()[i]])
+        output.SetAtIndex(0, context.get_discrete_state(_GATE).value()[i])
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
         wall_time: Any = self._wall_time.Eval(context)

@@ -175,8 +175,9 @@ def test_controller_is_told_how_the_board_moves(moved):
 @pytest.mark.parametrize("name", ["table_top", "wrong_height"])
 def test_board_that_stands_still_needs_no_task_frame(name, restless_skill):
     station = MakeWipingStation(LoadScenario(name), restless_skill)
-    for part in (*FRAME, "rail", "rail_state", "sensors"):
+    for part in (*FRAME, "rail", "rail_state"):
         assert not station.HasSubsystemNamed(part)
+    assert not station.GetSubsystemByName("panda_driver").HasSubsystemNamed("sensors")
 
 
 def test_rail_may_lie_across_a_tilted_board(bundled_skill):
@@ -266,13 +267,11 @@ def test_arm_wipes_with_late_and_noisy_sensors(sensed):
 
 
 def test_controller_sees_the_measured_state(sensed):
-    def state_of(name, port):
-        system = sensed.station.GetSubsystemByName(name)
-        return system.GetInputPort(port).Eval(sensed.context_of(name))
-
-    sensors = sensed.station.GetSubsystemByName("sensors")
-    measured = sensors.get_output_port().Eval(sensed.context_of("sensors"))
-    seen, real = state_of("controller", "state"), sensed.log("state")[-1]
+    driver = sensed.station.GetSubsystemByName("panda_driver")
+    controller = sensed.station.GetSubsystemByName("controller")
+    port = controller.GetInputPort("state")
+    seen, real = port.Eval(sensed.context_of("controller")), sensed.log("state")[-1]
+    measured = driver.GetOutputPort("state").Eval(sensed.context_of("panda_driver"))
     assert_array_equal(seen, measured)
     # The last sample was taken a millisecond ago, and comes 2 ms late.
     late = sensed.log("state")[-1 - 3]
@@ -280,4 +279,7 @@ def test_controller_sees_the_measured_state(sensed):
     assert_allclose(seen[7:], late[7:], atol=0.012)
     assert np.all(seen != real)
     # The arm's own gravity compensation is not part of what is measured.
-    assert_array_equal(state_of("gravity_compensation", "estimated_state"), real)
+    compensation = driver.GetSubsystemByName("gravity_compensation")
+    root = sensed.simulator.get_context()
+    own = compensation.GetInputPort("estimated_state")
+    assert_array_equal(own.Eval(compensation.GetMyContextFromRoot(root)), real)

@@ -3,17 +3,16 @@
 from typing import Any
 
 import numpy as np
-from pydrake.systems.controllers import InverseDynamics
-from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import Adder, AffineSystem, MatrixGain
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import AffineSystem, MatrixGain
 
+from fmp_drake.station.panda_driver import MakePandaDriver, SimulatedPanda
 from fmp_drake.station.parts.board_scene import BoardScene
 from fmp_drake.station.scenario_parts import SensorConfig
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
-from fmp_drake.systems.sensor_model import SensorModel
 
 
 def AddArmController(
@@ -24,13 +23,12 @@ def AddArmController(
     engage_height: float = 0.01,
     sensors: SensorConfig | None = None,
 ) -> OperationalSpaceImpedanceController:
-    """Add the controller, and what the motors bear besides its torque.
+    """Add the controller, and the driver between it and the simulated arm.
 
     The controller's torque drives the plant, in which the arm has no weight. Systems:
-    controller; gravity_compensation, the torque that carries arm and eraser in the real
-    arm, and actuation, the sum of both, computed when somebody asks; sensors
-    between the arm and the controller, where they have a rate; task_frame,
-    task_frame_velocity and task_frame_acceleration where the board moves.
+    controller; panda_driver of `MakePandaDriver`, whose torque_measured has the weight of
+    arm and eraser; task_frame, task_frame_velocity and task_frame_acceleration where the
+    board moves.
     """
     plant = scene.plant
     controller = OperationalSpaceImpedanceController(
@@ -42,47 +40,29 @@ def AddArmController(
         engage_height=engage_height,
     )
     builder.AddNamedSystem("controller", controller)
-    compensation = InverseDynamics(
-        scene.arm, InverseDynamics.InverseDynamicsMode.kGravityCompensation
-    )
-    builder.AddNamedSystem("gravity_compensation", compensation)
-    total = Adder(2, scene.arm.num_velocities())
-    builder.AddNamedSystem("actuation", total)
-    state = plant.get_state_output_port(scene.panda)
-    measured = _AddSensors(builder, scene, sensors or SensorConfig())
-    builder.Connect(measured, controller.GetInputPort("state"))
-    builder.Connect(state, compensation.get_input_port_estimated_state())
-    torque = controller.GetOutputPort("torque")
-    builder.Connect(torque, plant.get_actuation_input_port(scene.panda))
-    builder.Connect(torque, total.get_input_port(0))
-    builder.Connect(
-        compensation.get_output_port_generalized_force(), total.get_input_port(1)
-    )
-    _AddBoardFrame(builder, scene, controller)
-    return controller
-
-
-def _AddSensors(
-    builder: DiagramBuilder, scene: BoardScene, config: SensorConfig
-) -> OutputPort:
-    """Return the port of the arm's state as it is measured."""
-    plant = scene.plant
-    state = plant.get_state_output_port(scene.panda)
-    if config.rate == 0:
-        return state
-    q = plant.GetDefaultPositions(scene.panda)
-    sensors = builder.AddSystem(
-        SensorModel(
-            initial=np.concatenate([q, np.zeros_like(q)]),
-            rate=config.rate,
-            delay=config.delay,
-            position_noise=config.position_noise,
-            velocity_noise=config.velocity_noise,
-            seed=config.seed,
+    driver = builder.AddSystem(
+        MakePandaDriver(
+            SimulatedPanda(sensors=sensors or SensorConfig()),
+            arm=scene.arm,
+            initial=plant.GetDefaultPositions(scene.panda),
         )
     )
-    builder.Connect(state, sensors.GetInputPort("state"))
-    return sensors.get_output_port()
+    for source, name in (
+        (controller.GetOutputPort("torque"), "torque"),
+        (plant.get_state_output_port(scene.panda), "plant_state"),
+        (
+            plant.get_generalized_contact_forces_output_port(scene.panda),
+            "plant_external",
+        ),
+    ):
+        builder.Connect(source, driver.GetInputPort(name))
+    builder.Connect(
+        driver.GetOutputPort("plant_actuation"),
+        plant.get_actuation_input_port(scene.panda),
+    )
+    builder.Connect(driver.GetOutputPort("state"), controller.GetInputPort("state"))
+    _AddBoardFrame(builder, scene, controller)
+    return controller
 
 
 def _AddBoardFrame(

@@ -1,0 +1,235 @@
+"""Facts about the driver between an arm and its controller."""
+
+import json
+
+import numpy as np
+import pytest
+from drake import lcmt_panda_command, lcmt_panda_status
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.lcm import LcmSubscriberSystem
+
+from fmp_drake.errors import StationError
+from fmp_drake.station import (
+    LcmPanda,
+    LoadPanda,
+    MakePandaDriver,
+    ReplayPanda,
+    Scenario,
+    SensorConfig,
+    SimulatedPanda,
+)
+from fmp_drake.station.parts.board_scene import MakeArm
+from fmp_drake.systems import GateConfig, GateFault, GateMode
+
+OUTPUTS = {"state": 14, "torque_measured": 7, "torque_external": 7, "mode": 1, "age": 1}
+NOW = 1.7e9
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return MakeArm(Scenario())[0]
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A file like a run's log, of three samples."""
+    path = tmp_path / "run.npz"
+    state = np.arange(42.0).reshape(3, 14)
+    signals = {name: {"times": "time"} for name in ("state", "actuation")}
+    np.savez(
+        path,
+        metadata=json.dumps({"signals": signals}),
+        time=[0.0, 0.1, 0.2],
+        state=state,
+        actuation=-state[:, :7],
+    )
+    return path
+
+
+def show(driver, context, name):
+    return driver.GetOutputPort(name).Eval(context)
+
+
+def test_every_driver_has_the_same_ports(arm, log):
+    for config in (
+        SimulatedPanda(),
+        LcmPanda(url="memq://"),
+        ReplayPanda(log=str(log)),
+    ):
+        driver = MakePandaDriver(config, arm=arm)
+        assert driver.GetInputPort("torque").size() == 7
+        for name, size in OUTPUTS.items():
+            assert driver.GetOutputPort(name).size() == size
+
+
+def test_simulated_arm_passes_torque_and_adds_its_weight(arm):
+    driver = MakePandaDriver(SimulatedPanda(), arm=arm)
+    context = driver.CreateDefaultContext()
+    values = {"torque": 7, "plant_state": 14, "plant_external": 7}
+    given = {name: np.linspace(0.1, 1.0, size) for name, size in values.items()}
+    for name, value in given.items():
+        driver.GetInputPort(name).FixValue(context, value)
+    assert_array_equal(show(driver, context, "plant_actuation"), given["torque"])
+    assert_array_equal(show(driver, context, "state"), given["plant_state"])
+    assert_array_equal(
+        show(driver, context, "torque_external"), given["plant_external"]
+    )
+    own = arm.CreateDefaultContext()
+    arm.SetPositionsAndVelocities(own, given["plant_state"])
+    weight = -arm.CalcGravityGeneralizedForces(own)
+    measured = show(driver, context, "torque_measured")
+    assert_allclose(measured, given["torque"] + weight, atol=1e-12)
+    assert show(driver, context, "mode") == GateMode.OPEN
+
+
+def test_simulated_arm_may_be_measured_late(arm):
+    sensors = SensorConfig(rate=1000.0, delay=0.002)
+    driver = MakePandaDriver(
+        SimulatedPanda(sensors=sensors), arm=arm, initial=np.full(7, 0.2)
+    )
+    context = driver.CreateDefaultContext()
+    assert show(driver, context, "age") == 0.002
+    assert_array_equal(show(driver, context, "state"), [0.2] * 7 + [0.0] * 7)
+
+
+def test_replay_of_a_log_gives_the_log(arm, log):
+    driver = MakePandaDriver(ReplayPanda(log=str(log)), arm=arm)
+    context = driver.CreateDefaultContext()
+    for i, time in enumerate((0.0, 0.1, 0.2, 0.35)):
+        context.SetTime(time)
+        row = np.arange(42.0).reshape(3, 14)[min(i, 2)]
+        assert_array_equal(show(driver, context, "state"), row)
+        assert_array_equal(show(driver, context, "torque_measured"), -row[:7])
+
+
+def test_a_file_that_is_no_log_is_refused(arm, tmp_path):
+    path = tmp_path / "other.npz"
+    np.savez(path, state=np.zeros((2, 14)))
+    with pytest.raises(StationError, match=r"no signal state; give a file"):
+        MakePandaDriver(ReplayPanda(log=str(path)), arm=arm)
+
+
+# Over LCM -----------------------------------------------------------------------------
+
+
+class Bench:
+    """A driver over `memq://`, with its clock, its operator and the arm in the test."""
+
+    def __init__(self, arm, **gate):
+        self.lcm = DrakeLcm("memq://")
+        config = LcmPanda(gate=GateConfig(**gate))
+        self.driver = MakePandaDriver(config, arm=arm, lcm=self.lcm)
+        self.simulator = Simulator(self.driver)
+        self.context = self.simulator.get_mutable_context()
+        # A callback of Python's on this bus would end the interpreter.
+        receiver = LcmSubscriberSystem.Make(
+            channel="PANDA_COMMAND", lcm_type=lcmt_panda_command, lcm=self.lcm
+        )
+        self.receiver = Simulator(receiver)
+        self.driver.GetInputPort("torque").FixValue(self.context, np.full(7, 3.0))
+        self.ticks = self.go = 0
+
+    def tick(self, *, raw=None, silent=False, **values):
+        """Send a status, advance for a millisecond, return the torque that came."""
+        wall_time = NOW + 1e-3 * self.ticks
+        message = lcmt_panda_status()
+        message.utime, message.num_joints = round(1e6 * wall_time), 7
+        for name in message.__slots__:
+            if name.startswith("joint_"):
+                setattr(message, name, [0.1] * 7)
+        message.robot_mode, message.control_mode = 2, 4
+        for name, value in values.items():
+            setattr(message, name, value)
+        if not silent:
+            self.lcm.Publish("PANDA_STATUS", message.encode() if raw is None else raw)
+        self.driver.GetInputPort("wall_time").FixValue(self.context, [wall_time])
+        self.driver.GetInputPort("go").FixValue(self.context, [float(self.go)])
+        self.ticks += 1
+        self.simulator.AdvanceTo(1e-3 * self.ticks)
+        return np.array(self.received().joint_torque)
+
+    def received(self):
+        """Return the last command."""
+        self.lcm.HandleSubscriptions(0)
+        self.receiver.AdvanceTo(1e-3 * self.ticks)
+        port = self.receiver.get_system().get_output_port()
+        return port.Eval(self.receiver.get_context())
+
+    def show(self, name):
+        return show(self.driver, self.context, name)
+
+
+def opened(arm, **gate):
+    bench = Bench(arm, **gate)
+    for _ in range(5):
+        assert not np.any(bench.tick())
+    bench.go = 1
+    for _ in range(10):
+        torque = bench.tick()
+    return bench, torque
+
+
+def test_torque_goes_over_lcm_once_the_operator_says_go(arm):
+    bench, torque = opened(arm)
+    assert_array_equal(torque, np.full(7, 3.0))
+    assert_array_equal(bench.show("state"), np.full(14, 0.1))
+    assert bench.show("mode") == GateMode.OPEN
+    assert 0 <= bench.show("age") < 0.003
+    assert abs(bench.received().utime - 1e6 * NOW) < 2e4
+
+
+def test_a_dry_run_sends_zeros(arm):
+    bench, torque = opened(arm, dry=True)
+    assert not np.any(torque)
+    assert bench.show("mode") == GateMode.OPEN
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fault"),
+    [
+        ({"silent": True}, GateFault.STALE),
+        ({"raw": b"no message"}, GateFault.CORRUPT),
+        ({"raw": b""}, GateFault.CORRUPT),
+        ({"num_joints": 6}, GateFault.CORRUPT),
+        ({"robot_mode": lcmt_panda_status.kReflex}, GateFault.WRONG_MODE),
+        ({"robot_mode": lcmt_panda_status.kUserStopped}, GateFault.WRONG_MODE),
+        ({"utime": 5}, GateFault.OUT_OF_ORDER),
+    ],
+)
+def test_a_fault_on_the_way_stops_the_arm_until_go(arm, wrong, fault):
+    bench, torque = opened(arm)
+    for _ in range(60):
+        before, torque = torque, bench.tick(**wrong)
+        assert np.max(np.abs(torque - before)) <= 0.9 + 1e-9
+    assert not np.any(torque)
+    assert GateFault(int(bench.show("faults")[0])) & fault
+    for _ in range(10):
+        assert not np.any(bench.tick())
+    bench.go = 2
+    for _ in range(10):
+        torque = bench.tick()
+    assert_array_equal(torque, np.full(7, 3.0))
+
+
+# Configurations -----------------------------------------------------------------------
+
+
+def test_yaml_says_which_arm(tmp_path):
+    path = tmp_path / "arm.yaml"
+    path.write_text("panda: !LcmPanda {url: 'memq://', gate: {expiry: 0.02}}")
+    loaded = LoadPanda(path)
+    assert loaded == LcmPanda(url="memq://", gate=GateConfig(expiry=0.02))
+    path.write_text("panda: !ReplayPanda {log: run.npz}")
+    assert LoadPanda(path) == ReplayPanda(log="run.npz")
+
+
+def test_what_yaml_or_settings_cannot_mean_is_refused(tmp_path, arm):
+    path = tmp_path / "arm.yaml"
+    for text in ("panda: !OtherArm {}", "panda: !LcmPanda {speed: 3}", "arm: 3"):
+        path.write_text(text)
+        with pytest.raises(StationError, match="does not say which arm"):
+            LoadPanda(path)
+    with pytest.raises(StationError, match=r"gate.max_rate is 2000.0"):
+        MakePandaDriver(LcmPanda(gate=GateConfig(max_rate=2000.0)), arm=arm)
