@@ -5,6 +5,7 @@ build it; `CheckFeasibility` says before whether the arm can follow a skill on i
 `Add...` functions add its parts to a diagram of your own.
 """
 
+from fmp_drake.station.board_station import MakeBoardStation, MakeSkillStation
 from fmp_drake.station.feasibility import CheckFeasibility, Feasibility
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import AddPandaWithEraser, models_dir
@@ -84,7 +85,9 @@ __all__ = [
     "ListScenarios",
     "LoadPanda",
     "LoadScenario",
+    "MakeBoardStation",
     "MakePandaDriver",
+    "MakeSkillStation",
     "MakeTeachingStation",
     "MakeWipingStation",
     "MouseOnPage",

@@ -18,6 +18,7 @@ from pydrake.systems.framework import (
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats
 from fmp_drake.settings import check_settings
+from fmp_drake.systems.panda.firmware import torque_command
 from fmp_drake.systems.panda.gating import (
     GateConfig,
     GateState,
@@ -188,15 +189,8 @@ class TorqueGate(LeafSystem):
         values.set_value(_GATE, rest)
 
     def _calc_command(self, context: Any, value: Any) -> None:
-        value.set_value(self._command(self._state(context)))
-
-    def _command(self, state: GateState) -> lcmt_panda_command:
-        message = lcmt_panda_command()
-        message.utime = round(1e6 * np.nan_to_num(state.wall_time))
-        message.num_joint_torque = JOINTS
-        message.joint_torque = state.torque.tolist()
-        message.control_mode_expected = lcmt_panda_status.CONTROL_MODE_TORQUE
-        return message
+        state = self._state(context)
+        value.set_value(torque_command(state.torque, state.stamp))
 
     def _calc_seen(self, part: slice, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._seen(context)[part])

@@ -59,7 +59,8 @@ class GateMode(IntEnum):
     """Whether torque goes to the arm.
 
     `WAITING`: zeros, until the operator says go. `OPEN`: the controller's. `STOPPED`:
-    after a fault it goes to zero, and stays there until the operator says go.
+    after a fault it goes to zero, and stays there until the operator says go; the zero
+    is not stamped anew, so that it expires, and the arm is damped instead of afloat.
     """
 
     WAITING = 0
@@ -83,6 +84,8 @@ class GateState(NamedTuple):
         Of the last step, s; NaN before the first.
     go : float
         The last word of the operator: a count of gos; less than 0 is a stop.
+    stamp : float
+        Of the torque, s of the wall clock; 0 before the first.
     """
 
     torque: Array
@@ -91,6 +94,7 @@ class GateState(NamedTuple):
     status_time: float = -np.inf
     wall_time: float = np.nan
     go: float = 0.0
+    stamp: float = 0.0
 
     @classmethod
     def from_vectors(cls, torque: ArrayLike, rest: ArrayLike) -> "GateState":
@@ -100,7 +104,7 @@ class GateState(NamedTuple):
         return cls(sent, GateMode(int(mode)), GateFault(int(faults)), *times)
 
     def vectors(self) -> tuple[Array, Array]:
-        """Return the torque and the rest, shapes (7,) and (5,)."""
+        """Return the torque and the rest, shapes (7,) and (6,)."""
         return self.torque, np.array(self[1:], dtype=float)
 
 
@@ -184,13 +188,16 @@ def gate_step(
     in_order = np.isfinite(reading.time) and reading.time > state.status_time
     # A stamp from the future would make all that follow seem late.
     plausible = is_time and reading.time <= wall_time + config.expiry
+    sent = limited_change(state.torque, wanted, most, np.array(config.max_torque))
+    is_live = is_time and (mode is not GateMode.STOPPED or np.any(state.torque))
     return GateState(
-        limited_change(state.torque, wanted, most, np.array(config.max_torque)),
+        sent,
         mode,
         reasons,
         reading.time if in_order and plausible else state.status_time,
         wall_time if is_time else state.wall_time,
         state.go if np.isnan(go) else max(go, state.go),
+        wall_time if is_live else state.stamp,
     )
 
 

@@ -1,0 +1,214 @@
+"""A skill on an arm behind LCM messages, in the time of the wall clock."""
+
+import gc
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.lcm import DrakeLcm, DrakeLcmInterface
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.station.board_station import MakeSkillStation
+from fmp_drake.station.panda_driver import LcmPanda
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.panda.firmware import torque_command
+from fmp_drake.systems.panda.gating import GateMode, limited_change
+from fmp_drake.systems.panda.reading import GateFault
+
+# What is made up for after a pause, at most, s.
+MOST_REPLAYED = 0.01
+# Until the controller has settled on the start, before the gate opens, s.
+_SETTLE = 0.3
+
+
+class ArmRun:
+    """Plays a skill on an arm behind LCM, with its safety, until the end or a stop.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    skill : FourierMovementPrimitive
+        Fitted.
+    config : LcmPanda
+    lcm : DrakeLcmInterface, optional
+        The bus instead of one of `config.url`.
+
+    Attributes
+    ----------
+    ages : list of float
+        Of the status at each step with an open gate, s.
+    late, skipped : float
+        Greatest lateness of a step, and the sum of what was not made up for, s.
+    stops : list of (float, GateFault)
+        When the arm was stopped, s of the run, and why.
+
+    Examples
+    --------
+    See `fmp-drake wipe --arm`.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        skill: FourierMovementPrimitive,
+        config: LcmPanda,
+        *,
+        lcm: DrakeLcmInterface | None = None,
+    ) -> None:
+        self._lcm = DrakeLcm(config.url) if lcm is None else lcm
+        self._config = config
+        self.period = max(config.gate.period, scenario.impedance.control_period)
+        self._tempo, self._force = scenario.skill.tempo, scenario.press.force
+        self.station = MakeSkillStation(scenario, skill, config, lcm=self._lcm)
+        self.simulator = Simulator(self.station)
+        self._ticks, self._go, self._settled = 0, 0, np.inf
+        self.ages: list[float] = []
+        self.errors: list[float] = []
+        self.stops: list[tuple[float, GateFault]] = []
+        self.late = self.skipped = 0.0
+        self._last_mode = GateMode.WAITING
+        self._fix("tempo", 0.0)
+        self._fix("desired_normal_force", 0.0)
+        self._fix("go", 0.0)
+        self._fix("wall_time", 0.0)
+
+    def _fix(self, name: str, value: float) -> None:
+        context = self.simulator.get_mutable_context()
+        self.station.GetInputPort(name).FixValue(context, np.array([value]))
+
+    def output(self, name: str) -> NDArray[np.float64]:
+        """Return what an output port of the station says now."""
+        value: Any = self.station.GetOutputPort(name).Eval(self.simulator.get_context())
+        return np.array(value)
+
+    @property
+    def mode(self) -> GateMode:
+        """Whether torque goes to the arm."""
+        return GateMode(int(self.output("mode")[0]))
+
+    @property
+    def faults(self) -> GateFault:
+        """Why it does not."""
+        return GateFault(int(self.output("faults")[0]))
+
+    def go(self) -> None:
+        """Say go: the skill begins anew from where the arm is."""
+        self.simulator.Initialize()
+        self._settled = self._ticks * self.period + _SETTLE
+
+    def stop(self) -> None:
+        """Let the torque go to zero."""
+        self._settled = np.inf
+        self._fix("go", -1.0)
+
+    def step(self, wall_time: float) -> None:
+        """Advance by one period at a wall time, s."""
+        time_now = self._ticks * self.period
+        self._fix("wall_time", wall_time)
+        if time_now >= self._settled:
+            self._settled = np.inf
+            self._go += 1
+            self._fix("go", float(self._go))
+        self._ticks += 1
+        self.simulator.AdvanceTo(self._ticks * self.period)
+        mode = self.mode
+        if mode is not self._last_mode:
+            is_open = mode is GateMode.OPEN
+            self._fix("tempo", self._tempo if is_open else 0.0)
+            self._fix("desired_normal_force", self._force if is_open else 0.0)
+            if mode is GateMode.STOPPED:
+                self.stops.append((time_now, self.faults))
+            self._last_mode = mode
+        if mode is GateMode.OPEN:
+            self.ages.append(float(self.output("age")[0]))
+            error = self.output("tracking_error")[3:]
+            self.errors.append(float(np.linalg.norm(error)))
+
+    def play(
+        self,
+        duration: float,
+        operator: Callable[["ArmRun"], None],
+        *,
+        clock: Callable[[], float] = time.time,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Run in real time, and end with a ramp of the torque to zero, whatever ends it.
+
+        Parameters
+        ----------
+        duration : float
+            s.
+        operator : callable
+            Called after each step; it may say `go` and `stop`.
+        clock, sleep : callable
+            The wall clock, and how to wait, s.
+        """
+        with _quiet():
+            try:
+                began = due = clock()
+                while (now := clock()) < began + duration:
+                    if now < due:
+                        sleep(due - now)
+                        continue
+                    self.late = max(self.late, now - due)
+                    if now - due > MOST_REPLAYED:
+                        self.skipped += now - due
+                        due = now
+                    due += self.period
+                    self.step(now)
+                    operator(self)
+            finally:
+                self.ramp_down(clock=clock, sleep=sleep)
+
+    def ramp_down(
+        self,
+        *,
+        clock: Callable[[], float] = time.time,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Send less and less torque until it is zero, without the diagram."""
+        gate = self._config.gate
+        torque = self.output("torque_sent")
+        limit, most = np.array(gate.max_torque), gate.max_rate * gate.period
+        while np.any(torque):
+            sleep(gate.period)
+            torque = limited_change(torque, np.zeros_like(torque), most, limit)
+            message = torque_command(torque, clock())
+            self._lcm.Publish(self._config.command_channel, message.encode())
+
+    def metrics(self) -> dict[str, Any]:
+        """Return what was measured, s and m."""
+        ages = np.array(self.ages or [np.nan])
+        return {
+            "open_seconds": len(self.ages) * self.period,
+            "status_age_median": float(np.median(ages)),
+            "status_age_99": float(np.quantile(ages, 0.99)),
+            "status_age_max": float(np.max(ages)),
+            "latest_step": self.late,
+            "skipped_seconds": self.skipped,
+            "stops": [(at, str(fault)) for at, fault in self.stops],
+            "tracking_rms": float(np.sqrt(np.mean(np.square(self.errors or [np.nan])))),
+        }
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Collect no garbage meanwhile, and let SIGTERM end a block as SIGINT does."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    previous = signal.signal(signal.SIGTERM, interrupt)
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        signal.signal(signal.SIGTERM, previous)

@@ -1,0 +1,163 @@
+"""A robot at a board, and a skill on it, whatever the robot is."""
+
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Demultiplexer
+
+from fmp_drake.errors import StationError
+from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.station.panda_driver import (
+    LcmPanda,
+    MakePandaDriver,
+    PandaConfig,
+    SimulatedPanda,
+)
+from fmp_drake.station.parts.arm_controller import AddArmController
+from fmp_drake.station.parts.board_scene import AddBoardScene, MakeArm
+from fmp_drake.station.parts.posture import SolvePosture
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.systems.operational_space_impedance_controller import (
+    OperationalSpaceImpedanceController,
+)
+
+_DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
+
+
+def MakeBoardStation(
+    scenario: Scenario,
+    config: PandaConfig,
+    *,
+    lcm: DrakeLcmInterface | None = None,
+) -> Diagram:
+    """Build a robot at a board, with its controller and without a skill.
+
+    Systems: panda_driver, controller; plant and scene_graph of a simulated arm.
+
+    Input ports: desired_position, desired_velocity, desired_acceleration (3,) in the frame
+    B of the board, m, m/s, m/s^2; desired_normal_force (1,), N; and wall_time and go of
+    an arm behind LCM. Output ports: measured_position, measured_velocity (3,) in B,
+    tracking_error (6,), status (6,), torque (7,) of the controller, and those of
+    `MakePandaDriver`.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of a board that stands still, where the arm is not simulated.
+    config : SimulatedPanda, LcmPanda or ReplayPanda
+    lcm : DrakeLcmInterface, optional
+        As for `MakePandaDriver`.
+
+    Raises
+    ------
+    StationError
+        Where the scenario has values that do not fit, or the arm cannot reach the start.
+    """
+    builder = DiagramBuilder()
+    if isinstance(config, SimulatedPanda):
+        scene = AddBoardScene(builder, scenario, start=scenario.start)
+        controller = AddArmController(
+            builder,
+            scene,
+            scenario.impedance,
+            engage_height=scenario.press.engage_height,
+            sensors=config.sensors,
+        )
+        driver = builder.GetSubsystemByName("panda_driver")
+    else:
+        scenario.check()
+        if scenario.board.motion.amplitude > 0:
+            raise StationError(
+                f"board.motion.amplitude is {scenario.board.motion.amplitude} m; nothing "
+                "measures a real board's motion. Set it to 0."
+            )
+        arm, tip = MakeArm(scenario)
+        X_WA = scenario.board.assumed_pose()
+        X_AE = RigidTransform(scenario.eraser_orientation(), scenario.start)
+        posture = SolvePosture(
+            arm, frame=tip, X_WE=X_WA @ X_AE, q_preferred=scenario.posture
+        )
+        controller = OperationalSpaceImpedanceController(
+            arm,
+            end_effector=tip,
+            X_WT=X_WA,
+            config=scenario.impedance,
+            q_posture=posture,
+            engage_height=scenario.press.engage_height,
+        )
+        builder.AddNamedSystem("controller", controller)
+        driver = builder.AddSystem(
+            MakePandaDriver(config, arm=arm, initial=posture, lcm=lcm)
+        )
+        builder.Connect(driver.GetOutputPort("state"), controller.GetInputPort("state"))
+        torque = controller.GetOutputPort("torque")
+        builder.Connect(torque, driver.GetInputPort("torque"))
+    for name in (*_DESIRED, "desired_normal_force"):
+        builder.ExportInput(controller.GetInputPort(name), name)
+    if isinstance(config, LcmPanda):
+        for name in ("wall_time", "go"):
+            builder.ExportInput(driver.GetInputPort(name), name)
+    for system in (controller, driver):
+        for i in range(system.num_output_ports()):
+            port = system.get_output_port(i)
+            if port.get_name() != "plant_actuation":
+                builder.ExportOutput(port, port.get_name())
+    diagram = builder.Build()
+    diagram.set_name("board_station")
+    return diagram
+
+
+def MakeSkillStation(
+    scenario: Scenario,
+    skill: FourierMovementPrimitive,
+    config: PandaConfig,
+    *,
+    lcm: DrakeLcmInterface | None = None,
+) -> Diagram:
+    """Build a robot that plays a skill at a board, without ink.
+
+    Systems: board_station, fourier_primitive, desired_motion. Input ports: tempo,
+    desired_normal_force and, behind LCM, wall_time and go. Output ports: desired_position,
+    desired_velocity, desired_acceleration, and those of `MakeBoardStation`. As nobody
+    knows the ink, samples are not chosen by it.
+
+    Parameters
+    ----------
+    scenario, config, lcm
+        As for `MakeBoardStation`.
+    skill : FourierMovementPrimitive
+        Fitted, of 3 position channels in the frame of the board, m.
+    """
+    builder = DiagramBuilder()
+    board = builder.AddSystem(MakeBoardStation(scenario, config, lcm=lcm))
+    plays = scenario.skill
+    primitive = FourierPrimitiveSystem(
+        skill,
+        sample=plays.sample,
+        seed=plays.seed,
+        push_threshold=plays.push_threshold,
+        push_dwell=plays.push_dwell,
+        margin=plays.margin if skill.paths_ else None,
+    )
+    builder.AddSystem(primitive)
+    builder.Connect(
+        board.GetOutputPort("measured_position"),
+        primitive.GetInputPort("measured_position"),
+    )
+    desired = builder.AddNamedSystem("desired_motion", Demultiplexer([3, 3, 3]))
+    builder.Connect(primitive.GetOutputPort("motion"), desired.get_input_port())
+    for i, name in enumerate(_DESIRED):
+        builder.Connect(desired.get_output_port(i), board.GetInputPort(name))
+        builder.ExportOutput(desired.get_output_port(i), name)
+    builder.ExportInput(primitive.GetInputPort("tempo"), "tempo")
+    for i in range(board.num_input_ports()):
+        port = board.get_input_port(i)
+        if port.get_name() not in _DESIRED:
+            builder.ExportInput(port, port.get_name())
+    for i in range(board.num_output_ports()):
+        port = board.get_output_port(i)
+        builder.ExportOutput(port, port.get_name())
+    diagram = builder.Build()
+    diagram.set_name("skill_station")
+    return diagram

@@ -1,0 +1,206 @@
+"""Facts about a skill on an arm behind LCM messages, in one process over `memq://`."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from pydrake.lcm import DrakeLcm
+
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.runs import ArmBench, ArmRun, NetworkFaults
+from fmp_drake.station import LcmPanda, LoadScenario, models_dir
+from fmp_drake.systems import GateConfig, GateFault, GateMode
+from fmp_drake.systems.panda.firmware import Obeyed
+
+NOW = 1.7e9
+
+
+@pytest.fixture(scope="module")
+def skill():
+    path = models_dir() / "demonstrations" / "wiping.npz"
+    skill = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4)
+    return skill.fit(Demonstration.load(path))
+
+
+class Loop:
+    """A bench and a run on one bus, with a clock of the test's."""
+
+    def __init__(self, skill, *, gate=None, **faults):
+        self.lcm = DrakeLcm("memq://")
+        scenario = LoadScenario("table_top")
+        scenario.plant.time_step = 0.001
+        config = LcmPanda(gate=GateConfig(**(gate or {})))
+        self.bench = ArmBench(scenario, self.lcm, faults=NetworkFaults(**faults))
+        self.run = ArmRun(scenario, skill, config, lcm=self.lcm)
+        self.ticks, self.sent = 0, []
+
+    def advance(self, milliseconds, *, arm=True, controller=True):
+        for _ in range(milliseconds):
+            wall_time = NOW + 1e-3 * self.ticks
+            if arm:
+                self.bench.step(wall_time)
+            if controller:
+                self.run.step(wall_time)
+                self.sent.append(self.run.output("torque_sent"))
+            self.ticks += 1
+        return self
+
+    def begin(self):
+        self.advance(20)
+        self.run.go()
+        return self.advance(320)
+
+    def greatest_step(self):
+        return np.max(np.abs(np.diff(self.sent, axis=0)))
+
+
+def test_the_arm_moves_over_lcm_after_a_go_only(skill):
+    loop = Loop(skill)
+    loop.advance(50)
+    assert loop.run.mode is GateMode.WAITING
+    assert not np.any(loop.sent)
+    first = loop.run.output("measured_position")
+    loop.run.go()
+    loop.advance(1200)
+    assert loop.run.mode is GateMode.OPEN
+    assert not loop.run.stops
+    assert np.linalg.norm(loop.run.output("measured_position") - first) > 0.02
+    assert np.sqrt(np.mean(np.square(loop.run.errors))) < 0.02
+    assert loop.greatest_step() <= 0.9 + 1e-9
+    assert loop.bench.greatest_step <= 0.9 + 1e-9
+
+
+def speed(loop):
+    return np.max(np.abs(loop.bench.output("state")[7:]))
+
+
+def assert_stopped_until_go(loop, fault):
+    """The arm stands, no torque was broken, and it goes on when asked only."""
+    run = loop.run
+    assert run.mode is GateMode.STOPPED
+    assert run.faults & fault
+    assert speed(loop) < 0.02
+    loop.advance(100)
+    assert not np.any(loop.sent[-1])
+    run.go()
+    loop.advance(400)
+    assert run.mode is GateMode.OPEN
+    assert loop.greatest_step() <= 0.9 + 1e-9
+
+
+def test_a_frozen_controller_leaves_the_arm_damped_and_waits_for_a_go(skill):
+    loop = Loop(skill).begin().advance(300)
+    before = speed(loop)
+    loop.advance(200, controller=False)
+    assert loop.bench.obeyed[Obeyed.DAMPED] > 100
+    assert speed(loop) < 0.2 * before
+    loop.advance(800, controller=False)
+    loop.advance(100)
+    assert_stopped_until_go(loop, GateFault.GAP)
+
+
+def test_a_silent_arm_gets_no_torque_and_the_run_waits_for_a_go(skill):
+    loop = Loop(skill).begin().advance(200)
+    loop.advance(160, arm=False)
+    assert not np.any(loop.sent[-1])
+    damped = loop.bench.obeyed[Obeyed.DAMPED]
+    loop.advance(500)
+    assert loop.bench.obeyed[Obeyed.DAMPED] > damped + 450
+    assert_stopped_until_go(loop, GateFault.STALE)
+
+
+def test_lost_and_late_messages_break_no_limit_and_stop_nothing(skill):
+    loop = Loop(skill, drop=0.05, jitter=0.005).begin().advance(1000)
+    assert loop.run.mode is GateMode.OPEN
+    assert not loop.run.stops
+    assert loop.greatest_step() <= 0.9 + 1e-9
+    assert 0.001 < loop.run.metrics()["status_age_99"] < 0.02
+    assert loop.run.metrics()["tracking_rms"] < 0.02
+
+
+@pytest.mark.parametrize(
+    "faults", [{"corrupt": 0.05}, {"reorder": 0.05, "jitter": 0.005}]
+)
+def test_broken_or_reordered_messages_stop_the_arm(skill, faults):
+    loop = Loop(skill)
+    loop.begin()
+    loop.bench.set_faults(NetworkFaults(**faults))
+    loop.advance(400)
+    assert loop.run.mode is GateMode.STOPPED
+    assert not np.any(loop.sent[-1])
+    assert loop.greatest_step() <= 0.9 + 1e-9
+    assert loop.bench.greatest_step <= 0.9 + 1e-9
+
+
+def test_a_dry_run_moves_nothing(skill):
+    loop = Loop(skill, gate={"dry": True})
+    first = loop.bench.output("state")
+    loop.begin().advance(200)
+    assert loop.run.mode is GateMode.OPEN
+    assert np.any(loop.run.output("torque"))
+    assert not np.any(loop.sent)
+    np.testing.assert_allclose(loop.bench.output("state"), first, atol=1e-9)
+
+
+# In the time of a wall clock ---------------------------------------------------------
+
+
+class Clock:
+    """A clock that a run may sleep on; the arm is stepped with it."""
+
+    def __init__(self, loop):
+        self.loop, self.now, self.steps = loop, NOW + 1e-3 * loop.ticks, []
+
+    def __call__(self):
+        return self.now
+
+    def sleep(self, seconds):
+        assert 0 < seconds <= 0.001 + 1e-6
+        self.now += seconds
+        self.loop.bench.step(self.now)
+
+
+class Broken(Exception):
+    """What an operator raises here."""
+
+
+@pytest.mark.parametrize("end", ["error", "SIGTERM", "SIGINT"])
+def test_whatever_ends_a_run_torque_goes_to_zero_at_its_rate(skill, end):
+    loop = Loop(skill).begin().advance(100)
+    clock = Clock(loop)
+    number = getattr(signal, end, None)
+
+    def operator(_run):
+        clock.steps.append(clock.now)
+        if len(clock.steps) == 5:
+            if number is None:
+                raise Broken
+            os.kill(os.getpid(), number)
+
+    assert np.max(np.abs(loop.sent[-1])) > 0.9
+    with pytest.raises(Broken if number is None else KeyboardInterrupt):
+        loop.run.play(1.0, operator, clock=clock, sleep=clock.sleep)
+    assert 5 <= len(clock.steps) < 8
+    for _ in range(2):
+        loop.bench.step(clock.now)
+    assert not np.any(loop.bench.commanded)
+    assert loop.bench.greatest_step <= 0.9 + 1e-9
+
+
+def test_after_a_pause_no_more_than_ten_milliseconds_are_made_up_for(skill):
+    loop = Loop(skill).advance(5)
+    clock = Clock(loop)
+
+    def operator(_run):
+        clock.steps.append(clock.now)
+        if len(clock.steps) == 3:
+            clock.now += 1.0
+        if len(clock.steps) == 10:
+            clock.now += 0.008
+
+    loop.run.play(1.05, operator, clock=clock, sleep=clock.sleep)
+    at_once = np.diff(clock.steps) < 1e-6
+    assert 5 <= np.sum(at_once) <= 10
+    assert loop.run.skipped == pytest.approx(0.999, abs=0.002)
+    assert len(clock.steps) < 60
