@@ -12,6 +12,7 @@ from fmp_drake.errors import FmpError
 
 # The module `fmp_drake.apps.wipe` has the command `wipe`, and so on.
 _COMMANDS = {
+    "arm": "Simulate an arm that speaks a real one's LCM messages, to try against.",
     "check": "Tell whether the arm can follow a skill on a board, and what would help.",
     "inspect": "Tell what is in recordings, and whether they can be learned.",
     "learn": "Learn a skill from DEMONSTRATIONS (tables, bags ...) and write it to a "

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from fmp_drake.apps.arm_console import arm_config, wipe_with_arm
 from fmp_drake.apps.options import PATH, host_option, scene_options, skill_options
 from fmp_drake.apps.page import make_console, open_page, show_progress, track_frames
 from fmp_drake.apps.report import print_report
@@ -91,6 +92,15 @@ _PARTS = list(vars(ShowConfig()))
 @click.option(
     "--graphviz", type=PATH, help="Write a picture of the diagram (.svg, .png, .dot)."
 )
+@click.option(
+    "--arm",
+    metavar="lcm[:URL]",
+    help="Move a real arm, or `fmp-drake arm`, by LCM messages; or a YAML file.",
+)
+@click.option("--no-torque", is_flag=True, help="With --arm: send zeros only.")
+@click.option(
+    "--go", is_flag=True, help="With --arm: begin without asking; never at a real arm."
+)
 @host_option
 @skill_options
 def wipe(
@@ -115,6 +125,9 @@ def wipe(
     log: Path | None,
     report: Path | None,
     graphviz: Path | None,
+    arm: str | None,
+    no_torque: bool,
+    go: bool,
     host: str,
     **learning: Any,
 ) -> None:
@@ -132,6 +145,13 @@ def wipe(
     check_number(rate, "rate", least=0, error=FmpError)
     if seed is not None:
         check_number(seed, "seed", least=0, error=FmpError)
+    if arm is None and (no_torque or go):
+        raise RunError("--no-torque and --go are for an arm; name it with --arm.")
+    if arm is not None and any((html, video, plot, log, graphviz)):
+        raise RunError(
+            "of an arm there is only a --report; leave out --html, --video, --plot, "
+            "--log and --graphviz."
+        )
     scene = LoadScenario(scenario)
     for part in hide:
         setattr(scene.show, part, False)
@@ -161,6 +181,12 @@ def wipe(
 
     title = Path(scenario).stem
     panel = meshcat = None
+    if arm is not None:
+        config = arm_config(arm, dry=no_torque)
+        wipe_with_arm(console, scene, skill, config, duration, go=go, report=report)
+        return
+
+    meshcat = None
     if html or not headless:
         panel = open_page(None if headless else console, title=title, host=host)
         meshcat = panel.meshcat

@@ -1,5 +1,6 @@
 """A simulated arm that speaks a real one's messages: a test bench, not a robot."""
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,8 @@ from fmp_drake.systems.panda.firmware import (
 from fmp_drake.systems.panda.reading import JOINTS
 
 PERIOD = 0.001
+# What is made up for after a pause, at most, s.
+MOST_REPLAYED = 0.01
 
 
 @dataclass(kw_only=True)
@@ -72,7 +75,7 @@ class ArmBench:
     commanded : ndarray, shape (7,)
         The last torque that was followed, Nm.
     greatest_step : float
-        Greatest change of a commanded torque from one millisecond to the next, Nm.
+        Greatest change of a commanded torque per millisecond of the commands' stamps, Nm.
 
     Examples
     --------
@@ -102,7 +105,8 @@ class ArmBench:
         builder = DiagramBuilder()
         scene = AddBoardScene(builder, scenario, start=scenario.start)
         ink = AddInk(builder, scene, scenario)
-        bus = builder.AddSystem(LcmInterfaceSystem(lcm))
+        bus = LcmInterfaceSystem(lcm)
+        builder.AddSystem(bus)
         command = LcmSubscriberSystem(
             channel=self._channels.command_channel,
             serializer=ForgivingSerializer(lcmt_panda_command),
@@ -125,7 +129,7 @@ class ArmBench:
         self.simulator = Simulator(self._diagram)
         self.simulator.Initialize()
         self._state = FirmwareState(np.zeros(JOINTS), np.zeros(JOINTS))
-        self.commanded = np.zeros(JOINTS)
+        self.commanded, self._stamp = np.zeros(JOINTS), 0
         self._ticks = 0
         self.obeyed = dict.fromkeys(Obeyed, 0)
         self.greatest_step = 0.0
@@ -155,9 +159,11 @@ class ArmBench:
         self.obeyed[self._state.obeyed] += 1
         if self._state.obeyed is Obeyed.FOLLOWED:
             commanded = np.array(command.joint_torque)
-            change = float(np.max(np.abs(commanded - self.commanded)))
+            # Several may have come since the last step.
+            elapsed = max(1e-3 * (command.utime - self._stamp), 1.0)
+            change = float(np.max(np.abs(commanded - self.commanded))) / elapsed
             self.greatest_step = max(self.greatest_step, change)
-            self.commanded = commanded
+            self.commanded, self._stamp = commanded, command.utime
         else:
             self.commanded = np.zeros(JOINTS)
         context = self.simulator.get_mutable_context()
@@ -165,6 +171,16 @@ class ArmBench:
         self._ticks += 1
         self.simulator.AdvanceTo(self._ticks * PERIOD)
         self._send(self._status(wall_time).encode(), wall_time)
+
+    def play(self, duration: float) -> None:
+        """Step in the time of the wall clock for some seconds; give up what is missed."""
+        began = due = time.time()
+        while (now := time.time()) < began + duration:
+            if now < due:
+                time.sleep(due - now)
+                continue
+            due = max(due, now - MOST_REPLAYED) + PERIOD
+            self.step(now)
 
     def _status(self, wall_time: float) -> Any:
         state = self.output("state")

@@ -10,19 +10,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.lcm import DrakeLcm, DrakeLcmInterface
+from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.runs.arm_bench import MOST_REPLAYED
 from fmp_drake.station.board_station import MakeSkillStation
-from fmp_drake.station.panda_driver import LcmPanda
+from fmp_drake.station.panda_driver import LcmPanda, OpenLcm
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.panda.firmware import torque_command
 from fmp_drake.systems.panda.gating import GateMode, limited_change
 from fmp_drake.systems.panda.reading import GateFault
 
-# What is made up for after a pause, at most, s.
-MOST_REPLAYED = 0.01
 # Until the controller has settled on the start, before the gate opens, s.
 _SETTLE = 0.3
 
@@ -61,7 +60,7 @@ class ArmRun:
         *,
         lcm: DrakeLcmInterface | None = None,
     ) -> None:
-        self._lcm = DrakeLcm(config.url) if lcm is None else lcm
+        self._lcm = OpenLcm(config.url) if lcm is None else lcm
         self._config = config
         self.period = max(config.gate.period, scenario.impedance.control_period)
         self._tempo, self._force = scenario.skill.tempo, scenario.press.force

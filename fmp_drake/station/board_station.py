@@ -1,5 +1,6 @@
 """A robot at a board, and a skill on it, whatever the robot is."""
 
+import numpy as np
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -74,7 +75,7 @@ def MakeBoardStation(
             )
         arm, tip = MakeArm(scenario)
         X_WA = scenario.board.assumed_pose()
-        X_AE = RigidTransform(scenario.eraser_orientation(), scenario.start)
+        X_AE = RigidTransform(scenario.eraser_orientation(), np.array(scenario.start))
         posture = SolvePosture(
             arm, frame=tip, X_WE=X_WA @ X_AE, q_preferred=scenario.posture
         )
@@ -156,8 +157,8 @@ def MakeSkillStation(
         if port.get_name() not in _DESIRED:
             builder.ExportInput(port, port.get_name())
     for i in range(board.num_output_ports()):
-        port = board.get_output_port(i)
-        builder.ExportOutput(port, port.get_name())
+        output = board.get_output_port(i)
+        builder.ExportOutput(output, output.get_name())
     diagram = builder.Build()
     diagram.set_name("skill_station")
     return diagram

@@ -133,6 +133,20 @@ def LoadPanda(path: str | Path) -> PandaConfig:
     return loaded.panda
 
 
+def OpenLcm(url: str) -> DrakeLcm:
+    """Open a bus of LCM; empty for its default.
+
+    Raises
+    ------
+    StationError
+        Where there is none; it says why.
+    """
+    try:
+        return DrakeLcm(url)
+    except RuntimeError as error:
+        raise StationError(f"there is no bus {url!r}: {error}.") from None
+
+
 def MakePandaDriver(
     config: PandaConfig,
     *,
@@ -248,7 +262,7 @@ def _AddLcm(
     initial: ArrayLike,
 ) -> None:
     """Add systems bus, status, torque_gate and command."""
-    bus = LcmInterfaceSystem(DrakeLcm(config.url) if lcm is None else lcm)
+    bus = LcmInterfaceSystem(OpenLcm(config.url) if lcm is None else lcm)
     builder.AddNamedSystem("bus", bus)
     status = LcmSubscriberSystem(
         channel=config.status_channel,
@@ -259,7 +273,7 @@ def _AddLcm(
     gate = builder.AddSystem(TorqueGate(config.gate, initial=initial))
     command = LcmPublisherSystem(
         channel=config.command_channel,
-        serializer=PySerializer(lcmt_panda_command),
+        serializer=PySerializer(lcmt_panda_command),  # type: ignore[no-untyped-call]
         lcm=bus,
         publish_period=config.gate.period,
     )
@@ -284,15 +298,16 @@ def _AddReplay(builder: DiagramBuilder, config: ReplayPanda) -> None:
     for signal, name in (("state", "state"), ("actuation", "torque_measured")):
         try:
             about = json.loads(str(logged["metadata"]))["signals"][signal]
-            times, values = logged[about["times"]], logged[signal]
+            seconds, values = logged[about["times"]], logged[signal]
         except (KeyError, ValueError):
             raise StationError(
                 f"{config.log} has no signal {signal}; give a file that `fmp-drake "
                 "wipe --log` wrote."
             ) from None
         # The last sample is held, too.
-        times, values = np.r_[times, times[-1] + 1], np.vstack([values, values[-1:]])
-        held = PiecewisePolynomial.ZeroOrderHold(times, values.T)
+        times: Any = np.append(seconds, seconds[-1] + 1)
+        samples: Any = np.vstack([values, values[-1:]]).T
+        held = PiecewisePolynomial.ZeroOrderHold(times, samples)
         source = builder.AddNamedSystem(name, TrajectorySource(held))
         builder.ExportOutput(source.get_output_port(), name)
     _ExportConstant(builder, "torque_external", np.zeros(JOINTS))
@@ -309,7 +324,7 @@ class ForgivingSerializer(PySerializer):
     """Turns what cannot be decoded into an empty message instead of an error."""
 
     def __init__(self, lcm_type: type) -> None:
-        super().__init__(lcm_type)
+        super().__init__(lcm_type)  # type: ignore[no-untyped-call]
         self._type = lcm_type
 
     def Deserialize(self, buffer: bytes, value: Any) -> None:

@@ -1,0 +1,82 @@
+"""Facts about a robot at a board without a skill, and with one."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.errors import StationError
+from fmp_drake.station import (
+    LcmPanda,
+    LoadScenario,
+    MakeBoardStation,
+    MakeSkillStation,
+    SimulatedPanda,
+)
+
+COMMON = {
+    "measured_position": 3,
+    "measured_velocity": 3,
+    "tracking_error": 6,
+    "status": 6,
+    "torque": 7,
+    "state": 14,
+    "torque_measured": 7,
+    "torque_external": 7,
+    "mode": 1,
+    "age": 1,
+}
+DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
+
+
+def ports(station):
+    return {
+        station.get_output_port(i).get_name(): station.get_output_port(i).size()
+        for i in range(station.num_output_ports())
+    }
+
+
+def test_both_arms_have_the_same_ports_and_lcm_has_its_own_besides(restless_skill):
+    scenario = LoadScenario("table_top")
+    arms = {
+        SimulatedPanda: (),
+        LcmPanda: ("torque_sent", "faults"),
+    }
+    for arm, own in arms.items():
+        config = arm()
+        board = MakeBoardStation(scenario, config, lcm=DrakeLcm("memq://"))
+        found = ports(board)
+        assert {k: v for k, v in found.items() if k not in own} == COMMON
+        assert set(own) <= set(found)
+        for name in (*DESIRED, "desired_normal_force"):
+            board.GetInputPort(name)
+        for name in ("wall_time", "go"):
+            assert board.HasInputPort(name) == (arm is LcmPanda)
+        skilled = MakeSkillStation(
+            scenario, restless_skill, config, lcm=DrakeLcm("memq://")
+        )
+        assert ports(skilled).keys() == found.keys() | set(DESIRED)
+        assert skilled.HasInputPort("tempo")
+
+
+def test_a_simulated_robot_goes_where_it_is_told():
+    scenario = LoadScenario("table_top")
+    board = MakeBoardStation(scenario, SimulatedPanda())
+    simulator = Simulator(board)
+    context = simulator.get_mutable_context()
+    goal = np.add(scenario.start, [0.0, 0.03, 0.0])
+    for name, value in zip(DESIRED, (goal, np.zeros(3), np.zeros(3)), strict=True):
+        board.GetInputPort(name).FixValue(context, value)
+    simulator.AdvanceTo(1.0)
+    came = board.GetOutputPort("measured_position").Eval(context)
+    assert_allclose(came, goal, atol=2e-3)
+    free = board.GetOutputPort("torque_external").Eval(context)
+    assert_allclose(free, 0.0, atol=1e-9)
+
+
+def test_a_board_that_moves_is_refused_where_nothing_measures_it():
+    with pytest.raises(StationError, match=r"motion.amplitude is 0.* Set it to 0"):
+        MakeBoardStation(
+            LoadScenario("moving_board"), LcmPanda(), lcm=DrakeLcm("memq://")
+        )
