@@ -1,7 +1,12 @@
 """A simulated arm that speaks a real one's messages: a test bench, not a robot."""
 
+import gc
+import signal
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -174,13 +179,14 @@ class ArmBench:
 
     def play(self, duration: float) -> None:
         """Step in the time of the wall clock for some seconds; give up what is missed."""
-        began = due = time.time()
-        while (now := time.time()) < began + duration:
-            if now < due:
-                time.sleep(due - now)
-                continue
-            due = max(due, now - MOST_REPLAYED) + PERIOD
-            self.step(now)
+        with undisturbed():
+            began = due = time.time()
+            while (now := time.time()) < began + duration:
+                if now < due:
+                    time.sleep(due - now)
+                    continue
+                due = max(due, now - MOST_REPLAYED) + PERIOD
+                self.step(now)
 
     def _status(self, wall_time: float) -> Any:
         state = self.output("state")
@@ -219,3 +225,20 @@ class ArmBench:
             self._line[-2:] = [(a, second), (b, first)]
         while self._line and self._line[0][0] <= now:
             self._lcm.Publish(self._channels.status_channel, self._line.pop(0)[1])
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Collect no garbage meanwhile, and let SIGTERM end a block as SIGINT does."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    previous = signal.signal(signal.SIGTERM, interrupt)
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        signal.signal(signal.SIGTERM, previous)

@@ -1,11 +1,7 @@
 """A skill on an arm behind LCM messages, in the time of the wall clock."""
 
-import gc
-import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,7 +10,7 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.runs.arm_bench import MOST_REPLAYED
+from fmp_drake.runs.arm_bench import MOST_REPLAYED, undisturbed
 from fmp_drake.station.board_station import MakeSkillStation
 from fmp_drake.station.panda_driver import LcmPanda, OpenLcm
 from fmp_drake.station.scenario import Scenario
@@ -148,7 +144,7 @@ class ArmRun:
         clock, sleep : callable
             The wall clock, and how to wait, s.
         """
-        with _quiet():
+        with undisturbed():
             try:
                 began = due = clock()
                 while (now := clock()) < began + duration:
@@ -194,20 +190,3 @@ class ArmRun:
             "stops": [(at, str(fault)) for at, fault in self.stops],
             "tracking_rms": float(np.sqrt(np.mean(np.square(self.errors or [np.nan])))),
         }
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Collect no garbage meanwhile, and let SIGTERM end a block as SIGINT does."""
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    previous = signal.signal(signal.SIGTERM, interrupt)
-    gc.collect()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-        signal.signal(signal.SIGTERM, previous)

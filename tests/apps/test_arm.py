@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -67,7 +68,8 @@ def has_namespaces():
 def test_two_processes_wipe_over_multicast_and_a_kill_leaves_the_arm_damped(tmp_path):
     command = f'"{sys.executable}" -m fmp_drake.apps.main'
     script = f"""{PREPARE} || exit 9
-    {command} arm --lcm '{URL}' --duration 40 --drop 0.01 --report arm.json &
+    {command} arm --lcm '{URL}' --duration 90 --drop 0.01 --report arm.json &
+    echo $!
     {command} wipe --headless --arm 'lcm:{URL}' --go --duration 60 --report wipe.json &
     echo $!; wait
     """
@@ -77,20 +79,20 @@ def test_two_processes_wipe_over_multicast_and_a_kill_leaves_the_arm_damped(tmp_
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        env={**os.environ, "MPLBACKEND": "Agg", "DRAKE_ALLOW_NETWORK": "lcm"},
+        env={
+            **os.environ,
+            "MPLBACKEND": "Agg",
+            "DRAKE_ALLOW_NETWORK": "lcm:package_map",
+        },
     ) as both:
         try:
-            wiper = int(both.stdout.readline())
-            for line in both.stdout:
-                if line.strip() == "open":
-                    break
-            else:
-                pytest.fail("the arm was never let go")
-            try:
-                both.wait(3)
-            except subprocess.TimeoutExpired:
-                os.kill(wiper, signal.SIGTERM)
-            both.communicate(timeout=120)
+            arm, wiper = (int(both.stdout.readline()) for _ in range(2))
+            opened = any(line.strip() == "open" for line in both.stdout)
+            assert opened
+            for process, seconds in ((wiper, 3), (arm, 1)):
+                time.sleep(seconds)
+                os.kill(process, signal.SIGTERM)
+            both.communicate(timeout=60)
         finally:
             if both.poll() is None:
                 os.killpg(both.pid, signal.SIGKILL)
