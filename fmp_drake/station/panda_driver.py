@@ -2,11 +2,12 @@
 
 import json
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from drake import lcmt_panda_command, lcmt_panda_status
+from drake import lcmt_panda_status
 from numpy.typing import ArrayLike
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.lcm import DrakeLcm, DrakeLcmInterface
@@ -15,7 +16,6 @@ from pydrake.systems.controllers import InverseDynamics
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.lcm import (
     LcmInterfaceSystem,
-    LcmPublisherSystem,
     LcmSubscriberSystem,
     PySerializer,
 )
@@ -261,31 +261,26 @@ def _AddLcm(
     lcm: DrakeLcmInterface | None,
     initial: ArrayLike,
 ) -> None:
-    """Add systems bus, status, torque_gate and command."""
-    bus = LcmInterfaceSystem(OpenLcm(config.url) if lcm is None else lcm)
-    builder.AddNamedSystem("bus", bus)
+    """Add systems bus, status and torque_gate."""
+    bus = OpenLcm(config.url) if lcm is None else lcm
+    pump = LcmInterfaceSystem(bus)
+    builder.AddNamedSystem("bus", pump)
     status = LcmSubscriberSystem(
         channel=config.status_channel,
         serializer=ForgivingSerializer(lcmt_panda_status),
-        lcm=bus,
+        lcm=pump,
     )
     builder.AddNamedSystem("status", status)
-    gate = builder.AddSystem(TorqueGate(config.gate, initial=initial))
-    command = LcmPublisherSystem(
-        channel=config.command_channel,
-        serializer=PySerializer(lcmt_panda_command),  # type: ignore[no-untyped-call]
-        lcm=bus,
-        publish_period=config.gate.period,
+    gate = TorqueGate(
+        config.gate, initial=initial, send=partial(bus.Publish, config.command_channel)
     )
-    builder.AddNamedSystem("command", command)
+    builder.AddSystem(gate)
     builder.Connect(status.get_output_port(), gate.GetInputPort("status"))
-    builder.Connect(gate.GetOutputPort("command"), command.get_input_port())
     for name in ("torque", "wall_time", "go"):
         builder.ExportInput(gate.GetInputPort(name), name)
     for i in range(gate.num_output_ports()):
         port = gate.get_output_port(i)
-        if port.get_name() != "command":
-            builder.ExportOutput(port, port.get_name())
+        builder.ExportOutput(port, port.get_name())
 
 
 def _AddReplay(builder: DiagramBuilder, config: ReplayPanda) -> None:

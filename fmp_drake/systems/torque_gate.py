@@ -1,10 +1,11 @@
 """The last system before a real arm: no torque passes that the arm might not bear."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from drake import lcmt_panda_command, lcmt_panda_status
+from drake import lcmt_panda_status
 from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
@@ -52,8 +53,6 @@ class TorqueGate(LeafSystem):
 
     Output ports
     ------------
-    command : abstract
-        The ``lcmt_panda_command`` to send, stamped with the wall clock.
     torque_sent : vector (7,)
         Nm; discrete state.
     state : vector (14,)
@@ -74,6 +73,9 @@ class TorqueGate(LeafSystem):
     config : GateConfig
     initial : array_like, shape (7,)
         Angles that `state` shows before the first status, rad.
+    send : callable, optional
+        Called with each torque to be sent, as an encoded ``lcmt_panda_command`` that is
+        stamped with the wall clock; with none while the torque is to stay zero.
 
     Raises
     ------
@@ -87,11 +89,17 @@ class TorqueGate(LeafSystem):
     array([0., 0., 0., 0., 0., 0., 0.])
     """
 
-    def __init__(self, config: GateConfig, *, initial: ArrayLike) -> None:
+    def __init__(
+        self,
+        config: GateConfig,
+        *,
+        initial: ArrayLike,
+        send: Callable[[bytes], None] | None = None,
+    ) -> None:
         super().__init__()
         self.set_name("torque_gate")
         check_settings(config, SystemsError)
-        self._config = config
+        self._config, self._send = config, send
         first = as_floats(initial, "the initial angles", (JOINTS,), error=SystemsError)
         torque = self.DeclareVectorInputPort("torque", JOINTS)
         status = self.DeclareAbstractInputPort(
@@ -121,15 +129,6 @@ class TorqueGate(LeafSystem):
             gate_ticket,
             self.discrete_state_ticket(read_index),
         }
-        self.DeclareAbstractOutputPort(
-            "command",
-            lambda: AbstractValue.Make(lcmt_panda_command()),
-            self._calc_command,
-            prerequisites_of_calc={
-                self.discrete_state_ticket(sent_index),
-                gate_ticket,
-            },
-        )
         self.DeclareStateOutputPort("torque_sent", sent_index)
         for name, first_row, rows in (
             ("state", 0, 2),
@@ -157,6 +156,7 @@ class TorqueGate(LeafSystem):
             prerequisites_of_calc={gate_ticket, wall_time.ticket()},
         )
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
+        self.DeclarePeriodicPublishEvent(config.period, 0.0, self._publish)
 
     def _calc_reading(self, context: Any, value: Any) -> None:
         value.set_value(read_status(self._status.Eval(context)))
@@ -188,9 +188,10 @@ class TorqueGate(LeafSystem):
         values.set_value(_TORQUE, torque)
         values.set_value(_GATE, rest)
 
-    def _calc_command(self, context: Any, value: Any) -> None:
+    def _publish(self, context: Context) -> None:
         state = self._state(context)
-        value.set_value(torque_command(state.torque, state.stamp))
+        if self._send is not None and state.is_live:
+            self._send(torque_command(state.torque, state.stamp).encode())
 
     def _calc_seen(self, part: slice, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._seen(context)[part])

@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from drake import lcmt_panda_status
+from drake import lcmt_panda_command, lcmt_panda_status
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
@@ -230,6 +230,18 @@ def test_a_go_with_a_fault_or_before_the_torque_is_zero_is_void():
     assert last_of(hasty).mode is GateMode.STOPPED
 
 
+def test_a_torque_that_stays_zero_is_not_sent_so_that_the_arm_is_damped():
+    live = [after.is_live for _, after, _ in play([*OPENED, step(age=1.0)])]
+    assert live == [False, *[True] * (len(OPENED))]
+    assert not last_of([*OPENED, step(age=1.0), *[step()] * 20]).is_live
+    assert last_of(OPENED, GateConfig(dry=True)).is_live
+
+
+def test_a_status_without_a_control_mode_is_trusted():
+    # As of the drivers that leave it out.
+    assert not read_status(status(control_mode=0)).faults
+
+
 def test_full_torque_is_zero_after_a_tenth_of_a_second():
     full = [step(), step(go=1, torque=80.0), *[step(torque=80.0)] * 100]
     assert last_of(full).torque[0] == 80.0
@@ -258,7 +270,12 @@ def show(gate, context, name):
 
 @pytest.mark.parametrize("caching", [True, False])
 def test_the_system_steps_the_gate_and_shows_it(caching):
-    gate = TorqueGate(GateConfig(), initial=np.full(7, 0.3))
+    sent = []
+    gate = TorqueGate(
+        GateConfig(),
+        initial=np.full(7, 0.3),
+        send=lambda data: sent.append(lcmt_panda_command.decode(data)),
+    )
     simulator = Simulator(gate)
     context = simulator.get_mutable_context()
     if not caching:
@@ -283,11 +300,12 @@ def test_the_system_steps_the_gate_and_shows_it(caching):
         for each in (context, clone):
             assert_array_equal(show(gate, each, "torque_sent"), expected.torque)
             assert show(gate, each, "mode") == expected.mode
-        command = show(gate, context, "command")
-        assert command.utime == round(1e6 * wall_time)
-        assert command.joint_torque == expected.torque.tolist()
-        assert command.control_mode_expected == 4
-        assert command.num_joint_position == command.num_joint_velocity == 0
+    torques = [each.joint_torque[0] for each in sent]
+    assert torques == pytest.approx([0.9, 1.8, 2.7, 3.6], abs=1e-3)
+    assert sent[0].utime == round(1e6 * (NOW + 3e-3))
+    for each in sent:
+        assert each.control_mode_expected == 4
+        assert each.num_joint_position == each.num_joint_velocity == 0
     assert expected.mode is GateMode.OPEN
     assert_array_equal(show(gate, context, "state"), [0.1] * 14)
     assert_array_equal(show(gate, context, "torque_external"), [-0.1] * 7)
@@ -298,10 +316,9 @@ def test_the_system_steps_the_gate_and_shows_it(caching):
 
 def test_the_torque_sent_feeds_nothing_through():
     gate = TorqueGate(GateConfig(), initial=np.zeros(7))
-    ports = {p: gate.GetOutputPort(p).get_index() for p in ("command", "torque_sent")}
-    for index in ports.values():
-        for i in range(gate.num_input_ports()):
-            assert not gate.HasDirectFeedthrough(i, index)
+    index = gate.GetOutputPort("torque_sent").get_index()
+    for i in range(gate.num_input_ports()):
+        assert not gate.HasDirectFeedthrough(i, index)
     seen = gate.GetOutputPort("state").get_index()
     assert gate.HasDirectFeedthrough(gate.GetInputPort("status").get_index(), seen)
 

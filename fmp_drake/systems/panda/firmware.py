@@ -24,7 +24,7 @@ class FirmwareConfig:
     expiry : float
         Greatest difference of a command's stamp from the wall clock, s.
     damping : list of 7 floats
-        Of the joints when there is no command, Nm s/rad.
+        Of the joints when there is no command, Nm s/rad; as of drake-franka-driver.
     max_rate : float
         Greatest change of a torque, Nm/s.
     cutoff : float
@@ -37,7 +37,7 @@ class FirmwareConfig:
     """
 
     expiry: float = bounded(0.05, above=0)
-    damping: list[float] = bounded([20.0, 20.0, 20.0, 20.0, 4.0, 4.0, 4.0], least=0)
+    damping: list[float] = bounded([37.5, 50, 37.5, 25, 5, 3.75, 2.5], least=0)
     max_rate: float = bounded(1000.0, above=0)
     cutoff: float = bounded(30.0, above=0)
 

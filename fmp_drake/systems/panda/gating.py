@@ -58,9 +58,14 @@ class GateConfig:
 class GateMode(IntEnum):
     """Whether torque goes to the arm.
 
-    `WAITING`: zeros, until the operator says go. `OPEN`: the controller's. `STOPPED`:
-    after a fault it goes to zero, and stays there until the operator says go; the zero
-    is not stamped anew, so that it expires, and the arm is damped instead of afloat.
+    `WAITING`: none, until the operator says go. `OPEN`: the controller's. `STOPPED`:
+    after a fault it goes to zero, and stays there until the operator says go. An arm
+    that gets zeros is afloat, one that gets nothing is damped: it gets nothing then.
+
+    Examples
+    --------
+    >>> GateMode(2).name
+    'STOPPED'
     """
 
     WAITING = 0
@@ -85,7 +90,7 @@ class GateState(NamedTuple):
     go : float
         The last word of the operator: a count of gos; less than 0 is a stop.
     stamp : float
-        Of the torque, s of the wall clock; 0 before the first.
+        Of the last torque to be sent, s of the wall clock; 0 before the first.
     """
 
     torque: Array
@@ -102,6 +107,11 @@ class GateState(NamedTuple):
         mode, faults, *times = (float(each) for each in np.asarray(rest))
         sent = np.array(torque, dtype=float)
         return cls(sent, GateMode(int(mode)), GateFault(int(faults)), *times)
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the torque is to be sent."""
+        return self.stamp == self.wall_time
 
     def vectors(self) -> tuple[Array, Array]:
         """Return the torque and the rest, shapes (7,) and (6,)."""
@@ -189,7 +199,7 @@ def gate_step(
     # A stamp from the future would make all that follow seem late.
     plausible = is_time and reading.time <= wall_time + config.expiry
     sent = limited_change(state.torque, wanted, most, np.array(config.max_torque))
-    is_live = is_time and (mode is not GateMode.STOPPED or np.any(state.torque))
+    is_live = is_time and (mode is GateMode.OPEN or np.any(state.torque))
     return GateState(
         sent,
         mode,

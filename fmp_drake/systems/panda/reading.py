@@ -23,7 +23,7 @@ class GateFault(IntFlag):
     - `OUT_OF_ORDER`: it is older than the one before.
     - `CORRUPT`: the message cannot be decoded, or has not seven joints.
     - `NOT_FINITE`: a number in it is NaN, infinite or above 1000 (rad, rad/s, Nm).
-    - `WRONG_MODE`: the arm is not moving, or not controlled by torque.
+    - `WRONG_MODE`: the arm is not moving, or says that it is not controlled by torque.
 
     Of the controller:
 
@@ -105,7 +105,9 @@ def read_status(message: Any) -> ArmReading:
         )
         time = 1e-6 * float(message.utime)
         moves = message.robot_mode == lcmt_panda_status.kMove
-        by_torque = message.control_mode & lcmt_panda_status.CONTROL_MODE_TORQUE
+        # A driver that leaves the mode out checks the one that a command expects.
+        modes = int(message.control_mode)
+        by_torque = not modes or modes & lcmt_panda_status.CONTROL_MODE_TORQUE
     except (AttributeError, TypeError, ValueError, OverflowError):
         return corrupt
     if rows.shape != (4, JOINTS) or message.num_joints != JOINTS:
