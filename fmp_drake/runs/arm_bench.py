@@ -18,7 +18,7 @@ from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 
 from fmp_drake.errors import RunError
 from fmp_drake.settings import bounded, check_settings
-from fmp_drake.station.panda_driver import ForgivingSerializer, LcmPanda
+from fmp_drake.station.panda_driver import LcmPanda, RawSerializer
 from fmp_drake.station.parts.board_ink import AddInk
 from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.scenario import Scenario
@@ -28,7 +28,7 @@ from fmp_drake.systems.panda.firmware import (
     Obeyed,
     firmware_step,
 )
-from fmp_drake.systems.panda.reading import JOINTS
+from fmp_drake.systems.panda.reading import JOINTS, decode
 
 PERIOD = 0.001
 # What is made up for after a pause, at most, s.
@@ -114,7 +114,7 @@ class ArmBench:
         builder.AddSystem(bus)
         command = LcmSubscriberSystem(
             channel=self._channels.command_channel,
-            serializer=ForgivingSerializer(lcmt_panda_command),
+            serializer=RawSerializer(),
             lcm=bus,
         )
         builder.AddNamedSystem("command", command)
@@ -151,7 +151,7 @@ class ArmBench:
 
     def step(self, wall_time: float) -> None:
         """Advance by a millisecond, and send a status stamped with a wall time, s."""
-        command = self.output("command")
+        command = decode(lcmt_panda_command, self.output("command"))
         state = self.output("state").copy()
         self._state = firmware_step(
             self._firmware,

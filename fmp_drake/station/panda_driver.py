@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from drake import lcmt_panda_status
 from numpy.typing import ArrayLike
+from pydrake.common.value import AbstractValue
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.lcm import DrakeLcm, DrakeLcmInterface
 from pydrake.multibody.plant import MultibodyPlant
@@ -17,7 +17,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.lcm import (
     LcmInterfaceSystem,
     LcmSubscriberSystem,
-    PySerializer,
+    SerializerInterface,
 )
 from pydrake.systems.primitives import (
     Adder,
@@ -267,7 +267,7 @@ def _AddLcm(
     builder.AddNamedSystem("bus", pump)
     status = LcmSubscriberSystem(
         channel=config.status_channel,
-        serializer=ForgivingSerializer(lcmt_panda_status),
+        serializer=RawSerializer(),
         lcm=pump,
     )
     builder.AddNamedSystem("status", status)
@@ -315,17 +315,17 @@ def _ExportConstant(builder: DiagramBuilder, name: str, value: ArrayLike) -> Non
     builder.ExportOutput(source.get_output_port(), name)
 
 
-class ForgivingSerializer(PySerializer):
-    """Turns what cannot be decoded into an empty message instead of an error."""
+class RawSerializer(SerializerInterface):
+    """Leaves a message as the bytes that came, which are cheap to copy."""
 
-    def __init__(self, lcm_type: type) -> None:
-        super().__init__(lcm_type)  # type: ignore[no-untyped-call]
-        self._type = lcm_type
+    def CreateDefaultValue(self) -> AbstractValue:
+        """Return no bytes."""
+        return AbstractValue.Make(b"")
 
     def Deserialize(self, buffer: bytes, value: Any) -> None:
-        """Decode a message."""
-        try:
-            value.set_value(self._type.decode(buffer))  # type: ignore[attr-defined]
-        except Exception:  # noqa: BLE001
-            # Broken bytes surface as many types, and none may reach the bus.
-            value.set_value(self._type())
+        """Keep the bytes."""
+        value.set_value(bytes(buffer))
+
+    def Serialize(self, value: Any) -> bytes:
+        """Return the bytes."""
+        return bytes(value.get_value())

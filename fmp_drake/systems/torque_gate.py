@@ -26,7 +26,12 @@ from fmp_drake.systems.panda.gating import (
     gate_step,
     initial_gate,
 )
-from fmp_drake.systems.panda.reading import JOINTS, ArmReading, read_status
+from fmp_drake.systems.panda.reading import (
+    JOINTS,
+    ArmReading,
+    decode,
+    read_status,
+)
 
 # Groups of the discrete state.
 _TORQUE, _GATE, _READING = range(3)
@@ -45,7 +50,7 @@ class TorqueGate(LeafSystem):
     torque : vector (7,)
         Wanted, without gravity, Nm.
     status : abstract
-        The last ``lcmt_panda_status`` of the arm.
+        The bytes of the last ``lcmt_panda_status`` of the arm.
     wall_time : vector (1,)
         s; the clock that the arm's messages are stamped with.
     go : vector (1,)
@@ -102,9 +107,7 @@ class TorqueGate(LeafSystem):
         self._config, self._send = config, send
         first = as_floats(initial, "the initial angles", (JOINTS,), error=SystemsError)
         torque = self.DeclareVectorInputPort("torque", JOINTS)
-        status = self.DeclareAbstractInputPort(
-            "status", AbstractValue.Make(lcmt_panda_status())
-        )
+        status = self.DeclareAbstractInputPort("status", AbstractValue.Make(b""))
         wall_time = self.DeclareVectorInputPort("wall_time", 1)
         go = self.DeclareVectorInputPort("go", 1)
         self._torque, self._status, self._wall_time, self._go = (
@@ -159,7 +162,8 @@ class TorqueGate(LeafSystem):
         self.DeclarePeriodicPublishEvent(config.period, 0.0, self._publish)
 
     def _calc_reading(self, context: Any, value: Any) -> None:
-        value.set_value(read_status(self._status.Eval(context)))
+        data = cast(bytes, self._status.Eval(context))
+        value.set_value(read_status(decode(lcmt_panda_status, data)))
 
     def _state(self, context: Context) -> GateState:
         discrete = context.get_discrete_state()

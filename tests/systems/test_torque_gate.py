@@ -259,7 +259,7 @@ def test_after_a_frozen_second_torque_goes_on_from_where_it_was():
 def fixed(gate, context, *, torque=5.0, wall_time=NOW, go=0.0, message=None):
     message = status(wall_time) if message is None else message
     gate.GetInputPort("torque").FixValue(context, np.full(7, torque))
-    gate.GetInputPort("status").FixValue(context, AbstractValue.Make(message))
+    gate.GetInputPort("status").FixValue(context, AbstractValue.Make(message.encode()))
     gate.GetInputPort("wall_time").FixValue(context, [wall_time])
     gate.GetInputPort("go").FixValue(context, [go])
 

@@ -1,5 +1,6 @@
 """What a Panda says of itself in a message, checked."""
 
+import struct
 from enum import IntFlag
 from typing import Any, NamedTuple
 
@@ -76,6 +77,14 @@ class ArmReading(NamedTuple):
     def is_finite(self) -> bool:
         """Whether its numbers can be used, in whatever mode the arm is."""
         return not self.faults & (GateFault.CORRUPT | GateFault.NOT_FINITE)
+
+
+def decode(message_type: Any, data: bytes) -> Any:
+    """Return a message of LCM, or an empty one where the bytes are none."""
+    try:
+        return message_type.decode(data)
+    except (ValueError, struct.error):
+        return message_type()
 
 
 def read_status(message: Any) -> ArmReading:
