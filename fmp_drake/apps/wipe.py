@@ -179,14 +179,13 @@ def wipe(
         raise StationError(f"{found.verdict} Or run it all the same with --force.")
     console.print(found.verdict)
 
-    title = Path(scenario).stem
-    panel = meshcat = None
     if arm is not None:
         config = arm_config(arm, dry=no_torque)
         wipe_with_arm(console, scene, skill, config, duration, go=go, report=report)
         return
 
-    meshcat = None
+    title = Path(scenario).stem
+    panel = meshcat = None
     if html or not headless:
         panel = open_page(None if headless else console, title=title, host=host)
         meshcat = panel.meshcat

@@ -1,8 +1,8 @@
 """A wiping station with loggers, its metrics, its log file and its saved state."""
 
 from fmp_drake.runs.advancing import RunButtons, advance
-from fmp_drake.runs.arm_bench import ArmBench, NetworkFaults
-from fmp_drake.runs.arm_run import ArmRun
+from fmp_drake.runs.arm.arm_bench import ArmBench, NetworkFaults
+from fmp_drake.runs.arm.arm_run import ArmRun
 from fmp_drake.runs.context_file import load_context, save_context
 from fmp_drake.runs.log import RunLog, Signal
 from fmp_drake.runs.run_event import RunEvent

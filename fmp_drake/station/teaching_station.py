@@ -35,7 +35,7 @@ def MakeTeachingStation(
     """Build a station where a hand leads the gravity-compensated arm.
 
     Systems: plant, scene_graph, controller with rest for its inputs,
-    gravity_compensation, actuation, recorder, and meshcat_visualizer where there is a Meshcat; human_hand and leading of a
+    panda_driver, recorder, and meshcat_visualizer where there is a Meshcat; human_hand and leading of a
     `SimulatedHand`, mouse_hand and meshcat_mouse_spring of a `MouseOnPage`. Output ports:
     position (3,) of the eraser in the frame of the board, as the arm measures it, m; leading (1,), 1
     while the hand leads; state (14,) of the arm; torque (7,) commanded without gravity
@@ -50,9 +50,6 @@ def MakeTeachingStation(
         Joint angles in which the arm begins, rad; where the hand begins if None.
     meshcat : Meshcat, optional
         Where to show the scene.
-    panda_driver, human_hand, recorder, and meshcat_visualizer
-    where there is a Meshcat. Output ports: position (3,) of the eraser in the board's
-    frame, m, and state (14,) of the arm.
     """
     builder = DiagramBuilder()
     start = scenario.start if hand.start is None else hand.start
@@ -72,8 +69,8 @@ def MakeTeachingStation(
     builder.ExportOutput(leading, "leading")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
     builder.ExportOutput(controller.GetOutputPort("torque"), "torque")
-    actuation = builder.GetSubsystemByName("actuation").get_output_port()
-    builder.ExportOutput(actuation, "actuation")
+    driver = builder.GetSubsystemByName("panda_driver")
+    builder.ExportOutput(driver.GetOutputPort("torque_measured"), "actuation")
     diagram = builder.Build()
     diagram.set_name("teaching_station")
     return diagram

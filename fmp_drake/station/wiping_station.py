@@ -180,10 +180,6 @@ def MakeWipingStation(
     for name in ("covariance", "weights", "component", "remaps", "phase"):
         if primitive.HasOutputPort(name):
             builder.ExportOutput(primitive.GetOutputPort(name), name)
-    actuation = builder.GetSubsystemByName("actuation")
-    builder.ExportOutput(actuation.get_output_port(), "actuation")
-    for name in ("covariance", "weights", "component", "remaps"):
-        builder.ExportOutput(primitive.GetOutputPort(name), name)
     driver = builder.GetSubsystemByName("panda_driver")
     builder.ExportOutput(driver.GetOutputPort("torque_measured"), "actuation")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")

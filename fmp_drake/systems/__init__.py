@@ -38,6 +38,7 @@ from fmp_drake.systems.page_controls import PageControls
 from fmp_drake.systems.page_status import PageStatus
 from fmp_drake.systems.panda.gating import GateConfig, GateMode
 from fmp_drake.systems.panda.reading import GateFault
+from fmp_drake.systems.panda.torque_gate import TorqueGate
 from fmp_drake.systems.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 from fmp_drake.systems.sensor_model import SensorModel
@@ -45,7 +46,6 @@ from fmp_drake.systems.spatial_force_sum import SpatialForceSum
 from fmp_drake.systems.surface_monitor import SurfaceMonitor
 from fmp_drake.systems.teaching.hand_motion import HandMotion, HandVariability
 from fmp_drake.systems.teaching.mouse_drag import BoardPlane, DragConfig
-from fmp_drake.systems.torque_gate import TorqueGate
 from fmp_drake.systems.trail_visualizer import TrailVisualizer
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations

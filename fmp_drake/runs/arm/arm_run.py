@@ -10,7 +10,7 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.runs.arm_bench import MOST_REPLAYED, undisturbed
+from fmp_drake.runs.arm.arm_bench import MOST_REPLAYED, undisturbed
 from fmp_drake.station.board_station import MakeSkillStation
 from fmp_drake.station.panda_driver import LcmPanda, OpenLcm
 from fmp_drake.station.scenario import Scenario
