@@ -121,16 +121,18 @@ def write_scenarios(folder: Path, replays: Path) -> None:
         file = replays / f"{name}.html"
         if not file.exists():
             skill, demonstrations, _ = scenario_skill(scenario)
+            panel = open_page()
             run = WipingRun(
                 scenario,
                 skill,
                 demonstrations=demonstrations,
-                meshcat=open_page(),
+                meshcat=panel.meshcat,
                 recording=True,
             )
             run.advance_to(REPLAYED)
             run.remove_controls()
-            file.write_text(run.html(REPLAYED), encoding="utf-8")
+            file.write_text(run.html(title=name), encoding="utf-8")
+            panel.close()
         lines += [name, "-" * len(name), "", scenario.description, ""]
         lines += [
             ".. raw:: html",
