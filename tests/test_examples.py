@@ -24,11 +24,11 @@ def run(capsys, monkeypatch, tmp_path):
     def run(name, *options):
         monkeypatch.chdir(tmp_path)
         monkeypatch.setattr(sys, "argv", [name, *options])
-        plt.close("all")
         runpy.run_path(str(EXAMPLES / name), run_name="__main__")
         return capsys.readouterr().out
 
-    return run
+    yield run
+    plt.close("all")
 
 
 def test_readme_and_examples_enter_by_the_front_doors():
