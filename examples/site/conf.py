@@ -63,6 +63,7 @@ sphinx_gallery_conf = {
     "gallery_dirs": ["gallery"],
     "filename_pattern": r"/\d\d_",
     "ignore_pattern": r"/site/",
+    "within_subsection_order": "FileNameSortKey",
     "min_reported_time": 1e9,
     "download_all_examples": False,
     "remove_config_comments": True,
@@ -111,9 +112,9 @@ def write_scenarios(folder: Path, replays: Path) -> None:
         "Scenarios",
         "=========",
         "",
-        f"{REPLAYED:.0f} seconds of each, to turn and to replay: open the controls at the",
-        "top right for time and speed. ``fmp-drake wipe --scenario NAME`` runs them for",
-        "as long as you like; ``fmp-drake scenarios`` lists them.",
+        f"{REPLAYED:.0f} seconds of each, to turn and to replay: the viewer's own settings have",
+        "time and speed. ``fmp-drake wipe --scenario NAME`` runs them for as long as you",
+        "like; ``fmp-drake scenarios`` lists them.",
         "",
     ]
     for name in ListScenarios():

@@ -249,7 +249,7 @@ def skill_rotations(skill: HasOrientation, values: ArrayLike) -> Rotation:
 def angular_velocity(vectors: ArrayLike, rates: ArrayLike) -> NDArray[np.float64]:
     """Return the angular velocity omega_BE in frame B.
 
-    omega = J_l(phi) dphi/dt, with the left Jacobian of SO(3)
+    omega = J_l(phi) dphi/dt, with the left Jacobian of SO(3)::
 
         J_l = I + (1 - cos a) / a^2 [phi]x + (a - sin a) / a^3 [phi]x^2,  a = |phi|,
 
