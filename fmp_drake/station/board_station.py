@@ -4,7 +4,6 @@ import numpy as np
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer
 
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive
@@ -17,13 +16,11 @@ from fmp_drake.station.panda_driver import (
 from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_scene import AddBoardScene, MakeArm
 from fmp_drake.station.parts.posture import SolvePosture
+from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
-
-_DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 
 
 def MakeBoardStation(
@@ -94,7 +91,7 @@ def MakeBoardStation(
         builder.Connect(driver.GetOutputPort("state"), controller.GetInputPort("state"))
         torque = controller.GetOutputPort("torque")
         builder.Connect(torque, driver.GetInputPort("torque"))
-    for name in (*_DESIRED, "desired_normal_force"):
+    for name in (*DESIRED, "desired_normal_force"):
         builder.ExportInput(controller.GetInputPort(name), name)
     if isinstance(config, LcmPanda):
         for name in ("wall_time", "go"):
@@ -132,29 +129,13 @@ def MakeSkillStation(
     """
     builder = DiagramBuilder()
     board = builder.AddSystem(MakeBoardStation(scenario, config, lcm=lcm))
-    plays = scenario.skill
-    primitive = FourierPrimitiveSystem(
-        skill,
-        sample=plays.sample,
-        seed=plays.seed,
-        push_threshold=plays.push_threshold,
-        push_dwell=plays.push_dwell,
-        margin=plays.margin if skill.paths_ else None,
-    )
-    builder.AddSystem(primitive)
-    builder.Connect(
-        board.GetOutputPort("measured_position"),
-        primitive.GetInputPort("measured_position"),
-    )
-    desired = builder.AddNamedSystem("desired_motion", Demultiplexer([3, 3, 3]))
-    builder.Connect(primitive.GetOutputPort("motion"), desired.get_input_port())
-    for i, name in enumerate(_DESIRED):
-        builder.Connect(desired.get_output_port(i), board.GetInputPort(name))
+    primitive, desired = AddSkillMotion(builder, skill, scenario.skill, board)
+    for i, name in enumerate(DESIRED):
         builder.ExportOutput(desired.get_output_port(i), name)
     builder.ExportInput(primitive.GetInputPort("tempo"), "tempo")
     for i in range(board.num_input_ports()):
         port = board.get_input_port(i)
-        if port.get_name() not in _DESIRED:
+        if port.get_name() not in DESIRED:
             builder.ExportInput(port, port.get_name())
     for i in range(board.num_output_ports()):
         output = board.get_output_port(i)

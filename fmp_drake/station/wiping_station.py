@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
+from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.station.parts.arm_controller import AddArmController
@@ -15,14 +15,12 @@ from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.external_forces import AddExternalForces
 from fmp_drake.station.parts.page_scene import AddPage, AddPageStatus, PagePorts
 from fmp_drake.station.parts.press_limit import CheckPress
+from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion
 from fmp_drake.station.parts.skill_paths import CheckPositions
 from fmp_drake.station.parts.surface_watch import AddSurfaceWatch
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.viewer.page_panel import PagePanel
-
-_DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 
 
 def MakeWipingStation(
@@ -119,25 +117,16 @@ def MakeWipingStation(
             candidates=plays.candidates,
             area=area,
         )
-    primitive = FourierPrimitiveSystem(
+    primitive, desired = AddSkillMotion(
+        builder,
         skill,
+        plays,
+        controller,
         tracker=tracker,
-        sample=plays.sample if sample is None else sample,
-        seed=plays.seed if seed is None else seed,
-        push_threshold=plays.push_threshold,
-        push_dwell=plays.push_dwell,
+        sample=sample,
+        seed=seed,
         choice=choice,
-        margin=plays.margin if skill.paths_ else None,
     )
-    builder.AddSystem(primitive)
-    measured = controller.GetOutputPort("measured_position")
-    builder.Connect(measured, primitive.GetInputPort("measured_position"))
-    # One evaluation of the motion for all of its parts.
-    desired = builder.AddSystem(Demultiplexer([3, 3, 3]))
-    desired.set_name("desired_motion")
-    builder.Connect(primitive.GetOutputPort("motion"), desired.get_input_port())
-    for order, name in enumerate(_DESIRED):
-        builder.Connect(desired.get_output_port(order), controller.GetInputPort(name))
     if choice is not None:
         builder.Connect(ink.GetOutputPort("ink"), primitive.GetInputPort("ink"))
     # Used where the impedance's configuration enables them.
@@ -154,7 +143,7 @@ def MakeWipingStation(
             scenario,
             meshcat=meshcat,
             primitive=primitive,
-            measured_position=measured,
+            measured_position=controller.GetOutputPort("measured_position"),
             ink=ink,
             demonstrated=demonstrated,
         )
@@ -175,7 +164,7 @@ def MakeWipingStation(
         builder, scene, scenario, others=[] if page.pull is None else [page.pull]
     )
 
-    for order, name in enumerate(_DESIRED):
+    for order, name in enumerate(DESIRED):
         builder.ExportOutput(desired.get_output_port(order), name)
     for name in ("covariance", "weights", "component", "remaps", "phase"):
         if primitive.HasOutputPort(name):

@@ -1,0 +1,66 @@
+"""The primitive that moves a robot, wired to it."""
+
+from typing import Any
+
+from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.primitives import Demultiplexer
+
+from fmp_drake.primitives import FourierMovementPrimitive, Tracker
+from fmp_drake.station.scenario_parts import SkillConfig
+from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.systems.ink.coverage_choice import CoverageChoice
+
+DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
+"""Inputs of a robot, and outputs of `AddSkillMotion`'s second system, in its order."""
+
+
+def AddSkillMotion(
+    builder: DiagramBuilder,
+    skill: FourierMovementPrimitive,
+    plays: SkillConfig,
+    robot: System,
+    *,
+    tracker: Tracker | None = None,
+    sample: bool | None = None,
+    seed: int | None = None,
+    choice: CoverageChoice | None = None,
+) -> tuple[FourierPrimitiveSystem, Any]:
+    """Add systems fourier_primitive and desired_motion, and let a robot follow them.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    skill : FourierMovementPrimitive
+        Fitted, of 3 position channels.
+    plays : SkillConfig
+        How it is played.
+    robot : System
+        With the output measured_position and the inputs `DESIRED`.
+    tracker, choice
+        As for `FourierPrimitiveSystem`.
+    sample, seed : optional
+        Instead of those of `plays`.
+
+    Returns
+    -------
+    FourierPrimitiveSystem, Demultiplexer
+    """
+    primitive = FourierPrimitiveSystem(
+        skill,
+        tracker=tracker,
+        sample=plays.sample if sample is None else sample,
+        seed=plays.seed if seed is None else seed,
+        push_threshold=plays.push_threshold,
+        push_dwell=plays.push_dwell,
+        choice=choice,
+        margin=plays.margin if skill.paths_ else None,
+    )
+    builder.AddSystem(primitive)
+    measured = robot.GetOutputPort("measured_position")
+    builder.Connect(measured, primitive.GetInputPort("measured_position"))
+    # One evaluation of the motion for all of its parts.
+    desired = builder.AddNamedSystem("desired_motion", Demultiplexer([3, 3, 3]))
+    builder.Connect(primitive.GetOutputPort("motion"), desired.get_input_port())
+    for order, name in enumerate(DESIRED):
+        builder.Connect(desired.get_output_port(order), robot.GetInputPort(name))
+    return primitive, desired
