@@ -231,14 +231,15 @@ def test_a_lost_contact_and_a_wall_are_seen_at_the_very_next_update():
 # The normal force.
 
 
-def normal_force_of(controller, height, force, wrench=None):
+def normal_force_of(controller, height, force, wrench=None, beside=0.0):
     """The force along −z of T that one more input asks for, N."""
     torques = []
     for wanted in (0.0, force):
         ports = {"desired_normal_force": np.array([wanted])}
         if wrench is not None:
             ports["feedforward_wrench"] = wrench
-        position = np.array([*start_pose().translation()[:2], height])
+        x, y, _ = start_pose().translation()
+        position = np.array([x + beside, y, height])
         context = context_of(controller, ports | {"desired_position": position})
         values = controller.EvalUniquePeriodicDiscreteUpdate(context)
         torques.append(values.value(0).copy())
@@ -258,6 +259,16 @@ def test_the_desired_normal_force_is_that_part_of_the_wrench():
         found = normal_force_of(controller, height, 8.0)
         assert_allclose(found, [0, 0, 0, 0, 0, wanted], atol=1e-6)
     assert_allclose(normal_force_of(controller, z, -3.0), 0.0, atol=1e-9)
+
+
+def test_far_beside_its_target_a_low_tool_is_lifted_and_a_high_one_comes_down():
+    config = ImpedanceConfig(max_torque_rate=1e9)
+    z = start_pose().translation()[2]
+    controller = make_controller(config, engage_height=100.0)
+    # Three times as far beside as the press rests, 1 mm and 30 cm over the surface.
+    low = normal_force_of(controller, z - 0.001, 8.0, beside=0.3)
+    high = normal_force_of(controller, z - 0.3, 8.0, beside=0.3)
+    assert low[5] < 0 < high[5]
 
 
 def part(height, engage_height):

@@ -66,7 +66,8 @@ class ForceControlConfig:
         is a protective stop.
     rest_distance : float
         Distance of the tool from its target along the surface from which on the press
-        fades; from twice as much on it rests, m.
+        fades; from twice as much on it rests, m. Both grow with the height over
+        `lift_height`.
     lift_height : float
         To which the tool is lifted there, m; higher where the target is farther away
         than the stiffness sees.

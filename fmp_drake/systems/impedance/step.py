@@ -184,7 +184,9 @@ def _next_torque(
         )
     surface, offset = memory.force.surface, X_TE.p - target.X.p
     height, rest = offset[2], config.force_control.rest_distance
-    near = engagement(math.hypot(offset[0], offset[1]) - rest, rest)
+    # A tool that is high comes down while it comes back, and hooks behind nothing.
+    high = max(height - config.force_control.lift_height, 0.0)
+    near = engagement(math.hypot(offset[0], offset[1]) - rest - high, rest)
     engaged = engagement(target.X.p[2], settings.engage_height)
     pressing = inputs.desired_normal_force * engaged * near
     searching = (
