@@ -15,6 +15,7 @@ flags that were seen.
 import argparse
 import json
 import sys
+from copy import copy
 from itertools import product
 
 import numpy as np
@@ -53,7 +54,9 @@ class Pushed:
     def _simulator(self, context):
         simulator = Simulator(self.station, context)
         if self.scenario.plant.time_step == 0:
-            ApplySimulatorConfig(self.scenario.simulator, simulator)
+            config = copy(self.scenario.simulator)
+            config.start_time = context.get_time()  # It would begin again at 0.
+            ApplySimulatorConfig(config, simulator)
         return simulator
 
     def _force(self, force_B, context):
