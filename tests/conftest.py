@@ -4,6 +4,7 @@ The skills are shared by all tests of a run: treat them as read-only.
 """
 
 import os
+import signal
 import subprocess
 import sys
 
@@ -14,6 +15,8 @@ os.environ["MPLBACKEND"] = "Agg"
 # run time of these tests.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# What a shell starts in the background ignores it, and so would all that tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from dataclasses import dataclass
 from pathlib import Path
