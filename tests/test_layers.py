@@ -164,16 +164,23 @@ assert not heavy & set(sys.modules)
 
 
 @pytest.mark.parametrize(
-    "name", [p.stem for p in (PACKAGE / "systems").glob("*.py") if p.stem != "__init__"]
+    "name",
+    [
+        f"{folder}.{path.stem}"
+        for folder in ("systems", "systems.page")
+        for path in (PACKAGE / folder.replace(".", "/")).glob("*.py")
+        if path.stem != "__init__"
+    ],
 )
 def test_every_module_of_systems_is_one_leaf_system_of_its_name(name):
-    module = importlib.import_module(f"fmp_drake.systems.{name}")
+    module = importlib.import_module(f"fmp_drake.{name}")
     systems = [
         each.__name__
         for _, each in inspect.getmembers(module, inspect.isclass)
         if issubclass(each, LeafSystem) and each.__module__ == module.__name__
     ]
-    assert systems == ["".join(word.capitalize() for word in name.split("_"))]
+    words = name.split(".")[-1].split("_")
+    assert systems == ["".join(word.capitalize() for word in words)]
 
 
 def test_no_folder_is_crowded():

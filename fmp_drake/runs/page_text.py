@@ -2,10 +2,10 @@
 
 from fmp_drake.runs.metrics import NEAR_FORCE
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.force_arrow import FORCE_COLOR
 from fmp_drake.systems.ink.colours import ink_colours
-from fmp_drake.systems.plan_visualizer import PLAN_COLOR, TUBE_COLOR
-from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
+from fmp_drake.systems.page.force_arrow import FORCE_COLOR
+from fmp_drake.systems.page.plan_visualizer import PLAN_COLOR, TUBE_COLOR
+from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.viewer.panel_fields import Kind, PanelFields
 from fmp_drake.systems.viewer.path_drawing import DEMONSTRATION_COLOR, css_color
 

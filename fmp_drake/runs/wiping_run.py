@@ -38,7 +38,7 @@ from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.wiping_station import MakeWipingStation
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
 from fmp_drake.systems.ink.recording import AddInkToRecording
-from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
+from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.viewer.page_panel import PagePanel, add_panel
 from fmp_drake.systems.viewer.path_recording import AddPathToRecording
 

@@ -33,8 +33,8 @@ from fmp_drake.settings import check_settings
 from fmp_drake.station.scenario_parts import SensorConfig
 from fmp_drake.systems.panda.gating import GateConfig, GateMode
 from fmp_drake.systems.panda.reading import JOINTS
-from fmp_drake.systems.panda.torque_gate import TorqueGate
 from fmp_drake.systems.sensor_model import SensorModel
+from fmp_drake.systems.torque_gate import TorqueGate
 
 
 @dataclass(kw_only=True)

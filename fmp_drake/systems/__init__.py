@@ -1,10 +1,9 @@
 """Drake systems: the primitive, an impedance controller, ink, people and visualizers.
 
-Every module directly in here is one LeafSystem of its name; the mathematics is in
-the folders below.
+Every module directly in here and in `page` is one LeafSystem of its name: what acts, and
+what only shows it. The mathematics is in the other folders.
 """
 
-from fmp_drake.systems.force_arrow import ForceArrow
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.human_hand import GripConfig, HumanHand
 from fmp_drake.systems.impedance.config import ImpedanceConfig
@@ -28,25 +27,26 @@ from fmp_drake.systems.ink.metrics import (
 )
 from fmp_drake.systems.ink.recording import AddInkToRecording
 from fmp_drake.systems.ink_board import InkBoard
-from fmp_drake.systems.ink_visualizer import InkVisualizer
 from fmp_drake.systems.joint_friction import JointFriction
 from fmp_drake.systems.mouse_hand import MouseHand
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
-from fmp_drake.systems.page_controls import PageControls
-from fmp_drake.systems.page_status import PageStatus
+from fmp_drake.systems.page.force_arrow import ForceArrow
+from fmp_drake.systems.page.ink_visualizer import InkVisualizer
+from fmp_drake.systems.page.page_controls import PageControls
+from fmp_drake.systems.page.page_status import PageStatus
+from fmp_drake.systems.page.plan_visualizer import PlanVisualizer
+from fmp_drake.systems.page.trail_visualizer import TrailVisualizer
 from fmp_drake.systems.panda.gating import GateConfig, GateMode
 from fmp_drake.systems.panda.reading import GateFault
-from fmp_drake.systems.panda.torque_gate import TorqueGate
-from fmp_drake.systems.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 from fmp_drake.systems.sensor_model import SensorModel
 from fmp_drake.systems.spatial_force_sum import SpatialForceSum
 from fmp_drake.systems.surface_monitor import SurfaceMonitor
 from fmp_drake.systems.teaching.hand_motion import HandMotion, HandVariability
 from fmp_drake.systems.teaching.mouse_drag import BoardPlane, DragConfig
-from fmp_drake.systems.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.torque_gate import TorqueGate
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 

@@ -10,7 +10,7 @@ from fmp_drake.apps.page import open_page
 from fmp_drake.runs.advancing import RunButtons
 from fmp_drake.runs.page_text import describe_page
 from fmp_drake.station import LoadScenario
-from fmp_drake.systems.page_controls import PageControls
+from fmp_drake.systems.page.page_controls import PageControls
 from fmp_drake.systems.viewer.page_panel import add_panel
 
 pytestmark = [pytest.mark.browser, needs_chromium]

@@ -17,7 +17,7 @@ from fmp_drake.station.parts.arm_controller import AddArmController
 from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.mouse import AddMousePull
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.systems.page_controls import PageControls
+from fmp_drake.systems.page.page_controls import PageControls
 
 pytestmark = [pytest.mark.browser, needs_chromium]
 

@@ -23,7 +23,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.force_arrow import ForceArrow
+from fmp_drake.systems.page.force_arrow import ForceArrow
 
 MASS = 2.0
 WEIGHT = MASS * 9.81

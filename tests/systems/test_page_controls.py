@@ -6,7 +6,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.page_controls import PageControls
+from fmp_drake.systems.page.page_controls import PageControls
 
 NAMES = {
     "tempo": "tempo",

@@ -9,7 +9,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems import StatusFlag
-from fmp_drake.systems.page_status import PageStatus, mode_in_words
+from fmp_drake.systems.page.page_status import PageStatus, mode_in_words
 from fmp_drake.systems.viewer.page_panel import PagePanel
 
 STOP = StatusFlag.PROTECTIVE_STOP

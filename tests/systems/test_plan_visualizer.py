@@ -9,7 +9,7 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems import plan_visualizer
-from fmp_drake.systems.plan_visualizer import PlanVisualizer, component_color
+from fmp_drake.systems.page.plan_visualizer import PlanVisualizer, component_color
 
 N = 5
 SIZES = {"plan": 3 * N, "plan_covariance": 9 * N, "component": 1}

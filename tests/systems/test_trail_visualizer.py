@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems import trail_visualizer
-from fmp_drake.systems.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.page.trail_visualizer import TrailVisualizer
 
 SPEED = np.array([0.0, 0.2, 0.1])
 

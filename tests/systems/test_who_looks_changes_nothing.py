@@ -9,12 +9,12 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 from rubbed_board import GRID, OUTPUTS, add_ink, make_plant
 
-from fmp_drake.systems.force_arrow import ForceArrow
-from fmp_drake.systems.ink_visualizer import InkVisualizer
-from fmp_drake.systems.page_controls import PageControls
-from fmp_drake.systems.page_status import PageStatus
-from fmp_drake.systems.plan_visualizer import PlanVisualizer
-from fmp_drake.systems.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.page.force_arrow import ForceArrow
+from fmp_drake.systems.page.ink_visualizer import InkVisualizer
+from fmp_drake.systems.page.page_controls import PageControls
+from fmp_drake.systems.page.page_status import PageStatus
+from fmp_drake.systems.page.plan_visualizer import PlanVisualizer
+from fmp_drake.systems.page.trail_visualizer import TrailVisualizer
 from fmp_drake.systems.viewer.page_panel import PagePanel
 
 PATHS = [np.eye(4, 3)]

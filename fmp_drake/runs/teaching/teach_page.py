@@ -5,7 +5,7 @@ from typing import Any
 from fmp_drake.runs.page_text import VIEW_HELP, describe_page
 from fmp_drake.runs.teaching.teaching_session import BUTTONS, TeachingSession
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
+from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import DEMONSTRATION_COLOR, css_color
 

@@ -20,7 +20,7 @@ from fmp_drake.station.parts.page_scene import BOARD
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.teaching_station import RATE, MakeTeachingStation
 from fmp_drake.systems.ink.grid import cleaned_fraction
-from fmp_drake.systems.trail_visualizer import TRAIL_COLOR
+from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations, draw_rod
 

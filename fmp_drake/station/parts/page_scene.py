@@ -12,15 +12,15 @@ from fmp_drake.station.parts.board_scene import BoardScene
 from fmp_drake.station.parts.mouse import AddMousePull
 from fmp_drake.station.parts.stage import SetStage
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.force_arrow import ForceArrow
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
 from fmp_drake.systems.ink_board import InkBoard
-from fmp_drake.systems.ink_visualizer import InkVisualizer
-from fmp_drake.systems.page_controls import PageControls
-from fmp_drake.systems.page_status import PageStatus
-from fmp_drake.systems.plan_visualizer import PlanVisualizer
-from fmp_drake.systems.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.page.force_arrow import ForceArrow
+from fmp_drake.systems.page.ink_visualizer import InkVisualizer
+from fmp_drake.systems.page.page_controls import PageControls
+from fmp_drake.systems.page.page_status import PageStatus
+from fmp_drake.systems.page.plan_visualizer import PlanVisualizer
+from fmp_drake.systems.page.trail_visualizer import TrailVisualizer
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 

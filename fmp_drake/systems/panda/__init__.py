@@ -1,1 +1,1 @@
-"""What goes to a real Panda and what comes from it: pure functions, and the gate."""
+"""What goes to a real Panda and what comes from it: pure functions."""

@@ -20,7 +20,7 @@ from fmp_drake.systems.impedance.status import (
     StatusFlag,
 )
 from fmp_drake.systems.ink.grid import cleaned_fraction
-from fmp_drake.systems.plan_visualizer import component_color
+from fmp_drake.systems.page.plan_visualizer import component_color
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import css_color
 
