@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive
@@ -13,7 +13,10 @@ from fmp_drake.station.panda_driver import (
     PandaConfig,
     SimulatedPanda,
 )
-from fmp_drake.station.parts.arm_controller import AddArmController
+from fmp_drake.station.parts.arm_controller import (
+    AddArmController,
+    AddNormalForceEstimator,
+)
 from fmp_drake.station.parts.board_scene import AddBoardScene, MakeArm
 from fmp_drake.station.parts.posture import SolvePosture
 from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion
@@ -31,13 +34,14 @@ def MakeBoardStation(
 ) -> Diagram:
     """Build a robot at a board, with its controller and without a skill.
 
-    Systems: panda_driver, controller; plant and scene_graph of a simulated arm.
+    Systems: panda_driver, controller, normal_force_estimator; plant and scene_graph of a simulated arm.
 
     Input ports: desired_position, desired_velocity, desired_acceleration (3,) in the frame
     B of the board, m, m/s, m/s^2; desired_normal_force (1,), N; and wall_time and go of
     an arm behind LCM. Output ports: measured_position, measured_velocity (3,) in B,
-    tracking_error (6,), status (6,), torque (7,) of the controller, and those of
-    `MakePandaDriver`.
+    tracking_error (6,), status (6,), torque (7,) of the controller; normal_force (1,), N, as
+    the arm's external torque tells it, over which an enabled `force_control` closes; and
+    those of `MakePandaDriver`.
 
     Parameters
     ----------
@@ -53,8 +57,10 @@ def MakeBoardStation(
         Where the scenario has values that do not fit, or the arm cannot reach the start.
     """
     builder = DiagramBuilder()
+    driver: System
     if isinstance(config, SimulatedPanda):
         scene = AddBoardScene(builder, scenario, start=scenario.start)
+        arm, tip, X_WA = scene.arm, scene.arm_tip, scene.X_WA
         controller = AddArmController(
             builder,
             scene,
@@ -91,6 +97,9 @@ def MakeBoardStation(
         builder.Connect(driver.GetOutputPort("state"), controller.GetInputPort("state"))
         torque = controller.GetOutputPort("torque")
         builder.Connect(torque, driver.GetInputPort("torque"))
+    force = AddNormalForceEstimator(builder, arm, tip, X_WA.rotation(), driver)
+    builder.Connect(force, controller.GetInputPort("normal_force"))
+    builder.ExportOutput(force, "normal_force")
     for name in (*DESIRED, "desired_normal_force"):
         builder.ExportInput(controller.GetInputPort(name), name)
     if isinstance(config, LcmPanda):

@@ -9,7 +9,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
-from fmp_drake.station.parts.arm_controller import AddArmController
+from fmp_drake.station.parts.arm_controller import (
+    AddArmController,
+    AddNormalForceEstimator,
+)
 from fmp_drake.station.parts.board_ink import AddInk
 from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.external_forces import AddExternalForces
@@ -46,7 +49,7 @@ def MakeWipingStation(
 
     Systems: plant, scene_graph, fourier_primitive, desired_motion, tempo, desired_normal_force,
     controller, panda_driver, ink_board, surface_monitor, status; where the scenario needs them
-    rail, rail_state, task_frame, task_frame_velocity, task_frame_acceleration,
+    normal_force_estimator, rail, rail_state, task_frame, task_frame_velocity, task_frame_acceleration,
     joint_friction, disturbances and spatial_force_sum; with a Meshcat those of `AddPage`,
     whose page_controls take the place of tempo and desired_normal_force; with a panel
     page_status.
@@ -129,11 +132,14 @@ def MakeWipingStation(
     )
     if choice is not None:
         builder.Connect(ink.GetOutputPort("ink"), primitive.GetInputPort("ink"))
+    driver = builder.GetSubsystemByName("panda_driver")
+    normal_force = ink.GetOutputPort("normal_force")
+    if scenario.press.sensor == "torque":
+        normal_force = AddNormalForceEstimator(
+            builder, scene.arm, scene.arm_tip, scene.X_WA.rotation(), driver
+        )
     # Used where the impedance's configuration enables them.
-    for port in (
-        ink.GetOutputPort("normal_force"),
-        primitive.GetOutputPort("covariance"),
-    ):
+    for port in (normal_force, primitive.GetOutputPort("covariance")):
         builder.Connect(port, controller.GetInputPort(port.get_name()))
     page = PagePorts()
     if meshcat is not None:
@@ -169,7 +175,6 @@ def MakeWipingStation(
     for name in ("covariance", "weights", "component", "remaps", "phase"):
         if primitive.HasOutputPort(name):
             builder.ExportOutput(primitive.GetOutputPort(name), name)
-    driver = builder.GetSubsystemByName("panda_driver")
     builder.ExportOutput(driver.GetOutputPort("torque_measured"), "actuation")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
     status = controller.GetOutputPort("status")

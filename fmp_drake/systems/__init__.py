@@ -29,6 +29,7 @@ from fmp_drake.systems.ink.recording import AddInkToRecording
 from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.joint_friction import JointFriction
 from fmp_drake.systems.mouse_hand import MouseHand
+from fmp_drake.systems.normal_force_estimator import NormalForceEstimator
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -78,6 +79,7 @@ __all__ = [
     "JointWallConfig",
     "MissedSpots",
     "MouseHand",
+    "NormalForceEstimator",
     "OperationalSpaceImpedanceController",
     "PageControls",
     "PagePanel",

@@ -19,6 +19,7 @@ COMMON = {
     "measured_position": 3,
     "measured_velocity": 3,
     "tracking_error": 6,
+    "normal_force": 1,
     "status": 6,
     "torque": 7,
     "state": 14,

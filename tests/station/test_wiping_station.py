@@ -454,3 +454,22 @@ def test_controller_never_holds_while_it_wipes(wiped):
     assert not np.any(flags & int(bad))
     # It does say something: the torque's rate is limited when the arm starts.
     assert np.any(flags)
+
+
+def test_the_press_may_be_closed_over_the_arms_external_torque(bundled_skill):
+    scenario = LoadScenario("table_top")
+    scenario.impedance.force_control.enabled = True
+    scenario.press.sensor = "torque"
+    station = MakeWipingStation(scenario, bundled_skill, start=[0.0, 0.0, 0.005])
+    simulator = Simulator(station)
+    simulator.AdvanceTo(1.0)
+    context = simulator.get_context()
+    estimator = station.GetSubsystemByName("normal_force_estimator")
+    felt = estimator.GetOutputPort("normal_force").Eval(
+        estimator.GetMyContextFromRoot(context)
+    )
+    force = station.GetOutputPort("normal_force").Eval(context)
+    assert force[0] == pytest.approx(scenario.press.force, abs=1.0)
+    assert felt[0] == pytest.approx(force[0], abs=1e-3)
+    status = station.GetOutputPort("status").Eval(context)
+    assert int(status[0]) & StatusFlag.FORCE_CONTROL

@@ -3,13 +3,17 @@
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.math import RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, MatrixGain
 
 from fmp_drake.station.panda_driver import MakePandaDriver, SimulatedPanda
 from fmp_drake.station.parts.board_scene import BoardScene
 from fmp_drake.station.scenario_parts import SensorConfig
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.normal_force_estimator import NormalForceEstimator
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -63,6 +67,25 @@ def AddArmController(
     builder.Connect(driver.GetOutputPort("state"), controller.GetInputPort("state"))
     _AddBoardFrame(builder, scene, controller)
     return controller
+
+
+def AddNormalForceEstimator(
+    builder: DiagramBuilder,
+    arm: MultibodyPlant,
+    tip: Frame,
+    R_WT: RotationMatrix,
+    driver: System,
+) -> OutputPort:
+    """Measure the normal force by the external torque of a `MakePandaDriver`.
+
+    System: normal_force_estimator.
+    """
+    estimator = builder.AddSystem(
+        NormalForceEstimator(arm, end_effector=tip, R_WT=R_WT)
+    )
+    for name in ("state", "torque_external"):
+        builder.Connect(driver.GetOutputPort(name), estimator.GetInputPort(name))
+    return estimator.get_output_port()
 
 
 def _AddBoardFrame(

@@ -83,6 +83,11 @@ class ArmModel:
             self._world,
         )
 
+    def jacobian(self, plant_context: Context, state: Array) -> Array:
+        """Return J of V_WE, shape (6, n), at a finite state, shape (2n,)."""
+        self._plant.SetPositionsAndVelocities(plant_context, state)
+        return self._jacobian(plant_context)
+
     def pose(self, plant_context: Context, state: Array) -> Pose:
         """Return X_WE at a state, shape (2n,); NaN where it is not finite."""
         if not _is_finite(state):
