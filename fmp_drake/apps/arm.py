@@ -4,21 +4,29 @@ import json
 from pathlib import Path
 
 import click
-import numpy as np
 
-from fmp_drake.apps.options import PATH
+from fmp_drake.apps.arm_console import arm_config
+from fmp_drake.apps.options import PATH, arm_option
 from fmp_drake.apps.page import make_console
 from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.files import check_writable, write_text
-from fmp_drake.runs import ArmBench, NetworkFaults
-from fmp_drake.station import LoadScenario
+from fmp_drake.runs import (
+    ArmBench,
+    NetworkFaults,
+    default_demonstration,
+    load_on_board,
+)
+from fmp_drake.station import LcmPanda, LoadScenario
 from fmp_drake.station.panda_driver import OpenLcm
+from fmp_drake.station.parts.hands import SimulatedHand
+from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion, Task
 
 
 @click.command()
 @click.option("--scenario", default="table_top", show_default=True, help="As for wipe.")
-@click.option("--lcm", "url", default="", help="URL of LCM [default: LCM's own].")
-@click.option("--duration", type=float, default=3600.0, help="Seconds.")
+@arm_option("What to be taken for.")
+@click.option("--hand", type=click.Choice(TASKS), help="A simulated person guides it.")
+@click.option("--duration", type=float, default=600.0, help="Seconds.")
 @click.option("--drop", type=float, default=0.0, help="Fraction of lost messages.")
 @click.option("--reorder", type=float, default=0.0, help="Of messages that overtake.")
 @click.option(
@@ -29,7 +37,8 @@ from fmp_drake.station.panda_driver import OpenLcm
 @click.option("--report", type=PATH, help="Write what was measured (.json).")
 def arm(
     scenario: str,
-    url: str,
+    arm: str | None,
+    hand: Task | None,
     duration: float,
     drop: float,
     reorder: float,
@@ -44,22 +53,33 @@ def arm(
     """
     console = make_console()
     check_writable(report)
-    bus = OpenLcm(url)
+    config = LcmPanda() if arm is None else arm_config(arm)
+    bus, scene = OpenLcm(config.url), LoadScenario(scenario)
     faults = NetworkFaults(
         drop=drop, reorder=reorder, corrupt=corrupt, jitter=jitter, seed=seed
     )
-    bench = ArmBench(LoadScenario(scenario), bus, faults=faults)
+    demonstrations, _ = load_on_board(
+        [default_demonstration(scene.skill.demonstration)],
+        scenario=scene,
+        transform=None,
+        stretch=1.0,
+    )
+    guide = None
+    if hand is not None:
+        guide = SimulatedHand(HandMotion.make(hand, seconds=duration + 1, seed=seed))
+    bench = ArmBench(
+        scene,
+        bus,
+        arm=config,
+        faults=faults,
+        hand=guide,
+        demonstrated=[each.values for each in demonstrations],
+    )
     console.print("a simulated arm sends PANDA_STATUS; Ctrl-C ends it")
     try:
         bench.play(duration)
     finally:
-        metrics = {
-            **{f"{each.name.lower()}_ms": n for each, n in bench.obeyed.items()},
-            "greatest_step": bench.greatest_step,
-            "cleaned_fraction": float(bench.output("cleaned_fraction")[0]),
-            "normal_force": float(bench.output("normal_force")[0]),
-            "greatest_speed": float(np.max(np.abs(bench.output("state")[7:]))),
-        }
+        metrics = bench.metrics()
         for name, value in metrics.items():
             console.print(f"{name}: {value}")
         if report is not None:

@@ -21,6 +21,15 @@ host_option = click.option(
 )
 
 
+def arm_option(text: str) -> Callable[..., Any]:
+    """Return the option that names an arm which is not simulated here."""
+    return click.option(
+        "--arm",
+        metavar="lcm[:URL]",
+        help=f"{text} The arm that speaks LCM messages, or that of a YAML file.",
+    )
+
+
 def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options that say what files do not: the command gets them as `reading`."""
 

@@ -6,9 +6,10 @@ from pathlib import Path
 import click
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.apps.options import PATH, host_option
+from fmp_drake.apps.arm_console import arm_config, guide_arm
+from fmp_drake.apps.options import PATH, arm_option, host_option
 from fmp_drake.apps.page import make_console, open_page, show_progress
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import FmpError, RunError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.advancing import advance
@@ -33,6 +34,9 @@ _SETTLE = 2.0
 @click.option(
     "--page", is_flag=True, help="Show the teaching in Meshcat, in real time."
 )
+@arm_option(
+    "A person guides an arm, at most for these minutes, instead of a simulation."
+)
 @host_option
 def record(
     task: Task,
@@ -41,14 +45,27 @@ def record(
     out: Path,
     scenario: str,
     page: bool,
+    arm: str | None,
     host: str,
 ) -> None:
-    """Record a demonstration: a simulated person guides the arm over the board."""
+    """Record a demonstration: a simulated person guides the arm over the board.
+
+    Or, with --arm, a person a real one.
+    """
     console = make_console()
     check_writable(out)
     check_number(minutes, "minutes", above=0, error=FmpError)
     check_number(seed, "seed", least=0, error=FmpError)
     seconds = 60 * minutes
+    if arm is not None:
+        if page:
+            raise RunError(
+                "of an arm that is recorded there is no page; leave out --page."
+            )
+        shown = guide_arm(console, LoadScenario(scenario), arm_config(arm), seconds)
+        shown.save(out)
+        console.print(f"wrote {out}")
+        return
     motion = HandMotion.make(task, seconds=_SETTLE + seconds + 1, seed=seed)
     panel = open_page(console, title=scenario, host=host) if page else None
     meshcat = None if panel is None else panel.meshcat

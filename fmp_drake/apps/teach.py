@@ -1,19 +1,23 @@
 """`fmp-drake teach`."""
 
 from itertools import count
+from math import inf
 from pathlib import Path
 
 import click
 
-from fmp_drake.apps.options import PATH, host_option
+from fmp_drake.apps.arm_console import arm_config, guide_arm, wipe_with_arm
+from fmp_drake.apps.options import PATH, arm_option, host_option
 from fmp_drake.apps.page import make_console, open_page
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import FmpError, StationError
 from fmp_drake.numeric import check_number
+from fmp_drake.primitives import save_skill
 from fmp_drake.primitives.data.files import check_writable
-from fmp_drake.runs.skills import scenario_skill
+from fmp_drake.runs.skills import learn_skill, scenario_skill
 from fmp_drake.runs.teaching.teach_page import TeachPage
 from fmp_drake.runs.teaching.teaching_session import TeachingSession
 from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.station import CheckFeasibility
 from fmp_drake.station.parts.hands import MouseOnPage
 from fmp_drake.station.scenario import LoadScenario
 
@@ -44,17 +48,40 @@ _STRETCH, _TEXT = 0.1, 1.0
     help="Skill (.npz) to write with the button save.",
 )
 @click.option("--duration", type=float, help="End after so many seconds.")
+@arm_option("Guide an arm, for --duration or until Enter; it learns, and wipes on.")
 @host_option
 def teach(
-    scenario: str, out: Path, skill_file: Path, duration: float | None, host: str
+    scenario: str,
+    out: Path,
+    skill_file: Path,
+    duration: float | None,
+    arm: str | None,
+    host: str,
 ) -> None:
-    """Teach the arm with the mouse: drag it on the page, press learn, and it wipes on."""
+    """Teach the arm with the mouse: drag it on the page, press learn, and it wipes on.
+
+    Or, with --arm, a real one by hand.
+    """
     console = make_console()
     for target in (out, skill_file):
         check_writable(target)
     if duration is not None:
         check_number(duration, "duration", above=0, unit="s", error=FmpError)
     scene = LoadScenario(scenario)
+    if arm is not None:
+        config = arm_config(arm)
+        shown = guide_arm(console, scene, config, duration or inf)
+        shown.save(out)
+        skill = learn_skill(
+            [shown], window=scene.skill.window, components=scene.skill.components
+        )
+        save_skill(skill, skill_file)
+        console.print(f"wrote {out} and {skill_file}")
+        found = CheckFeasibility(scene, skill)
+        if not found.is_feasible:
+            raise StationError(found.verdict)
+        wipe_with_arm(console, scene, skill, config, inf)
+        return
     with console.status("compiling, once"):
         skill, _, _ = scenario_skill(scene)
         WipingRun(scene, skill).advance_to(0.01)

@@ -10,7 +10,13 @@ from typing import Any
 import click
 
 from fmp_drake.apps.arm_console import arm_config, wipe_with_arm
-from fmp_drake.apps.options import PATH, host_option, scene_options, skill_options
+from fmp_drake.apps.options import (
+    PATH,
+    arm_option,
+    host_option,
+    scene_options,
+    skill_options,
+)
 from fmp_drake.apps.page import make_console, open_page, show_progress, track_frames
 from fmp_drake.apps.report import print_report
 from fmp_drake.errors import FmpError, RunError, StationError
@@ -22,6 +28,7 @@ from fmp_drake.plots.outputs import check_picture
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.runs.advancing import advance
+from fmp_drake.runs.arm.real_time import take_precedence
 from fmp_drake.runs.log import check_log
 from fmp_drake.runs.signals import SIGNALS
 from fmp_drake.runs.skill_words import model_in_words
@@ -92,14 +99,20 @@ _PARTS = list(vars(ShowConfig()))
 @click.option(
     "--graphviz", type=PATH, help="Write a picture of the diagram (.svg, .png, .dot)."
 )
-@click.option(
-    "--arm",
-    metavar="lcm[:URL]",
-    help="Move a real arm, or `fmp-drake arm`, by LCM messages; or a YAML file.",
-)
+@arm_option("Move a real arm, or `fmp-drake arm`.")
 @click.option("--no-torque", is_flag=True, help="With --arm: send zeros only.")
 @click.option(
     "--go", is_flag=True, help="With --arm: begin without asking; never at a real arm."
+)
+@click.option(
+    "--controls",
+    is_flag=True,
+    help="With --arm: let the page change tempo and normal force.",
+)
+@click.option(
+    "--real-time",
+    is_flag=True,
+    help="With --arm: run before all other programs (SCHED_FIFO, locked memory).",
 )
 @host_option
 @skill_options
@@ -128,6 +141,8 @@ def wipe(
     arm: str | None,
     no_torque: bool,
     go: bool,
+    controls: bool,
+    real_time: bool,
     host: str,
     **learning: Any,
 ) -> None:
@@ -145,8 +160,11 @@ def wipe(
     check_number(rate, "rate", least=0, error=FmpError)
     if seed is not None:
         check_number(seed, "seed", least=0, error=FmpError)
-    if arm is None and (no_torque or go):
-        raise RunError("--no-torque and --go are for an arm; name it with --arm.")
+    if arm is None and any((no_torque, go, controls, real_time)):
+        raise RunError(
+            "--no-torque, --go, --controls and --real-time are for an arm; name it with "
+            "--arm."
+        )
     if arm is not None and any((html, video, plot, log, graphviz)):
         raise RunError(
             "of an arm there is only a --report; leave out --html, --video, --plot, "
@@ -179,16 +197,31 @@ def wipe(
         raise StationError(f"{found.verdict} Or run it all the same with --force.")
     console.print(found.verdict)
 
-    if arm is not None:
-        config = arm_config(arm, dry=no_torque)
-        wipe_with_arm(console, scene, skill, config, duration, go=go, report=report)
-        return
-
+    config = None if arm is None else arm_config(arm, dry=no_torque)
     title = Path(scenario).stem
     panel = meshcat = None
     if html or not headless:
         panel = open_page(None if headless else console, title=title, host=host)
         meshcat = panel.meshcat
+    if config is not None:
+        # A real arm's page shows, and touches only what it is told to.
+        scene.show.ink = scene.show.force = scene.show.mouse = False
+        scene.show.controls = controls
+        for refused in take_precedence() if real_time else ():
+            console.print(refused)
+        wipe_with_arm(
+            console,
+            scene,
+            skill,
+            config,
+            duration,
+            go=go,
+            panel=panel,
+            demonstrations=demonstrations,
+            report=report,
+        )
+        return
+
     run = WipingRun(
         scene,
         skill,

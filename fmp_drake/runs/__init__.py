@@ -3,6 +3,7 @@
 from fmp_drake.runs.advancing import RunButtons, advance
 from fmp_drake.runs.arm.arm_bench import ArmBench, NetworkFaults
 from fmp_drake.runs.arm.arm_run import ArmRun
+from fmp_drake.runs.arm.listening import check_arm, record_arm
 from fmp_drake.runs.context_file import load_context, save_context
 from fmp_drake.runs.log import RunLog, Signal
 from fmp_drake.runs.run_event import RunEvent
@@ -30,10 +31,12 @@ __all__ = [
     "WipingRun",
     "advance",
     "bundled_demonstrations",
+    "check_arm",
     "default_demonstration",
     "learn_skill",
     "load_context",
     "load_on_board",
+    "record_arm",
     "save_context",
     "scenario_skill",
 ]

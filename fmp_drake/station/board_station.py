@@ -1,6 +1,11 @@
 """A robot at a board, and a skill on it, whatever the robot is."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
@@ -18,12 +23,14 @@ from fmp_drake.station.parts.arm_controller import (
     AddNormalForceEstimator,
 )
 from fmp_drake.station.parts.board_scene import AddBoardScene, MakeArm
+from fmp_drake.station.parts.measured_arm import AddMeasuredArm
 from fmp_drake.station.parts.posture import SolvePosture
 from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
+from fmp_drake.systems.page.page_controls import PageControls
 
 
 def MakeBoardStation(
@@ -48,6 +55,7 @@ def MakeBoardStation(
     scenario : Scenario
         Of a board that stands still, where the arm is not simulated.
     config : SimulatedPanda, LcmPanda or ReplayPanda
+        Behind LCM the law has the period of its gate.
     lcm : DrakeLcmInterface, optional
         As for `MakePandaDriver`.
 
@@ -82,11 +90,14 @@ def MakeBoardStation(
         posture = SolvePosture(
             arm, frame=tip, X_WE=X_WA @ X_AE, q_preferred=scenario.posture
         )
+        impedance = scenario.impedance
+        if isinstance(config, LcmPanda):
+            impedance = replace(impedance, control_period=config.gate.period)
         controller = OperationalSpaceImpedanceController(
             arm,
             end_effector=tip,
             X_WT=X_WA,
-            config=scenario.impedance,
+            config=impedance,
             q_posture=posture,
             engage_height=scenario.press.engage_height,
         )
@@ -121,13 +132,17 @@ def MakeSkillStation(
     config: PandaConfig,
     *,
     lcm: DrakeLcmInterface | None = None,
+    meshcat: Meshcat | None = None,
+    demonstrated: Sequence[NDArray[np.float64]] = (),
 ) -> Diagram:
     """Build a robot that plays a skill at a board, without ink.
 
     Systems: board_station, fourier_primitive, desired_motion. Input ports: tempo,
     desired_normal_force and, behind LCM, wall_time and go. Output ports: desired_position,
     desired_velocity, desired_acceleration, and those of `MakeBoardStation`. As nobody
-    knows the ink, samples are not chosen by it.
+    knows the ink, samples are not chosen by it. With a Meshcat those of `AddMeasuredArm`, and
+    where the scenario shows controls page_controls, whose outputs page_tempo (1,) and
+    page_normal_force (1,) move nothing by themselves.
 
     Parameters
     ----------
@@ -135,10 +150,30 @@ def MakeSkillStation(
         As for `MakeBoardStation`.
     skill : FourierMovementPrimitive
         Fitted, of 3 position channels in the frame of the board, m.
+    meshcat : Meshcat, optional
+        Where to show the arm as it is measured.
+    demonstrated : sequence of ndarray, shape (N, 3)
+        Paths in B to show, m.
     """
     builder = DiagramBuilder()
     board = builder.AddSystem(MakeBoardStation(scenario, config, lcm=lcm))
     primitive, desired = AddSkillMotion(builder, skill, scenario.skill, board)
+    if meshcat is not None:
+        AddMeasuredArm(
+            builder,
+            scenario,
+            robot=board,
+            primitive=primitive,
+            meshcat=meshcat,
+            demonstrated=demonstrated,
+        )
+        if scenario.show.controls:
+            controls = PageControls(
+                meshcat, tempo=scenario.skill.tempo, normal_force=scenario.press.force
+            )
+            builder.AddSystem(controls)
+            for name in ("tempo", "normal_force"):
+                builder.ExportOutput(controls.GetOutputPort(name), f"page_{name}")
     for i, name in enumerate(DESIRED):
         builder.ExportOutput(desired.get_output_port(i), name)
     builder.ExportInput(primitive.GetInputPort("tempo"), "tempo")

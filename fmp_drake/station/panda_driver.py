@@ -29,7 +29,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from fmp_drake.errors import StationError
 from fmp_drake.primitives.data.files import read_npz
-from fmp_drake.settings import check_settings
+from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.scenario_parts import SensorConfig
 from fmp_drake.systems.panda.gating import GateConfig, GateMode
 from fmp_drake.systems.panda.reading import JOINTS
@@ -63,6 +63,9 @@ class LcmPanda:
     url : str
         Of LCM; empty for its own default.
     status_channel, command_channel : str
+    pace : float
+        Of a simulated arm that cannot keep up: seconds of the clock of its messages per
+        second. Both sides must be given the same one; what a real arm says is then stale.
     gate : GateConfig
         What may be sent.
 
@@ -75,6 +78,7 @@ class LcmPanda:
     url: str = ""
     status_channel: str = "PANDA_STATUS"
     command_channel: str = "PANDA_COMMAND"
+    pace: float = bounded(1.0, above=0, most=1)
     gate: GateConfig = field(default_factory=GateConfig)
 
 

@@ -64,7 +64,7 @@ def MakeTeachingStation(
     position = controller.GetOutputPort("measured_position")
     LogVectorOutput(position, builder, 1 / RATE).set_name("recorder")
     if meshcat is not None:
-        AddBodies(builder, scene, scenario, meshcat)
+        AddBodies(builder, scene.scene_graph, scenario, meshcat)
     builder.ExportOutput(position, "position")
     builder.ExportOutput(leading, "leading")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")

@@ -35,6 +35,8 @@ from fmp_drake.systems.panda.reading import (
 
 # Groups of the discrete state.
 _TORQUE, _GATE, _READING = range(3)
+# In the second.
+_STATUS_TIME = 2
 
 
 class TorqueGate(LeafSystem):
@@ -172,9 +174,10 @@ class TorqueGate(LeafSystem):
     def _seen(self, context: Context) -> Any:
         """Return the numbers of the last good status."""
         reading = cast(ArmReading, self._reading.Eval(context))
-        if reading.is_finite and reading.time >= self._state(context).status_time:
+        discrete = context.get_discrete_state()
+        if reading.is_finite and reading.time >= discrete.value(_GATE)[_STATUS_TIME]:
             return np.concatenate(reading[1:4])
-        return context.get_discrete_state().value(_READING)
+        return discrete.value(_READING)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         wall_time: Any = self._wall_time.Eval(context)
@@ -193,8 +196,10 @@ class TorqueGate(LeafSystem):
         values.set_value(_GATE, rest)
 
     def _publish(self, context: Context) -> None:
+        if self._send is None:
+            return
         state = self._state(context)
-        if self._send is not None and state.is_live:
+        if state.is_live:
             self._send(torque_command(state.torque, state.stamp).encode())
 
     def _calc_seen(self, part: slice, context: Context, output: BasicVector) -> None:
@@ -205,4 +210,5 @@ class TorqueGate(LeafSystem):
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
         wall_time: Any = self._wall_time.Eval(context)
-        output.SetFromVector(wall_time - self._state(context).status_time)
+        gate = context.get_discrete_state().value(_GATE)
+        output.SetAtIndex(0, wall_time[0] - gate[_STATUS_TIME])

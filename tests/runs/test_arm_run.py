@@ -9,6 +9,7 @@ from pydrake.lcm import DrakeLcm
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs import ArmBench, ArmRun, NetworkFaults
+from fmp_drake.runs.arm.real_time import WallClock
 from fmp_drake.station import LcmPanda, LoadScenario, models_dir
 from fmp_drake.systems import GateConfig, GateFault, GateMode
 from fmp_drake.systems.panda.firmware import Obeyed
@@ -146,19 +147,20 @@ def test_a_dry_run_moves_nothing(skill):
 # In the time of a wall clock ---------------------------------------------------------
 
 
-class Clock:
+class Clock(WallClock):
     """A clock that a run may sleep on; the arm is stepped with it."""
 
     def __init__(self, loop):
-        self.loop, self.now, self.steps = loop, NOW + 1e-3 * loop.ticks, []
+        super().__init__()
+        self.loop, self.time, self.steps = loop, NOW + 1e-3 * loop.ticks, []
 
-    def __call__(self):
-        return self.now
+    def now(self):
+        return self.time
 
     def sleep(self, seconds):
         assert 0 < seconds <= 0.001 + 1e-6
-        self.now += seconds
-        self.loop.bench.step(self.now)
+        self.time += seconds
+        self.loop.bench.step(self.time)
 
 
 class Broken(Exception):
@@ -172,7 +174,7 @@ def test_whatever_ends_a_run_torque_goes_to_zero_at_its_rate(skill, end):
     number = getattr(signal, end, None)
 
     def operator(_run):
-        clock.steps.append(clock.now)
+        clock.steps.append(clock.time)
         if len(clock.steps) == 5:
             if number is None:
                 raise Broken
@@ -180,10 +182,10 @@ def test_whatever_ends_a_run_torque_goes_to_zero_at_its_rate(skill, end):
 
     assert np.max(np.abs(loop.sent[-1])) > 0.9
     with pytest.raises(Broken if number is None else KeyboardInterrupt):
-        loop.run.play(1.0, operator, clock=clock, sleep=clock.sleep)
+        loop.run.play(1.0, operator, clock=clock)
     assert 5 <= len(clock.steps) < 8
     for _ in range(2):
-        loop.bench.step(clock.now)
+        loop.bench.step(clock.time)
     assert not np.any(loop.bench.commanded)
     assert loop.bench.greatest_step <= 0.9 + 1e-9
 
@@ -193,13 +195,13 @@ def test_after_a_pause_no_more_than_ten_milliseconds_are_made_up_for(skill):
     clock = Clock(loop)
 
     def operator(_run):
-        clock.steps.append(clock.now)
+        clock.steps.append(clock.time)
         if len(clock.steps) == 3:
-            clock.now += 1.0
+            clock.time += 1.0
         if len(clock.steps) == 10:
-            clock.now += 0.008
+            clock.time += 0.008
 
-    loop.run.play(1.05, operator, clock=clock, sleep=clock.sleep)
+    loop.run.play(1.05, operator, clock=clock)
     at_once = np.diff(clock.steps) < 1e-6
     assert 5 <= np.sum(at_once) <= 10
     assert loop.run.skipped == pytest.approx(0.999, abs=0.002)

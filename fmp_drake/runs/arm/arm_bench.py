@@ -1,26 +1,26 @@
 """A simulated arm that speaks a real one's messages: a test bench, not a robot."""
 
-import gc
-import signal
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import FrameType
 from typing import Any
 
 import numpy as np
 from drake import lcmt_panda_command, lcmt_panda_status
+from numpy.typing import NDArray
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 
 from fmp_drake.errors import RunError
+from fmp_drake.runs.arm.real_time import WallClock, undisturbed
+from fmp_drake.runs.ink_metrics import ink_metrics
+from fmp_drake.runs.metrics import ForceMetrics, Metrics, Samples
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.panda_driver import LcmPanda, RawSerializer
 from fmp_drake.station.parts.board_ink import AddInk
 from fmp_drake.station.parts.board_scene import AddBoardScene
+from fmp_drake.station.parts.hands import TeachingHand
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.panda.firmware import (
     FirmwareConfig,
@@ -31,8 +31,8 @@ from fmp_drake.systems.panda.firmware import (
 from fmp_drake.systems.panda.reading import JOINTS, decode
 
 PERIOD = 0.001
-# What is made up for after a pause, at most, s.
-MOST_REPLAYED = 0.01
+# Steps between two samples of the normal force.
+_SELDOM = 10
 
 
 @dataclass(kw_only=True)
@@ -68,10 +68,14 @@ class ArmBench:
     scenario : Scenario
     lcm : DrakeLcmInterface
         The bus; it must outlive the bench.
-    channels : LcmPanda, optional
-        Whose channels are used.
+    arm : LcmPanda, optional
+        What it is taken for: its channels, and the pace of its clock.
     faults : NetworkFaults, optional
     firmware : FirmwareConfig, optional
+    hand : TeachingHand, optional
+        Somebody who guides it: then no torque moves it.
+    demonstrated : sequence of ndarray, shape (N, 3)
+        Paths in B over what should be cleaned, m; all of the board by default.
 
     Attributes
     ----------
@@ -81,10 +85,13 @@ class ArmBench:
         The last torque that was followed, Nm.
     greatest_step : float
         Greatest change of a commanded torque per millisecond of the commands' stamps, Nm.
+    ages : list of float
+        Of each command when it was first seen, s.
 
     Examples
     --------
-    >>> from pydrake.lcm import DrakeLcm
+    >>> from numpy.typing import NDArray
+    from pydrake.lcm import DrakeLcm
     >>> bus = DrakeLcm("memq://")
     >>> bench = ArmBench(Scenario(), bus)
     >>> bench.step(1.7e9)
@@ -97,19 +104,35 @@ class ArmBench:
         scenario: Scenario,
         lcm: DrakeLcmInterface,
         *,
-        channels: LcmPanda | None = None,
+        arm: LcmPanda | None = None,
         faults: NetworkFaults | None = None,
         firmware: FirmwareConfig | None = None,
+        hand: TeachingHand | None = None,
+        demonstrated: Sequence[NDArray[np.float64]] = (),
     ) -> None:
         self._lcm = lcm
-        self._channels = channels or LcmPanda()
+        self._channels = arm or LcmPanda()
         self._firmware = firmware or FirmwareConfig()
         check_settings(self._firmware, RunError)
         self.set_faults(faults or NetworkFaults())
         self._line: list[tuple[float, bytes]] = []
         builder = DiagramBuilder()
-        scene = AddBoardScene(builder, scenario, start=scenario.start)
+        start = scenario.start
+        if hand is not None and hand.start is not None:
+            start = hand.start
+        scene = AddBoardScene(builder, scenario, start=start)
+        plant = scene.plant
+        if hand is not None:
+            forces, _ = hand.AddTo(builder, scene, scenario)
+            builder.Connect(forces, plant.GetInputPort("applied_spatial_force"))
+        self._is_guided = hand is not None
         ink = AddInk(builder, scene, scenario)
+        self._grid, self._initial_ink = ink.grid, ink.initial_ink
+        self._area = np.full(ink.grid.shape, not demonstrated)
+        for path in demonstrated:
+            x, y = scenario.eraser.footprint
+            self._area |= ink.grid.swept_area(path, (x, y))
+        self._force = ForceMetrics(scenario.press.force)
         bus = LcmInterfaceSystem(lcm)
         builder.AddSystem(bus)
         command = LcmSubscriberSystem(
@@ -118,13 +141,13 @@ class ArmBench:
             lcm=bus,
         )
         builder.AddNamedSystem("command", command)
-        plant = scene.plant
         builder.ExportInput(plant.get_actuation_input_port(scene.panda), "torque")
         for port, name in (
             (plant.get_state_output_port(scene.panda), "state"),
             (plant.get_generalized_contact_forces_output_port(scene.panda), "external"),
             (command.get_output_port(), "command"),
-            (ink.GetOutputPort("cleaned_fraction"), "cleaned_fraction"),
+            (ink.GetOutputPort("ink"), "ink"),
+            (ink.GetOutputPort("erase_time"), "erase_time"),
             (ink.GetOutputPort("normal_force"), "normal_force"),
         ):
             builder.ExportOutput(port, name)
@@ -137,7 +160,8 @@ class ArmBench:
         self.commanded, self._stamp = np.zeros(JOINTS), 0
         self._ticks = 0
         self.obeyed = dict.fromkeys(Obeyed, 0)
-        self.greatest_step = 0.0
+        self.greatest_step = self._greatest_speed = 0.0
+        self.ages: list[float] = []
 
     def set_faults(self, faults: NetworkFaults) -> None:
         """Change what happens to the messages."""
@@ -146,49 +170,82 @@ class ArmBench:
         self._random = np.random.default_rng(faults.seed)
 
     def output(self, name: str) -> Any:
-        """Return what state, external, cleaned_fraction or normal_force are now."""
+        """Return what state, external, ink, erase_time or normal_force are now."""
         return self._diagram.GetOutputPort(name).Eval(self.simulator.get_context())
 
     def step(self, wall_time: float) -> None:
         """Advance by a millisecond, and send a status stamped with a wall time, s."""
-        command = decode(lcmt_panda_command, self.output("command"))
         state = self.output("state").copy()
+        if not self._is_guided:
+            self._obey(decode(lcmt_panda_command, self.output("command")), wall_time)
+        context = self.simulator.get_mutable_context()
+        self._diagram.GetInputPort("torque").FixValue(context, self._state.torque)
+        # Of the contact that the step solves anyway.
+        external = self.output("external").copy()
+        if self._ticks % _SELDOM == 0:
+            force = self.output("normal_force").copy()
+            now = np.array([self._ticks * PERIOD])
+            self._force.update({"normal_force": Samples(now, force[None])})
+            speed = float(np.max(np.abs(state[JOINTS:])))
+            self._greatest_speed = max(self._greatest_speed, speed)
+        self._ticks += 1
+        self.simulator.AdvanceTo(self._ticks * PERIOD)
+        self._send(self._status(external, wall_time).encode(), wall_time)
+
+    def _obey(self, command: Any, wall_time: float) -> None:
+        """Find the torque of the motors for the last command."""
         self._state = firmware_step(
             self._firmware,
             self._state,
             command=command,
             wall_time=wall_time,
-            velocity=state[JOINTS:],
+            velocity=self.output("state")[JOINTS:],
             period=PERIOD,
         )
         self.obeyed[self._state.obeyed] += 1
-        if self._state.obeyed is Obeyed.FOLLOWED:
+        if self._state.obeyed is not Obeyed.FOLLOWED:
+            self.commanded = np.zeros(JOINTS)
+        elif command.utime != self._stamp:
             commanded = np.array(command.joint_torque)
             # Several may have come since the last step.
             elapsed = max(1e-3 * (command.utime - self._stamp), 1.0)
             change = float(np.max(np.abs(commanded - self.commanded))) / elapsed
             self.greatest_step = max(self.greatest_step, change)
             self.commanded, self._stamp = commanded, command.utime
-        else:
-            self.commanded = np.zeros(JOINTS)
-        context = self.simulator.get_mutable_context()
-        self._diagram.GetInputPort("torque").FixValue(context, self._state.torque)
-        self._ticks += 1
-        self.simulator.AdvanceTo(self._ticks * PERIOD)
-        self._send(self._status(wall_time).encode(), wall_time)
+            self.ages.append(wall_time - 1e-6 * command.utime)
 
     def play(self, duration: float) -> None:
         """Step in the time of the wall clock for some seconds; give up what is missed."""
+        clock = WallClock(self._channels.pace)
         with undisturbed():
-            began = due = time.time()
-            while (now := time.time()) < began + duration:
-                if now < due:
-                    time.sleep(due - now)
-                    continue
-                due = max(due, now - MOST_REPLAYED) + PERIOD
+            for now, _ in clock.ticks(PERIOD, duration):
                 self.step(now)
 
-    def _status(self, wall_time: float) -> Any:
+    def metrics(self) -> dict[str, Any]:
+        """Return what was measured, which only the arm's side knows."""
+        shape = self._grid.shape
+        ink: Metrics = ink_metrics(
+            ink=self.output("ink").reshape(shape),
+            initial_ink=self._initial_ink,
+            erase_time=self.output("erase_time").reshape(shape),
+            area=self._area,
+            grid=self._grid,
+            seconds=self._ticks * PERIOD,
+        )
+        ages = np.array(self.ages or [np.nan])
+        return {
+            "seconds": self._ticks * PERIOD,
+            **{f"{each.name.lower()}_ms": n for each, n in self.obeyed.items()},
+            "command_age_median": float(np.median(ages)),
+            "command_age_99": float(np.quantile(ages, 0.99)),
+            "greatest_step": self.greatest_step,
+            "greatest_speed": self._greatest_speed,
+            "last_speed": float(np.max(np.abs(self.output("state")[JOINTS:]))),
+            **ink,
+            **self._force.result(),
+        }
+
+    def _status(self, external: Any, wall_time: float) -> Any:
         state = self.output("state")
         self._arm.SetPositionsAndVelocities(self._arm_context, state)
         weight = -self._arm.CalcGravityGeneralizedForces(self._arm_context)
@@ -203,9 +260,12 @@ class ArmBench:
         message.joint_torque = (self._state.torque + weight).tolist()
         message.joint_torque_desired = self.commanded.tolist()
         # Theirs is the torque of the arm on what it touches.
-        message.joint_torque_external = (-self.output("external")).tolist()
-        reflex = self._state.obeyed is Obeyed.REFLEX
-        message.robot_mode = message.kReflex if reflex else message.kMove
+        message.joint_torque_external = (-external).tolist()
+        message.robot_mode = message.kMove
+        if self._is_guided:
+            message.robot_mode = message.kGuiding
+        elif self._state.obeyed is Obeyed.REFLEX:
+            message.robot_mode = message.kReflex
         message.control_mode = message.CONTROL_MODE_TORQUE
         return message
 
@@ -225,20 +285,3 @@ class ArmBench:
             self._line[-2:] = [(a, second), (b, first)]
         while self._line and self._line[0][0] <= now:
             self._lcm.Publish(self._channels.status_channel, self._line.pop(0)[1])
-
-
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """Collect no garbage meanwhile, and let SIGTERM end a block as SIGINT does."""
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    previous = signal.signal(signal.SIGTERM, interrupt)
-    gc.collect()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-        signal.signal(signal.SIGTERM, previous)

@@ -1,21 +1,26 @@
 """A skill on an arm behind LCM messages, in the time of the wall clock."""
 
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.runs.arm.arm_bench import MOST_REPLAYED, undisturbed
+from fmp_drake.runs.arm.real_time import MOST_REPLAYED, WallClock, undisturbed
+from fmp_drake.runs.metrics import ForceMetrics, Samples
 from fmp_drake.station.board_station import MakeSkillStation
 from fmp_drake.station.panda_driver import LcmPanda, OpenLcm
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.panda.firmware import torque_command
-from fmp_drake.systems.panda.gating import GateMode, limited_change
+from fmp_drake.systems.panda.gating import (
+    GateMode,
+    greatest_change,
+    limited_change,
+)
 from fmp_drake.systems.panda.reading import GateFault
 
 # Until the controller has settled on the start, before the gate opens, s.
@@ -35,6 +40,11 @@ class ArmRun:
     config : LcmPanda
     lcm : DrakeLcmInterface, optional
         The bus instead of one of `config.url`.
+    meshcat : Meshcat, optional
+        Where to show the measured arm. Only where the scenario shows controls they say tempo
+        and normal force.
+    demonstrated : sequence of ndarray, shape (N, 3)
+        Paths in B to show, m.
 
     Attributes
     ----------
@@ -59,16 +69,27 @@ class ArmRun:
         config: LcmPanda,
         *,
         lcm: DrakeLcmInterface | None = None,
+        meshcat: Meshcat | None = None,
+        demonstrated: Sequence[NDArray[np.float64]] = (),
     ) -> None:
         self._lcm = OpenLcm(config.url) if lcm is None else lcm
         self._config = config
-        self.period = max(config.gate.period, scenario.impedance.control_period)
+        self.period = config.gate.period
         self._tempo, self._force = scenario.skill.tempo, scenario.press.force
-        self.station = MakeSkillStation(scenario, skill, config, lcm=self._lcm)
+        self.station = MakeSkillStation(
+            scenario,
+            skill,
+            config,
+            lcm=self._lcm,
+            meshcat=meshcat,
+            demonstrated=demonstrated,
+        )
+        self._has_controls = self.station.HasOutputPort("page_tempo")
         self.simulator = Simulator(self.station)
         self._ticks, self._go, self._settled = 0, 0, np.inf
         self.ages: list[float] = []
         self.errors: list[float] = []
+        self._forces = ForceMetrics(scenario.press.force)
         self.stops: list[tuple[float, GateFault]] = []
         self.late = self.skipped = 0.0
         self._last_mode = GateMode.WAITING
@@ -87,6 +108,11 @@ class ArmRun:
         return np.array(value)
 
     @property
+    def seconds(self) -> float:
+        """Since the begin, without what was missed."""
+        return self._ticks * self.period
+
+    @property
     def mode(self) -> GateMode:
         """Whether torque goes to the arm."""
         return GateMode(int(self.output("mode")[0]))
@@ -99,7 +125,7 @@ class ArmRun:
     def go(self) -> None:
         """Say go: the skill begins anew from where the arm is."""
         self.simulator.Initialize()
-        self._settled = self._ticks * self.period + _SETTLE
+        self._settled = self.seconds + _SETTLE
 
     def stop(self) -> None:
         """Let the torque go to zero."""
@@ -108,7 +134,7 @@ class ArmRun:
 
     def step(self, wall_time: float) -> None:
         """Advance by one period at a wall time, s."""
-        time_now = self._ticks * self.period
+        time_now = self.seconds
         self._fix("wall_time", wall_time)
         if time_now >= self._settled:
             self._settled = np.inf
@@ -116,27 +142,32 @@ class ArmRun:
             self._fix("go", float(self._go))
         self._ticks += 1
         self.simulator.AdvanceTo(self._ticks * self.period)
-        mode = self.mode
-        if mode is not self._last_mode:
-            is_open = mode is GateMode.OPEN
+        mode, seldom = self.mode, self._ticks % _SELDOM == 0
+        is_open = mode is GateMode.OPEN
+        if seldom and self._has_controls:
+            self._tempo = float(self.output("page_tempo")[0])
+            self._force = float(self.output("page_normal_force")[0])
+        if mode is not self._last_mode or (seldom and self._has_controls):
             self._fix("tempo", self._tempo if is_open else 0.0)
             self._fix("desired_normal_force", self._force if is_open else 0.0)
-            if mode is GateMode.STOPPED:
-                self.stops.append((time_now, self.faults))
-            self._last_mode = mode
-        if mode is GateMode.OPEN:
+        if mode is GateMode.STOPPED and mode is not self._last_mode:
+            self.stops.append((time_now, self.faults))
+        self._last_mode = mode
+        if is_open:
             self.ages.append(float(self.output("age")[0]))
-            if self._ticks % _SELDOM == 0:
+            if seldom:
                 error = self.output("tracking_error")[3:]
                 self.errors.append(float(np.linalg.norm(error)))
+                force = self.output("normal_force")[None]
+                sample = Samples(np.array([time_now]), force)
+                self._forces.update({"normal_force": sample})
 
     def play(
         self,
         duration: float,
         operator: Callable[["ArmRun"], None],
         *,
-        clock: Callable[[], float] = time.time,
-        sleep: Callable[[float], None] = time.sleep,
+        clock: WallClock | None = None,
     ) -> None:
         """Run in real time, and end with a ramp of the torque to zero, whatever ends it.
 
@@ -146,52 +177,45 @@ class ArmRun:
             s.
         operator : callable
             Called after each step; it may say `go` and `stop`.
-        clock, sleep : callable
-            The wall clock, and how to wait, s.
+        clock : WallClock, optional
+            That of the configuration where None.
         """
+        clock = clock or WallClock(self._config.pace)
         with undisturbed():
             try:
-                began = due = clock()
-                while (now := clock()) < began + duration:
-                    if now < due:
-                        sleep(due - now)
-                        continue
-                    self.late = max(self.late, now - due)
-                    if now - due > MOST_REPLAYED:
-                        self.skipped += now - due
-                        due = now
-                    due += self.period
+                for now, late in clock.ticks(self.period, duration):
+                    self.late = max(self.late, late)
+                    if late > MOST_REPLAYED:
+                        self.skipped += late
                     self.step(now)
                     operator(self)
             finally:
-                self.ramp_down(clock=clock, sleep=sleep)
+                self.ramp_down(clock)
 
-    def ramp_down(
-        self,
-        *,
-        clock: Callable[[], float] = time.time,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
+    def ramp_down(self, clock: WallClock) -> None:
         """Send less and less torque until it is zero, without the diagram."""
         gate = self._config.gate
         torque = self.output("torque_sent")
-        limit, most = np.array(gate.max_torque), gate.max_rate * gate.period
+        limit, most = np.array(gate.max_torque), greatest_change(gate, gate.period)
         while np.any(torque):
-            sleep(gate.period)
+            clock.sleep(gate.period)
             torque = limited_change(torque, np.zeros_like(torque), most, limit)
-            message = torque_command(torque, clock())
+            message = torque_command(torque, clock.now())
             self._lcm.Publish(self._config.command_channel, message.encode())
 
     def metrics(self) -> dict[str, Any]:
-        """Return what was measured, s and m."""
+        """Return what was measured: s, m, N; the force is what the arm feels of it."""
         ages = np.array(self.ages or [np.nan])
+        expired = [fault for _, fault in self.stops if fault & GateFault.STALE]
         return {
             "open_seconds": len(self.ages) * self.period,
             "status_age_median": float(np.median(ages)),
             "status_age_99": float(np.quantile(ages, 0.99)),
             "status_age_max": float(np.max(ages)),
             "latest_step": self.late,
-            "skipped_seconds": self.skipped,
+            "missed_ticks": round(self.skipped / self.period),
+            "expiries": len(expired),
             "stops": [(at, str(fault)) for at, fault in self.stops],
             "tracking_rms": float(np.sqrt(np.mean(np.square(self.errors or [np.nan])))),
+            **self._forces.result(),
         }

@@ -5,7 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.geometry import (
+    Meshcat,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    SceneGraph,
+)
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from fmp_drake.station.parts.board_scene import BoardScene
@@ -53,7 +58,10 @@ class PagePorts:
 
 
 def AddBodies(
-    builder: DiagramBuilder, scene: BoardScene, scenario: Scenario, meshcat: Meshcat
+    builder: DiagramBuilder,
+    scene_graph: SceneGraph,
+    scenario: Scenario,
+    meshcat: Meshcat,
 ) -> None:
     """Show arm, eraser and board, lit and seen by the scenario's camera.
 
@@ -62,7 +70,7 @@ def AddBodies(
     meshcat.Delete(_BODIES)
     visualizer = MeshcatVisualizer.AddToBuilder(
         builder,
-        scene.scene_graph,
+        scene_graph,
         meshcat,
         MeshcatVisualizerParams(
             prefix=_BODIES,
@@ -105,18 +113,21 @@ def AddPage(
     demonstrated : sequence of ndarray, shape (N, 3)
         Paths in B, m.
     """
-    show, skill = scenario.show, primitive.player.skill
-    AddBodies(builder, scene, scenario, meshcat)
+    show = scenario.show
+    AddBodies(builder, scene.scene_graph, scenario, meshcat)
     if show.ink:
         shown = builder.AddSystem(
             InkVisualizer(meshcat=meshcat, grid=ink.grid, path=INK)
         )
         builder.Connect(ink.GetOutputPort("ink"), shown.GetInputPort("ink"))
-    if show.demonstrations:
-        draw_demonstrations(meshcat, f"{BOARD}/demonstrations", demonstrated)
-    if show.trail:
-        trail = builder.AddSystem(TrailVisualizer(meshcat, path=f"{BOARD}/trail"))
-        builder.Connect(measured_position, trail.get_input_port())
+    AddPaths(
+        builder,
+        scenario,
+        meshcat=meshcat,
+        primitive=primitive,
+        measured_position=measured_position,
+        demonstrated=demonstrated,
+    )
     controls = None
     if show.controls:
         controls = PageControls(
@@ -126,6 +137,39 @@ def AddPage(
             sample=primitive.player.sample,
         )
         builder.AddSystem(controls)
+    if show.force:
+        arrow = builder.AddSystem(
+            ForceArrow(scene.plant, body=scene.tip.body(), meshcat=meshcat)
+        )
+        builder.Connect(
+            scene.plant.GetOutputPort("contact_results"),
+            arrow.GetInputPort("contact_results"),
+        )
+    pull = None
+    if show.mouse:
+        pull = AddMousePull(builder, scene.plant, scene.scene_graph, meshcat)
+    return PagePorts(controls=controls, pull=pull)
+
+
+def AddPaths(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    *,
+    meshcat: Meshcat,
+    primitive: FourierPrimitiveSystem,
+    measured_position: OutputPort,
+    demonstrated: Sequence[NDArray[np.float64]],
+) -> None:
+    """Show demonstrated paths, the measured one and the plan, as `AddPage` does.
+
+    Systems: trail_visualizer, plan_visualizer.
+    """
+    show, skill = scenario.show, primitive.player.skill
+    if show.demonstrations:
+        draw_demonstrations(meshcat, f"{BOARD}/demonstrations", demonstrated)
+    if show.trail:
+        trail = builder.AddSystem(TrailVisualizer(meshcat, path=f"{BOARD}/trail"))
+        builder.Connect(measured_position, trail.get_input_port())
     if show.plan or show.tube or show.component:
         plan = builder.AddSystem(
             PlanVisualizer(
@@ -140,18 +184,6 @@ def AddPage(
         )
         for name in ("plan", "plan_covariance", "component"):
             builder.Connect(primitive.GetOutputPort(name), plan.GetInputPort(name))
-    if show.force:
-        arrow = builder.AddSystem(
-            ForceArrow(scene.plant, body=scene.tip.body(), meshcat=meshcat)
-        )
-        builder.Connect(
-            scene.plant.GetOutputPort("contact_results"),
-            arrow.GetInputPort("contact_results"),
-        )
-    pull = None
-    if show.mouse:
-        pull = AddMousePull(builder, scene.plant, scene.scene_graph, meshcat)
-    return PagePorts(controls=controls, pull=pull)
 
 
 def AddPageStatus(

@@ -1,5 +1,6 @@
 """What torque may be sent to a real arm, whatever was asked and whatever was missed."""
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
@@ -12,6 +13,7 @@ from fmp_drake.systems.panda.reading import JOINTS, ArmReading, GateFault
 
 Array = NDArray[np.float64]
 
+_MILLISECOND = 0.001
 _FRANKA = [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]
 
 
@@ -27,8 +29,8 @@ class GateConfig:
         Greatest change of any joint's torque per second of the wall clock, Nm/s. The
         default keeps a tenth below the 1000 Nm/s at which Franka's robots stop.
     period : float
-        Between two torques, s. However much time was missed, no torque differs from
-        the one before by more than ``max_rate * period``.
+        Between two torques, s; of the law, too. However much time passed, no torque
+        differs from the one before by more than ``max_rate`` makes of a millisecond.
     expiry : float
         Greatest age of a status, s.
     max_gap : float
@@ -104,7 +106,7 @@ class GateState(NamedTuple):
     @classmethod
     def from_vectors(cls, torque: ArrayLike, rest: ArrayLike) -> "GateState":
         """Read what `vectors` returned."""
-        mode, faults, *times = (float(each) for each in np.asarray(rest))
+        mode, faults, *times = np.asarray(rest).tolist()
         sent = np.array(torque, dtype=float)
         return cls(sent, GateMode(int(mode)), GateFault(int(faults)), *times)
 
@@ -139,11 +141,11 @@ def gate_faults(
     if not abs(wall_time - reading.time) <= config.expiry:
         faults |= GateFault.STALE
     elapsed = wall_time - state.wall_time
-    if not np.isfinite(wall_time) or elapsed < 0:
+    if not math.isfinite(wall_time) or elapsed < 0:
         faults |= GateFault.CLOCK
     if elapsed > config.max_gap:
         faults |= GateFault.GAP
-    if not np.all(np.isfinite(torque)):
+    if not np.isfinite(torque).all():
         faults |= GateFault.NO_TORQUE
     if not go >= 0:
         faults |= GateFault.STOPPED
@@ -184,31 +186,44 @@ def gate_step(
     elif go > max(state.go, 0.0):
         # A go is of the moment: with a fault, or still on the way to zero, it is void.
         reasons = faults
-        if not (faults or np.any(state.torque)):
+        if not (faults or state.torque.any()):
             mode = GateMode.OPEN
     elif faults and mode is GateMode.STOPPED:
         reasons |= faults
     wanted = np.zeros(JOINTS)
     if mode is GateMode.OPEN and not config.dry:
         wanted = torque
-    # NaN where a clock is none: then nothing changes.
-    elapsed = np.nan_to_num(wall_time - state.wall_time, nan=0.0, posinf=0.0)
-    most = config.max_rate * float(np.clip(elapsed, 0.0, config.period))
-    is_time = np.isfinite(wall_time)
-    in_order = np.isfinite(reading.time) and reading.time > state.status_time
+    is_time = math.isfinite(wall_time)
+    in_order = math.isfinite(reading.time) and reading.time > state.status_time
     # A stamp from the future would make all that follow seem late.
     plausible = is_time and reading.time <= wall_time + config.expiry
-    sent = limited_change(state.torque, wanted, most, np.array(config.max_torque))
-    is_live = is_time and (mode is GateMode.OPEN or np.any(state.torque))
+    sent = limited_change(
+        state.torque,
+        wanted,
+        greatest_change(config, wall_time - state.wall_time),
+        np.array(config.max_torque),
+    )
+    is_live = is_time and (mode is GateMode.OPEN or bool(state.torque.any()))
     return GateState(
         sent,
         mode,
         reasons,
         reading.time if in_order and plausible else state.status_time,
         wall_time if is_time else state.wall_time,
-        state.go if np.isnan(go) else max(go, state.go),
+        state.go if math.isnan(go) else max(go, state.go),
         wall_time if is_live else state.stamp,
     )
+
+
+def greatest_change(config: GateConfig, elapsed: float) -> float:
+    """Return how much any torque may change after a time, s; Nm.
+
+    Nothing where the clock is none, and never more than in a millisecond: that is how
+    often a robot looks at what was sent.
+    """
+    if not math.isfinite(elapsed):
+        return 0.0
+    return config.max_rate * min(max(elapsed, 0.0), _MILLISECOND)
 
 
 def limited_change(
@@ -225,9 +240,10 @@ def limited_change(
     limit : array, shape (n,)
         The torque stays within plus and minus it, Nm.
     """
-    wanted = np.clip(wanted, -limit, limit)
+    wanted = np.minimum(np.maximum(wanted, -limit), limit)
     change = wanted - previous
-    greatest = float(np.max(np.abs(change)))
+    greatest = float(np.abs(change).max())
     if greatest <= max_change:
         return wanted
-    return np.clip(previous + max_change / greatest * change, -limit, limit)
+    sent = previous + max_change / greatest * change
+    return np.minimum(np.maximum(sent, -limit), limit)

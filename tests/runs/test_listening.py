@@ -1,0 +1,95 @@
+"""Facts about what is heard of an arm while nothing is sent: a check, a recording."""
+
+import numpy as np
+import pytest
+from pydrake.lcm import DrakeLcm
+
+from fmp_drake.errors import RunError
+from fmp_drake.runs import ArmBench, NetworkFaults, check_arm, record_arm
+from fmp_drake.station import LcmPanda, LoadScenario, SimulatedHand
+from fmp_drake.station.parts.board_scene import MakeArm
+from fmp_drake.systems import HandMotion
+
+NOW = 1.7e9
+
+
+class Bus:
+    """A bus on which a simulated arm speaks when somebody listens, and a clock."""
+
+    def __init__(self, monkeypatch, **bench):
+        self.lcm, self.time, self.bench = DrakeLcm("memq://"), NOW, None
+        self.scenario = LoadScenario("table_top")
+        if bench.pop("speaks", True):
+            self.bench = ArmBench(self.scenario, self.lcm, **bench)
+        self.commands = []
+        monkeypatch.setattr("time.time", self.now)
+
+    def now(self):
+        """One step of the arm for each look at the clock."""
+        if self.bench is not None:
+            self.bench.step(self.time)
+        self.time += 0.001
+        return self.time
+
+
+def test_an_arm_that_may_be_let_go_passes_the_check(monkeypatch):
+    bus = Bus(monkeypatch)
+    found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
+    assert all(each.is_good for each in found), found
+    said = " ".join(each.said for each in found)
+    for word in ("Drake 1.", "1000 wanted", "kMove", "from the start", "Nm"):
+        assert word in said
+
+
+@pytest.mark.parametrize(
+    ("bench", "scenario", "word"),
+    [
+        ({"speaks": False}, {}, "does the robot's driver run"),
+        ({"faults": NetworkFaults(corrupt=0.2)}, {}, "broken"),
+        ({"faults": NetworkFaults(jitter=0.2)}, {}, "clocks and network"),
+        (
+            {"hand": SimulatedHand(HandMotion.make("eight", seconds=2.0, seed=0))},
+            {},
+            "mode is kGuiding; it must be kMove",
+        ),
+        ({}, {"start": [0.2, 0.2, 0.1]}, "from the start"),
+    ],
+)
+def test_what_is_wrong_with_an_arm_is_said(monkeypatch, bench, scenario, word):
+    bus = Bus(monkeypatch, **bench)
+    for name, value in scenario.items():
+        setattr(bus.scenario, name, value)
+    found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
+    assert any(word in each.said and not each.is_good for each in found), found
+
+
+def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
+    hand = SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
+    bus = Bus(monkeypatch, hand=hand)
+    states = []
+
+    def until(seconds):
+        states.append(bus.bench.output("state").copy())
+        return seconds >= 3.0
+
+    shown = record_arm(bus.scenario, LcmPanda(), lcm=bus.lcm, until=until)
+    assert shown.frame == "board"
+    assert shown.duration > 2.5
+    np.testing.assert_allclose(np.diff(shown.time), 0.05)
+    arm, tip = MakeArm(bus.scenario)
+    context, X_BW = arm.CreateDefaultContext(), bus.scenario.board.pose().inverse()
+    path = []
+    for state in states[::5]:
+        arm.SetPositionsAndVelocities(context, state)
+        path.append(X_BW.multiply(tip.CalcPoseInWorld(context).translation()))
+    off = np.linalg.norm(shown.values[:, None] - np.array(path)[None], axis=2)
+    assert np.max(np.min(off, axis=1)) < 2e-3
+    assert np.ptp(shown.values[:, 0]) > 0.02
+    assert bus.bench.metrics()["followed_ms"] == 0
+
+
+def test_where_nothing_is_heard_or_nothing_moves_there_is_no_recording(monkeypatch):
+    for speaks, word in ((False, "nothing was heard"), (True, "nothing moved")):
+        bus = Bus(monkeypatch, speaks=speaks)
+        with pytest.raises(RunError, match=word):
+            record_arm(bus.scenario, LcmPanda(), lcm=bus.lcm, until=lambda s: s >= 0.3)
