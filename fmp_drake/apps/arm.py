@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from fmp_drake.apps.arm_console import arm_config
-from fmp_drake.apps.options import PATH, arm_option
+from fmp_drake.apps.options import PATH, arm_option, real_time_option
 from fmp_drake.apps.page import make_console
 from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.files import check_writable, write_text
@@ -16,6 +16,7 @@ from fmp_drake.runs import (
     default_demonstration,
     load_on_board,
 )
+from fmp_drake.runs.arm.real_time import take_precedence
 from fmp_drake.station import LcmPanda, LoadScenario
 from fmp_drake.station.panda_driver import OpenLcm
 from fmp_drake.station.parts.hands import SimulatedHand
@@ -34,6 +35,7 @@ from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion, Task
 )
 @click.option("--jitter", type=float, default=0.0, help="Greatest delay, s.")
 @click.option("--seed", type=int, default=0, help="Of these faults.")
+@real_time_option
 @click.option("--report", type=PATH, help="Write what was measured (.json).")
 def arm(
     scenario: str,
@@ -45,6 +47,7 @@ def arm(
     corrupt: float,
     jitter: float,
     seed: int,
+    real_time: bool,
     report: Path | None,
 ) -> None:
     """Simulate an arm that speaks a real one's LCM messages, to try against.
@@ -54,6 +57,8 @@ def arm(
     console = make_console()
     check_writable(report)
     config = LcmPanda() if arm is None else arm_config(arm)
+    for refused in take_precedence() if real_time else ():
+        console.print(refused)
     bus, scene = OpenLcm(config.url), LoadScenario(scenario)
     faults = NetworkFaults(
         drop=drop, reorder=reorder, corrupt=corrupt, jitter=jitter, seed=seed

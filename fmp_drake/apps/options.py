@@ -21,6 +21,13 @@ host_option = click.option(
 )
 
 
+real_time_option = click.option(
+    "--real-time",
+    is_flag=True,
+    help="At an arm: run before all other programs (SCHED_FIFO, locked memory).",
+)
+
+
 def arm_option(text: str) -> Callable[..., Any]:
     """Return the option that names an arm which is not simulated here."""
     return click.option(

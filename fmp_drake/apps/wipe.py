@@ -14,6 +14,7 @@ from fmp_drake.apps.options import (
     PATH,
     arm_option,
     host_option,
+    real_time_option,
     scene_options,
     skill_options,
 )
@@ -109,11 +110,7 @@ _PARTS = list(vars(ShowConfig()))
     is_flag=True,
     help="With --arm: let the page change tempo and normal force.",
 )
-@click.option(
-    "--real-time",
-    is_flag=True,
-    help="With --arm: run before all other programs (SCHED_FIFO, locked memory).",
-)
+@real_time_option
 @host_option
 @skill_options
 def wipe(

@@ -169,9 +169,15 @@ def MakeSkillStation(
         )
         if scenario.show.controls:
             controls = PageControls(
-                meshcat, tempo=scenario.skill.tempo, normal_force=scenario.press.force
+                meshcat,
+                tempo=scenario.skill.tempo,
+                normal_force=scenario.press.force,
+                sample=primitive.player.sample,
             )
             builder.AddSystem(controls)
+            builder.Connect(
+                controls.GetOutputPort("sample"), primitive.GetInputPort("sample")
+            )
             for name in ("tempo", "normal_force"):
                 builder.ExportOutput(controls.GetOutputPort(name), f"page_{name}")
     for i, name in enumerate(DESIRED):

@@ -11,7 +11,7 @@ from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs import ArmBench, ArmRun, NetworkFaults
 from fmp_drake.runs.arm.real_time import WallClock
 from fmp_drake.station import LcmPanda, LoadScenario, models_dir
-from fmp_drake.systems import GateConfig, GateFault, GateMode
+from fmp_drake.systems import GateConfig, GateFault, GateMode, StatusFlag
 from fmp_drake.systems.panda.firmware import Obeyed
 
 NOW = 1.7e9
@@ -27,21 +27,27 @@ def skill():
 class Loop:
     """A bench and a run on one bus, with a clock of the test's."""
 
-    def __init__(self, skill, *, gate=None, **faults):
-        self.lcm = DrakeLcm("memq://")
-        scenario = LoadScenario("table_top")
-        scenario.plant.time_step = 0.001
-        config = LcmPanda(gate=GateConfig(**(gate or {})))
-        self.bench = ArmBench(scenario, self.lcm, faults=NetworkFaults(**faults))
-        self.run = ArmRun(scenario, skill, config, lcm=self.lcm)
+    def __init__(self, skill, *, gate=None, press=False, **faults):
+        self.lcm, self.skill = DrakeLcm("memq://"), skill
+        self.scenario = LoadScenario("table_top")
+        self.scenario.impedance.force_control.enabled = press
+        self.config = LcmPanda(gate=GateConfig(**(gate or {})))
         self.ticks, self.sent = 0, []
+        self.start_arm(**faults)
+        self.start_controller()
+
+    def start_arm(self, **faults):
+        self.bench = ArmBench(self.scenario, self.lcm, faults=NetworkFaults(**faults))
+
+    def start_controller(self):
+        self.run = ArmRun(self.scenario, self.skill, self.config, lcm=self.lcm)
 
     def advance(self, milliseconds, *, arm=True, controller=True):
         for _ in range(milliseconds):
             wall_time = NOW + 1e-3 * self.ticks
             if arm:
                 self.bench.step(wall_time)
-            if controller:
+            if controller and self.ticks % round(1e3 * self.run.period) == 0:
                 self.run.step(wall_time)
                 self.sent.append(self.run.output("torque_sent"))
             self.ticks += 1
@@ -109,6 +115,53 @@ def test_a_silent_arm_gets_no_torque_and_the_run_waits_for_a_go(skill):
     loop.advance(500)
     assert loop.bench.obeyed[Obeyed.DAMPED] > damped + 450
     assert_stopped_until_go(loop, GateFault.STALE)
+
+
+def test_a_controller_that_was_killed_begins_anew_only_when_asked(skill):
+    loop = Loop(skill).begin().advance(300)
+    assert np.any(loop.bench.commanded)
+    before = speed(loop)
+    loop.run = None
+    loop.advance(200, controller=False)
+    assert speed(loop) < 0.2 * before
+    loop.start_controller()
+    loop.sent = []
+    loop.advance(100)
+    assert loop.run.mode is GateMode.WAITING
+    assert not np.any(loop.sent)
+    loop.run.go()
+    loop.advance(400)
+    assert loop.run.mode is GateMode.OPEN
+    assert loop.greatest_step() <= 0.9 + 1e-9
+    assert loop.bench.greatest_step <= 0.9 + 1e-9
+
+
+def test_an_arm_that_was_started_again_is_moved_only_when_asked(skill):
+    loop = Loop(skill).begin().advance(200)
+    loop.bench = None
+    loop.advance(150, arm=False)
+    loop.start_arm()
+    loop.advance(50)
+    assert_stopped_until_go(loop, GateFault.STALE)
+    assert loop.bench.greatest_step <= 0.9 + 1e-9
+
+
+def test_the_press_is_closed_over_what_the_arm_feels(skill):
+    loop = Loop(skill, press=True).begin().advance(1500)
+    status = int(loop.run.output("status")[0])
+    assert status & StatusFlag.FORCE_CONTROL
+    force = loop.bench.output("normal_force")
+    assert loop.run.output("normal_force") == pytest.approx(force, abs=0.5)
+    assert force == pytest.approx(10.0, abs=3.0)
+
+
+def test_the_law_may_run_at_500_hz_with_the_same_limits(skill):
+    loop = Loop(skill, gate={"period": 0.002}).begin().advance(1000)
+    assert loop.run.mode is GateMode.OPEN
+    assert len(loop.sent) == loop.ticks / 2
+    assert loop.greatest_step() <= 0.9 + 1e-9
+    assert loop.bench.greatest_step <= 0.9 + 1e-9
+    assert loop.run.metrics()["tracking_rms"] < 0.02
 
 
 def test_lost_and_late_messages_break_no_limit_and_stop_nothing(skill):

@@ -215,7 +215,7 @@ class ArmRun:
             "latest_step": self.late,
             "missed_ticks": round(self.skipped / self.period),
             "expiries": len(expired),
-            "stops": [(at, str(fault)) for at, fault in self.stops],
+            "stops": [(at, fault.name) for at, fault in self.stops],
             "tracking_rms": float(np.sqrt(np.mean(np.square(self.errors or [np.nan])))),
             **self._forces.result(),
         }

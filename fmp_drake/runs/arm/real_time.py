@@ -82,6 +82,9 @@ def undisturbed() -> Iterator[None]:
 def take_precedence() -> list[str]:
     """Ask to run before all other programs and to stay in memory; say what was refused.
 
+    Threads that are begun later do as well, such as those that receive messages: call it
+    after what shows the page, and before what opens a bus.
+
     Examples
     --------
     ::
@@ -92,10 +95,8 @@ def take_precedence() -> list[str]:
     refused = []
     if not hasattr(os, "sched_setscheduler"):
         return ["SCHED_FIFO and memory locking are Linux's only"]
-    # What this process starts, such as the page, runs as others do.
-    policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     try:
-        os.sched_setscheduler(0, policy, os.sched_param(_PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     except OSError as error:
         refused.append(
             f"no SCHED_FIFO ({error.strerror}): other programs may delay a step. Allow "

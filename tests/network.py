@@ -1,0 +1,92 @@
+"""A network of its own for processes that speak LCM, never outside of it."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+
+import pytest
+
+URL = "udpm://239.255.76.67:7667?ttl=0"
+_PREPARE = "ip link set lo up && ip route add 224.0.0.0/4 dev lo && echo ready && cat"
+
+
+class Network:
+    """A network namespace in which commands of fmp-drake run; a context manager.
+
+    Leaving it ends what still runs in it.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they run; their output goes to files in it, and there is an arm.yaml.
+    pace : float
+        Of the clock of the arm's messages: a loaded machine may be slower than an arm.
+    """
+
+    def __init__(self, folder, *, pace=1.0):
+        self.folder, self._started = folder, []
+        (folder / "arm.yaml").write_text(
+            f'panda: !LcmPanda {{url: "{URL}", pace: {pace}}}'
+        )
+
+    def __enter__(self):
+        # It ends with the end of its input.
+        self._holder = subprocess.Popen(
+            ["unshare", "-n", "sh", "-c", _PREPARE],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        if self._holder.stdout.readline() != "ready\n":
+            self.__exit__()
+            pytest.skip("no network namespace can be made here")
+        return self
+
+    def __exit__(self, *_):
+        for process in self._started:
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+        self._holder.communicate()
+
+    def start(self, command, *options, name=None):
+        """Start a command of fmp-drake; it writes NAME.log, and a report NAME.json."""
+        name = name or command
+        inside = ["nsenter", "-t", str(self._holder.pid), "-n"]
+        program = [sys.executable, "-m", "fmp_drake.apps.main", command]
+        report = ["--report", f"{name}.json", "--arm", "arm.yaml"]
+        process = subprocess.Popen(
+            [*inside, *program, *report, *options],
+            cwd=self.folder,
+            stdout=(self.folder / f"{name}.log").open("w"),
+            stderr=subprocess.STDOUT,
+            env={
+                **os.environ,
+                "PYTHONUNBUFFERED": "1",
+                "MPLBACKEND": "Agg",
+                "DRAKE_ALLOW_NETWORK": "lcm:package_map",
+            },
+        )
+        self._started.append(process)
+        return process
+
+    def wait_for(self, name, word, *, patience=120.0):
+        """Wait until a command has said something."""
+        until = time.monotonic() + patience
+        path = self.folder / f"{name}.log"
+        while word not in (said := path.read_text()):
+            assert time.monotonic() < until, f"{name} did not say {word!r}: {said}"
+            time.sleep(0.05)
+
+    def report(self, name):
+        """Return what a command has measured."""
+        return json.loads((self.folder / f"{name}.json").read_text())
+
+
+needs_network = pytest.mark.skipif(
+    not (shutil.which("unshare") and shutil.which("nsenter") and shutil.which("ip")),
+    reason="unshare, nsenter or ip is not installed",
+)
