@@ -58,18 +58,19 @@ class Network:
         inside = ["nsenter", "-t", str(self._holder.pid), "-n"]
         program = [sys.executable, "-m", "fmp_drake.apps.main", command]
         report = ["--report", f"{name}.json", "--arm", "arm.yaml"]
-        process = subprocess.Popen(
-            [*inside, *program, *report, *options],
-            cwd=self.folder,
-            stdout=(self.folder / f"{name}.log").open("w"),
-            stderr=subprocess.STDOUT,
-            env={
-                **os.environ,
-                "PYTHONUNBUFFERED": "1",
-                "MPLBACKEND": "Agg",
-                "DRAKE_ALLOW_NETWORK": "lcm:package_map",
-            },
-        )
+        with (self.folder / f"{name}.log").open("w") as log:
+            process = subprocess.Popen(
+                [*inside, *program, *report, *options],
+                cwd=self.folder,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env={
+                    **os.environ,
+                    "PYTHONUNBUFFERED": "1",
+                    "MPLBACKEND": "Agg",
+                    "DRAKE_ALLOW_NETWORK": "lcm:package_map",
+                },
+            )
         self._started.append(process)
         return process
 

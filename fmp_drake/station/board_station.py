@@ -23,7 +23,7 @@ from fmp_drake.station.parts.arm_controller import (
     AddNormalForceEstimator,
 )
 from fmp_drake.station.parts.board_scene import AddBoardScene, MakeArm
-from fmp_drake.station.parts.measured_arm import AddMeasuredArm
+from fmp_drake.station.parts.page_scene import AddMeasuredArm
 from fmp_drake.station.parts.posture import SolvePosture
 from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion
 from fmp_drake.station.scenario import Scenario

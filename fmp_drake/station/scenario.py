@@ -109,7 +109,6 @@ class Scenario:
         """
         check_settings(self, StationError)
         self.board.motion.check()
-        self.press.check()
         self.ink.check()
         self.sensors.check()
         self.camera.check()

@@ -13,7 +13,6 @@ from fmp_drake.errors import StationError
 from fmp_drake.settings import bounded
 
 DISTURBANCES = ("push", "grasp")
-FORCE_SENSORS = ("contact", "torque")
 
 
 @dataclass(kw_only=True)
@@ -157,10 +156,9 @@ class PressConfig:
         Along the board's normal, N; not negative.
     engage_height : float
         Height of the target over the board below which the force comes in smoothly, m.
-    sensor : str
-        What the force is measured with, where `impedance.force_control` is enabled.
-        `contact`: the simulated contact itself. `torque`: the arm's external torque, as
-        behind LCM, where there is nothing else.
+    by_torque : bool
+        Whether `impedance.force_control` measures the force by the arm's external torque,
+        as behind LCM, instead of the simulated contact.
 
     Examples
     --------
@@ -171,15 +169,7 @@ class PressConfig:
 
     force: float = bounded(10.0, least=0)
     engage_height: float = bounded(0.01, above=0)
-    sensor: str = "contact"
-
-    def check(self) -> None:
-        """Check what the ranges do not say."""
-        if self.sensor not in FORCE_SENSORS:
-            raise StationError(
-                f"press.sensor is {self.sensor}; choose one of: "
-                f"{', '.join(FORCE_SENSORS)}."
-            )
+    by_torque: bool = False
 
 
 @dataclass(kw_only=True)

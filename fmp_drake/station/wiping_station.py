@@ -134,7 +134,7 @@ def MakeWipingStation(
         builder.Connect(ink.GetOutputPort("ink"), primitive.GetInputPort("ink"))
     driver = builder.GetSubsystemByName("panda_driver")
     normal_force = ink.GetOutputPort("normal_force")
-    if scenario.press.sensor == "torque":
+    if scenario.press.by_torque:
         normal_force = AddNormalForceEstimator(
             builder, scene.arm, scene.arm_tip, scene.X_WA.rotation(), driver
         )

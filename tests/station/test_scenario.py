@@ -144,7 +144,6 @@ def test_missing_file_is_named(tmp_path):
         ("disturbances: [{kind: kick}]\n", ["kick", "push, grasp"]),
         ("disturbances: 3\n", ["disturbances is 3", "a list like []"]),
         ("press: {force: hard}\n", ["press.force is 'hard'", "a number"]),
-        ("press: {sensor: scale}\n", ["press.sensor is scale", "contact, torque"]),
         ("press: 10\n", ["press is 10", "force, engage_height"]),
         (
             "board: {translation: 3}\n",

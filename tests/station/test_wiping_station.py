@@ -459,7 +459,7 @@ def test_controller_never_holds_while_it_wipes(wiped):
 def test_the_press_may_be_closed_over_the_arms_external_torque(bundled_skill):
     scenario = LoadScenario("table_top")
     scenario.impedance.force_control.enabled = True
-    scenario.press.sensor = "torque"
+    scenario.press.by_torque = True
     station = MakeWipingStation(scenario, bundled_skill, start=[0.0, 0.0, 0.005])
     simulator = Simulator(station)
     simulator.AdvanceTo(1.0)

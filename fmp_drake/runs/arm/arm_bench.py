@@ -91,8 +91,7 @@ class ArmBench:
     Examples
     --------
     >>> from numpy.typing import NDArray
-    from pydrake.lcm import DrakeLcm
-    >>> bus = DrakeLcm("memq://")
+    >>> from pydrake.lcm import DrakeLcm
     >>> bench = ArmBench(Scenario(), bus)
     >>> bench.step(1.7e9)
     >>> bench.obeyed[Obeyed.DAMPED]

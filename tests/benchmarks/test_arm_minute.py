@@ -1,0 +1,91 @@
+"""A minute of wiping over LCM: as clean, as near to the path and as gentle as without it.
+
+In one process over `memq://`, and in two over multicast, in a network of their own. There
+both have precedence, and a clock that runs at a part of the time, so that other work on
+the machine does not decide.
+"""
+
+import pytest
+from network import Network, needs_network
+from pydrake.lcm import DrakeLcm
+
+from fmp_drake.runs import ArmBench, ArmRun, NetworkFaults, WipingRun, scenario_skill
+from fmp_drake.station import LcmPanda, LoadScenario
+
+NOW, SECONDS = 1.7e9, 60
+CLEANED = "cleaned_fraction_of_demonstrated_area"
+WANTED = "normal_force_wanted_fraction"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    scenario = LoadScenario("table_top")
+    skill, demonstrations, _ = scenario_skill(scenario)
+    return scenario, skill, demonstrations
+
+
+@pytest.fixture(scope="module")
+def in_process(scene):
+    scenario, skill, demonstrations = scene
+    run = WipingRun(scenario, skill, demonstrations=demonstrations)
+    run.advance_to(SECONDS)
+    return run.metrics()["tracking_rms_m"]
+
+
+def report(figures, bench, run, tracking):
+    """Add and check what the arm's side and the controller's side have measured."""
+    figures.add("demonstrated area cleaned", bench[CLEANED], above=0.9)
+    figures.add("of the time within 5 to 15 N", bench[WANTED], above=0.9)
+    rms = 1e3 * run["tracking_rms"]
+    figures.add("tracking, rms", rms, "mm", below=2e3 * tracking)
+    figures.add("greatest step of the torque", bench["greatest_step"], "Nm", below=1.0)
+    figures.add("missed ticks", run["missed_ticks"])
+    for name in ("status_age_median", "status_age_99", "status_age_max"):
+        figures.add(name.replace("_", " "), 1e3 * run[name], "ms")
+    figures.add("commands' age, median", 1e3 * bench["command_age_median"], "ms")
+    assert bench["greatest_step"] <= 1.0
+    assert not run["stops"]
+    assert bench[CLEANED] > 0.9
+    assert bench[WANTED] > 0.9
+    assert run["tracking_rms"] < 2 * tracking
+
+
+@pytest.mark.parametrize("faults", [{}, {"drop": 0.05, "jitter": 0.005}], ids=str)
+def test_a_minute_in_one_process(benchmark, figures, scene, in_process, faults):
+    scenario, skill, demonstrations = scene
+    lcm = DrakeLcm("memq://")
+    paths = [each.values for each in demonstrations]
+    bench = ArmBench(scenario, lcm, faults=NetworkFaults(**faults), demonstrated=paths)
+    run = ArmRun(scenario, skill, LcmPanda(), lcm=lcm)
+
+    def play():
+        for tick in range(round(1e3 * (SECONDS + 0.5))):
+            if tick == 100:
+                run.go()
+            bench.step(NOW + 1e-3 * tick)
+            run.step(NOW + 1e-3 * tick)
+
+    benchmark.pedantic(play, rounds=1)
+    figures.section = f"A minute over LCM, in one process {faults or ''}"
+    report(figures, bench.metrics(), run.metrics(), in_process)
+
+
+@needs_network
+def test_a_minute_in_two_processes(benchmark, figures, in_process, tmp_path):
+    def play():
+        with Network(tmp_path, pace=0.5) as network:
+            arm = network.start("arm", "--real-time")
+            network.wait_for("arm", "a simulated arm")
+            wipe = network.start(
+                "wipe",
+                *("--headless", "--real-time", "--go"),
+                *("--duration", str(SECONDS + 1)),
+            )
+            assert wipe.wait(300) == 0
+            arm.terminate()
+            arm.wait(30)
+            return network.report("arm"), network.report("wipe")
+
+    bench, run = benchmark.pedantic(play, rounds=1)
+    figures.section = "A minute over LCM, in two processes, at half the pace"
+    report(figures, bench, run, in_process)
