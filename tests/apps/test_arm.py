@@ -1,5 +1,6 @@
 """Facts about the commands that speak a real arm's messages."""
 
+import json
 import signal
 import sys
 import time
@@ -47,6 +48,29 @@ def test_what_cannot_be_done_with_an_arm_is_refused(
         main(["wipe", "--headless", *options])
     assert ended.value.code == 2
     assert message in capsys.readouterr().err
+
+
+def test_an_arm_that_says_nothing_is_not_good_and_cannot_be_recorded(
+    capsys, monkeypatch, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["check", "--arm", "lcm:memq://", "--report", "check.json"])
+    assert ended.value.code == 1
+    assert "BAD   0 messages on PANDA_STATUS" in capsys.readouterr().out
+    checked = json.loads((tmp_path / "check.json").read_text())
+    assert [each["is_good"] for each in checked["arm"]] == [True, False]
+    monkeypatch.setattr(sys, "stdin", None)
+    for options in (
+        ["record", "--minutes", "0.01", "--out", "shown.npz"],
+        ["teach", "--duration", "0.5"],
+    ):
+        with pytest.raises(SystemExit):
+            main([*options, "--arm", "lcm:memq://"])
+        assert "nothing was heard" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["record", "--out", "shown.npz", "--page", "--arm", "lcm:memq://"])
+    assert "leave out --page" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -5,8 +5,10 @@ import signal
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcm
 
+from fmp_drake.apps.arm_console import arm_in_words
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs import ArmBench, ArmRun, NetworkFaults
 from fmp_drake.runs.arm.real_time import WallClock
@@ -27,10 +29,14 @@ def skill():
 class Loop:
     """A bench and a run on one bus, with a clock of the test's."""
 
-    def __init__(self, skill, *, gate=None, press=False, **faults):
+    def __init__(
+        self, skill, *, gate=None, press=False, meshcat=None, controls=False, **faults
+    ):
         self.lcm, self.skill = DrakeLcm("memq://"), skill
         self.scenario = LoadScenario("table_top")
         self.scenario.impedance.force_control.enabled = press
+        self.scenario.show.controls = controls
+        self.meshcat = meshcat
         self.config = LcmPanda(gate=GateConfig(**(gate or {})))
         self.ticks, self.sent = 0, []
         self.start_arm(**faults)
@@ -40,7 +46,9 @@ class Loop:
         self.bench = ArmBench(self.scenario, self.lcm, faults=NetworkFaults(**faults))
 
     def start_controller(self):
-        self.run = ArmRun(self.scenario, self.skill, self.config, lcm=self.lcm)
+        self.run = ArmRun(
+            self.scenario, self.skill, self.config, lcm=self.lcm, meshcat=self.meshcat
+        )
 
     def advance(self, milliseconds, *, arm=True, controller=True):
         for _ in range(milliseconds):
@@ -195,6 +203,42 @@ def test_a_dry_run_moves_nothing(skill):
     assert np.any(loop.run.output("torque"))
     assert not np.any(loop.sent)
     np.testing.assert_allclose(loop.bench.output("state"), first, atol=1e-9)
+
+
+# On a page ---------------------------------------------------------------------------
+
+
+def test_a_page_shows_the_measured_arm_and_touches_nothing(skill):
+    meshcat = Meshcat()
+    shown = Loop(skill, meshcat=meshcat).begin().advance(200)
+    bare = Loop(skill).begin().advance(200)
+    np.testing.assert_array_equal(shown.sent, bare.sent)
+    assert not meshcat.GetSliderNames()
+    assert meshcat.HasPath("/drake/bodies/panda/panda_link7")
+    assert arm_in_words(shown.run)["mode"] == "in the air"
+    shown.run.stop()
+    shown.advance(50)
+    assert arm_in_words(shown.run)["detail"] == "STOPPED"
+
+
+def test_sliders_act_only_where_the_operator_wants_them(skill):
+    meshcat = Meshcat()
+    loop = Loop(skill, meshcat=meshcat, controls=True)
+
+    def played():
+        station, context = loop.run.station, loop.run.simulator.get_context()
+        names = ("tempo", "desired_normal_force")
+        return [station.GetInputPort(name).Eval(context)[0] for name in names]
+
+    loop.begin()
+    assert played() == [1.0, 10.0]
+    meshcat.SetSliderValue("tempo", 0.5)
+    meshcat.SetSliderValue("normal force (N)", 4.0)
+    loop.advance(300)
+    assert played() == [0.5, 4.0]
+    loop.run.stop()
+    loop.advance(40)
+    assert played() == [0.0, 0.0]
 
 
 # In the time of a wall clock ---------------------------------------------------------

@@ -90,8 +90,8 @@ class ArmBench:
 
     Examples
     --------
-    >>> from numpy.typing import NDArray
     >>> from pydrake.lcm import DrakeLcm
+    >>> bus = DrakeLcm("memq://")
     >>> bench = ArmBench(Scenario(), bus)
     >>> bench.step(1.7e9)
     >>> bench.obeyed[Obeyed.DAMPED]
