@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PYTHON ?= $(shell command -v python3.12 || command -v python3)
 
-.PHONY: help wipe teach test test-quick lint bench docs clean
+.PHONY: help wipe teach test test-quick lint bench readme docs clean
 
 help:
 	@echo "make wipe   learn from the bundled demonstration and wipe a board"
@@ -13,6 +13,7 @@ help:
 	@echo "make teach  drag the arm on a page in the browser, press learn, and it wipes on"
 	@echo "make test   run the tests          make lint   check style and types"
 	@echo "make bench  measure speed          make docs   build the site in out/site"
+	@echo "make readme do what the README says, with the wheel in an empty folder"
 	@echo "make clean  remove the environment"
 
 # uv can bring its own Python 3.12; without it, a Python 3.12 must be there.
@@ -57,6 +58,9 @@ bench: $(STAMP)
 	    --benchmark-columns=min,median,iqr,rounds \
 	    --benchmark-json=out/benchmark.json $(ARGS)
 	@echo "The figures are in out/benchmark.md, out/growth.png and out/benchmark.json."
+
+readme: $(STAMP)
+	$(BIN)/python tests/try_readme.py
 
 docs: $(STAMP)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \

@@ -1,107 +1,45 @@
-"""Every command and the program of the README run, with shorter durations."""
+"""What the README says of the checkout is so; ``make readme`` runs its commands."""
 
-import os
 import re
-import shlex
-import subprocess
-import sys
-import tarfile
 from pathlib import Path
 
-import numpy as np
 import pytest
-from matplotlib import image
+from try_readme import opens_page, steps
 
-from fmp_drake.apps.main import app
-from fmp_drake.film.checks import renders
-
-pytestmark = pytest.mark.slow
+import fmp_drake
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
-SHORTER = (
-    ("--duration 20", "--duration 0.2"),
-    ("--minutes 3", "--minutes 0.05"),
-    ("--count 100 --seconds 20", "--count 2 --seconds 0.2 --jobs 1"),
-)
-# tests/experiments/test_reproduce.py runs it.
-REPRODUCE = "fmp-drake reproduce --quick --out report"
+STEPS = list(steps(README))
 
 
-def blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+def test_it_installs_this_version_first_and_then_shows_two_pages():
+    (_, install), *shown = STEPS[:3]
+    assert install == f"pip install fmp_drake-{fmp_drake.__version__}-py3-none-any.whl"
+    assert [command for _, command in shown] == ["fmp-drake wipe", "fmp-drake teach"]
+    assert [what for _, what in STEPS if opens_page(what)] == [w for _, w in shown]
 
 
-def commands():
-    """Return the lines of the README that call fmp-drake, in order."""
-    lines = "".join(blocks("sh")).splitlines()
-    return [line for line in lines if line.startswith("fmp-drake ")]
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A folder with the files that the README calls the reader's own."""
-    monkeypatch.chdir(tmp_path)
-    time = np.arange(400) / 20
-    angle = 2 * np.pi * time / 2.5
-    motion = np.column_stack(
-        [time, 0.4 + 0.08 * np.cos(angle), 0.1 * np.sin(angle), 0.2 + 0 * time]
-    )
-    np.savetxt("my_motion.csv", motion, delimiter=",", header="time,x,y,z", comments="")
-    with tarfile.open("frames.tar", "w") as archive:
-        for number in range(5):
-            name = f"{number:07d}.png"
-            image.imsave(name, np.full((16, 16, 3), 40 * number, dtype=np.uint8))
-            archive.add(name)
-    return tmp_path
-
-
-def test_commands_run_in_the_order_of_the_readme(folder):
-    from click.testing import CliRunner
-
-    pytest.importorskip("imageio_ffmpeg", reason="films need the extra packages")
-    assert len(commands()) >= 7
-    for line in commands():
-        if line.split("#")[0].rstrip() == REPRODUCE:
-            continue
-        if "--video" in line and not renders():
-            continue
-        for long, short in SHORTER:
-            line = line.replace(long, short)
-        words = shlex.split(line, comments=True)
-        assert words[0] == "fmp-drake"
-        result = CliRunner().invoke(app, words[1:], catch_exceptions=False)
-        assert result.exit_code == 0, (line, result.output)
-    written = {p.name for p in folder.iterdir()} | {"report"}
-    for name in re.findall(
-        r"--(?:report|html|out|plot|log|graphviz) (\S+)", "\n".join(commands())
-    ):
-        assert name in written
-    assert "film.mp4" in written
-
-
-def test_program_runs(tmp_path):
-    (program,) = blocks("python")
+def test_program_is_short():
+    (program,) = (what for language, what in STEPS if language == "python")
     assert len(program.strip().splitlines()) <= 16
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        env=os.environ,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert float(done.stdout.strip(" []\n")) > 0.01
 
 
-def test_targets_of_make_exist():
+@pytest.mark.parametrize("file", ["README.md", "CONTRIBUTING.md", "examples/README.md"])
+def test_targets_of_make_exist(file):
+    text = (REPOSITORY / file).read_text(encoding="utf-8")
     makefile = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
-    for target in set(re.findall(r"\bmake (\w+)", "".join(blocks("sh")))):
+    for target in set(re.findall(r"`make ([\w-]+)", text)):
         assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE), target
 
 
 def test_links_and_pictures_are_there():
-    for target in re.findall(r"\]\((?!http)([^)#]+)\)", README):
-        assert (REPOSITORY / target).exists(), target
+    anchors = {
+        re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
+        for title in re.findall(r"^#+ (.*)", README, re.MULTILINE)
+    }
+    links = re.findall(r"\]\((?!http)([^)#]*)#?([^)]*)\)", README)
+    assert len(links) > 5
+    for file, anchor in links:
+        assert (REPOSITORY / file).exists(), file
+        assert not anchor or anchor in anchors, anchor
