@@ -67,6 +67,7 @@ docs: $(STAMP)
 	    --constraint constraints.txt --editable '.[docs]'
 	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going \
 	    examples/site out/site $(ARGS)
+	$(BIN)/jupyter execute examples/site/gallery/0[123]_*.ipynb
 	@echo "The site is out/site/index.html."
 
 clean:

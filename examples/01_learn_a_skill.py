@@ -4,17 +4,14 @@ Learn a rhythmic skill from one recording
 
 One long recording of a person who draws the figure 8 is all there is: it is not aligned, not
 cut into periods, and nobody has to say what its period is. It is learned, looked at, saved,
-and played from where nobody has begun. ::
-
-    python examples/01_learn_a_skill.py                 # the bundled figure of eight
-    python examples/01_learn_a_skill.py my_motion.csv   # your own: time,x,y,z
+and played from where nobody has begun.
 """
 
-import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 
 from fmp_drake.plots import draw_samples_in_plane, draw_way_back, plot_skill
 from fmp_drake.primitives import (
@@ -24,10 +21,11 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
-from fmp_drake.station import models_dir
+from fmp_drake.station import SetStage, models_dir
+from fmp_drake.systems import AddPathToRecording, InlinePage, draw_demonstrations
 
-file = Path(sys.argv[1]) if len(sys.argv) > 1 else None
-recording = Demonstration.load(file or models_dir() / "demonstrations" / "eight.npz")
+# Or your own: "my_motion.csv" with the columns time,x,y,z.
+recording = Demonstration.load(models_dir() / "demonstrations" / "eight.npz")
 print(f"{recording.duration:.0f} s of {', '.join(recording.channels)}")
 
 # %%
@@ -60,10 +58,10 @@ low, high = skill.extent_
 start = (low + high) / 2
 start[0] = high[0] + 0.15
 player = Player(skill)
-velocity = player.rollout(start, duration=30.0).velocity
+motion = player.rollout(start, duration=30.0)
 steps = np.linalg.norm(np.diff(recording.values, axis=0), axis=1)
 print(
-    f"peak speed {np.max(np.linalg.norm(velocity, axis=1)):.2f} m/s, "
+    f"peak speed {np.max(np.linalg.norm(motion.velocity, axis=1)):.2f} m/s, "
     f"shown {np.max(steps / np.diff(recording.time)):.2f} m/s"
 )
 
@@ -77,3 +75,17 @@ draw_samples_in_plane(skill, n=10, demonstrations=recording, ax=left)
 draw_way_back(player, start, demonstrations=recording, ax=right)
 plot_skill(skill, recording, out / "skill_page.png")
 plt.show()
+
+# %%
+# Turn it, replay it
+# ------------------
+# Meshcat needs no robot. A notebook shows the page here.
+
+meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+SetStage(meshcat, eye=[-0.3, 0.0, 0.35], target=[0.0, 0.0, 0.0])
+draw_demonstrations(meshcat, "shown", [recording.values])
+time = np.arange(len(motion.position)) * player.tick_seconds
+path, color = motion.position, Rgba(1.0, 0.5, 0.0)
+AddPathToRecording(meshcat, "played", times=time, points=path, color=color)
+meshcat.PublishRecording()
+InlinePage(meshcat.StaticHtml())

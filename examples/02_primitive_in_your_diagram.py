@@ -9,6 +9,7 @@ your plant and your controller.
 
 import matplotlib.pyplot as plt
 import numpy as np
+from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
@@ -20,8 +21,13 @@ from pydrake.systems.primitives import (
 )
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.station import models_dir
-from fmp_drake.systems import FourierPrimitiveSystem
+from fmp_drake.station import SetStage, models_dir
+from fmp_drake.systems import (
+    AddPathToRecording,
+    FourierPrimitiveSystem,
+    InlinePage,
+    draw_demonstrations,
+)
 
 STIFFNESS = 400.0  # N/m
 DAMPING = 40.0  # Ns/m
@@ -82,7 +88,8 @@ mass.GetMyMutableContextFromRoot(context).SetContinuousState(
 simulator.AdvanceTo(30.0)
 
 desired = desired_log.FindLog(context).data().T
-measured = measured_log.FindLog(context).data().T
+log = measured_log.FindLog(context)
+measured = log.data().T
 error = np.linalg.norm(desired - measured, axis=1)
 print(f"followed to {1e3 * np.sqrt(np.mean(error**2)):.2f} mm rms for 30 s")
 state = primitive.playback_state(primitive.GetMyContextFromRoot(context))
@@ -95,3 +102,14 @@ ax.set(xlabel="y (m)", ylabel="x (m)", aspect="equal")
 ax.invert_xaxis()
 ax.legend()
 plt.show()
+
+# %%
+# The same in Meshcat, to turn and to replay; a notebook shows the page here.
+
+meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+SetStage(meshcat, eye=[-0.3, 0.0, 0.35], target=[0.0, 0.0, 0.0])
+draw_demonstrations(meshcat, "shown", [recording.values])
+times, color = log.sample_times(), Rgba(1.0, 0.5, 0.0)
+AddPathToRecording(meshcat, "mass", times=times, points=measured, color=color)
+meshcat.PublishRecording()
+InlinePage(meshcat.StaticHtml())

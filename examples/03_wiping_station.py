@@ -4,13 +4,8 @@ The wiping station in Python: move the board, push the arm
 
 A scenario is data, a station is made of it, and its exported ports are its interface. The board
 is moved and turned here; the skill lives in the frame of the board, so it comes along without
-new learning. A push of 15 N disturbs the arm after 6 s. ::
-
-    python examples/03_wiping_station.py          # fast, without a page
-    python examples/03_wiping_station.py --page   # watch it in the browser
+new learning. A push of 15 N disturbs the arm after 6 s.
 """
-
-import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -22,8 +17,7 @@ from pydrake.systems.analysis import Simulator
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station import LoadScenario, MakeWipingStation, models_dir
-
-page = "--page" in sys.argv
+from fmp_drake.systems import InlinePage
 
 recording = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
 skill = FourierMovementPrimitive().fit(recording)
@@ -33,14 +27,11 @@ scenario.board.translation = [0.52, 0.08, 0.14]
 scenario.board.rpy = [0.0, -0.10, 0.15]
 scenario.press.force = 8.0
 
-station = MakeWipingStation(
-    scenario,
-    skill,
-    start=[0.05, 0.20, 0.10],
-    meshcat=Meshcat(MeshcatParams(host="localhost")) if page else None,
-)
+# Everything works without a Meshcat, too, and a little faster. To watch it while it runs,
+# open its page, `meshcat.web_url()`, and set the simulator's target realtime rate.
+meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+station = MakeWipingStation(scenario, skill, start=[0.05, 0.20, 0.10], meshcat=meshcat)
 simulator = Simulator(station)
-simulator.set_target_realtime_rate(1.0 if page else 0.0)
 context = simulator.get_mutable_context()
 
 # %%
@@ -58,6 +49,7 @@ push.F_Bq_W = SpatialForce(np.zeros(3), np.array([0.0, 15.0, 0.0]))
 # -------
 
 rows = []
+meshcat.StartRecording()
 simulator.Initialize()
 for second in range(9):
     forces = [push] if second == 6 else []
@@ -89,3 +81,10 @@ for ax, values, label in zip(
     ax.set_ylabel(label)
 axes[-1].set_xlabel("time (s)")
 plt.show()
+
+# %%
+# The run, to turn and to replay; a notebook shows the page here.
+
+meshcat.StopRecording()
+meshcat.PublishRecording()
+InlinePage(meshcat.StaticHtml())

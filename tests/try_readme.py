@@ -18,7 +18,7 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = REPOSITORY / "README.md"
-PAGE = re.compile(r"http://localhost:\d+\S*")
+PAGE = re.compile(r"\bit at (http://localhost:[^\s;]+)")
 WRITTEN = re.compile(r"--(?:html|video|log|plot|graphviz|report|out) (\S+)")
 
 
@@ -59,7 +59,7 @@ def visit(command: str, folder: Path, env: dict[str, str]) -> str:
             said.append(line)
             found = PAGE.search(line)
             if found:
-                with urllib.request.urlopen(found[0], timeout=60) as page:
+                with urllib.request.urlopen(found[1], timeout=60) as page:
                     assert b"<html" in page.read().lower()
                 process.send_signal(signal.SIGINT)
                 said += process.stdout.readlines()
@@ -116,7 +116,9 @@ def main() -> None:
             if language == "sh":
                 for name in WRITTEN.findall(what):
                     assert (folder / name).exists(), f"{what} wrote no {name}"
-        where = run("python", "import fmp_drake; print(fmp_drake.__file__)", folder, env)
+        where = run(
+            "python", "import fmp_drake; print(fmp_drake.__file__)", folder, env
+        )
         assert Path(where.strip()).is_relative_to(environment.resolve()), where
     print("Everything in the README works, from the wheel alone.")
 

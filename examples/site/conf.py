@@ -1,18 +1,21 @@
 """The documentation site: ``make docs``."""
 
 import re
+import sys
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from sphinx.application import Sphinx
+from sphinx.util import logging
 
 import fmp_drake
 
 mpl.use("Agg")
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
 GENERATED = HERE / "generated"
 FRONT_DOORS = {
     "fmp_drake.primitives": "The skill: learned, mapped, played, edited. No Drake.",
@@ -157,8 +160,21 @@ def show_ports(*event: Any) -> None:
     lines[:] = text.split("\n")
 
 
+def check_links(app: Sphinx, failure: Exception | None) -> None:
+    """Warn of each link inside the site that leads nowhere."""
+    from links import dead_links
+
+    if failure is None:
+        for line in dead_links(Path(app.outdir)):
+            logging.getLogger(__name__).warning(line)
+
+
 def setup(app: Sphinx) -> None:
     """Write the pages that are made of the package, before Sphinx looks for pages."""
+    from idea import draw_idea
+
     write_api(GENERATED)
+    draw_idea(GENERATED / "idea.png")
     write_scenarios(GENERATED, Path(app.outdir) / "replays")
     app.connect("autodoc-process-docstring", show_ports, priority=100)
+    app.connect("build-finished", check_links)

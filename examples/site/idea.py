@@ -13,8 +13,8 @@ from fmp_drake.station import models_dir
 EQUATIONS = (
     r"$y = \Phi w$",
     r"$p(w) = \sum_m \pi_m \, \mathcal{N}(w;\, \mu_m, \Sigma_m)$",
-    r"$\hat w = \mu_m + \Sigma_m \Phi_K^\top"
-    r" (\Phi_K \Sigma_m \Phi_K^\top + \lambda I)^{-1} (y_K - \Phi_K \mu_m)$",
+    r"$\hat w = \mu_m + \Sigma_m \Phi_K^\top (\Phi_K \Sigma_m \Phi_K^\top"
+    + r" + \lambda I)^{-1} (y_K - \Phi_K \mu_m)$",
 )
 
 

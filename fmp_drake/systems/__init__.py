@@ -48,11 +48,14 @@ from fmp_drake.systems.surface_monitor import SurfaceMonitor
 from fmp_drake.systems.teaching.hand_motion import HandMotion, HandVariability
 from fmp_drake.systems.teaching.mouse_drag import BoardPlane, DragConfig
 from fmp_drake.systems.torque_gate import TorqueGate
+from fmp_drake.systems.viewer.inline_page import InlinePage
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
+from fmp_drake.systems.viewer.path_recording import AddPathToRecording
 
 __all__ = [
     "AddInkToRecording",
+    "AddPathToRecording",
     "BoardPlane",
     "CovarianceStiffnessConfig",
     "CoverageChoice",
@@ -75,6 +78,7 @@ __all__ = [
     "InkBoard",
     "InkGrid",
     "InkVisualizer",
+    "InlinePage",
     "JointFriction",
     "JointWallConfig",
     "MissedSpots",

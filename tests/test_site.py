@@ -1,0 +1,81 @@
+"""The site says what the package does: its programs run, its commands are understood."""
+
+import re
+import runpy
+import shlex
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+
+from fmp_drake.apps.main import app
+from fmp_drake.station import ParseScenario
+
+SITE = Path(__file__).resolve().parents[1] / "examples" / "site"
+PAGES = sorted(SITE.glob("[!g]*.rst")) + sorted(SITE.glob("[ht]*/*.rst"))
+RECIPES = sorted(path.name for path in SITE.glob("howto/*.rst"))
+
+
+def blocks(language, path):
+    """Return the blocks of a language on a page, without their indentation."""
+    found = re.findall(
+        rf"^\.\. code-block:: {language}\n\n((?:   .*\n|\n)+)",
+        path.read_text("utf-8"),
+        flags=re.MULTILINE,
+    )
+    return [re.sub(r"^   ", "", block, flags=re.MULTILINE) for block in found]
+
+
+def commands():
+    for path in PAGES:
+        for line in "".join(blocks("sh", path)).splitlines():
+            words = [w for w in shlex.split(line, comments=True) if w != "&"]
+            if words:
+                yield pytest.param(words, id=" ".join(words))
+
+
+@pytest.mark.parametrize("words", list(commands()))
+def test_command_is_understood(words):
+    program, name, *options = words
+    assert program == "fmp-drake"
+    with click.Context(app) as context:
+        app.get_command(context, name).make_context(name, options)
+
+
+def test_scenarios_are_understood():
+    texts = [text for path in PAGES for text in blocks("yaml", path)]
+    assert len(texts) > 3
+    for text in texts:
+        ParseScenario(text)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RECIPES)
+def test_programs_of_a_page_run_one_after_the_other(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(800) / 20
+    path = [0.1 * np.cos(2.1 * time), 0.2 * np.sin(2.1 * time), 0 * time]
+    table = np.column_stack([time, *path])
+    np.savetxt("my_motion.csv", table, delimiter=",", header="time,x,y,z", comments="")
+    program = tmp_path / "program.py"
+    program.write_text("".join(blocks("python", SITE / "howto" / name)), "utf-8")
+    runpy.run_path(str(program))
+
+
+def test_dead_links_are_found(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(SITE))
+    from links import dead_links
+
+    (tmp_path / "one.html").write_text(
+        '<a href="two.html#there">.</a><a href="https://drake.mit.edu/no#where">.</a>'
+        '<a href="two.html#nowhere">.</a><img src="none.png"><a href="#top">.</a>'
+    )
+    (tmp_path / "two.html").write_text('<p id="there"><a href="one.html">.</a></p>')
+    assert [line.rsplit(" ", 1)[1] for line in dead_links(tmp_path)] == [
+        "#top",
+        "none.png",
+        "two.html#nowhere",
+    ]
+    sys.modules.pop("links")
