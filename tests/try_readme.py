@@ -5,6 +5,7 @@ in an empty folder. There every Python block and every command of the README is 
 stands, in their order. What begins with ``make`` is for a checkout, and not run here.
 """
 
+import json
 import os
 import re
 import signal
@@ -15,6 +16,7 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urljoin
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = REPOSITORY / "README.md"
@@ -43,8 +45,20 @@ def opens_page(command: str) -> bool:
     )
 
 
+def watch(url: str) -> None:
+    """Open a page, and wait until its panel shows that the simulation runs."""
+    with urllib.request.urlopen(url, timeout=600) as page:
+        assert b"<html" in page.read().lower()
+    with urllib.request.urlopen(urljoin(url, "/panel"), timeout=600) as panel:
+        for line in panel:
+            shown = json.loads(line.partition(b":")[2] or "{}")
+            if shown.get("mode") == "teaching" or (shown.get("time") or 0) > 0.5:
+                return
+    raise SystemExit(f"{url} shows nothing")
+
+
 def visit(command: str, folder: Path, env: dict[str, str]) -> str:
-    """Run a command until its page answers, end it with Ctrl-C, return what it printed."""
+    """Run a command until its page shows a run, end it with Ctrl-C, return what it printed."""
     with subprocess.Popen(
         ["bash", "-c", f"exec {command}"],
         cwd=folder,
@@ -59,10 +73,11 @@ def visit(command: str, folder: Path, env: dict[str, str]) -> str:
             said.append(line)
             found = PAGE.search(line)
             if found:
-                with urllib.request.urlopen(found[1], timeout=60) as page:
-                    assert b"<html" in page.read().lower()
+                watch(found[1])
                 process.send_signal(signal.SIGINT)
                 said += process.stdout.readlines()
+                # Nobody has to wonder which address is meant.
+                assert sum("http" in each for each in said) == 1, said
                 return "".join(said)
     raise SystemExit(f"{command} showed no page:\n{''.join(said)}")
 

@@ -78,8 +78,9 @@ def app() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; bad input ends with one line and exit code 2."""
-    # Meshcat's address is printed where it is of use.
-    logging.getLogger("drake").setLevel(logging.WARNING)
+    # Meshcat's address is printed where it is of use. Drake sets its logger's level anew
+    # when it is imported, later.
+    logging.getLogger("drake").addFilter(_is_warning)
     logger = logging.getLogger("fmp_drake")
     logger.setLevel(logging.INFO)
     logger.addHandler(_HANDLER)
@@ -96,6 +97,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _fail("stopped.", 130)
     except OSError as error:
         _fail(f"{error.filename or ''}: {error.strerror}".lstrip(": "), 2)
+
+
+def _is_warning(record: logging.LogRecord) -> bool:
+    return record.levelno >= logging.WARNING
 
 
 def _fail(message: str, code: int) -> None:

@@ -1,33 +1,27 @@
 """Demonstrations from files of all kinds."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fmp_drake.errors import DemonstrationError, FmpError, SkillFileError
+from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.primitives.data.demonstration import (
     FORMAT,
     NAMES,
-    ROTATION_CHANNELS,
     Demonstration,
 )
 from fmp_drake.primitives.data.files import read_npz
 from fmp_drake.primitives.data.reading.arrays import read_npy, read_parquet, table_of
 from fmp_drake.primitives.data.reading.bags import read_bag
-from fmp_drake.primitives.data.reading.columns import recording_of
+from fmp_drake.primitives.data.reading.columns import QUATERNION, demonstration_of
 from fmp_drake.primitives.data.reading.kinds import kind_of
 from fmp_drake.primitives.data.reading.lerobot import read_lerobot
 from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
-from fmp_drake.primitives.data.reading.recording import Recording
 from fmp_drake.primitives.data.reading.table import MOST_BYTES, Table
 from fmp_drake.primitives.data.reading.text import read_text
-from fmp_drake.primitives.editing.orientation import (
-    as_rotation,
-    mean_rotation,
-    rotation_vectors,
-)
+from fmp_drake.primitives.editing.orientation import add_orientation, mean_rotation
 
 
 def read_demonstrations(
@@ -61,56 +55,50 @@ def read_demonstrations(
         Where its numbers cannot be used.
     """
     options = options or ReadingOptions()
-    demonstrations: list[Demonstration | Recording] = []
+    found: list[Demonstration] = []
     sources: list[Path] = []
     remarks = []
+    turning = []
     for path in map(Path, paths):
-        try:
-            with np.errstate(all="ignore"):  # A demonstration refuses what is infinite.
-                found = _read(path, options)
-        except (DemonstrationError, SkillFileError) as error:
-            raise _naming(path, error) from None
-        demonstrations += found
-        sources += [path] * len(found)
-        remarks += [
-            f"{path.name}: {'; '.join(r.remarks)}"
-            for r in found
-            if isinstance(r, Recording) and r.remarks
-        ]
-    rotations = [
-        d.quaternions
-        for d in demonstrations
-        if isinstance(d, Recording) and d.quaternions is not None
-    ]
-    out = []
-    for path, each in zip(sources, demonstrations, strict=True):
-        try:
-            out.append(
-                each
-                if isinstance(each, Demonstration)
-                else _demonstration(each, rotations)
-            )
-        except DemonstrationError as error:
-            raise _naming(path, error) from None
-    return out, remarks
+        with _naming(path), np.errstate(all="ignore"):  # What is infinite is refused.
+            read = _read(path, options)
+            if isinstance(read, Demonstration):
+                found.append(read)
+            else:
+                each = [demonstration_of(table, options) for table in read]
+                turning += [
+                    i
+                    for i, d in enumerate(each, len(found))
+                    if set(QUATERNION) <= set(d.channels)
+                ]
+                remarks += [f"{path.name}: {d.note}" for d in each if d.note]
+                found += each
+        sources += [path] * (len(found) - len(sources))
+    if turning:
+        quaternions = [found[i].select(QUATERNION).values for i in turning]
+        reference = mean_rotation(np.concatenate(quaternions), order="xyzw")
+        for i, rotations in zip(turning, quaternions, strict=True):
+            with _naming(sources[i]):
+                turned = add_orientation(
+                    found[i], rotations, order="xyzw", reference=reference
+                )
+                kept = [name for name in turned.channels if name not in QUATERNION]
+                found[i] = turned.select(kept)
+    return found, remarks
 
 
-def _read(path: Path, options: ReadingOptions) -> list[Demonstration | Recording]:
-    """Return what one file holds."""
+def _read(path: Path, options: ReadingOptions) -> list[Table] | Demonstration:
+    """Return what one file holds: tables, or a demonstration as it was saved."""
     kind = kind_of(path)
     if kind == "lerobot":
-        tables = read_lerobot(path, options.topic)
-    elif kind == "bag":
-        tables = [read_bag(path, options.topic)]
-    elif kind == "npz":
-        found = _read_npz(path, options)
-        if isinstance(found, Demonstration):
-            return [found]
-        tables = [found]
-    else:
-        read = {"npy": read_npy, "parquet": read_parquet, "text": read_text}[kind]
-        tables = [read(path)]
-    return [recording_of(table, options) for table in tables]
+        return read_lerobot(path, options.topic)
+    if kind == "bag":
+        return [read_bag(path, options.topic)]
+    if kind == "npz":
+        saved = _read_npz(path, options)
+        return saved if isinstance(saved, Demonstration) else [saved]
+    read = {"npy": read_npy, "parquet": read_parquet, "text": read_text}[kind]
+    return [read(path)]
 
 
 def _read_npz(path: Path, options: ReadingOptions) -> Demonstration | Table:
@@ -145,30 +133,12 @@ def _read_npz(path: Path, options: ReadingOptions) -> Demonstration | Table:
     )
 
 
-def _demonstration(
-    recording: Recording, rotations: Sequence[NDArray[np.float64]]
-) -> Demonstration:
-    """Return a recording as a demonstration; all orientations have one reference."""
-    values, channels, units = recording.values, recording.channels, recording.units
-    reference = None
-    if recording.quaternions is not None:
-        reference = mean_rotation(np.concatenate(rotations), order="xyzw")
-        rotation = as_rotation(recording.quaternions, order="xyzw")
-        vectors = rotation_vectors(rotation, reference)
-        values = np.concatenate([values, vectors], axis=1)
-        channels = (*channels, *ROTATION_CHANNELS)
-        units = (*units, "rad", "rad", "rad")
-    return Demonstration(
-        time=recording.time,
-        values=values,
-        channels=channels,
-        units=units,
-        frame=recording.frame,
-        note="; ".join(recording.remarks),
-        rotation_reference=reference,
-    )
-
-
-def _naming(path: Path, error: FmpError) -> FmpError:
-    """Return an error that names the file."""
-    return error if str(path) in str(error) else type(error)(f"{path}: {error}")
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Let errors name the file."""
+    try:
+        yield
+    except (DemonstrationError, SkillFileError) as error:
+        if str(path) in str(error):
+            raise
+        raise type(error)(f"{path}: {error}") from None

@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
-from fmp_drake.primitives.data.demonstration import default_channels
+from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
 from fmp_drake.primitives.data.reading.reading_options import (
     ReadingOptions,
     shown_columns,
 )
-from fmp_drake.primitives.data.reading.recording import Recording
 from fmp_drake.primitives.data.reading.table import Table
 from fmp_drake.primitives.data.reading.units import (
     LENGTHS,
@@ -51,12 +50,16 @@ _UNITS = (
     (re.compile(r"(.*_)?(force(_?[xyz])?|f_?[xyz])"), "N"),
     (re.compile(r"(.*_)?torque(_?[xyz])?"), "Nm"),
 )
+QUATERNION = ("qx", "qy", "qz", "qw")
 _LONGEST_REPETITION = 0.1
 _UNIT_LENGTH = 0.1
 
 
-def recording_of(table: Table, options: ReadingOptions) -> Recording:
+def demonstration_of(table: Table, options: ReadingOptions) -> Demonstration:
     """Return the movement that the columns of a table hold.
+
+    An orientation is in the channels `qx`, `qy`, `qz` and `qw`; what was recognised, and
+    what was left out, in the note.
 
     Raises
     ------
@@ -95,24 +98,17 @@ def recording_of(table: Table, options: ReadingOptions) -> Recording:
         units.append(unit)
         if factor != 1:
             remarks.append(f"{channel} was in another unit: now in {unit}")
-    quaternion = [f"q{axis}" for axis in "xyzw"]
-    quaternions = None
-    if set(quaternion) <= set(channels):
-        at = [channels.index(name) for name in quaternion]
-        quaternions = _checked(np.column_stack([values[i] for i in at]))
-        keep = [i for i in range(len(channels)) if i not in at]
-        channels, values, units = (
-            [part[i] for i in keep] for part in (channels, values, units)
-        )
-    return Recording(
+    demonstration = Demonstration(
         time=time,
-        values=np.column_stack(values) if values else np.empty((len(time), 0)),
+        values=np.column_stack(values),
         channels=tuple(channels),
         units=tuple(units),
-        quaternions=quaternions,
         frame=table.frame,
-        remarks=tuple(remarks),
+        note="; ".join(remarks),
     )
+    if set(QUATERNION) <= set(channels):
+        _check_lengths(demonstration.select(QUATERNION).values)
+    return demonstration
 
 
 def _plain(name: str) -> str:
@@ -290,7 +286,7 @@ def _unit(
     return "1"
 
 
-def _checked(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+def _check_lengths(quaternions: NDArray[np.float64]) -> None:
     lengths = np.linalg.norm(quaternions, axis=1)
     worst = float(np.max(np.abs(lengths - 1), initial=0.0))
     if not worst < _UNIT_LENGTH:
@@ -298,4 +294,3 @@ def _checked(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
             f"qx, qy, qz and qw are no unit quaternions (lengths from {lengths.min():.3g} "
             f"to {lengths.max():.3g}); give the columns of the channels (--columns)."
         )
-    return quaternions
