@@ -61,6 +61,7 @@ project_copyright = "2026, the fmp_drake authors"
 autosummary_generate = True
 autodoc_typehints = "none"
 numpydoc_show_class_members = False
+toc_object_entries_show_parents = "hide"
 sphinx_gallery_conf = {
     "examples_dirs": [".."],
     "gallery_dirs": ["gallery"],
