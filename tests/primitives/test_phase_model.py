@@ -443,4 +443,5 @@ def test_the_phase_of_a_playback_runs_on_from_cycle_to_cycle(small):
         steps = np.angle(np.exp(1j * np.diff(phases[50:])))
         assert np.all(steps > 0)
         assert steps.mean() * 25 * skill.period_ == pytest.approx(2 * np.pi, rel=0.1)
-        assert steps.max() < 2 * steps.mean()
+        # Where the cycle is slow, what a sample adds moves the phase, too.
+        assert steps.max() < 3 * steps.mean()

@@ -148,7 +148,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     def __init__(
         self,
         *,
-        model: ModelChoice = "mixture",
+        model: ModelChoice = "automatic",
         n_steps: int = 120,
         stride: int | None = None,
         rate: float = 20.0,

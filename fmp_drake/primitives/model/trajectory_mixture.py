@@ -151,6 +151,21 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         parts = self.phase_model_.draw(rng, component, size, self.n_steps, past=seen)
         return self.basis.analyze(parts[0]), self.basis.analyze(parts[1])
 
+    def expected(self, component: int, past: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the weights (D*T,) to which a window of a component leads.
+
+        Those of the component's mean; of a phase model those of the cycle that goes on
+        from the phase and tempo of the first samples, `past` (K, D). The mean over windows
+        whose phases spread is smaller than each of them: right where it predicts, wrong
+        where it is played.
+        """
+        if self.phase_model_ is None:
+            return self.components_[component].mean
+        window = self.phase_model_.expected(
+            component, self.n_steps, past=past / self.scales_
+        )
+        return self.basis.analyze(window)
+
     @property
     def period_(self) -> float:
         """Mean period of the movement, s.

@@ -136,8 +136,7 @@ class Player:
         self.seed = int(seed)
         self.blend_time = float(blend_time)
         self.tick_seconds = 1 / skill.rate
-        ticks = remap_ticks_of(skill, remap_ticks)
-        self.ticks_between_remaps, self._ticks_of_means = ticks
+        self.ticks_between_remaps = remap_ticks_of(skill, remap_ticks)
         self._own_target = checked_target(skill, target, sample=sample)
         rule = LqrTracker() if tracker is None else tracker
         self.relaxations = [
@@ -255,6 +254,20 @@ class Player:
         change = self.motion(state)[:2] - self.motion(new)[:2]
         return replace(new, offset=state.offset + change)
 
+    def entered(
+        self, state: PlaybackState, target: NDArray[np.float64]
+    ) -> PlaybackState:
+        """Track weights that go on from a mapping, without a jump of the motion.
+
+        Those of a phase model are played at once. On the way from one weights to others that
+        differ in phase both would be averaged, and what is played would leave the cycle.
+        """
+        if self.skill.phase_model_ is None:
+            return self.retarget(state, target)
+        new = replace(state, weights=target, target=target)
+        change = self.motion(state)[:2] - self.motion(new)[:2]
+        return replace(new, offset=state.offset + change)
+
     def _tick(self, state: PlaybackState, seconds: float) -> PlaybackState:
         """Return the state at the next tick, which is some seconds away."""
         relaxation, step = self.relaxations[state.component], state.step + 1
@@ -272,9 +285,8 @@ class Player:
             time_since_tick=0.0,
             tempo=max(state.tempo + state.tempo_rate * seconds, 0.0),
         )
-        follows_mean = self._own_target is None and not state.sample
-        ticks = self._ticks_of_means if follows_mean else self.ticks_between_remaps
-        return self.remap(state) if step >= self.skill.overlap - 1 + ticks else state
+        last = self.skill.overlap - 1 + self.ticks_between_remaps
+        return self.remap(state) if step >= last else state
 
     def _entered(
         self,
@@ -284,19 +296,22 @@ class Player:
         motion: NDArray[np.float64],
     ) -> PlaybackState:
         """Return the state with mapped weights, and the motion (2, D) as it was."""
-        mapping = plan.map(values)
+        mapping, own = plan.map(values), self._own_target
         gaussian = self.skill.components_[mapping.component]
         state = replace(
             state,
             weights=confined(gaussian, mapping.weights, self._confidence),
-            target=gaussian.mean if self._own_target is None else self._own_target,
+            target=gaussian.mean if own is None else own,
             component=mapping.component,
             offset=np.zeros_like(state.offset),
         )
         state = replace(state, offset=motion - self.motion(state)[:2])
-        if state.sample and self._own_target is None:
-            state = track_sample(self, state)
-        return state
+        if own is not None:
+            return state
+        if state.sample:
+            return track_sample(self, state)
+        past = self.skill.synthesize(state.weights)[: self.skill.overlap]
+        return self.entered(state, self.skill.expected(state.component, past))
 
     # What a state means -------------------------------------------------------
 

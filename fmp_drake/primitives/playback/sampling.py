@@ -75,9 +75,14 @@ def track_sample(
     past = skill.synthesize(state.weights)[: skill.overlap]
     centre, deviation = skill.draw(state.component, rng, count, past=past)
     if region is None and worth is None:
-        return _tracking(player, state, centre[0] + deviation[0])
+        return player.entered(state, centre[0] + deviation[0])
     if region is not None and worth is not None:
         deviation *= _WIDENED if skill.phase_model_ is None else _WIDENED_RESIDUAL
+    if skill.phase_model_ is not None:
+        # At last what is expected, of which it was made sure before that it stays inside.
+        expected = skill.expected(state.component, past)
+        centre = np.concatenate([centre, expected[None]])
+        deviation = np.concatenate([deviation, np.zeros_like(expected)[None]])
     steady, values = _led_to(player, state, centre, deviation)
     # Up to the next re-mapping.
     ticks = skill.overlap - 1 + player.ticks_between_remaps - state.step
@@ -90,18 +95,12 @@ def track_sample(
     targets = centre + deviation
     order = np.arange(count)
     if worth is not None:
-        order = np.argsort(-worth(values), kind="stable")
+        order = np.argsort(-worth(values[:count]), kind="stable")
     if region is None:
-        return _tracking(player, state, targets[order[0]])
-    tried = list(order[:_TRIES])
-    if skill.phase_model_ is not None:
-        # At last the cycle alone, whose end leads nowhere else.
-        targets = np.concatenate([targets, centre[order[:1]]])
-        values = np.concatenate([values, steady[order[:1]]])
-        tried.append(count)
+        return player.entered(state, targets[order[0]])
     best, least = state, math.inf
-    for i in tried:
-        tracking = _tracking(player, state, targets[i])
+    for i in [*order[:_TRIES], *range(count, len(targets))]:
+        tracking = player.entered(state, targets[i])
         led_to = _next_mean(player, tracking, values[i])
         if skill.phase_model_ is not None:
             led_to = np.concatenate([values[i], led_to])
@@ -111,21 +110,6 @@ def track_sample(
         if outside <= region.margin:
             break
     return best
-
-
-def _tracking(
-    player: "Player", state: PlaybackState, target: NDArray[np.float64]
-) -> PlaybackState:
-    """Return the state that tracks a sample; that of a phase model is played at once.
-
-    On the way from one weights to others that differ in phase, both would be averaged,
-    and what is played would leave the cycle.
-    """
-    if player.skill.phase_model_ is None:
-        return player.retarget(state, target)
-    new = replace(state, weights=target, target=target)
-    change = player.motion(state)[:2] - player.motion(new)[:2]
-    return replace(new, offset=state.offset + change)
 
 
 def _led_to(
@@ -164,8 +148,6 @@ def _next_mean(
 ) -> NDArray[np.float64]:
     """Return the values (N, D) that the next window leads to if its mean is tracked.
 
-    Of a phase model: if its cycle is.
-
     Parameters
     ----------
     player : Player
@@ -186,8 +168,5 @@ def _next_mean(
         sample=False,
     )
     after = player.remap(end)
-    if skill.phase_model_ is not None:
-        past = skill.synthesize(after.weights)[: skill.overlap]
-        parts = skill.draw(after.component, np.random.default_rng(0), past=past)
-        return _led_to(player, after, *parts)[0][0]
-    return look_ahead(skill, player.relaxations[after.component], after).steady
+    ahead = look_ahead(skill, player.relaxations[after.component], after)
+    return ahead.steady[: player.ticks_between_remaps]

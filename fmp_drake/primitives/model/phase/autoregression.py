@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,33 +63,44 @@ class Autoregression:
     def autocovariance(self, count: int) -> NDArray[np.float64]:
         """Return E[v_(t+k) v_t'] of the lags k = 0 to count - 1, (count, D, D)."""
         d = len(self.innovation)
-        companion, stationary = _companion(self.coefficients), self._stationary()
+        companion, stationary = _companion(self.coefficients), self._stationary
         out = np.empty((count, d, d))
         for lag in range(count):
             out[lag] = stationary[:d, :d]
             stationary = companion @ stationary
         return out
 
+    def covariance(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return E[v_t v_u'] at steps (n,), shape (n, D, n, D)."""
+        lags = steps[:, None] - steps
+        later = self.autocovariance(int(np.ptp(steps)) + 1)[np.abs(lags)]
+        earlier = np.swapaxes(later, -1, -2)
+        both = np.where((lags >= 0)[..., None, None], later, earlier)
+        return np.swapaxes(both, 1, 2)
+
     def sample(
-        self, normals: NDArray[np.float64], *, last: NDArray[np.float64] | None = None
+        self, normals: NDArray[np.float64], *, past: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
         """Make stretches of the process (S, n, D) of standard normals (S, p + n, D).
 
-        They go on from a value `last`, (D,), that it had for p samples, if one is given.
+        They go on from values `past`, (S, k, D), where these are given. Of fewer than p
+        values the first is taken to have been there before.
         """
         p, d, _ = self.coefficients.shape
         out = normals @ _root(self.innovation).T
-        if last is None:
+        if past is None:
             # The companion's state holds the newest sample first.
-            past = normals[:, :p].reshape(-1, p * d) @ _root(self._stationary()).T
-            out[:, :p] = past.reshape(-1, p, d)[:, ::-1]
+            begin = normals[:, :p].reshape(-1, p * d) @ _root(self._stationary).T
+            out[:, :p] = begin.reshape(-1, p, d)[:, ::-1]
         else:
-            out[:, :p] = last
+            newest = np.arange(past.shape[1] - p, past.shape[1])
+            out[:, :p] = past[:, np.maximum(newest, 0)]
         for t in range(p, out.shape[1]):
             for k, matrix in enumerate(self.coefficients, start=1):
                 out[:, t] += out[:, t - k] @ matrix.T
         return out[:, p:]
 
+    @cached_property
     def _stationary(self) -> NDArray[np.float64]:
         """Return the covariance of (v_t, ..., v_(t-p+1)), shape (p D, p D)."""
         companion = _companion(self.coefficients)

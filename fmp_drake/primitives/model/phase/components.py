@@ -100,7 +100,7 @@ def anchored_gaussians(
     span = int(np.ptp(steps)) + 1
     straying = phase_covariance(track.phases, tempo, count=span, pinned=pinned)
     straying = straying[np.ix_(steps + pinned, steps + pinned)]
-    smooth = _toeplitz(residual.process.autocovariance(span), steps)
+    smooth = residual.process.covariance(steps)
     shifted = np.zeros((n_steps, d, n_steps, d))
     slow = np.concatenate(track.shifts).var(axis=0)
     shifted[:, np.arange(d), :, np.arange(d)] = 2 * slow[:, None, None]
@@ -133,14 +133,6 @@ def anchored_gaussians(
         covariance += spacing[m] ** 2 / 12 * np.outer(tangent, tangent)
         mean = cycle.values(path) + move.reshape(n_steps, d)
         yield mean, covariance
-
-
-def _toeplitz(autocovariance: Array, steps: NDArray[np.int64]) -> Array:
-    """Return E[v_t v_u'] of a stationary process at steps, (n, D, n, D)."""
-    lags = steps[:, None] - steps
-    later = autocovariance[np.abs(lags)]
-    both = np.where((lags >= 0)[..., None, None], later, np.swapaxes(later, -1, -2))
-    return np.swapaxes(both, 1, 2)
 
 
 def _errors(

@@ -7,14 +7,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from fmp_drake.numeric import finite_array
+from fmp_drake.primitives.model.phase.closing import closed
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.history import CycleHistory
 from fmp_drake.primitives.model.phase.path import phase_path
 from fmp_drake.primitives.model.phase.residual import Residual
 from fmp_drake.primitives.model.phase.tempo import Tempo
 
-# How far from its anchor a component is at most entered, rad.
+Array = NDArray[np.float64]
+
+# Standard deviation of how far from its anchor a component is entered, rad, and variance
+# of samples beside all that is modelled.
 _FARTHEST = 0.5
+_NOISE = 1e-10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,10 +66,10 @@ class PhaseModel:
     cycle: Cycle
     residual: Residual
     tempo: Tempo
-    anchors: NDArray[np.float64]
-    spacing: NDArray[np.float64]
+    anchors: Array
+    spacing: Array
     pinned: int
-    calibration: NDArray[np.float64]
+    calibration: Array
     history: CycleHistory
     paused: float
     approach: float
@@ -84,11 +89,11 @@ class PhaseModel:
         shape = self.cycle.coefficients.shape[1], self.anchors.shape
         return shape == (channels, (components,)) and 0 <= self.pinned < n_steps
 
-    def widening(self, horizon: int) -> NDArray[np.float64]:
+    def widening(self, horizon: int) -> Array:
         """Return what covariances of the next samples are multiplied by, (horizon,)."""
         return np.interp(np.arange(1, horizon + 1), *self.calibration.T)
 
-    def phase(self, values: ArrayLike) -> NDArray[np.float64]:
+    def phase(self, values: ArrayLike) -> Array:
         """Return the unwrapped phase (n,) of consecutive samples (n, D), rad."""
         y = finite_array(values, "the values", ("n", self.cycle.coefficients.shape[1]))
         return phase_path(y, self.cycle, tempo=self.tempo.mean)
@@ -100,8 +105,8 @@ class PhaseModel:
         size: int,
         count: int,
         *,
-        past: NDArray[np.float64] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        past: Array | None = None,
+    ) -> tuple[Array, Array]:
         """Draw windows at the phase of a component, as two parts to be added.
 
         Parameters
@@ -113,47 +118,85 @@ class PhaseModel:
         count : int
             Samples of a window.
         past : ndarray, shape (K, D), optional
-            The first samples of the window: their phase and tempo go on.
+            The first samples of the window: their phase, tempo and residual go on, up to
+            where it is `closed`.
 
         Returns
         -------
         centre, deviation : ndarray, shape (size, count, D)
-            The cycle, with a tempo that varies, and the residual.
+            The cycle, with a tempo that varies, and what is left of the past's residual;
+            the residual that is new.
         """
+        tempo, process = self.tempo, self.residual.process
+        of_tempo = len(tempo.process.coefficients) + count - 1
+        of_residual = len(process.coefficients) + count
         d = self.cycle.coefficients.shape[1]
-        of_tempo = len(self.tempo.process.coefficients) + count - 1
-        of_residual = len(self.residual.process.coefficients) + count
         # In one draw, so that the first sample is the same, however many there are.
         normals = rng.standard_normal((size, 1 + of_tempo + of_residual * d))
-        within = self.spacing[component] * (ndtr(normals[:, :1]) - 0.5)
-        begin = None
+        place, normals = normals[:, :1], normals[:, 1:]
+        of_v = normals[:, of_tempo:].reshape(size, of_residual, d)
+        normals = normals[:, :of_tempo]
         if past is not None:
-            within, begin = self._passing(past, component)
-        path = self.tempo.sample(
-            normals[:, 1 : 1 + of_tempo], pinned=self.pinned, begin=begin
-        )
-        path += self.anchors[component] + within
-        v = normals[:, 1 + of_tempo :].reshape(size, of_residual, d)
-        v = self.residual.process.sample(v)
-        deviation = (self.residual.factor(path) @ v[..., None])[..., 0]
-        return self.cycle.values(path), deviation
+            known = len(past)
+            return self._going_on(
+                past, component, normals[:, known - 1 :], of_v[:, known:]
+            )
+        path = tempo.sample(normals, pinned=self.pinned)
+        path += self.anchors[component] + self.spacing[component] * (ndtr(place) - 0.5)
+        return self.cycle.values(path), self.residual.values(path, process.sample(of_v))
 
-    def _passing(
-        self, past: NDArray[np.float64], component: int
-    ) -> tuple[float, float]:
-        """Return how far a window gets past an anchor, rad, and at which tempo."""
-        steps = np.arange(float(len(past))) - self.pinned
+    def expected(self, component: int, count: int, *, past: Array) -> Array:
+        """Return how the first samples of a window (K, D) go on, shape (count, D).
+
+        With the tempo and the residual that are expected, the cycle has its full size. The
+        mean over all windows that begin so is smaller, as their phases spread.
+        """
+        later = count - len(past)
+        d = self.cycle.coefficients.shape[1]
+        normals = np.zeros((1, len(self.tempo.process.coefficients) + later))
+        of_v = np.zeros((1, len(self.residual.process.coefficients) + later, d))
+        return self._going_on(past, component, normals, of_v)[0][0]
+
+    def _going_on(
+        self, past: Array, component: int, normals: Array, of_v: Array
+    ) -> tuple[Array, Array]:
+        """Return windows of standard normals of the tempo and the residual; see `draw`."""
+        begun = self._begun(past, component)
+        path = self.tempo.going_on(normals, begun)
+        size, known = len(path), len(past)
+        kept = np.zeros((1 + size, *past.shape))
+        kept[0] = self.residual.standardised(begun, past - self.cycle.values(begun))
+        v = self.residual.process.sample(
+            np.concatenate([np.zeros_like(of_v[:1]), of_v]), past=kept
+        )
+        centre, deviation = self.cycle.values(path), np.zeros((*path.shape, len(past.T)))
+        centre[:, :known] = past
+        centre[:, known:] += self.residual.values(path[:, known:], v[:1])
+        deviation[:, known:] = self.residual.values(path[:, known:], v[1:])
+        return closed(centre), closed(deviation)
+
+    def _begun(self, past: Array, component: int) -> Array:
+        """Return the likeliest phases (K,) of the first samples (K, D) of a window.
+
+        Near its anchor a phase that strays moves the samples along the cycle, so phases,
+        residual and samples are Gaussian together: the first are conditioned on the last.
+        """
+        k, d = past.shape
+        steps = np.arange(float(k)) - self.pinned
         path = self.anchors[component] + self.tempo.mean * steps
         along = self.cycle.values(path, 1)
-        # By how much the phase differs from the path: a straight line in time.
-        rows = np.stack([along, along * steps[:, None]], axis=-1).reshape(-1, 2)
+        straying = self.tempo.straying(k) + _FARTHEST**2
+        moved = straying[:, :, None] * along
+        factor, v = self.residual.factor(path), self.residual.process.covariance(np.arange(k))
+        seen = np.einsum("tac,tcue,ube->taub", factor, v, factor, optimize=True)
+        seen += along[:, :, None, None] * moved[:, None]
+        seen = seen.reshape(k * d, k * d) + _NOISE * np.eye(k * d)
         off = (past - self.cycle.values(path)).ravel()
-        ahead, faster = np.linalg.lstsq(rows, off)[0]
-        ahead = np.clip(ahead, -_FARTHEST, _FARTHEST)
-        return float(ahead), self.tempo.mean + float(faster)
+        out: Array = path + moved.reshape(k, k * d) @ np.linalg.solve(seen, off)
+        return out
 
     def transformed(
-        self, matrix: NDArray[np.float64], offset: NDArray[np.float64]
+        self, matrix: Array, offset: Array
     ) -> "PhaseModel":
         """Return the model of A y + b, for a matrix (D, D) and an offset (D,)."""
         coefficients = self.cycle.coefficients @ matrix.T

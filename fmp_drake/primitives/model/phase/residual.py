@@ -60,11 +60,26 @@ class Residual:
         factors = np.einsum("gab,gb,gcb->gac", vectors, np.sqrt(variances), vectors)
         unformed = cls(factors=factors, process=_NO_PROCESS)
         whitened = [
-            np.linalg.solve(unformed.factor(p), x[..., None])[..., 0]
-            for p, x in zip(phases, residuals, strict=True)
+            unformed.standardised(p, x) for p, x in zip(phases, residuals, strict=True)
         ]
         process = Autoregression.fit(whitened, order=_ORDER)
         return cls(factors=np.ascontiguousarray(factors), process=process)
+
+    def values(
+        self, phase: NDArray[np.float64], v: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return L v at phases (..., n), for v (..., n, D)."""
+        out: NDArray[np.float64] = (self.factor(phase) @ v[..., None])[..., 0]
+        return out
+
+    def standardised(
+        self, phase: NDArray[np.float64], values: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the v (..., n, D) of residuals (..., n, D) at phases (..., n)."""
+        out: NDArray[np.float64] = np.linalg.solve(
+            self.factor(phase), values[..., None]
+        )
+        return out[..., 0]
 
     def factor(self, phase: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return L at phases (...), shape (..., D, D)."""

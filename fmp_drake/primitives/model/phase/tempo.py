@@ -54,11 +54,7 @@ class Tempo:
         return cls(mean=mean, spread=spread, process=process)
 
     def sample(
-        self,
-        normals: NDArray[np.float64],
-        *,
-        pinned: int,
-        begin: float | None = None,
+        self, normals: NDArray[np.float64], *, pinned: int
     ) -> NDArray[np.float64]:
         """Make phases (S, n) that are 0 at the sample `pinned`.
 
@@ -67,22 +63,40 @@ class Tempo:
         normals : ndarray, shape (S, p + n - 1)
             Standard normals; p is the order of the process.
         pinned : int
-        begin : float, optional
-            Tempo up to there, rad per sample; a random one where None.
         """
-        normals = normals[..., None]
-        if begin is None:
-            deviations = self.process.sample(normals)[..., 0]
-        else:
-            last = np.clip((begin - self.mean) / self.spread, -_MOST, _MOST)
-            after = self.process.sample(normals[:, pinned:], last=np.array([last]))
-            deviations = np.pad(
-                after[..., 0], ((0, 0), (pinned, 0)), constant_values=last
-            )
-        increments = self.mean + self.spread * deviations
-        phase = np.zeros((len(normals), increments.shape[1] + 1))
-        np.cumsum(increments, axis=1, out=phase[:, 1:])
+        phase = self._phases(self.process.sample(normals[..., None]))
         return phase - phase[:, pinned, None]
+
+    def going_on(
+        self, normals: NDArray[np.float64], begun: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Make phases (S, k + n) that go on from known ones, (k,).
+
+        Parameters
+        ----------
+        normals : ndarray, shape (S, p + n)
+        begun : ndarray, shape (k,)
+        """
+        past = (np.diff(begun) - self.mean) / self.spread
+        past = np.clip(past, -_MOST, _MOST)[None, :, None]
+        past = np.repeat(past, len(normals), axis=0)
+        after = self._phases(self.process.sample(normals[..., None], past=past))
+        before = np.repeat(begun[None], len(normals), axis=0)
+        return np.concatenate([before, begun[-1] + after[:, 1:]], axis=1)
+
+    def _phases(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the phases (S, n + 1) from 0 that have tempi with deviations (S, n, 1)."""
+        increments = self.mean + self.spread * deviations[..., 0]
+        phase = np.zeros((len(increments), increments.shape[1] + 1))
+        np.cumsum(increments, axis=1, out=phase[:, 1:])
+        return phase
+
+    def straying(self, count: int) -> NDArray[np.float64]:
+        """Return the covariance of n phases, beside the first and a constant tempo."""
+        tempi = self.process.covariance(np.arange(count - 1))[:, 0, :, 0]
+        out = np.zeros((count, count))
+        out[1:, 1:] = self.spread**2 * np.cumsum(np.cumsum(tempi, axis=0), axis=1)
+        return out
 
 
 def phase_covariance(
