@@ -40,7 +40,7 @@ from pydrake.systems.analysis import Simulator
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station import LoadScenario, MakeWipingStation, models_dir
 wiping = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
-FourierMovementPrimitive(model="phase").fit(wiping)
+FourierMovementPrimitive().fit(wiping)
 skill = FourierMovementPrimitive(n_components=4, stride=20).fit(wiping)
 station = MakeWipingStation(LoadScenario("table_top"), skill, meshcat=Meshcat())
 Simulator(station).AdvanceTo(0.3)
@@ -108,14 +108,14 @@ def polishing_demonstration():
 
 @pytest.fixture(scope="session")
 def wiping_skill(wiping_demonstration):
-    """A skill with the defaults: T = 120, K = 10, M = 10, D = 3, 20 Hz."""
+    """A skill with the defaults, a phase model: T = 120, K = 10, D = 3, 20 Hz."""
     return FourierMovementPrimitive().fit(wiping_demonstration)
 
 
 @pytest.fixture(scope="session")
-def wiping_phase(wiping_demonstration):
-    """As `wiping_skill`, with a phase model."""
-    return FourierMovementPrimitive(model="phase").fit(wiping_demonstration)
+def wiping_mixture(wiping_demonstration):
+    """As `wiping_skill`, by EM over all windows."""
+    return FourierMovementPrimitive(model="mixture").fit(wiping_demonstration)
 
 
 @pytest.fixture(scope="session")

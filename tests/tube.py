@@ -1,8 +1,11 @@
 """Measures whether a played skill returns to where it was demonstrated, and stays.
 
-The tube of a component at a time of its window is the ellipsoid that holds 99 % of
-its values there: squared Mahalanobis distance, with the covariance (18), up to the
-99 % quantile of the chi-square distribution. Only the public interface is used.
+Two measures. The tube of a component at a time of its window is the ellipsoid that holds
+99 % of its values there: squared Mahalanobis distance, with the covariance (18), up to the
+99 % quantile of the chi-square distribution. It is the model's own: a model that is too sure
+has a narrow tube, and whatever it plays is inside. So also how near what is played is
+to the demonstrations, by how near these are to themselves at other times. Only the public
+interface is used.
 """
 
 from functools import cache, cached_property
@@ -10,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 from scipy.stats import chi2
 
 from fmp_drake.primitives import Demonstration, Player
@@ -65,6 +69,47 @@ class Tube:
         return squares <= self.threshold
 
 
+def demonstrated_inside(skill, demonstration):
+    """Return how much of a demonstration is in the tubes of what it is mapped on.
+
+    K samples are mapped, as where a skill is played, and the rest of their window counts.
+    """
+    values = demonstration.resample(skill.rate).values
+    steps = np.arange(skill.overlap - 1, skill.n_steps)
+    plan, tube = skill.mapping_plan(np.arange(skill.overlap)), tube_of(skill)
+    inside = []
+    for first in range(0, len(values) - skill.n_steps, 7):
+        window = values[first : first + skill.n_steps]
+        component = plan.map(window[: skill.overlap].ravel()).component
+        components = np.full(len(steps), component)
+        inside.append(tube.inside(window[steps], components, steps))
+    return float(np.mean(inside))
+
+
+class Nearness:
+    """How near values are to a demonstration.
+
+    Attributes
+    ----------
+    usual : float
+        The distance, m, that 99 % of its own samples are nearer than to the nearest one at
+        least a period away in time.
+    """
+
+    def __init__(self, demonstration, rate, period):
+        values = demonstration.resample(rate).values
+        self._tree = KDTree(values)
+        times = np.arange(len(values))
+        apart = np.abs(times[::5, None] - times) >= period * rate
+        squares = ((values[::5, None] - values) ** 2).sum(axis=2)
+        nearest = np.sqrt(np.where(apart, squares, np.inf).min(axis=1))
+        self.usual = float(np.quantile(nearest, 0.99))
+
+    def usually(self, values):
+        """Return which of values (..., D) are as near as the demonstration mostly is."""
+        return self._tree.query(values)[0] <= self.usual
+
+
 @cache
 def tube_of(skill):
     """Return the tubes of a skill, whose tables take a second, once for all tests."""
@@ -75,13 +120,15 @@ class Return(NamedTuple):
     """What playing from many starts showed.
 
     `at` and `after` are the shares of starts inside at two periods, and at every tick
-    from then on; `ever_after` is the share of all ticks from then on; `slow` is the
+    from then on; `ever_after` is the share of all ticks from then on; `near` is the share
+    of these that are as near to the demonstration as it is to itself; `slow` is the
     share of starts whose peak speed stays below twice the demonstrated one.
     """
 
     at: float
     after: float
     ever_after: float
+    near: float
     slow: float
     greatest_speed: float
     seconds: float
@@ -96,37 +143,40 @@ def played(player, start, ticks, **options):
         yield state
 
 
-def measure_return(skill, *, starts, seconds, period, peak, **options):
+def measure_return(skill, demonstration, *, starts, seconds, period, **options):
     """Play a skill from many starts and measure how it returns, see `Return`.
 
     Parameters
     ----------
     skill : FourierMovementPrimitive
+    demonstration : Demonstration
     starts : ndarray, shape (S, D)
     seconds : float
         How long is played.
     period : float
         Of the movement, s.
-    peak : float
-        Greatest demonstrated speed, m/s.
     **options
         Of the player.
     """
     tube, player = tube_of(skill), Player(skill, **options)
+    peak = peak_speed(demonstration, skill.rate)
+    nearness = Nearness(demonstration, skill.rate, period)
     ticks = round(seconds * skill.rate)
-    inside, greatest = [], []
+    inside, near, greatest = [], [], []
     for i, start in enumerate(starts):
         states = list(played(player, start, ticks, seed=player.seed + i))
         motions = np.array([player.motion(state) for state in states])
         components, steps = np.array([(s.component, s.step) for s in states]).T
         inside.append(tube.inside(motions[:, 0], components, steps))
+        near.append(nearness.usually(motions[:, 0]))
         greatest.append(np.linalg.norm(motions[:, 1], axis=1).max())
-    inside, speeds = np.array(inside), np.array(greatest)
+    inside, near, speeds = np.array(inside), np.array(near), np.array(greatest)
     first = round(2 * period * skill.rate)
     return Return(
         at=float(inside[:, first].mean()),
         after=float(inside[:, first:].all(axis=1).mean()),
         ever_after=float(inside[:, first:].mean()),
+        near=float(near[:, first:].mean()),
         slow=float((speeds < 2 * peak).mean()),
         greatest_speed=float(speeds.max() / peak),
         seconds=ticks / skill.rate,

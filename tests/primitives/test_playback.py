@@ -96,17 +96,21 @@ def test_start_maps_one_sample(small_skill):
     assert np.array_equal(state.target, gaussian.mean)
 
 
-def test_start_within_its_tolerance_does_not_swing_out_elsewhere(wiping_skill):
+def test_start_within_its_tolerance_does_not_swing_out_elsewhere(
+    wiping_skill, wiping_mixture
+):
     low, high = wiping_skill.extent_
     starts = np.random.default_rng(0).uniform(low, high, size=(100, 3))
     starts[:, 2] = 0.1
 
-    def swing(**options):
-        paths = Player(wiping_skill, **options).rollout(starts, 6.0)[:, :, 0, :2]
+    def swing(skill, **options):
+        paths = Player(skill, **options).rollout(starts, 6.0)[:, :, 0, :2]
         outside = np.maximum(paths - high[:2], low[:2] - paths).max(axis=(1, 2))
         return np.percentile(outside, 90)
 
-    assert swing() < 0.5 * swing(start_tolerance=0)
+    assert swing(wiping_mixture) < 0.5 * swing(wiping_mixture, start_tolerance=0)
+    # The window of a phase model lies around its cycle, however it was mapped.
+    assert swing(wiping_skill) < 0.025
 
 
 def test_start_tolerance_that_is_negative_is_refused(small_skill):
@@ -223,19 +227,19 @@ def deviation(skill, state):
 
 @pytest.mark.parametrize("confidence", [0.5, 0.99])
 def test_mapped_weights_stay_in_the_ellipsoid_of_the_confidence(
-    wiping_skill, confidence
+    wiping_mixture, confidence
 ):
-    player = Player(wiping_skill, confidence=confidence, start_tolerance=0)
-    state = player.start(outside(wiping_skill))
-    rank = wiping_skill.components_[state.component].rank
+    player = Player(wiping_mixture, confidence=confidence, start_tolerance=0)
+    state = player.start(outside(wiping_mixture))
+    rank = wiping_mixture.components_[state.component].rank
     radius = np.sqrt(chi2.ppf(confidence, rank))
-    assert deviation(wiping_skill, state) == pytest.approx(radius)
-    free = Player(wiping_skill, confidence=1.0, start_tolerance=0).start(
-        outside(wiping_skill)
+    assert deviation(wiping_mixture, state) == pytest.approx(radius)
+    free = Player(wiping_mixture, confidence=1.0, start_tolerance=0).start(
+        outside(wiping_mixture)
     )
-    assert deviation(wiping_skill, free) > 1.5 * radius
+    assert deviation(wiping_mixture, free) > 1.5 * radius
     for later in ticks(player, state, 330):
-        assert deviation(wiping_skill, later) <= radius * (1 + 1e-9)
+        assert deviation(wiping_mixture, later) <= radius * (1 + 1e-9)
 
 
 def test_return_from_outside_does_not_swing_out(wiping_skill):

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from tube import (
     bundled,
+    demonstrated_inside,
     measure_return,
     peak_speed,
     remapping_jumps,
@@ -32,7 +33,14 @@ def demonstration(task):
 
 @pytest.fixture(scope="module")
 def skill(demonstration):
-    return FourierMovementPrimitive().fit(demonstration)
+    skill = FourierMovementPrimitive().fit(demonstration)
+    assert skill.model_ == "phase"
+    return skill
+
+
+@pytest.fixture(scope="module")
+def mixture(demonstration):
+    return FourierMovementPrimitive(model="mixture").fit(demonstration)
 
 
 @pytest.fixture(scope="module")
@@ -70,53 +78,70 @@ def test_box_is_twice_as_wide_as_demonstrated(skill):
     assert_allclose(np.abs(starts - middle).max(axis=0) / half, 2.0, atol=0.02)
 
 
+def test_tube_holds_what_was_demonstrated(skill, mixture, demonstration):
+    assert demonstrated_inside(skill, demonstration) > 0.96
+    # A mixture is too sure where a window ends: what it plays is in its tube for that.
+    assert demonstrated_inside(mixture, demonstration) < 0.85
+
+
 # The way back --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("settings", ["skill", "papers_skill"])
+@pytest.mark.parametrize("model", ["skill", "mixture", "papers_skill"])
 def test_every_start_is_back_in_the_tube_after_two_periods_and_stays(
-    settings, task, demonstration, request
+    model, task, demonstration, request
 ):
-    skill = request.getfixturevalue(settings)
+    skill = request.getfixturevalue(model)
     found = measure_return(
         skill,
+        demonstration,
         starts=starts_in_box(skill, 30, seed=1),
         seconds=12.0,
         period=PERIODS[task],
-        peak=peak_speed(demonstration, skill.rate),
     )
     assert found.at == 1.0
     assert found.after == 1.0
+    assert found.near == 1.0
     assert found.slow == 1.0
 
 
 def test_ten_minutes_stay_in_the_tube(skill, task, demonstration):
     found = measure_return(
         skill,
+        demonstration,
         starts=starts_in_box(skill, 1, seed=2),
         seconds=600.0,
         period=PERIODS[task],
-        peak=peak_speed(demonstration, skill.rate),
     )
     assert found.seconds >= 600.0
     assert found.after == 1.0
     assert found.slow == 1.0
 
 
-def test_samples_stay_in_the_tube_as_often_as_demonstrations_do(
-    skill, task, demonstration
+@pytest.mark.parametrize(("model", "near"), [("skill", 0.99), ("mixture", 0.97)])
+def test_samples_stay_where_demonstrations_are(
+    model, near, task, demonstration, request
 ):
+    """Of samples from anywhere, two periods later and from then on.
+
+    They are in the tube as often as the demonstration, going on from K samples that are
+    mapped, is in it: more often would say nothing, as every sample of a mixture is
+    drawn from the Gaussian that its tube belongs to. And they are as near to the
+    demonstration as 99 % of its samples are to another cycle; a mixture's only 97 % of
+    the time, as lines leave a curve.
+    """
+    skill = request.getfixturevalue(model)
     found = measure_return(
         skill,
+        demonstration,
         starts=starts_in_box(skill, 60, seed=3),
         seconds=12.0,
         period=PERIODS[task],
-        peak=peak_speed(demonstration, skill.rate),
         sample=True,
     )
-    # The tube holds 99 % of the values by definition.
     assert found.at > 0.95
-    assert found.ever_after > 0.98
+    assert found.ever_after > demonstrated_inside(skill, demonstration)
+    assert found.near > near
     assert found.slow == 1.0
 
 

@@ -213,17 +213,17 @@ def test_skill_of_the_paper_remaps_every_5_and_a_half_seconds(wiping_skill):
         assert system.playback_state(simulator.get_context()).remaps == remaps
 
 
-def test_phase_is_a_port_where_the_skill_has_one(wiping_skill, wiping_phase):
-    assert not FourierPrimitiveSystem(wiping_skill).HasOutputPort("phase")
-    system = FourierPrimitiveSystem(wiping_phase)
-    simulator = simulator_at(system, wiping_phase.extent_.mean(axis=0))
+def test_phase_is_a_port_where_the_skill_has_one(wiping_mixture, wiping_skill):
+    assert not FourierPrimitiveSystem(wiping_mixture).HasOutputPort("phase")
+    system = FourierPrimitiveSystem(wiping_skill)
+    simulator = simulator_at(system, wiping_skill.extent_.mean(axis=0))
     port, phases = system.GetOutputPort("phase"), []
     for time in np.arange(3.0, 15.0, 0.03):
         simulator.AdvanceTo(time)
         phases.append(port.Eval(simulator.get_context())[0])
     assert 0 <= min(phases) <= max(phases) < 2 * np.pi
     turns = np.unwrap(phases)[-1] - phases[0]
-    expected = 2 * np.pi * 12.0 / wiping_phase.period_
+    expected = 2 * np.pi * 12.0 / wiping_skill.period_
     assert turns == pytest.approx(expected, rel=0.15)
 
 

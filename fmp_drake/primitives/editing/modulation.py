@@ -109,15 +109,13 @@ def modulate_skill(
     skill.check_fitted()
     index = channel_indices(channels, skill.channels_)
 
-    def mapped(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        windows = modulate_windows(
-            skill.basis.synthesize(weights),
-            harmonics=harmonics,
-            gain=gain,
-            phase=phase,
-            channels=index,
+    def modulated(windows: NDArray[np.float64]) -> NDArray[np.float64]:
+        return modulate_windows(
+            windows, harmonics=harmonics, gain=gain, phase=phase, channels=index
         )
-        return skill.basis.analyze(windows)
+
+    def mapped(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        return skill.basis.analyze(modulated(skill.basis.synthesize(weights)))
 
     components = []
     for component in skill.components_:
@@ -131,7 +129,8 @@ def modulate_skill(
         model_="mixture",
         model_reason_="the harmonics of its windows were changed",
     )
-    drawn = out.sample(_EXTENT_SAMPLES, with_noise=False)
+    # Of a phase model: not drawn from its Gaussians, whose samples leave the curve.
+    drawn = modulated(skill.sample(_EXTENT_SAMPLES, with_noise=False))
     extent = np.stack([drawn.min(axis=(0, 1)), drawn.max(axis=(0, 1))])
     return copy_skill(out, extent_=extent, paths_=())
 
