@@ -44,11 +44,12 @@ class RunEvents:
         millimetres = 1e3 * depth.values[:, 0]
         self._below.update(depth.times, millimetres * (depth.values[:, 0] > TOLERANCE))
 
-        # Contact can be lost after it has been made, and seen.
+        # Contact can be lost after it has been made, and seen: not by a controller before
+        # its first update, whose status is all zeros.
         force = chunk["normal_force"]
         touching = force.times[force.values[:, 0] > CONTACT_FORCE]
         self._touch = min([self._touch, *touching[:1]])
-        seen = times[(times >= self._touch) & (lost == 0)]
+        seen = times[(times >= self._touch) & (lost == 0) & (status[:, 2] > 0)]
         self._contact = min([self._contact, *seen[:1]])
         self._lost.update(times, lost * (times >= self._contact))
 

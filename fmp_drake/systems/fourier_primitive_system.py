@@ -36,7 +36,7 @@ MAX_TEMPO = 4.0
 """Fastest tempo; 1 is as demonstrated."""
 
 # The tempo changes at most by this, per second.
-_TEMPO_RATE = 4.0
+_TEMPO_RATE = 5.0
 # How fast the desired motion comes to a robot that is led elsewhere, s.
 _PUSHED_BLEND_TIME = 0.15
 
@@ -67,7 +67,7 @@ class FourierPrimitiveSystem(LeafSystem):
         the reactive mode, at every event.
     tempo : (1,), optional
         How fast the movement is played, from 0 to `MAX_TEMPO`; 1 where unconnected.
-        Read at every event; the tempo changes by at most 4 per second.
+        Read at every event; the tempo changes by at most 5 per second.
     sample : (1,), optional
         From 0.5 on, what is tracked after the next re-mapping is a sample, below a
         mean; the parameter where unconnected.
@@ -120,6 +120,10 @@ class FourierPrimitiveSystem(LeafSystem):
         board.
     margin : float, optional
         How far samples may leave the demonstrated paths, m; None for no bound.
+    soft_start : bool
+        Begin with the tempo 0, which comes up in 0.2 s: a robot at rest then goes along the path
+        of the skill. Else the path bends to where the robot is at rest, by up to 0.15 s of
+        the skill's velocity.
 
     Examples
     --------
@@ -153,6 +157,7 @@ class FourierPrimitiveSystem(LeafSystem):
         plan_seconds: float = 3.0,
         choice: CoverageChoice | None = None,
         margin: float | None = None,
+        soft_start: bool = False,
     ) -> None:
         super().__init__()
         self.set_name("fourier_primitive")
@@ -166,6 +171,7 @@ class FourierPrimitiveSystem(LeafSystem):
         self._push_dwell = push_dwell
         self._plan_ticks = math.ceil(plan_seconds / player.tick_seconds - 1e-6)
         self._choice = choice
+        self._soft_start = soft_start
         d = skill.n_channels_
 
         start = player.start(self.resting_value(skill))
@@ -270,8 +276,13 @@ class FourierPrimitiveSystem(LeafSystem):
         if begin < time and 0 <= time - last <= player.tick_seconds * (1 + 1e-9):
             return EventStatus.DidNothing()  # It goes on from where it stands.
         measured: Any = self._measured.Eval(context)
-        start = player.start(measured, tempo=self._wanted_tempo(context))
-        start = replace(start, sample=self._wanted_sample(context))
+        tempo = self._wanted_tempo(context)
+        start = player.start(measured, tempo=0.0 if self._soft_start else tempo)
+        start = replace(
+            start,
+            sample=self._wanted_sample(context),
+            tempo_rate=self._tempo_rate(start, tempo),
+        )
         self._store(
             values,
             self._chosen(context, start),
@@ -308,8 +319,7 @@ class FourierPrimitiveSystem(LeafSystem):
                 pushed_since, reactive = math.inf, reactive + 1
         if state.remaps != before.remaps:
             state = self._chosen(context, state)
-        rate = (tempo - state.tempo) / player.tick_seconds
-        state = replace(state, tempo_rate=min(max(rate, -_TEMPO_RATE), _TEMPO_RATE))
+        state = replace(state, tempo_rate=self._tempo_rate(state, tempo))
         self._store(
             values,
             state,
@@ -337,6 +347,11 @@ class FourierPrimitiveSystem(LeafSystem):
                 f"{MAX_TEMPO:g}."
             )
         return tempo
+
+    def _tempo_rate(self, state: PlaybackState, wanted: float) -> float:
+        """Return how fast the tempo changes until the next event, per second."""
+        rate = (wanted - state.tempo) / self._player.tick_seconds
+        return min(max(rate, -_TEMPO_RATE), _TEMPO_RATE)
 
     def _wanted_sample(self, context: Context) -> bool:
         if not self._sample.HasValue(context):

@@ -216,8 +216,7 @@ class MouseHand(LeafSystem):
 
     def _calc_forces(self, context: Any, output: Any) -> None:
         s, config, board = self._read_state(context), self._config, self._board
-        leading = bool(s["leading"])
-        if not s["started"] or not (leading or config.hold_stiffness > 0):
+        if not s["started"] or not (s["leading"] or config.holds):
             output.set_value([])
             return
         body, point = self._led(s)
@@ -225,7 +224,6 @@ class MouseHand(LeafSystem):
         f_W = hand_force(
             s["wanted"] - here,
             velocity,
-            leading=leading,
             config=config,
             normal=None if board is None else board.normal,
             height=0.0 if board is None else board.height(here),

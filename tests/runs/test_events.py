@@ -16,6 +16,7 @@ def recorded(seconds=8.0, *, touch=1.0, height=0.0):
     )
     force = np.where(slow < touch, 0.0, 10.0)
     status = np.zeros((len(fast), 6))
+    status[1:, 1:4] = 1.0  # At time 0 there was no update yet.
     status[:, 4] = height or 1e-4
     status[(fast > 0.5) & (fast < touch), 0] = StatusFlag.CONTACT_LOST
     desired = np.column_stack([np.sin(path), np.cos(path), 0 * path])
@@ -58,6 +59,12 @@ def test_contact_that_is_lost_is_said_with_its_longest_time():
     assert sentences(signals) == [
         "contact lost from 4.0 to 4.8 s (3 times in all, 1.2 s)"
     ]
+
+
+def test_contact_in_which_a_run_begins_is_not_lost_before_it_is_seen():
+    signals = recorded(touch=-1.0)
+    mark(signals, 0.001, 0.02, StatusFlag.CONTACT_LOST)
+    assert sentences(signals) == []
 
 
 def test_a_stop_is_said_with_its_cause():

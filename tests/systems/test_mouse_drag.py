@@ -223,13 +223,12 @@ def test_two_bodies_are_two_drags():
     assert_array_equal(hand["point"], np.ones(3))
 
 
-@pytest.mark.parametrize("leading", [True, False])
 @pytest.mark.parametrize("normal", [None, UP, np.array([0.6, 0, 0.8])])
-def test_no_message_can_make_the_force_greater_than_the_limit(leading, normal):
+def test_no_message_can_make_the_force_greater_than_the_limit(normal):
     rng = np.random.default_rng(1)
     for _ in range(50):
         away, velocity = rng.normal(size=(2, 3)) * [[10.0], [3.0]]
-        f = hand_force(away, velocity, leading=leading, config=LEADING, normal=normal)
+        f = hand_force(away, velocity, config=LEADING, normal=normal)
         along = 0.0 if normal is None else normal @ f
         across = f if normal is None else f - along * normal
         assert np.linalg.norm(across) <= LEADING.max_force + 1e-9
@@ -241,7 +240,6 @@ def test_the_hand_presses_brakes_and_holds_the_tool_on_the_board(height, press):
     f = hand_force(
         np.array([0.01, 0, 0.5]),
         np.array([0, 0.1, 0]),
-        leading=True,
         config=LEADING,
         normal=UP,
         height=height,

@@ -164,9 +164,9 @@ def test_let_go_a_led_arm_is_held_and_a_pulled_one_is_not(plant):
         forces = output(hand, simulator)
         assert len(forces) == count
         for force in forces:
-            assert_allclose(
-                force.F_Bq_W.translational(), [0, 0, -LEADING.hold_force], atol=1e-9
-            )
+            # It is above the board, and pressed to it.
+            pressed = -LEADING.normal_force - 0.006 * LEADING.stiffness
+            assert_allclose(force.F_Bq_W.translational(), [0, 0, pressed], atol=1e-9)
 
 
 def test_the_interval_of_the_pages_pictures_is_known(plant):

@@ -54,6 +54,7 @@ def AddSkillMotion(
         push_dwell=plays.push_dwell,
         choice=choice,
         margin=plays.margin if skill.paths_ else None,
+        soft_start=True,
     )
     builder.AddSystem(primitive)
     measured = robot.GetOutputPort("measured_position")

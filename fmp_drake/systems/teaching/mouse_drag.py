@@ -33,9 +33,9 @@ class DragConfig:
     max_force : float
         N; in the plane of the board, where there is one.
     normal_force : float
-        On the board while it leads, N.
-    hold_stiffness, hold_damping, hold_force
-        The same while nobody leads; 0 to leave the arm alone.
+        On the board, N.
+    holds : bool
+        Whether it keeps the arm where it lets go, or leaves it alone.
     max_speed : float
         Of the wanted point, m/s.
     max_jump : float
@@ -56,9 +56,7 @@ class DragConfig:
     damping: float
     max_force: float
     normal_force: float = 0.0
-    hold_stiffness: float = 0.0
-    hold_damping: float = 0.0
-    hold_force: float = 0.0
+    holds: bool = False
     max_speed: float = 0.8
     max_jump: float = 0.2
     max_ahead: float = 0.08
@@ -66,13 +64,7 @@ class DragConfig:
 
 
 LEADING = DragConfig(
-    stiffness=2500.0,
-    damping=250.0,
-    max_force=60.0,
-    normal_force=5.0,
-    hold_stiffness=300.0,
-    hold_damping=40.0,
-    hold_force=2.0,
+    stiffness=2500.0, damping=250.0, max_force=60.0, normal_force=5.0, holds=True
 )
 """A hand that leads an arm which is free to be led, and leaves it where it lets go."""
 
@@ -324,7 +316,6 @@ def hand_force(
     away: Array,
     velocity: Array,
     *,
-    leading: bool,
     config: DragConfig,
     normal: Array | None = None,
     height: float = 0.0,
@@ -337,26 +328,19 @@ def hand_force(
         From the point to where it is wanted, in W, m.
     velocity : ndarray, shape (3,)
         Of the point, in W, m/s.
-    leading : bool
     config : DragConfig
     normal : ndarray, shape (3,), or None
         Out of the board, in W: the spring acts in its plane, and along it the hand
         presses and damps. None for a spring in all directions.
     height : float
-        Of the point over the board, m; while it leads, the hand presses more on a tool
-        that has left the board.
+        Of the point over the board, m; on a tool that has left it the hand presses more.
     """
-    stiffness, damping, press = (
-        (config.stiffness, config.damping, config.normal_force)
-        if leading
-        else (config.hold_stiffness, config.hold_damping, config.hold_force)
-    )
-    f = stiffness * away - damping * velocity
+    f = config.stiffness * away - config.damping * velocity
     along = np.zeros(3)
     if normal is not None:
         f -= normal * (normal @ f)
-        braking = damping * float(normal @ velocity)
-        press += leading * stiffness * float(np.clip(height, 0.0, _LIFT))
-        along = -normal * np.clip(press + braking, -config.max_force, config.max_force)
+        press = config.normal_force + config.damping * float(normal @ velocity)
+        press += config.stiffness * float(np.clip(height, 0.0, _LIFT))
+        along = -normal * np.clip(press, -config.max_force, config.max_force)
     strength = float(np.linalg.norm(f))
     return f * min(1.0, config.max_force / max(strength, 1e-12)) + along

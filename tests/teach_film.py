@@ -1,0 +1,217 @@
+"""Makes the film at the top of the README: teach, learn, wipe, on the real page.
+
+    python tests/teach_film.py examples/teaching.webp
+
+A synthetic mouse drags and clicks in headless Chromium. Simulation and page wait for each
+other at every frame, so that a slow renderer changes nothing; how much faster than
+real time the film runs is written in it.
+"""
+
+import base64
+import io
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from browser import CTRL, Page
+from PIL import Image
+
+from fmp_drake.apps.page import open_page
+from fmp_drake.runs import TeachingSession, TeachPage
+from fmp_drake.station import LoadScenario, MouseOnPage
+
+SIZE, FPS = (850, 520), 12
+# Of the dragged movement: seconds of a cycle, and half of its extent over x and y, m.
+PERIOD, EXTENT = 6.0, (0.07, 0.15)
+SHOWN, PLAYED = 26.0, 36.0
+# Pictures of the page in a simulated second of dragging.
+LOOKS = 30
+
+# The mouse's cursor, which a screenshot leaves out, and a line of words.
+OVERLAY = """
+const add = (style) => {
+  const element = document.body.appendChild(document.createElement("div"));
+  element.style = "position: fixed; pointer-events: none; z-index: 9;" + style;
+  return element;
+};
+const words = add(`right: 16px; top: 14px; padding: 7px 14px; border-radius: 8px;
+  background: #1d2733e0; color: #fff; font: 600 17px system-ui, "DejaVu Sans", sans-serif;`);
+const speed = add(`right: 16px; bottom: 12px; color: #1d2733;
+  font: 600 15px system-ui, "DejaVu Sans", sans-serif;`);
+const cursor = add("left: 0; top: 0;");
+cursor.innerHTML = `<svg width="26" height="34" viewBox="0 0 13 17"><path fill="#111"
+  stroke="#fff" d="M1 1v12l3-3 2.2 5 2.2-1-2.2-5H10z"/></svg>`;
+const key = cursor.appendChild(document.createElement("b"));
+key.textContent = "Ctrl";
+key.style = `position: absolute; left: 24px; top: 22px; padding: 1px 7px; background: #fff;
+  border: 1px solid #8a94a0; border-radius: 5px; font: 600 12px system-ui, "DejaVu Sans";`;
+window.film = (x, y, isHeld, text, times) => {
+  cursor.style.transform = `translate(${x}px, ${y}px) scale(${isHeld ? 0.85 : 1})`;
+  key.hidden = !isHeld;
+  words.textContent = text;
+  speed.textContent = times > 1 ? `${times} times as fast` : "";
+};
+"""
+# A picture is drawn when it is wanted: in software it takes as long as a frame.
+QUIET = """
+const draw = viewer.renderer.render.bind(viewer.renderer);
+let wanted = false;
+viewer.renderer.render = (...all) => { if (wanted) draw(...all); };
+window.drawn = () => new Promise((done) => {
+  wanted = true;
+  viewer.set_dirty();
+  requestAnimationFrame(() => requestAnimationFrame(() => { wanted = false; done(); }));
+});
+window.looked = () => new Promise((done) =>
+  requestAnimationFrame(() => requestAnimationFrame(done)));
+"""
+# The pixel over which a point of the world is.
+PIXEL = """(() => {
+  const p = viewer.scene.localToWorld(new THREE.Vector3(...%s)).project(viewer.camera);
+  const r = viewer.renderer.domElement.getBoundingClientRect();
+  return [r.left + (p.x + 1) / 2 * r.width, r.top + (1 - p.y) / 2 * r.height];
+})()"""
+# The point of the world that the mouse has grabbed.
+GRABBED = """(() => {
+  const p = viewer.scene.worldToLocal(mouseDrag.targetWorld.clone());
+  return [p.x, p.y, p.z];
+})()"""
+MIDDLE = """(() => {
+  const r = document.querySelector("[data-name=%s]").getBoundingClientRect();
+  return [(r.left + r.right) / 2, (r.top + r.bottom) / 2];
+})()"""
+
+
+class Film:
+    """A session of teaching with its page, and the pictures taken of it.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    folder : Path
+        For the browser's profile.
+    """
+
+    def __init__(self, scenario, folder):
+        self.panel = open_page(title="teach")
+        self.session = TeachingSession(
+            scenario, MouseOnPage(self.panel.meshcat), panel=self.panel, clock=None
+        )
+        self.buttons = TeachPage(self.panel, scenario)
+        self.session.advance(0.5)
+        self.buttons.show(self.session)
+        self.page = Page(self.panel.url, folder, size=SIZE)
+        self.page.wait_for_meshcat()
+        self.page.settled_picture()
+        self.page.run(f"(() => {{ {OVERLAY} {QUIET} }})()")
+        self.at, self.is_held = np.array([600.0, 420.0]), False
+        self.pictures = []
+
+    def close(self):
+        """End browser and page."""
+        self.page.close()
+        self.panel.close()
+
+    def _wait(self, promise):
+        self.panel.meshcat.Flush()
+        self.page.call("Runtime.evaluate", expression=promise, awaitPromise=True)
+
+    def pixel(self, point):
+        """Return the pixel over which a point of the world is."""
+        return self.page.run(PIXEL % json.dumps([float(x) for x in point]))
+
+    def move(self, to):
+        """Move the mouse to a pixel."""
+        self.at = np.array(to, dtype=float)
+        self.page.mouse(
+            "moved", *self.at, pressed=self.is_held, modifiers=CTRL * self.is_held
+        )
+
+    def shoot(self, words, *, times=1, seconds=None):
+        """Simulate for as long as a picture stands, and take one."""
+        self.session.advance(times / FPS if seconds is None else seconds)
+        self.buttons.show(self.session)
+        said = json.dumps([*self.at, self.is_held, words, times])
+        self.page.run(f"film(...{said})")
+        self._wait("drawn()")
+        data = self.page.call("Page.captureScreenshot", format="png")["data"]
+        picture = Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")
+        self.pictures.append(picture)
+
+    def glide(self, to, words, *, seconds=0.7):
+        """Move the mouse to a pixel, seen."""
+        start, count = self.at, round(seconds * FPS)
+        for i in range(1, count + 1):
+            part = (1 - np.cos(np.pi * i / count)) / 2
+            self.move(start + part * (np.array(to) - start))
+            self.shoot(words)
+
+    def drag(self, path, words, *, seconds, times):
+        """Drag along points of the world, a function of time."""
+        looks = round(LOOKS * times / FPS)
+        for i in range(round(seconds * FPS / times)):
+            for j in range(looks):
+                point = path((i * looks + j) * times / FPS / looks)
+                self.move(self.pixel(point))
+                self._wait("looked()")
+                self.session.advance(times / FPS / looks)
+            self.shoot(words, times=times, seconds=0.0)
+
+    def click(self, name, words):
+        """Click a button of the panel with the mouse, seen."""
+        self.glide(self.page.run(MIDDLE % name), words)
+        self.page.mouse("pressed", *self.at)
+        self.page.mouse("released", *self.at)
+        self.page.wait_for(f"document.querySelector('[data-name={name}]') !== null")
+        while self.buttons.attend(self.session) != name:
+            self._wait("looked()")
+
+    def save(self, path):
+        """Write the pictures as a film that every browser shows."""
+        first, *others = self.pictures
+        first.save(
+            path,
+            save_all=True,
+            append_images=others,
+            duration=[*[round(1000 / FPS)] * len(others), 2000],
+            loop=0,
+            quality=70,
+            method=6,
+        )
+
+
+def main():
+    scenario = LoadScenario("words")
+    with tempfile.TemporaryDirectory() as folder:
+        film = Film(scenario, Path(folder))
+        words = "1  teach: hold Ctrl and drag the eraser"
+        for _ in range(4):
+            film.shoot(words)
+        film.glide(film.page.centre("drake", "bodies", "eraser", "eraser"), words)
+        film.is_held = True
+        film.page.mouse("pressed", *film.at, modifiers=CTRL)
+        grip = film.page.run(GRABBED)
+
+        def path(time):
+            phase = 2 * np.pi * time / PERIOD
+            way = np.array([EXTENT[0] * np.sin(phase), EXTENT[1] * np.sin(3 * phase)])
+            return [*(grip[:2] + (1 - np.exp(-time / 0.5)) * way), grip[2]]
+
+        film.drag(path, words, seconds=SHOWN, times=4)
+        film.is_held = False
+        film.page.mouse("released", *film.at)
+        film.click("learn", "2  press learn")
+        print(film.session.remark)
+        for _ in range(6):
+            film.shoot("3  it goes on by itself")
+        for _ in range(round(PLAYED * FPS / 4)):
+            film.shoot("3  it goes on by itself", times=4)
+        print(film.session.status)
+        film.save(sys.argv[1])
+        film.close()
+
+
+if __name__ == "__main__":
+    main()
