@@ -24,10 +24,14 @@ from fmp_drake.station import LoadScenario, MouseOnPage
 
 SIZE, FPS = (850, 520), 12
 # Of the dragged movement: seconds of a cycle, and half of its extent over x and y, m.
-PERIOD, EXTENT = 6.0, (0.07, 0.15)
-SHOWN, PLAYED = 26.0, 36.0
+PERIOD, EXTENT = 8.0, (0.10, 0.19)
+SHOWN, PLAYED = 26.0, 17.0
 # Pictures of the page in a simulated second of dragging.
-LOOKS = 30
+LOOKS = 20
+# Where the arm hides little of the board.
+EYE, TARGET = [1.38, 0.36, 1.0], [0.52, 0.01, 0.13]
+# Pixels at which the mouse begins, and where it hides nothing.
+BEGIN, ASIDE = (600, 420), (236, 500)
 
 # The mouse's cursor, which a screenshot leaves out, and a line of words.
 OVERLAY = """
@@ -36,9 +40,9 @@ const add = (style) => {
   element.style = "position: fixed; pointer-events: none; z-index: 9;" + style;
   return element;
 };
-const words = add(`right: 16px; top: 14px; padding: 7px 14px; border-radius: 8px;
+const words = add(`left: 274px; bottom: 14px; padding: 7px 14px; border-radius: 8px;
   background: #1d2733e0; color: #fff; font: 600 17px system-ui, "DejaVu Sans", sans-serif;`);
-const speed = add(`right: 16px; bottom: 12px; color: #1d2733;
+const speed = add(`right: 16px; bottom: 20px; color: #1d2733;
   font: 600 15px system-ui, "DejaVu Sans", sans-serif;`);
 const cursor = add("left: 0; top: 0;");
 cursor.innerHTML = `<svg width="26" height="34" viewBox="0 0 13 17"><path fill="#111"
@@ -106,7 +110,7 @@ class Film:
         self.page.wait_for_meshcat()
         self.page.settled_picture()
         self.page.run(f"(() => {{ {OVERLAY} {QUIET} }})()")
-        self.at, self.is_held = np.array([600.0, 420.0]), False
+        self.at, self.is_held = np.array(BEGIN, dtype=float), False
         self.pictures = []
 
     def close(self):
@@ -162,9 +166,10 @@ class Film:
     def click(self, name, words):
         """Click a button of the panel with the mouse, seen."""
         self.glide(self.page.run(MIDDLE % name), words)
+        for _ in range(4):
+            self.shoot(words)
         self.page.mouse("pressed", *self.at)
         self.page.mouse("released", *self.at)
-        self.page.wait_for(f"document.querySelector('[data-name={name}]') !== null")
         while self.buttons.attend(self.session) != name:
             self._wait("looked()")
 
@@ -178,12 +183,12 @@ class Film:
             duration=[*[round(1000 / FPS)] * len(others), 2000],
             loop=0,
             quality=70,
-            method=6,
         )
 
 
 def main():
-    scenario = LoadScenario("words")
+    scenario = LoadScenario("table_top")
+    scenario.camera.eye, scenario.camera.target = EYE, TARGET
     with tempfile.TemporaryDirectory() as folder:
         film = Film(scenario, Path(folder))
         words = "1  teach: hold Ctrl and drag the eraser"
@@ -204,10 +209,10 @@ def main():
         film.page.mouse("released", *film.at)
         film.click("learn", "2  press learn")
         print(film.session.remark)
-        for _ in range(6):
-            film.shoot("3  it goes on by itself")
-        for _ in range(round(PLAYED * FPS / 4)):
-            film.shoot("3  it goes on by itself", times=4)
+        words = "3  it wipes on by itself"
+        film.glide(ASIDE, words, seconds=0.5)
+        for _ in range(round(PLAYED * FPS / 2)):
+            film.shoot(words, times=2)
         print(film.session.status)
         film.save(sys.argv[1])
         film.close()

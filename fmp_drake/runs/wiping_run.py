@@ -141,10 +141,10 @@ class WipingRun:
         builder = DiagramBuilder()
         builder.AddSystem(self.station)
         self._recording = recording and meshcat is not None
-        path = ("measured_position",) if self._recording else ()
+        replayed = ("measured_position", "normal_force") if self._recording else ()
         self.kept = {
             name
-            for name in {*keep, *path}
+            for name in {*keep, *replayed}
             if isfinite(signal_kind(name).period) and self.station.HasOutputPort(name)
         }
         self._sinks: dict[str, VectorLogSink] = {}
@@ -328,8 +328,8 @@ class WipingRun:
                 "nothing was recorded; give the run a Meshcat and recording."
             )
         self.meshcat.StopRecording()
+        self._look()
         if self.scenario.show.ink:
-            self._look()
             AddInkToRecording(
                 self.meshcat,
                 grid=self.grid,
@@ -355,4 +355,10 @@ class WipingRun:
         text["title"] = title
         seconds = self.simulator.get_context().get_time()
         text["mode"], text["detail"] = "replay", f"of a run of {seconds:g} s"
+        times = self._looks.array()
+        force = np.interp(
+            times, self.log_times("normal_force"), self.log("normal_force")[:, 0]
+        )
+        told = {"time": times, "cleaned": self.cleaned_by(times), "force": force}
+        text["replay"] = {k: np.round(v, 3).tolist() for k, v in told.items()}
         return add_panel(self.meshcat.StaticHtml(), text)

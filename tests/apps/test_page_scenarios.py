@@ -1,7 +1,5 @@
 """Facts about what is seen of each scenario in a browser, running and replayed."""
 
-import time
-
 import numpy as np
 import pytest
 from browser import OFFLINE, PANEL, Page, needs_chromium
@@ -14,6 +12,7 @@ from fmp_drake.station.scenario import ListScenarios, LoadScenario
 REPLAYED = "moving_board"
 SECONDS = 2.0
 SIZE = (480, 300)
+PAUSE = "document.getElementById('fmp-pause')?.textContent"
 
 pytestmark = [pytest.mark.browser, needs_chromium]
 
@@ -125,8 +124,14 @@ def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
     size = (SIZE[0] + PANEL, SIZE[1])
     with Page(html.as_uri(), tmp_path, *OFFLINE, size=size) as offline:
         offline.wait_for("typeof viewer !== 'undefined'")
-        time.sleep(SECONDS)  # The replay ends.
+        offline.wait_for(f"{PAUSE} === 'play'")  # The replay has ended.
+        said = offline.run("document.body.innerText")
+        assert f"{SECONDS:.1f} s" in said
+        assert f"{100 * run.cleaned_by([SECONDS])[0]:.0f} %" in said
         picture = drawn(run, offline)[:, PANEL:]
+        offline.run("document.getElementById('fmp-again').click()")
+        offline.wait_for(f"{PAUSE} === 'pause'")
+        assert offline.run("viewer.animator.time") < SECONDS
     live, _ = pictures(run, page)
     ink, live_ink = blue_ink(picture), blue_ink(live)
     assert np.mean(live_ink) > 0.05

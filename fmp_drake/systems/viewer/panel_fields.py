@@ -72,6 +72,9 @@ class PanelFields(TypedDict, total=False):
         How to use the page, in sentences.
     buttons : dict of str to ButtonLook
         By the names that `Meshcat.AddButton` was given; others look like their names.
+    replay : dict of str to list of float
+        Of a saved page with an animation: numbers of the panel by name, such as cleaned,
+        at the times of `time`, s. It can then be paused and played again.
     """
 
     title: str
@@ -89,3 +92,4 @@ class PanelFields(TypedDict, total=False):
     legend: list[LegendEntry]
     help: list[str]
     buttons: dict[str, ButtonLook]
+    replay: dict[str, list[float]]
