@@ -34,17 +34,6 @@ settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-COMPILE = """
-from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import Simulator
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.station import LoadScenario, MakeWipingStation, models_dir
-wiping = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
-FourierMovementPrimitive().fit(wiping)
-skill = FourierMovementPrimitive(n_components=4, stride=20).fit(wiping)
-station = MakeWipingStation(LoadScenario("table_top"), skill, meshcat=Meshcat())
-Simulator(station).AdvanceTo(0.3)
-"""
 
 
 def pytest_configure(config):
@@ -64,7 +53,8 @@ def pytest_configure(config):
                 kept.unlink()
     if not any(package.rglob("__pycache__/step.*impedance_step-*.nbc")):
         # Once for all processes, and with its announcement outside of the tests.
-        subprocess.run([sys.executable, "-c", COMPILE], check=True)
+        warm_up = "from fmp_drake.station import WarmUp; WarmUp()"
+        subprocess.run([sys.executable, "-c", warm_up], check=True)
 
 
 def pytest_collection_modifyitems(items):

@@ -208,12 +208,11 @@ def main():
         film.is_held = False
         film.page.mouse("released", *film.at)
         film.click("learn", "2  press learn")
-        print(film.session.remark)
         words = "3  it wipes on by itself"
         film.glide(ASIDE, words, seconds=0.5)
         for _ in range(round(PLAYED * FPS / 2)):
             film.shoot(words, times=2)
-        print(film.session.status)
+        sys.stdout.write(f"{film.session.status}\n")
         film.save(sys.argv[1])
         film.close()
 

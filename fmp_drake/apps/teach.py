@@ -13,13 +13,13 @@ from fmp_drake.errors import FmpError, StationError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives import save_skill
 from fmp_drake.primitives.data.files import check_writable
-from fmp_drake.runs.skills import learn_skill, scenario_skill
+from fmp_drake.runs.skills import learn_skill
 from fmp_drake.runs.teaching.teach_page import TeachPage
 from fmp_drake.runs.teaching.teaching_session import TeachingSession
-from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station import CheckFeasibility
 from fmp_drake.station.parts.hands import MouseOnPage
 from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.warm_up import WarmUp
 
 # Simulated seconds between two looks at the buttons, and between two lines of text.
 _STRETCH, _TEXT = 0.1, 1.0
@@ -82,9 +82,8 @@ def teach(
             raise StationError(found.verdict)
         wipe_with_arm(console, scene, skill, config, inf)
         return
-    with console.status("compiling, once"):
-        skill, _, _ = scenario_skill(scene)
-        WipingRun(scene, skill).advance_to(0.01)
+    with console.status("getting ready"):
+        WarmUp()
     panel = open_page(title=f"teach: {Path(scenario).stem}", host=host)
     session = TeachingSession(
         scene, MouseOnPage(panel.meshcat), panel=panel, out=out, skill_file=skill_file

@@ -54,6 +54,7 @@ from fmp_drake.station.teaching_station import (
     DemonstrationFromRecorder,
     MakeTeachingStation,
 )
+from fmp_drake.station.warm_up import WarmUp
 from fmp_drake.station.wiping_station import MakeWipingStation
 
 __all__ = [
@@ -105,5 +106,6 @@ __all__ = [
     "SkillConfig",
     "SolvePosture",
     "TeachingHand",
+    "WarmUp",
     "models_dir",
 ]

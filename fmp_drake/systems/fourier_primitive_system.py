@@ -121,9 +121,8 @@ class FourierPrimitiveSystem(LeafSystem):
     margin : float, optional
         How far samples may leave the demonstrated paths, m; None for no bound.
     soft_start : bool
-        Begin with the tempo 0, which comes up in 0.2 s: a robot at rest then goes along the path
-        of the skill. Else the path bends to where the robot is at rest, by up to 0.15 s of
-        the skill's velocity.
+        Begin with the tempo 0, so that a robot at rest goes along the path of the skill, not
+        beside it by up to what the skill moves in 0.15 s.
 
     Examples
     --------
@@ -276,13 +275,9 @@ class FourierPrimitiveSystem(LeafSystem):
         if begin < time and 0 <= time - last <= player.tick_seconds * (1 + 1e-9):
             return EventStatus.DidNothing()  # It goes on from where it stands.
         measured: Any = self._measured.Eval(context)
-        tempo = self._wanted_tempo(context)
-        start = player.start(measured, tempo=0.0 if self._soft_start else tempo)
-        start = replace(
-            start,
-            sample=self._wanted_sample(context),
-            tempo_rate=self._tempo_rate(start, tempo),
-        )
+        tempo = 0.0 if self._soft_start else self._wanted_tempo(context)
+        start = player.start(measured, tempo=tempo)
+        start = replace(start, sample=self._wanted_sample(context))
         self._store(
             values,
             self._chosen(context, start),
@@ -319,7 +314,8 @@ class FourierPrimitiveSystem(LeafSystem):
                 pushed_since, reactive = math.inf, reactive + 1
         if state.remaps != before.remaps:
             state = self._chosen(context, state)
-        state = replace(state, tempo_rate=self._tempo_rate(state, tempo))
+        rate = (tempo - state.tempo) / player.tick_seconds
+        state = replace(state, tempo_rate=min(max(rate, -_TEMPO_RATE), _TEMPO_RATE))
         self._store(
             values,
             state,
@@ -347,11 +343,6 @@ class FourierPrimitiveSystem(LeafSystem):
                 f"{MAX_TEMPO:g}."
             )
         return tempo
-
-    def _tempo_rate(self, state: PlaybackState, wanted: float) -> float:
-        """Return how fast the tempo changes until the next event, per second."""
-        rate = (wanted - state.tempo) / self._player.tick_seconds
-        return min(max(rate, -_TEMPO_RATE), _TEMPO_RATE)
 
     def _wanted_sample(self, context: Context) -> bool:
         if not self._sample.HasValue(context):

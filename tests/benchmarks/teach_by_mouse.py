@@ -24,8 +24,6 @@ from page_mouse import SHAPES, TaughtSession
 from fmp_drake.station import LoadScenario
 from fmp_drake.systems import cleaned_fraction
 
-SETTLE = 2.5
-
 
 def other_side(scenario):
     """Return an eye opposite to the scenario's, mirrored at the board's middle plane."""
@@ -59,7 +57,7 @@ def teach(board, shape, *, mirrored, frames, seconds, play):
         metrics = run.metrics()
         clean = cleaned_fraction(run.ink(), run.demonstrated_area)
         shown = np.concatenate([d.values[:, :2] for d in session._kept])
-        path = np.array([s[2:4] for s in session._samples])[round(20 * SETTLE) :]
+        path = np.array([s[2:4] for s in session._samples])
         away, _ = cKDTree(shown).query(path)
         line += (
             f"  {100 * clean:5.1f} {1e3 * away.max():5.1f} {100 * np.mean(away < 0.02):5.1f}"

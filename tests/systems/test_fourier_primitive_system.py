@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.errors import SkillError, SystemsError
-from fmp_drake.primitives import LqrTracker, Player
+from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker, Player
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 
 OUTPUTS = {
@@ -452,6 +452,23 @@ def test_tempo_is_that_of_the_player(small_skill, start, tempo):
         player.motion(player.advance(first, 0.01 * i)) for i in range(len(played))
     ]
     assert_allclose(played[:, :2], np.array(expected)[:, :2], atol=1e-6)
+
+
+def test_a_soft_start_goes_from_rest_along_the_path_that_was_shown():
+    t = np.arange(1200) / 20
+    circles = np.stack([np.cos(2 * t), np.sin(2 * t)], axis=1)
+    windows = np.stack([circles[i : i + 120] for i in range(0, 1080, 5)])
+    skill = FourierMovementPrimitive(n_components=16).fit(windows)
+    off, speed = {}, {}
+    for soft in (False, True):
+        system = FourierPrimitiveSystem(skill, soft_start=soft)
+        motion = played_at(system, np.array([1.0, 0.0]), lambda _: 1.0, 1.5)
+        off[soft] = np.abs(np.hypot(*motion[:, 0].T) - 1).max()
+        speed[soft] = np.hypot(*motion[:, 1].T)
+    assert off[True] < 0.05
+    assert off[False] > 0.15
+    assert speed[True][0] < 1e-9
+    assert_allclose(speed[True][50:], 2.0, atol=0.1)
 
 
 def test_changing_tempo_makes_no_jump_of_position_and_velocity(system, start):
