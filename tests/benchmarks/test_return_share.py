@@ -7,7 +7,11 @@ from tube import bundled, measure_return, peak_speed, remapping_jumps, starts_in
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
 
-SETTINGS = {"defaults": {}, "mixture": {"model": "mixture"}, "M = 10, stride 10": PAPER_SETTINGS}
+SETTINGS = {
+    "defaults": {},
+    "mixture": {"model": "mixture"},
+    "M = 10, stride 10": PAPER_SETTINGS,
+}
 PERIODS = {"polishing": 2.0, "eight": 3.0}
 STARTS = 1000
 SECONDS = 20.0

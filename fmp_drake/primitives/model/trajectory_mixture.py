@@ -151,7 +151,9 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         parts = self.phase_model_.draw(rng, component, size, self.n_steps, past=seen)
         return self.basis.analyze(parts[0]), self.basis.analyze(parts[1])
 
-    def expected(self, component: int, past: NDArray[np.float64]) -> NDArray[np.float64]:
+    def expected(
+        self, component: int, past: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Return the weights (D*T,) to which a window of a component leads.
 
         Those of the component's mean; of a phase model those of the cycle that goes on

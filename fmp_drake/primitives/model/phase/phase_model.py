@@ -169,7 +169,10 @@ class PhaseModel:
         v = self.residual.process.sample(
             np.concatenate([np.zeros_like(of_v[:1]), of_v]), past=kept
         )
-        centre, deviation = self.cycle.values(path), np.zeros((*path.shape, len(past.T)))
+        centre, deviation = (
+            self.cycle.values(path),
+            np.zeros((*path.shape, len(past.T))),
+        )
         centre[:, :known] = past
         centre[:, known:] += self.residual.values(path[:, known:], v[:1])
         deviation[:, known:] = self.residual.values(path[:, known:], v[1:])
@@ -187,7 +190,10 @@ class PhaseModel:
         along = self.cycle.values(path, 1)
         straying = self.tempo.straying(k) + _FARTHEST**2
         moved = straying[:, :, None] * along
-        factor, v = self.residual.factor(path), self.residual.process.covariance(np.arange(k))
+        factor, v = (
+            self.residual.factor(path),
+            self.residual.process.covariance(np.arange(k)),
+        )
         seen = np.einsum("tac,tcue,ube->taub", factor, v, factor, optimize=True)
         seen += along[:, :, None, None] * moved[:, None]
         seen = seen.reshape(k * d, k * d) + _NOISE * np.eye(k * d)
@@ -195,9 +201,7 @@ class PhaseModel:
         out: Array = path + moved.reshape(k, k * d) @ np.linalg.solve(seen, off)
         return out
 
-    def transformed(
-        self, matrix: Array, offset: Array
-    ) -> "PhaseModel":
+    def transformed(self, matrix: Array, offset: Array) -> "PhaseModel":
         """Return the model of A y + b, for a matrix (D, D) and an offset (D,)."""
         coefficients = self.cycle.coefficients @ matrix.T
         coefficients[0] += offset
