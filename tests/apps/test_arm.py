@@ -76,7 +76,7 @@ def test_an_arm_that_says_nothing_is_not_good_and_cannot_be_recorded(
 @pytest.mark.slow
 @needs_network
 def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
-    with Network(tmp_path, pace=0.2) as network:
+    with Network(tmp_path, pace=0.1) as network:
         arm = network.start("arm", "--duration", "200")
         network.wait_for("arm", "a simulated arm")
         # Of the controller: frozen, it stops, and does not go on; then it is killed.

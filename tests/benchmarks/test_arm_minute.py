@@ -73,7 +73,7 @@ def test_a_minute_in_one_process(benchmark, figures, scene, in_process, faults):
 @needs_network
 def test_a_minute_in_two_processes(benchmark, figures, in_process, tmp_path):
     def play():
-        with Network(tmp_path, pace=0.5) as network:
+        with Network(tmp_path, pace=0.25) as network:
             arm = network.start("arm", "--real-time")
             network.wait_for("arm", "a simulated arm")
             wipe = network.start(
@@ -81,11 +81,11 @@ def test_a_minute_in_two_processes(benchmark, figures, in_process, tmp_path):
                 *("--headless", "--real-time", "--go"),
                 *("--duration", str(SECONDS + 1)),
             )
-            assert wipe.wait(300) == 0
+            assert wipe.wait(400) == 0
             arm.terminate()
             arm.wait(30)
             return network.report("arm"), network.report("wipe")
 
     bench, run = benchmark.pedantic(play, rounds=1)
-    figures.section = "A minute over LCM, in two processes, at half the pace"
+    figures.section = "A minute over LCM, in two processes, at a quarter of the pace"
     report(figures, bench, run, in_process)

@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 
 from fmp_drake.errors import RunError
-from fmp_drake.runs.arm.real_time import WallClock, undisturbed
+from fmp_drake.runs.arm.real_time import WallClock, age_metrics, undisturbed
 from fmp_drake.runs.ink_metrics import ink_metrics
 from fmp_drake.runs.metrics import ForceMetrics, Metrics, Samples
 from fmp_drake.settings import bounded, check_settings
@@ -31,6 +31,8 @@ from fmp_drake.systems.panda.firmware import (
 from fmp_drake.systems.panda.reading import JOINTS, decode
 
 PERIOD = 0.001
+# Of each joint of an arm that somebody guides, Nm s/rad.
+_GUIDED_DAMPING = 1.0
 # Steps between two samples of the normal force.
 _SELDOM = 10
 
@@ -175,7 +177,10 @@ class ArmBench:
     def step(self, wall_time: float) -> None:
         """Advance by a millisecond, and send a status stamped with a wall time, s."""
         state = self.output("state").copy()
-        if not self._is_guided:
+        if self._is_guided:
+            torque = -_GUIDED_DAMPING * state[JOINTS:]
+            self._state = self._state._replace(torque=torque)
+        else:
             self._obey(decode(lcmt_panda_command, self.output("command")), wall_time)
         context = self.simulator.get_mutable_context()
         self._diagram.GetInputPort("torque").FixValue(context, self._state.torque)
@@ -231,12 +236,10 @@ class ArmBench:
             grid=self._grid,
             seconds=self._ticks * PERIOD,
         )
-        ages = np.array(self.ages or [np.nan])
         return {
             "seconds": self._ticks * PERIOD,
             **{f"{each.name.lower()}_ms": n for each, n in self.obeyed.items()},
-            "command_age_median": float(np.median(ages)),
-            "command_age_99": float(np.quantile(ages, 0.99)),
+            **age_metrics("command_age", self.ages),
             "greatest_step": self.greatest_step,
             "greatest_speed": self._greatest_speed,
             "last_speed": float(np.max(np.abs(self.output("state")[JOINTS:]))),

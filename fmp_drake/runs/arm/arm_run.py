@@ -10,7 +10,12 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.runs.arm.real_time import MOST_REPLAYED, WallClock, undisturbed
+from fmp_drake.runs.arm.real_time import (
+    MOST_REPLAYED,
+    WallClock,
+    age_metrics,
+    undisturbed,
+)
 from fmp_drake.runs.metrics import ForceMetrics, Samples
 from fmp_drake.station.board_station import MakeSkillStation
 from fmp_drake.station.panda_driver import LcmPanda, OpenLcm
@@ -205,17 +210,15 @@ class ArmRun:
 
     def metrics(self) -> dict[str, Any]:
         """Return what was measured: s, m, N; the force is what the arm feels of it."""
-        ages = np.array(self.ages or [np.nan])
+        rms = float(np.sqrt(np.mean(np.square(self.errors)))) if self.errors else None
         expired = [fault for _, fault in self.stops if fault & GateFault.STALE]
         return {
             "open_seconds": len(self.ages) * self.period,
-            "status_age_median": float(np.median(ages)),
-            "status_age_99": float(np.quantile(ages, 0.99)),
-            "status_age_max": float(np.max(ages)),
+            **age_metrics("status_age", self.ages),
             "latest_step": self.late,
             "missed_ticks": round(self.skipped / self.period),
             "expiries": len(expired),
             "stops": [(at, fault.name) for at, fault in self.stops],
-            "tracking_rms": float(np.sqrt(np.mean(np.square(self.errors or [np.nan])))),
+            "tracking_rms": rms,
             **self._forces.result(),
         }

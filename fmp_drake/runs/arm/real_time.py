@@ -5,10 +5,12 @@ import gc
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
+
+import numpy as np
 
 # What is made up for after a pause, at most, s.
 MOST_REPLAYED = 0.01
@@ -77,6 +79,19 @@ def undisturbed() -> Iterator[None]:
     finally:
         gc.enable()
         signal.signal(signal.SIGTERM, previous)
+
+
+def age_metrics(name: str, ages: Sequence[float]) -> dict[str, float | None]:
+    """Return median, 99th percentile and maximum of ages, s; None where there is none.
+
+    Examples
+    --------
+    >>> age_metrics("status_age", [0.001])["status_age_99"]
+    0.001
+    """
+    kinds = {"median": 0.5, "99": 0.99, "max": 1.0}
+    found = np.quantile(ages, list(kinds.values())).tolist() if ages else [None] * 3
+    return {f"{name}_{kind}": age for kind, age in zip(kinds, found, strict=True)}
 
 
 def take_precedence() -> list[str]:
