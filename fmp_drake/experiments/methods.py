@@ -18,7 +18,7 @@ from fmp_drake.primitives import (
     FourierMovementPrimitive,
     Player,
 )
-from fmp_drake.primitives.data.windows import demonstration_windows
+from fmp_drake.primitives.data.windows import as_windows
 
 RATE = 20.0
 N_STEPS = 120
@@ -96,9 +96,7 @@ def cut(
     demonstrations: Sequence[Demonstration], *, stride: int, n_steps: int = N_STEPS
 ) -> NDArray[np.float64]:
     """Return the windows of demonstrations, (N, T, D)."""
-    return demonstration_windows(
-        demonstrations, n_steps=n_steps, stride=stride, rate=RATE
-    )
+    return as_windows(demonstrations, n_steps=n_steps, stride=stride, rate=RATE).values
 
 
 def play(

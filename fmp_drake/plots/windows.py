@@ -12,7 +12,7 @@ from fmp_drake.plots.channels import Channels, Demonstrations, as_list
 from fmp_drake.plots.panels import PlanePanel, TimePanels
 from fmp_drake.plots.style import add_colorbar, add_lines, component_color
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.primitives.data.windows import demonstration_windows
+from fmp_drake.primitives.data.windows import as_windows
 
 _MOST = 60  # More windows could not be told apart.
 
@@ -85,13 +85,13 @@ def cut_windows(
 ) -> NDArray[np.float64]:
     """Return the windows (N, T, D) that a skill would learn from demonstrations."""
     Channels.of_skill(skill).check(demonstrations)
-    return demonstration_windows(
+    return as_windows(
         demonstrations,
         n_steps=skill.n_steps,
         stride=skill.window_stride,
         rate=skill.rate,
         at_least=1,
-    )
+    ).values
 
 
 def _shown(

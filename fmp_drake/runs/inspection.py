@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.data.scaling import channel_scales
-from fmp_drake.primitives.data.windows import demonstration_windows
+from fmp_drake.primitives.data.windows import as_windows
 from fmp_drake.primitives.model.phase.period import fundamental_period
 from fmp_drake.runs.skills import lay_on_board
 from fmp_drake.station.scenario import Scenario
@@ -77,7 +77,7 @@ def _learning(demonstration: Demonstration) -> str:
     """Return whether windows can be learned, and whether the board can be wiped."""
     skill = FourierMovementPrimitive()
     try:
-        windows = demonstration_windows(
+        windows = as_windows(
             [demonstration],
             n_steps=skill.n_steps,
             stride=skill.window_stride,
@@ -86,7 +86,7 @@ def _learning(demonstration: Demonstration) -> str:
     except DemonstrationError as error:
         return f"not possible: {error}"
     seconds = skill.n_steps / skill.rate
-    possible = f"possible, from {len(windows)} windows of {seconds:g} s"
+    possible = f"possible, from {len(windows.values)} windows of {seconds:g} s"
     try:
         _, remarks = lay_on_board(demonstration, scenario=Scenario())
     except DemonstrationError as error:

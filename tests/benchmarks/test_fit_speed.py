@@ -24,7 +24,7 @@ from sklearn.mixture import GaussianMixture
 from tube import bundled
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.primitives.data.windows import demonstration_windows
+from fmp_drake.primitives.data.windows import as_windows
 from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
 
 SECTION = "Learning from the bundled 8 (3 minutes)"
@@ -46,7 +46,7 @@ def part(demonstration, begin, end):
 
 
 def papers_windows(demonstration):
-    return demonstration_windows([demonstration], n_steps=120, stride=10, rate=20.0)
+    return as_windows([demonstration], n_steps=120, stride=10, rate=20.0).values
 
 
 def fit_literally(windows, *, regularization):

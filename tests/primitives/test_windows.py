@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, sliding_windows
-from fmp_drake.primitives.data.windows import demonstration_windows
+from fmp_drake.primitives.data.windows import as_windows
 
 
 def counting(count, rate=20.0, start=0.0, **names):
@@ -42,7 +42,7 @@ def test_windows_and_strides_of_no_length_are_refused(options):
 
 def test_each_demonstration_is_windowed_on_its_own():
     demonstrations = [counting(50), counting(31, start=1000), counting(20)]
-    windows = demonstration_windows(demonstrations, n_steps=24, stride=5, rate=20.0)
+    windows = as_windows(demonstrations, n_steps=24, stride=5, rate=20.0).values
     assert windows.shape == (6 + 2 + 0, 24, 2)
     assert np.all(np.diff(windows[..., 0], axis=1) == 1)
     assert np.sum(windows[:, 0, 0] >= 1000) == 2
@@ -50,14 +50,14 @@ def test_each_demonstration_is_windowed_on_its_own():
 
 def test_demonstrations_are_resampled_to_the_rate():
     slow, fast = counting(41, rate=10.0), counting(161, rate=40.0)
-    windows = demonstration_windows([slow, fast], n_steps=20, stride=20, rate=20.0)
+    windows = as_windows([slow, fast], n_steps=20, stride=20, rate=20.0).values
     assert windows.shape == (4 + 4, 20, 2)
     assert np.allclose(np.diff(windows[:4, :, 0], axis=1), 0.5)
 
 
 def test_no_demonstration_is_refused():
     with pytest.raises(DemonstrationError, match="at least one"):
-        demonstration_windows([], n_steps=8, stride=1, rate=20.0)
+        as_windows([], n_steps=8, stride=1, rate=20.0)
 
 
 def test_different_channels_are_refused():
@@ -65,19 +65,19 @@ def test_different_channels_are_refused():
     with pytest.raises(
         DemonstrationError, match="demonstration 1 has the channels x, z"
     ):
-        demonstration_windows([counting(50), other], n_steps=8, stride=1, rate=20.0)
+        as_windows([counting(50), other], n_steps=8, stride=1, rate=20.0)
 
 
 def test_too_short_a_demonstration_says_how_long_it_must_be():
     with pytest.raises(DemonstrationError) as caught:
-        demonstration_windows([counting(25)], n_steps=24, stride=10, rate=20.0)
+        as_windows([counting(25)], n_steps=24, stride=10, rate=20.0)
     assert "give 1 windows of 1.2 s" in str(caught.value)
     assert "the longest lasts 1.2 s" in str(caught.value)
     assert "at least 1.65 s" in str(caught.value)
     with pytest.raises(DemonstrationError, match=r"the longest lasts 1 s"):
-        demonstration_windows(
+        as_windows(
             [counting(9), counting(21), counting(11)], n_steps=24, stride=1, rate=20.0
         )
     # And with that length it is accepted.
     enough = counting(int(1.65 * 20) + 1)
-    assert len(demonstration_windows([enough], n_steps=24, stride=10, rate=20.0)) == 2
+    assert len(as_windows([enough], n_steps=24, stride=10, rate=20.0).values) == 2

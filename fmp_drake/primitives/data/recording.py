@@ -1,5 +1,7 @@
 """From what was recorded of a hand to demonstrations with the rhythm of the hand."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
@@ -124,11 +126,4 @@ def _averaged(
     half = np.maximum(half, 1e-6)
     way = CubicSpline(time, demonstration.values).antiderivative()
     mean = (way(time + half) - way(time - half)) / (2 * half)[:, None]
-    return Demonstration(
-        time=time,
-        values=mean,
-        channels=demonstration.channels,
-        units=demonstration.units,
-        frame=demonstration.frame,
-        note=demonstration.note,
-    )
+    return replace(demonstration, values=mean)

@@ -88,30 +88,6 @@ def sliding_windows(
     return np.ascontiguousarray(np.swapaxes(view[::stride], 1, 2))
 
 
-def demonstration_windows(
-    demonstrations: Sequence[Demonstration],
-    *,
-    n_steps: int,
-    stride: int,
-    rate: float,
-    at_least: int = 2,
-) -> NDArray[np.float64]:
-    """Return the windows (N, T, D) of demonstrations, resampled to one rate.
-
-    No window crosses from one demonstration to the next.
-
-    Raises
-    ------
-    DemonstrationError
-        Where the demonstrations have different channels, or give fewer than
-        `at_least` windows.
-    """
-    windows = as_windows(
-        demonstrations, n_steps=n_steps, stride=stride, rate=rate, at_least=at_least
-    )
-    return windows.values
-
-
 def _check_alike(demonstrations: Sequence[Demonstration]) -> None:
     """Raise where demonstrations differ in channels, units or rotation reference."""
     first = demonstrations[0]
@@ -148,16 +124,17 @@ def _sampled(values: NDArray[np.float64], rate: float) -> Demonstration:
 
 
 def as_windows(
-    X: Any, *, n_steps: int, stride: int, rate: float, at_least: int
+    X: Any, *, n_steps: int, stride: int, rate: float, at_least: int = 2
 ) -> Windows:
     """Return the windows of one or several recordings, or those in an array (N, T, D).
 
-    A recording is a demonstration, or an array (N, D) or (N,) sampled at the rate.
+    A recording is a demonstration, or an array (N, D) or (N,) sampled at the rate. Each
+    is resampled to the rate; no window crosses from one to the next.
 
     Raises
     ------
     DemonstrationError
-        Where there is nothing to learn from in it.
+        Where they have different channels, or give fewer than `at_least` windows.
     """
     recordings = _recordings(X, n_steps=n_steps, rate=rate)
     if recordings is not None:

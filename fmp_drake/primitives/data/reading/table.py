@@ -1,6 +1,6 @@
 """What every reader makes of a file: columns of numbers."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +42,6 @@ class Table:
     def __post_init__(self) -> None:
         """Fill in units that were not given."""
         object.__setattr__(self, "units", self.units or ("",) * len(self.names))
-
-    def saying(self, *remarks: str) -> "Table":
-        """Return the table with more remarks."""
-        return replace(self, remarks=(*self.remarks, *remarks))
 
 
 def check_size(path: object, size: float, most: float = MOST_BYTES) -> None:
