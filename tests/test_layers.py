@@ -137,6 +137,7 @@ def run_alone(code):
     subprocess.run([sys.executable, "-c", alone], check=True)
 
 
+@pytest.mark.slow
 def test_skill_is_learned_and_played_without_drake():
     run_alone("""
 import numpy as np

@@ -40,6 +40,7 @@ elif kind == "text":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "older"), [("npz", b"precious"), ("text", None)])
 def test_a_writer_that_is_killed_leaves_the_older_file_or_none(kind, older, tmp_path):
     path = tmp_path / f"out.{kind}"

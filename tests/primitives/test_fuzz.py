@@ -22,6 +22,8 @@ from fmp_drake.primitives import (
     save_skill,
 )
 
+pytestmark = pytest.mark.slow
+
 many = settings(
     max_examples=150,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
