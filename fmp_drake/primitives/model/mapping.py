@@ -146,8 +146,9 @@ class MappingPlan:
     def map(self, values: ArrayLike) -> Mapping:
         """Return the weights of the component that fits observed values (m,) best."""
         y = finite_array(values, "the observation", (self.size,))
-        z = (self._whitening @ y).reshape(self._whitened.shape) - self._whitened
-        costs = np.einsum("ja,ja->j", z, z) + self._offsets
+        z = (self._whitening @ y).reshape(self._whitened.shape)
+        z -= self._whitened
+        costs = np.vecdot(z, z) + self._offsets
         j = int(np.argmin(costs))
         return Mapping(
             weights=self._means[j] + self._gains[j] @ (y - self._expected[j]),

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from fmp_drake.primitives.model.conditioning import Conditioning
-from fmp_drake.primitives.model.phase.components import anchored_gaussians
+from fmp_drake.primitives.model.phase.components import Anchors, anchored_gaussians
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.residual import Residual
-from fmp_drake.primitives.model.phase.tempo import Tempo
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 
 Array = NDArray[np.float64]
@@ -29,7 +28,7 @@ _NOISE = 1e-8
 
 
 def calibrate(
-    track: PhaseTrack, *, anchors: Array, spacing: Array, n_steps: int, pinned: int
+    track: PhaseTrack, anchors: Anchors, *, n_steps: int, pinned: int
 ) -> Array:
     """Return samples ahead, and factors for the covariances predicted there, (A, 2).
 
@@ -41,7 +40,7 @@ def calibrate(
     Parameters
     ----------
     track : PhaseTrack
-    anchors, spacing : ndarray, shape (M,)
+    anchors : Anchors
         Of the components.
     n_steps : int
         T, samples in a window.
@@ -53,19 +52,11 @@ def calibrate(
     channels = track.cycle.coefficients.shape[1]
     squares = []
     for rest, held in _splits(track, int(steps[-1]) + 1):
-        tempo = Tempo.fit(rest.phases)
-        parts = anchored_gaussians(
-            rest,
-            cycle=rest.cycle,
-            residual=Residual.fit(rest.phases, rest.residuals()),
-            tempo=tempo.mean,
-            anchors=anchors,
-            spacing=spacing,
-            steps=steps - pinned,
-        )
+        residual = Residual.fit(rest.phases, rest.residuals())
+        parts = anchored_gaussians(rest, residual, anchors, steps - pinned)
         means, covariances = map(np.stack, zip(*parts, strict=True))
         conditioning = Conditioning(
-            np.ones(len(anchors)),
+            np.ones(len(means)),
             means,
             covariances + _NOISE * np.eye(covariances.shape[1]),
             seen=pinned,

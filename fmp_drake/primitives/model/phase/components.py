@@ -1,6 +1,7 @@
 """A phase model as a mixture of Gaussians over windows."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,6 @@ from scipy.interpolate import CubicSpline
 
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.residual import Residual
 from fmp_drake.primitives.model.phase.tempo import phase_covariance
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
@@ -25,22 +25,34 @@ _WHITE = 1e-10
 _MANY_CYCLES = 12.0
 
 
-def anchor_phases(track: PhaseTrack, count: int) -> tuple[Array, Array]:
-    """Return phases that equally many samples lie between, and their spacing (count,)."""
+class Anchors(NamedTuple):
+    """The phases of components at the sample at which each knows its phase.
+
+    Attributes
+    ----------
+    phases : ndarray, shape (M,)
+        Rad.
+    spacing : ndarray, shape (M,)
+        The widths of their cells, rad.
+    """
+
+    phases: Array
+    spacing: Array
+
+
+def anchor_phases(track: PhaseTrack, count: int) -> Anchors:
+    """Return phases that equally many samples lie between."""
     phase = np.sort(np.mod(np.concatenate(track.phases), 2 * np.pi))
     edges = np.quantile(phase, np.arange(2 * count + 1) / (2 * count))
     edges[[0, -1]] = 0.0, 2 * np.pi
-    return edges[1::2], np.diff(edges[::2])
+    return Anchors(edges[1::2], np.diff(edges[::2]))
 
 
 def phase_components(
     track: PhaseTrack,
-    *,
-    cycle: Cycle,
     residual: Residual,
-    tempo: float,
-    anchors: Array,
-    spacing: Array,
+    anchors: Anchors,
+    *,
     n_steps: int,
     pinned: int,
     rank: int,
@@ -54,41 +66,27 @@ def phase_components(
     Parameters
     ----------
     track : PhaseTrack
-    cycle, residual
-        Of the model.
-    tempo : float
-        Mean, rad per sample.
-    anchors, spacing : ndarray, shape (M,)
-        Phases at the sample `pinned`, and the widths of their cells.
+    residual : Residual
+        Of the track.
+    anchors : Anchors
+        Phases at the sample `pinned`.
     n_steps : int
         T, samples in a window.
     pinned : int
     rank : int
         Most directions that are kept of each covariance.
     """
-    basis = FourierBasis(n_steps)
+    basis, steps = FourierBasis(n_steps), np.arange(n_steps) - pinned
     return tuple(
         _low_rank(mean, covariance, basis, rank)
-        for mean, covariance in anchored_gaussians(
-            track,
-            cycle=cycle,
-            residual=residual,
-            tempo=tempo,
-            anchors=anchors,
-            spacing=spacing,
-            steps=np.arange(n_steps) - pinned,
-        )
+        for mean, covariance in anchored_gaussians(track, residual, anchors, steps)
     )
 
 
 def anchored_gaussians(
     track: PhaseTrack,
-    *,
-    cycle: Cycle,
     residual: Residual,
-    tempo: float,
-    anchors: Array,
-    spacing: Array,
+    anchors: Anchors,
     steps: NDArray[np.int64],
 ) -> Iterator[tuple[Array, Array]]:
     """Return mean (n, D) and covariance (n D, n D) of samples around each anchor.
@@ -96,6 +94,7 @@ def anchored_gaussians(
     The parameters are those of `phase_components`; `steps` (n,) are the rising places
     of the samples, of which 0 knows the phase.
     """
+    cycle, tempo, anchor = track.cycle, track.tempo, anchors.phases
     d, n_steps, pinned = cycle.coefficients.shape[1], len(steps), -int(steps[0])
     span = int(np.ptp(steps)) + 1
     straying = phase_covariance(track.phases, tempo, count=span, pinned=pinned)
@@ -104,7 +103,7 @@ def anchored_gaussians(
     shifted = np.zeros((n_steps, d, n_steps, d))
     slow = np.concatenate(track.shifts).var(axis=0)
     shifted[:, np.arange(d), :, np.arange(d)] = 2 * slow[:, None, None]
-    paths = anchors[:, None] + tempo * steps
+    paths = anchor[:, None] + tempo * steps
 
     def structure(path: Array) -> Array:
         slope = cycle.values(path, 1)
@@ -115,10 +114,10 @@ def anchored_gaussians(
         prior += shifted
         return prior.reshape(n_steps * d, -1)
 
-    errors = _errors(track, cycle, paths, anchors, steps)
+    errors = _errors(track, paths, anchor, steps)
     counts = np.array([float(len(each)) for each in errors])
     lacking = [_complete(e, structure(p)) for e, p in zip(errors, paths, strict=True)]
-    near, sums, grams = _pooled(errors, anchors)
+    near, sums, grams = _pooled(errors, anchor)
     grams += np.stack(lacking)
     for m, path in enumerate(paths):
         prior, slope = structure(path), cycle.values(path, 1)
@@ -130,14 +129,13 @@ def anchored_gaussians(
         covariance = _COVARIANCE_WINDOWS * prior + gram
         covariance /= _COVARIANCE_WINDOWS + windows
         tangent = slope.ravel()
-        covariance += spacing[m] ** 2 / 12 * np.outer(tangent, tangent)
+        covariance += anchors.spacing[m] ** 2 / 12 * np.outer(tangent, tangent)
         mean = cycle.values(path) + move.reshape(n_steps, d)
         yield mean, covariance
 
 
 def _errors(
     track: PhaseTrack,
-    cycle: Cycle,
     paths: Array,
     anchors: Array,
     steps: NDArray[np.int64],
@@ -160,7 +158,7 @@ def _errors(
             at = np.interp(passed, rising, times)
             at = at[(at + steps[0] >= 0) & (at + steps[-1] <= times[-1] + cut)]
             place = at[:, None] + steps
-            windows = spline(place) - cycle.values(paths[m])
+            windows = spline(place) - track.cycle.values(paths[m])
             windows[place > times[-1]] = np.nan
             found[m].append(windows.reshape(len(at), paths[m].size * y.shape[1]))
     return [np.concatenate(each) for each in found]

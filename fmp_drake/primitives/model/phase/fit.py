@@ -12,7 +12,7 @@ from fmp_drake.primitives.model.phase.approach import without_approach
 from fmp_drake.primitives.model.phase.calibration import calibrate
 from fmp_drake.primitives.model.phase.components import anchor_phases, phase_components
 from fmp_drake.primitives.model.phase.history import CycleHistory
-from fmp_drake.primitives.model.phase.period import fundamental_period, other_periods
+from fmp_drake.primitives.model.phase.period import possible_periods
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.primitives.model.phase.residual import Residual
 from fmp_drake.primitives.model.phase.tempo import Tempo
@@ -51,11 +51,9 @@ def tracked(recordings: Sequence[NDArray[np.float64]], *, n_steps: int) -> Phase
         part if len(part) > n_steps else y
         for part, y in zip(parts, recordings, strict=True)
     ]
-    estimated = fundamental_period(recordings)
+    estimated, *others = possible_periods(recordings)
     samples = sum(map(len, recordings))
-    others = [
-        p for p in other_periods(recordings, estimated) if samples >= LEAST_CYCLES * p
-    ]
+    others = [p for p in others if samples >= LEAST_CYCLES * p]
     found: list[PhaseTrack] = []
     first_reason = ""
     for period in (estimated, *others):
@@ -123,28 +121,18 @@ def fit_phase_model(
     count = int(
         np.clip(round(2 * np.pi / tempo.mean), LEAST_COMPONENTS, _MOST_COMPONENTS)
     )
-    anchors, spacing = anchor_phases(track, min(count, most_components))
+    anchors = anchor_phases(track, min(count, most_components))
     components = phase_components(
-        track,
-        cycle=track.cycle,
-        residual=residual,
-        tempo=tempo.mean,
-        anchors=anchors,
-        spacing=spacing,
-        n_steps=n_steps,
-        pinned=pinned,
-        rank=_RANK,
+        track, residual, anchors, n_steps=n_steps, pinned=pinned, rank=_RANK
     )
     model = PhaseModel(
         cycle=track.cycle,
         residual=residual,
         tempo=tempo,
-        anchors=anchors,
-        spacing=spacing,
+        anchors=anchors.phases,
+        spacing=anchors.spacing,
         pinned=pinned,
-        calibration=calibrate(
-            track, anchors=anchors, spacing=spacing, n_steps=n_steps, pinned=pinned
-        ),
+        calibration=calibrate(track, anchors, n_steps=n_steps, pinned=pinned),
         history=CycleHistory.of(track.cycle, track.phases, track.recordings),
         paused=float(track.paused),
         approach=float(track.approach),

@@ -8,6 +8,8 @@ from scipy.signal import detrend
 
 from fmp_drake.errors import DemonstrationError
 
+# Samples.
+_SHORTEST = 4.0
 # A peak this close to the highest one, and earlier, is the fundamental's.
 _ALMOST = 0.8
 _LEAST_CORRELATION = 0.2
@@ -41,7 +43,7 @@ def autocorrelation(
 
 
 def fundamental_period(
-    recordings: Sequence[NDArray[np.float64]], *, shortest: float = 4.0
+    recordings: Sequence[NDArray[np.float64]], *, shortest: float = _SHORTEST
 ) -> float:
     """Return the period, in samples, after which all channels repeat together.
 
@@ -60,6 +62,40 @@ def fundamental_period(
     DemonstrationError
         Where nothing repeats: a period must fit 1.7 times into the longest recording.
     """
+    return _fundamental(_correlated(recordings, shortest), shortest)
+
+
+def possible_periods(
+    recordings: Sequence[NDArray[np.float64]], *, shortest: float = 8.0
+) -> list[float]:
+    """Return the fundamental period, in samples, and others that a movement may have.
+
+    These grow: fractions and multiples of the first, from `shortest` on, and the first
+    peaks of the autocorrelation. Where the tempo changes a lot, later and higher peaks tell
+    when a tempo comes back, not a place.
+
+    Raises
+    ------
+    DemonstrationError
+        As for `fundamental_period`.
+    """
+    r = _correlated(recordings, _SHORTEST)
+    period, longest = _fundamental(r, _SHORTEST), len(r) - 2
+    inner = np.arange(1, longest + 1)
+    peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (r[1:-1] > 0)]
+    first = [parabola_top(r, int(top)) for top in peaks[:_FIRST_PEAKS]]
+    found = [period]
+    for each in sorted([*first, period / 3, period / 2, 2 * period, 3 * period]):
+        different = all(abs(each - p) > 0.05 * p for p in found)
+        if different and shortest <= each <= longest:
+            found.append(each)
+    return found
+
+
+def _correlated(
+    recordings: Sequence[NDArray[np.float64]], shortest: float
+) -> NDArray[np.float64]:
+    """Return the autocorrelation up to a lag after the longest period, (longest + 2,)."""
     longest_recording = max((len(y) for y in recordings), default=0)
     longest = int(0.6 * longest_recording)
     if longest < shortest + 2:
@@ -67,7 +103,12 @@ def fundamental_period(
             f"the longest recording has {longest_recording} samples; at least "
             f"{int(np.ceil((shortest + 2) / 0.6))} are needed to find a period."
         )
-    r = autocorrelation(recordings, longest=longest + 1)
+    return autocorrelation(recordings, longest=longest + 1)
+
+
+def _fundamental(r: NDArray[np.float64], shortest: float) -> float:
+    """Return the period that an autocorrelation shows; see `fundamental_period`."""
+    longest = len(r) - 2
     inner = np.arange(1, longest + 1)
     peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (inner >= shortest)]
     # Before it was first uncorrelated a signal resembles itself anyway.
@@ -92,28 +133,6 @@ def fundamental_period(
             break
         period = parabola_top(r, top) / k
     return period
-
-
-def other_periods(
-    recordings: Sequence[NDArray[np.float64]], period: float, *, shortest: float = 8.0
-) -> list[float]:
-    """Return periods, in samples, that a movement may have instead of an estimated one.
-
-    Fractions and multiples of it, and the first peaks of the autocorrelation: where the
-    tempo changes a lot, later and higher ones tell when a tempo comes back, not a place.
-    They grow.
-    """
-    longest = int(0.6 * max(len(y) for y in recordings))
-    r = autocorrelation(recordings, longest=longest + 1)
-    inner = np.arange(1, longest + 1)
-    peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (r[1:-1] > 0)]
-    first = [parabola_top(r, int(top)) for top in peaks[:_FIRST_PEAKS]]
-    found: list[float] = []
-    for each in sorted([*first, period / 3, period / 2, 2 * period, 3 * period]):
-        different = all(abs(each - p) > 0.05 * p for p in (*found, period))
-        if different and shortest <= each <= longest:
-            found.append(each)
-    return found
 
 
 def parabola_top(values: NDArray[np.float64], top: int) -> float:
