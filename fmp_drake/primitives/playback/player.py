@@ -15,7 +15,7 @@ from fmp_drake.primitives.playback.motion import Motion
 from fmp_drake.primitives.playback.own_target import checked_target
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.remap_ticks import remap_ticks_of
-from fmp_drake.primitives.playback.sampling import track_sample
+from fmp_drake.primitives.playback.sampling import track_component
 from fmp_drake.primitives.playback.segment import (
     Segment,
     decayed_offset,
@@ -39,11 +39,11 @@ class Player:
     """Plays a fitted skill from any start, for as long as wanted.
 
     The start is mapped onto sample K - 1 of a window. From there the weights relax to
-    their target while the window is played to its last sample. Then the last K values
+    their target while the window is played to its end. Then the last K values
     are mapped onto the first K samples of a new window (Algorithm 1), which may
     change the component, and the movement goes on from sample K - 1: every T - K
-    ticks, or oftener, for ever. Where a playback stands is a `PlaybackState`; the methods of a
-    player turn one state into another and never change it.
+    ticks, or oftener, for ever. Where a playback stands is a `PlaybackState`; the
+    methods of a player turn one state into another and never change it.
 
     A mapped window meets the observation partly by the component's isotropic noise,
     which is white in time: a peak at the observed samples, nothing between
@@ -62,10 +62,11 @@ class Player:
     skill : FourierMovementPrimitive
         Fitted.
     tracker : Tracker
-        How the weights relax; `LqrTracker()` where None.
+        How the weights relax; `LqrTracker()` where None. A phase model uses it for a target
+        of your own only: what it plays goes on from a mapping by itself.
     sample : bool
         Track a sample of the component, drawn anew at every mapping, instead of its
-        mean: more variation (Fig. 10b).
+        mean (`skill.expected`): more variation (Fig. 10b).
     target : array_like, shape (D*T,), optional
         Weights of your own to track instead, from `skill.analyze`.
     seed : int
@@ -77,18 +78,14 @@ class Player:
         are kept in, in (0, 1]; 1 is no bound.
     start_tolerance : float
         How closely the mapped weights meet the start, as a fraction of the movement's
-        half width (`start_variances`); the offset makes up for what
-        remains. 0 is as closely as
-        the skill's tolerance says, which buys millimetres where the demonstrations did
-        not vary by metres where they did.
+        half width (`start_variances`); the offset makes up for what remains. 0 is as
+        closely as the skill's tolerance says, which buys millimetres where the
+        demonstrations did not vary by metres where they did.
     margin : float, optional
         How far samples may leave the demonstrated paths, m; None for no bound. See
         `DemonstratedRegion` and `track_sample`.
     remap_ticks : int, optional
-        Ticks between two re-mappings, at most T - K, which it is where None; but
-        the means of a phase model are then mapped anew every second. They shrink over a
-        window, as the phase becomes unsure: on the bundled 8, played for a minute, to 0.86
-        of the demonstrated width with T - K, 0.98 with a second. Samples do not.
+        Ticks between two re-mappings; as many as there may be (`remap_ticks_of`) where None.
 
     Examples
     --------
@@ -247,24 +244,18 @@ class Player:
         return self._entered(state, plan, values.ravel(), motion)
 
     def retarget(
-        self, state: PlaybackState, target: NDArray[np.float64]
+        self,
+        state: PlaybackState,
+        target: NDArray[np.float64],
+        *,
+        at_once: bool = False,
     ) -> PlaybackState:
-        """Track other weights, shape (D*T,), without a jump of the motion."""
-        new = replace(state, target=target)
-        change = self.motion(state)[:2] - self.motion(new)[:2]
-        return replace(new, offset=state.offset + change)
+        """Track other weights, shape (D*T,), without a jump of the motion.
 
-    def entered(
-        self, state: PlaybackState, target: NDArray[np.float64]
-    ) -> PlaybackState:
-        """Track weights that go on from a mapping, without a jump of the motion.
-
-        Those of a phase model are played at once. On the way from one weights to others that
-        differ in phase both would be averaged, and what is played would leave the cycle.
+        At once they are played without being relaxed to: the offset makes up for it.
         """
-        if self.skill.phase_model_ is None:
-            return self.retarget(state, target)
-        new = replace(state, weights=target, target=target)
+        weights = target if at_once else state.weights
+        new = replace(state, weights=weights, target=target)
         change = self.motion(state)[:2] - self.motion(new)[:2]
         return replace(new, offset=state.offset + change)
 
@@ -306,12 +297,7 @@ class Player:
             offset=np.zeros_like(state.offset),
         )
         state = replace(state, offset=motion - self.motion(state)[:2])
-        if own is not None:
-            return state
-        if state.sample:
-            return track_sample(self, state)
-        past = self.skill.synthesize(state.weights)[: self.skill.overlap]
-        return self.entered(state, self.skill.expected(state.component, past))
+        return track_component(self, state) if own is None else state
 
     # What a state means -------------------------------------------------------
 
