@@ -96,39 +96,43 @@ def anchored_gaussians(
     """
     cycle, tempo, anchor = track.cycle, track.tempo, anchors.phases
     d, n_steps, pinned = cycle.coefficients.shape[1], len(steps), -int(steps[0])
+    size = n_steps * d
     span = int(np.ptp(steps)) + 1
     straying = phase_covariance(track.phases, tempo, count=span, pinned=pinned)
     straying = straying[np.ix_(steps + pinned, steps + pinned)]
-    smooth = residual.process.covariance(steps)
-    shifted = np.zeros((n_steps, d, n_steps, d))
+    straying = np.kron(straying, np.ones((d, d)))
+    smooth = residual.process.covariance(steps).reshape(n_steps, d, size)
     slow = np.concatenate(track.shifts).var(axis=0)
-    shifted[:, np.arange(d), :, np.arange(d)] = 2 * slow[:, None, None]
+    shifted = np.kron(np.ones((n_steps, n_steps)), np.diag(2 * slow))
     paths = anchor[:, None] + tempo * steps
 
     def structure(path: Array) -> Array:
-        slope = cycle.values(path, 1)
-        factor = residual.factor(path)
-        formed = np.einsum("tab,tbuc->tauc", factor, smooth, optimize=True)
-        prior = np.einsum("tauc,udc->taud", formed, factor, optimize=True)
-        prior += slope[:, :, None, None] * straying[:, None, :, None] * slope
-        prior += shifted
-        return prior.reshape(n_steps * d, -1)
+        factor, tangent = residual.factor(path), cycle.values(path, 1).ravel()
+        formed = (factor @ smooth).reshape(size, size)
+        prior = (factor @ formed.T.reshape(n_steps, d, size)).reshape(size, size)
+        return prior + np.outer(tangent, tangent) * straying + shifted
 
     errors = _errors(track, paths, anchor, steps)
     counts = np.array([float(len(each)) for each in errors])
-    lacking = [_complete(e, structure(p)) for e, p in zip(errors, paths, strict=True)]
-    near, sums, grams = _pooled(errors, anchor)
-    grams += np.stack(lacking)
+    unsure = {
+        m: _complete(windows, structure(paths[m]))
+        for m, windows in enumerate(errors)
+        if np.isnan(windows).any()
+    }
+    near = _nearness(anchor)
+    sums = near @ np.stack([windows.sum(axis=0) for windows in errors])
+    grams = np.stack([windows.T @ windows for windows in errors])
+    for m, left in unsure.items():
+        grams[m] += left
+    grams = (near @ grams.reshape(len(near), -1)).reshape(grams.shape)
     for m, path in enumerate(paths):
-        prior, slope = structure(path), cycle.values(path, 1)
-        windows, total = float(near[m] @ counts), near[m] @ sums
+        prior, tangent = structure(path), cycle.values(path, 1).ravel()
+        windows, total, gram = float(near[m] @ counts), sums[m], grams[m]
         move = total / (windows + _MEAN_WINDOWS)
-        gram = np.tensordot(near[m], grams, axes=1)
         gram -= np.outer(move, total) + np.outer(total, move)
         gram += windows * np.outer(move, move)
         covariance = _COVARIANCE_WINDOWS * prior + gram
         covariance /= _COVARIANCE_WINDOWS + windows
-        tangent = slope.ravel()
         covariance += anchors.spacing[m] ** 2 / 12 * np.outer(tangent, tangent)
         mean = cycle.values(path) + move.reshape(n_steps, d)
         yield mean, covariance
@@ -183,14 +187,12 @@ def _complete(errors: Array, prior: Array) -> Array:
     return unsure
 
 
-def _pooled(errors: list[Array], anchors: Array) -> tuple[Array, Array, Array]:
-    """Return how near the anchors are (M, M), and the errors' sums and products."""
+def _nearness(anchors: Array) -> Array:
+    """Return how much the windows of an anchor count at another one, (M, M)."""
     apart = np.angle(np.exp(1j * (anchors[:, None] - anchors)))
     near = np.exp(-0.5 * (apart / _NEAR) ** 2)
     near[near < 1e-4] = 0.0
-    sums = np.stack([e.sum(axis=0) for e in errors])
-    grams = np.stack([e.T @ e for e in errors])
-    return near, sums, grams
+    return near
 
 
 def _low_rank(
