@@ -38,7 +38,7 @@ def test_links_and_pictures_are_there():
         re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
         for title in re.findall(r"^#+ (.*)", README, re.MULTILINE)
     }
-    links = re.findall(r"\]\((?!http)([^)#]*)#?([^)]*)\)", README)
+    links = re.findall(r'(?:\]\(|src=")(?!http)([^)"#]*)#?([^)"]*)', README)
     assert len(links) > 5
     for file, anchor in links:
         assert (REPOSITORY / file).exists(), file
