@@ -95,8 +95,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _fail(error.format_message(), error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         _fail("stopped.", 130)
+    except SystemError as error:
+        if not _is_interrupt(error):
+            raise
+        _fail("stopped.", 130)
     except OSError as error:
         _fail(f"{error.filename or ''}: {error.strerror}".lstrip(": "), 2)
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Return whether it came of Ctrl-C, while compiled code was fetched from its cache."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _is_warning(record: logging.LogRecord) -> bool:

@@ -215,6 +215,26 @@ def test_interruption_ends_without_a_traceback(command, monkeypatch):
     assert result.err == "fmp-drake: stopped.\n"
 
 
+def test_interrupt_while_compiled_code_is_fetched_is_one(command, monkeypatch):
+    def interrupted(**_):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as stop:
+            raise SystemError("returned a result with an exception set") from stop
+
+    monkeypatch.setattr(main_module.app, "main", interrupted)
+    assert command("wipe").err == "fmp-drake: stopped.\n"
+
+
+def test_other_errors_of_the_interpreter_are_shown(command, monkeypatch):
+    def broken(**_):
+        raise SystemError("broken")
+
+    monkeypatch.setattr(main_module.app, "main", broken)
+    with pytest.raises(SystemError, match="broken"):
+        command("wipe")
+
+
 def test_full_disk_ends_without_a_traceback(refused, monkeypatch):
     def full(**_):
         raise OSError(28, "No space left on device", "report.json")
