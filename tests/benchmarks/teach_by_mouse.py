@@ -7,7 +7,20 @@ Shapes on boards, each seen by the scenario's camera and by one from the other s
 rms of the recording from the cursor's path, after its lag; the largest used fractions of the joints' ranges, speeds
 and torques while it was taught; and when it played, the share of the shown area that is
 clean, the largest distance of the eraser from what was shown (in the plane of the board), the
-part of the time within 20 mm of it, the fractions of speeds and torques, and what went wrong.
+part of the time within 20 mm of it, the fractions of speeds and torques, the CPU time from
+learn to playing, and what went wrong. Some of it, taken beside other work:
+
+    vertical   eight   other   60    1.0  0.58  0.31  0.24   96.6   4.7 100.0  0.25  0.21
+    vertical   square  own     60    0.9  0.60  0.27  0.22   92.7   3.7 100.0  0.19  0.21
+    vertical   zigzag  own     60    1.8  0.58  0.33  0.34   92.4   3.8 100.0  0.22  0.21
+    table_top  eight   other   60    1.1  0.57  0.31  0.47   96.6   4.2 100.0  0.28  0.40
+    tilted     circle  other   60    0.9  0.60  0.26  0.32   93.6   3.8 100.0  0.24  0.24
+    tilted     eight   other   10    1.3  0.53  0.32  0.37
+    tilted     circle  other   10    0.9  0.60  0.26  0.32
+    tilted     zigzag  other   10    2.0  0.52  0.34  0.50
+    vertical   eight   other   10    1.0  0.58  0.31  0.23
+    vertical   circle  other   10    0.7  0.61  0.27  0.20
+    vertical   zigzag  other   10    1.8  0.58  0.32  0.34
 """
 
 import argparse
