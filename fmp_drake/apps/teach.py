@@ -73,7 +73,10 @@ def teach(
         shown = guide_arm(console, scene, config, duration or inf)
         shown.save(out)
         skill = learn_skill(
-            [shown], window=scene.skill.window, components=scene.skill.components
+            [shown],
+            window=scene.skill.window,
+            components=scene.skill.components,
+            model="mixture",
         )
         save_skill(skill, skill_file)
         console.print(f"wrote {out} and {skill_file}")

@@ -178,6 +178,8 @@ def wipe(
         scene,
         demos=demos,
         skill_file=skill_file,
+        # Mapped to in 7 ms, the phase model in 46: an arm does not wait.
+        model=None if arm is None else "mixture",
         **learning,
     )
     learn_seconds = time.perf_counter() - learn_started

@@ -56,6 +56,7 @@ def scenario_skill(
     stretch: float = 1.0,
     window: float | None = None,
     components: int | None = None,
+    model: ModelChoice | None = None,
     reading: ReadingOptions | None = None,
 ) -> tuple[FourierMovementPrimitive, list[Demonstration], list[str]]:
     """Load or learn what a scenario, or the command line, says.
@@ -91,6 +92,7 @@ def scenario_skill(
         demonstrations,
         window=plays.window if window is None else window,
         components=plays.components if components is None else components,
+        model=model,
     )
     return skill, demonstrations, remarks
 

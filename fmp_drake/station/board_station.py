@@ -25,12 +25,14 @@ from fmp_drake.station.parts.arm_controller import (
 from fmp_drake.station.parts.board_scene import AddBoardScene, MakeArm
 from fmp_drake.station.parts.page_scene import AddMeasuredArm
 from fmp_drake.station.parts.posture import SolvePosture
-from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion
+from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion, ChoiceByInk
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
 from fmp_drake.systems.page.page_controls import PageControls
+from fmp_drake.systems.wiped_area import WipedArea
 
 
 def MakeBoardStation(
@@ -137,12 +139,13 @@ def MakeSkillStation(
 ) -> Diagram:
     """Build a robot that plays a skill at a board, without ink.
 
-    Systems: board_station, fourier_primitive, desired_motion. Input ports: tempo,
+    Systems: board_station, fourier_primitive, desired_motion, and wiped_area, by which
+    samples are chosen as nobody sees the ink. Input ports: tempo,
     desired_normal_force and, behind LCM, wall_time and go. Output ports: desired_position,
-    desired_velocity, desired_acceleration, and those of `MakeBoardStation`. As nobody
-    knows the ink, samples are not chosen by it. With a Meshcat those of `AddMeasuredArm`, and
-    where the scenario shows controls page_controls, whose outputs page_tempo (1,) and
-    page_normal_force (1,) move nothing by themselves.
+    desired_velocity, desired_acceleration, and those of `MakeBoardStation`. With a
+    Meshcat also those of `AddMeasuredArm`, and where the scenario shows controls
+    page_controls, whose outputs page_tempo (1,) and page_normal_force (1,) move nothing by
+    themselves.
 
     Parameters
     ----------
@@ -157,7 +160,17 @@ def MakeSkillStation(
     """
     builder = DiagramBuilder()
     board = builder.AddSystem(MakeBoardStation(scenario, config, lcm=lcm))
-    primitive, desired = AddSkillMotion(builder, skill, scenario.skill, board)
+    x, y = scenario.board.size
+    grid = InkGrid(size=(x, y), cell=scenario.ink.cell)
+    choice, _ = ChoiceByInk(scenario, skill, grid)
+    primitive, desired = AddSkillMotion(
+        builder, skill, scenario.skill, board, choice=choice
+    )
+    if choice is not None:
+        wiped = builder.AddSystem(WipedArea(grid, footprint=choice.footprint))
+        for name in ("measured_position", "normal_force"):
+            builder.Connect(board.GetOutputPort(name), wiped.GetInputPort(name))
+        builder.Connect(wiped.get_output_port(), primitive.GetInputPort("ink"))
     if meshcat is not None:
         AddMeasuredArm(
             builder,

@@ -18,11 +18,10 @@ from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.external_forces import AddExternalForces
 from fmp_drake.station.parts.page_scene import AddPage, AddPageStatus, PagePorts
 from fmp_drake.station.parts.press_limit import CheckPress
-from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion
+from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion, ChoiceByInk
 from fmp_drake.station.parts.skill_paths import CheckPositions
 from fmp_drake.station.parts.surface_watch import AddSurfaceWatch
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.viewer.page_panel import PagePanel
 
 
@@ -109,17 +108,7 @@ def MakeWipingStation(
     )
     plays = scenario.skill
     ink = AddInk(builder, scene, scenario)
-    choice = None
-    x, y = scenario.eraser.footprint
-    swept = [ink.grid.swept_area(path, (x, y)) for path in skill.paths_]
-    area = np.any(swept, axis=0) if swept else None
-    if plays.candidates > 1:
-        choice = CoverageChoice(
-            grid=ink.grid,
-            footprint=(x, y),
-            candidates=plays.candidates,
-            area=area,
-        )
+    choice, area = ChoiceByInk(scenario, skill, ink.grid)
     primitive, desired = AddSkillMotion(
         builder,
         skill,

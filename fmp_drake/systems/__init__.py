@@ -52,6 +52,7 @@ from fmp_drake.systems.viewer.inline_page import InlinePage
 from fmp_drake.systems.viewer.page_panel import PagePanel
 from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 from fmp_drake.systems.viewer.path_recording import AddPathToRecording
+from fmp_drake.systems.wiped_area import WipedArea
 
 __all__ = [
     "AddInkToRecording",
@@ -98,6 +99,7 @@ __all__ = [
     "TorqueGate",
     "TrailVisualizer",
     "WatchdogConfig",
+    "WipedArea",
     "cleaned_fraction",
     "cleaned_history",
     "draw_demonstrations",

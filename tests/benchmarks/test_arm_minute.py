@@ -20,7 +20,7 @@ WANTED = "normal_force_wanted_fraction"
 @pytest.fixture(scope="module")
 def scene():
     scenario = LoadScenario("table_top")
-    skill, demonstrations, _ = scenario_skill(scenario)
+    skill, demonstrations, _ = scenario_skill(scenario, model="mixture")
     return scenario, skill, demonstrations
 
 

@@ -2,16 +2,45 @@
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
+from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import SkillConfig
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
+from fmp_drake.systems.ink.grid import InkGrid
 
 DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 """Inputs of a robot, and outputs of `AddSkillMotion`'s second system, in its order."""
+
+
+def ChoiceByInk(
+    scenario: Scenario, skill: FourierMovementPrimitive, grid: InkGrid
+) -> tuple[CoverageChoice | None, NDArray[np.bool_] | None]:
+    """Return how samples are chosen by the ink, if they are, and what is to be cleaned.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    skill : FourierMovementPrimitive
+        Fitted; the area is what its demonstrations passed over, None where it knows none.
+    grid : InkGrid
+        Of the ink.
+    """
+    x, y = scenario.eraser.footprint
+    swept = [grid.swept_area(path, (x, y)) for path in skill.paths_]
+    area = np.any(swept, axis=0) if swept else None
+    candidates = scenario.skill.candidates
+    if candidates == 1:
+        return None, area
+    choice = CoverageChoice(
+        grid=grid, footprint=(x, y), candidates=candidates, area=area
+    )
+    return choice, area
 
 
 def AddSkillMotion(

@@ -1,0 +1,75 @@
+"""Where an eraser has wiped, as far as an arm knows that sees no ink."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
+from fmp_drake.systems.ink.grid import InkGrid
+
+# Less force than this is no contact, N.
+_CONTACT = 0.5
+
+
+class WipedArea(LeafSystem):
+    """Remembers the cells of a board that an eraser has passed over and pressed on.
+
+    It stands for the ink of an `InkBoard` where nobody sees the ink: a cell that was
+    passed over once is taken for clean.
+
+    Input ports
+    -----------
+    measured_position : (3,)
+        p_BE of the eraser, m.
+    normal_force : (1,)
+        Of the eraser on the board, N.
+
+    Output ports
+    ------------
+    ink : (ny nx,)
+        1 in each cell, 0 once it was wiped; discrete state.
+
+    Parameters
+    ----------
+    grid : InkGrid
+    footprint : tuple of 2 floats
+        Edges of the eraser along x and y of B, m.
+    period : float
+        Between two looks, s.
+
+    Examples
+    --------
+    >>> area = WipedArea(InkGrid(size=(0.2, 0.1), cell=0.1), footprint=(0.1, 0.1))
+    >>> area.GetOutputPort("ink").Eval(area.CreateDefaultContext())
+    array([1., 1.])
+    """
+
+    def __init__(
+        self, grid: InkGrid, *, footprint: tuple[float, float], period: float = 0.05
+    ) -> None:
+        super().__init__()
+        self.set_name("wiped_area")
+        check_number(period, "period", above=0, unit="s", error=SystemsError)
+        self._grid, self._footprint = grid, footprint
+        self._position = self.DeclareVectorInputPort("measured_position", 3)
+        self._force = self.DeclareVectorInputPort("normal_force", 1)
+        ink = self.DeclareDiscreteState(grid.full().ravel())
+        # Where the eraser was and whether it pressed, at the last look.
+        last = self.DeclareDiscreteState(4)
+        self._ink, self._last = int(ink), int(last)
+        self.DeclareStateOutputPort("ink", ink)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._look)
+
+    def _look(self, context: Context, values: DiscreteValues) -> None:
+        position: Any = self._position.Eval(context)
+        force: Any = self._force.Eval(context)
+        pressed = bool(force[0] > _CONTACT)
+        last = context.get_discrete_state(self._last).value()
+        if pressed and last[3] > 0:
+            path = np.array([[*last[:2], 0.0], [*position[:2], 0.0]])
+            wiped = self._grid.swept_area(path, self._footprint)
+            ink = context.get_discrete_state(self._ink).value() * (1.0 - wiped.ravel())
+            values.set_value(self._ink, ink)
+        values.set_value(self._last, np.array([*position, float(pressed)]))
