@@ -2,7 +2,7 @@
 A movement that knows its phase
 ===============================
 
-Where a recording has four cycles or more, the movement can be learned as a cycle, a phase that
+Where a recording has four cycles or more, the movement is learned as a cycle, a phase that
 runs along it with a varying tempo, and what is left. That tells the period, where in its cycle
 a movement is, and what comes next with a covariance that means what it says.
 """
@@ -22,7 +22,7 @@ seen = Demonstration(
     channels=uniform.channels,
     units=uniform.units,
 )
-skill = FourierMovementPrimitive(model="phase").fit(seen)
+skill = FourierMovementPrimitive().fit(seen)
 print(f"one cycle takes {skill.period_:.2f} s")
 
 # %%

@@ -204,9 +204,9 @@ def test_remapping_comes_every_t_minus_k_ticks(system, start):
     assert_allclose(instants, REMAP * np.arange(1, 7))
 
 
-def test_skill_of_the_paper_remaps_every_5_and_a_half_seconds(wiping_skill):
-    system = FourierPrimitiveSystem(wiping_skill)
-    simulator = simulator_at(system, wiping_skill.extent_.mean(axis=0))
+def test_mixture_remaps_every_5_and_a_half_seconds(wiping_mixture):
+    system = FourierPrimitiveSystem(wiping_mixture)
+    simulator = simulator_at(system, wiping_mixture.extent_.mean(axis=0))
     for time, remaps in ((5.45, 0), (5.501, 1), (10.95, 1), (11.001, 2)):
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()

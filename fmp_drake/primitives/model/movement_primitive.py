@@ -48,18 +48,16 @@ class FourierMovementPrimitive(TrajectoryMixture):
     is an angle, so the weights lie near a closed curve: many components follow it,
     and shrinkage keeps their covariances from fitting the few windows of each. The phase
     model, which knows that it is an angle, gives 20.8 and predicts the next second with
-    0.84 to 0.90 of the error; the mixture returns more surely from anywhere, and is
-    what is played by default.
+    0.84 to 0.90 of the error. It is what is learned where the demonstrations allow it.
 
     Parameters
     ----------
-    model : {"mixture", "phase", "automatic"}
+    model : {"automatic", "phase", "mixture"}
         How the Gaussians are found. "phase": the phase of the movement is tracked, and
         there is a Gaussian for each of many phases; it needs four cycles or more.
         "mixture": by EM over all windows, as in the paper. "automatic": the phase model
         where the demonstrations have four cycles that look alike and n_components is at
-        least 30, else the mixture;
-        `model_` and `model_reason_` say which and why.
+        least 30, else the mixture; `model_` and `model_reason_` say which and why.
     n_steps : int
         T, samples in a window: enough for one or more periods.
     stride : int, optional
