@@ -16,12 +16,12 @@ _FASTEST = 2.2
 _TEMPO_SPREAD = 0.45
 _VALUE_SPREAD = 0.15
 # Standard deviation of the tempo's change from sample to sample, in nominal ones.
-_CHANGE = 0.03
+CHANGE = 0.03
 _STEPS = 12
 
 
 def phase_path(
-    values: NDArray[np.float64], cycle: Cycle, *, tempo: float
+    values: NDArray[np.float64], cycle: Cycle, *, tempo: float, change: float = CHANGE
 ) -> NDArray[np.float64]:
     """Return the phase of every sample of a movement, unwrapped, shape (n,).
 
@@ -35,9 +35,11 @@ def phase_path(
     cycle : Cycle
     tempo : float
         Nominal, rad per sample.
+    change : float
+        Standard deviation of its change from sample to sample, in nominal ones.
     """
     rough = _grid_path(values, cycle, tempo)
-    return _refined(rough, values, cycle, tempo)
+    return _refined(rough, values, cycle, change * tempo)
 
 
 def _grid_path(
@@ -110,7 +112,7 @@ def _refined(
     phase: NDArray[np.float64],
     values: NDArray[np.float64],
     cycle: Cycle,
-    tempo: float,
+    change: float,
 ) -> NDArray[np.float64]:
     """Minimise the values' distance to the cycle and the changes of the tempo."""
     n, d = values.shape
@@ -120,7 +122,7 @@ def _refined(
     variance = max(
         variance, 1e-6 * float(cycle.values(phase).var(axis=0).sum()), 1e-300
     )
-    stiffness = 1 / (_CHANGE * tempo) ** 2
+    stiffness = 1 / change**2
     smooth = _second_difference_bands(n) * stiffness
 
     def cost(phi: NDArray[np.float64]) -> float:
