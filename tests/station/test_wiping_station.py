@@ -33,6 +33,7 @@ PORTS = {
     "weights": 360,
     "component": 1,
     "remaps": 2,
+    "phase": 1,
     "measured_position": 3,
     "measured_velocity": 3,
     "tracking_error": 6,
