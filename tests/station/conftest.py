@@ -14,7 +14,7 @@ def bundled_demonstration():
 
 @pytest.fixture(scope="session")
 def bundled_skill(bundled_demonstration):
-    """What the command line learns from it: windows of 6 s, a re-mapping each 5.5 s."""
+    """What the command line learns from it: windows of 6 s, a re-mapping each 4.9 s."""
     return FourierMovementPrimitive().fit([bundled_demonstration])
 
 

@@ -64,7 +64,7 @@ SYSTEMS = {
 }
 FOOTPRINT = (0.12, 0.05)
 # The tempo comes up at first, which takes 0.15 s of the first window.
-REMAP_TIMES = (5.65, 11.15)
+REMAP_TIMES = (5.05, 9.95)
 REMAPS, SECONDS = len(REMAP_TIMES), 13.0
 ARRIVED = 4.0
 FOLLOWED = (
