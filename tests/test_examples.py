@@ -53,7 +53,7 @@ FACTS = {
     "01_learn_a_skill.py": (r"(\d+) windows", lambda windows: windows > 1000),
     "02_primitive_in_your_diagram.py": (
         r"to ([\d.]+) mm rms[^\0]*re-mapped (\d+) times",
-        lambda off, remaps: off < 5 and remaps == 5,
+        lambda off, remaps: off < 5 and remaps == 6,
     ),
     "03_wiping_station.py": (
         r"off the path +([\d.]+) mm.*cleaned +([\d.]+) %  \(pushed\)",

@@ -198,7 +198,7 @@ def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, panel, browse
 
 def test_replay_page_needs_no_network(command, tmp_path):
     html = tmp_path / "run.html"
-    assert command("wipe", "--headless", "--duration", 3, "--html", html).code == 0
+    assert command("wipe", "--headless", "--duration", 4, "--html", html).code == 0
     size = (800 + PANEL, 500)
     with Page(html.as_uri(), tmp_path, *OFFLINE, size=size) as page:
         picture = settled(page, lambda picture: np.mean(wiped_patch(picture)) > 0.001)

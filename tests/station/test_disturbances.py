@@ -5,7 +5,6 @@ import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
-from scipy.stats import chi2
 from station_run import SELDOM, StationRun, check_limits
 
 from fmp_drake.primitives.model.phase.period import fundamental_period
@@ -36,31 +35,29 @@ def period(bundled_demonstration):
 
 @pytest.fixture(scope="module")
 def pushed(bundled_skill):
-    """A run in which 36 N push for 1 s in five directions, one after the other.
-
-    The means are tracked: samples leave the 99 % tube by themselves at times.
-    """
+    """A run in which 36 N push for 1 s in five directions, one after the other."""
     scenario = LoadScenario("table_top")
     scenario.skill.sample = False
     scenario.disturbances = [
         Disturbance(start=FIRST + APART * i, duration=1.0, force=force)
         for i, force in enumerate(PUSHES.values())
     ]
-    run = StationRun(MakeWipingStation(scenario, bundled_skill), "covariance", *LOGGED)
+    run = StationRun(MakeWipingStation(scenario, bundled_skill), *LOGGED)
     return run.advance(FIRST + APART * len(PUSHES))
 
 
 @pytest.fixture(scope="module")
 def outside(pushed):
-    """When, of every 50 ms, the arm is outside the 99 % tube of the desired motion."""
-    away = (pushed.log("measured_position") - pushed.log("desired_position"))[::50]
-    tube = pushed.log("covariance").reshape(-1, 3, 3)
-    squares = np.einsum("ti,tij,tj->t", away, np.linalg.inv(tube), away)
-    return squares > chi2.ppf(0.99, 3)
+    """When, of every 50 ms, the arm is more than 1 cm beside the desired motion.
+
+    In the plane of the board: along its normal the force is controlled.
+    """
+    away = pushed.log("measured_position") - pushed.log("desired_position")
+    return np.linalg.norm(away[::50, :2], axis=1) > 0.01
 
 
 @pytest.mark.parametrize("number", range(len(PUSHES)), ids=list(PUSHES))
-def test_arm_is_back_in_the_tube_within_a_period(pushed, outside, period, number):
+def test_arm_is_back_on_its_path_within_a_period(pushed, outside, period, number):
     assert 1.4 < period < 2.0
     begin = FIRST + APART * number
     force = pushed.log("disturbance")
@@ -72,7 +69,7 @@ def test_arm_is_back_in_the_tube_within_a_period(pushed, outside, period, number
     assert not outside[back].any()
 
 
-def test_pushes_move_the_arm_out_of_the_tube(outside):
+def test_pushes_move_the_arm_off_its_path(outside):
     # Otherwise nothing would have to come back.
     during = [
         outside[round((FIRST + APART * i) / SELDOM) :][:20].any()

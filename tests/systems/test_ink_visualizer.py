@@ -13,9 +13,9 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems import ink_visualizer
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import LEVELS, ink_mesh
+from fmp_drake.systems.page import ink_visualizer
 from fmp_drake.systems.page.ink_visualizer import TILE, InkVisualizer
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.005)

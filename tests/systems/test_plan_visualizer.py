@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems import plan_visualizer
+from fmp_drake.systems.page import plan_visualizer
 from fmp_drake.systems.page.plan_visualizer import PlanVisualizer, component_color
 
 N = 5

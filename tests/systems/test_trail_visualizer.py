@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems import trail_visualizer
+from fmp_drake.systems.page import trail_visualizer
 from fmp_drake.systems.page.trail_visualizer import TrailVisualizer
 
 SPEED = np.array([0.0, 0.2, 0.1])

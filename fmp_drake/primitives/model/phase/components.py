@@ -100,7 +100,7 @@ def anchored_gaussians(
     span = int(np.ptp(steps)) + 1
     straying = phase_covariance(track.phases, tempo, count=span, pinned=pinned)
     straying = straying[np.ix_(steps + pinned, steps + pinned)]
-    straying = np.kron(straying, np.ones((d, d)))
+    straying = np.asarray(np.kron(straying, np.ones((d, d))), dtype=float)
     smooth = residual.process.covariance(steps).reshape(n_steps, d, size)
     slow = np.concatenate(track.shifts).var(axis=0)
     shifted = np.kron(np.ones((n_steps, n_steps)), np.diag(2 * slow))
