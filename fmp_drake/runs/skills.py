@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -92,7 +93,7 @@ def scenario_skill(
         demonstrations,
         window=plays.window if window is None else window,
         components=plays.components if components is None else components,
-        model=model,
+        model=model or cast(ModelChoice, plays.model),
     )
     return skill, demonstrations, remarks
 

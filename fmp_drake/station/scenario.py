@@ -112,6 +112,7 @@ class Scenario:
         self.ink.check()
         self.sensors.check()
         self.camera.check()
+        self.skill.check()
         if self.press.force > 1.000001 * (limit := FeltPressLimit(self.eraser)):
             raise StationError(
                 f"press.force is {self.press.force:g} N; the felt is squeezed to its "

@@ -4,12 +4,14 @@
 """
 
 from dataclasses import dataclass, field
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from fmp_drake.errors import StationError
+from fmp_drake.primitives.model.parameters import ModelChoice
 from fmp_drake.settings import bounded
 
 DISTURBANCES = ("push", "grasp")
@@ -221,6 +223,8 @@ class SkillConfig:
         A learned skill to play instead.
     window, components
         Of the learning: seconds and Gaussians.
+    model : str
+        What is learned: automatic, phase or mixture, as for `FourierMovementPrimitive`.
     sample : bool
         Whether to track samples of the components or their means.
     candidates : int
@@ -250,6 +254,7 @@ class SkillConfig:
     file: str = ""
     window: float = bounded(6.0, above=0)
     components: int = bounded(80, least=1)
+    model: str = "automatic"
     sample: bool = True
     candidates: int = bounded(48, least=1)
     margin: float = bounded(0.02, above=0)
@@ -257,6 +262,13 @@ class SkillConfig:
     tempo: float = bounded(1.0, least=0, most=4)
     push_threshold: float | None = bounded(None, above=0)
     push_dwell: float = bounded(0.2, above=0)
+
+    def check(self) -> None:
+        """Check what the ranges do not say."""
+        if self.model not in (known := get_args(ModelChoice)):
+            raise StationError(
+                f"skill.model is {self.model}; choose one of: {', '.join(known)}."
+            )
 
 
 @dataclass(kw_only=True)

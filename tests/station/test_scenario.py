@@ -142,6 +142,7 @@ def test_missing_file_is_named(tmp_path):
         ("board: {motion: {speed: 1}}\n", ["board.motion", "amplitude, frequency"]),
         ("disturbances: [{knd: push}]\n", ["disturbances[0]", "kind, start"]),
         ("disturbances: [{kind: kick}]\n", ["kick", "push, grasp"]),
+        ("skill: {model: best}\n", ["best", "mixture, phase, automatic"]),
         ("disturbances: 3\n", ["disturbances is 3", "a list like []"]),
         ("press: {force: hard}\n", ["press.force is 'hard'", "a number"]),
         ("press: 10\n", ["press is 10", "force, engage_height"]),

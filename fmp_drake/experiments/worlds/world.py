@@ -161,6 +161,7 @@ def _skill(
         plays.file,
         plays.window,
         plays.components,
+        plays.model,
         tuple(scenario.board.size),
         tuple(scenario.eraser.footprint),
     )
@@ -172,6 +173,7 @@ def _learned(
     file: str,
     window: float,
     components: int,
+    model: str,
     board: tuple[float, ...],
     footprint: tuple[float, ...],
 ) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
@@ -179,6 +181,7 @@ def _learned(
     scenario = Scenario()
     scenario.skill.demonstration, scenario.skill.file = demonstration, file
     scenario.skill.window, scenario.skill.components = window, components
+    scenario.skill.model = model
     scenario.board.size, scenario.eraser.footprint = list(board), list(footprint)
     skill, demonstrations, _ = scenario_skill(scenario)
     return skill, demonstrations
