@@ -105,6 +105,8 @@ def run(language: str, what: str, folder: Path, env: dict[str, str]) -> str:
 def main() -> None:
     """Build the wheel, make the environment, do what the README says."""
     text = README.read_text(encoding="utf-8")
+    # What a shell starts in the background ignores it, and so would all that starts here.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     with tempfile.TemporaryDirectory(prefix="fmp_drake_readme_") as temporary:
         folder, environment = Path(temporary) / "empty", Path(temporary) / "environment"
         folder.mkdir()
