@@ -22,7 +22,7 @@ from fmp_drake.primitives.model.parameters import ModelChoice
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.parts.joint_recording import EraserPath, PandaJoints
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scenario_parts import SkillConfig
+from fmp_drake.station.skill_config import SkillConfig
 
 # What is left of the board around the eraser, m.
 _MARGIN = 0.02

@@ -48,8 +48,8 @@ from fmp_drake.station.scenario_parts import (
     PressConfig,
     SensorConfig,
     ShowConfig,
-    SkillConfig,
 )
+from fmp_drake.station.skill_config import SkillConfig
 from fmp_drake.station.teaching_station import (
     DemonstrationFromRecorder,
     MakeTeachingStation,

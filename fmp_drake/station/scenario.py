@@ -27,8 +27,8 @@ from fmp_drake.station.scenario_parts import (
     PressConfig,
     SensorConfig,
     ShowConfig,
-    SkillConfig,
 )
+from fmp_drake.station.skill_config import SkillConfig
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.friction import FrictionConfig
 

@@ -5,6 +5,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import threadpool_limits
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
@@ -216,6 +217,18 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.frame_ = example.frame if example else ""
         self.rotation_reference_ = example.rotation_reference if example else None
         self.scales_ = channel_scales(self.scales, values, self.units_)
+        # The matrices are small: threads that spin beside other work take fifty times as long.
+        with threadpool_limits(limits=1, user_api="blas"):
+            self._learn(windows, counts, progress)
+        return self
+
+    def _learn(
+        self,
+        windows: Windows,
+        counts: NDArray[np.float64] | None,
+        progress: Progress | None,
+    ) -> None:
+        """Choose the model and learn it."""
         track = self._chosen_track(windows, counts, progress)
         self.model_: Literal["phase", "mixture"] = (
             "mixture" if track is None else "phase"
@@ -234,10 +247,10 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 kept = [y * self.scales_ for y in track.recordings]
                 self.extent_ = extent_of(kept)
                 self.paths_ = tuple(kept) if self.paths_ else ()
-            return self
+            return
         self.phase_model_ = None
         self.proportions_, self.components_ = fit_mixture(
-            self.analyze(values),
+            self.analyze(windows.values),
             n_components=self.n_components,
             explained_variance=self.explained_variance,
             regularization=self.regularization,
@@ -246,7 +259,6 @@ class FourierMovementPrimitive(TrajectoryMixture):
             sample_weights=counts,
             progress=progress,
         )
-        return self
 
     def _chosen_track(
         self,

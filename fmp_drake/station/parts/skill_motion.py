@@ -9,7 +9,7 @@ from pydrake.systems.primitives import Demultiplexer
 
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scenario_parts import SkillConfig
+from fmp_drake.station.skill_config import SkillConfig
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.ink.grid import InkGrid
