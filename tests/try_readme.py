@@ -21,6 +21,12 @@ from urllib.parse import urljoin
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = REPOSITORY / "README.md"
 PAGE = re.compile(r"\bit at (http://localhost:[^\s;]+)")
+UNATTENDED = {
+    "stdin": subprocess.DEVNULL,
+    "stdout": subprocess.PIPE,
+    "stderr": subprocess.STDOUT,
+    "text": True,
+}
 WRITTEN = re.compile(r"--(?:html|video|log|plot|graphviz|report|out) (\S+)")
 
 
@@ -63,10 +69,7 @@ def visit(command: str, folder: Path, env: dict[str, str]) -> str:
         ["bash", "-c", f"exec {command}"],
         cwd=folder,
         env=env,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
+        **UNATTENDED,
     ) as process:
         said = []
         for line in process.stdout:
@@ -91,10 +94,7 @@ def run(language: str, what: str, folder: Path, env: dict[str, str]) -> str:
         words,
         cwd=folder,
         env=env,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
+        **UNATTENDED,
         check=False,
     )
     if done.returncode != 0:

@@ -11,12 +11,16 @@ from rich.console import Console
 from fmp_drake.errors import RunError, StationError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.data.files import write_text
+from fmp_drake.primitives.model.parameters import ModelChoice
 from fmp_drake.runs import ArmRun, record_arm
 from fmp_drake.runs.page_text import describe_page
 from fmp_drake.station import LcmPanda, LoadPanda, Scenario
 from fmp_drake.systems import GateMode, PagePanel
 from fmp_drake.systems.page.page_status import mode_in_words
 from fmp_drake.systems.viewer.panel_fields import PanelFields
+
+ARM_MODEL: ModelChoice = "mixture"
+"""What an arm plays that does not wait: mapped to in 7 ms, a phase model in 46."""
 
 # Steps between two looks at the keyboard, and until the arm may have answered.
 _LOOK, _ANSWER = 100, 500

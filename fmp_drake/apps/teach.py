@@ -6,7 +6,12 @@ from pathlib import Path
 
 import click
 
-from fmp_drake.apps.arm_console import arm_config, guide_arm, wipe_with_arm
+from fmp_drake.apps.arm_console import (
+    ARM_MODEL,
+    arm_config,
+    guide_arm,
+    wipe_with_arm,
+)
 from fmp_drake.apps.options import PATH, arm_option, host_option
 from fmp_drake.apps.page import make_console, open_page
 from fmp_drake.errors import FmpError, StationError
@@ -76,7 +81,7 @@ def teach(
             [shown],
             window=scene.skill.window,
             components=scene.skill.components,
-            model="mixture",
+            model=ARM_MODEL,
         )
         save_skill(skill, skill_file)
         console.print(f"wrote {out} and {skill_file}")

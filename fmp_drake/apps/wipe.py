@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from fmp_drake.apps.arm_console import arm_config, wipe_with_arm
+from fmp_drake.apps.arm_console import ARM_MODEL, arm_config, wipe_with_arm
 from fmp_drake.apps.options import (
     PATH,
     arm_option,
@@ -178,8 +178,7 @@ def wipe(
         scene,
         demos=demos,
         skill_file=skill_file,
-        # Mapped to in 7 ms, the phase model in 46: an arm does not wait.
-        model=None if arm is None else "mixture",
+        model=None if arm is None else ARM_MODEL,
         **learning,
     )
     learn_seconds = time.perf_counter() - learn_started

@@ -284,10 +284,7 @@ class WipingRun:
     def demonstrated_area(self) -> NDArray[np.bool_]:
         """The cells that the demonstrated eraser passed over, shape (ny, nx)."""
         x, y = self.scenario.eraser.footprint
-        area = np.zeros(self.grid.shape, dtype=bool)
-        for path in self.demonstrated:
-            area |= self.grid.swept_area(path, (x, y))
-        return area
+        return self.grid.swept_by(self.demonstrated, (x, y))
 
     def cleaned_by(self, times: ArrayLike) -> NDArray[np.float64]:
         """Return the fraction of the inked demonstrated area that was clean by times (N,), s."""

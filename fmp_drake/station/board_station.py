@@ -23,7 +23,7 @@ from fmp_drake.station.parts.arm_controller import (
     AddNormalForceEstimator,
 )
 from fmp_drake.station.parts.board_scene import AddBoardScene, MakeArm
-from fmp_drake.station.parts.page_scene import AddMeasuredArm
+from fmp_drake.station.parts.page_scene import AddMeasuredArm, AddPageControls
 from fmp_drake.station.parts.posture import SolvePosture
 from fmp_drake.station.parts.skill_motion import DESIRED, AddSkillMotion, ChoiceByInk
 from fmp_drake.station.scenario import Scenario
@@ -31,7 +31,6 @@ from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
-from fmp_drake.systems.page.page_controls import PageControls
 from fmp_drake.systems.wiped_area import WipedArea
 
 
@@ -181,16 +180,7 @@ def MakeSkillStation(
             demonstrated=demonstrated,
         )
         if scenario.show.controls:
-            controls = PageControls(
-                meshcat,
-                tempo=scenario.skill.tempo,
-                normal_force=scenario.press.force,
-                sample=primitive.player.sample,
-            )
-            builder.AddSystem(controls)
-            builder.Connect(
-                controls.GetOutputPort("sample"), primitive.GetInputPort("sample")
-            )
+            controls = AddPageControls(builder, scenario, primitive, meshcat)
             for name in ("tempo", "normal_force"):
                 builder.ExportOutput(controls.GetOutputPort(name), f"page_{name}")
     for i, name in enumerate(DESIRED):

@@ -148,8 +148,6 @@ def MakeWipingStation(
         sliders = page.controls
         builder.Connect(sliders.GetOutputPort("tempo"), tempo)
         builder.Connect(sliders.GetOutputPort("normal_force"), force)
-        sample_port = primitive.GetInputPort("sample")
-        builder.Connect(sliders.GetOutputPort("sample"), sample_port)
     else:
         for wanted, value in ((tempo, plays.tempo), (force, scenario.press.force)):
             constant = ConstantVectorSource(np.array([value]))

@@ -3,11 +3,10 @@
 from typing import Any, cast
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.systems.impedance.arm import ArmModel
 
@@ -66,14 +65,7 @@ class NormalForceEstimator(LeafSystem):
         n = plant.num_velocities()
         self._state = self.DeclareVectorInputPort("state", 2 * n)
         self._torque = self.DeclareVectorInputPort("torque_external", n)
-        self._plant_context = self.DeclareCacheEntry(
-            "plant context, overwritten at every use",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(plant.CreateDefaultContext()),
-                calc=lambda _context, _value: None,
-            ),
-            prerequisites_of_calc={self.nothing_ticket()},
-        )
+        self._plant_context = self._arm.declare_context(self)
         self.DeclareVectorOutputPort(
             "normal_force",
             1,

@@ -94,7 +94,6 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
@@ -104,7 +103,6 @@ from pydrake.systems.framework import (
     DiscreteValues,
     InputPort,
     LeafSystem,
-    ValueProducer,
 )
 
 from fmp_drake.errors import ControllerError
@@ -251,14 +249,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
             engage_height=float(engage_height),
         )
         self._declare_inputs(plant.num_velocities())
-        self._plant_context = self.DeclareCacheEntry(
-            "plant context, overwritten at every use",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(plant.CreateDefaultContext()),
-                calc=lambda _context, _value: None,
-            ),
-            prerequisites_of_calc={self.nothing_ticket()},
-        )
+        self._plant_context = self._arm.declare_context(self)
         self._declare_outputs(plant.num_velocities())
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=config.control_period, offset_sec=0.0, update=self._update

@@ -129,10 +129,10 @@ class ArmBench:
         self._is_guided = hand is not None
         ink = AddInk(builder, scene, scenario)
         self._grid, self._initial_ink = ink.grid, ink.initial_ink
-        self._area = np.full(ink.grid.shape, not demonstrated)
-        for path in demonstrated:
-            x, y = scenario.eraser.footprint
-            self._area |= ink.grid.swept_area(path, (x, y))
+        x, y = scenario.eraser.footprint
+        self._area = ink.grid.swept_by(demonstrated, (x, y))
+        if not demonstrated:
+            self._area[:] = True
         self._force = ForceMetrics(scenario.press.force)
         bus = LcmInterfaceSystem(lcm)
         builder.AddSystem(bus)

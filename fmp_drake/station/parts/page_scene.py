@@ -134,13 +134,7 @@ def AddPage(
     )
     controls = None
     if show.controls:
-        controls = PageControls(
-            meshcat,
-            tempo=scenario.skill.tempo,
-            normal_force=scenario.press.force,
-            sample=primitive.player.sample,
-        )
-        builder.AddSystem(controls)
+        controls = AddPageControls(builder, scenario, primitive, meshcat)
     if show.force:
         arrow = builder.AddSystem(
             ForceArrow(scene.plant, body=scene.tip.body(), meshcat=meshcat)
@@ -153,6 +147,27 @@ def AddPage(
     if show.mouse:
         pull = AddMousePull(builder, scene.plant, scene.scene_graph, meshcat)
     return PagePorts(controls=controls, pull=pull)
+
+
+def AddPageControls(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    primitive: FourierPrimitiveSystem,
+    meshcat: Meshcat,
+) -> PageControls:
+    """Let a page choose samples or means; its tempo and force are not connected here.
+
+    System: page_controls.
+    """
+    controls = PageControls(
+        meshcat,
+        tempo=scenario.skill.tempo,
+        normal_force=scenario.press.force,
+        sample=primitive.player.sample,
+    )
+    builder.AddSystem(controls)
+    builder.Connect(controls.GetOutputPort("sample"), primitive.GetInputPort("sample"))
+    return controls
 
 
 def AddMeasuredArm(

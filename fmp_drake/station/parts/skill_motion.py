@@ -32,8 +32,7 @@ def ChoiceByInk(
         Of the ink.
     """
     x, y = scenario.eraser.footprint
-    swept = [grid.swept_area(path, (x, y)) for path in skill.paths_]
-    area = np.any(swept, axis=0) if swept else None
+    area = grid.swept_by(skill.paths_, (x, y)) if skill.paths_ else None
     candidates = scenario.skill.candidates
     if candidates == 1:
         return None, area

@@ -2,9 +2,10 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import CacheEntry, Context, LeafSystem, ValueProducer
 
 from fmp_drake.errors import ControllerError
 from fmp_drake.systems.impedance.algebra import Pose
@@ -36,6 +37,18 @@ class ArmModel:
         self._end_effector = end_effector
         self._world = plant.world_frame()
         self._origin = np.zeros(3)
+
+    def declare_context(self, system: LeafSystem) -> CacheEntry:
+        """Declare a Context of the plant, for a system to overwrite at every use."""
+        plant = self._plant
+        return system.DeclareCacheEntry(
+            "plant context, overwritten at every use",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(plant.CreateDefaultContext()),
+                calc=lambda _context, _value: None,
+            ),
+            prerequisites_of_calc={system.nothing_ticket()},
+        )
 
     def read(self, plant_context: Context, state: Array) -> ArmReading:
         """Return what `impedance_step` wants to know of the arm, in its order.

@@ -6,6 +6,7 @@ and y along its edges, z the outward normal.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -129,6 +130,15 @@ class InkGrid:
     def full(self) -> FloatArray:
         """Return an ink array of shape (ny, nx) that is inked all over."""
         return np.ones(self.shape)
+
+    def swept_by(
+        self, paths: Iterable[ArrayLike], footprint: tuple[float, float]
+    ) -> BoolArray:
+        """Find the cells that any of several paths passes over; see `swept_area`."""
+        area = np.zeros(self.shape, dtype=bool)
+        for p_BE in paths:
+            area |= self.swept_area(p_BE, footprint)
+        return area
 
     def swept_area(
         self,

@@ -96,20 +96,18 @@ def anchored_gaussians(
     """
     cycle, tempo, anchor = track.cycle, track.tempo, anchors.phases
     d, n_steps, pinned = cycle.coefficients.shape[1], len(steps), -int(steps[0])
-    size = n_steps * d
     span = int(np.ptp(steps)) + 1
     straying = phase_covariance(track.phases, tempo, count=span, pinned=pinned)
     straying = straying[np.ix_(steps + pinned, steps + pinned)]
     straying = np.asarray(np.kron(straying, np.ones((d, d))), dtype=float)
-    smooth = residual.process.covariance(steps).reshape(n_steps, d, size)
+    smooth = residual.process.covariance(steps)
     slow = np.concatenate(track.shifts).var(axis=0)
     shifted = np.kron(np.ones((n_steps, n_steps)), np.diag(2 * slow))
     paths = anchor[:, None] + tempo * steps
 
     def structure(path: Array) -> Array:
-        factor, tangent = residual.factor(path), cycle.values(path, 1).ravel()
-        formed = (factor @ smooth).reshape(size, size)
-        prior = (factor @ formed.T.reshape(n_steps, d, size)).reshape(size, size)
+        tangent = cycle.values(path, 1).ravel()
+        prior = residual.formed(path, smooth)
         return prior + np.outer(tangent, tangent) * straying + shifted
 
     errors = _errors(track, paths, anchor, steps)

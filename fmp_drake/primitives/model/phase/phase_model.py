@@ -169,10 +169,8 @@ class PhaseModel:
         v = self.residual.process.sample(
             np.concatenate([np.zeros_like(of_v[:1]), of_v]), past=kept
         )
-        centre, deviation = (
-            self.cycle.values(path),
-            np.zeros((*path.shape, len(past.T))),
-        )
+        centre = self.cycle.values(path)
+        deviation = np.zeros_like(centre)
         centre[:, :known] = past
         centre[:, known:] += self.residual.values(path[:, known:], v[:1])
         deviation[:, known:] = self.residual.values(path[:, known:], v[1:])
@@ -190,13 +188,9 @@ class PhaseModel:
         along = self.cycle.values(path, 1)
         straying = self.tempo.straying(k) + _FARTHEST**2
         moved = straying[:, :, None] * along
-        factor, v = (
-            self.residual.factor(path),
-            self.residual.process.covariance(np.arange(k)),
-        )
-        seen = np.einsum("tac,tcue,ube->taub", factor, v, factor, optimize=True)
-        seen += along[:, :, None, None] * moved[:, None]
-        seen = seen.reshape(k * d, k * d) + _NOISE * np.eye(k * d)
+        v = self.residual.process.covariance(np.arange(k))
+        seen = self.residual.formed(path, v) + _NOISE * np.eye(k * d)
+        seen += (along[:, :, None, None] * moved[:, None]).reshape(k * d, k * d)
         off = (past - self.cycle.values(path)).ravel()
         out: Array = path + moved.reshape(k, k * d) @ np.linalg.solve(seen, off)
         return out

@@ -81,6 +81,15 @@ class Residual:
         )
         return out[..., 0]
 
+    def formed(
+        self, phase: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the covariance (n D, n D) of L v at phases (n,), of that of v."""
+        factor = self.factor(phase)
+        n, d, _ = factor.shape
+        half = (factor @ covariance.reshape(n, d, n * d)).reshape(n * d, n * d)
+        return (factor @ half.T.reshape(n, d, n * d)).reshape(n * d, n * d)
+
     def factor(self, phase: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return L at phases (...), shape (..., D, D)."""
         count = len(self.factors)
