@@ -84,6 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     logger = logging.getLogger("fmp_drake")
     logger.setLevel(logging.INFO)
     logger.addHandler(_HANDLER)
+    # Drake gives the root logger a handler of its own, which would say all again.
+    logger.propagate = False
     try:
         app.main(args=arguments, prog_name="fmp-drake", standalone_mode=False)
     except FmpError as error:

@@ -8,9 +8,16 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn, 
 
 from fmp_drake.errors import FmpError
 from fmp_drake.systems.viewer.page_panel import PagePanel
+from fmp_drake.systems.viewer.panel_fields import PanelFields
 
 LOCAL = "localhost"
 """Where a page is open for this machine only."""
+GETTING_READY: PanelFields = {
+    "mode": "getting ready",
+    "level": "idle",
+    "detail": "a few seconds; half a minute the first time on a computer, to compile",
+}
+"""What a panel says before there is a station."""
 
 
 def make_console() -> Console:

@@ -18,7 +18,13 @@ from fmp_drake.apps.options import (
     scene_options,
     skill_options,
 )
-from fmp_drake.apps.page import make_console, open_page, show_progress, track_frames
+from fmp_drake.apps.page import (
+    GETTING_READY,
+    make_console,
+    open_page,
+    show_progress,
+    track_frames,
+)
 from fmp_drake.apps.report import print_report
 from fmp_drake.errors import FmpError, RunError, StationError
 from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
@@ -37,6 +43,7 @@ from fmp_drake.runs.skills import scenario_skill
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.feasibility import CheckFeasibility
 from fmp_drake.station.models.panda import VISUALS
+from fmp_drake.station.parts.page_scene import ShowStill
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import ShowConfig
 
@@ -173,6 +180,16 @@ def wipe(
     if start is not None:
         scene.start = list(start)
 
+    config = None if arm is None else arm_config(arm, dry=no_torque)
+    title = Path(scenario).stem
+    panel = meshcat = None
+    if html or not headless:
+        panel = open_page(None if headless else console, title=title, host=host)
+        meshcat = panel.meshcat
+        if config is None:
+            panel.show(**GETTING_READY)
+            ShowStill(scene, meshcat, visuals=visuals)
+
     learn_started = time.perf_counter()
     skill, demonstrations, remarks = scenario_skill(
         scene,
@@ -195,12 +212,6 @@ def wipe(
         raise StationError(f"{found.verdict} Or run it all the same with --force.")
     console.print(found.verdict)
 
-    config = None if arm is None else arm_config(arm, dry=no_torque)
-    title = Path(scenario).stem
-    panel = meshcat = None
-    if html or not headless:
-        panel = open_page(None if headless else console, title=title, host=host)
-        meshcat = panel.meshcat
     if config is not None:
         # A real arm's page shows, and touches only what it is told to.
         scene.show.ink = scene.show.force = scene.show.mouse = False

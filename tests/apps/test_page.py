@@ -220,6 +220,25 @@ def test_page_at_an_address_of_another_machine_is_refused():
         open_page(host="192.0.2.1")
 
 
+def test_arm_and_board_are_on_the_page_before_anything_is_learned(refused, monkeypatch):
+    pages = []
+
+    def open_and_keep(console=None, **options):
+        pages.append(open_page(console, **options))
+        return pages[-1]
+
+    def learn(*_args, **_options):
+        (page,) = pages
+        assert page.meshcat.HasPath("bodies/panda/panda_link7")
+        assert page.meshcat.HasPath("bodies/whiteboard")
+        assert page.shown["mode"] == "getting ready"
+        raise FmpError("seen")
+
+    monkeypatch.setattr(wipe_module, "open_page", open_and_keep)
+    monkeypatch.setattr(wipe_module, "scenario_skill", learn)
+    assert "seen" in refused("wipe")
+
+
 def test_command_opens_the_page_that_it_names(command, monkeypatch, browser):
     pages = []
 

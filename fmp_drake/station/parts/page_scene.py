@@ -17,7 +17,7 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.station.models.whiteboard import AddWhiteboard
-from fmp_drake.station.parts.board_scene import BoardScene
+from fmp_drake.station.parts.board_scene import AddBoardScene, BoardScene
 from fmp_drake.station.parts.mouse import AddMousePull
 from fmp_drake.station.parts.stage import SetStage
 from fmp_drake.station.scenario import Scenario
@@ -85,6 +85,26 @@ def AddBodies(
     )
     visualizer.set_name("meshcat_visualizer")
     SetStage(meshcat, eye=scenario.camera.eye, target=scenario.camera.target)
+
+
+def ShowStill(scenario: Scenario, meshcat: Meshcat, *, visuals: str = "own") -> None:
+    """Show arm, eraser and board at rest, while there is no station yet.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    meshcat : Meshcat
+        A station with a page clears it before it draws.
+    visuals : str
+        Of the arm: `own` or `drake_models`.
+    """
+    builder = DiagramBuilder()
+    scene = AddBoardScene(
+        builder, scenario, start=scenario.start, q=scenario.posture, visuals=visuals
+    )
+    AddBodies(builder, scene.scene_graph, scenario, meshcat)
+    diagram = builder.Build()
+    diagram.ForcedPublish(diagram.CreateDefaultContext())
 
 
 def AddPage(
