@@ -95,9 +95,10 @@ class Autoregression:
         else:
             newest = np.arange(past.shape[1] - p, past.shape[1])
             out[:, :p] = past[:, np.maximum(newest, 0)]
+        # Of the oldest sample first.
+        together = np.swapaxes(self.coefficients[::-1], 1, 2).reshape(p * d, d)
         for t in range(p, out.shape[1]):
-            for k, matrix in enumerate(self.coefficients, start=1):
-                out[:, t] += out[:, t - k] @ matrix.T
+            out[:, t] += out[:, t - p : t].reshape(-1, p * d) @ together
         return out[:, p:]
 
     @cached_property
