@@ -24,6 +24,7 @@ from fmp_drake.experiments import (
     held_out_finding,
     learn_and_sample,
     polishing,
+    short_recordings,
     summary,
     table_one,
     table_rows,
@@ -121,6 +122,8 @@ def run_experiments(
         scores = evaluate(bundled[task], profile, partial(_prefixed, progress, task))
         results["held_out"][task] = summary(scores)
         held.append(held_out_finding(task, scores))
+        progress(f"{task}: learned from 20 s")
+        held.append(short_recordings(task, bundled[task], profile))
     sections.append(("Held out (beyond the paper)", held))
     extra = []
     for path, demonstration in zip(paths, others, strict=True):

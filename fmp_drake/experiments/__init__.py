@@ -20,6 +20,7 @@ from fmp_drake.experiments.metrics import divergences, heatmap, kl_divergence
 from fmp_drake.experiments.polishing import polishing
 from fmp_drake.experiments.profile import FULL, QUICK, Profile
 from fmp_drake.experiments.report import write_report
+from fmp_drake.experiments.short_recordings import short_recordings
 from fmp_drake.experiments.wiping import wiping
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "polishing",
     "promp_mult",
     "score",
+    "short_recordings",
     "summary",
     "table_one",
     "table_rows",
