@@ -43,7 +43,7 @@ from fmp_drake.experiments.paths import draw_paths
 from fmp_drake.experiments.profile import Profile
 from fmp_drake.plots import draw_demonstrations_in_plane
 from fmp_drake.plots.style import SAMPLED, same_limits, set_title
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
 
 Samples = dict[str, NDArray[np.float64]]
 
@@ -254,7 +254,7 @@ def _from_starts(
 def _played(recorded: Demonstration, near: Closeness) -> Finding:
     skill = FourierMovementPrimitive().fit(recorded)
     starts = np.repeat(recorded.values[:1], 4, axis=0)
-    played = play(skill, starts, 60.0)
+    played = Player(skill, sample=True).rollout(starts, 60.0).position
     away = near.distances(played)
     mean, most = float(away.mean()), float(np.quantile(away, 0.99))
     paths = {f"seed {i}": path for i, path in enumerate(played[:2])}
