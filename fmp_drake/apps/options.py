@@ -102,7 +102,7 @@ def skill_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--components",
             type=int,
-            help="Gaussians in the mixture [default: 80].",
+            help="Gaussians in the mixture [default: 80, fewer for short recordings].",
         ),
     ):
         command = option(command)

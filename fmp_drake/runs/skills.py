@@ -216,7 +216,6 @@ def learn_skill(
     """Learn a skill with the options of the command line, None for the defaults."""
     defaults = SkillConfig()
     window = defaults.window if window is None else window
-    components = defaults.components if components is None else components
     default = FourierMovementPrimitive()
     rate = default.rate
     check_number(window, "window", above=0, unit="s", error=DemonstrationError)
@@ -232,6 +231,6 @@ def learn_skill(
     return FourierMovementPrimitive(
         model=default.model if model is None else model,
         n_steps=n_steps,
-        n_components=components,
+        n_components=default.n_components if components is None else components,
         overlap=min(10, n_steps // 4),
     ).fit(list(demonstrations), progress=progress)

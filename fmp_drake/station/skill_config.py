@@ -20,7 +20,7 @@ class SkillConfig:
     file : str
         A learned skill to play instead.
     window, components
-        Of the learning: seconds and Gaussians.
+        Of the learning: seconds and Gaussians; None for as many as the recordings allow.
     model : str
         What is learned: automatic, phase or mixture, as for `FourierMovementPrimitive`.
     sample : bool
@@ -51,7 +51,7 @@ class SkillConfig:
     demonstration: str = "wiping"
     file: str = ""
     window: float = bounded(6.0, above=0)
-    components: int = bounded(80, least=1)
+    components: int | None = bounded(None, least=1)
     model: str = "automatic"
     sample: bool = True
     candidates: int = bounded(48, least=1)

@@ -84,7 +84,7 @@ def test_results_hold_table_one_the_held_out_scores_and_the_settings(reproduced)
     assert set(results["table1"]) == {MULT, MULT_OWN, FMP_PAPER, FMP, PHASE, REPLAY}
     assert results["held_out"]["eight"][FMP]["log_density"]["mean"] > 10
     assert results["settings"]["samples"] == QUICK.samples
-    assert results["settings"]["fmp"]["n_components"] == 80
+    assert results["settings"]["fmp"]["n_components"] == "automatic"
     assert set(results["demonstrations"]["mine"]) == set(results["table1"])
 
 

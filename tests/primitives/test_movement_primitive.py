@@ -20,7 +20,7 @@ PARAMETERS = {
     "n_steps": 120,
     "stride": None,
     "rate": 20.0,
-    "n_components": 80,
+    "n_components": "automatic",
     "overlap": 10,
     "explained_variance": 0.9999,
     "regularization": 1e-8,
@@ -57,6 +57,26 @@ def test_defaults_are_those_that_generalise():
 def test_default_stride_is_a_sixtieth_of_a_window(n_steps, stride):
     assert FourierMovementPrimitive(n_steps=n_steps).window_stride == stride
     assert FourierMovementPrimitive(n_steps=n_steps, stride=7).window_stride == 7
+
+
+@pytest.mark.parametrize(
+    ("seconds", "count"), [(8.0, 5), (20.0, 20), (40.0, 48), (90.0, 80)]
+)
+def test_a_mixture_has_a_component_for_seven_windows(seconds, count):
+    rng = np.random.default_rng(0)
+    values = np.cumsum(rng.standard_normal((round(20 * seconds), 2)), axis=0)
+    skill = FourierMovementPrimitive(model="mixture").fit(values)
+    assert len(skill.components_) == count
+
+
+def test_few_components_foretell_more_of_a_short_recording(polishing_demonstration):
+    values = polishing_demonstration.resample(20).values
+    learned, unseen = values[:400], values[400:1600]
+    likelihood = [
+        FourierMovementPrimitive(model="mixture", **settings).fit(learned).score(unseen)
+        for settings in ({}, {"n_components": 80})
+    ]
+    assert likelihood[0] > likelihood[1] + 2
 
 
 def test_parameters_are_set_read_and_cloned():

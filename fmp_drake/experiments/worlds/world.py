@@ -172,7 +172,7 @@ def _learned(
     demonstration: str,
     file: str,
     window: float,
-    components: int,
+    components: int | None,
     model: str,
     board: tuple[float, ...],
     footprint: tuple[float, ...],

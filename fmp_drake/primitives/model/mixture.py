@@ -1,7 +1,6 @@
 """Gaussian mixture over Fourier weights, fitted in the span of the data."""
 
 from collections.abc import Callable
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,15 @@ from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST
 from fmp_drake.primitives.model.em import MixtureFit, fit_gaussians
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.parameters import ComponentCount
 
 Progress = Callable[[str], None]
 
+MOST_COMPONENTS = 80
+"""That are taken where no number is given."""
+# And the least, and the windows of each: with fewer of them the next minute is less likely,
+# and the next second predicted worse.
+_LEAST_COMPONENTS, _WINDOWS_EACH = 5, 7
 # What BIC chooses from.
 _CANDIDATES = (1, 2, 3, 4, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80)
 # Above this many windows and weights their products are decomposed instead of them.
@@ -24,7 +29,7 @@ _LARGE = 1000
 def fit_mixture(
     weights: NDArray[np.float64],
     *,
-    n_components: int | Literal["bic"],
+    n_components: ComponentCount,
     explained_variance: float,
     regularization: float,
     shrinkage: float = 0.0,
@@ -42,9 +47,10 @@ def fit_mixture(
     ----------
     weights : ndarray, shape (N, n)
         One row of Fourier weights per window.
-    n_components : int or "bic"
-        M; at most half the number of windows are used. "bic" takes the number with the
-        least Bayesian information criterion.
+    n_components : int, "automatic" or "bic"
+        M; at most half the number of windows are used. "automatic" takes one for each 7
+        windows, from 5 to 80, "bic" the number with the least Bayesian information
+        criterion.
     explained_variance : float
         Fraction of the variance that the principal directions keep, in (0, 1].
     regularization : float
@@ -91,6 +97,9 @@ def fit_mixture(
     most = max(1, min(n_windows // 2, _distinct(samples)))
     if n_components == "bic":
         fit = _least_bic(fitted, n_windows, rank, most)
+    elif n_components == "automatic":
+        count = np.clip(n_windows // _WINDOWS_EACH, _LEAST_COMPONENTS, MOST_COMPONENTS)
+        fit = fitted(min(int(count), most))
     else:
         fit = fitted(min(n_components, most))
     order = np.argsort(-fit.proportions, kind="stable")

@@ -16,8 +16,12 @@ from fmp_drake.primitives.data.windows import (
     weighted_windows,
 )
 from fmp_drake.primitives.model.mapping import Selection
-from fmp_drake.primitives.model.mixture import Progress, fit_mixture
-from fmp_drake.primitives.model.parameters import ModelChoice, check_parameters
+from fmp_drake.primitives.model.mixture import MOST_COMPONENTS, Progress, fit_mixture
+from fmp_drake.primitives.model.parameters import (
+    ComponentCount,
+    ModelChoice,
+    check_parameters,
+)
 from fmp_drake.primitives.model.phase.fit import (
     LEAST_COMPONENTS,
     fit_phase_model,
@@ -66,10 +70,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
         120) where None.
     rate : float
         Samples per second (Hz); demonstrations are resampled to it.
-    n_components : int or "bic"
-        M, Gaussians in the mixture; "bic" chooses by the Bayesian information
-        criterion. The phase model has at most so many: one for each sample of a period,
-        from 30 to 80.
+    n_components : int, "automatic" or "bic"
+        M, Gaussians in the mixture. "automatic": 80, or fewer where the recordings are
+        short: one for each 7 windows, at least 5. "bic" chooses by the Bayesian
+        information criterion. The phase model has at most so many: one for each sample
+        of a period, from 30 to 80.
     overlap : int
         K, samples that two consecutive windows share when a skill is played.
     explained_variance : float
@@ -151,7 +156,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         n_steps: int = 120,
         stride: int | None = None,
         rate: float = 20.0,
-        n_components: int | Literal["bic"] = 80,
+        n_components: ComponentCount = "automatic",
         overlap: int = 10,
         explained_variance: float = 0.9999,
         regularization: float = 1e-8,
@@ -238,7 +243,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 track,
                 n_steps=self.n_steps,
                 pinned=self.overlap,
-                most_components=80 if self.n_components == "bic" else self.n_components,
+                most_components=(
+                    MOST_COMPONENTS
+                    if isinstance(self.n_components, str)
+                    else self.n_components
+                ),
             )
             m = len(self.components_)
             self.proportions_ = np.full(m, 1 / m)
@@ -270,10 +279,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if self.model == "mixture":
             self.model_reason_ = "it was asked for"
             return None
-        few = self.n_components == "bic" or self.n_components < LEAST_COMPONENTS
+        asked = self.n_components
+        few = asked == "bic" or (asked != "automatic" and asked < LEAST_COMPONENTS)
         if self.model == "automatic" and few:
             self.model_reason_ = (
-                f"n_components is {self.n_components}; the phase model has "
+                f"n_components is {asked}; the phase model has "
                 f"{LEAST_COMPONENTS} or more"
             )
             return None

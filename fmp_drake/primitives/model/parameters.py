@@ -7,6 +7,7 @@ from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST, check_number, is_whole
 
 ModelChoice = Literal["mixture", "phase", "automatic"]
+ComponentCount = int | Literal["automatic", "bic"]
 
 
 def check_parameters(values: Mapping[str, Any]) -> None:
@@ -26,11 +27,11 @@ def check_parameters(values: Mapping[str, Any]) -> None:
     if values["stride"] is not None:
         check_number(values["stride"], "stride", least=1, whole=True)
     components = values["n_components"]
-    is_bic = isinstance(components, str) and components == "bic"
-    if not (is_bic or (is_whole(components) and components >= 1)):
+    is_named = isinstance(components, str) and components in ("automatic", "bic")
+    if not (is_named or (is_whole(components) and components >= 1)):
         raise SkillError(
-            f"n_components is {components!r}; it must be a whole number, at least 1, or "
-            "'bic'."
+            f"n_components is {components!r}; it must be a whole number, at least 1, "
+            "'automatic' or 'bic'."
         )
     seed = values["random_state"]
     check_number(seed, "random_state", least=0, most=2**32 - 1, whole=True)
