@@ -98,6 +98,25 @@ def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
         time.sleep(4.0)  # 0.4 s of the arm's clock, to be damped in.
         arm.terminate()
         assert arm.wait(30) == 130
+        # Killed and started again, it is not moved by the controller that it had.
+        arm = network.start("arm", "--duration", "200", name="killed")
+        network.wait_for("killed", "a simulated arm")
+        third = network.start("wipe", "--headless", "--go", name="third")
+        network.wait_for("third", "open")
+        arm.kill()
+        network.wait_for("third", "stopped")
+        arm = network.start("arm", "--duration", "200", name="again")
+        network.wait_for("again", "a simulated arm")
+        time.sleep(2.0)
+        assert third.poll() is None
+        third.terminate()
+        assert third.wait(30) == 130
+        arm.terminate()
+        assert arm.wait(30) == 130
+    again = network.report("again")
+    assert again["followed_ms"] == 0
+    assert again["last_speed"] < 0.05
+    assert (tmp_path / "third.log").read_text().count("open\n") == 1
     bench = network.report("arm")
     assert bench["followed_ms"] > 0
     assert bench["reflex_ms"] == 0

@@ -1,8 +1,8 @@
 """A minute of wiping over LCM: as clean, as near to the path and as gentle as without it.
 
 In one process over `memq://`, and in two over multicast, in a network of their own. There
-both have precedence, and a clock that runs at a part of the time, so that other work on
-the machine does not decide.
+both have precedence. With a clock that runs at a quarter of the time other work on the
+machine does not decide; with the clock of the wall it does.
 """
 
 import pytest
@@ -33,7 +33,7 @@ def in_process(scene):
 
 
 def report(figures, bench, run, tracking):
-    """Add and check what the arm's side and the controller's side have measured."""
+    """Add what the arm's side and the controller's side have measured."""
     figures.add("demonstrated area cleaned", bench[CLEANED], above=0.9)
     figures.add("of the time within 5 to 15 N", bench[WANTED], above=0.9)
     rms = 1e3 * run["tracking_rms"]
@@ -43,6 +43,9 @@ def report(figures, bench, run, tracking):
     for name in ("status_age_median", "status_age_99", "status_age_max"):
         figures.add(name.replace("_", " "), 1e3 * run[name], "ms")
     figures.add("commands' age, median", 1e3 * bench["command_age_median"], "ms")
+
+
+def check(bench, run, tracking):
     assert bench["greatest_step"] <= 1.0
     assert not run["stops"]
     assert bench[CLEANED] > 0.9
@@ -68,12 +71,14 @@ def test_a_minute_in_one_process(benchmark, figures, scene, in_process, faults):
     benchmark.pedantic(play, rounds=1)
     figures.section = f"A minute over LCM, in one process {faults or ''}"
     report(figures, bench.metrics(), run.metrics(), in_process)
+    check(bench.metrics(), run.metrics(), in_process)
 
 
 @needs_network
-def test_a_minute_in_two_processes(benchmark, figures, in_process, tmp_path):
+@pytest.mark.parametrize("pace", [0.25, 1.0])
+def test_a_minute_in_two_processes(benchmark, figures, in_process, tmp_path, pace):
     def play():
-        with Network(tmp_path, pace=0.25) as network:
+        with Network(tmp_path, pace=pace) as network:
             arm = network.start("arm", "--real-time")
             network.wait_for("arm", "a simulated arm")
             wipe = network.start(
@@ -87,5 +92,7 @@ def test_a_minute_in_two_processes(benchmark, figures, in_process, tmp_path):
             return network.report("arm"), network.report("wipe")
 
     bench, run = benchmark.pedantic(play, rounds=1)
-    figures.section = "A minute over LCM, in two processes, at a quarter of the pace"
+    figures.section = f"A minute over LCM, in two processes, at {pace:g} of the pace"
     report(figures, bench, run, in_process)
+    if pace < 1:  # At its own pace other work on the machine may stop the arm.
+        check(bench, run, in_process)
