@@ -39,7 +39,8 @@ teach: $(STAMP)
 	@$(BIN)/fmp-drake teach $(ARGS)
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder $(ARGS)
+	$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder \
+	    --max-worker-restart 0 $(ARGS)
 
 test-quick: override ARGS += -m 'not slow and not browser' \
     tests/primitives tests/systems tests/test_layers.py

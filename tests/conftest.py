@@ -26,12 +26,15 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from fmp_drake.apps.page import log_natively
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 # The same examples in every run: a red test means a changed package.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
+
+log_natively()
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 

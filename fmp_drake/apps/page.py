@@ -1,7 +1,10 @@
 """The console, the Meshcat page, and the progress of a simulation."""
 
+import logging
 from collections.abc import Iterable, Sequence
+from functools import cache
 
+from pydrake.common import use_native_cpp_logging
 from pydrake.geometry import Meshcat, MeshcatParams
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn, track
@@ -26,6 +29,17 @@ def make_console() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=160)
 
 
+@cache
+def log_natively() -> None:
+    """Let Drake write its warnings itself, without Python's logging.
+
+    The threads of Meshcat warn, too, of a wrong address for example. In them Python may
+    collect garbage, and what must not end in another thread than the first ends the process.
+    """
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    use_native_cpp_logging()  # type: ignore[no-untyped-call]
+
+
 def open_page(
     console: Console | None = None, *, title: str = "fmp_drake", host: str = LOCAL
 ) -> PagePanel:
@@ -46,6 +60,7 @@ def open_page(
     FmpError
         Where the page cannot be served there.
     """
+    log_natively()
     try:
         meshcat = Meshcat(MeshcatParams(host=host, show_stats_plot=False))
     except RuntimeError as error:

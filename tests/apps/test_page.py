@@ -1,6 +1,8 @@
 """Facts about the page: what is seen in a browser, running and replayed."""
 
 import socket
+import subprocess
+import sys
 import time
 from urllib.parse import urlsplit
 
@@ -218,6 +220,31 @@ def test_page_is_for_this_machine_only_unless_it_is_opened():
 def test_page_at_an_address_of_another_machine_is_refused():
     with pytest.raises(FmpError, match=r"192\.0\.2\.1; give one of this machine's"):
         open_page(host="192.0.2.1")
+
+
+SAYS_WHAT_PYTHON_LOGS = """
+import logging, urllib.error, urllib.request
+from fmp_drake.apps.page import open_page
+panel, said = open_page(), []
+make = logging.getLogRecordFactory()
+logging.setLogRecordFactory(lambda *given: said.append(given) or make(*given))
+try:
+    urllib.request.urlopen(panel.meshcat.web_url() + "/nothing")
+except urllib.error.HTTPError as error:
+    print(error.code, said)
+"""
+
+
+def test_a_wrong_address_is_no_business_of_python_in_a_thread_of_meshcat():
+    done = subprocess.run(
+        [sys.executable, "-c", SAYS_WHAT_PYTHON_LOGS],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert done.stdout == "404 []\n"
+    assert "/nothing" in done.stderr
 
 
 def test_arm_and_board_are_on_the_page_before_anything_is_learned(refused, monkeypatch):
