@@ -209,7 +209,10 @@ def wipe(
 
     found = CheckFeasibility(scene, skill)
     if not (found.is_feasible or force):
-        raise StationError(f"{found.verdict} Or run it all the same with --force.")
+        raise StationError(
+            f"{found.verdict} --stretch slows a demonstration down; --force runs it all "
+            "the same."
+        )
     console.print(found.verdict)
 
     if config is not None:
