@@ -54,7 +54,7 @@ def pytest_configure(config):
         for kept in cache.glob("*.nb[ci]"):
             if kept.stat().st_mtime < newest:
                 kept.unlink()
-    if not any(package.rglob("__pycache__/step.*impedance_step-*.nbc")):
+    if not any(package.rglob("__pycache__/step.*impedance_step_*.nbc")):
         # Once for all processes, and with its announcement outside of the tests.
         warm_up = "from fmp_drake.station import WarmUp; WarmUp()"
         subprocess.run([sys.executable, "-c", warm_up], check=True)

@@ -119,6 +119,15 @@ def test_one_compilation_serves_controllers_of_every_kind():
     assert (step_with.cache_info().currsize, len(step.signatures)) == before
 
 
+def test_steps_of_different_arms_are_told_apart_by_the_cache_of_compiled_code():
+    # It goes by their names, and confuses two of one name that two processes compiled.
+    names = {
+        step_with(np.dtype([("torque", float, n)])).py_func.__qualname__
+        for n in (2, 6, 7)
+    }
+    assert len(names) == 3
+
+
 # Everything acts at the very next update.
 
 

@@ -118,7 +118,6 @@ def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]
         shape (6,); and that of `ImpedanceMemory`, shape (73,).
     """
 
-    @compiled
     def impedance_step(
         settings: NDArray[np.uint8],
         packed: Array,
@@ -151,7 +150,10 @@ def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]
             weight,
         )
 
-    return impedance_step
+    # Two that have one name and were compiled by two processes are mixed up by numba where
+    # both come from the cache.
+    impedance_step.__qualname__ = f"impedance_step_{layout.itemsize}"
+    return compiled(impedance_step)
 
 
 @inlined
