@@ -3,21 +3,20 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import Value
 from pydrake.systems.framework import (
     BasicVector,
-    CacheEntry,
     Context,
     DiscreteValues,
     EventStatus,
     LeafSystem,
-    ValueProducer,
 )
 
+from fmp_drake.callbacks import declare_cache, eval_cache
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives import (
@@ -198,18 +197,14 @@ class FourierPrimitiveSystem(LeafSystem):
     def _declare_outputs(self, d: int, weights: int) -> None:
         state, now = {self.xd_ticket()}, {self.time_ticket(), self.xd_ticket()}
 
-        def cache(name: str, calc: Callable[..., None], needs: set[Any]) -> CacheEntry:
-            producer = ValueProducer(allocate=Value[object], calc=calc)
-            return self.DeclareCacheEntry(name, producer, needs)
-
-        self._segments = cache(
-            "segments until the next event", self._calc_segments, state
+        self._segments = declare_cache(
+            self, "segments until the next event", self._calc_segments, state
         )
-        self._plan = cache("plan", self._calc_plan, state)
+        plan = declare_cache(self, "plan", self._calc_plan, state)
         declare = self.DeclareVectorOutputPort
-        self._motion = declare("motion", 3 * d, self._calc_motion, now)
+        motion = declare("motion", 3 * d, self._calc_motion, now)
         for order, name in enumerate(("position", "velocity", "acceleration")):
-            declare(name, d, self._calc_part_of(self._motion, order), now)
+            declare(name, d, self._calc_part_of(motion.Eval, order), now)
         player = self._player
         declare("covariance", d * d, self._calc_of(player.covariance), now)
         declare("weights", weights, self._calc_of(player.weights), now)
@@ -219,7 +214,7 @@ class FourierPrimitiveSystem(LeafSystem):
             declare("phase", 1, phase, now)
         points = self._plan_ticks + 1
         for order, (name, size) in enumerate((("plan", d), ("plan_covariance", d * d))):
-            part = self._calc_part_of(self._plan, order)
+            part = self._calc_part_of(partial(eval_cache, self, plan), order)
             declare(name, points * size, part, state)
         declare("remaps", 2, self._calc_remaps, now)
 
@@ -367,7 +362,7 @@ class FourierPrimitiveSystem(LeafSystem):
         value.set_value((self._last_event(context), found))
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
-        cached: Any = self._segments.Eval(context)
+        cached: Any = eval_cache(self, self._segments, context)
         last_event, segments = cached
         elapsed = context.get_time() - last_event
         begin, segment = segments[0]
@@ -380,9 +375,9 @@ class FourierPrimitiveSystem(LeafSystem):
         value.set_value(self._player.plan(self._read(context), self._plan_ticks))
 
     @staticmethod
-    def _calc_part_of(source: Any, order: int) -> Calc:
+    def _calc_part_of(evaluate: Callable[[Context], Any], order: int) -> Calc:
         def calc(context: Context, output: BasicVector) -> None:
-            found = source.Eval(context)
+            found = evaluate(context)
             parts = found if isinstance(found, tuple) else found.reshape(3, -1)
             output.SetFromVector(np.ravel(parts[order]))
 

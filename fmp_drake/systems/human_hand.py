@@ -10,6 +10,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from fmp_drake.callbacks import weakly
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
 from fmp_drake.systems.teaching.hand_motion import HandMotion
@@ -135,7 +136,7 @@ class HumanHand(LeafSystem):
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             Value[list[ExternallyAppliedSpatialForce]],
-            self._calc_forces,
+            weakly(self._calc_forces),
             prerequisites_of_calc={
                 self.time_ticket(),
                 self._poses.ticket(),

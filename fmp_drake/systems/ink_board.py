@@ -231,7 +231,7 @@ class InkBoard(LeafSystem):
         for i in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(i)
             surface = info.contact_surface()
-            m, n = surface.id_M(), surface.id_N()
+            m, n = surface.id_M().get_value(), surface.id_N().get_value()
             # The force acts on the body of M.
             if m in self._eraser_ids and n in self._board_ids:
                 found.append((surface, info.F_Ac_W().translational()))
@@ -316,8 +316,10 @@ class InkBoard(LeafSystem):
         )
 
 
-def _collision_ids(plant: MultibodyPlant, frame: Frame) -> frozenset[Any]:
-    ids = frozenset(plant.GetCollisionGeometriesForBody(frame.body()))
+def _collision_ids(plant: MultibodyPlant, frame: Frame) -> frozenset[int]:
+    # As numbers: a GeometryId keeps its plant alive.
+    found = plant.GetCollisionGeometriesForBody(frame.body())
+    ids = frozenset(each.get_value() for each in found)
     if not ids:
         raise SystemsError(
             f"The body '{frame.body().name()}' has no collision geometry, so the "

@@ -17,6 +17,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from fmp_drake.callbacks import weakly
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
 from fmp_drake.systems.teaching.mouse_drag import (
@@ -137,7 +138,7 @@ class MouseHand(LeafSystem):
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             Value[list[ExternallyAppliedSpatialForce]],
-            self._calc_forces,
+            weakly(self._calc_forces),
             prerequisites_of_calc={
                 ticket,
                 self._poses.ticket(),

@@ -1,6 +1,6 @@
 """The force of a tool on a surface, from what an arm feels in its joints."""
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from pydrake.math import RotationMatrix
@@ -8,6 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from fmp_drake.callbacks import eval_cache
 from fmp_drake.systems.impedance.arm import ArmModel
 
 
@@ -79,7 +80,7 @@ class NormalForceEstimator(LeafSystem):
         force = np.nan
         if np.all(np.isfinite(state)) and np.all(np.isfinite(torque)):
             J = self._arm.jacobian(
-                cast(Context, self._plant_context.Eval(context)), state
+                eval_cache(self, self._plant_context, context), state
             )
             wrench = np.linalg.lstsq(J.T, torque)[0]
             force = self._normal_W @ wrench[3:]

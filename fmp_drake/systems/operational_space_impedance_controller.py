@@ -105,6 +105,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from fmp_drake.callbacks import eval_cache
 from fmp_drake.errors import ControllerError
 from fmp_drake.systems.impedance.algebra import Pose, relative
 from fmp_drake.systems.impedance.arm import ArmModel, checked_posture, joint_limits
@@ -319,7 +320,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         values.set_value(_MEMORY, memory)
 
     def _eval_plant_context(self, context: Context) -> Context:
-        return cast(Context, self._plant_context.Eval(context))
+        return cast(Context, eval_cache(self, self._plant_context, context))
 
     def _pack(self, context: Context, names: Iterable[str]) -> Array:
         """Return what `unpack` takes, with the values of some ports."""

@@ -11,7 +11,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from fmp_drake.callbacks import declare_cache, eval_cache, weakly
 
 # What a grasp is damped for, kg.
 _MASS = 5.0
@@ -141,22 +143,21 @@ class ScriptedDisturbances(LeafSystem):
         needed = {self.time_ticket()}
         if any(isinstance(each, Grasp) for each in self._disturbances):
             needed |= {self._poses.ticket(), self._velocities.ticket()}
-        self._force = self.DeclareCacheEntry(
-            description="force of the disturbances",
-            value_producer=ValueProducer(allocate=Value[object], calc=self._calc),
-            prerequisites_of_calc=needed,
+        self._force = declare_cache(
+            self, "force of the disturbances", self._calc, needed
         )
+        force = {self.cache_entry_ticket(self._force)}
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             alloc=lambda: Value[list[ExternallyAppliedSpatialForce]]([]),
-            calc=self._calc_forces,
-            prerequisites_of_calc={self._force.ticket()},
+            calc=weakly(self._calc_forces),
+            prerequisites_of_calc=force,
         )
         self.DeclareVectorOutputPort(
             "force",
             3,
             self._calc_vector,
-            prerequisites_of_calc={self._force.ticket()},
+            prerequisites_of_calc=force,
         )
 
     def _calc(self, context: Any, value: Any) -> None:
@@ -177,7 +178,7 @@ class ScriptedDisturbances(LeafSystem):
         value.set_value(force)
 
     def _calc_forces(self, context: Any, output: Any) -> None:
-        force: Any = self._force.Eval(context)
+        force: Any = eval_cache(self, self._force, context)
         if not force.any():
             output.set_value([])
             return
@@ -188,5 +189,5 @@ class ScriptedDisturbances(LeafSystem):
         output.set_value([applied])
 
     def _calc_vector(self, context: Context, output: BasicVector) -> None:
-        force: Any = self._force.Eval(context)
+        force: Any = eval_cache(self, self._force, context)
         output.SetFromVector(force)

@@ -6,6 +6,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import LeafSystem
 
+from fmp_drake.callbacks import weakly
 from fmp_drake.errors import SystemsError
 
 
@@ -51,7 +52,7 @@ class SpatialForceSum(LeafSystem):
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             Value[list[ExternallyAppliedSpatialForce]],
-            self._calc,
+            weakly(self._calc),
             prerequisites_of_calc={port.ticket() for port in self._inputs},
         )
 

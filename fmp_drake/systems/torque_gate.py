@@ -13,9 +13,9 @@ from pydrake.systems.framework import (
     Context,
     DiscreteValues,
     LeafSystem,
-    ValueProducer,
 )
 
+from fmp_drake.callbacks import declare_cache, eval_cache
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats
 from fmp_drake.settings import check_settings
@@ -119,18 +119,17 @@ class TorqueGate(LeafSystem):
         sent_index = self.DeclareDiscreteState(sent)
         gate_index = self.DeclareDiscreteState(rest)
         read_index = self.DeclareDiscreteState(np.r_[first, np.zeros(3 * JOINTS)])
-        self._reading = self.DeclareCacheEntry(
+        self._reading = declare_cache(
+            self,
             "reading",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(read_status(None)),
-                calc=self._calc_reading,
-            ),
-            prerequisites_of_calc={status.ticket()},
+            self._calc_reading,
+            {status.ticket()},
+            allocate=lambda: AbstractValue.Make(read_status(None)),
         )
         gate_ticket = self.discrete_state_ticket(gate_index)
         # What is good in a message is seen at once.
         seen = {
-            self._reading.ticket(),
+            self.cache_entry_ticket(self._reading),
             gate_ticket,
             self.discrete_state_ticket(read_index),
         }
@@ -173,7 +172,7 @@ class TorqueGate(LeafSystem):
 
     def _seen(self, context: Context) -> Any:
         """Return the numbers of the last good status."""
-        reading = cast(ArmReading, self._reading.Eval(context))
+        reading = cast(ArmReading, eval_cache(self, self._reading, context))
         discrete = context.get_discrete_state()
         if reading.is_finite and reading.time >= discrete.value(_GATE)[_STATUS_TIME]:
             return np.concatenate(reading[1:4])
@@ -185,7 +184,7 @@ class TorqueGate(LeafSystem):
         after = gate_step(
             self._config,
             self._state(context),
-            reading=cast(ArmReading, self._reading.Eval(context)),
+            reading=cast(ArmReading, eval_cache(self, self._reading, context)),
             torque=np.array(self._torque.Eval(context)),
             wall_time=float(wall_time[0]),
             go=float(go[0]),

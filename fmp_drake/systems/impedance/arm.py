@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import CacheEntry, Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import CacheIndex, Context, LeafSystem, ValueProducer
 
 from fmp_drake.errors import ControllerError
 from fmp_drake.systems.impedance.algebra import Pose
@@ -38,7 +38,7 @@ class ArmModel:
         self._world = plant.world_frame()
         self._origin = np.zeros(3)
 
-    def declare_context(self, system: LeafSystem) -> CacheEntry:
+    def declare_context(self, system: LeafSystem) -> CacheIndex:
         """Declare a Context of the plant, for a system to overwrite at every use."""
         plant = self._plant
         return system.DeclareCacheEntry(
@@ -48,7 +48,7 @@ class ArmModel:
                 calc=lambda _context, _value: None,
             ),
             prerequisites_of_calc={system.nothing_ticket()},
-        )
+        ).cache_index()
 
     def read(self, plant_context: Context, state: Array) -> ArmReading:
         """Return what `impedance_step` wants to know of the arm, in its order.

@@ -81,7 +81,9 @@ class ForceArrow(LeafSystem):
             metres_per_newton, "metres_per_newton", above=0, error=SystemsError
         )
         check_number(period, "period", above=0, unit="s", error=SystemsError)
-        self._ids = frozenset(plant.GetCollisionGeometriesForBody(body))
+        # As numbers: a GeometryId keeps its plant alive.
+        found = plant.GetCollisionGeometriesForBody(body)
+        self._ids = frozenset(each.get_value() for each in found)
         if not self._ids:
             raise SystemsError(
                 f"the body {body.name()} has no collision geometry; it never feels a "
@@ -121,9 +123,9 @@ class ForceArrow(LeafSystem):
         for i in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(i)
             surface = info.contact_surface()
-            if surface.id_M() in self._ids:
+            if surface.id_M().get_value() in self._ids:
                 sign = 1.0
-            elif surface.id_N() in self._ids:
+            elif surface.id_N().get_value() in self._ids:
                 sign = -1.0
             else:
                 continue

@@ -5,15 +5,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import (
     Context,
     DiscreteValues,
     LeafSystem,
-    ValueProducer,
 )
 
+from fmp_drake.callbacks import declare_cache, eval_cache
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
 from fmp_drake.systems.ink.grid import InkGrid
@@ -85,12 +84,11 @@ class InkVisualizer(LeafSystem):
         self._grid = grid
         self._path = path
         self._ink = self.DeclareVectorInputPort("ink", grid.num_cells)
-        self._shades = self.DeclareCacheEntry(
-            description="shades at the corners of the cells",
-            value_producer=ValueProducer(
-                allocate=Value[object], calc=self._calc_shades
-            ),
-            prerequisites_of_calc={self._ink.ticket()},
+        self._shades = declare_cache(
+            self,
+            "shades at the corners of the cells",
+            self._calc_shades,
+            {self._ink.ticket()},
         )
         ny, nx = grid.shape
         self._drawn_index = int(self.DeclareDiscreteState((ny + 1) * (nx + 1)))
@@ -106,18 +104,18 @@ class InkVisualizer(LeafSystem):
         value.set_value(corner_shades(ink.reshape(self._grid.shape)))
 
     def _remember(self, context: Context, values: DiscreteValues) -> None:
-        shades: Any = self._shades.Eval(context)
+        shades: Any = eval_cache(self, self._shades, context)
         values.get_mutable_value(self._drawn_index)[:] = shades.ravel()
 
     def _redraw(self, context: Context) -> None:
         for name in ("live", "recorded"):
             self._meshcat.Delete(f"{self._path}/{name}")
-        new: Any = self._shades.Eval(context)
+        new: Any = eval_cache(self, self._shades, context)
         for row, column in _tiles(np.ones(new.shape, dtype=bool)):
             self._draw(new, row, column)
 
     def _draw_changes(self, context: Context) -> None:
-        new: Any = self._shades.Eval(context)
+        new: Any = eval_cache(self, self._shades, context)
         drawn = context.get_discrete_state(self._drawn_index).value()
         for row, column in _tiles(new != drawn.reshape(new.shape)):
             self._draw(new, row, column)

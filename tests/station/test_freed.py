@@ -1,0 +1,60 @@
+"""A station that nobody holds any more gives its memory back.
+
+Not so what Drake ties to a Meshcat (the mouse that leads the arm) or to an LCM bus.
+"""
+
+import gc
+import weakref
+
+import pytest
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.station import (
+    LoadScenario,
+    MakeTeachingStation,
+    MakeWipingStation,
+    SimulatedHand,
+)
+from fmp_drake.systems import HandMotion
+from fmp_drake.systems.viewer.page_panel import PagePanel
+
+
+def wiping(skill, name="table_top", **options):
+    scenario = LoadScenario(name)
+    scenario.skill.candidates = 4
+    scenario.press.by_torque = name == "pushed"
+    return MakeWipingStation(scenario, skill, **options)
+
+
+def wiping_on_a_page(skill):
+    panel = PagePanel(Meshcat())
+    return wiping(skill, meshcat=panel.meshcat, panel=panel, demonstrated=skill.paths_)
+
+
+def taught_by(hand):
+    return MakeTeachingStation(LoadScenario("table_top"), hand)
+
+
+STATIONS = {
+    "wiping": wiping,
+    "pushed": lambda skill: wiping(skill, "pushed"),
+    "late sensors": lambda skill: wiping(skill, "late_sensors"),
+    "moving board": lambda skill: wiping(skill, "moving_board"),
+    "on a page": wiping_on_a_page,
+    "simulated hand": lambda _: taught_by(
+        SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STATIONS)
+def test_a_station_is_freed_with_its_systems(restless_skill, name):
+    station = STATIONS[name](restless_skill)
+    Simulator(station).AdvanceTo(0.01)
+    systems = {s.get_name(): weakref.ref(s) for s in station.GetSystems()}
+    assert len(systems) > 3
+    del station
+    gc.collect()
+    assert [name for name, system in systems.items() if system() is not None] == []
