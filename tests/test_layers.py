@@ -24,15 +24,7 @@ LAYERS = (
     "apps",
 )
 # Below all layers.
-BASE = {
-    "errors",
-    "numeric",
-    "settings",
-    "compiled",
-    "callbacks",
-    "processes",
-    "__init__",
-}
+BASE = {"errors", "numeric", "settings", "compiled", "processes", "__init__"}
 FRONT_DOORS = (
     "fmp_drake",
     *(f"fmp_drake.{layer}" for layer in LAYERS[:-1]),

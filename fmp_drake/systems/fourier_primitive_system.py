@@ -16,7 +16,6 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from fmp_drake.callbacks import declare_cache, eval_cache
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives import (
@@ -27,6 +26,7 @@ from fmp_drake.primitives import (
 )
 from fmp_drake.primitives.playback.place import phase_of
 from fmp_drake.primitives.playback.segment import Segment, segment_motion
+from fmp_drake.systems.framework.callbacks import declare_cache, eval_cache
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 
 Calc = Callable[[Context, BasicVector], None]

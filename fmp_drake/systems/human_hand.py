@@ -10,9 +10,9 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from fmp_drake.callbacks import weakly
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
+from fmp_drake.systems.framework.callbacks import weakly
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 

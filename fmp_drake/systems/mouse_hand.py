@@ -17,9 +17,9 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from fmp_drake.callbacks import weakly
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
+from fmp_drake.systems.framework.callbacks import weakly
 from fmp_drake.systems.teaching.mouse_drag import (
     PULLING,
     STATE,

@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from fmp_drake.callbacks import eval_cache
+from fmp_drake.systems.framework.callbacks import eval_cache
 from fmp_drake.systems.impedance.arm import ArmModel
 
 

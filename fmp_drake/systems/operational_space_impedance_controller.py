@@ -105,8 +105,8 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from fmp_drake.callbacks import eval_cache
 from fmp_drake.errors import ControllerError
+from fmp_drake.systems.framework.callbacks import eval_cache
 from fmp_drake.systems.impedance.algebra import Pose, relative
 from fmp_drake.systems.impedance.arm import ArmModel, checked_posture, joint_limits
 from fmp_drake.systems.impedance.config import ImpedanceConfig

@@ -13,7 +13,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from fmp_drake.callbacks import declare_cache, eval_cache, weakly
+from fmp_drake.systems.framework.callbacks import declare_cache, eval_cache, weakly
 
 # What a grasp is damped for, kg.
 _MASS = 5.0

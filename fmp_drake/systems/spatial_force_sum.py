@@ -6,8 +6,8 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import LeafSystem
 
-from fmp_drake.callbacks import weakly
 from fmp_drake.errors import SystemsError
+from fmp_drake.systems.framework.callbacks import weakly
 
 
 class SpatialForceSum(LeafSystem):

@@ -15,10 +15,10 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from fmp_drake.callbacks import declare_cache, eval_cache
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats
 from fmp_drake.settings import check_settings
+from fmp_drake.systems.framework.callbacks import declare_cache, eval_cache
 from fmp_drake.systems.panda.firmware import torque_command
 from fmp_drake.systems.panda.gating import (
     GateConfig,

@@ -12,9 +12,9 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from fmp_drake.callbacks import declare_cache, eval_cache
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
+from fmp_drake.systems.framework.callbacks import declare_cache, eval_cache
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import ShadeArray, corner_shades, draw_ink, ink_mesh
 

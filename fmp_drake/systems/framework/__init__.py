@@ -1,0 +1,1 @@
+"""How a system declares itself to Drake."""
