@@ -1,13 +1,12 @@
 """A station that nobody holds any more gives its memory back.
 
-Not so what Drake ties to a Meshcat (the mouse that leads the arm) or to an LCM bus.
+Not always so one with a page or behind LCM: Drake ties parts of it to Meshcat or the bus.
 """
 
 import gc
 import weakref
 
 import pytest
-from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.station import (
@@ -17,7 +16,6 @@ from fmp_drake.station import (
     SimulatedHand,
 )
 from fmp_drake.systems import HandMotion
-from fmp_drake.systems.viewer.page_panel import PagePanel
 
 
 def wiping(skill, name="table_top", **options):
@@ -25,11 +23,6 @@ def wiping(skill, name="table_top", **options):
     scenario.skill.candidates = 4
     scenario.press.by_torque = name == "pushed"
     return MakeWipingStation(scenario, skill, **options)
-
-
-def wiping_on_a_page(skill):
-    panel = PagePanel(Meshcat())
-    return wiping(skill, meshcat=panel.meshcat, panel=panel, demonstrated=skill.paths_)
 
 
 def taught_by(hand):
@@ -41,7 +34,6 @@ STATIONS = {
     "pushed": lambda skill: wiping(skill, "pushed"),
     "late sensors": lambda skill: wiping(skill, "late_sensors"),
     "moving board": lambda skill: wiping(skill, "moving_board"),
-    "on a page": wiping_on_a_page,
     "simulated hand": lambda _: taught_by(
         SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
     ),
