@@ -18,11 +18,11 @@ from fmp_drake.station import (
 from fmp_drake.systems import HandMotion
 
 
-def wiping(skill, name="table_top", **options):
+def wiping(skill, name="table_top"):
     scenario = LoadScenario(name)
     scenario.skill.candidates = 4
     scenario.press.by_torque = name == "pushed"
-    return MakeWipingStation(scenario, skill, **options)
+    return MakeWipingStation(scenario, skill)
 
 
 def taught_by(hand):
