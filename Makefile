@@ -3,6 +3,7 @@ ARGS ?=
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+DOCS := $(VENV)/.docs
 PYTHON ?= $(shell command -v python3.12 || command -v python3)
 
 .PHONY: help wipe teach test test-quick lint bench readme docs clean
@@ -31,6 +32,11 @@ $(STAMP): pyproject.toml constraints.txt .python-version
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	    --constraint constraints.txt --editable '.[dev]'
 	@touch $(STAMP)
+
+$(DOCS): $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	    --constraint constraints.txt --editable '.[docs]'
+	@touch $(DOCS)
 
 wipe: $(STAMP)
 	@$(BIN)/fmp-drake wipe $(ARGS)
@@ -63,9 +69,7 @@ bench: $(STAMP)
 readme: $(STAMP)
 	$(BIN)/python tests/try_readme.py
 
-docs: $(STAMP)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	    --constraint constraints.txt --editable '.[docs]'
+docs: $(DOCS)
 	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going \
 	    examples/site out/site $(ARGS)
 	$(BIN)/jupyter execute examples/site/gallery/0[123]_*.ipynb
