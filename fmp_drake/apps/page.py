@@ -10,17 +10,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn, track
 
 from fmp_drake.errors import FmpError
+from fmp_drake.station.parts.page_scene import ShowStill
+from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.viewer.page_panel import PagePanel
-from fmp_drake.systems.viewer.panel_fields import PanelFields
 
 LOCAL = "localhost"
 """Where a page is open for this machine only."""
-GETTING_READY: PanelFields = {
-    "mode": "getting ready",
-    "level": "idle",
-    "detail": "a few seconds; half a minute the first time on a computer, to compile",
-}
-"""What a panel says before there is a station."""
 
 
 def make_console() -> Console:
@@ -73,6 +68,16 @@ def open_page(
     if console is not None:
         console.print(f"watch it at {panel.url}")
     return panel
+
+
+def get_ready(panel: PagePanel, scenario: Scenario, *, visuals: str = "own") -> None:
+    """Show a scenario at rest, while it is learned and compiled."""
+    panel.show(
+        mode="getting ready",
+        level="idle",
+        detail="a few seconds; half a minute the first time on a computer, to compile",
+    )
+    ShowStill(scenario, panel.meshcat, visuals=visuals)
 
 
 def show_progress(

@@ -13,7 +13,7 @@ from fmp_drake.apps.arm_console import (
     wipe_with_arm,
 )
 from fmp_drake.apps.options import PATH, arm_option, host_option
-from fmp_drake.apps.page import GETTING_READY, make_console, open_page
+from fmp_drake.apps.page import get_ready, make_console, open_page
 from fmp_drake.errors import FmpError, StationError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives import save_skill
@@ -23,7 +23,6 @@ from fmp_drake.runs.teaching.teach_page import TeachPage
 from fmp_drake.runs.teaching.teaching_session import TeachingSession
 from fmp_drake.station import CheckFeasibility
 from fmp_drake.station.parts.hands import MouseOnPage
-from fmp_drake.station.parts.page_scene import ShowStill
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.warm_up import WarmUp
 
@@ -92,8 +91,7 @@ def teach(
         wipe_with_arm(console, scene, skill, config, inf)
         return
     panel = open_page(title=f"teach: {Path(scenario).stem}", host=host)
-    panel.show(**GETTING_READY)
-    ShowStill(scene, panel.meshcat)
+    get_ready(panel, scene)
     console.print(f"teach it at {panel.url}; Ctrl-C ends")
     with console.status("getting ready"):
         WarmUp()

@@ -19,7 +19,7 @@ from fmp_drake.apps.options import (
     skill_options,
 )
 from fmp_drake.apps.page import (
-    GETTING_READY,
+    get_ready,
     make_console,
     open_page,
     show_progress,
@@ -43,7 +43,6 @@ from fmp_drake.runs.skills import scenario_skill
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.feasibility import CheckFeasibility
 from fmp_drake.station.models.panda import VISUALS
-from fmp_drake.station.parts.page_scene import ShowStill
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import ShowConfig
 
@@ -186,9 +185,8 @@ def wipe(
     if html or not headless:
         panel = open_page(None if headless else console, title=title, host=host)
         meshcat = panel.meshcat
-        if config is None:
-            panel.show(**GETTING_READY)
-            ShowStill(scene, meshcat, visuals=visuals)
+        if config is None and not headless:
+            get_ready(panel, scene, visuals=visuals)
 
     learn_started = time.perf_counter()
     skill, demonstrations, remarks = scenario_skill(

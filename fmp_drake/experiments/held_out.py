@@ -1,6 +1,6 @@
 """Held-out evaluation, which the paper lacks."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -90,9 +90,9 @@ def evaluate(
         edges = np.linspace(0, len(whole.time), 4).astype(int)
         cuts = [
             (
-                _part(whole, a, b),
+                part(whole, a, b),
                 [
-                    _part(whole, *side)
+                    part(whole, *side)
                     for side in ((0, a), (b, edges[3]))
                     if np.ptp(side)
                 ],
@@ -111,7 +111,9 @@ def evaluate(
         if len(held.values) >= LEAST_HEATMAP:
             learned_path = np.concatenate([part.values for part in learned])
             forward, reverse = divergences(learned_path, held.values, extent=extent)
-            _add(scores, FLOOR_ROW, {"forward_kl": forward, "reverse_kl": reverse})
+            add_scores(
+                scores, FLOOR_ROW, {"forward_kl": forward, "reverse_kl": reverse}
+            )
         for name, (make, stride) in compared().items():
             for seed in range(profile.seeds):
                 progress(f"held out, {name}, seed {seed}")
@@ -120,13 +122,13 @@ def evaluate(
                 except FmpError as error:
                     progress(f"{name} cannot learn from the rest: {error}")
                     break
-                _add(scores, name, scored(model, held))
+                add_scores(scores, name, scored(model, held))
                 if name == PHASE and _knows_phase(model):
                     drawn = _drawn(model, held)
                     own = scored(model, drawn)
                     # Densities of other data do not compare.
                     own.pop("log_density")
-                    _add(scores, ORACLE, own)
+                    add_scores(scores, ORACLE, own)
                 if name in SEEDLESS:
                     break
     return scores
@@ -205,18 +207,24 @@ def summary(scores: Scores) -> dict[str, dict[str, dict[str, float]]]:
     }
 
 
+def score_rows(
+    numbers: Mapping[str, Mapping[str, Mapping[str, float]]], measures: Iterable[str]
+) -> list[list[str]]:
+    """Return some measures of a `summary` as text, a row for each name, header first."""
+    shown = list(measures)
+    rows = [["", *(MEASURES[m] for m in shown)]]
+    for name, found in numbers.items():
+        cells = [
+            f"{found[m]['mean']:.2f} ± {found[m]['std']:.2f}" if m in found else "-"
+            for m in shown
+        ]
+        rows.append([name, *cells])
+    return rows
+
+
 def held_out_finding(task: str, scores: Scores) -> Finding:
     """Return the table and the picture of a demonstration's held-out scores."""
     numbers = summary(scores)
-    rows = [["", *MEASURES.values()]]
-    for name, measures in numbers.items():
-        cells = [
-            f"{measures[m]['mean']:.2f} ± {measures[m]['std']:.2f}"
-            if m in measures
-            else "-"
-            for m in MEASURES
-        ]
-        rows.append([name, *cells])
     ours = (PHASE, FMP, FMP_PAPER)
     others = [n for n in numbers if n not in (*ours, FLOOR_ROW, ORACLE)]
     said, wins, judged = [], 0, 0
@@ -247,7 +255,7 @@ def held_out_finding(task: str, scores: Scores) -> Finding:
         claim="FMP generalises better than every other method, in every measure.",
         agrees=wins == judged,
         figure=_bars(numbers),
-        table=rows,
+        table=score_rows(numbers, MEASURES),
     )
 
 
@@ -277,11 +285,13 @@ def _bars(numbers: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
     return figure
 
 
-def _part(recorded: Demonstration, a: int, b: int) -> Demonstration:
+def part(recorded: Demonstration, a: int, b: int) -> Demonstration:
+    """Return samples a to b of a recording at `RATE`, from time 0."""
     values = recorded.values[a:b]
     return replace(recorded, time=np.arange(len(values)) / RATE, values=values)
 
 
-def _add(scores: Scores, name: str, new: Mapping[str, float]) -> None:
+def add_scores(scores: Scores, name: str, new: Mapping[str, float]) -> None:
+    """Add what was measured once to the scores of a method."""
     for measure, value in new.items():
         scores.setdefault(name, {}).setdefault(measure, []).append(value)

@@ -1,11 +1,14 @@
 """What a short recording teaches, beyond the paper."""
 
-from dataclasses import replace
-
-import numpy as np
-
 from fmp_drake.experiments.finding import Finding
-from fmp_drake.experiments.held_out import MEASURES, score
+from fmp_drake.experiments.held_out import (
+    Scores,
+    add_scores,
+    part,
+    score,
+    score_rows,
+    summary,
+)
 from fmp_drake.experiments.methods import FMP_STRIDE, RATE, cut, fmp, phase
 from fmp_drake.experiments.metrics import grid_extent
 from fmp_drake.experiments.profile import Profile
@@ -25,36 +28,25 @@ def short_recordings(
     recorded = demonstration.resample(RATE)
     size = round(_SECONDS * RATE)
     *begins, last = range(len(recorded.time) % size, len(recorded.time), size)
-    whole, held = _between(recorded, 0, last), _between(recorded, last, last + size)
-    pieces = [_between(recorded, a, a + size) for a in begins[: 3 * profile.folds]]
-    rows = {
-        f"phase model, {len(pieces)} pieces of {_SECONDS:g} s": [
-            (phase(), piece) for piece in pieces
-        ],
-        f"phase model, all {whole.duration:.0f} s": [(phase(), whole)],
-        f"mixture, all {whole.duration:.0f} s": [
-            (fmp(seed), whole) for seed in range(profile.seeds)
-        ],
-    }
+    whole, held = part(recorded, 0, last), part(recorded, last, last + size)
+    pieces = [part(recorded, a, a + size) for a in begins[: 3 * profile.folds]]
+    by_pieces = f"phase model, {len(pieces)} pieces of {_SECONDS:g} s"
+    all_of_it = f"all {whole.duration:.0f} s"
+    by_mixture = f"mixture, {all_of_it}"
+    learned = [
+        *((by_pieces, phase(), piece) for piece in pieces),
+        (f"phase model, {all_of_it}", phase(), whole),
+        *((by_mixture, fmp(seed), whole) for seed in range(profile.seeds)),
+    ]
     extent = grid_extent(recorded.values)
-    table, errors = [["learned from", *(MEASURES[m] for m in _SHOWN)]], []
-    for name, learned in rows.items():
-        scores = [
-            score(
-                model.fit(cut([part], stride=FMP_STRIDE)),
-                held,
-                extent=extent,
-                profile=profile,
-            )
-            for model, part in learned
-        ]
-        values = np.array([[each[m] for m in _SHOWN] for each in scores])
-        mean, spread = values.mean(axis=0), values.std(axis=0)
-        table.append(
-            [name, *(f"{m:.2f} ± {s:.2f}" for m, s in zip(mean, spread, strict=True))]
-        )
-        errors.append(mean[_SHOWN.index("prediction_rms")])
-    short, _, mixture = errors
+    scores: Scores = {}
+    for name, model, shown in learned:
+        fitted = model.fit(cut([shown], stride=FMP_STRIDE))
+        add_scores(scores, name, score(fitted, held, extent=extent, profile=profile))
+    numbers = summary(scores)
+    short, mixture = (
+        numbers[name]["prediction_rms"]["mean"] for name in (by_pieces, by_mixture)
+    )
     return Finding(
         name=f"short_{task}",
         title=f"Learned from {_SECONDS:g} s: {task}",
@@ -62,10 +54,6 @@ def short_recordings(
         f"{short:.1f} mm by what was learned from {_SECONDS:g} s, and with {mixture:.1f} mm by "
         "the mixture that has learned from all that was before.",
         claim=f"{_SECONDS:g} s teach the phase model what all of it teaches the mixture.",
-        agrees=bool(short <= mixture),
-        table=table,
+        agrees=short <= mixture,
+        table=score_rows(numbers, _SHOWN),
     )
-
-
-def _between(recorded: Demonstration, a: int, b: int) -> Demonstration:
-    return replace(recorded, time=recorded.time[a:b], values=recorded.values[a:b])

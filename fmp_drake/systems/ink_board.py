@@ -20,6 +20,7 @@ from pydrake.systems.framework import (
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats, check_number, read_only
+from fmp_drake.systems.framework.callbacks import collision_ids
 from fmp_drake.systems.ink.grid import (
     CLEAN_BELOW,
     WEAR_CONSTANT,
@@ -317,9 +318,7 @@ class InkBoard(LeafSystem):
 
 
 def _collision_ids(plant: MultibodyPlant, frame: Frame) -> frozenset[int]:
-    # As numbers: a GeometryId keeps its plant alive.
-    found = plant.GetCollisionGeometriesForBody(frame.body())
-    ids = frozenset(each.get_value() for each in found)
+    ids = collision_ids(plant, frame.body())
     if not ids:
         raise SystemsError(
             f"The body '{frame.body().name()}' has no collision geometry, so the "

@@ -247,13 +247,22 @@ def test_a_wrong_address_is_no_business_of_python_in_a_thread_of_meshcat():
     assert "/nothing" in done.stderr
 
 
-def test_arm_and_board_are_on_the_page_before_anything_is_learned(refused, monkeypatch):
-    pages = []
+@pytest.fixture
+def pages(monkeypatch):
+    """The pages that `fmp-drake wipe` has opened."""
+    kept = []
 
     def open_and_keep(console=None, **options):
-        pages.append(open_page(console, **options))
-        return pages[-1]
+        kept.append(open_page(console, **options))
+        return kept[-1]
 
+    monkeypatch.setattr(wipe_module, "open_page", open_and_keep)
+    return kept
+
+
+def test_arm_and_board_are_on_the_page_before_anything_is_learned(
+    refused, monkeypatch, pages
+):
     def learn(*_args, **_options):
         (page,) = pages
         assert page.meshcat.HasPath("bodies/panda/panda_link7")
@@ -261,19 +270,11 @@ def test_arm_and_board_are_on_the_page_before_anything_is_learned(refused, monke
         assert page.shown["mode"] == "getting ready"
         raise FmpError("seen")
 
-    monkeypatch.setattr(wipe_module, "open_page", open_and_keep)
     monkeypatch.setattr(wipe_module, "scenario_skill", learn)
     assert "seen" in refused("wipe")
 
 
-def test_command_opens_the_page_that_it_names(command, monkeypatch, browser):
-    pages = []
-
-    def open_and_keep(console=None, **options):
-        pages.append(open_page(console, **options))
-        return pages[-1]
-
-    monkeypatch.setattr(wipe_module, "open_page", open_and_keep)
+def test_command_opens_the_page_that_it_names(command, pages, browser):
     result = command("wipe", "--rate", 0, "--duration", 1)
     assert result.code == 0
     (page,) = pages

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from typing import Any
 
 from pydrake.common.value import Value
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import (
     CacheIndex,
     Context,
@@ -47,6 +49,15 @@ def declare_cache(
     return system.DeclareCacheEntry(
         name, ValueProducer(allocate=allocate, calc=weakly(calc)), prerequisites
     ).cache_index()
+
+
+def collision_ids(plant: MultibodyPlant, body: RigidBody) -> frozenset[int]:
+    """Return the values of the identifiers of a body's collision geometries.
+
+    Each `GeometryId` that a plant returns would keep it alive.
+    """
+    found = plant.GetCollisionGeometriesForBody(body)
+    return frozenset(each.get_value() for each in found)
 
 
 def eval_cache(system: LeafSystem, index: CacheIndex, context: Context) -> Any:

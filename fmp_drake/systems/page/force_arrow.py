@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
+from fmp_drake.systems.framework.callbacks import collision_ids
 
 FORCE_COLOR = Rgba(0.85, 0.10, 0.10, 1.0)
 """Colour of the arrow."""
@@ -81,9 +82,7 @@ class ForceArrow(LeafSystem):
             metres_per_newton, "metres_per_newton", above=0, error=SystemsError
         )
         check_number(period, "period", above=0, unit="s", error=SystemsError)
-        # As numbers: a GeometryId keeps its plant alive.
-        found = plant.GetCollisionGeometriesForBody(body)
-        self._ids = frozenset(each.get_value() for each in found)
+        self._ids = collision_ids(plant, body)
         if not self._ids:
             raise SystemsError(
                 f"the body {body.name()} has no collision geometry; it never feels a "
