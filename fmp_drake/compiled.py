@@ -5,10 +5,14 @@ at its attribute `py_func`, which is what the tests compare with.
 """
 
 import atexit
+import contextlib
+import inspect
 import logging
 import shutil
 import tempfile
 from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -42,8 +46,10 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
     """Compile a function of arrays, numbers and named tuples of them at its first call.
 
     Its cache is beside the module, in the user's cache folder where that is read-only,
-    or else in a temporary folder that lasts as long as the process.
+    or else in a temporary folder that lasts as long as the process. It may call compiled
+    functions of its own folder, and of no other.
     """
+    _forget_outdated(Path(inspect.getfile(function)).parent)
     compile_later = numba.njit(cache=True, **_OPTIONS)
     try:
         return compile_later(function)
@@ -61,3 +67,18 @@ def inlined[F: Callable[..., Any]](function: F) -> F:
     It is not compiled on its own before, which takes as long as what it calls is large.
     """
     return numba.njit(inline="always", **_OPTIONS)(function)
+
+
+@cache
+def _forget_outdated(folder: Path) -> None:
+    """Delete the compiled functions of a folder that are older than a module in it.
+
+    numba notices a change of a function's own file, and not of those that it calls.
+    """
+    modules = [Path(__file__), *folder.glob("*.py")]
+    newest = max(module.stat().st_mtime for module in modules)
+    for kept in (folder / "__pycache__").glob("*.nb[ci]"):
+        # Another process may be doing the same, or nobody may write here.
+        with contextlib.suppress(OSError):
+            if kept.stat().st_mtime < newest:
+                kept.unlink()

@@ -40,22 +40,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 
 
 def pytest_configure(config):
-    """Forget compiled functions that are older than what they may call.
-
-    Compiled code is kept for each file, and does not notice changes in another one. It
-    calls nothing outside of its folder.
-    """
-    if hasattr(config, "workerinput"):  # The first process has done it.
-        return
-    package = REPOSITORY / "fmp_drake"
-    for cache in {kept.parent for kept in package.rglob("__pycache__/*.nb[ci]")}:
-        sources = [package / "compiled.py", *cache.parent.glob("*.py")]
-        newest = max(path.stat().st_mtime for path in sources)
-        for kept in cache.glob("*.nb[ci]"):
-            if kept.stat().st_mtime < newest:
-                kept.unlink()
-    if not any(package.rglob("__pycache__/step.*impedance_step_*.nbc")):
-        # Once for all processes, and with its announcement outside of the tests.
+    """Compile what a station needs, once for all processes and before the tests."""
+    if not hasattr(config, "workerinput"):
         warm_up = "from fmp_drake.station import WarmUp; WarmUp()"
         subprocess.run([sys.executable, "-c", warm_up], check=True)
 

@@ -41,7 +41,7 @@ def run(code):
 
 
 def test_compiled_functions_call_only_those_of_their_folder():
-    # Otherwise tests/conftest.py would not see that a called one has changed.
+    # Otherwise it would not be seen that a called one has changed.
     rooms = {}
     for found in pkgutil.walk_packages(fmp_drake.__path__, "fmp_drake."):
         module = importlib.import_module(found.name)
@@ -60,6 +60,23 @@ def test_compiled_function_is_what_was_written():
         decayed_offset.py_func(offset, 0.4, 0.07),
         rtol=1e-14,
     )
+
+
+def test_a_change_of_a_called_function_is_noticed(tmp_path):
+    inner = tmp_path / "inner.py"
+    head = "from fmp_drake.compiled import compiled\n"
+    body = "@compiled\ndef {}(x):\n    return {}\n"
+    outer = "from inner import twice\n" + body.format("outer", "twice(x) + 1.0")
+    (tmp_path / "outer.py").write_text(head + outer)
+    use = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import outer; "
+    use += "print(outer.outer(5.0), sum(outer.outer.stats.cache_hits.values()))"
+    found = []
+    for product in ("2.0 * x", "2.0 * x", "3.0 * x"):
+        written = head + body.format("twice", product)
+        if not inner.exists() or inner.read_text() != written:
+            inner.write_text(written)
+        found.append(run(use).stdout.split())
+    assert found == [["11.0", "0"], ["11.0", "1"], ["16.0", "0"]]
 
 
 def test_it_works_where_neither_the_package_nor_the_home_can_be_written():

@@ -98,22 +98,30 @@ class ForceMetrics:
 class TrackingMetrics:
     """How closely the desired motion is followed, and how smooth it is.
 
-    Also in the plane of the board alone, because along its normal the eraser follows the
-    board, which may be higher or lower than the desired motion.
+    Also on the board as it is: its height, and how far the felt gives way, say where an
+    eraser is along the normal that touches where it shall touch.
+
+    Parameters
+    ----------
+    engage_height : float
+        Of the desired position over the board, below which contact is wanted, m.
     """
 
-    def __init__(self) -> None:
-        self._squares = self._in_plane = self._largest = self._jump = 0.0
+    def __init__(self, engage_height: float) -> None:
+        self._engage_height = engage_height
+        self._squares = self._on_board = self._largest = self._jump = 0.0
         self._samples = 0
         self._last: NDArray[np.float64] = np.zeros((0, 7))
+        self._force = Samples(np.array([-np.inf]), np.zeros((1, 1)))
 
     def update(self, chunk: Chunk) -> None:
-        """Take the next positions and desired velocities."""
+        """Take the next positions, desired velocities and normal forces."""
         desired, velocity = chunk["desired_position"], chunk["desired_velocity"]
         measured = chunk["measured_position"]
         each = (desired.values - measured.values) ** 2
         squares = np.sum(each, axis=1)
-        self._in_plane += float(np.sum(each[:, :2]))
+        along_normal = each[:, 2] * ~self._touches(desired, chunk["normal_force"])
+        self._on_board += float(np.sum(each[:, :2]) + np.sum(along_normal))
         self._squares += float(np.sum(squares))
         self._largest = float(np.sqrt(np.max(squares, initial=self._largest**2)))
         self._samples += len(squares)
@@ -125,12 +133,22 @@ class TrackingMetrics:
         self._jump = float(np.max(jumps, initial=self._jump))
         self._last = rows[-1:]
 
+    def _touches(self, desired: Samples, force: Samples) -> NDArray[np.bool_]:
+        """Return whether the eraser touches where it shall, by the force before."""
+        both = zip(self._force, force, strict=True)
+        times, forces = (np.concatenate(parts) for parts in both)
+        self._force = Samples(times[-1:], forces[-1:])
+        before = np.searchsorted(times, desired.times + 1e-6) - 1
+        touching = forces[before, 0] > CONTACT_FORCE
+        wanted = desired.values[:, 2] < self._engage_height
+        return np.logical_and(touching, wanted)
+
     def result(self) -> Metrics:
         """Return the metrics."""
         samples = max(1, self._samples)
         return {
             "tracking_rms_m": float(np.sqrt(self._squares / samples)),
-            "tracking_in_plane_rms_m": float(np.sqrt(self._in_plane / samples)),
+            "tracking_on_board_rms_m": float(np.sqrt(self._on_board / samples)),
             "tracking_max_m": self._largest,
             "desired_position_jump_max_m": self._jump,
         }

@@ -165,9 +165,13 @@ class WipingRun:
     def begin_again(self) -> None:
         """Forget what was taken in, for a simulation that was reset; record anew."""
         limits = LimitMetrics(self._joint_limits())
-        force = ForceMetrics(self.scenario.press.force)
+        press = self.scenario.press
+        force, tracking = (
+            ForceMetrics(press.force),
+            TrackingMetrics(press.engage_height),
+        )
         region = RegionMetrics(self._region)
-        self._metrics = (force, TrackingMetrics(), region, limits)
+        self._metrics = (force, tracking, region, limits)
         self._events = RunEvents()
         self._outside = region.outside
         self._values = {

@@ -36,7 +36,8 @@ Choosing the parameters
 - *Posture frequency*: a few rad/s; below 2 the elbow sags with friction.
 - *Normal force*: `desired_normal_force` is fed forward along −z of T. It comes in
   smoothly while the target approaches the surface from `engage_height` on, and the
-  tool follows no faster than `force_control.search_speed` allows. Where the surface
+  tool follows no faster than `force_control.search_speed` allows. What the target moves
+  along z is fed forward as far as the tool is not pressed. Where the surface
   is not where it is said to be, the target is as much lower or higher, up to
   `search_range`; where there is none, a protective stop says so. Beside its target, by
   `rest_distance` and more, the tool is lifted instead. Where the friction of the joints

@@ -286,7 +286,7 @@ def test_store_of_another_plan_is_refused(make_store):
         (
             {"tracking_rms_m": 0.034},
             "path",
-            "34.0 mm rms (about 34.0 mm in the board's plane)",
+            "34.0 mm rms, 10 mm at most",
         ),
         ({"normal_force_wanted_fraction": 0.5}, "press", "50 % of the time in contact"),
         (
@@ -321,21 +321,24 @@ def test_worlds_of_an_older_version_are_still_reported(make_store):
     assert "Of 1 worlds" in (store.folder / "report.html").read_text()
 
 
-@pytest.mark.parametrize("measured", [{"tracking_in_plane_rms_m": 0.006}, {}])
-def test_report_names_the_worlds_that_miss_their_path_by_the_height(
-    make_store, measured
-):
-    """Also in a store that was written before this was measured."""
+def test_path_is_judged_on_the_board_as_it_is(make_store):
     spec = "fields: {board.error.translation: [0.0, 0.0, -0.008]}"
-    store = make_store(
-        partial(outcome, tracking_rms_m=0.0101, **measured), 1, spec=spec
-    )
-    (fault,) = faults(store.world(0))
-    assert f"10.1 mm rms ({'6.0' if measured else 'about 6.2'} mm in" in fault.words
+    rms = {"tracking_rms_m": 0.0101, "tracking_on_board_rms_m": 0.006}
+    store = make_store(partial(outcome, **rms), 1, spec=spec)
+    assert faults(store.world(0)) == []
     WorldsReport(store).write()
     text = (store.folder / "report.html").read_text()
-    assert "in its plane they follow: 0." in text
-    assert "8.0 mm lower than assumed" in text
+    assert "to where the board was assumed" in text
+    assert "these have more: 0." in text
+
+
+def test_a_world_whose_store_knows_only_the_whole_distance_is_judged_by_it(make_store):
+    spec = "fields: {board.error.translation: [0.0, 0.0, -0.008]}"
+    store = make_store(partial(outcome, tracking_rms_m=0.0101), 1, spec=spec)
+    (fault,) = faults(store.world(0))
+    assert "10.1 mm rms, " in fault.words
+    WorldsReport(store).write()
+    assert "8.0 mm lower than assumed" in (store.folder / "report.html").read_text()
 
 
 def test_report_does_not_promise_what_was_not_measured(make_store):

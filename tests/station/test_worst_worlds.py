@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from fmp_drake.experiments.worlds import Task, World, WorldSpec, faults, run_world
-from fmp_drake.experiments.worlds.world import code_version
+from fmp_drake.experiments.worlds.world import code_version, make_run
 
 WORST = yaml.safe_load(Path(__file__).with_name("worst_worlds.yaml").read_text())
 NEVER = {"through", "nan", "limit", "exception"}
@@ -30,3 +30,17 @@ def test_nothing_impossible_happens_in_one_of_the_worst_worlds(spec, number):
         **vars(run_world(task)),
     )
     assert [fault.words for fault in faults(world) if fault.kind in NEVER] == []
+
+
+def metrics(spec, number, seconds):
+    run = make_run(spec.draw(seed=WORST["seed"], number=number).scenario)
+    run.advance_to(seconds)
+    return run.metrics()
+
+
+def test_without_force_control_a_quick_movement_is_pressed_evenly(spec):
+    assert metrics(spec, 86, 8.0)["normal_force_wanted_fraction"] > 0.95
+
+
+def test_where_the_elbow_is_nearly_straight_the_eraser_stays_on_the_board(spec):
+    assert metrics(spec, 106, 7.0)["contact_fraction"] > 0.95

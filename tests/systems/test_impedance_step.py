@@ -280,6 +280,35 @@ def test_far_beside_its_target_a_low_tool_is_lifted_and_a_high_one_comes_down():
     assert low[5] < 0 < high[5]
 
 
+@pytest.mark.parametrize("motion", ["desired_velocity", "desired_acceleration"])
+def test_motion_along_the_normal_is_fed_forward_only_as_far_as_nothing_is_pressed(
+    motion,
+):
+    config = ImpedanceConfig(max_torque_rate=1e9)
+    z = start_pose().translation()[2]
+    x, y, _ = start_pose().translation()
+    controller = make_controller(config, engage_height=2 * z)
+
+    def torque(wanted, height, rise):
+        ports = {
+            "desired_position": np.array([x, y, height]),
+            "desired_normal_force": np.array([wanted]),
+            motion: np.array([0.1, 0.0, rise]),
+        }
+        context = context_of(controller, ports)
+        values = controller.EvalUniquePeriodicDiscreteUpdate(context)
+        return values.value(0).copy()
+
+    def of_rising(wanted, height):
+        return torque(wanted, height, 0.3) - torque(wanted, height, 0.0)
+
+    free = of_rising(0.0, z)
+    assert np.linalg.norm(free) > 0.1
+    assert_allclose(of_rising(8.0, 0.0), 0.0, atol=1e-9)
+    assert_allclose(of_rising(8.0, 2 * z), free, atol=1e-9)
+    assert_allclose(of_rising(8.0, z), (1 - part(z, 2 * z)) * free, atol=1e-9)
+
+
 def part(height, engage_height):
     x = 1 - height / engage_height
     return x * x * (3 - 2 * x)

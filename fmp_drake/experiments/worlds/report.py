@@ -11,10 +11,10 @@ from fmp_drake.experiments.worlds.judging import (
     LEAST_PRESSED,
     MOST_RMS,
     faults,
-    in_plane_rms,
     is_pushed,
     largest_push,
     misses_by_height,
+    on_board_rms,
 )
 from fmp_drake.experiments.worlds.pictures import (
     draw_figures,
@@ -133,7 +133,7 @@ class WorldsReport:
                     groups.setdefault(str(world.parameters[name]), []).append(world)
         groups["refused, run by force"] = [w for w in self._refused if w.was_run]
         columns = ["", "worlds", "good", "95 % interval", *_KINDS.values()]
-        columns += ["off the path, median", "in the plane, median", "cleaned, median"]
+        columns += ["off the path, median", "cleaned, median"]
         counts = self._count(self._run)
         found = [f"{counts[kind]} {what}" for kind, what in _NEVER.items()]
         return Finding(
@@ -150,7 +150,7 @@ class WorldsReport:
         low, high = interval(good, n)
         cleaned = "cleaned_fraction_of_demonstrated_area"
         found = [m for w in worlds if (m := w.metrics)]
-        in_plane = [1e3 * in_plane_rms(w) for w in worlds if w.metrics]
+        rms = [1e3 * on_board_rms(w) for w in worlds if w.metrics]
         return [
             *(
                 name,
@@ -159,8 +159,7 @@ class WorldsReport:
                 f"{100 * low:.0f} to {100 * high:.0f} %",
             ),
             *map(str, self._count(worlds).values()),
-            _median([1e3 * m["tracking_rms_m"] for m in found], "{:.1f} mm"),
-            _median(in_plane, "{:.1f} mm"),
+            _median(rms, "{:.1f} mm"),
             _median([100 * m[cleaned] for m in found], "{:.0f} %"),
         ]
 
@@ -170,8 +169,8 @@ class WorldsReport:
         followed = sum(not each & missed for each in kinds)
         high = [w.number for w in self._run if misses_by_height(w)]
         why = (
-            " These miss it only because the board is higher or lower than assumed, which "
-            f"the distance counts; in its plane they follow: {_listed(high)}."
+            " The distance is that on the board as it is; to where the board was assumed, "
+            f"and with the felt that gives way, these have more: {_listed(high)}."
         )
         return Finding(
             name="followed",
@@ -186,7 +185,7 @@ class WorldsReport:
             figure=draw_figures(
                 {
                     name: [
-                        (m["tracking_rms_m"], m["normal_force_wanted_fraction"])
+                        (on_board_rms(world), m["normal_force_wanted_fraction"])
                         for world in worlds
                         if (m := world.metrics)
                     ]

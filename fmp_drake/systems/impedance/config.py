@@ -52,7 +52,8 @@ class ImpedanceConfig:
     max_effective_mass : float
         Largest inertia that the law ascribes to the end effector, kg: it bounds the
         torque at singularities. The Panda has less than 60 between 0.3 and 0.6 m in
-        front of its base, and 100 at 0.7 m, where its elbow is nearly straight.
+        front of its base, and 100 at 0.7 m, where its elbow is nearly straight. Where
+        it is bounded, the posture pulls the tool away.
     characteristic_length : float
         Length that makes rotational inertia comparable to mass, m.
     control_period : float
@@ -92,7 +93,7 @@ got -1.0
     max_rotation_error: float = 0.5
     max_posture_error: float = 0.5
     max_torque_rate: float = 900.0
-    max_effective_mass: float = 100.0
+    max_effective_mass: float = 300.0
     characteristic_length: float = 0.25
     control_period: float = 0.001
     stiffness_time_constant: float = 0.05

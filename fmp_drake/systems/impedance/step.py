@@ -191,6 +191,8 @@ def _next_torque(
     near = engagement(math.hypot(offset[0], offset[1]) - rest - high, rest)
     engaged = engagement(target.X.p[2], settings.engage_height)
     pressing = inputs.desired_normal_force * engaged * near
+    if inputs.desired_normal_force > 0:
+        target = _pressed(target, engaged * near)
     searching = (
         near == 1
         and memory.watchdog.mode != STOPPED
@@ -316,6 +318,19 @@ def _next_torque(
             )
         ),
     )
+
+
+@inlined
+def _pressed(target: TaskTarget, fraction: float) -> TaskTarget:
+    """Leave the motion along T's z out of what is fed forward, where force is wanted.
+
+    What is pressed on a surface moves with it. The inertia and damping of a motion that
+    cannot be would be taken off the force.
+    """
+    V, A = target.V.copy(), target.A.copy()
+    V[5] *= 1 - fraction
+    A[5] *= 1 - fraction
+    return TaskTarget(target.X, V, A)
 
 
 @compiled
