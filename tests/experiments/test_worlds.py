@@ -328,8 +328,7 @@ def test_path_is_judged_on_the_board_as_it_is(make_store):
     assert faults(store.world(0)) == []
     WorldsReport(store).write()
     text = (store.folder / "report.html").read_text()
-    assert "to where the board was assumed" in text
-    assert "these have more: 0." in text
+    assert "it is too large in these, too: 0." in text
 
 
 def test_a_world_whose_store_knows_only_the_whole_distance_is_judged_by_it(make_store):

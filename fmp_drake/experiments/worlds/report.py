@@ -169,8 +169,8 @@ class WorldsReport:
         followed = sum(not each & missed for each in kinds)
         high = [w.number for w in self._run if misses_by_height(w)]
         why = (
-            " The distance is that on the board as it is; to where the board was assumed, "
-            f"and with the felt that gives way, these have more: {_listed(high)}."
+            " The distance is that on the board as it is. From where the board was assumed, "
+            f"with the felt not yielding, it is too large in these, too: {_listed(high)}."
         )
         return Finding(
             name="followed",
