@@ -27,6 +27,7 @@ class RunEvents:
         }
         self._lost = Occurrences("contact lost")
         self._wall = Occurrences("a joint at its wall")
+        self._arm = Occurrences("the arm touches the board")
         self._below = Occurrences("a hard part below the board", "up to {:.1f} mm deep")
         self._cause = 0
         self._touch = self._contact = np.inf
@@ -39,6 +40,7 @@ class RunEvents:
         flags = status[:, 0].astype(int)
         lost, stopped = flags & int(StatusFlag.CONTACT_LOST), flags & _STOPPED
         self._wall.update(times, flags & int(StatusFlag.JOINT_WALL))
+        self._arm.update(times, flags & int(StatusFlag.ARM_TOUCHES))
 
         depth = chunk["penetration"]
         millimetres = 1e3 * depth.values[:, 0]
@@ -81,7 +83,8 @@ class RunEvents:
 
     def result(self) -> list[RunEvent]:
         """Return the events so far, in the order of time."""
-        collected = (*self._stops.values(), self._lost, self._wall, self._below)
+        others = (self._lost, self._wall, self._arm, self._below)
+        collected = (*self._stops.values(), *others)
         events = [event for each in collected for event in each.events()]
         until = np.cumsum(self._heights)
         height = int(np.searchsorted(until, until[-1] / 2)) - _MOST_HEIGHT

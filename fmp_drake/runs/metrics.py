@@ -24,7 +24,8 @@ NEAR_FORCE = 5.0
 # Of the histogram of forces, N; larger forces than the largest count as that one.
 _BIN, _LARGEST_FORCE = 0.01, 500.0
 # What the controller should not have to do.
-_FAULTS = StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL | StatusFlag.BELOW_SURFACE
+_TOUCHES = StatusFlag.BELOW_SURFACE | StatusFlag.ARM_TOUCHES
+_FAULTS = StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL | _TOUCHES
 
 METRIC_SIGNALS = (
     *("normal_force", "desired_position", "desired_velocity"),
@@ -224,7 +225,7 @@ class LimitMetrics:
         self._limits = limits
         self._effort = self._rate = self._speed = 0.0
         self._margin = np.inf
-        self._faults = self._samples = 0
+        self._faults = self._samples = self._touches = 0
         self._depth = 0.0
         self._last: NDArray[np.float64] = np.zeros((0, len(limits.lower)))
 
@@ -243,6 +244,7 @@ class LimitMetrics:
         self._last = torque[-1:]
         flags = chunk["status"].values[:, 0].astype(int)
         self._faults += int(np.count_nonzero(flags & int(_FAULTS)))
+        self._touches += int(np.count_nonzero(flags & int(StatusFlag.ARM_TOUCHES)))
         self._samples += len(flags)
         depth = chunk["penetration"].values
         self._depth = float(np.max(depth, initial=self._depth))
@@ -255,5 +257,6 @@ class LimitMetrics:
             "joint_limit_margin_min_rad": self._margin,
             "joint_speed_ratio_max": self._speed,
             "penetration_max_m": self._depth,
+            "arm_on_board_s": self._touches * MILLISECOND,
             "fault_fraction": self._faults / max(1, self._samples),
         }

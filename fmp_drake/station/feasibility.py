@@ -38,9 +38,9 @@ class Feasibility:
         ``reachable_fraction`` of the samples, ``largest_distance`` (m) that is left to
         one, ``smallest_joint_margin`` to a limit (rad), ``wall_fraction`` of the samples
         with a joint at its wall, ``smallest_manipulability`` (sqrt det J Jᵀ, m³),
-        ``largest_speed_ratio`` to the joints' limits, ``braked_fraction`` of the samples
-        on which the controller brakes, ``largest_torque_ratio``, ``drag`` by friction
-        (m), and what would still do: ``largest_tempo``, ``largest_press`` (N). The
+        ``smallest_clearance`` of the arm's links from the board (m),
+        ``largest_speed_ratio`` to the joints' limits, ``largest_torque_ratio``, ``drag``
+        by friction (m), and what would still do: ``largest_tempo``, ``largest_press`` (N). The
         ratios are those that but `FollowingBounds.exceptions` of the samples keep.
     start : array, shape (3,)
         p_BE, m.
@@ -158,7 +158,8 @@ class _Check:
             posture = reach.near_postures(X_WB[:1])[0]
         postures = np.tile(posture, (len(X_WB), 1))
         motion = reach.follow(X_WB, self._paths, step=self._step, postures=postures)
-        reached, missed = self._judge_reach(motion)
+        near = reach.clearance(X_WB, motion, self._paths - self._shown)
+        reached, missed = self._judge_reach(motion, *near)
         values = reached | self._judge_speed(motion) | self._judge_force(motion)
         ratios = [
             f"{100 * values[name]:.0f} %"
@@ -189,9 +190,12 @@ class _Check:
     def _often(self, missed: Flags) -> bool:
         return float(np.mean(missed)) > self._bounds.exceptions
 
-    def _judge_reach(self, motion: HeldMotion) -> tuple[Values, Flags]:
-        """Return the values, and the samples that are out of reach or at a wall."""
+    def _judge_reach(
+        self, motion: HeldMotion, clearance: Array, link: str
+    ) -> tuple[Values, Flags]:
+        """Return the values, and the samples where the arm cannot or must not be."""
         out, at_wall, room = self._reach.missed(motion)
+        near = clearance < self._bounds.clearance
         distance = np.linalg.norm(motion.error[..., 3:], axis=-1)
         if self._often(out):
             self._faults.append(
@@ -204,34 +208,42 @@ class _Check:
                 f"joint {_joint(-room)} comes to {max(np.min(room), 0.0):.2f} rad of its "
                 "limit"
             )
+        if self._often(near):
+            self._faults.append(
+                f"on {100 * np.mean(near):.1f} % of the way {link} touches the board, or "
+                f"comes nearer than {1e3 * self._bounds.clearance:.0f} mm"
+            )
         if self._faults:
-            self._advice.append(self._reach.shortest_move(self._paths, self._step))
+            moved = self._paths - self._shown
+            self._advice.append(
+                self._reach.shortest_move(self._paths, moved, self._step)
+            )
         return {
             "reachable_fraction": 1 - np.mean(out),
             "largest_distance": np.max(distance),
             "smallest_joint_margin": np.min(room),
             "wall_fraction": np.mean(at_wall),
+            "smallest_clearance": np.min(clearance),
             "smallest_manipulability": np.min(motion.manipulability),
-        }, out | at_wall
+        }, out | at_wall | near
 
     def _judge_speed(self, motion: HeldMotion) -> Values:
         speed = np.abs(motion.v) / self._reach.limits.speed
         fastest = np.max(speed, axis=-1)
-        allowed = self._bounds.speed_fraction
+        # Faster than the controller brakes, it would be beside its path, or too fast.
+        allowed = self._scenario.impedance.walls.speed_fraction
         usual = np.quantile(fastest, 1 - self._bounds.exceptions)
         tempo = self._tempo * allowed / usual
         # Out of reach, and at a wall, the joints' speed says nothing.
         if usual > allowed and not self._faults:
             self._faults.append(
-                f"joint {_joint(speed)} needs {100 * usual:.0f} % of its greatest speed"
+                f"joint {_joint(speed)} needs {100 * usual:.0f} % of its greatest speed, "
+                f"and is braked from {100 * allowed:.0f} % on"
             )
             slower = max(math.floor(20 * tempo) / 20, 0.05)
             self._advice.append(f"slow down to tempo {slower:.2f}")
         return {
             "largest_speed_ratio": usual,
-            "braked_fraction": np.mean(
-                fastest > self._scenario.impedance.walls.speed_fraction
-            ),
             "largest_tempo": tempo,
         }
 

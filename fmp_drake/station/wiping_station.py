@@ -165,7 +165,7 @@ def MakeWipingStation(
     builder.ExportOutput(driver.GetOutputPort("torque_measured"), "actuation")
     builder.ExportOutput(plant.get_state_output_port(scene.panda), "state")
     status = controller.GetOutputPort("status")
-    status = AddSurfaceWatch(builder, scene, scenario.board.size, status=status)
+    status = AddSurfaceWatch(builder, scene, scenario.board, status=status)
     if panel is not None:
         AddPageStatus(
             builder,

@@ -1,4 +1,4 @@
-"""A system that watches whether anything hard is below a surface."""
+"""A system that watches whether anything hard is below a surface, or the arm touches it."""
 
 from typing import Any
 
@@ -20,32 +20,35 @@ TOLERANCE = 0.01
 
 
 class SurfaceMonitor(LeafSystem):
-    """Says how deep the deepest hard point is below a surface, within its edges.
+    """Says how deep the deepest hard point is below a board's surface, within its edges.
 
     Nothing should ever be there: what is hard has gone through the board then, or is on
     its way. What is pressed on the board sinks in a little, as contact is compliant: an
     eraser by 0.1 mm on its face and by 4 mm on a corner that bears 80 N. More than
-    `TOLERANCE` is reported in the status.
+    `TOLERANCE` is reported in the status, and so is an arm that touches the board,
+    which is its tool's to do.
 
     Input port ``body_poses``: abstract, list of `RigidTransform` X_WBody; the plant's.
     Output ports, both discrete state:
 
     - ``penetration`` (1,): depth of the deepest point, m; 0 where none is below.
-    - ``status`` (6,): `StatusFlag.BELOW_SURFACE` in the place of the flags, or 0, and
-      zeros; to be added to the controller's status.
+    - ``status`` (6,): `StatusFlag.BELOW_SURFACE` and `StatusFlag.ARM_TOUCHES` in the
+      place of the flags, or 0, and zeros; to be added to the controller's status.
 
     Parameters
     ----------
     surface : Frame
         B: origin at the centre of the surface, z outward.
-    size : array_like, shape (2,)
-        Edges of the surface along x and y of B, m.
+    box : array_like, shape (2, 3)
+        Lower and upper corner of the board, in B, m.
     bodies : array_like of int, shape (N,)
         Index of the body that each point is fixed to.
     points : array_like, shape (N, 3)
         In the frames of their bodies, m.
     radii : array_like, shape (N,)
         Of the balls around the points, m.
+    on_arm : array_like of bool, shape (N,)
+        Whether a ball is the arm's, which shall not touch the board.
     period : float
         Between two looks, s.
 
@@ -57,15 +60,17 @@ class SurfaceMonitor(LeafSystem):
     Examples
     --------
     >>> from pydrake.multibody.plant import MultibodyPlant
+    >>> from fmp_drake.systems import ImpedanceStatus
     >>> plant = MultibodyPlant(time_step=0.001)
     >>> stick = plant.AddRigidBody("stick")
     >>> plant.Finalize()
     >>> monitor = SurfaceMonitor(
     ...     surface=plant.world_frame(),
-    ...     size=(1.0, 1.0),
+    ...     box=[[-0.5, -0.5, -0.02], [0.5, 0.5, 0.0]],
     ...     bodies=[stick.index()],
     ...     points=[[0.0, 0.0, 0.0]],
     ...     radii=[0.01],
+    ...     on_arm=[True],
     ... )
     >>> context = monitor.CreateDefaultContext()
     >>> poses = [RigidTransform(), RigidTransform([0.1, 0.0, 0.004])]
@@ -73,25 +78,31 @@ class SurfaceMonitor(LeafSystem):
     >>> monitor.ExecuteForcedEvents(context)
     >>> round(float(monitor.GetOutputPort("penetration").Eval(context)[0]), 6)
     0.006
+    >>> status = monitor.GetOutputPort("status").Eval(context)
+    >>> ImpedanceStatus.from_vector(status).flags.name
+    'ARM_TOUCHES'
     """
 
     def __init__(
         self,
         *,
         surface: Frame,
-        size: ArrayLike,
+        box: ArrayLike,
         bodies: ArrayLike,
         points: ArrayLike,
         radii: ArrayLike,
+        on_arm: ArrayLike,
         period: float = 0.02,
     ) -> None:
         super().__init__()
         self.set_name("surface_monitor")
         check_number(period, "period", above=0, unit="s", error=SystemsError)
-        self._half = finite_array(size, "size", (2,), error=SystemsError) / 2
+        self._box = finite_array(box, "box", (2, 3), error=SystemsError)
         self._radii = finite_array(radii, "radii", error=SystemsError)
         n = self._radii.size
         self._points = finite_array(points, "points", (n, 3), error=SystemsError)
+        on_arm = finite_array(on_arm, "on_arm", (n,), error=SystemsError)
+        self._on_arm = on_arm.astype(bool)
         indices = finite_array(bodies, "bodies", (n,), error=SystemsError)
         self._bodies, self._owner = np.unique(indices.astype(int), return_inverse=True)
         self._surface = int(surface.body().index()), surface.GetFixedPoseInBodyFrame()
@@ -110,37 +121,53 @@ class SurfaceMonitor(LeafSystem):
         X_BBody = np.array(
             [(X_BW @ poses[body]).GetAsMatrix34() for body in self._bodies]
         )
-        depth = deepest(X_BBody[self._owner], self._points, self._radii, self._half)
-        below = StatusFlag.BELOW_SURFACE if depth > TOLERANCE else 0
+        X = X_BBody[self._owner]
+        p = (X[..., :3] @ self._points[..., None])[..., 0] + X[..., 3]
+        depth = deepest(p, self._radii, self._box)
+        arm = self._on_arm
+        touches = np.any(clearances(p[arm], self._radii[arm], self._box) < 0)
+        flags = StatusFlag.BELOW_SURFACE * (depth > TOLERANCE)
         values.set_value(0, np.array([depth]))
-        values.get_mutable_value(1)[0] = below
+        values.get_mutable_value(1)[0] = flags + StatusFlag.ARM_TOUCHES * touches
 
 
-def deepest(
-    X_BBody: FloatArray, points: FloatArray, radii: FloatArray, half: FloatArray
-) -> float:
-    """Return how far the deepest of N balls is below z = 0 of B within a rectangle.
+def deepest(p: FloatArray, radii: FloatArray, box: FloatArray) -> float:
+    """Return how far the deepest of N balls is below z = 0 within a board's edges.
 
     Parameters
     ----------
-    X_BBody : ndarray, shape (N, 3, 4)
-        Rotation and translation of each ball's body.
-    points : ndarray, shape (N, 3)
-        The balls' centres in the frames of their bodies, m.
+    p : ndarray, shape (N, 3)
+        The balls' centres in B, m.
     radii : ndarray, shape (N,)
         m.
-    half : ndarray, shape (2,)
-        Half the edges of the rectangle, m.
+    box : ndarray, shape (2, 3)
+        Lower and upper corner of the board, m.
 
     Returns
     -------
     float
         m; 0 where none is below.
     """
-    lowest = np.einsum("ni,ni->n", X_BBody[:, 2, :3], points) + X_BBody[:, 2, 3] - radii
-    below = lowest < 0.0
-    if not below.any():
-        return 0.0
-    place = np.einsum("nij,nj->ni", X_BBody[below, :2, :3], points[below])
-    within = np.all(np.abs(place + X_BBody[below, :2, 3]) < half, axis=1)
-    return float(np.max(-lowest[below][within], initial=0.0))
+    within = np.all((p > box[0])[:, :2] & (p < box[1])[:, :2], axis=1)
+    return float(np.max((radii - p[:, 2])[within], initial=0.0))
+
+
+def clearances(p: FloatArray, radii: FloatArray, box: FloatArray) -> FloatArray:
+    """Return the distances of balls from a box, m; negative where they are in it.
+
+    Parameters
+    ----------
+    p : ndarray, shape (..., N, 3)
+        The balls' centres, m.
+    radii : ndarray, shape (N,)
+        m.
+    box : ndarray, shape (2, 3)
+        Lower and upper corner, m.
+
+    Returns
+    -------
+    ndarray, shape (..., N)
+    """
+    gap = np.maximum(box[0] - p, p - box[1])
+    inside = np.minimum(np.max(gap, axis=-1), 0.0)
+    return np.linalg.norm(np.maximum(gap, 0.0), axis=-1) + inside - radii

@@ -294,6 +294,7 @@ def test_store_of_another_plan_is_refused(make_store):
             "press",
             "never",
         ),
+        ({"arm_on_board_s": 0.06}, "touch", "touches the board for 0.06 s"),
     ],
 )
 def test_what_goes_wrong_is_said_in_words(make_store, changes, kind, words):

@@ -87,6 +87,15 @@ def test_a_board_that_is_elsewhere_is_said(height, side):
     assert sentences(recorded(height=height)) == [expected]
 
 
+def test_an_arm_that_touches_the_board_is_said():
+    signals = recorded()
+    mark(signals, 5.0, 5.02, StatusFlag.ARM_TOUCHES)
+    mark(signals, 6.0, 6.2, StatusFlag.ARM_TOUCHES)
+    assert sentences(signals) == [
+        "the arm touches the board from 6.0 to 6.2 s (2 times in all, 0.2 s)"
+    ]
+
+
 def test_what_still_goes_on_is_said_too():
     signals = recorded()
     mark(signals, 5.0, 99.0, StatusFlag.JOINT_WALL)

@@ -14,7 +14,7 @@ from fmp_drake.runs.metrics import (
     Samples,
     TrackingMetrics,
 )
-from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.status import StatusFlag as Flag
 
 LIMITS = JointLimits(
     lower=-3 * np.ones(7),
@@ -62,9 +62,9 @@ def samples():
     force.values[force.times < 2.15] = 0.0
     status = signals["status"].values
     status[:, 0] = rng.choice(
-        [0, int(StatusFlag.PROTECTIVE_STOP), int(StatusFlag.BELOW_SURFACE)],
+        [0, *map(int, (Flag.PROTECTIVE_STOP, Flag.BELOW_SURFACE, Flag.ARM_TOUCHES))],
         len(status),
-        p=[0.8, 0.1, 0.1],
+        p=[0.7, 0.1, 0.1, 0.1],
     )
     return signals
 
@@ -126,6 +126,8 @@ def test_metrics_are_what_their_names_say(samples):
             ),
             "joint_speed_ratio_max": np.abs(state[:, 7:]).max() / 2,
             "penetration_max_m": samples["penetration"].values.max(),
+            "arm_on_board_s": 0.001
+            * np.sum(samples["status"].values[:, 0] == Flag.ARM_TOUCHES),
             "fault_fraction": np.mean(samples["status"].values[:, 0] > 0),
         },
         abs=0.005,

@@ -5,9 +5,19 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from pydrake.geometry import Role
+from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
-from fmp_drake.station import CheckFeasibility, ListScenarios, LoadScenario, Scenario
+from fmp_drake.station import (
+    AddBoardScene,
+    CheckFeasibility,
+    ListScenarios,
+    LoadScenario,
+    Scenario,
+)
+from fmp_drake.station.models.hard_points import ArmClearance
+from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.parts.board_reach import BoardReach, FollowingBounds
 
 
@@ -61,9 +71,61 @@ def test_skill_that_is_too_fast_is_refused_and_the_tempo_helps(bundled_skill):
     found = check(bundled_skill, tempo=3.0)
     assert not found.is_feasible
     tempo = float(re.search(r"slow down to tempo (\d\.\d+)", found.verdict)[1])
+    assert "is braked from 85 % on" in found.verdict
     slower = check(bundled_skill, tempo=tempo)
     assert slower.is_feasible
     assert slower.values["largest_speed_ratio"] > 0.8
+
+
+@pytest.mark.parametrize("rail", [0.0, 0.05])
+def test_board_that_the_elbow_would_touch_is_refused_and_the_move_helps(
+    bundled_skill, rail
+):
+    scenario = LoadScenario("tilted")
+    scenario.board.translation = [0.36, 0.19, 0.71]
+    scenario.board.rpy = [-0.05, -0.29, 0.07]
+    scenario.board.motion.amplitude = rail
+    found = CheckFeasibility(scenario, bundled_skill)
+    assert not found.is_feasible
+    assert re.search(r"% of the way panda_link4 touches the board", found.verdict)
+    assert found.values["smallest_clearance"] < 0.02
+    down = int(re.search(r"move the board (\d+) cm down", found.verdict)[1])
+    scenario.board.translation[2] -= down / 100
+    assert CheckFeasibility(scenario, bundled_skill).is_feasible
+
+
+def test_distance_of_the_links_is_that_of_the_simulated_shapes():
+    scenario = LoadScenario("tilted")
+    scenario.board.translation = [0.36, 0.19, 0.71]
+    builder = DiagramBuilder()
+    scene = AddBoardScene(builder, scenario, start=[0.0, 0.1, 0.0])
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant, links = scene.plant, ArmClearance()
+    rng = np.random.default_rng(2)
+    limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+    box, X_BW = BoardBox(scenario.board), scene.X_WB.inverse().GetAsMatrix34()
+    graph = scene.scene_graph
+    inspector = graph.model_inspector()
+    slab, *bars = (
+        g
+        for g in inspector.GetAllGeometryIds(Role.kProximity)
+        if inspector.GetName(g).startswith("whiteboard::")
+    )
+    for _ in range(20):
+        q = rng.uniform(*limits)
+        plant.SetPositions(plant.GetMyMutableContextFromRoot(context), q)
+        query = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(context))
+        exact = min(
+            query.ComputeSignedDistancePairClosestPoints(part, g).distance
+            for part in (slab, *bars)
+            for g in inspector.GetAllGeometryIds(Role.kProximity)
+            if inspector.GetName(g).startswith("panda::")
+        )
+        found, _ = links.nearest(q[None], X_BW[None], box)
+        if exact > 0:
+            # Balls along a capsule, and one box for slab and bars.
+            assert exact - 0.004 < found[0] < exact + 0.004
 
 
 def test_press_whose_friction_drags_the_eraser_is_refused(bundled_skill):

@@ -95,6 +95,7 @@ def test_the_reason_of_a_stop_is_shown_although_its_fault_was_short(panel):
         (StatusFlag.RECOVER, 9.0, "going back"),
         (STOP | StatusFlag.CONTACT_LOST, 0.0, "protective stop"),
         (StatusFlag.BELOW_SURFACE, 9.0, "below the board"),
+        (StatusFlag.ARM_TOUCHES, 9.0, "arm on the board"),
         (StatusFlag.TORQUE_LIMITED, 9.0, "wiping"),
     ],
 )

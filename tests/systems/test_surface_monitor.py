@@ -9,10 +9,11 @@ from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems import ImpedanceStatus, StatusFlag, SurfaceMonitor
+from fmp_drake.systems.surface_monitor import clearances
 
 X_BOARD = RigidTransform(RotationMatrix.MakeYRotation(-np.pi / 2), [0.4, 0.0, 0.9])
 X_BOARD_B = RigidTransform([0.0, 0.0, 0.01])
-SIZE = (0.5, 0.7)
+BOX = np.array([[-0.25, -0.35, -0.02], [0.25, 0.35, 0.0]])
 
 
 def make_monitor(**changes):
@@ -22,10 +23,11 @@ def make_monitor(**changes):
     plant.Finalize()
     options = {
         "surface": surface,
-        "size": SIZE,
+        "box": BOX,
         "bodies": [tool.index(), tool.index()],
         "points": [[0.0, 0.0, 0.0], [0.0, 0.0, 0.1]],
         "radii": [0.02, 0.0],
+        "on_arm": [False, False],
     }
     return SurfaceMonitor(**{**options, **changes})
 
@@ -74,6 +76,31 @@ def test_the_ball_that_goes_deepest_counts():
 @pytest.mark.parametrize("beside", [[0.26, 0.0, -0.1], [0.0, -0.36, -0.1]])
 def test_what_is_beside_the_board_is_not_below_its_surface(beside):
     assert look(make_monitor(), beside) == (0.0, 0)
+
+
+@pytest.mark.parametrize(
+    ("place", "touches"),
+    [
+        ([0.1, 0.1, 0.019], True),
+        ([0.1, 0.1, 0.021], False),
+        ([0.269, 0.0, -0.01], True),
+        ([0.271, 0.0, -0.01], False),
+        ([0.0, 0.0, -0.039], True),
+        # Behind the board, or across its edge from a ball whose sides would touch.
+        ([0.0, 0.0, -0.041], False),
+        ([0.265, 0.365, -0.01], False),
+    ],
+)
+def test_an_arm_touches_the_board_from_all_sides(place, touches):
+    monitor = make_monitor(on_arm=[True, False])
+    assert bool(look(monitor, place)[1] & StatusFlag.ARM_TOUCHES) == touches
+    assert not look(make_monitor(), place)[1] & StatusFlag.ARM_TOUCHES
+
+
+def test_distance_in_a_board_is_that_to_its_nearest_side():
+    p = np.array([[0.0, 0.0, -0.005], [0.24, 0.0, -0.011], [0.28, 0.39, -0.01]])
+    found = clearances(p, np.array([0.0, 0.01, 0.01]), BOX)
+    np.testing.assert_allclose(found, [-0.005, -0.019, 0.04], atol=1e-12)
 
 
 def test_arrays_that_do_not_fit_are_refused():

@@ -22,7 +22,7 @@ class Fault(NamedTuple):
     Attributes
     ----------
     kind : str
-        through, nan, limit, exception, path or press.
+        through, nan, limit, exception, path, press or touch.
     severity : float
         1 at the limit, more beyond it.
     words : str
@@ -124,4 +124,8 @@ def _faults(world: World) -> list[Fault]:
             else "never touches the board"
         )
         found.append(Fault("press", 1 + LEAST_PRESSED - pressed, words))
+    touched = m.get("arm_on_board_s", 0.0)
+    if touched > 0:
+        words = f"a link of the arm touches the board for {touched:.2f} s"
+        found.append(Fault("touch", 1 + touched, words))
     return found

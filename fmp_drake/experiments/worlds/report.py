@@ -30,7 +30,12 @@ _NEVER = {
     "limit": "limits broken",
     "exception": "exceptions",
 }
-_KINDS = {**_NEVER, "path": "path missed", "press": "press missed"}
+_KINDS = {
+    **_NEVER,
+    "path": "path missed",
+    "press": "press missed",
+    "touch": "arm on the board",
+}
 _CLEAN = "no body through another, no NaN, no limit broken, no exception"
 _UNKNOWN = " How deep bodies were in others was not measured."
 # Fraction of good worlds that is wanted, and rows of the tables of worlds.

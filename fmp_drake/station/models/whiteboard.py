@@ -3,6 +3,7 @@
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
@@ -29,7 +30,7 @@ _THICK = 0.02  # The slab, m.
 _MODULUS = 1e7  # Its pressure in its middle, Pa.
 _DENSITY = 500.0  # kg/m^3: 3.5 kg for a board of 0.5 m x 0.7 m.
 _EDGE = 0.012  # The frame's width, m.
-_BAR = 0.026  # The height of its bars, m.
+_BAR, _LOW = 0.026, -0.0115  # The height of its bars and of their middle, m.
 _CORNER = 0.020  # The radius of its corner caps, m.
 
 _WHITE = (0.97, 0.97, 0.97)
@@ -112,6 +113,12 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
     return whiteboard
 
 
+def BoardBox(config: BoardConfig) -> NDArray[np.float64]:
+    """Return the lower and the upper corner, shape (2, 3), of slab and frame in B, m."""
+    x, y = (edge / 2 + _EDGE for edge in config.size)
+    return np.array([[-x, -y, _LOW - _BAR / 2], [x, y, _LOW + _BAR / 2]])
+
+
 def _AddSlabContact(
     plant: MultibodyPlant, whiteboard: ModelInstanceIndex, config: BoardConfig
 ) -> None:
@@ -138,16 +145,16 @@ def _Frame(x: float, y: float) -> list[str]:
     gap = _CORNER - _EDGE  # From the slab's edge to a cap's axis.
     bars = []
     for sign, side in ((-1, "near"), (1, "far")):
-        at = (sign * (x + _EDGE) / 2, 0.0, -0.0115)
+        at = (sign * (x + _EDGE) / 2, 0.0, _LOW)
         bar = Box(_EDGE, y - 2 * gap, _BAR)
         bars.append(Visual(f"frame_{side}", bar, at=at, colour=_METAL))
     for sign, side in ((1, "left"), (-1, "right")):
-        at = (0.0, sign * (y + _EDGE) / 2, -0.0115)
+        at = (0.0, sign * (y + _EDGE) / 2, _LOW)
         bar = Box(x - 2 * gap, _EDGE, _BAR)
         bars.append(Visual(f"frame_{side}", bar, at=at, colour=_METAL))
     cap = Cylinder(_CORNER, 0.028)
     return bars + [
-        Visual(f"corner_{i}", cap, at=(*corner, -0.0115), colour=_DARK)
+        Visual(f"corner_{i}", cap, at=(*corner, _LOW), colour=_DARK)
         for i, corner in enumerate(_Corners(x, y, gap), start=1)
     ]
 
@@ -161,7 +168,7 @@ def _FrameContacts(x: float, y: float, friction: float) -> list[str]:
         Collision(
             f"bar_{i}",
             bar,
-            at=(at_x, at_y, -0.0115),
+            at=(at_x, at_y, _LOW),
             modulus=_MODULUS,
             friction=friction,
         )

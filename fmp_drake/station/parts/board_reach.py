@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
+from fmp_drake.station.models.hard_points import ArmClearance
+from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.parts.board_scene import MakeArm
 from fmp_drake.station.parts.held_arm import HeldArm, HeldMotion
 from fmp_drake.station.parts.posture import SolvePosture
@@ -36,9 +38,8 @@ class FollowingBounds:
     joint_reserve : float
         What the joints must keep to their walls, rad. Where nothing was limited, runs
         came up to 0.03 from the angles that are foreseen here.
-    speed_fraction : float
-        Of the joints' speed limits. The controller brakes before; at the limit itself
-        the arm stops.
+    clearance : float
+        Of the arm's links from the board, m.
     torque_fraction : float
         Of the joints' torque limits; what is left is for springs and pushes.
     drag : float
@@ -56,7 +57,7 @@ class FollowingBounds:
     distance: float = 0.010
     tilt: float = 0.1
     joint_reserve: float = 0.03
-    speed_fraction: float = 1.0
+    clearance: float = 0.02
     torque_fraction: float = 0.9
     drag: float = 0.010
     exceptions: float = 0.002
@@ -82,6 +83,7 @@ class BoardReach:
         self._scenario, self._bounds = scenario, bounds
         self._arm, self._tip = MakeArm(scenario)
         self._held = HeldArm(self._arm, self._tip, scenario.impedance)
+        self._clearance = ArmClearance()
         self.limits = joint_limits(self._arm)
         self.rail = scenario.board.motion.amplitude * scenario.board.axis()
         self._start = np.array(scenario.start) - self.rail
@@ -158,13 +160,41 @@ class BoardReach:
         wall = self._scenario.impedance.walls.width + bounds.joint_reserve
         return out, np.min(room, axis=-1) < wall, room
 
-    def shortest_move(self, paths: Array, step: float) -> str:
+    def clearance(
+        self, X_WB: list[RigidTransform], motion: HeldMotion, moved: Array
+    ) -> tuple[Array, str]:
+        """Return how near the arm's links come to the board, and which comes nearest.
+
+        Parameters
+        ----------
+        X_WB : list of RigidTransform
+        motion : HeldMotion
+            Of boards * B paths.
+        moved : array, shape (B, T, 3)
+            How far the board is along its rail by then, in B, m.
+
+        Returns
+        -------
+        distance : array, shape (boards * B, T)
+            m; negative where a link would be in the board.
+        link : str
+            Name of the body.
+        """
+        n, shape = motion.q.shape[-1], motion.q.shape[:2]
+        X_BW = np.array([X.inverse().GetAsMatrix34() for X in X_WB])
+        X = np.repeat(X_BW, moved[..., 0].size, axis=0)
+        X[..., 3] -= np.tile(moved.reshape(-1, 3), (len(X_WB), 1))
+        box = BoardBox(self._scenario.board)
+        distance, link = self._clearance.nearest(motion.q.reshape(-1, n), X, box)
+        return distance.reshape(shape), link
+
+    def shortest_move(self, paths: Array, moved: Array, step: float) -> str:
         """Return the shortest move of the board that brings paths into reach, in words.
 
         Parameters
         ----------
-        paths, step
-            As for `follow`.
+        paths, moved, step
+            As for `follow` and `clearance`.
         """
         assumed = self._scenario.board.assumed_pose()
         away = assumed.translation() * np.array([1.0, 1.0, 0.0])
@@ -176,11 +206,12 @@ class BoardReach:
         # The paths that go farthest to each side, and the one from the start.
         sides = np.concatenate([paths[..., :2], -paths[..., :2]], axis=-1)
         farthest = np.argmax(np.max(sides, axis=1), axis=0)
-        some = paths[[0, *farthest], ::_SPARSE]
+        some, moved = (each[[0, *farthest], ::_SPARSE] for each in (paths, moved))
         postures = self.near_postures(X_WB)
         motion = self.follow(X_WB, some, step=step * _SPARSE, postures=postures)
         out, at_wall, _ = self.missed(motion)
-        fractions = np.mean((out | at_wall).reshape(len(moves), -1), axis=1)
+        near = self.clearance(X_WB, motion, moved)[0] < self._bounds.clearance
+        fractions = np.mean((out | at_wall | near).reshape(len(moves), -1), axis=1)
         for (far, way, _), fraction in zip(moves, fractions, strict=True):
             if fraction <= self._bounds.exceptions:
                 return f"move the board {100 * far:.0f} cm {way}"

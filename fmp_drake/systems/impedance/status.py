@@ -35,9 +35,10 @@ class StatusFlag(IntFlag):
     - `STIFFNESS_REFUSED`: the stiffness or covariance at the port was no spring.
     - `TANK_EMPTY`: the energy tank held the stiffness back.
 
-    Not the controller's: a `SurfaceMonitor` adds it to what a station reports.
+    Not the controller's: a `SurfaceMonitor` adds them to what a station reports.
 
     - `BELOW_SURFACE`: something hard is below the board's surface.
+    - `ARM_TOUCHES`: a link of the arm touches the board.
 
     Examples
     --------
@@ -65,6 +66,7 @@ class StatusFlag(IntFlag):
     TANK_EMPTY = 65536
     NOT_FOUND = 131072
     BELOW_SURFACE = 1048576
+    ARM_TOUCHES = 2097152
 
 
 class ImpedanceStatus(NamedTuple):

@@ -160,6 +160,8 @@ def mode_in_words(
         return "busy", "going back", "after a protective stop: " + ", ".join(reasons)
     if flags & StatusFlag.BELOW_SURFACE:
         return "bad", "below the board", "something hard is below the surface"
+    if flags & StatusFlag.ARM_TOUCHES:
+        return "bad", "arm on the board", "a link of the arm touches the board"
     if flags & StatusFlag.CONTACT_LOST:
         return "busy", "searching the board", "nothing is touched where it should be"
     if force < _CONTACT:

@@ -1,0 +1,121 @@
+"""Balls on the outside of hard bodies: how near they come to a board."""
+
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Box, Capsule, Role, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+
+from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.systems.surface_monitor import clearances
+
+Array = NDArray[np.float64]
+
+_SOFT = "eraser::felt"
+_ROUND = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
+
+
+class HardPoints(NamedTuple):
+    """Balls that touch as a model does, but for what is soft of it.
+
+    Attributes
+    ----------
+    bodies : array of int, shape (N,)
+        Indices in the plant.
+    points : array, shape (N, 3)
+        The balls' centres in the frames of their bodies, m.
+    radii : array, shape (N,)
+        m.
+    """
+
+    bodies: NDArray[np.int_]
+    points: Array
+    radii: Array
+
+
+def CollectHardPoints(
+    plant: MultibodyPlant, scene_graph: SceneGraph, model: ModelInstanceIndex
+) -> HardPoints:
+    """Collect the balls of a model: corners, rims, and five along each capsule."""
+    inspector = scene_graph.model_inspector()
+    bodies, points, radii = [], [], []
+    for g in inspector.GetAllGeometryIds(Role.kProximity):
+        body: Any = plant.GetBodyFromFrameId(inspector.GetFrameId(g))
+        if body.model_instance() != model or inspector.GetName(g) == _SOFT:
+            continue
+        centres, radius = _balls(inspector.GetShape(g))
+        X_BodyG = inspector.GetPoseInFrame(g)
+        R_BodyG = X_BodyG.rotation().matrix()
+        points.append(centres @ R_BodyG.T + X_BodyG.translation())
+        bodies += [int(body.index())] * len(centres)
+        radii += [radius] * len(centres)
+    return HardPoints(np.array(bodies), np.vstack(points), np.array(radii))
+
+
+class ArmClearance:
+    """How near the links of the arm come to a board; the eraser is none of them."""
+
+    def __init__(self) -> None:
+        self._plant, self._graph = MultibodyPlant(time_step=0.0), SceneGraph()
+        self._plant.RegisterAsSourceForSceneGraph(self._graph)
+        panda, _ = AddPandaWithEraser(self._plant)
+        self._plant.Finalize()
+        hard = CollectHardPoints(self._plant, self._graph, panda)
+        indices, self._owner = np.unique(hard.bodies, return_inverse=True)
+        links = {
+            int(i): self._plant.get_body(i) for i in self._plant.GetBodyIndices(panda)
+        }
+        self._links = [links[int(i)] for i in indices]
+        self._points, self._radii = hard.points, hard.radii
+        self._context = self._plant.CreateDefaultContext()
+
+    def nearest(self, q: Array, X_BW: Array, box: Array) -> tuple[Array, str]:
+        """Return the distance to a board, and the link that comes nearest of all.
+
+        Parameters
+        ----------
+        q : array, shape (N, n)
+            rad.
+        X_BW : array, shape (N, 3, 4)
+            The world in the frame of the board.
+        box : array, shape (2, 3)
+            The board's lower and upper corner in B, m.
+
+        Returns
+        -------
+        distance : array, shape (N,)
+            Of the nearest link, m; negative where it would be in the board.
+        link : str
+            Name of the body.
+        """
+        X = np.empty((len(q), len(self._links), 3, 4))
+        for i in range(len(q)):
+            self._plant.SetPositions(self._context, q[i])
+            for j, link in enumerate(self._links):
+                X[i, j] = self._plant.EvalBodyPoseInWorld(
+                    self._context, link
+                ).GetAsMatrix34()
+        p_W = _moved(X[:, self._owner], self._points)
+        distance = clearances(_moved(X_BW[:, None], p_W), self._radii, box)
+        ball = int(np.argmin(np.min(distance, axis=0)))
+        return np.min(distance, axis=1), self._links[self._owner[ball]].name()
+
+
+def _moved(X: Array, p: Array) -> Array:
+    return (X[..., :3] @ p[..., None])[..., 0] + X[..., 3]
+
+
+def _balls(shape: Any) -> tuple[Array, float]:
+    """Return centres, shape (N, 3), and radius of balls on a shape's outside, m."""
+    ends = (-0.5, 0.0, 0.5)
+    if isinstance(shape, Box):
+        return np.array(list(product(ends, ends, ends))) * shape.size(), 0.0
+    if isinstance(shape, Capsule):
+        along = np.linspace(-0.5, 0.5, 5)[:, None] * shape.length()
+        return along * np.array([0.0, 0.0, 1.0]), shape.radius()
+    r, length = shape.radius(), shape.length()
+    rims = product(_ROUND, ends)
+    return np.array([[r * np.cos(a), r * np.sin(a), e * length] for a, e in rims]), 0.0
