@@ -7,6 +7,7 @@ import yaml
 
 from fmp_drake.experiments.worlds import Task, World, WorldSpec, faults, run_world
 from fmp_drake.experiments.worlds.world import code_version, make_run
+from fmp_drake.station import CheckFeasibility
 
 WORST = yaml.safe_load(Path(__file__).with_name("worst_worlds.yaml").read_text())
 NEVER = {"through", "nan", "limit", "exception"}
@@ -32,10 +33,32 @@ def test_nothing_impossible_happens_in_one_of_the_worst_worlds(spec, number):
     assert [fault.words for fault in faults(world) if fault.kind in NEVER] == []
 
 
+def make(spec, number):
+    return make_run(spec.draw(seed=WORST["seed"], number=number).scenario)
+
+
 def metrics(spec, number, seconds):
-    run = make_run(spec.draw(seed=WORST["seed"], number=number).scenario)
+    run = make(spec, number)
     run.advance_to(seconds)
     return run.metrics()
+
+
+@pytest.mark.parametrize(
+    ("number", "why"),
+    [(283, "panda_link4 touches the board"), (445, "joint 4 needs 94 %")],
+)
+def test_what_went_wrong_is_foreseen(spec, number, why):
+    run = make(spec, number)
+    found = CheckFeasibility(run.scenario, run.skill)
+    assert not found.is_feasible
+    assert why in found.verdict
+
+
+def test_an_elbow_that_hits_the_board_is_reported(spec):
+    run = make(spec, 283)
+    run.advance_to(3.2)
+    assert run.metrics()["arm_on_board_s"] > 0.02
+    assert any("the arm touches the board" in event.text for event in run.events())
 
 
 def test_without_force_control_a_quick_movement_is_pressed_evenly(spec):
