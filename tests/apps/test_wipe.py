@@ -128,7 +128,7 @@ def test_means_have_no_seed(wipe):
 
 def test_learned_skill_plays_like_its_demonstration(command, wipe, make_npz, outputs):
     demo, skill = make_npz(), outputs / "skill.npz"
-    options = ("--window", 2.5, "--components", 3)
+    options = ("--window", 2.5, "--components", 3, "--stretch", 1.25)
     assert command("learn", demo, "--out", skill, *options).code == 0
     played = timeless(wipe("--skill", skill))
     learned = timeless(wipe("--demo", demo, *options))

@@ -146,10 +146,11 @@ def test_scenario_names_a_skill_beside_it(command, runs, write, make_npz, tmp_pa
     demo, skill = make_npz(), tmp_path / "skill.npz"
     options = ("--window", 2.5, "--components", 3)
     assert command("learn", demo, "--out", skill, *options).code == 0
-    scene = write("skill: {file: skill.npz}\n")
-    assert f"loaded {skill}" in wiped(command, "--scenario", scene)
+    # Such short windows are hasty.
+    scene = "--scenario", write("skill: {file: skill.npz}\n"), "--force"
+    assert f"loaded {skill}" in wiped(command, *scene)
     # A demonstration on the command line is learned instead.
-    out = wiped(command, "--scenario", scene, "--demo", demo, *options)
+    out = wiped(command, *scene, "--demo", demo, *options)
     assert "loaded" not in out
     loaded, learned = runs
     assert len(loaded.skill.components_) == len(learned.skill.components_) == 3
