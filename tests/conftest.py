@@ -28,6 +28,7 @@ from hypothesis import settings
 
 from fmp_drake.apps.page import log_natively
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.runs import skills
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 # The same examples in every run: a red test means a changed package.
@@ -64,6 +65,25 @@ def hand_demonstration(task, *, seconds, seed, rate=50):
     return Demonstration(
         time=time, values=np.column_stack([position, height]), frame="board"
     )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def learned_once():
+    """Learn what a run plays once for all runs of this process that play the same."""
+    learn, learned = skills.learn_skill, {}
+
+    def learn_once(demonstrations, **options):
+        shown = (
+            (*d.channels, d.time.tobytes(), d.values.tobytes()) for d in demonstrations
+        )
+        key = (*shown, *sorted(options.items()))
+        if key not in learned:
+            learned[key] = learn(demonstrations, **options)
+        return learned[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(skills, "learn_skill", learn_once)
+        yield
 
 
 @pytest.fixture(scope="session")

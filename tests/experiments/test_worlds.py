@@ -1,6 +1,7 @@
 """Facts about worlds that are run, kept, gone on with and shown again."""
 
 import dataclasses
+import gc
 import os
 import signal
 import subprocess
@@ -141,6 +142,8 @@ def test_cluster_gives_the_identical_store(out, spec_file, tmp_path):
     distributed = pytest.importorskip("distributed", reason="needs the extra cluster")
     spec = WorldSpec.load(spec_file)
     store = WorldStore(tmp_path, spec.plan(seed=0, seconds=0.3))
+    # The pages of the tests before: freed in the cluster's thread they end the process.
+    gc.collect()
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=None
     ) as cluster:
