@@ -166,10 +166,8 @@ class WipingRun:
         """Forget what was taken in, for a simulation that was reset; record anew."""
         limits = LimitMetrics(self._joint_limits())
         press = self.scenario.press
-        force, tracking = (
-            ForceMetrics(press.force),
-            TrackingMetrics(press.engage_height),
-        )
+        force = ForceMetrics(press.force)
+        tracking = TrackingMetrics(press.engage_height)
         region = RegionMetrics(self._region)
         self._metrics = (force, tracking, region, limits)
         self._events = RunEvents()

@@ -141,7 +141,8 @@ class _Check:
         omega, rail = 2 * math.pi * board.motion.frequency, self._reach.rail
         phase = np.linspace(-0.5, 1.5, count, endpoint=False)[:, None] * math.pi
         phase = (phase + omega * self._step * np.arange(length))[..., None]
-        self._paths = self._shown + np.sin(phase) * rail
+        self._moved = np.sin(phase) * rail
+        self._paths = self._shown + self._moved
         self._faults: list[str] = []
         self._advice: list[str] = []
 
@@ -158,7 +159,7 @@ class _Check:
             posture = reach.near_postures(X_WB[:1])[0]
         postures = np.tile(posture, (len(X_WB), 1))
         motion = reach.follow(X_WB, self._paths, step=self._step, postures=postures)
-        near = reach.clearance(X_WB, motion, self._paths - self._shown)
+        near = reach.clearance(X_WB, motion, self._moved)
         reached, missed = self._judge_reach(motion, *near)
         values = reached | self._judge_speed(motion) | self._judge_force(motion)
         ratios = [
@@ -214,9 +215,8 @@ class _Check:
                 f"comes nearer than {1e3 * self._bounds.clearance:.0f} mm"
             )
         if self._faults:
-            moved = self._paths - self._shown
             self._advice.append(
-                self._reach.shortest_move(self._paths, moved, self._step)
+                self._reach.shortest_move(self._paths, self._moved, self._step)
             )
         return {
             "reachable_fraction": 1 - np.mean(out),

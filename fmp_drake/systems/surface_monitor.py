@@ -121,14 +121,18 @@ class SurfaceMonitor(LeafSystem):
         X_BBody = np.array(
             [(X_BW @ poses[body]).GetAsMatrix34() for body in self._bodies]
         )
-        X = X_BBody[self._owner]
-        p = (X[..., :3] @ self._points[..., None])[..., 0] + X[..., 3]
+        p = moved(X_BBody[self._owner], self._points)
         depth = deepest(p, self._radii, self._box)
         arm = self._on_arm
         touches = np.any(clearances(p[arm], self._radii[arm], self._box) < 0)
         flags = StatusFlag.BELOW_SURFACE * (depth > TOLERANCE)
         values.set_value(0, np.array([depth]))
         values.get_mutable_value(1)[0] = flags + StatusFlag.ARM_TOUCHES * touches
+
+
+def moved(X: FloatArray, p: FloatArray) -> FloatArray:
+    """Return points (..., 3) in another frame, by its poses X, shape (..., 3, 4)."""
+    return (X[..., :3] @ p[..., None])[..., 0] + X[..., 3]
 
 
 def deepest(p: FloatArray, radii: FloatArray, box: FloatArray) -> float:

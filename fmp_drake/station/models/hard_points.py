@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Box, Capsule, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 
 from fmp_drake.station.models.model_files import AddPandaWithEraser
-from fmp_drake.systems.surface_monitor import clearances
+from fmp_drake.systems.surface_monitor import clearances, moved
 
 Array = NDArray[np.float64]
 
@@ -65,10 +65,7 @@ class ArmClearance:
         self._plant.Finalize()
         hard = CollectHardPoints(self._plant, self._graph, panda)
         indices, self._owner = np.unique(hard.bodies, return_inverse=True)
-        links = {
-            int(i): self._plant.get_body(i) for i in self._plant.GetBodyIndices(panda)
-        }
-        self._links = [links[int(i)] for i in indices]
+        self._links = [self._plant.get_body(BodyIndex(i)) for i in indices]
         self._points, self._radii = hard.points, hard.radii
         self._context = self._plant.CreateDefaultContext()
 
@@ -98,14 +95,10 @@ class ArmClearance:
                 X[i, j] = self._plant.EvalBodyPoseInWorld(
                     self._context, link
                 ).GetAsMatrix34()
-        p_W = _moved(X[:, self._owner], self._points)
-        distance = clearances(_moved(X_BW[:, None], p_W), self._radii, box)
+        p_W = moved(X[:, self._owner], self._points)
+        distance = clearances(moved(X_BW[:, None], p_W), self._radii, box)
         ball = int(np.argmin(np.min(distance, axis=0)))
         return np.min(distance, axis=1), self._links[self._owner[ball]].name()
-
-
-def _moved(X: Array, p: Array) -> Array:
-    return (X[..., :3] @ p[..., None])[..., 0] + X[..., 3]
 
 
 def _balls(shape: Any) -> tuple[Array, float]:
