@@ -75,7 +75,6 @@ _KINDS: dict[str, tuple[Any, ...]] = {
     "state": (MILLISECOND, _STATE, _STATE_UNITS, "", (*_JOINTS, *_SPEEDS)),
     "ink": (inf, "fraction left in each cell, along x first", "1", "B"),
     "erase_time": (inf, "when a cell became clean, along x first", "s", "B"),
-    "fade_time": (inf, "when a cell had lost half of its ink", "s", "B"),
     "cleaned_fraction": (_RARE, _CLEANED, "1", "", ("cleaned",)),
     "normal_force": (_SLOW, "of the eraser on the board", "N", "", ("force",)),
     "penetration": (_SLOW, _PENETRATION, "m", "", ("depth",)),

@@ -50,8 +50,7 @@ class InkBoard(LeafSystem):
 
         contact_results          -> InkBoard -> ink
         body_poses               ->          -> erase_time
-        body_spatial_velocities  ->          -> fade_time
-                                             -> cleaned_fraction
+        body_spatial_velocities  ->          -> cleaned_fraction
                                              -> normal_force
                                              -> contact_area
 
@@ -61,14 +60,12 @@ class InkBoard(LeafSystem):
     - `body_poses`: abstract, list of `RigidTransform` X_WBody.
     - `body_spatial_velocities`: abstract, list of `SpatialVelocity` V_WBody.
 
-    Output ports; the first three are discrete state:
+    Output ports; the first two are discrete state:
 
     - `ink`, size ny nx: fraction of the ink left in each cell.
     - `erase_time`, size ny nx: time in seconds at which the cell got clean, that
       is fell below 10 % of full ink; `inf` before that, and for cells that had no
       more from the start.
-    - `fade_time`, size ny nx: time in seconds at which the cell fell below half
-      of its initial ink, `inf` before that.
     - `cleaned_fraction`, size 1: fraction of the initially inked cells (those
       with 10 % or more) that are clean.
     - `normal_force`, size 1: force of the eraser on the board along -z of B in
@@ -175,12 +172,10 @@ class InkBoard(LeafSystem):
         self._velocities = self.DeclareAbstractInputPort(
             "body_spatial_velocities", Value[list[SpatialVelocity]]()
         )
-        never = np.full(grid.num_cells, NEVER)
         self._layers = []
         for name, layer in (
             ("ink", self._initial_ink.ravel()),
-            ("erase_time", never),
-            ("fade_time", never),
+            ("erase_time", np.full(grid.num_cells, NEVER)),
         ):
             index = self.DeclareDiscreteState(layer)
             self.DeclareStateOutputPort(name, index)
@@ -210,8 +205,8 @@ class InkBoard(LeafSystem):
         felt = exposure(
             self._cells, rectangle(np.zeros(6)), still, still, self._worn
         ).ravel()
-        layer, inked = felt.copy(), self._initial_ink.ravel()
-        wear(layer, layer, layer, felt, inked, self._wear_constant, 0.0)
+        layer = felt.copy()
+        wear(layer, layer, felt, self._wear_constant, 0.0)
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)
 
@@ -305,13 +300,11 @@ class InkBoard(LeafSystem):
         if before.time >= now.time or not patch.vertices.any():
             return
         felt = exposure(self._cells, patch, before, now, self._worn)
-        ink, erase_time, fade_time = map(values.get_mutable_value, self._layers)
+        ink, erase_time = map(values.get_mutable_value, self._layers)
         wear(
             ink,
             erase_time,
-            fade_time,
             felt.ravel(),
-            self._initial_ink.ravel(),
             self._wear_constant,
             now.time,
         )

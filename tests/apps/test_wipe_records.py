@@ -254,7 +254,7 @@ def test_log_has_all_signals_and_the_metrics(command, runs, outputs, write):
     log = RunLog.load(path)
     assert set(log.signals) == set(SIGNALS)
     (run,) = runs
-    for name in ("ink", "erase_time", "fade_time"):
+    for name in ("ink", "erase_time"):
         assert log[name].values.shape == (1, run.grid.num_cells)
         assert_array_equal(log[name].times, [1.0])
     assert_array_equal(log["ink"].values[0], run.output("ink"))

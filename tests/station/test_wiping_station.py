@@ -43,7 +43,6 @@ PORTS = {
     "state": 14,
     "ink": 14000,
     "erase_time": 14000,
-    "fade_time": 14000,
     "cleaned_fraction": 1,
     "normal_force": 1,
     "contact_area": 1,

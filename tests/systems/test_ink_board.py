@@ -23,7 +23,7 @@ from rubbed_board import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.ink.grid import WEAR_CONSTANT
+from fmp_drake.systems.ink.grid import CLEAN_BELOW, WEAR_CONSTANT
 from fmp_drake.systems.ink.metrics import cleaned_history
 from fmp_drake.systems.ink.rubbing import LONGEST_STEP, STRIPE_PITCH
 from fmp_drake.systems.ink_board import NEVER, InkBoard
@@ -96,7 +96,7 @@ def test_ports_have_names_and_sizes(scene):
         board.get_output_port(i).get_name() for i in range(board.num_output_ports())
     ] == OUTPUTS
     sizes = [board.GetOutputPort(name).size() for name in OUTPUTS]
-    assert sizes == [GRID.num_cells] * 3 + [1] * 3
+    assert sizes == [GRID.num_cells] * 2 + [1] * 3
 
 
 def test_only_force_and_area_feed_through(scene):
@@ -104,8 +104,8 @@ def test_only_force_and_area_feed_through(scene):
         [scene.board.HasDirectFeedthrough(i, j) for j in range(len(OUTPUTS))]
         for i in range(len(INPUTS))
     ]
-    state = [False] * 4
-    assert table == [[*state, True, True], [*state, True, False], [False] * 6]
+    state = [False] * 3
+    assert table == [[*state, True, True], [*state, True, False], [False] * 5]
 
 
 @pytest.mark.parametrize("eraser_first", [False, True])
@@ -229,31 +229,29 @@ def test_ink_that_is_not_there_is_not_counted():
     np.testing.assert_array_equal(never, initial == 0.0)
 
 
-def test_erase_time_and_fade_time_follow_the_eraser(scene):
+def test_erase_time_follows_the_eraser(scene):
     simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
-    for name in ("erase_time", "fade_time"):
-        assert (scene.value(simulator, name) == NEVER).all()
+    assert (scene.value(simulator, "erase_time") == NEVER).all()
     simulator.AdvanceTo(1.0)
     ink = scene.ink(simulator)
     _, pressure = squeeze(scene, simulator)
     y = GRID.centres.reshape(*GRID.shape, 2)[25:35, 40, 1]
-    for name, left in (("erase_time", 0.1), ("fade_time", 0.5)):
-        time = scene.value(simulator, name).reshape(GRID.shape)
-        np.testing.assert_array_equal(time < NEVER, ink < left)
-        # The leading edge gets to y after (y + 0.075) / v; then a length of felt
-        # must pass, and 1 mm of its soft edge. Half a period comes on top on average.
-        felt = -WEAR_CONSTANT * np.log(left) / pressure + 0.001
-        expected = (y + 0.075 + felt) / 0.2 + 0.5 * PERIOD
-        np.testing.assert_allclose(time[25:35, 40], expected, atol=0.5 * PERIOD + 0.01)
+    time = scene.value(simulator, "erase_time").reshape(GRID.shape)
+    np.testing.assert_array_equal(time < NEVER, ink < CLEAN_BELOW)
+    # The leading edge gets to y after (y + 0.075) / v; then a length of felt
+    # must pass, and 1 mm of its soft edge. Half a period comes on top on average.
+    felt = -WEAR_CONSTANT * np.log(CLEAN_BELOW) / pressure + 0.001
+    expected = (y + 0.075 + felt) / 0.2 + 0.5 * PERIOD
+    np.testing.assert_allclose(time[25:35, 40], expected, atol=0.5 * PERIOD + 0.01)
 
 
-def test_weak_ink_has_no_erase_time_but_fades():
+def test_weak_ink_wears_and_has_no_erase_time():
     scene = make_scene(initial_ink=np.full(GRID.shape, 0.05))
     simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.4))
     assert scene.value(simulator, "cleaned_fraction")[0] == 1.0
     simulator.AdvanceTo(0.5)
     assert (scene.value(simulator, "erase_time") == NEVER).all()
-    assert (scene.value(simulator, "fade_time") < NEVER).any()
+    assert (scene.ink(simulator) < 0.01).any()
 
 
 def test_the_history_from_erase_times_is_the_cleaned_fraction(scene):

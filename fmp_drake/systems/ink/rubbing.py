@@ -222,9 +222,7 @@ def _crossings(
 def wear(
     ink: FloatArray,
     erase_time: FloatArray,
-    fade_time: FloatArray,
     felt: FloatArray,
-    initial: FloatArray,
     constant: float,
     now: float,
 ) -> None:
@@ -234,12 +232,10 @@ def wear(
     ----------
     ink : ndarray, shape (num_cells,)
         From 0 to 1.
-    erase_time, fade_time : ndarray, shape (num_cells,)
-        When a cell fell below `CLEAN_BELOW`, and below half of its initial ink (s).
+    erase_time : ndarray, shape (num_cells,)
+        When a cell fell below `CLEAN_BELOW`, s.
     felt : ndarray, shape (num_cells,)
         Integral of pressure times sliding speed over time, Pa m.
-    initial : ndarray, shape (num_cells,)
-        Initial ink.
     constant : float
         Wear constant c, Pa m.
     now : float
@@ -257,6 +253,4 @@ def wear(
             left = ink[i] * math.exp(-felt[i] / constant)
             if left < CLEAN_BELOW <= ink[i]:
                 erase_time[i] = now
-            if left < 0.5 * initial[i] <= ink[i]:
-                fade_time[i] = now
             ink[i] = left
