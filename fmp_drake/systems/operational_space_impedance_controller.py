@@ -76,7 +76,7 @@ Friction compensation uses the measured velocity: it cannot help at rest, and wi
 gain above 1 the joints run away.
 
 The whole law is computed at every `control_period`. Its pure functions are compiled
-when the first controller for arms of this kind is made, which takes seconds once per
+when the first controller of any arm is made, which takes seconds once per
 computer; the arm's dynamics are Drake's.
 
 References
@@ -121,9 +121,9 @@ from fmp_drake.systems.impedance.packing import (
     initial_memory,
     unpack,
 )
-from fmp_drake.systems.impedance.settings import settings_of
+from fmp_drake.systems.impedance.settings import joint_settings, settings_of
 from fmp_drake.systems.impedance.status import STATUS_SIZE
-from fmp_drake.systems.impedance.step import step_with
+from fmp_drake.systems.impedance.step import impedance_step
 from fmp_drake.systems.impedance.target import task_error
 
 Array = NDArray[np.float64]
@@ -246,9 +246,12 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self._settings = settings_of(
             config,
             X_WT=Pose(X_WT.rotation().matrix().copy(), np.array(X_WT.translation())),
+            engage_height=float(engage_height),
+        )
+        joints = joint_settings(
+            config,
             limits=joint_limits(plant),
             q_posture=checked_posture(plant, q_posture),
-            engage_height=float(engage_height),
         )
         self._declare_inputs(plant.num_velocities())
         self._plant_context = self._arm.declare_context(self)
@@ -258,9 +261,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         )
         # One update, so that nothing is compiled in the middle of a run.
         n = plant.num_velocities()
-        self._step = partial(
-            step_with(self._settings.dtype), self._settings.view(np.uint8)
-        )
+        self._step = partial(impedance_step, self._settings.view(np.uint8), joints)
         self._step(
             np.zeros(PACKED_SIZE),
             0.0,

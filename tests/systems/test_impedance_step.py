@@ -28,9 +28,9 @@ from fmp_drake.systems.impedance.packing import (
     encode,
     initial_memory,
 )
-from fmp_drake.systems.impedance.settings import settings_of
+from fmp_drake.systems.impedance.settings import joint_settings, settings_of
 from fmp_drake.systems.impedance.status import StatusFlag
-from fmp_drake.systems.impedance.step import step_with
+from fmp_drake.systems.impedance.step import impedance_step
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -62,10 +62,9 @@ def random_step(rng, ports):
     settings = settings_of(
         full_config(),
         X_WT=Pose(np.eye(3), np.array([0.1, 0.2, 0.3])),
-        limits=limits,
-        q_posture=np.zeros(N),
         engage_height=0.5,
     )
+    joints = joint_settings(full_config(), limits=limits, q_posture=np.zeros(N))
     packed = np.zeros(1, PACKED)
     for name in ports:
         packed[name] = 0.3 * rng.normal(size=PORTS[name])
@@ -84,48 +83,34 @@ def random_step(rng, ports):
         20 * rng.normal(size=N),
     )
     memory = encode(initial_memory(settings[0].stiffness.copy(), tank_energy=0.1))
-    return settings, packed, rng.normal(size=N), memory, arm
+    return settings, joints, packed, rng.normal(size=N), memory, arm
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_compiled_update_is_the_plain_one(seed, monkeypatch):
     rng = np.random.default_rng(seed)
     ports = [name for name in PORTS if name not in OPTIONAL or rng.random() < 0.6]
-    settings, packed, previous, memory, arm = random_step(rng, ports)
-    step = step_with(settings.dtype)
+    settings, joints, packed, previous, memory, arm = random_step(rng, ports)
     found = known = (previous, None, memory)
     for k in range(4):
         if k == 2:
             packed["desired_position"] += 1.0  # A jump.
-        arguments = settings.view(np.uint8), packed.view(float), k * PERIOD
-        found = step(*arguments, found[0], found[2], *arm)
+        arguments = settings.view(np.uint8), joints, packed.view(float), k * PERIOD
+        found = impedance_step(*arguments, found[0], found[2], *arm)
         with monkeypatch.context() as plain:
             for name, function in vars(step_module).items():
                 if hasattr(function, "py_func"):
                     plain.setattr(step_module, name, function.py_func)
-            known = step.py_func(*arguments, known[0], known[2], *arm)
+            known = impedance_step.py_func(*arguments, known[0], known[2], *arm)
         for one, other in zip(found, known, strict=True):
             assert_allclose(one, other, rtol=1e-12, atol=1e-12)
     assert int(found[1][0]) & StatusFlag.PROTECTIVE_STOP
 
 
-def test_one_compilation_serves_controllers_of_every_kind():
+def test_one_compilation_serves_every_controller():
     for config in (ImpedanceConfig(), full_config(), ImpedanceConfig(damping_ratio=1)):
-        make_controller(config)
-    step = step_with(random_step(np.random.default_rng(0), [])[0].dtype)
-    before = step_with.cache_info().currsize, len(step.signatures)
-    controller = make_controller(full_config())
-    simulate_ports(controller, optional_ports())
-    assert (step_with.cache_info().currsize, len(step.signatures)) == before
-
-
-def test_steps_of_different_arms_are_told_apart_by_the_cache_of_compiled_code():
-    # It goes by their names, and confuses two of one name that two processes compiled.
-    names = {
-        step_with(np.dtype([("torque", float, n)])).py_func.__qualname__
-        for n in (2, 6, 7)
-    }
-    assert len(names) == 3
+        simulate_ports(make_controller(config), optional_ports())
+    assert len(impedance_step.signatures) == 1
 
 
 # Everything acts at the very next update.

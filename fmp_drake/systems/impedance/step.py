@@ -1,9 +1,6 @@
 """One update of the impedance controller, as a function of arrays."""
 
 import math
-from collections.abc import Callable
-from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +28,12 @@ from fmp_drake.systems.impedance.packing import (
     encode,
     unpack,
 )
-from fmp_drake.systems.impedance.settings import ImpedanceSettings
+from fmp_drake.systems.impedance.settings import (
+    LAYOUT,
+    ImpedanceSettings,
+    JointSettings,
+    of_joints,
+)
 from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.stiffness import (
     refill,
@@ -73,92 +75,91 @@ _SPEED_LIMITED = int(StatusFlag.SPEED_LIMITED)
 _TORQUE_LIMITED = int(StatusFlag.TORQUE_LIMITED)
 
 
-@cache
-def step_with(layout: np.dtype[Any]) -> Callable[..., tuple[Array, Array, Array]]:
-    """Compile the computation of the next torque.
+@compiled
+def impedance_step(
+    settings: NDArray[np.uint8],
+    joints: Array,
+    packed: Array,
+    time: float,
+    previous: Array,
+    memory: Array,
+    known: bool,
+    state: Array,
+    M: Array,
+    Cv: Array,
+    X_WE: Array,
+    J_WE: Array,
+    A_WE_bias: Array,
+    weight: Array,
+) -> tuple[Array, Array, Array]:
+    """Compute the next torque.
+
+    It takes only numbers and arrays of them, because that is fastest, and the same types
+    for every arm: it is compiled once.
 
     Parameters
     ----------
-    layout : dtype
-        Of what `settings_of` returned.
+    settings : array of bytes
+        What `settings_of` returned.
+    joints : array, shape (9, n)
+        What `joint_settings` returned.
+    packed : array, shape (107,)
+        The inputs, see `unpack`.
+    time : float
+        s.
+    previous : array, shape (n,)
+        The torque of the update before, Nm.
+    memory : array, shape (73,)
+        The vector of `ImpedanceMemory`, of the update before; not changed.
+    known : bool
+        Whether the state is finite; where it is not, the torque goes to zero.
+    state : array, shape (2n,)
+        ``[q, v]``, rad and rad/s.
+    M : array, shape (n, n)
+        Mass matrix, kg m².
+    Cv : array, shape (n,)
+        Coriolis and centrifugal torque, Nm.
+    X_WE : array, shape (4, 3)
+        Transposed R_WE, and below it p_WE in m.
+    J_WE : array, shape (n, 6)
+        Transposed Jacobian of V_WE.
+    A_WE_bias : array, shape (6,)
+        ``J̇ v``, rad/s² and m/s².
+    weight : array, shape (n,)
+        Generalized force of gravity, Nm; it is compensated elsewhere.
 
     Returns
     -------
-    function
-        It takes only numbers and arrays of them, because that is fastest.
-
-        settings : array of bytes
-            What `settings_of` returned.
-        packed : array, shape (107,)
-            The inputs, see `unpack`.
-        time : float
-            s.
-        previous : array, shape (n,)
-            The torque of the update before, Nm.
-        memory : array, shape (73,)
-            The vector of `ImpedanceMemory`, of the update before; not changed.
-        known : bool
-            Whether the state is finite; where it is not, the torque goes to zero.
-        state : array, shape (2n,)
-            ``[q, v]``, rad and rad/s.
-        M : array, shape (n, n)
-            Mass matrix, kg m².
-        Cv : array, shape (n,)
-            Coriolis and centrifugal torque, Nm.
-        X_WE : array, shape (4, 3)
-            Transposed R_WE, and below it p_WE in m.
-        J_WE : array, shape (n, 6)
-            Transposed Jacobian of V_WE.
-        A_WE_bias : array, shape (6,)
-            ``J̇ v``, rad/s² and m/s².
-        weight : array, shape (n,)
-            Generalized force of gravity, Nm; it is compensated elsewhere.
-
-        It returns the torque, shape (n,), in Nm; the vector of `ImpedanceStatus`,
-        shape (6,); and that of `ImpedanceMemory`, shape (73,).
+    torque : array, shape (n,)
+        Nm.
+    status : array, shape (6,)
+        The vector of `ImpedanceStatus`.
+    memory : array, shape (73,)
+        The vector of `ImpedanceMemory`.
     """
-
-    def impedance_step(
-        settings: NDArray[np.uint8],
-        packed: Array,
-        time: float,
-        previous: Array,
-        memory: Array,
-        known: bool,
-        state: Array,
-        M: Array,
-        Cv: Array,
-        X_WE: Array,
-        J_WE: Array,
-        A_WE_bias: Array,
-        weight: Array,
-    ) -> tuple[Array, Array, Array]:
-        every = settings.view(layout)[0]
-        measured = Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3])
-        arm = ArmDynamics(state[len(previous) :], M, Cv, J_WE.T, A_WE_bias)
-        remembered = decode(memory)
-        if not known:
-            return _without_state(every.config, remembered, previous)
-        return _next_torque(
-            every,
-            remembered,
-            unpack(packed, every, time),
-            measured,
-            arm,
-            state[: len(previous)],
-            previous,
-            weight,
-        )
-
-    # Two that have one name and were compiled by two processes are mixed up by numba where
-    # both come from the cache.
-    impedance_step.__qualname__ = f"impedance_step_{layout.itemsize}"
-    return compiled(impedance_step)
+    every = settings.view(LAYOUT)[0]
+    measured = Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3])
+    arm = ArmDynamics(state[len(previous) :], M, Cv, J_WE.T, A_WE_bias)
+    remembered = decode(memory)
+    if not known:
+        return _without_state(every.config, remembered, previous)
+    return _next_torque(
+        every,
+        of_joints(joints),
+        remembered,
+        unpack(packed, every, time),
+        measured,
+        arm,
+        state[: len(previous)],
+        previous,
+        weight,
+    )
 
 
 @inlined
 def _next_torque(
     settings: ImpedanceSettings,
+    joints: JointSettings,
     memory: ImpedanceMemory,
     inputs: StepInputs,
     X_WE: Pose,
@@ -264,15 +265,15 @@ def _next_torque(
     error[5] += force.state.surface
     K, energy, stiffness_flags = next_stiffness(settings, memory, inputs, error)
     law = impedance_law(
-        config, arm_T, K, error, target.V, target.A, wrench, settings.q_posture - q
+        config, arm_T, K, error, target.V, target.A, wrench, joints.q_posture - q
     )
-    torque = law.torque + friction_torque(settings.friction, arm.v)
+    torque = law.torque + friction_torque(joints.friction, arm.v)
     if not math.isfinite(np.sum(torque)):
         return _without_state(config, memory, previous)
 
     limited = limited_torque(
         config.walls,
-        settings.limits,
+        joints.limits,
         torque,
         previous,
         config.max_torque_rate * period,
