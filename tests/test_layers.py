@@ -24,7 +24,15 @@ LAYERS = (
     "apps",
 )
 # Below all layers.
-BASE = {"errors", "numeric", "settings", "compiled", "processes", "__init__"}
+BASE = {
+    "blas",
+    "errors",
+    "numeric",
+    "settings",
+    "compiled",
+    "processes",
+    "__init__",
+}
 FRONT_DOORS = (
     "fmp_drake",
     *(f"fmp_drake.{layer}" for layer in LAYERS[:-1]),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.station.parts.board_reach import BoardReach, FollowingBounds
@@ -70,6 +71,7 @@ class Feasibility:
     margin: Array
 
 
+@one_blas_thread()
 def CheckFeasibility(
     scenario: Scenario,
     skill: FourierMovementPrimitive,

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cholesky, solve_triangular
 
+from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST, as_floats, finite_array
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
@@ -87,6 +88,7 @@ class MappingPlan:
     array([2., 0., 0., 0.])
     """
 
+    @one_blas_thread()
     def __init__(
         self,
         proportions: NDArray[np.float64],
@@ -115,13 +117,13 @@ class MappingPlan:
         self.size = size
         n_components = len(components)
         whitening = np.empty((n_components, size, size))
-        expected = np.empty((n_components, size))
         offsets = np.empty(n_components)
         self._gains = np.empty((n_components, phi.shape[1], size))
         self._means = np.stack([c.mean for c in components])
+        expected = self._means @ phi.T
         for j, component in enumerate(components):
-            expected[j], cov = component.marginal(phi)
-            cov[np.diag_indices(size)] += lam
+            cross = component.multiply(phi)
+            cov = cross @ phi.T + np.diag(lam)
             try:
                 lower = cholesky(cov, lower=True)
             except np.linalg.LinAlgError:
@@ -130,7 +132,7 @@ class MappingPlan:
                     f"tolerance of {np.min(lam):g} can tell; choose a greater one."
                 ) from None
             whitening[j] = solve_triangular(lower, np.eye(size), lower=True)
-            self._gains[j] = component.multiply(phi).T @ (whitening[j].T @ whitening[j])
+            self._gains[j] = cross.T @ (whitening[j].T @ whitening[j])
             offsets[j] = -np.log(proportions[j])
             if selection == "evidence":
                 offsets[j] += np.sum(np.log(np.diag(lower)))

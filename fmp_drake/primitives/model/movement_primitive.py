@@ -5,8 +5,8 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from threadpoolctl import threadpool_limits
 
+from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
 from fmp_drake.primitives.data.scaling import ChannelScales, channel_scales
@@ -222,8 +222,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.frame_ = example.frame if example else ""
         self.rotation_reference_ = example.rotation_reference if example else None
         self.scales_ = channel_scales(self.scales, values, self.units_)
-        # The matrices are small: threads that spin beside other work take fifty times as long.
-        with threadpool_limits(limits=1, user_api="blas"):
+        with one_blas_thread():
             self._learn(windows, counts, progress)
         return self
 

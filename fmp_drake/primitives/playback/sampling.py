@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fmp_drake.blas import one_blas_thread
 from fmp_drake.primitives.playback.outlook import look_ahead, look_ahead_at_once
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.segment import decayed_offset
@@ -36,6 +37,7 @@ def track_component(player: "Player", state: PlaybackState) -> PlaybackState:
     )
 
 
+@one_blas_thread()
 def track_sample(
     player: "Player",
     state: PlaybackState,
