@@ -40,11 +40,25 @@ log_natively()
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
+WARM_UP = pytest.StashKey[subprocess.Popen]()
+
+
 def pytest_configure(config):
-    """Compile what a station needs, once for all processes and before the tests."""
+    """Begin to compile what a station needs, once for all processes."""
     if not hasattr(config, "workerinput"):
         warm_up = "from fmp_drake.station import WarmUp; WarmUp()"
-        subprocess.run([sys.executable, "-c", warm_up], check=True)
+        config.stash[WARM_UP] = subprocess.Popen([sys.executable, "-c", warm_up])
+
+
+def pytest_xdist_node_collection_finished(node):
+    """Wait until it is compiled: no process begins before all have collected."""
+    assert node.config.stash[WARM_UP].wait() == 0
+
+
+def pytest_collection_finish(session):
+    """Wait where there is one process only."""
+    if WARM_UP in session.config.stash:
+        assert session.config.stash[WARM_UP].wait() == 0
 
 
 def pytest_collection_modifyitems(items):
@@ -69,7 +83,10 @@ def hand_demonstration(task, *, seconds, seed, rate=50):
 
 @pytest.fixture(scope="session", autouse=True)
 def learned_once():
-    """Learn what a run plays once for all runs of this process that play the same."""
+    """Learn what a run plays once for all runs of this process that play the same.
+
+    What it holds has been learned: a test that empties it learns anew.
+    """
     learn, learned = skills.learn_skill, {}
 
     def learn_once(demonstrations, **options):
@@ -83,7 +100,7 @@ def learned_once():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(skills, "learn_skill", learn_once)
-        yield
+        yield learned
 
 
 @pytest.fixture(scope="session")
