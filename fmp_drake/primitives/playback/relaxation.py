@@ -86,10 +86,13 @@ class Relaxation:
         weights, target : ndarray, shape (n,)
         seconds : float
         """
+        deviation = weights - target
+        if not deviation.any():
+            return target
         left, complement = self.left(seconds)
         if self.modes is None:
-            return target + left * (weights - target)
-        inside, residual = self.split(weights - target)
+            return target + left * deviation
+        inside, residual = self.split(deviation)
         out: NDArray[np.float64] = self.modes @ (left * inside)
         out += complement * residual
         out += target

@@ -26,7 +26,8 @@ class Segment(NamedTuple):
     Attributes
     ----------
     coefficients : ndarray, shape (D, m, 6)
-        Of the powers 0 to 5 of the skill's time since the tick, for each of m modes.
+        Of the powers 0 to 5 of the skill's time since the tick, for each of m modes, of
+        which the last one is the target, that lasts.
     rates : ndarray, shape (D, m)
         At which each mode decays, per second of the skill.
     linear : bool
@@ -69,21 +70,20 @@ def make_segment(
         # At the last sample: the last interval's, seen from one sample further on.
         rows = pascal(len(rows), kind="upper") @ rows
     rows = rows * (skill.rate ** np.arange(len(rows)))[:, None]
-    inside, residual = relaxation.split(state.weights - state.target)
-    if relaxation.modes is None:
-        decaying = rows.T * inside.reshape(d, n, 1)
-        lasting = (state.target.reshape(d, n) @ rows.T)[:, None]
-        coefficients = np.concatenate([decaying, lasting], axis=1)
-        coefficients *= skill.scales_[:, None, None]
+    lasting = (state.target.reshape(d, n) @ rows.T)[:, None]
+    deviation, rates = state.weights - state.target, relaxation.rates_by_channel(d)
+    if not deviation.any():  # It is played at once: there is nothing to decay.
+        decaying, rates = lasting[:, :0], rates[:, :0]
+    elif relaxation.modes is None:
+        decaying = rows.T * deviation.reshape(d, n, 1)
     else:
-        coefficients = mode_coefficients(
-            rows, relaxation.modes, inside, residual, state.target, skill.scales_
+        decaying = mode_coefficients(
+            rows, relaxation.modes, *relaxation.split(deviation), d
         )
-    rates = np.zeros(coefficients.shape[:2])  # The last one is the target's.
-    rates[:, :-1] = relaxation.rates_by_channel(d)
+    coefficients = np.concatenate([decaying, lasting], axis=1)
     return Segment(
-        coefficients=coefficients,
-        rates=rates,
+        coefficients=coefficients * skill.scales_[:, None, None],
+        rates=np.concatenate([rates, np.zeros((d, 1))], axis=1),
         linear=relaxation.euler_tick > 0,
         time_since_tick=state.time_since_tick,
         tempo=state.tempo,
@@ -169,10 +169,9 @@ def mode_coefficients(
     modes: NDArray[np.float64],
     inside: NDArray[np.float64],
     residual: NDArray[np.float64],
-    target: NDArray[np.float64],
-    scales: NDArray[np.float64],
+    channels: int,
 ) -> NDArray[np.float64]:
-    """Return the coefficients of a `Segment` whose weights relax mode by mode.
+    """Return the coefficients of what decays mode by mode, in units of the weights.
 
     Parameters
     ----------
@@ -181,24 +180,23 @@ def mode_coefficients(
     modes : ndarray, shape (D*T, r)
     inside : ndarray, shape (r,)
         Coordinates of the weights' deviation from their target.
-    residual, target : ndarray, shape (D*T,)
-        The deviation outside the span of the modes, and the target.
-    scales : ndarray, shape (D,)
-        Units of the channels in units of the weights.
+    residual : ndarray, shape (D*T,)
+        The deviation outside the span of the modes.
+    channels : int
+        D.
 
     Returns
     -------
-    ndarray, shape (D, r + 2, 6)
-        Of the modes, of the residual and of the target.
+    ndarray, shape (D, r + 1, 6)
+        Of the modes and of the residual.
     """
     n, r = rows.shape[1], len(inside)
-    out = np.empty((len(scales), r + 2, len(rows)))
-    for d in range(len(scales)):
+    out = np.empty((channels, r + 1, len(rows)))
+    for d in range(channels):
         of_d = slice(d * n, (d + 1) * n)
         seen = np.dot(rows, modes[of_d])
         for k in range(len(rows)):
             for j in range(r):
-                out[d, j, k] = scales[d] * seen[k, j] * inside[j]
-            out[d, r, k] = scales[d] * np.dot(rows[k], residual[of_d])
-            out[d, r + 1, k] = scales[d] * np.dot(rows[k], target[of_d])
+                out[d, j, k] = seen[k, j] * inside[j]
+            out[d, r, k] = np.dot(rows[k], residual[of_d])
     return out
