@@ -67,6 +67,14 @@ def test_board_too_far_or_too_near_is_refused_and_the_move_helps(
     assert check(bundled_skill, x=moved).is_feasible
 
 
+def test_skill_that_needs_more_torque_than_is_allowed_is_refused(bundled_skill):
+    bounds = FollowingBounds(torque_fraction=0.1)
+    found = CheckFeasibility(Scenario(), bundled_skill, bounds=bounds)
+    assert not found.is_feasible
+    ratio = 100 * found.values["largest_torque_ratio"]
+    assert f"a joint needs {ratio:.0f} % of its torque" in found.verdict
+
+
 def test_skill_that_is_too_fast_is_refused_and_the_tempo_helps(bundled_skill):
     found = check(bundled_skill, tempo=3.0)
     assert not found.is_feasible

@@ -25,6 +25,7 @@ from fmp_drake.systems.impedance.packing import (
     OPTIONAL,
     PACKED,
     PORTS,
+    decode,
     encode,
     initial_memory,
 )
@@ -86,6 +87,20 @@ def random_step(rng, ports):
     return settings, joints, packed, rng.normal(size=N), memory, arm
 
 
+def plain_step(monkeypatch, *arguments):
+    """One update as it is written, not compiled."""
+    with monkeypatch.context() as plain:
+        for name, function in vars(step_module).items():
+            if hasattr(function, "py_func"):
+                plain.setattr(step_module, name, function.py_func)
+        return impedance_step.py_func(*arguments)
+
+
+def assert_equal_updates(found, known):
+    for one, other in zip(found, known, strict=True):
+        assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_the_compiled_update_is_the_plain_one(seed, monkeypatch):
     rng = np.random.default_rng(seed)
@@ -97,14 +112,44 @@ def test_the_compiled_update_is_the_plain_one(seed, monkeypatch):
             packed["desired_position"] += 1.0  # A jump.
         arguments = settings.view(np.uint8), joints, packed.view(float), k * PERIOD
         found = impedance_step(*arguments, found[0], found[2], *arm)
-        with monkeypatch.context() as plain:
-            for name, function in vars(step_module).items():
-                if hasattr(function, "py_func"):
-                    plain.setattr(step_module, name, function.py_func)
-            known = impedance_step.py_func(*arguments, known[0], known[2], *arm)
-        for one, other in zip(found, known, strict=True):
-            assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+        known = plain_step(monkeypatch, *arguments, known[0], known[2], *arm)
+        assert_equal_updates(found, known)
     assert int(found[1][0]) & StatusFlag.PROTECTIVE_STOP
+
+
+@pytest.mark.parametrize(
+    ("port", "value", "flag"),
+    [
+        ("stiffness", -np.eye(6), StatusFlag.STIFFNESS_REFUSED),
+        ("covariance", -np.eye(3), StatusFlag.STIFFNESS_REFUSED),
+        ("desired_velocity", np.full(3, np.nan), StatusFlag.NOT_FINITE),
+    ],
+)
+def test_what_no_stiffness_can_follow_from_leaves_it_as_it_was(
+    port, value, flag, monkeypatch
+):
+    settings, joints, packed, previous, memory, arm = random_step(
+        np.random.default_rng(0), PORTS
+    )
+    packed[port] = value.ravel()
+    arguments = settings.view(np.uint8), joints, packed.view(float), 0.0, previous
+    found = impedance_step(*arguments, memory, *arm)
+    assert_equal_updates(found, plain_step(monkeypatch, *arguments, memory, *arm))
+    assert int(found[1][0]) & flag
+    assert_array_equal(decode(found[2]).stiffness, settings[0].stiffness)
+
+
+def test_an_arm_whose_dynamics_are_no_numbers_loses_its_torque(monkeypatch):
+    settings, joints, packed, previous, memory, arm = random_step(
+        np.random.default_rng(0), PORTS
+    )
+    known, state, _, *others = arm
+    no_arm = (known, state, np.zeros((N, N)), *others)
+    arguments = settings.view(np.uint8), joints, packed.view(float), 0.0, previous
+    found = impedance_step(*arguments, memory, *no_arm)
+    assert_equal_updates(found, plain_step(monkeypatch, *arguments, memory, *no_arm))
+    assert int(found[1][0]) & StatusFlag.NO_STATE
+    assert np.linalg.norm(found[0]) < np.linalg.norm(previous)
 
 
 def test_one_compilation_serves_every_controller():

@@ -17,3 +17,7 @@ def test_a_notebook_shows_what_meshcat_shows(tmp_path):
     page.write_text(f"<body>{shown._repr_html_()}</body>", encoding="utf-8")
     red, green, _ = np.moveaxis(screenshot(page.as_uri(), tmp_path), 2, 0)
     assert np.mean((red > 0.3) & (green < 0.2 * red)) > 0.02
+
+
+def test_where_no_page_can_be_shown_its_size_is_said():
+    assert repr(InlinePage("x" * 2_340_000)) == "InlinePage of 2.3 MB"

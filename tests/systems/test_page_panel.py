@@ -130,3 +130,8 @@ def test_a_saved_page_gets_a_panel_that_says_what_it_is_given():
 def test_a_panel_in_what_is_no_page_is_refused():
     with pytest.raises(SystemsError, match="a head and a body"):
         add_panel("<p>nothing</p>", {})
+
+
+def test_a_host_at_which_nothing_can_be_served_is_refused():
+    with pytest.raises(SystemsError, match=r"cannot be served at 192\.0\.2\.1"):
+        PagePanel(Meshcat(), host="192.0.2.1")  # An address of nobody.

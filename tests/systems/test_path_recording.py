@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat, Rgba
+from pydrake.geometry import Meshcat, Rgba, Sphere
 
 from fmp_drake.systems.viewer import path_recording
 from fmp_drake.systems.viewer.path_recording import AddPathToRecording
@@ -39,3 +39,12 @@ def test_each_part_of_a_path_is_seen_when_it_has_been_gone_along(seconds, monkey
         np.testing.assert_array_equal(a[-1], b[0])
     np.testing.assert_array_equal(parts[0][0], points[0])
     np.testing.assert_array_equal(parts[-1][-1], points[-1])
+
+
+def test_a_path_of_one_point_leaves_nothing_of_an_older_one():
+    meshcat = Meshcat()
+    meshcat.SetObject("path/0", Sphere(0.1))
+    AddPathToRecording(
+        meshcat, "path", times=[0.0], points=np.zeros((1, 3)), color=Rgba(1, 0, 0, 1)
+    )
+    assert not meshcat.HasPath("path")

@@ -314,6 +314,17 @@ def test_the_system_steps_the_gate_and_shows_it(caching):
     assert_array_equal(show(gate, context, "state"), [0.1] * 14)
 
 
+def test_a_gate_that_sends_nowhere_steps_too():
+    gate = TorqueGate(GateConfig(), initial=np.zeros(7))
+    simulator = Simulator(gate)
+    context = simulator.get_mutable_context()
+    for i in range(4):
+        message = status(NOW + 1e-3 * i)
+        fixed(gate, context, message=message, wall_time=NOW + 1e-3 * i, go=float(i > 1))
+        simulator.AdvanceTo(1e-3 * i + 5e-4)
+    assert show(gate, context, "mode") == GateMode.OPEN
+
+
 def test_the_torque_sent_feeds_nothing_through():
     gate = TorqueGate(GateConfig(), initial=np.zeros(7))
     index = gate.GetOutputPort("torque_sent").get_index()

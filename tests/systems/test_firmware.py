@@ -1,0 +1,55 @@
+"""Facts about how a robot's side treats the torque that is sent to it."""
+
+import numpy as np
+import pytest
+
+from fmp_drake.systems.panda.firmware import (
+    FirmwareConfig,
+    FirmwareState,
+    Obeyed,
+    firmware_step,
+    torque_command,
+)
+
+NOW = 1.7e9
+ZERO = np.zeros(7)
+# What 1 rad/s is damped by within a millisecond: the fastest joint changes by 1 Nm.
+DAMPED = -np.array(FirmwareConfig().damping) / max(FirmwareConfig().damping)
+
+
+def stepped(command, state=None, *, velocity=ZERO):
+    return firmware_step(
+        FirmwareConfig(),
+        state or FirmwareState(ZERO, ZERO),
+        command=command,
+        wall_time=NOW,
+        velocity=velocity,
+        period=0.001,
+    )
+
+
+def test_a_fresh_torque_is_followed_as_fast_as_its_rate_allows():
+    state = stepped(torque_command(np.full(7, 5.0), NOW))
+    assert state.obeyed is Obeyed.FOLLOWED
+    np.testing.assert_allclose(state.limited, 1.0)
+    assert np.all((state.torque > 0) & (state.torque < state.limited))
+
+
+def test_without_a_fresh_torque_the_joints_are_damped():
+    state = stepped(torque_command(np.full(7, 5.0), NOW - 0.06), velocity=np.ones(7))
+    assert state.obeyed is Obeyed.DAMPED
+    np.testing.assert_allclose(state.limited, DAMPED)
+
+
+@pytest.mark.parametrize("wrong", ["NaN", "positions", "six joints"])
+def test_a_wrong_command_is_a_reflex_from_which_the_robot_does_not_come_back(wrong):
+    command = torque_command(np.full(7, np.nan if wrong == "NaN" else 1.0), NOW)
+    if wrong == "positions":
+        command.control_mode_expected = 0
+    if wrong == "six joints":
+        command.joint_torque = [1.0] * 6
+    state = stepped(command, velocity=np.ones(7))
+    assert state.obeyed is Obeyed.REFLEX
+    np.testing.assert_allclose(state.limited, DAMPED)
+    later = stepped(torque_command(np.ones(7), NOW), state)
+    assert later.obeyed is Obeyed.REFLEX
