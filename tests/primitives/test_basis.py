@@ -178,6 +178,11 @@ def test_rows_outside_the_window_are_refused(step):
         FourierBasis(24).rows([1.0, step])
 
 
+def test_rows_of_no_step_are_refused():
+    with pytest.raises(SkillError, match="no step; give at least one"):
+        FourierBasis(24).rows([])
+
+
 def test_windows_shorter_than_8_samples_are_refused():
     with pytest.raises(SkillError, match="at least 8"):
         FourierBasis(7)

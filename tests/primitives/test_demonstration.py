@@ -98,6 +98,8 @@ def test_time_that_repeats_or_runs_back_is_refused(again):
         ({"channels": ("x", "y")}, "2 channel names and 3 units for 3 channels"),
         ({"units": ("m",)}, "3 channel names and 1 units"),
         ({"channels": ("x", "y", "x")}, "repeat"),
+        ({"channels": ("x", "y", 3)}, r"channels is .*3\); expected one name per"),
+        ({"units": "mmm"}, "units is 'mmm'; expected one name per channel"),
     ],
 )
 def test_names_and_units_must_fit(names, message):

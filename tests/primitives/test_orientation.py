@@ -311,6 +311,16 @@ def test_reference_has_to_be_a_unit_quaternion(reference):
         )
 
 
+def test_reference_that_is_nearly_of_unit_length_becomes_so():
+    posed = Demonstration(
+        time=np.arange(5),
+        values=np.zeros((5, 3)),
+        channels=("rx", "ry", "rz"),
+        rotation_reference=(0.6 + 3e-8, 0, 0, 0.8 + 4e-8),
+    )
+    assert posed.rotation_reference == pytest.approx((0.6, 0, 0, 0.8), abs=1e-12)
+
+
 def test_reference_needs_the_rotation_channels():
     with pytest.raises(DemonstrationError, match="no channel rx"):
         Demonstration(

@@ -154,6 +154,38 @@ def test_automatic_takes_the_mixture_where_there_are_few_cycles_and_says_why():
         skill.fit(demonstration)
 
 
+def test_a_centre_that_wanders_farther_than_the_movement_is_refused():
+    values = recorded(wavering(300)).values
+    ramp = np.linspace(0, 0.4, 300)[:, None] * [1.0, 0.0]
+    with pytest.raises(
+        DemonstrationError, match=r"its centre wanders: .* at most 50 %"
+    ):
+        tracked([values + ramp], n_steps=60)
+
+
+@pytest.mark.parametrize(("apart", "noise"), [(0.035, 0.0), (0.017, 0.011)])
+def test_two_strokes_that_differ_are_one_cycle(apart, noise):
+    phase = wavering(600, period=100)
+    values = curve(2 * phase)
+    values[:, 0] += apart * np.cos(phase)
+    values += noise * np.random.default_rng(5).standard_normal(values.shape)
+    assert tracked([values], n_steps=60).cycles == pytest.approx(6, abs=0.1)
+
+
+def test_phase_of_samples_on_the_cycle_is_exact():
+    phase = 2 * np.pi * np.arange(100) / 50
+    cycle = Cycle.fit(phase, curve(phase), harmonics=6)
+    found = phase_path(cycle.values(phase), cycle, tempo=phase[1])
+    np.testing.assert_allclose(found, phase, atol=1e-9)
+
+
+def test_two_samples_are_enough_to_find_the_phase():
+    shown = 2 * np.pi * np.arange(50) / 50
+    cycle = Cycle.fit(shown, curve(shown), harmonics=6)
+    found = phase_path(cycle.values([1.0, 1.2]), cycle, tempo=0.2)
+    np.testing.assert_allclose(found, [1.0, 1.2], atol=0.1)
+
+
 def test_automatic_takes_the_mixture_where_nothing_repeats():
     rng = np.random.default_rng(0)
     walk = np.cumsum(rng.standard_normal((900, 2)), axis=0) / 100
@@ -220,6 +252,17 @@ def test_of_what_twenty_seconds_teach_the_covariances_hold_too(eight):
     assert np.mean(inside) > 0.93
     # They are too wide here; without the factors they would be too narrow.
     assert np.all(skill.phase_model_.widening(20)[9:] > 1.3)
+
+
+def test_covariances_are_those_of_the_model_where_nothing_can_be_left_out():
+    made = FourierMovementPrimitive(n_steps=60, overlap=6, model="phase")
+    skill = made.fit(recorded(wavering(215)))
+    assert np.array_equal(skill.phase_model_.widening(40), np.ones(40))
+
+
+def test_a_prediction_needs_as_many_samples_as_the_overlap(small):
+    with pytest.raises(SkillError, match=r"5 samples were observed; .* the last 6"):
+        small[0].predict(np.zeros((5, 2)), 10)
 
 
 def test_the_held_out_density_of_the_eight_is_far_above_the_mixtures(eight):
@@ -445,3 +488,9 @@ def test_the_phase_of_a_playback_runs_on_from_cycle_to_cycle(small):
         assert steps.mean() * 25 * skill.period_ == pytest.approx(2 * np.pi, rel=0.1)
         # Where the cycle is slow, what a sample adds moves the phase, too.
         assert steps.max() < 3 * steps.mean()
+
+
+def test_a_mixture_knows_no_phase_of_a_playback(small_skill):
+    player = Player(small_skill)
+    with pytest.raises(SkillError, match="a mixture, which knows no phase"):
+        phase_of(player, player.start([0.1, 0.0]))

@@ -9,7 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
-from fmp_drake.primitives.data.placement import Placement, fit_placement
+from fmp_drake.primitives.data.placement import (
+    Placement,
+    check_width,
+    fit_placement,
+)
 
 USABLE = (0.4, 0.3)
 
@@ -147,6 +151,26 @@ def test_path_without_3_channels_is_refused(channels):
 def test_path_on_a_point_or_a_line_is_refused(path):
     with pytest.raises(DemonstrationError, match="its plane is not determined"):
         fit_placement(demonstration(path), usable=USABLE)
+
+
+@pytest.mark.parametrize(
+    ("width", "advice"),
+    [
+        (300, r"300 m wide: millimetres\? Give --unit mm"),
+        (20, r"20 m wide: centimetres\? Give --unit cm"),
+        (1e6, r"1e\+06 m wide: check its unit"),
+        (1e-3, r"0\.001 m wide: check its unit"),
+    ],
+)
+def test_path_that_no_arm_can_follow_is_refused_with_a_guess(width, advice):
+    path = demonstration(np.linspace(0, 1, 9)[:, None] * [width, 0.5 * width, 0])
+    with pytest.raises(DemonstrationError, match=advice):
+        check_width(path)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.003, 0.3, 3.0])
+def test_width_of_an_arms_path_or_of_a_point_is_accepted(width):
+    check_width(demonstration(np.linspace(0, 1, 9)[:, None] * [0, width, 0]))
 
 
 def test_real_demonstrations_fit_onto_the_board(real_demonstration_paths):

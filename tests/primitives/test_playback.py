@@ -557,6 +557,19 @@ def test_plan_is_the_coming_ticks(small_skill, sample):
     assert coming[-1].remaps == 2
 
 
+@pytest.mark.parametrize("every", [1, 7, 20])
+def test_playback_is_mapped_anew_as_often_as_was_asked(small_skill, every):
+    player = Player(small_skill, remap_ticks=every)
+    *_, state = ticks(player, player.start([0.1, 0.0]), 40)
+    assert state.remaps == 40 // every
+
+
+@pytest.mark.parametrize("every", [0, 21, 2.5, "often"])
+def test_ticks_between_remaps_fit_into_a_window(small_skill, every):
+    with pytest.raises(SkillError, match=rf"remap_ticks is {every!r}; .* 1 .* 20"):
+        Player(small_skill, remap_ticks=every)
+
+
 @pytest.mark.parametrize("observed", [np.zeros((3, 2)), np.full((4, 2), np.nan)])
 def test_observation_that_does_not_fit_is_refused(small_skill, observed):
     player = Player(small_skill)

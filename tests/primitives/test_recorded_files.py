@@ -1,6 +1,9 @@
 """Facts about files as people have them: read exactly, or refused with advice."""
 
 import re
+import shutil
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +21,49 @@ from fmp_drake.primitives import (
 NEEDS = {"bag": "rosbags", "ros": "rosbags", "mcap": "rosbags"} | dict.fromkeys(
     ("lerobot", "parquet", "half"), "pyarrow"
 )
+
+
+def ros1_robot_states(folder):
+    """Write a bag of the states of a Franka arm, its poses matrices by columns."""
+    from rosbags.typesys import get_types_from_msg
+
+    kind = "franka_msgs/msg/FrankaState"
+    store = files.typestore(1)
+    text = "std_msgs/Header header\nfloat64[16] O_T_EE\nfloat64[7] q"
+    store.register(get_types_from_msg(text, kind))
+
+    def state(k):
+        X = np.eye(4)
+        X[:3, :3], X[:3, 3] = files.TURNS[k].as_matrix(), files.PATH[k]
+        header = files.header(1, k)
+        return store.types[kind](header=header, O_T_EE=X.T.ravel(), q=files.JOINTS[k])
+
+    return files.Written(files.bag(folder / "d.bag", {"/franka": state}, ros=1))
+
+
+def ros1_out_of_order(folder):
+    """Write a bag of poses, two and two of them in the wrong order."""
+    order = [0, *(np.arange(1, 399).reshape(-1, 2)[:, ::-1].ravel()), 399]
+    topics = {"/pose": lambda k: files.pose_stamped(1, order[k])}
+    return files.Written(files.bag(folder / "d.bag", topics, ros=1))
+
+
+def npz_of_one_array(folder):
+    np.savez(folder / "d.npz", np.column_stack([files.TIME, files.PATH]))
+    return files.Written(folder / "d.npz")
+
+
+def npz_by_columns(folder):
+    np.savez(folder / "d.npz", time=files.TIME, position=np.fliplr(files.PATH))
+    chosen = "x=position_z,y=position_y,z=position_x"
+    return files.Written(folder / "d.npz", {"columns": chosen})
+
+
+def two_hands(folder):
+    names = [f"{hand}_{axis}" for hand in ("left", "right") for axis in "xyz"]
+    columns = (files.TIME, *files.PATH.T, *files.PATH.T)
+    return files.write(folder, files.lines(*columns, header=",".join(["time", *names])))
+
 
 # Read as x, y and z.
 POSITIONS = (
@@ -51,6 +97,8 @@ POSITIONS = (
     files.npz_of_the_package,
     files.npz_of_someone,
     files.npz_in_milliseconds,
+    npz_of_one_array,
+    npz_by_columns,
     files.npy_with_a_rate,
     files.npy_with_times,
     files.npy_with_fields,
@@ -66,6 +114,8 @@ POSES = (
     files.ros2_transforms,
     files.mcap_file,
     files.ros2_without_stamps,
+    ros1_robot_states,
+    ros1_out_of_order,
 )
 REFUSED = {
     files.no_time: r"no column tells the time; .* x, y, z\. .*--sample-rate",
@@ -90,6 +140,11 @@ REFUSED = {
     files.bytes_of("d.csv.gz", b"\x1f\x8b\x08"): "compressed by gzip",
     files.bytes_of("d.json", b'{"x": [1, 2]}'): "a JSON file",
     files.bytes_of("d.csv", b"1,2\0\0\0,3"): "no text file",
+    files.bytes_of("d.mp4", b"\0\0\0\x18ftypmp42"): "a film; a demonstration is",
+    files.bytes_of("d.csv", b"0," + b"1" * 140_000): "line cannot be split into cells",
+    files.bytes_of(
+        "d.txt", b"Dear Sir,\n" * 201 + b"0 1\n1 2\n"
+    ): "no line of numbers among its first 200",
     files.bytes_of("d.bag", b""): "not a readable bag",
     files.bytes_of("d.parquet", b"PAR1"): "not a readable Parquet file",
     files.bytes_of("d.csv", b""): "is empty",
@@ -170,6 +225,8 @@ def test_what_cannot_be_read_is_refused_with_advice(make, tmp_path):
         (files.npz_of_someone, "gains .* left out"),
         (files.ros1_poses, "/pose, header stamps"),
         (files.ros2_without_stamps, "/pose, times of receipt"),
+        (ros1_out_of_order, "/pose, header stamps, put in order"),
+        (two_hands, r"several positions \(left_x, right_x \.\.\.\): choose with"),
     ],
     ids=lambda each: getattr(each, "__name__", ""),
 )
@@ -191,6 +248,45 @@ def test_a_dataset_has_a_demonstration_for_each_episode(make, tmp_path):
         Demonstration.load(tmp_path / "dataset")
 
 
+def drop(column, path):
+    from pyarrow import parquet
+
+    parquet.write_table(parquet.read_table(path).drop([column]), path)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (
+            lambda d: (d / "meta" / "info.json").write_text("{"),
+            r"info\.json is no LeRobot dataset's \(JSONDecodeError",
+        ),
+        (
+            lambda d: (d / "meta" / "info.json").write_text('{"fps": 50}'),
+            r"info\.json is no LeRobot dataset's \(KeyError\('features'\)",
+        ),
+        (lambda d: shutil.rmtree(d / "data"), r"has no data/\*\*/\*\.parquet"),
+        (
+            lambda d: drop("timestamp", next(d.rglob("*.parquet"))),
+            "its files have different columns",
+        ),
+        (
+            lambda d: [drop("timestamp", file) for file in d.rglob("*.parquet")],
+            "has no column timestamp",
+        ),
+        (
+            lambda d: [drop("observation.state", f) for f in d.rglob("*.parquet")],
+            r"has no column observation\.state",
+        ),
+    ],
+)
+def test_a_dataset_says_what_it_lacks(damage, message, tmp_path):
+    dataset = written(files.lerobot_2, tmp_path).path
+    damage(dataset)
+    with pytest.raises(FmpError, match=message):
+        read_demonstrations([dataset])
+
+
 def test_parts_of_a_dataset_without_names_are_numbered(tmp_path):
     found, _ = read(files.lerobot_without_names, tmp_path)
     assert found[0].channels == tuple(f"c{i}" for i in range(7))
@@ -202,6 +298,127 @@ def test_joints_of_a_bag_keep_their_names(tmp_path):
     assert found.channels == tuple(f"panda_joint{i}" for i in range(1, 8))
     assert set(found.units) == {"rad"}
     assert_allclose(found.values, files.JOINTS, atol=1e-12)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_an_arm_and_a_gripper_on_one_topic_the_arm_is_read(first, tmp_path):
+    pytest.importorskip("rosbags")
+
+    def state(k):
+        message = files.joint_state(1, k)
+        if k % 2 == first:
+            message.name, message.position = ["gripper"], np.zeros(1)
+        if k == 201 - first:
+            message.name.append("gripper")
+            message.position = np.append(message.position, 0.0)
+        return message
+
+    bag = files.bag(tmp_path / "d.bag", {"/joint_states": state}, ros=1)
+    (found,), remarks = read_demonstrations([bag])
+    assert found.channels == tuple(f"panda_joint{i}" for i in range(1, 8))
+    assert_allclose(found.values, files.JOINTS[1 - first :: 2], atol=1e-12)
+    assert "gripper left out" in " ".join(remarks)
+
+
+def test_a_bag_begins_with_its_earliest_message(tmp_path):
+    pytest.importorskip("rosbags")
+    topics = {"/pose": lambda k: files.pose_stamped(1, 399 - k)}
+    bag = files.bag(tmp_path / "d.bag", topics, ros=1)
+    (found,), _ = read_demonstrations([bag])
+    assert found.time[0] == 0
+    assert_allclose(found.values[:, :3], files.PATH, atol=1e-12)
+
+
+def test_joints_without_positions_are_no_demonstration(tmp_path):
+    pytest.importorskip("rosbags")
+
+    def state(k):
+        message = files.joint_state(1, k)
+        message.position = np.zeros(0)
+        return message
+
+    bag = files.bag(tmp_path / "d.bag", {"/joint_states": state}, ros=1)
+    with pytest.raises(FmpError, match="of joints the positions are read"):
+        read_demonstrations([bag])
+
+
+def test_a_bag_by_another_name_is_refused_with_advice(tmp_path):
+    bag = written(files.ros1_poses, tmp_path).path
+    renamed = bag.rename(bag.with_suffix(".orig"))
+    with pytest.raises(FmpError, match=r"ends with \.bag, \.mcap or \.db3"):
+        read_demonstrations([renamed])
+
+
+@pytest.mark.parametrize(
+    ("topic", "message"),
+    [
+        ("", r"has the topics /note \(String\); choose one with --topic"),
+        ("/nose", r"has no topic /nose; it has /note \(String\)"),
+        ("/note", "/note has no message with numbers"),
+    ],
+)
+def test_a_bag_of_words_is_refused(topic, message, tmp_path):
+    pytest.importorskip("rosbags")
+    word = files.typestore(1).types["std_msgs/msg/String"](data="here")
+    bag = files.bag(tmp_path / "d.bag", {"/note": lambda _: word}, ros=1)
+    with pytest.raises(FmpError, match=message):
+        read_demonstrations([bag], ReadingOptions(topic=topic))
+
+
+def test_a_bag_that_claims_millions_of_messages_is_refused(tmp_path):
+    bag = written(files.ros2_joints, tmp_path).path
+    about = bag / "metadata.yaml"
+    claimed = about.read_text().replace("message_count: 400", "message_count: 3000000")
+    about.write_text(claimed)
+    with pytest.raises(FmpError, match="has 3000000 messages; at most 2000000 are"):
+        read_demonstrations([bag])
+
+
+def test_text_that_is_too_large_is_refused_before_it_is_read(tmp_path):
+    path = tmp_path / "d.csv"
+    with path.open("w") as stream:
+        stream.write("time,x\n")
+        stream.truncate(2**28)
+    with pytest.raises(FmpError, match=r"d\.csv holds 256 MB; at most 128 MB"):
+        read_demonstrations([path])
+
+
+def test_rows_that_would_take_too_much_memory_are_refused(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow.parquet import write_table
+
+    path = tmp_path / "d.parquet"
+    write_table(pa.table({"x": pa.nulls(40_000_000)}), path)
+    with pytest.raises(FmpError, match=r"d\.parquet holds 305 MB; at most 256 MB"):
+        read_demonstrations([path])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a file that none can read")
+def test_a_file_that_cannot_be_read_is_named():
+    path = Path("/proc/self/mem")
+    with pytest.raises(FmpError, match=f"cannot read {path}: Input/output error"):
+        read_demonstrations([path])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "package", "message"),
+    [
+        (
+            "d.bag",
+            b"#ROSBAG V2.0",
+            "rosbags.highlevel",
+            r"a bag; .*'fmp-drake\[bags\]'",
+        ),
+        ("d.parquet", b"PAR1", "pyarrow", r"Parquet file; .*'fmp-drake\[lerobot\]'"),
+    ],
+)
+def test_what_reads_a_file_is_named_where_it_is_missing(
+    name, content, package, message, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, package, None)
+    path = files.bytes_of(name, content)(tmp_path).path
+    with pytest.raises(FmpError, match=message):
+        read_demonstrations([path])
 
 
 def test_recordings_that_are_read_together_have_one_reference_of_rotations(tmp_path):

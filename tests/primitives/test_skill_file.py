@@ -209,6 +209,13 @@ def test_skill_with_arrays_that_do_not_fit_is_refused(saved, changes):
         load_skill(saved)
 
 
+@pytest.mark.parametrize("proportions", [[0.5, 0.5, 0.5], [1.5, -0.25, -0.25]])
+def test_skill_whose_proportions_are_no_probabilities_is_refused(saved, proportions):
+    rewritten(saved, proportions=np.array(proportions))
+    with pytest.raises(SkillFileError, match=r"not positive or do not add up to 1"):
+        load_skill(saved)
+
+
 @pytest.mark.parametrize("parameters", [{"n_steps": 30}, {"colour": 1}, {"overlap": 1}])
 def test_skill_with_parameters_that_do_not_fit_is_refused(saved, parameters):
     rewritten(saved, lambda m: m["parameters"].update(parameters))

@@ -55,6 +55,13 @@ def test_demonstrations_are_resampled_to_the_rate():
     assert np.allclose(np.diff(windows[:4, :, 0], axis=1), 0.5)
 
 
+def test_windows_of_a_path_that_comes_back_are_joined_where_all_samples_agree():
+    path = np.array([0.0, 5, 1, 5, 2, 3, 4, 6, 7, 8, 9, 5])[:, None]
+    windows = sliding_windows(path, n_steps=6, stride=3)
+    (joined,) = as_windows(windows, n_steps=6, stride=3, rate=20.0).recordings()
+    assert np.array_equal(joined, path)
+
+
 def test_no_demonstration_is_refused():
     with pytest.raises(DemonstrationError, match="at least one"):
         as_windows([], n_steps=8, stride=1, rate=20.0)

@@ -1,11 +1,13 @@
 """Recordings in ROS 1 and ROS 2 bags and in MCAP files."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import FmpError, SkillFileError
@@ -21,12 +23,16 @@ _POSES = (
     "sensor_msgs/msg/JointState",
 )
 _MOST_MESSAGES = 2_000_000
+# By these the reader knows what a file is.
+_ENDINGS = (".bag", ".mcap", ".db3")
 
 
 def read_bag(path: Path, topic: str) -> Table:
     """Return the numbers in the messages of one topic.
 
     The stamp in a message's header is its time, that of its receipt where there is none.
+    Where messages of one topic hold different numbers, as those of an arm and of its
+    gripper, those are read that tell most.
 
     Parameters
     ----------
@@ -47,6 +53,11 @@ def read_bag(path: Path, topic: str) -> Table:
         raise SkillFileError(
             f"{path} is a bag; install what reads it: pip install 'fmp-drake[bags]'."
         ) from None
+    if path.is_file() and path.suffix not in _ENDINGS:
+        raise SkillFileError(
+            f"{path} is a bag; give it a name that ends with {', '.join(_ENDINGS[:-1])} "
+            f"or {_ENDINGS[-1]}, as it was recorded."
+        )
     types = get_typestore(Stores.ROS2_HUMBLE)
     try:
         with AnyReader([path], default_typestore=types) as reader:
@@ -60,10 +71,10 @@ def read_bag(path: Path, topic: str) -> Table:
                     f"{path}: {chosen} has {count} messages; at most {_MOST_MESSAGES} "
                     "are read."
                 )
-            rows: list[list[float]] = []
+            rows: list[tuple[float, ...]] = []
+            kinds: list[tuple[str, ...]] = []
             stamps: list[int] = []
             received: list[int] = []
-            names: list[str] = []
             frame = ""
             for connection, receipt, raw in reader.messages(connections=connections):
                 message = reader.deserialize(raw, connection.msgtype)
@@ -72,23 +83,29 @@ def read_bag(path: Path, topic: str) -> Table:
                 stamps.append(0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec)
                 received.append(receipt)
                 frame = frame or getattr(header, "frame_id", "")
-                numbers = dict(_numbers(message))
-                names = names or list(numbers)
-                rows.append([numbers.get(name, np.nan) for name in names])
+                told_by_it = dict(_numbers(message))
+                kinds.append(tuple(told_by_it))
+                rows.append(tuple(told_by_it.values()))
     except FmpError:
         raise
     except Exception as reason:  # noqa: BLE001 - broken bytes raise anything.
         raise SkillFileError(f"{path} is not a readable bag ({reason}).") from None
-    if not rows or not names:
-        raise SkillFileError(f"{path}: {chosen} has no message with numbers.")
+    names, at, numbers, left = _chosen(kinds or [()], rows or [()])
+    if not names:
+        raise SkillFileError(
+            f"{path}: {chosen} has no message with numbers; of joints the positions are "
+            "read."
+        )
     is_stamped = all(stamps) and stamps[0] != stamps[-1]
     told = stamps if is_stamped else received
-    time = (np.array(told) - told[0]) * 1e-9
-    in_order = np.argsort(time, kind="stable")
-    values = np.column_stack([time, np.array(rows)])[in_order]
     remark = f"{chosen}, {'header stamps' if is_stamped else 'times of receipt'}"
     if any(a > b for a, b in pairwise(told)):
         remark += ", put in order"
+    if left:
+        remark += f"; {', '.join(left)} left out, which other messages hold"
+    time = np.array(told)[at]
+    values = np.column_stack([(time - time.min()) * 1e-9, numbers])
+    values = values[np.argsort(time, kind="stable")]
     return Table(
         names=("time", *names),
         units=("s", *("" for _ in names)),
@@ -96,6 +113,26 @@ def read_bag(path: Path, topic: str) -> Table:
         frame=frame,
         remarks=(remark,),
     )
+
+
+def _chosen(
+    kinds: list[tuple[str, ...]], rows: list[tuple[float, ...]]
+) -> tuple[tuple[str, ...], list[int], NDArray[np.float64], list[str]]:
+    """Return the names that are read, which rows have them, their numbers, other names.
+
+    They are those of the messages that tell most numbers altogether.
+    """
+    counts = Counter(kinds)
+    names = max(counts, key=lambda kind: counts[kind] * len(kind))
+    places = {
+        kind: [kind.index(name) for name in names]
+        for kind in counts
+        if set(names) <= set(kind)
+    }
+    at = [i for i, kind in enumerate(kinds) if kind in places]
+    numbers = np.array([[rows[i][j] for j in places[kinds[i]]] for i in at])
+    left = {name for kind in counts for name in kind} - set(names)
+    return names, at, numbers, sorted(left)
 
 
 def _topic(path: Path, types: dict[str, str], wanted: str) -> str:
@@ -120,7 +157,8 @@ def _numbers(message: Any, begin: str = "") -> Iterator[tuple[str, float]]:
     """Yield the numbers of a message with their names; no headers and covariances."""
     joints = getattr(message, "name", None)
     if isinstance(joints, list) and hasattr(message, "position"):
-        yield from zip(joints, map(float, message.position), strict=True)
+        if len(message.position) == len(joints):
+            yield from zip(joints, map(float, message.position), strict=True)
         return
     pose = getattr(message, "O_T_EE", None)
     if pose is not None:  # By columns.

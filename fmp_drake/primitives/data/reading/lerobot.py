@@ -53,10 +53,10 @@ def read_lerobot(folder: Path, feature: str) -> list[Table]:
         raise SkillFileError(f"{folder}: its files have different columns.")
     values = np.concatenate([table.values for table in tables])
     missing = {"timestamp", "episode_index"} - set(first)
-    if missing:
-        raise SkillFileError(f"{folder} has no column {min(missing)}.")
-    episode, time = (values[:, first.index(n)] for n in ("episode_index", "timestamp"))
     at = [i for i, name in enumerate(first) if name not in needed[1:]]
+    if missing or not at:
+        raise SkillFileError(f"{folder} has no column {min(missing, default=feature)}.")
+    episode, time = (values[:, first.index(n)] for n in ("episode_index", "timestamp"))
     names = ("time", *_names(named[feature].get("names"), len(at)))
     remark = f"{feature} at {rate:g} Hz"
     return [
