@@ -5,6 +5,8 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -77,6 +79,42 @@ def test_processes_are_replaced_after_some_tasks(tmp_path):
     tasks = [(tmp_path, i, 0, "") for i in range(4)]
     assert len(list(run_tasks(square, tasks, workers))) == 4
     assert len(begun(tmp_path)[1]) == 2
+
+
+class Breaking:
+    """Workers whose first executor takes one task and no other."""
+
+    renewed_after, attempts = None, 2
+
+    def __init__(self):
+        self.executors = 0
+
+    @contextmanager
+    def executor(self):
+        self.executors += 1
+        first, taken = self.executors == 1, []
+
+        class Executor(ThreadPoolExecutor):
+            def submit(self, *call):
+                if first and taken:
+                    raise BrokenExecutor("a process has ended")
+                taken.append(call)
+                return super().submit(*call)
+
+        with Executor(1) as executor:
+            yield executor
+
+    def places(self):
+        return 2
+
+
+def test_task_that_a_broken_executor_does_not_take_is_done_by_the_next(tmp_path):
+    workers = Breaking()
+    tasks = [(tmp_path, i, 0, "") for i in range(3)]
+    done = {d.task[1]: d for d in run_tasks(square, tasks, workers)}
+    assert [done[i].result for i in range(3)] == [0, 1, 4]
+    assert {d.attempts for d in done.values()} == {1}
+    assert workers.executors == 2
 
 
 def test_nothing_goes_on_where_the_iterator_is_closed(tmp_path):

@@ -2,7 +2,24 @@
 
 import os
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+
+
+class Threads:
+    """Workers that are this process."""
+
+    renewed_after = None
+    attempts = 1
+
+    @contextmanager
+    def executor(self):
+        with ThreadPoolExecutor(1) as executor:
+            yield executor
+
+    def places(self):
+        return 1
 
 
 def note(folder, name):

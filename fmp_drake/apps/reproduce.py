@@ -161,6 +161,9 @@ def compare_recordings(
             continue
         every = replace(profile, folds=max(profile.folds, len(recordings)))
         scores = evaluate(recordings, every, partial(_prefixed, progress, name))
+        if not scores:
+            progress(f"{name} lasts {seconds:.1f} s: too short to learn from")
+            continue
         results[name] = summary(scores)
         findings.append(held_out_finding(name, scores))
     if not findings:

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.finding import Finding
 from fmp_drake.primitives.data.files import replaced, write_text
@@ -73,7 +75,7 @@ def write_page(
         for finding in findings:
             lines.append(f"### {finding.title}")
             if finding.figure is not None:
-                _picture(path.parent, finding)
+                _picture(path.parent, finding.name, finding.figure)
                 lines.append(f"![{finding.title}]({finding.name}.png)")
             if finding.table is not None:
                 head, *rows = ([c.replace("|", "/") for c in r] for r in finding.table)
@@ -115,7 +117,7 @@ def _finding(folder: Path, finding: Finding) -> str:
     title = html.escape(finding.title)
     parts = [f'<h3 id="{finding.name}">{title}</h3>']
     if finding.figure is not None:
-        data = base64.b64encode(_picture(folder, finding)).decode()
+        data = base64.b64encode(_picture(folder, finding.name, finding.figure)).decode()
         parts.append(f'<img alt="{title}" src="data:image/png;base64,{data}">')
     if finding.table is not None:
         parts.append(_table((map(_inline, row) for row in finding.table), "th"))
@@ -130,11 +132,10 @@ def _inline(text: str) -> str:
     return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(text))
 
 
-def _picture(folder: Path, finding: Finding) -> bytes:
-    """Write the figure of a finding as PNG, and return it."""
+def _picture(folder: Path, name: str, figure: Figure) -> bytes:
+    """Write a figure as PNG, and return it."""
     buffer = io.BytesIO()
-    if finding.figure is not None:
-        finding.figure.savefig(buffer, dpi=110, format="png")
-    with replaced(folder / f"{finding.name}.png", ExperimentError) as part:
+    figure.savefig(buffer, dpi=110, format="png")
+    with replaced(folder / f"{name}.png", ExperimentError) as part:
         part.write_bytes(buffer.getvalue())
     return buffer.getvalue()

@@ -1,17 +1,31 @@
 """Facts about the commands that speak a real arm's messages."""
 
+import ctypes
 import json
+import os
 import signal
 import sys
 import time
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from network import Network, needs_network
+from pydrake.lcm import DrakeLcm
 
 from fmp_drake.apps.arm_console import arm_config
 from fmp_drake.apps.main import main
+from fmp_drake.apps.page import open_page
 from fmp_drake.errors import StationError
-from fmp_drake.station import LcmPanda
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    load_skill,
+    save_skill,
+)
+from fmp_drake.runs import ArmBench
+from fmp_drake.station import LcmPanda, LoadScenario, SimulatedHand, models_dir
+from fmp_drake.systems import HandMotion
 
 
 def test_arm_names_a_bus_or_a_file(tmp_path):
@@ -71,6 +85,143 @@ def test_an_arm_that_says_nothing_is_not_good_and_cannot_be_recorded(
     with pytest.raises(SystemExit):
         main(["record", "--out", "shown.npz", "--page", "--arm", "lcm:memq://"])
     assert "leave out --page" in capsys.readouterr().err
+
+
+# On one bus with a simulated arm, in this process.
+
+
+class Bus:
+    """A bus with an arm, and a clock: a millisecond passes with each look at it.
+
+    `at` says what happens after so many looks.
+    """
+
+    def __init__(self, monkeypatch, **bench):
+        lcm, self.seconds, self.at = DrakeLcm("memq://"), 1.7e9, {}
+        self.bench, self.looks = ArmBench(LoadScenario("table_top"), lcm, **bench), 0
+        clock = SimpleNamespace(time=self.now, sleep=lambda _: None)
+        monkeypatch.setattr("fmp_drake.runs.arm.real_time.time", clock)
+        monkeypatch.setattr("fmp_drake.station.panda_driver.DrakeLcm", lambda _: lcm)
+
+    def now(self):
+        self.looks += 1
+        self.seconds += 1e-3
+        self.bench.step(self.seconds)
+        if self.looks in self.at:
+            self.at.pop(self.looks)()
+        return self.seconds
+
+
+@pytest.fixture
+def enter(monkeypatch):
+    """The function that presses Enter in the terminal of the command."""
+    ours, theirs = os.openpty()
+    with open(theirs) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        yield lambda: os.write(ours, b"\n")
+    os.close(ours)
+
+
+@pytest.fixture
+def no_precedence(monkeypatch):
+    """A machine that lets no program run before others, nor stay in memory."""
+
+    def refuse(*_):
+        raise PermissionError(1, "Operation not permitted")
+
+    load, library = ctypes.CDLL, SimpleNamespace(mlockall=lambda _: -1)
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(
+        ctypes, "CDLL", lambda name, **how: load(name, **how) if name else library
+    )
+
+
+def guided(seconds):
+    return SimulatedHand(HandMotion.make("eight", seconds=seconds, seed=0))
+
+
+@pytest.mark.usefixtures("no_precedence")
+def test_a_guided_arm_is_simulated_for_its_time(command):
+    result = command(
+        *("arm", "--arm", "lcm:memq://", "--hand", "eight"),
+        *("--duration", 0.05, "--real-time"),
+    )
+    assert result.code == 0, result
+    assert "no SCHED_FIFO (Operation not permitted): " in result.out
+    assert "no locked memory (" in result.out
+    assert "followed_ms: 0" in result.out
+    seconds = result.out.split("\nseconds: ")[1].split()[0]
+    assert 0 < float(seconds) <= 0.06
+
+
+def test_a_guided_arm_is_recorded_until_enter(command, outputs, monkeypatch, enter):
+    bus, path = Bus(monkeypatch, hand=guided(5.0)), outputs / "shown.npz"
+    bus.at[1500] = enter
+    result = command("record", "--out", path, "--arm", "lcm:memq://")
+    assert result.code == 0, result
+    assert "nothing is sent: guide the arm now, pressing lightly; Enter" in result.out
+    shown = Demonstration.load(path)
+    assert f"recorded {shown.duration:.1f} s at 20 Hz: x " in result.out
+    assert f"wrote {path}" in result.out
+    assert 0.9 < shown.duration < 1.6
+    assert bus.bench.metrics()["followed_ms"] == 0
+
+
+@pytest.mark.parametrize(
+    ("press", "reason"),
+    [(10, "nobody can say go"), (60, "friction holds the eraser")],
+)
+def test_what_a_person_teaches_an_arm_is_kept_and_played_where_it_may_be(
+    refused, outputs, monkeypatch, tmp_path, press, reason
+):
+    scenario = tmp_path / "scene.yaml"
+    scenario.write_text(f"press: {{force: {press}}}\nskill: {{window: 1.0}}\n")
+    monkeypatch.setattr(sys, "stdin", None)
+    Bus(monkeypatch, hand=guided(5.0))
+    shown, skill = outputs / "shown.npz", outputs / "skill.npz"
+    line = refused(
+        *("teach", "--scenario", scenario, "--duration", 2.5, "--arm", "lcm:memq://"),
+        *("--out", shown, "--skill", skill),
+    )
+    assert reason in line
+    assert Demonstration.load(shown).duration > 2.0
+    assert load_skill(skill).n_steps == 20
+
+
+@pytest.mark.usefixtures("no_precedence")
+def test_enter_lets_an_arm_go_and_stops_it_and_the_page_says_so(
+    command, outputs, monkeypatch, enter
+):
+    skill = outputs / "skill.npz"
+    shown = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+    learned = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4)
+    save_skill(learned.fit(shown), skill)
+    panels = []
+
+    def open_and_keep(*arguments, **options):
+        panels.append(open_page(*arguments, **options))
+        return panels[-1]
+
+    monkeypatch.setattr("fmp_drake.apps.wipe.open_page", open_and_keep)
+    bus, said = Bus(monkeypatch), []
+    bus.at = {150: enter, 750: enter}
+    bus.at |= dict.fromkeys(
+        (140, 740, 990), lambda: said.append(panels[0].shown["mode"])
+    )
+    result = command(
+        *("wipe", "--arm", "lcm:memq://", "--skill", skill, "--force"),
+        *("--duration", 1.0, "--real-time"),
+    )
+    assert result.code == 0, result
+    for line in ("watch it at http://", "no SCHED_FIFO (", "Enter lets the arm go"):
+        assert line in result.out
+    modes = ("waiting\n", "open\n", "stopped (STOPPED)\n")
+    assert list(map(result.out.count, modes)) == [1, 1, 1]
+    assert said == ["waiting", "in the air", "stopped"]
+    assert panels[0].shown["mode"] == "ended"
+    assert 0.1 < float(result.out.split("open seconds: ")[1].split()[0]) < 0.6
+    assert result.out.split("stops: ")[1].splitlines()[0].endswith("'STOPPED')]")
+    assert not np.any(bus.bench.commanded)
 
 
 @pytest.mark.slow

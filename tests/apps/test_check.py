@@ -35,6 +35,12 @@ def test_what_cannot_be_followed_ends_with_a_code_and_a_picture(command, outputs
     assert plot.stat().st_size > 0
 
 
+def test_start_that_is_out_of_reach_cannot_be_followed(command):
+    result = command("check", "--start", 5, 0, 0)
+    assert result.code == 1
+    assert "the start is out of reach" in " ".join(result.out.split())
+
+
 def test_wiping_what_cannot_be_followed_is_refused_unless_forced(command, refused, far):
     run = ("wipe", "--headless", "--duration", 0.05, "--scenario", far)
     assert "--force" in refused(*run)

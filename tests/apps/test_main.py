@@ -1,6 +1,7 @@
 """Facts about the command line as a whole: what it refuses, and how."""
 
 import json
+import logging
 import subprocess
 import sys
 from pathlib import Path
@@ -233,6 +234,14 @@ def test_other_errors_of_the_interpreter_are_shown(command, monkeypatch):
     monkeypatch.setattr(main_module.app, "main", broken)
     with pytest.raises(SystemError, match="broken"):
         command("wipe")
+
+
+def test_what_drake_only_mentions_is_not_said(command, caplog):
+    command("--version")
+    with caplog.at_level(logging.DEBUG, "drake"):
+        logging.getLogger("drake").info("listening")
+        logging.getLogger("drake").warning("the mesh is empty")
+    assert caplog.messages == ["the mesh is empty"]
 
 
 def test_full_disk_ends_without_a_traceback(refused, monkeypatch):

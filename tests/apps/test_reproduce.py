@@ -1,4 +1,4 @@
-"""Recordings that `fmp-drake reproduce` refuses."""
+"""What `fmp-drake reproduce` refuses."""
 
 
 def test_recording_that_is_too_short_is_refused(refused, make_npz, tmp_path):
@@ -13,3 +13,10 @@ def test_missing_recording_is_refused(refused, tmp_path):
         "reproduce", "--out", tmp_path / "x", "--demo", tmp_path / "none.npz"
     )
     assert "none.npz" in line
+
+
+def test_folder_that_cannot_be_made_is_refused(refused, tmp_path):
+    file = tmp_path / "file"
+    file.touch()
+    for out in (file, file / "x"):
+        assert f"cannot write into {out}: " in refused("reproduce", "--out", out)

@@ -5,12 +5,18 @@ import re
 import matplotlib.image
 import numpy as np
 import pytest
+from worlds_stub import Threads
 
 from fmp_drake.apps import scenarios as scenarios_module
-from fmp_drake.errors import RunError
+from fmp_drake.errors import RunError, StationError
 from fmp_drake.film import checks
 from fmp_drake.film import scenario_page as page_module
-from fmp_drake.film.scenario_page import Measured, measure_scenario, scenario_page
+from fmp_drake.film.scenario_page import (
+    Measured,
+    measure_scenario,
+    measure_scenarios,
+    scenario_page,
+)
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 METRICS = {
@@ -123,6 +129,20 @@ def test_without_egl_there_are_metrics_and_no_picture(monkeypatch, outputs):
     assert not pictured
     assert set(METRICS) <= set(metrics)
     assert list(outputs.iterdir()) == []
+
+
+def test_picture_is_rendered_of_the_end(outputs):
+    if not checks.renders():
+        pytest.skip("pictures need EGL")
+    _, pictured = measure_scenario("words", 0.02, outputs)
+    assert pictured
+    assert [path.name for path in outputs.iterdir()] == ["words.png"]
+
+
+def test_scenario_that_cannot_be_measured_is_an_error(monkeypatch, outputs):
+    monkeypatch.setattr(page_module, "LocalWorkers", lambda *_, **__: Threads())
+    with pytest.raises(StationError, match="billiards"):
+        list(measure_scenarios(["billiards"], 0.1, outputs))
 
 
 @pytest.mark.parametrize(

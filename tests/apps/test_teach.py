@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+import umsgpack
 from browser import CTRL, Page, needs_chromium
 
 from fmp_drake.apps.page import open_page
@@ -26,6 +27,28 @@ def test_the_page_opens_and_says_where(command, outputs):
     assert result.code == 0
     assert "teach it at http://localhost:" in result.out
     assert list(outputs.iterdir()) == []
+
+
+def test_what_a_button_does_is_said(command, outputs, monkeypatch):
+    pressed = []
+
+    def open_and_press(*arguments, **options):
+        panel = open_page(*arguments, **options)
+        show = panel.show
+
+        def press_once(**fields):
+            show(**fields)
+            if "learn" in fields.get("buttons", {}) and not pressed:
+                pressed.append({"type": "button", "name": "learn"})
+                panel.meshcat._InjectWebsocketMessage(umsgpack.packb(pressed[0]))
+
+        monkeypatch.setattr(panel, "show", press_once)
+        return panel
+
+    monkeypatch.setattr("fmp_drake.apps.teach.open_page", open_and_press)
+    result = command("teach", "--duration", 0.2, "--out", outputs / "a.npz")
+    assert result.code == 0
+    assert "learn: show 12 s more: two windows of 6 s" in result.out
 
 
 @pytest.mark.parametrize(

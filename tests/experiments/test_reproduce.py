@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from fmp_drake.apps import reproduce as reproduce_module
 from fmp_drake.apps.reproduce import compare_recordings
-from fmp_drake.errors import FmpError
+from fmp_drake.errors import ExperimentError, FmpError
 from fmp_drake.experiments.finding import Closeness, Finding, roughness
 from fmp_drake.experiments.held_out import evaluate, held_out_finding, summary
 from fmp_drake.experiments.methods import (
@@ -180,15 +181,19 @@ def test_short_recordings_get_no_heatmap():
     assert held_out_finding("polishing", scores).table
 
 
-def test_recordings_of_one_movement_are_held_out_in_turn(tmp_path, monkeypatch):
-    for i, name in enumerate(("loop_1", "loop_2", "loop_3", "short")):
+def write_recordings(folder, **counts):
+    """Write recordings of polishing, each of so many samples at 20 Hz."""
+    for i, (name, count) in enumerate(counts.items()):
         path = HandMotion.make("polishing", seconds=11, seed=i).position[:2000:10]
-        count = 100 if name == "short" else 200
         np.savez(
-            tmp_path / f"{name}.npz",
+            folder / f"{name}.npz",
             time=np.arange(count) / 20,
             position=np.column_stack([path, 1e-4 * np.sin(np.arange(200))])[:count],
         )
+
+
+def test_recordings_of_one_movement_are_held_out_in_turn(tmp_path, monkeypatch):
+    write_recordings(tmp_path, loop_1=200, loop_2=200, loop_3=200, short=100)
     few = {name: compared()[name] for name in (PHASE, FMP, FMP_PAPER, REPLAY, GP)}
     monkeypatch.setattr("fmp_drake.experiments.held_out.compared", lambda: few)
     told = []
@@ -199,6 +204,81 @@ def test_recordings_of_one_movement_are_held_out_in_turn(tmp_path, monkeypatch):
     scores = results["loop"]
     assert scores[PHASE]["prediction_rms"]["mean"] < 0.03 * 1e3
     assert "tube_10" in scores[GP]
+
+
+class Shy:
+    """A method that learns from nothing."""
+
+    def fit(self, _):
+        raise ExperimentError("there are no periods")
+
+
+@pytest.fixture
+def quick_and_shy(monkeypatch):
+    """Let two methods be compared only: one that is quick, and one that never learns."""
+    few = {MULT: compared()[MULT], "shy": (lambda _: Shy(), 2)}
+    monkeypatch.setattr("fmp_drake.experiments.held_out.compared", lambda: few)
+
+
+@pytest.mark.usefixtures("quick_and_shy")
+def test_what_is_too_short_or_cannot_be_learned_has_no_scores(tmp_path):
+    write_recordings(tmp_path, loop_1=200, loop_2=200, loop_3=30)
+    recordings = [Demonstration.load(path) for path in sorted(tmp_path.iterdir())]
+    told = []
+    small = replace(QUICK, folds=3, samples=50, predictions=3)
+    scores = evaluate(recordings, small, told.append)
+    assert set(scores) == {MULT}
+    assert len(scores[MULT]["prediction_rms"]) == 2 * QUICK.seeds
+    said = "shy cannot learn from the rest: there are no periods"
+    assert told.count(said) == 2
+
+
+@pytest.mark.usefixtures("quick_and_shy")
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_folder_of_recordings_is_a_section_of_the_report(
+    command, tmp_path, monkeypatch, terminal
+):
+    if terminal:  # One that shows no bar either.
+        monkeypatch.setenv("FORCE_COLOR", "1")
+        monkeypatch.setenv("TERM", "dumb")
+    # Stands in for a minute of the paper's experiments.
+    monkeypatch.setattr(
+        reproduce_module, "run_experiments", lambda *_: ([], {"held_out": {}})
+    )
+    folder, out = tmp_path / "mine", tmp_path / "out"
+    folder.mkdir()
+    write_recordings(folder, loop_1=200, loop_2=200)
+    result = command("reproduce", "--quick", "--demos", folder, "--out", out)
+    assert result.code == 0, result
+    results = json.loads((out / "results.json").read_text())
+    assert set(results["held_out"]["loop"]) == {MULT}
+    assert "Held out: recordings in mine" in (out / "report.html").read_text()
+    assert ("shy cannot learn" in result.out) != terminal
+    assert f"wrote {out / 'report.html'}" in result.out.replace("\n", "")
+
+
+def test_recordings_that_are_all_too_short_are_said_and_refused(tmp_path):
+    write_recordings(tmp_path, loop_1=30, loop_2=30)
+    told = []
+    with pytest.raises(FmpError, match=r"has no \.npz recording of"):
+        compare_recordings(tmp_path, QUICK, told.append)
+    assert any("loop lasts 1.4 s: too short to learn from" in each for each in told)
+
+
+@pytest.mark.parametrize("densities", [[-15.0, -9.0], [12.0, 14.0], [np.nan] * 2])
+def test_every_bar_of_the_held_out_scores_is_seen(densities):
+    scores = {
+        name: {"log_density": [density], "prediction_rms": [3.0]}
+        for name, density in zip((PHASE, FMP), densities, strict=True)
+    }
+    (axes, *_) = (
+        each
+        for each in held_out_finding("eight", scores).figure.axes
+        if "densit" in each.get_xlabel()
+    )
+    low, high = axes.get_xlim()
+    for density in filter(np.isfinite, densities):
+        assert low < density < high
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path):

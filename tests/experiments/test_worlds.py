@@ -7,12 +7,14 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 
+import numpy as np
 import pytest
 import worlds_stub
+from PIL import Image
+from worlds_stub import Threads
 
 from fmp_drake import ExperimentError
 from fmp_drake.apps import worlds as worlds_module
@@ -23,9 +25,12 @@ from fmp_drake.experiments.worlds import (
     WorldsReport,
     WorldStore,
     faults,
+    replay_world,
     run_worlds,
 )
+from fmp_drake.experiments.worlds.pictures import draw_success, interval
 from fmp_drake.experiments.worlds.world import code_version
+from fmp_drake.film import checks
 from fmp_drake.processes import ClusterWorkers
 
 SPEC = """
@@ -45,21 +50,6 @@ GOOD = {
     "joint_limit_margin_min_rad": 0.2,
     "cleaned_fraction_of_demonstrated_area": 0.9,
 }
-
-
-class Threads:
-    """Workers that are this process."""
-
-    renewed_after = None
-    attempts = 1
-
-    @contextmanager
-    def executor(self):
-        with ThreadPoolExecutor(1) as executor:
-            yield executor
-
-    def places(self):
-        return 1
 
 
 @pytest.fixture(scope="module")
@@ -131,11 +121,35 @@ def test_replay_is_the_same_to_the_last_bit(out, command, outputs):
     assert page.stat().st_size > 1e5
 
 
+@pytest.fixture(scope="module")
+def egl():
+    if not checks.renders():
+        pytest.skip("films need EGL")
+
+
+@pytest.mark.usefixtures("egl")
+def test_replay_is_filmed(out, outputs):
+    film = outputs / "world.gif"
+    replay_world(WorldStore(out).world(0), 0.05, video=film)
+    with Image.open(film) as opened:
+        assert opened.n_frames == 2  # At 20 Hz, the first and the last.
+
+
 def test_replay_that_differs_says_so(out, command, monkeypatch):
     metrics = WorldStore(out).world(0).metrics
     changed = {**metrics, "tracking_rms_m": metrics["tracking_rms_m"] * (1 + 1e-15)}
     monkeypatch.setattr(worlds_module, "replay_world", lambda *_, **__: changed)
     assert "NOT the same" in command("worlds", out, "--replay", 0).out
+
+
+def test_world_out_of_reach_is_not_run(tmp_path):
+    spec = WorldSpec("fields: {board.translation: [0.8, 0.0, 0.1]}")
+    store = WorldStore(tmp_path, spec.plan(seed=0, seconds=0.1))
+    list(run_worlds(store, spec, 1, Threads()))
+    (world,) = store.worlds()
+    assert (world.is_feasible, world.was_run) == (False, False)
+    assert "cm towards the arm" in world.verdict
+    assert world.checked["reachable_fraction"] < 1
 
 
 def test_cluster_gives_the_identical_store(out, spec_file, tmp_path):
@@ -204,6 +218,43 @@ def test_ctrl_c_leaves_a_good_store_and_says_how_to_go_on(
     assert "2 worlds are kept" in result.out
     assert "the same command goes on" in result.out
     assert [w.number for w in WorldStore(tmp_path / "out").worlds()] == [0, 1]
+
+
+def test_progress_of_many_worlds_is_said_now_and_then(
+    command, spec_file, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(worlds_module, "LocalWorkers", lambda _: Threads())
+    monkeypatch.setattr(worlds_module, "run_worlds", partial(run_worlds, run=outcome))
+    result = command("worlds", spec_file, "--count", 60, "--out", tmp_path / "out")
+    said = [line for line in result.out.splitlines() if line.endswith("of 60 worlds")]
+    assert said == [f"{done} of 60 worlds" for done in range(0, 61, 3)]
+
+
+def test_refused_world_is_shown_with_what_was_said_of_it(
+    make_store, command, monkeypatch
+):
+    def run(_):
+        return Outcome(is_feasible=False, verdict="out of reach", checked={})
+
+    store = make_store(run, 1)
+    monkeypatch.setattr(worlds_module, "replay_world", lambda *_, **__: GOOD)
+    result = command("worlds", store.folder, "--replay", 0)
+    assert result.out.splitlines() == [
+        "refused in advance: out of reach",
+        "world 0 goes well",
+    ]
+
+
+def test_process_that_ends_is_the_result_of_its_world(make_store):
+    def run(task):
+        if task.number == 1:
+            raise BrokenProcessPool("it was killed")
+        return outcome(task)
+
+    worlds = make_store(run, 3).worlds()
+    assert [bool(world.error) for world in worlds] == [False, True, False]
+    (fault,) = faults(worlds[1])
+    assert "its process ended (BrokenProcessPool: it was killed)" in fault.words
 
 
 def test_two_drivers_do_not_run_the_same_worlds(make_store):
@@ -275,6 +326,18 @@ def test_store_of_another_plan_is_refused(make_store):
         WorldStore(store.folder / "nowhere")
     with pytest.raises(ExperimentError, match="no world 9; its worlds are 0 to 3"):
         store.world(9)
+
+
+@pytest.mark.parametrize("blocked", ["out", "out/worlds.sqlite"])
+def test_folder_that_cannot_keep_worlds_is_refused(
+    spec_file, refused, tmp_path, blocked
+):
+    path = tmp_path / blocked
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"noise, and no folder or store of worlds" * 9)
+    out = tmp_path / "out"
+    line = refused("worlds", spec_file, "--out", out)
+    assert f"cannot keep worlds in {out}: " in line
 
 
 @pytest.mark.parametrize(
@@ -375,6 +438,42 @@ def test_report_and_page_say_what_went_wrong_and_how_to_see_it(
     pictures = {"followed.png", "success.png"}
     assert {p.name for p in outputs.iterdir()} == pictures | {"README.md"}
     assert texts[1].count("data:image/png;base64") == 2
+
+
+def test_report_counts_by_demonstration(make_store):
+    spec = SPEC.replace(
+        "fields: {", "fields: {skill.demonstration: {choice: [eight, wiping]}, "
+    )
+    store = make_store(outcome, 12, spec=spec)
+    drawn = [world.parameters["skill.demonstration"] for world in store.worlds()]
+    page = store.folder / "README.md"
+    WorldsReport(store).write(page)
+    for name in ("eight", "wiping"):
+        assert f"| {name} | {drawn.count(name)} | 100.0 % |" in page.read_text()
+
+
+def test_report_of_refused_worlds_only_is_written(make_store):
+    def run(_):
+        return Outcome(is_feasible=False, verdict="out of reach", checked={})
+
+    store = make_store(run)
+    WorldsReport(store).write()
+    said = "refuses 4. Of the 0 others 0 go well"
+    assert said in (store.folder / "report.html").read_text()
+
+
+def test_without_worlds_the_fraction_of_good_ones_may_be_anything():
+    assert interval(0, 0) == (0.0, 1.0)
+    low, high = interval(9, 9)
+    assert 0.6 < low < high == 1.0
+
+
+@pytest.mark.parametrize(("least", "scale"), [(0.1, "log"), (2.0, "linear")])
+def test_parameter_over_a_decade_has_a_logarithmic_axis(least, scale):
+    values = np.geomspace(least, 10.0, 20).tolist()
+    figure = draw_success({"press.force": values}, [v > 1 for v in values])
+    assert figure.axes[0].get_xscale() == scale
+    figure.draw_without_rendering()
 
 
 def test_report_of_no_world_says_so(make_store, refused):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from films import read_film
 from PIL import Image, ImageSequence
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
@@ -23,6 +24,7 @@ from fmp_drake.film import (
     check_film,
     checks,
     render_film,
+    render_picture,
 )
 from fmp_drake.film.board_paint import BoardPaint
 from fmp_drake.film.overlay import load_font, paint_trail
@@ -240,6 +242,23 @@ def test_a_trail_is_drawn_on_the_board_only(station):
     assert r > b + 60 > g - 60
 
 
+@pytest.mark.parametrize(
+    "points",
+    [
+        [[0.0, 0.0, 1.0]],
+        [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]],
+        [[9.0, 0.0, 1.0], [9.0, 1.0, 1.0]],
+    ],
+    ids=["one point", "behind the camera", "beside the picture"],
+)
+def test_a_trail_that_is_not_seen_leaves_the_picture(points):
+    color = np.full((12, 16, 3), 200, dtype=np.uint8)
+    where = np.ones((12, 16), dtype=bool)
+    camera = {"X_CB": RigidTransform(), "focal": 10.0}
+    paint_trail(color, np.array(points), where=where, width=1, **camera)
+    assert np.all(color == 200)
+
+
 class TestTrail:
     def test_a_trail_is_the_last_seconds_at_the_height_of_the_board(self):
         times = np.linspace(0, 10, 1001)
@@ -324,6 +343,22 @@ class TestFilms:
         frames = frames_of(1)
         render_film(film, station=station, fps=10, supersample=supersample, **frames)
         with Image.open(film) as opened:
+            assert opened.size == SIZE
+            assert 0.05 < blue(opened.convert("RGB")).mean() < 0.5
+
+    def test_a_picture_is_a_frame_of_its_own(self, station, outputs):
+        film = frames_of(1)
+        path = outputs / "one.png"
+        path.write_bytes(b"older")
+        render_picture(
+            path,
+            station=station,
+            **{name: film[name] for name in ("grid", "camera", "size")},
+            positions=film["positions"][0],
+            ink=film["ink"][0],
+        )
+        assert list(outputs.iterdir()) == [path]
+        with Image.open(path) as opened:
             assert opened.size == SIZE
             assert 0.05 < blue(opened.convert("RGB")).mean() < 0.5
 
@@ -469,6 +504,15 @@ class TestChecks:
         with pytest.raises(FmpError, match=r"pip install 'fmp-drake\[video\]'"):
             check_film(outputs / "film.mp4")
         check_film(outputs / "film.gif")
+
+    def test_missing_ffmpeg_is_named(self, monkeypatch, outputs):
+        def missing():
+            raise RuntimeError("No ffmpeg exe could be found")
+
+        package = SimpleNamespace(get_ffmpeg_exe=missing)
+        monkeypatch.setitem(sys.modules, "imageio_ffmpeg", package)
+        with pytest.raises(FmpError, match="there is no ffmpeg: No ffmpeg exe could"):
+            check_film(outputs / "film.mp4")
 
     def test_missing_egl_is_named(self, monkeypatch, outputs):
         monkeypatch.setattr(checks, "renders", lambda: False)

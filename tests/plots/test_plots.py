@@ -21,6 +21,7 @@ from fmp_drake.plots import (
     draw_demonstrations_over_time,
     draw_heatmap,
     draw_heatmaps,
+    draw_phase,
     draw_rollout_over_time,
     draw_samples_in_plane,
     draw_skill,
@@ -32,6 +33,7 @@ from fmp_drake.plots import (
     plot_skill,
     run_page,
 )
+from fmp_drake.plots.recorded import plot_demonstrations
 from fmp_drake.plots.style import component_color
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
 from fmp_drake.runs import RunEvent
@@ -273,6 +275,14 @@ class TestDemonstrations:
             np.testing.assert_array_equal(line.get_xdata(), recording.values[:, 1])
         assert len({line.get_color() for line in ax.lines}) == 3
         assert "3 recordings, 60 s" in ax.get_title(loc="left")
+
+    @pytest.mark.parametrize(("channels", "titled"), [(1, 1), (2, 2)])
+    def test_a_plane_is_written_where_there_are_two_channels(
+        self, channels, titled, shown, tmp_path
+    ):
+        path = tmp_path / "shown.svg"
+        plot_demonstrations(shown[channels], path)
+        assert path.read_text().count("<!-- demonstrated: 20 s -->") == titled
 
     @pytest.mark.parametrize(
         "draw", [draw_demonstrations_over_time, draw_demonstrations_in_plane]
@@ -587,6 +597,28 @@ class TestPlayed:
                     draw(player, [0.0, 0.0], duration=duration)
 
 
+class TestPhase:
+    def test_a_mixture_has_no_phase(self, shown):
+        mixture = FourierMovementPrimitive(
+            model="mixture", n_steps=24, rate=10.0, overlap=4, n_components=2
+        ).fit(shown[1])
+        with pytest.raises(RunError, match="no phase model: it was asked for"):
+            draw_phase(mixture)
+
+    def test_the_cycle_of_one_channel_is_drawn_over_its_phase(self, shown):
+        skill = FourierMovementPrimitive(
+            model="phase", n_steps=24, rate=10.0, overlap=4
+        ).fit(shown[1])
+        cycle, _, spread = draw_phase(skill)
+        assert cycle.get_xlabel() == spread.get_xlabel() == "phase (rad)"
+        assert cycle.get_ylabel() == "x (m)"
+        (line,) = cycle.lines
+        phase, value = line.get_data()
+        assert np.ptp(phase) == pytest.approx(2 * np.pi)
+        assert value[0] == pytest.approx(value[-1])
+        assert np.ptp(value) == pytest.approx(0.2, rel=0.1)
+
+
 class TestPages:
     @pytest.mark.parametrize(("channels", "count"), [(1, 4), (2, 8), (3, 8), (6, 8)])
     def test_the_page_of_a_skill_shows_everything(self, channels, count, skills, shown):
@@ -691,6 +723,10 @@ class TestPages:
             start, end = disturbed.vertices[:, 0].min(), disturbed.vertices[:, 0].max()
             assert start == pytest.approx(0.8, abs=0.02)
             assert end == pytest.approx(1.2, abs=0.02)
+        # Where nothing was pushed nothing is shaded.
+        calm = fake_run(skills[3], disturbance=np.zeros((200, 3)))
+        shaded = len(run_axes(fake_run(skills[3]))[-1].collections)
+        assert len(run_axes(calm)[-1].collections) == shaded
         # Without them there is nothing to mark.
         for ax in run_axes(fake_run(skills[3]))[2:]:
             assert all(
@@ -707,6 +743,13 @@ class TestPages:
             (shaded,) = (p for p in ax.patches if p.get_label() == "contact lost")
             assert shaded.get_extents().width > 0
         assert run_page.draw_run(fake_run(skills[3])).get_suptitle() == ""
+
+    def test_where_the_board_is_found_is_said_and_not_shaded(self, skills):
+        event = RunEvent(0.0, 2.0, "board found", "the board is 3 mm lower")
+        run = fake_run(skills[3], events=[event])
+        assert run_page.draw_run(run).get_suptitle() == event.text
+        for ax in run_axes(run)[2:]:
+            assert "board found" not in [p.get_label() for p in ax.patches]
 
 
 def run_axes(run):

@@ -1,5 +1,6 @@
 """Facts about a skill on an arm behind LCM messages, in one process over `memq://`."""
 
+import ctypes
 import os
 import signal
 
@@ -11,7 +12,7 @@ from pydrake.lcm import DrakeLcm
 from fmp_drake.apps.arm_console import arm_in_words
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs import ArmBench, ArmRun, NetworkFaults
-from fmp_drake.runs.arm.real_time import WallClock
+from fmp_drake.runs.arm.real_time import WallClock, take_precedence
 from fmp_drake.station import LcmPanda, LoadScenario, models_dir
 from fmp_drake.systems import GateConfig, GateFault, GateMode, StatusFlag
 from fmp_drake.systems.panda.firmware import Obeyed
@@ -239,6 +240,49 @@ def test_sliders_act_only_where_the_operator_wants_them(skill):
     loop.run.stop()
     loop.advance(40)
     assert played() == [0.0, 0.0]
+
+
+# Before all other programs -----------------------------------------------------------
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """Stand in for a machine; refuse what is put into its set."""
+    refuses = set()
+
+    def schedule(*_):
+        if "SCHED_FIFO" in refuses:
+            raise PermissionError(1, "Operation not permitted")
+
+    class Library:
+        @staticmethod
+        def mlockall(_):
+            ctypes.set_errno(12)
+            return -1 if "locked memory" in refuses else 0
+
+    monkeypatch.setattr(os, "sched_setscheduler", schedule)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: Library)
+    return refuses
+
+
+@pytest.mark.parametrize(
+    "refused",
+    [(), ("SCHED_FIFO",), ("locked memory",), ("SCHED_FIFO", "locked memory")],
+)
+def test_what_a_machine_does_not_allow_is_said_with_how_to_allow_it(machine, refused):
+    machine.update(refused)
+    why = {"SCHED_FIFO": "not permitted", "locked memory": "Cannot allocate memory"}
+    said = take_precedence()
+    assert len(said) == len(refused)
+    for line, what in zip(said, refused, strict=True):
+        assert line.startswith(f"no {what} (")
+        assert why[what] in line
+        assert "/etc/security/limits.conf" in line
+
+
+def test_where_it_is_not_linux_there_is_no_precedence(monkeypatch):
+    monkeypatch.delattr(os, "sched_setscheduler")
+    assert take_precedence() == ["SCHED_FIFO and memory locking are Linux's only"]
 
 
 # In the time of a wall clock ---------------------------------------------------------

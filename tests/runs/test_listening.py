@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drake import lcmt_panda_command, lcmt_panda_status
 from pydrake.lcm import DrakeLcm
 
 from fmp_drake.errors import RunError
@@ -39,6 +40,42 @@ def test_an_arm_that_may_be_let_go_passes_the_check(monkeypatch):
     said = " ".join(each.said for each in found)
     for word in ("Drake 1.", "1000 wanted", "kMove", "from the start", "Nm"):
         assert word in said
+
+
+class Odd:
+    """An arm that rests at zero, and whose mode is a number that nobody knows."""
+
+    def __init__(self, lcm):
+        self.lcm, self.message = lcm, lcmt_panda_status()
+        self.message.num_joints, self.message.robot_mode = 7, 17
+        for name in self.message.__slots__:
+            if name.startswith("joint_"):
+                setattr(self.message, name, [0.0] * 7)
+
+    def step(self, now):
+        self.message.utime = round(1e6 * now)
+        self.lcm.Publish("PANDA_STATUS", self.message.encode())
+
+
+def test_a_mode_without_a_name_is_said_as_a_number(monkeypatch):
+    bus = Bus(monkeypatch, speaks=False)
+    bus.bench = Odd(bus.lcm)
+    found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
+    wrong = [each.said for each in found if not each.is_good]
+    assert "the robot's mode is 17; it must be kMove, controlled by torque" in wrong
+
+
+def test_an_arm_that_was_sent_nonsense_is_in_a_reflex(monkeypatch):
+    bus = Bus(monkeypatch)
+    command = lcmt_panda_command()  # Of no joint.
+    command.utime = round(1e6 * NOW)
+    bus.lcm.Publish("PANDA_COMMAND", command.encode())
+    found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
+    wrong = [each.said for each in found if not each.is_good]
+    assert wrong == [
+        "the robot's mode is kReflex; it must be kMove, controlled by torque"
+    ]
+    assert bus.bench.metrics()["reflex_ms"] > 900
 
 
 @pytest.mark.parametrize(

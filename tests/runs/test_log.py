@@ -1,6 +1,7 @@
 """Facts about logs of runs."""
 
 import json
+from importlib.metadata import PackageNotFoundError
 
 import numpy as np
 import pytest
@@ -88,6 +89,17 @@ def test_a_log_is_read_without_the_package_and_shares_its_times(signals, path):
         assert about["signals"]["measured_position"]["times"] == "time_0"
         times = file[about["signals"]["normal_force"]["times"]]
     np.testing.assert_array_equal(times, signals["normal_force"][0])
+
+
+def test_version_of_what_is_not_installed_as_a_package_is_unknown(monkeypatch):
+    def version(package):
+        if package == "drake":
+            raise PackageNotFoundError(package)
+        return "2.0"
+
+    monkeypatch.setattr("fmp_drake.runs.log.version", version)
+    found = current_versions()
+    assert (found["drake"], found["numpy"]) == ("unknown", "2.0")
 
 
 def test_a_signal_that_is_not_there_is_named(path):

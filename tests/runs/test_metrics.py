@@ -193,4 +193,6 @@ def test_distance_to_the_paths_counts_from_when_they_were_reached(chunks):
 
 
 def test_distance_to_unknown_paths_is_none():
-    assert set(RegionMetrics(None).result().values()) == {None}
+    metrics, far = RegionMetrics(None), Samples(np.zeros(1), np.ones((1, 3)))
+    metrics.update({"desired_position": far, "measured_position": far})
+    assert set(metrics.result().values()) == {None}

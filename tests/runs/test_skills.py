@@ -1,7 +1,19 @@
 """Facts about the skills that the commands read."""
 
-from fmp_drake.primitives import modulate_skill, save_skill
+import re
+
+import numpy as np
+import pytest
+
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    modulate_skill,
+    save_skill,
+)
 from fmp_drake.runs import scenario_skill
+from fmp_drake.runs.skill_words import skill_in_words
+from fmp_drake.runs.skills import lay_on_board
 from fmp_drake.station.scenario import Scenario
 
 
@@ -16,3 +28,49 @@ def test_skill_that_does_not_hold_its_paths_is_said_to_be_unbounded(
         assert bool(loaded.paths_) != remarked
         said = "skill.npz does not say where it was demonstrated" in "\n".join(remarks)
         assert said == remarked
+
+
+TIME = np.arange(0, 12, 0.05)
+
+
+def circles(phase, centre=0.0):
+    x, y = centre + 0.08 * np.cos(phase), 0.12 * np.sin(phase)
+    return np.column_stack([x, y, 0 * phase])
+
+
+def test_channels_that_the_board_does_not_need_are_left_out_and_named():
+    demonstration = Demonstration(
+        time=TIME,
+        values=np.column_stack([TIME, circles(3 * TIME)]),
+        channels=["force_z", "x", "y", "z"],
+        frame="board",
+    )
+    laid, remarks = lay_on_board(demonstration, scenario=Scenario())
+    assert laid.channels == ("x", "y", "z")
+    np.testing.assert_array_equal(laid.values, demonstration.values[:, 1:])
+    assert remarks == ["force_z left out: the board needs x, y and z"]
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (
+            np.insert(circles(3 * TIME), [120] * 40, circles(18.0), axis=0),
+            r"left out: 0\.0 s of ways .*, [1-9]\.\d s of pauses",
+        ),
+        (
+            np.vstack(
+                [np.linspace([0.5, 0.3, 0], [0.08, 0, 0], 60), circles(3 * TIME)]
+            ),
+            r"left out: 3\.0 s of ways .* or away from it, 0\.0 s of pauses",
+        ),
+        (circles(3 * TIME, centre=TIME / 120), r"the centre drifted, x by \+0\.069 m:"),
+        (circles(3 * TIME + 1.2 * np.sin(TIME)), "the tempo varies so much"),
+    ],
+    ids=["pause", "way", "drift", "tempo"],
+)
+def test_what_is_odd_about_the_demonstrated_cycles_is_said(values, said):
+    shown = Demonstration(time=0.05 * np.arange(len(values)), values=values)
+    skill = FourierMovementPrimitive(model="phase", n_steps=60, stride=3).fit(shown)
+    (odd,) = skill_in_words(skill)[2:-1]
+    assert re.match(said, odd)

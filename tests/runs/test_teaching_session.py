@@ -12,8 +12,9 @@ from fmp_drake.systems import HandMotion
 MOTION = HandMotion.make("eight", seconds=30.0, seed=0)
 
 
-def begin(**options):
+def begin(*, press=10.0, **options):
     scenario = LoadScenario("table_top")
+    scenario.press.force = press
     scenario.skill.window, scenario.skill.candidates = 1.0, 4
     return TeachingSession(
         scenario, SimulatedHand(MOTION), **{"clock": None, **options}
@@ -83,6 +84,16 @@ def test_after_learning_it_plays_from_where_the_arm_is(taught):
     assert "learned in" in session.remark
     assert np.array_equal(q, before)
     assert not v.any()
+
+
+def test_after_learning_it_says_what_the_arm_cannot_follow():
+    session = begin(press=60.0)
+    session.advance(2.2)
+    session.press("learn")
+    assert session.mode == "play"
+    learned, why = session.remark.split("; ", 1)
+    assert "learned in" in learned
+    assert "friction holds the eraser" in why
 
 
 def test_what_was_taught_is_saved_and_what_plays_cleans_the_board(taught):

@@ -74,6 +74,11 @@ def test_a_signal_that_was_not_kept_is_refused(whole):
             get("torque")
 
 
+def test_a_run_that_was_not_recorded_has_no_page(whole):
+    with pytest.raises(RunError, match="nothing was recorded; give the run a Meshcat"):
+        whole.html()
+
+
 def test_the_log_of_a_run_is_what_it_has_kept(parts, tmp_path):
     parts.save_log(tmp_path / "run.npz", {"tempo": 1.0})
     log = RunLog.load(tmp_path / "run.npz")
