@@ -384,6 +384,47 @@ def ros1_two_poses(folder):
     return Written(bag(folder / "d.bag", topics, ros=1))
 
 
+def ros1_robot_states(folder):
+    """Write a bag of the states of a Franka arm, its poses matrices by columns."""
+    from rosbags.typesys import get_types_from_msg
+
+    kind = "franka_msgs/msg/FrankaState"
+    store = typestore(1)
+    text = "std_msgs/Header header\nfloat64[16] O_T_EE\nfloat64[7] q"
+    store.register(get_types_from_msg(text, kind))
+
+    def state(k):
+        X = np.eye(4)
+        X[:3, :3], X[:3, 3] = TURNS[k].as_matrix(), PATH[k]
+        return store.types[kind](header=header(1, k), O_T_EE=X.T.ravel(), q=JOINTS[k])
+
+    return Written(bag(folder / "d.bag", {"/franka": state}, ros=1))
+
+
+def ros1_out_of_order(folder):
+    """Write a bag of poses, two and two of them in the wrong order."""
+    order = [0, *(np.arange(1, 399).reshape(-1, 2)[:, ::-1].ravel()), 399]
+    topics = {"/pose": lambda k: pose_stamped(1, order[k])}
+    return Written(bag(folder / "d.bag", topics, ros=1))
+
+
+def npz_of_one_array(folder):
+    np.savez(folder / "d.npz", np.column_stack([TIME, PATH]))
+    return Written(folder / "d.npz")
+
+
+def npz_by_columns(folder):
+    np.savez(folder / "d.npz", time=TIME, position=np.fliplr(PATH))
+    chosen = "x=position_z,y=position_y,z=position_x"
+    return Written(folder / "d.npz", {"columns": chosen})
+
+
+def two_hands(folder):
+    names = [f"{hand}_{axis}" for hand in ("left", "right") for axis in "xyz"]
+    columns = (TIME, *PATH.T, *PATH.T)
+    return write(folder, lines(*columns, header=",".join(["time", *names])))
+
+
 def ros1_cut(folder):
     path = ros1_poses(folder).path
     path.write_bytes(path.read_bytes()[:20_000])

@@ -22,49 +22,6 @@ NEEDS = {"bag": "rosbags", "ros": "rosbags", "mcap": "rosbags"} | dict.fromkeys(
     ("lerobot", "parquet", "half"), "pyarrow"
 )
 
-
-def ros1_robot_states(folder):
-    """Write a bag of the states of a Franka arm, its poses matrices by columns."""
-    from rosbags.typesys import get_types_from_msg
-
-    kind = "franka_msgs/msg/FrankaState"
-    store = files.typestore(1)
-    text = "std_msgs/Header header\nfloat64[16] O_T_EE\nfloat64[7] q"
-    store.register(get_types_from_msg(text, kind))
-
-    def state(k):
-        X = np.eye(4)
-        X[:3, :3], X[:3, 3] = files.TURNS[k].as_matrix(), files.PATH[k]
-        header = files.header(1, k)
-        return store.types[kind](header=header, O_T_EE=X.T.ravel(), q=files.JOINTS[k])
-
-    return files.Written(files.bag(folder / "d.bag", {"/franka": state}, ros=1))
-
-
-def ros1_out_of_order(folder):
-    """Write a bag of poses, two and two of them in the wrong order."""
-    order = [0, *(np.arange(1, 399).reshape(-1, 2)[:, ::-1].ravel()), 399]
-    topics = {"/pose": lambda k: files.pose_stamped(1, order[k])}
-    return files.Written(files.bag(folder / "d.bag", topics, ros=1))
-
-
-def npz_of_one_array(folder):
-    np.savez(folder / "d.npz", np.column_stack([files.TIME, files.PATH]))
-    return files.Written(folder / "d.npz")
-
-
-def npz_by_columns(folder):
-    np.savez(folder / "d.npz", time=files.TIME, position=np.fliplr(files.PATH))
-    chosen = "x=position_z,y=position_y,z=position_x"
-    return files.Written(folder / "d.npz", {"columns": chosen})
-
-
-def two_hands(folder):
-    names = [f"{hand}_{axis}" for hand in ("left", "right") for axis in "xyz"]
-    columns = (files.TIME, *files.PATH.T, *files.PATH.T)
-    return files.write(folder, files.lines(*columns, header=",".join(["time", *names])))
-
-
 # Read as x, y and z.
 POSITIONS = (
     files.plain,
@@ -97,8 +54,8 @@ POSITIONS = (
     files.npz_of_the_package,
     files.npz_of_someone,
     files.npz_in_milliseconds,
-    npz_of_one_array,
-    npz_by_columns,
+    files.npz_of_one_array,
+    files.npz_by_columns,
     files.npy_with_a_rate,
     files.npy_with_times,
     files.npy_with_fields,
@@ -114,8 +71,8 @@ POSES = (
     files.ros2_transforms,
     files.mcap_file,
     files.ros2_without_stamps,
-    ros1_robot_states,
-    ros1_out_of_order,
+    files.ros1_robot_states,
+    files.ros1_out_of_order,
 )
 REFUSED = {
     files.no_time: r"no column tells the time; .* x, y, z\. .*--sample-rate",
@@ -225,8 +182,8 @@ def test_what_cannot_be_read_is_refused_with_advice(make, tmp_path):
         (files.npz_of_someone, "gains .* left out"),
         (files.ros1_poses, "/pose, header stamps"),
         (files.ros2_without_stamps, "/pose, times of receipt"),
-        (ros1_out_of_order, "/pose, header stamps, put in order"),
-        (two_hands, r"several positions \(left_x, right_x \.\.\.\): choose with"),
+        (files.ros1_out_of_order, "/pose, header stamps, put in order"),
+        (files.two_hands, r"several positions \(left_x, right_x \.\.\.\): choose with"),
     ],
     ids=lambda each: getattr(each, "__name__", ""),
 )
