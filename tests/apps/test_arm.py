@@ -123,15 +123,6 @@ def enter(monkeypatch):
 
 
 @pytest.fixture
-def skill(tmp_path):
-    """A file of a small skill: it is not learned while others wait."""
-    shown = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
-    learned = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4)
-    save_skill(learned.fit(shown), tmp_path / "skill.npz")
-    return tmp_path / "skill.npz"
-
-
-@pytest.fixture
 def no_precedence(monkeypatch):
     """A machine that lets no program run before others, nor stay in memory."""
 
@@ -199,8 +190,12 @@ def test_what_a_person_teaches_an_arm_is_kept_and_played_where_it_may_be(
 
 @pytest.mark.usefixtures("no_precedence")
 def test_enter_lets_an_arm_go_and_stops_it_and_the_page_says_so(
-    command, skill, monkeypatch, enter
+    command, outputs, monkeypatch, enter
 ):
+    skill = outputs / "skill.npz"
+    shown = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+    learned = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4)
+    save_skill(learned.fit(shown), skill)
     panels = []
 
     def open_and_keep(*arguments, **options):
@@ -231,13 +226,12 @@ def test_enter_lets_an_arm_go_and_stops_it_and_the_page_says_so(
 
 @pytest.mark.slow
 @needs_network
-def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path, skill):
-    plays = ("--headless", "--go", "--skill", skill, "--force")
+def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
     with Network(tmp_path, pace=0.1) as network:
         arm = network.start("arm", "--duration", "200")
         network.wait_for("arm", "a simulated arm")
         # Of the controller: frozen, it stops, and does not go on; then it is killed.
-        first = network.start("wipe", *plays, name="first")
+        first = network.start("wipe", "--headless", "--go", name="first")
         network.wait_for("first", "open")
         first.send_signal(signal.SIGSTOP)
         time.sleep(1.0)
@@ -245,7 +239,7 @@ def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path, 
         network.wait_for("first", "stopped")
         first.kill()
         # Of the arm.
-        second = network.start("wipe", *plays, name="second")
+        second = network.start("wipe", "--headless", "--go", name="second")
         network.wait_for("second", "open")
         arm.send_signal(signal.SIGSTOP)
         network.wait_for("second", "stopped")
@@ -258,7 +252,7 @@ def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path, 
         # Killed and started again, it is not moved by the controller that it had.
         arm = network.start("arm", "--duration", "200", name="killed")
         network.wait_for("killed", "a simulated arm")
-        third = network.start("wipe", *plays, name="third")
+        third = network.start("wipe", "--headless", "--go", name="third")
         network.wait_for("third", "open")
         arm.kill()
         network.wait_for("third", "stopped")
