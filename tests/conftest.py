@@ -50,6 +50,7 @@ def pytest_configure(config):
         config.stash[WARM_UP] = subprocess.Popen([sys.executable, "-c", warm_up])
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_node_collection_finished(node):
     """Wait until it is compiled: no process begins before all have collected."""
     assert node.config.stash[WARM_UP].wait() == 0
@@ -226,6 +227,16 @@ def refused(command):
         return result.err
 
     return run
+
+
+@pytest.fixture
+def enter(monkeypatch):
+    """The function that presses Enter in the terminal of the command."""
+    ours, theirs = os.openpty()
+    with open(theirs) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        yield lambda: os.write(ours, b"\n")
+    os.close(ours)
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from arm_bus import Bus
 from network import Network, needs_network
-from pydrake.lcm import DrakeLcm
 
 from fmp_drake.apps.arm_console import arm_config
 from fmp_drake.apps.main import main
@@ -23,8 +23,7 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
-from fmp_drake.runs import ArmBench
-from fmp_drake.station import LcmPanda, LoadScenario, SimulatedHand, models_dir
+from fmp_drake.station import LcmPanda, SimulatedHand, models_dir
 from fmp_drake.systems import HandMotion
 
 
@@ -88,38 +87,6 @@ def test_an_arm_that_says_nothing_is_not_good_and_cannot_be_recorded(
 
 
 # On one bus with a simulated arm, in this process.
-
-
-class Bus:
-    """A bus with an arm, and a clock: a millisecond passes with each look at it.
-
-    `at` says what happens after so many looks.
-    """
-
-    def __init__(self, monkeypatch, **bench):
-        lcm, self.seconds, self.at = DrakeLcm("memq://"), 1.7e9, {}
-        self.bench, self.looks = ArmBench(LoadScenario("table_top"), lcm, **bench), 0
-        clock = SimpleNamespace(time=self.now, sleep=lambda _: None)
-        monkeypatch.setattr("fmp_drake.runs.arm.real_time.time", clock)
-        monkeypatch.setattr("fmp_drake.station.panda_driver.DrakeLcm", lambda _: lcm)
-
-    def now(self):
-        self.looks += 1
-        self.seconds += 1e-3
-        self.bench.step(self.seconds)
-        if self.looks in self.at:
-            self.at.pop(self.looks)()
-        return self.seconds
-
-
-@pytest.fixture
-def enter(monkeypatch):
-    """The function that presses Enter in the terminal of the command."""
-    ours, theirs = os.openpty()
-    with open(theirs) as stdin:
-        monkeypatch.setattr(sys, "stdin", stdin)
-        yield lambda: os.write(ours, b"\n")
-    os.close(ours)
 
 
 @pytest.fixture

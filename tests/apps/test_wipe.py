@@ -1,7 +1,6 @@
 """Facts about `fmp-drake wipe`."""
 
 import json
-import os
 
 import matplotlib.image
 import numpy as np
@@ -200,13 +199,9 @@ def test_rate_slows_the_simulation_down(wipe):
     assert wipe("--rate", 2.0, duration=0.1)["simulated_seconds"] == 0.1
 
 
-def test_page_stays_open_until_enter(command, monkeypatch):
-    ours, theirs = os.openpty()
-    os.write(ours, b"\n")
-    with open(theirs) as stdin:
-        monkeypatch.setattr("sys.stdin", stdin)
-        result = command("wipe", "--duration", 0.05)
-    os.close(ours)
+def test_page_stays_open_until_enter(command, enter):
+    enter()
+    result = command("wipe", "--duration", 0.05)
     assert result.code == 0
     assert result.out.endswith("the page stays open; press Enter to quit ")
 

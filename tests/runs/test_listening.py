@@ -2,35 +2,14 @@
 
 import numpy as np
 import pytest
+from arm_bus import Bus
 from drake import lcmt_panda_command, lcmt_panda_status
-from pydrake.lcm import DrakeLcm
 
 from fmp_drake.errors import RunError
-from fmp_drake.runs import ArmBench, NetworkFaults, check_arm, record_arm
-from fmp_drake.station import LcmPanda, LoadScenario, SimulatedHand
+from fmp_drake.runs import NetworkFaults, check_arm, record_arm
+from fmp_drake.station import LcmPanda, SimulatedHand
 from fmp_drake.station.parts.board_scene import MakeArm
 from fmp_drake.systems import HandMotion
-
-NOW = 1.7e9
-
-
-class Bus:
-    """A bus on which a simulated arm speaks when somebody listens, and a clock."""
-
-    def __init__(self, monkeypatch, **bench):
-        self.lcm, self.time, self.bench = DrakeLcm("memq://"), NOW, None
-        self.scenario = LoadScenario("table_top")
-        if bench.pop("speaks", True):
-            self.bench = ArmBench(self.scenario, self.lcm, **bench)
-        self.commands = []
-        monkeypatch.setattr("time.time", self.now)
-
-    def now(self):
-        """One step of the arm for each look at the clock; without one it runs fast."""
-        if self.bench is not None:
-            self.bench.step(self.time)
-        self.time += 0.1 if self.bench is None else 0.001
-        return self.time
 
 
 def test_an_arm_that_may_be_let_go_passes_the_check(monkeypatch):
@@ -68,7 +47,7 @@ def test_a_mode_without_a_name_is_said_as_a_number(monkeypatch):
 def test_an_arm_that_was_sent_nonsense_is_in_a_reflex(monkeypatch):
     bus = Bus(monkeypatch)
     command = lcmt_panda_command()  # Of no joint.
-    command.utime = round(1e6 * NOW)
+    command.utime = round(1e6 * bus.seconds)
     bus.lcm.Publish("PANDA_COMMAND", command.encode())
     found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
     wrong = [each.said for each in found if not each.is_good]

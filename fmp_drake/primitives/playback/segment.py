@@ -71,19 +71,20 @@ def make_segment(
         rows = pascal(len(rows), kind="upper") @ rows
     rows = rows * (skill.rate ** np.arange(len(rows)))[:, None]
     lasting = (state.target.reshape(d, n) @ rows.T)[:, None]
-    deviation, rates = state.weights - state.target, relaxation.rates_by_channel(d)
-    if not deviation.any():  # It is played at once: there is nothing to decay.
-        decaying, rates = lasting[:, :0], rates[:, :0]
-    elif relaxation.modes is None:
-        decaying = rows.T * deviation.reshape(d, n, 1)
-    else:
-        decaying = mode_coefficients(
-            rows, relaxation.modes, *relaxation.split(deviation), d
-        )
-    coefficients = np.concatenate([decaying, lasting], axis=1)
+    coefficients, rates = lasting, np.zeros((d, 1))
+    deviation = state.weights - state.target
+    if deviation.any():  # Else it is played at once: there is nothing to decay.
+        if relaxation.modes is None:
+            decaying = rows.T * deviation.reshape(d, n, 1)
+        else:
+            decaying = mode_coefficients(
+                rows, relaxation.modes, *relaxation.split(deviation), d
+            )
+        coefficients = np.concatenate([decaying, lasting], axis=1)
+        rates = np.concatenate([relaxation.rates_by_channel(d), rates], axis=1)
     return Segment(
         coefficients=coefficients * skill.scales_[:, None, None],
-        rates=np.concatenate([rates, np.zeros((d, 1))], axis=1),
+        rates=rates,
         linear=relaxation.euler_tick > 0,
         time_since_tick=state.time_since_tick,
         tempo=state.tempo,

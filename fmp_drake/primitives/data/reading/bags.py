@@ -1,6 +1,5 @@
 """Recordings in ROS 1 and ROS 2 bags and in MCAP files."""
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -71,8 +70,8 @@ def read_bag(path: Path, topic: str) -> Table:
                     f"{path}: {chosen} has {count} messages; at most {_MOST_MESSAGES} "
                     "are read."
                 )
-            rows: list[tuple[float, ...]] = []
-            kinds: list[tuple[str, ...]] = []
+            # By the names of the numbers, each row after the place of its message.
+            kinds: dict[tuple[str, ...], list[tuple[float, ...]]] = {}
             stamps: list[int] = []
             received: list[int] = []
             frame = ""
@@ -84,18 +83,19 @@ def read_bag(path: Path, topic: str) -> Table:
                 received.append(receipt)
                 frame = frame or getattr(header, "frame_id", "")
                 told_by_it = dict(_numbers(message))
-                kinds.append(tuple(told_by_it))
-                rows.append(tuple(told_by_it.values()))
+                rows = kinds.setdefault(tuple(told_by_it), [])
+                rows.append((len(received) - 1, *told_by_it.values()))
     except FmpError:
         raise
     except Exception as reason:  # noqa: BLE001 - broken bytes raise anything.
         raise SkillFileError(f"{path} is not a readable bag ({reason}).") from None
-    names, at, numbers, left = _chosen(kinds or [()], rows or [()])
-    if not names:
+    if not any(kinds):
         raise SkillFileError(
             f"{path}: {chosen} has no message with numbers; of joints the positions are "
             "read."
         )
+    names, at, numbers = _of_most(kinds)
+    left = sorted({name for kind in kinds for name in kind} - set(names))
     is_stamped = all(stamps) and stamps[0] != stamps[-1]
     told = stamps if is_stamped else received
     remark = f"{chosen}, {'header stamps' if is_stamped else 'times of receipt'}"
@@ -104,8 +104,8 @@ def read_bag(path: Path, topic: str) -> Table:
     if left:
         remark += f"; {', '.join(left)} left out, which other messages hold"
     time = np.array(told)[at]
-    values = np.column_stack([(time - time.min()) * 1e-9, numbers])
-    values = values[np.argsort(time, kind="stable")]
+    order = np.lexsort([at, time])
+    values = np.column_stack([(time - time.min()) * 1e-9, numbers])[order]
     return Table(
         names=("time", *names),
         units=("s", *("" for _ in names)),
@@ -115,24 +115,22 @@ def read_bag(path: Path, topic: str) -> Table:
     )
 
 
-def _chosen(
-    kinds: list[tuple[str, ...]], rows: list[tuple[float, ...]]
-) -> tuple[tuple[str, ...], list[int], NDArray[np.float64], list[str]]:
-    """Return the names that are read, which rows have them, their numbers, other names.
+def _of_most(
+    kinds: dict[tuple[str, ...], list[tuple[float, ...]]],
+) -> tuple[tuple[str, ...], NDArray[np.int64], NDArray[np.float64]]:
+    """Return the names that are read, the places of their messages, and the numbers.
 
-    They are those of the messages that tell most numbers altogether.
+    The names are those of the messages that tell most numbers altogether.
     """
-    counts = Counter(kinds)
-    names = max(counts, key=lambda kind: counts[kind] * len(kind))
-    places = {
-        kind: [kind.index(name) for name in names]
-        for kind in counts
-        if set(names) <= set(kind)
-    }
-    at = [i for i, kind in enumerate(kinds) if kind in places]
-    numbers = np.array([[rows[i][j] for j in places[kinds[i]]] for i in at])
-    left = {name for kind in counts for name in kind} - set(names)
-    return names, at, numbers, sorted(left)
+    names = max(kinds, key=lambda kind: len(kinds[kind]) * len(kind))
+    rows = np.concatenate(
+        [
+            np.array(rows)[:, [0, *(1 + kind.index(name) for name in names)]]
+            for kind, rows in kinds.items()
+            if set(names) <= set(kind)
+        ]
+    )
+    return names, rows[:, 0].astype(np.int64), rows[:, 1:]
 
 
 def _topic(path: Path, types: dict[str, str], wanted: str) -> str:

@@ -1,0 +1,45 @@
+"""A bus in this process with a simulated arm on it, and the clock of both its sides."""
+
+from types import SimpleNamespace
+
+from pydrake.lcm import DrakeLcm
+
+from fmp_drake.runs import ArmBench
+from fmp_drake.station import LoadScenario
+
+
+class Bus:
+    """A bus with an arm of `table_top`, and a clock that a look at it advances.
+
+    Parameters
+    ----------
+    monkeypatch : pytest.MonkeyPatch
+    speaks : bool
+        Whether there is an arm: it makes a step of a millisecond for each look.
+    bench
+        As for `ArmBench`.
+
+    Attributes
+    ----------
+    at : dict
+        What happens after so many looks: functions.
+    """
+
+    def __init__(self, monkeypatch, *, speaks=True, **bench):
+        self.lcm, self.scenario = DrakeLcm("memq://"), LoadScenario("table_top")
+        self.bench = ArmBench(self.scenario, self.lcm, **bench) if speaks else None
+        self.seconds, self.looks, self.at = 1.7e9, 0, {}
+        clock = SimpleNamespace(time=self.now, sleep=lambda _: None)
+        monkeypatch.setattr("fmp_drake.runs.arm.real_time.time", clock)
+        monkeypatch.setattr(
+            "fmp_drake.station.panda_driver.DrakeLcm", lambda _: self.lcm
+        )
+
+    def now(self):
+        """Return the time, s; without an arm it runs fast."""
+        self.looks += 1
+        self.seconds += 0.1 if self.bench is None else 0.001
+        if self.bench is not None:
+            self.bench.step(self.seconds)
+        self.at.pop(self.looks, lambda: None)()
+        return self.seconds
