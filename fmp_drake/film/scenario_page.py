@@ -12,7 +12,7 @@ from fmp_drake.errors import RunError
 from fmp_drake.film import FilmCamera, FilmReel, render_picture
 from fmp_drake.processes import LocalWorkers, run_tasks
 from fmp_drake.runs.metrics import Metrics
-from fmp_drake.runs.skills import scenario_skill
+from fmp_drake.runs.skills import shared_skill
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.scenario import LoadScenario
 
@@ -40,7 +40,7 @@ def measure_scenario(name: str, duration: float, folder: Path) -> Measured:
     """
     scenario = LoadScenario(name)
     with threadpool_limits(limits=1):
-        skill, demonstrations, _ = scenario_skill(scenario)
+        skill, demonstrations = shared_skill(scenario)
         run = WipingRun(scenario, skill, demonstrations=demonstrations)
         run.advance_to(duration)
         metrics = run.metrics()

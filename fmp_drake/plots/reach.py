@@ -52,7 +52,7 @@ def draw_reach(feasibility: "Feasibility", *, ax: Axes | None = None) -> Axes:
         From `CheckFeasibility`.
     ax : Axes, optional
     """
-    x, y = feasibility.x, feasibility.y
+    x, y, margin = feasibility.cells
     panel = PlanePanel(Channels(("x", "y"), ("m", "m")), None, ax)
     board = Rectangle((y[0], x[0]), float(np.ptp(y)), float(np.ptp(x)), **_UNREACHED)
     panel.ax.add_patch(board).set_label("out of reach")
@@ -60,7 +60,7 @@ def draw_reach(feasibility: "Feasibility", *, ax: Axes | None = None) -> Axes:
     mesh = panel.ax.pcolormesh(
         y,
         x,
-        np.ma.masked_invalid(feasibility.margin),
+        np.ma.masked_invalid(margin),
         cmap=shades,
         vmin=0,
         vmax=_WIDEST,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import cast
 
@@ -96,6 +97,42 @@ def scenario_skill(
         model=model or cast(ModelChoice, plays.model),
     )
     return skill, demonstrations, remarks
+
+
+def shared_skill(
+    scenario: Scenario,
+) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
+    """Return the skill of a scenario and its demonstrations, learned once a process."""
+    plays = scenario.skill
+    return _learned(
+        plays.demonstration,
+        plays.file,
+        plays.window,
+        plays.components,
+        plays.model,
+        tuple(scenario.board.size),
+        tuple(scenario.eraser.footprint),
+    )
+
+
+@cache
+def _learned(
+    demonstration: str,
+    file: str,
+    window: float,
+    components: int | None,
+    model: str,
+    board: tuple[float, ...],
+    footprint: tuple[float, ...],
+) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
+    """Learn from what a skill depends on, and nothing else."""
+    scenario = Scenario()
+    scenario.skill.demonstration, scenario.skill.file = demonstration, file
+    scenario.skill.window, scenario.skill.components = window, components
+    scenario.skill.model = model
+    scenario.board.size, scenario.eraser.footprint = list(board), list(footprint)
+    skill, demonstrations, _ = scenario_skill(scenario)
+    return skill, demonstrations
 
 
 def load_on_board(

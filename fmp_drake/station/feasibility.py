@@ -1,7 +1,10 @@
 """Whether the arm can follow a skill on a board, before anything moves."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,10 +52,8 @@ class Feasibility:
         The samples of the skill, p_BE, m.
     followed : array, shape (B, T)
         Whether each can be followed.
-    x, y : array, shape (nx,) and (ny,)
-        Cells of the board, in B, m.
-    margin : array, shape (nx, ny)
-        From a joint's wall, with the eraser there, rad; NaN where it is out of reach.
+    find_cells : callable
+        What finds `cells`.
 
     Examples
     --------
@@ -66,9 +67,17 @@ class Feasibility:
     start: Array
     paths: Array
     followed: NDArray[np.bool_]
-    x: Array
-    y: Array
-    margin: Array
+    find_cells: Callable[[], tuple[Array, Array, Array]] = field(repr=False)
+
+    @cached_property
+    def cells(self) -> tuple[Array, Array, Array]:
+        """How far the joints are from their walls over the board; found when asked for.
+
+        x (nx,) and y (ny,) of its cells in B, m, and the margin (nx, ny) with the eraser
+        there, rad; NaN where it is out of reach.
+        """
+        with one_blas_thread():
+            return self.find_cells()
 
 
 @one_blas_thread()
@@ -111,7 +120,8 @@ def CheckFeasibility(
     """
     scenario.check()
     CheckPositions(skill)
-    return _Check(scenario, skill, bounds or FollowingBounds()).result()
+    # Copied: what is asked for later is of the scenario as it is now.
+    return _Check(deepcopy(scenario), skill, bounds or FollowingBounds()).result()
 
 
 class _Check:
@@ -177,7 +187,6 @@ class _Check:
             verdict = f"The arm cannot follow this skill: {'; '.join(self._faults)}."
         if self._advice:
             verdict += f" What would help: {', '.join(self._advice)}."
-        x, y, margin = reach.cells(posture)
         return Feasibility(
             is_feasible=not self._faults,
             verdict=verdict,
@@ -185,9 +194,7 @@ class _Check:
             start=np.array(scenario.start),
             paths=self._shown,
             followed=~np.any(missed.reshape(-1, *self._shown.shape[:2]), axis=0),
-            x=x,
-            y=y,
-            margin=margin,
+            find_cells=partial(reach.cells, posture),
         )
 
     def _often(self, missed: Flags) -> bool:

@@ -166,7 +166,15 @@ def test_verdict_is_one_line_and_values_are_plain_numbers(bundled_skill):
     found = check(bundled_skill)
     assert "\n" not in found.verdict
     assert all(type(value) is float for value in found.values.values())
-    assert found.margin.shape == (len(found.x), len(found.y))
+
+
+def test_cells_are_of_the_board_that_was_checked(bundled_skill):
+    scenario = Scenario()
+    found, again = (CheckFeasibility(scenario, bundled_skill) for _ in range(2))
+    x, y, margin = found.cells
+    assert margin.shape == (len(x), len(y))
+    scenario.board.translation = [5.0, 0.0, 0.1]
+    np.testing.assert_array_equal(again.cells[2], margin)
 
 
 def test_held_arm_follows_exactly_to_its_reach_and_stays_near_beyond():

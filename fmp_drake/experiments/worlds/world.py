@@ -14,9 +14,9 @@ from threadpoolctl import threadpool_limits
 
 import fmp_drake
 from fmp_drake.errors import ExperimentError
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.runs import WipingRun, scenario_skill
-from fmp_drake.station import CheckFeasibility, ParseScenario, Scenario, models_dir
+from fmp_drake.runs import WipingRun
+from fmp_drake.runs.skills import shared_skill
+from fmp_drake.station import CheckFeasibility, ParseScenario, models_dir
 
 # Of what a run depends on.
 _ROOMS = ("primitives", "systems", "station", "runs")
@@ -119,7 +119,7 @@ def run_world(task: Task) -> Outcome:
 
 def _run(task: Task, outcome: Outcome) -> None:
     scenario = ParseScenario(task.scenario)
-    skill, _ = _skill(scenario)
+    skill, _ = shared_skill(scenario)
     found = CheckFeasibility(scenario, skill)
     outcome.is_feasible, outcome.verdict = found.is_feasible, found.verdict
     outcome.checked = as_stored(found.values)
@@ -147,44 +147,8 @@ def make_run(text: str, **shown: Any) -> WipingRun:
         How it is shown and what is kept of it, as for `WipingRun`.
     """
     scenario = ParseScenario(text)
-    skill, demonstrations = _skill(scenario)
+    skill, demonstrations = shared_skill(scenario)
     return WipingRun(scenario, skill, demonstrations=demonstrations, **shown)
-
-
-def _skill(
-    scenario: Scenario,
-) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
-    """Return the skill of a scenario and its demonstrations, learned once a process."""
-    plays = scenario.skill
-    return _learned(
-        plays.demonstration,
-        plays.file,
-        plays.window,
-        plays.components,
-        plays.model,
-        tuple(scenario.board.size),
-        tuple(scenario.eraser.footprint),
-    )
-
-
-@cache
-def _learned(
-    demonstration: str,
-    file: str,
-    window: float,
-    components: int | None,
-    model: str,
-    board: tuple[float, ...],
-    footprint: tuple[float, ...],
-) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
-    """Learn from what a skill depends on, and nothing else."""
-    scenario = Scenario()
-    scenario.skill.demonstration, scenario.skill.file = demonstration, file
-    scenario.skill.window, scenario.skill.components = window, components
-    scenario.skill.model = model
-    scenario.board.size, scenario.eraser.footprint = list(board), list(footprint)
-    skill, demonstrations, _ = scenario_skill(scenario)
-    return skill, demonstrations
 
 
 @cache

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.numeric import GREATEST, as_floats, check_number
@@ -194,6 +193,8 @@ class Demonstration:
             uniform = np.arange(time[0], time[-1], 1 / native)
             values = CubicSpline(time, values)(uniform)
             time = uniform
+            from scipy.signal import butter, sosfiltfilt  # Slow to import.
+
             sos = butter(4, 0.4 * rate, fs=native, output="sos")
             pad = min(len(values) - 1, 3 * int(np.ceil(native / rate)))
             values = sosfiltfilt(sos, values, axis=0, padlen=pad)

@@ -29,6 +29,8 @@ class FileFormat:
         Where such files come from, as errors say it.
     error : type of FmpError
         Raised for files that cannot be read or written.
+    compressed : bool
+        Not where it would save nothing and take long: learned numbers have no pattern.
 
     Examples
     --------
@@ -44,6 +46,7 @@ class FileFormat:
     what: str
     source: str
     error: type[FmpError] = SkillFileError
+    compressed: bool = True
 
     def write(
         self,
@@ -54,7 +57,8 @@ class FileFormat:
         """Write metadata and arrays to a file, whole or not at all."""
         about = {"format": self.name, "version": self.version, **metadata}
         text = json.dumps(about, default=_plain)
-        write_npz(path, {"metadata": np.array(text), **arrays}, self.error)
+        arrays = {"metadata": np.array(text), **arrays}
+        write_npz(path, arrays, self.error, compressed=self.compressed)
 
     def read(self, path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return metadata and arrays; refuse a missing, broken or foreign file."""

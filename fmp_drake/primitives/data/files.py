@@ -111,8 +111,10 @@ def write_npz(
     path: Path,
     arrays: Mapping[str, NDArray[Any] | Blocks],
     error: type[FmpError] = SkillFileError,
+    *,
+    compressed: bool = True,
 ) -> None:
-    """Write arrays to a compressed `.npz` file, whole or not at all.
+    """Write arrays to an `.npz` file, whole or not at all.
 
     Parameters
     ----------
@@ -121,10 +123,12 @@ def write_npz(
         Those given in blocks are never in memory as a whole.
     error : type of FmpError
         Raised where the file cannot be written.
+    compressed : bool
     """
+    method = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     with (
         replaced(path, error) as part,
-        zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive,
+        zipfile.ZipFile(part, "w", method) as archive,
     ):
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:

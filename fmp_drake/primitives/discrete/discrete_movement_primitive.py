@@ -7,7 +7,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dct
-from scipy.stats import chi2
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
@@ -18,6 +17,7 @@ from fmp_drake.primitives.discrete.via_points import DiscreteMovement, ViaPoint
 from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.mapping import MappingPlan, Selection
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+from fmp_drake.primitives.playback.confidence import confined
 from fmp_drake.primitives.playback.motion import Motion
 
 
@@ -268,12 +268,8 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         )
         mapping = plan.map(np.concatenate(values))
         gaussian = skill.components_[mapping.component]
-        inside = (mapping.weights - gaussian.mean) @ gaussian.basis
-        spread = np.sqrt(gaussian.variances + gaussian.noise)
-        deviation = float(np.linalg.norm(inside / spread))
-        radius = float(np.sqrt(chi2.ppf(self.confidence, max(gaussian.rank, 1))))
-        inside *= min(1.0, radius / max(deviation, 1e-12))
-        return gaussian.mean + gaussian.basis @ inside, mapping.component
+        weights = confined(gaussian, mapping.weights, self.confidence)
+        return weights, mapping.component
 
 
 def _mirrored(demonstration: Demonstration, n_steps: int, rate: float) -> Demonstration:

@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import find_peaks
 from scipy.stats import circmean, circstd
 
 from fmp_drake.errors import SkillError
@@ -124,6 +123,8 @@ class Spectrum:
         least_fraction : float
             Weaker peaks are left out.
         """
+        from scipy.signal import find_peaks  # Slow to import.
+
         (index,) = channel_indices([channel], self.channels)
         fractions = self.fractions[1:, index]
         padded = np.concatenate([[-1.0], fractions, [-1.0]])

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import logsumexp
-from sklearn.cluster import KMeans
 
 from fmp_drake.errors import SkillError
 
@@ -68,6 +67,8 @@ def fit_gaussians(
     progress : callable, optional
         Called with a sentence about every round.
     """
+    from sklearn.cluster import KMeans  # Slow to import.
+
     kmeans = KMeans(n_clusters=n_components, n_init=1, random_state=seed)
     labels = kmeans.fit(samples, sample_weight=sample_weights).labels_
     responsibilities = np.zeros((len(samples), n_components))

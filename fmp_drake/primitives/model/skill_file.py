@@ -24,6 +24,7 @@ FORMAT = FileFormat(
     version=3,
     what="skill file",
     source="written by `save_skill` or `fmp-drake learn`",
+    compressed=False,
 )
 
 

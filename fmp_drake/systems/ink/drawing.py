@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.font_manager import FontProperties, findfont, get_font
-from matplotlib.textpath import TextPath
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw, UnidentifiedImageError
 from pydrake.math import RigidTransform
@@ -177,6 +175,10 @@ def draw_picture(
 
 def _outlines(line: str) -> list[FloatArray]:
     """Return the outlines of a line of text, in heights of a capital letter."""
+    # Slow to import, for words only.
+    from matplotlib.font_manager import FontProperties, findfont, get_font
+    from matplotlib.textpath import TextPath
+
     if not line.strip():
         return []
     prop = FontProperties(family="DejaVu Sans", weight="bold")

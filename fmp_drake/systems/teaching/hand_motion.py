@@ -5,7 +5,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfilt
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number, read_only
@@ -99,6 +98,8 @@ class HandMotion:
         variability: HandVariability | None = None,
     ) -> "HandMotion":
         """Draw a path for a task; the same seed gives the same path."""
+        from scipy.signal import butter, sosfilt  # Slow to import.
+
         if task not in _FIGURES:
             raise SystemsError(f"task is {task!r}; choose from {', '.join(TASKS)}.")
         check_number(seconds, "seconds", above=0, unit="s", error=SystemsError)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import detrend
 
 from fmp_drake.errors import DemonstrationError
 
@@ -26,6 +25,8 @@ def autocorrelation(
     energies of the two parts that a lag compares, so that it does not fall with
     the lag. A trend is removed from every recording.
     """
+    from scipy.signal import detrend  # Slow to import.
+
     above, first, second = np.zeros((3, longest + 1))
     for recording in recordings:
         n = len(recording)
