@@ -15,7 +15,9 @@ class Bus:
     ----------
     monkeypatch : pytest.MonkeyPatch
     speaks : bool
-        Whether there is an arm: it makes a step of a millisecond for each look.
+        Whether there is an arm.
+    stride : int
+        Steps of a millisecond that it makes for each look.
     bench
         As for `ArmBench`.
 
@@ -25,10 +27,10 @@ class Bus:
         What happens after so many looks: functions.
     """
 
-    def __init__(self, monkeypatch, *, speaks=True, **bench):
+    def __init__(self, monkeypatch, *, speaks=True, stride=1, **bench):
         self.lcm, self.scenario = DrakeLcm("memq://"), LoadScenario("table_top")
         self.bench = ArmBench(self.scenario, self.lcm, **bench) if speaks else None
-        self.seconds, self.looks, self.at = 1.7e9, 0, {}
+        self.seconds, self.looks, self.at, self._stride = 1.7e9, 0, {}, stride
         clock = SimpleNamespace(time=self.now, sleep=lambda _: None)
         monkeypatch.setattr("fmp_drake.runs.arm.real_time.time", clock)
         monkeypatch.setattr(
@@ -38,8 +40,11 @@ class Bus:
     def now(self):
         """Return the time, s; without an arm it runs fast."""
         self.looks += 1
-        self.seconds += 0.1 if self.bench is None else 0.001
-        if self.bench is not None:
-            self.bench.step(self.seconds)
+        if self.bench is None:
+            self.seconds += 0.1
+        else:
+            for _ in range(self._stride):
+                self.seconds += 0.001
+                self.bench.step(self.seconds)
         self.at.pop(self.looks, lambda: None)()
         return self.seconds

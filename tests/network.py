@@ -27,7 +27,8 @@ class Network:
     """
 
     def __init__(self, folder, *, pace=1.0):
-        self.folder, self._started = folder, []
+        self.folder, self._started = folder, {}
+        folder.mkdir(exist_ok=True)
         (folder / "arm.yaml").write_text(
             f'panda: !LcmPanda {{url: "{URL}", pace: {pace}}}'
         )
@@ -46,7 +47,7 @@ class Network:
         return self
 
     def __exit__(self, *_):
-        for process in self._started:
+        for process in self._started.values():
             if process.poll() is None:
                 process.kill()
             process.wait()
@@ -71,14 +72,18 @@ class Network:
                     "DRAKE_ALLOW_NETWORK": "lcm:package_map",
                 },
             )
-        self._started.append(process)
+        self._started[name] = process
         return process
 
     def wait_for(self, name, word, *, patience=120.0):
         """Wait until a command has said something."""
         until = time.monotonic() + patience
         path = self.folder / f"{name}.log"
-        while word not in (said := path.read_text()):
+        while True:
+            code = self._started[name].poll()
+            if word in (said := path.read_text()):
+                return
+            assert code is None, f"{name} ended with {code}: {said}"
             assert time.monotonic() < until, f"{name} did not say {word!r}: {said}"
             time.sleep(0.05)
 

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -191,13 +192,14 @@ def test_enter_lets_an_arm_go_and_stops_it_and_the_page_says_so(
     assert not np.any(bus.bench.commanded)
 
 
-@pytest.mark.slow
-@needs_network
-def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
-    with Network(tmp_path, pace=0.1) as network:
+# Each on a network of its own, at the same time: they wait more than they compute.
+
+
+def _controller_and_arm_freeze(folder):
+    with Network(folder, pace=0.1) as network:
         arm = network.start("arm", "--duration", "200")
         network.wait_for("arm", "a simulated arm")
-        # Of the controller: frozen, it stops, and does not go on; then it is killed.
+        # Frozen, the controller stops, and does not go on; then it is killed.
         first = network.start("wipe", "--headless", "--go", name="first")
         network.wait_for("first", "open")
         first.send_signal(signal.SIGSTOP)
@@ -205,7 +207,6 @@ def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
         first.send_signal(signal.SIGCONT)
         network.wait_for("first", "stopped")
         first.kill()
-        # Of the arm.
         second = network.start("wipe", "--headless", "--go", name="second")
         network.wait_for("second", "open")
         arm.send_signal(signal.SIGSTOP)
@@ -216,7 +217,18 @@ def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
         time.sleep(4.0)  # 0.4 s of the arm's clock, to be damped in.
         arm.terminate()
         assert arm.wait(30) == 130
-        # Killed and started again, it is not moved by the controller that it had.
+    bench = network.report("arm")
+    assert bench["followed_ms"] > 0
+    assert bench["reflex_ms"] == 0
+    assert bench["greatest_step"] <= 1.0
+    assert bench["last_speed"] < 0.05
+    assert network.report("second")["open_seconds"] > 0
+    assert (folder / "first.log").read_text().count("open\n") == 1
+
+
+def _arm_is_started_again(folder):
+    with Network(folder, pace=0.1) as network:
+        # It is not moved by the controller that it had.
         arm = network.start("arm", "--duration", "200", name="killed")
         network.wait_for("killed", "a simulated arm")
         third = network.start("wipe", "--headless", "--go", name="third")
@@ -234,11 +246,16 @@ def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
     again = network.report("again")
     assert again["followed_ms"] == 0
     assert again["last_speed"] < 0.05
-    assert (tmp_path / "third.log").read_text().count("open\n") == 1
-    bench = network.report("arm")
-    assert bench["followed_ms"] > 0
-    assert bench["reflex_ms"] == 0
-    assert bench["greatest_step"] <= 1.0
-    assert bench["last_speed"] < 0.05
-    assert network.report("second")["open_seconds"] > 0
-    assert (tmp_path / "first.log").read_text().count("open\n") == 1
+    assert (folder / "third.log").read_text().count("open\n") == 1
+
+
+@pytest.mark.slow
+@needs_network
+def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
+    with ThreadPoolExecutor() as threads:
+        done = [
+            threads.submit(each, tmp_path / each.__name__)
+            for each in (_controller_and_arm_freeze, _arm_is_started_again)
+        ]
+    for each in done:
+        each.result()

@@ -62,7 +62,11 @@ def test_an_arm_that_was_sent_nonsense_is_in_a_reflex(monkeypatch):
     [
         ({"speaks": False}, {}, "does the robot's driver run"),
         ({"faults": NetworkFaults(corrupt=0.2)}, {}, "broken"),
-        ({"faults": NetworkFaults(jitter=0.1)}, {}, "clocks and network"),
+        (
+            {"faults": NetworkFaults(jitter=0.1), "stride": 10},
+            {},
+            "clocks and network",
+        ),
         (
             {"hand": SimulatedHand(HandMotion.make("eight", seconds=2.0, seed=0))},
             {},
