@@ -151,18 +151,8 @@ class Page:
         for f in (*high, theirs_in, theirs_out, quiet):
             os.close(f)
         self._in, self._out = ours_in, ours_out
-        self._session = None
+        self._size, self._session, self._context = size, None, None
         try:
-            target = self.call("Target.createTarget", url="about:blank")["targetId"]
-            attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
-            self._session = attached["sessionId"]
-            self.call(
-                "Emulation.setDeviceMetricsOverride",
-                width=size[0],
-                height=size[1],
-                deviceScaleFactor=1,
-                mobile=False,
-            )
             self.go(url)
         except BaseException:
             self.close()
@@ -175,7 +165,27 @@ class Page:
         self.close()
 
     def go(self, url):
-        """Open another page in the same browser."""
+        """Open another page in the same browser.
+
+        It closes the connections of the one before, for which a Meshcat that is freed
+        would wait ten seconds.
+        """
+        before, self._session = self._context, None
+        if before is not None:
+            self.call("Target.disposeBrowserContext", browserContextId=before)
+        self._context = self.call("Target.createBrowserContext")["browserContextId"]
+        target = self.call(
+            "Target.createTarget", url="about:blank", browserContextId=self._context
+        )
+        attached = self.call("Target.attachToTarget", flatten=True, **target)
+        self._session = attached["sessionId"]
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=self._size[0],
+            height=self._size[1],
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         self.call("Page.navigate", url=url)
 
     def close(self):
