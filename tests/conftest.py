@@ -3,6 +3,7 @@
 The skills are shared by all tests of a run: treat them as read-only.
 """
 
+import gc
 import os
 import signal
 import subprocess
@@ -102,6 +103,15 @@ def learned_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(skills, "learn_skill", learn_once)
         yield learned
+
+
+@pytest.fixture
+def nothing_is_freed():
+    """For tests with threads: pages of tests before, freed in them, end the process."""
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -5,19 +5,19 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from worlds_stub import square
+from worlds_stub import AtOnce, square
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.processes import ATTEMPTS, ClusterWorkers, LocalWorkers, run_tasks
 
 DRIVER = """
 import sys
-from worlds_stub import square
+from worlds_stub import AtOnce, square
 from fmp_drake.processes import LocalWorkers, run_tasks
 if __name__ == "__main__":
     for _ in run_tasks(square, [(sys.argv[1], i, 60, "") for i in range(4)], LocalWorkers(2)):
@@ -94,14 +94,14 @@ class Breaking:
         self.executors += 1
         first, taken = self.executors == 1, []
 
-        class Executor(ThreadPoolExecutor):
+        class Executor(AtOnce):
             def submit(self, *call):
                 if first and taken:
                     raise BrokenExecutor("a process has ended")
                 taken.append(call)
                 return super().submit(*call)
 
-        with Executor(1) as executor:
+        with Executor() as executor:
             yield executor
 
     def places(self):

@@ -6,7 +6,6 @@ import os
 import signal
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
 import numpy as np
@@ -192,70 +191,54 @@ def test_enter_lets_an_arm_go_and_stops_it_and_the_page_says_so(
     assert not np.any(bus.bench.commanded)
 
 
-# Each on a network of its own, at the same time: they wait more than they compute.
-
-
-def _controller_and_arm_freeze(folder):
-    with Network(folder, pace=0.1) as network:
-        arm = network.start("arm", "--duration", "200")
-        network.wait_for("arm", "a simulated arm")
-        # Frozen, the controller stops, and does not go on; then it is killed.
-        first = network.start("wipe", "--headless", "--go", name="first")
-        network.wait_for("first", "open")
+@pytest.mark.slow
+@needs_network
+def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
+    plays = ("wipe", "--headless", "--go")
+    with (
+        Network(tmp_path / "frozen", pace=0.1) as frozen,
+        Network(tmp_path / "killed", pace=0.1) as killed,
+    ):
+        # Two networks, only that one waits while the other starts.
+        arm = frozen.start("arm", "--duration", "200")
+        frozen.wait_for("arm", "a simulated arm")
+        first = frozen.start(*plays, name="first")
+        other = killed.start("arm", "--duration", "200")
+        killed.wait_for("arm", "a simulated arm")
+        third = killed.start(*plays, name="third")
+        # Of the controller: frozen, it stops, and does not go on; then it is killed.
+        frozen.wait_for("first", "open")
         first.send_signal(signal.SIGSTOP)
         time.sleep(1.0)
         first.send_signal(signal.SIGCONT)
-        network.wait_for("first", "stopped")
+        frozen.wait_for("first", "stopped")
         first.kill()
-        second = network.start("wipe", "--headless", "--go", name="second")
-        network.wait_for("second", "open")
+        second = frozen.start(*plays, name="second")
+        # Killed and started again, an arm is not moved by the controller that it had.
+        killed.wait_for("third", "open")
+        other.kill()
+        killed.wait_for("third", "stopped")
+        other = killed.start("arm", "--duration", "200", name="again")
+        # Of the arm.
+        frozen.wait_for("second", "open")
         arm.send_signal(signal.SIGSTOP)
-        network.wait_for("second", "stopped")
+        frozen.wait_for("second", "stopped")
         arm.send_signal(signal.SIGCONT)
         second.terminate()
         assert second.wait(30) == 130
+        killed.wait_for("again", "a simulated arm")
         time.sleep(4.0)  # 0.4 s of the arm's clock, to be damped in.
-        arm.terminate()
-        assert arm.wait(30) == 130
-    bench = network.report("arm")
+        assert third.poll() is None
+        for each in (arm, third, other):
+            each.terminate()
+            assert each.wait(30) == 130
+    bench, again = frozen.report("arm"), killed.report("again")
     assert bench["followed_ms"] > 0
     assert bench["reflex_ms"] == 0
     assert bench["greatest_step"] <= 1.0
     assert bench["last_speed"] < 0.05
-    assert network.report("second")["open_seconds"] > 0
-    assert (folder / "first.log").read_text().count("open\n") == 1
-
-
-def _arm_is_started_again(folder):
-    with Network(folder, pace=0.1) as network:
-        # It is not moved by the controller that it had.
-        arm = network.start("arm", "--duration", "200", name="killed")
-        network.wait_for("killed", "a simulated arm")
-        third = network.start("wipe", "--headless", "--go", name="third")
-        network.wait_for("third", "open")
-        arm.kill()
-        network.wait_for("third", "stopped")
-        arm = network.start("arm", "--duration", "200", name="again")
-        network.wait_for("again", "a simulated arm")
-        time.sleep(2.0)
-        assert third.poll() is None
-        third.terminate()
-        assert third.wait(30) == 130
-        arm.terminate()
-        assert arm.wait(30) == 130
-    again = network.report("again")
+    assert frozen.report("second")["open_seconds"] > 0
     assert again["followed_ms"] == 0
     assert again["last_speed"] < 0.05
-    assert (folder / "third.log").read_text().count("open\n") == 1
-
-
-@pytest.mark.slow
-@needs_network
-def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
-    with ThreadPoolExecutor() as threads:
-        done = [
-            threads.submit(each, tmp_path / each.__name__)
-            for each in (_controller_and_arm_freeze, _arm_is_started_again)
-        ]
-    for each in done:
-        each.result()
+    for network, name in ((frozen, "first"), (killed, "third")):
+        assert (network.folder / f"{name}.log").read_text().count("open\n") == 1

@@ -203,6 +203,7 @@ def test_an_initialisation_sets_the_sliders_back_in_the_page(begun, page):
     assert begun.output("tempo") == 1.0
 
 
+@pytest.mark.usefixtures("nothing_is_freed")
 def test_buttons_pause_a_run_and_reset_it(begun, page):
     simulator, resets, seen = begun.simulator, [], {}
     now = simulator.get_context().get_time

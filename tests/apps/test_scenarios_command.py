@@ -5,7 +5,7 @@ import re
 import matplotlib.image
 import numpy as np
 import pytest
-from worlds_stub import Threads
+from worlds_stub import Here
 
 from fmp_drake.apps import scenarios as scenarios_module
 from fmp_drake.errors import RunError, StationError
@@ -140,7 +140,7 @@ def test_picture_is_rendered_of_the_end(outputs):
 
 
 def test_scenario_that_cannot_be_measured_is_an_error(monkeypatch, outputs):
-    monkeypatch.setattr(page_module, "LocalWorkers", lambda *_, **__: Threads())
+    monkeypatch.setattr(page_module, "LocalWorkers", lambda *_, **__: Here())
     with pytest.raises(StationError, match="billiards"):
         list(measure_scenarios(["billiards"], 0.1, outputs))
 

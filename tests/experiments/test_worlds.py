@@ -1,7 +1,6 @@
 """Facts about worlds that are run, kept, gone on with and shown again."""
 
 import dataclasses
-import gc
 import os
 import signal
 import subprocess
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 import worlds_stub
 from PIL import Image
-from worlds_stub import Threads
+from worlds_stub import Here
 
 from fmp_drake import ExperimentError
 from fmp_drake.apps import worlds as worlds_module
@@ -82,7 +81,7 @@ def make_store(tmp_path):
     def make(run, count=4, *, force=False, spec=SPEC, name="made"):
         spec = WorldSpec(spec)
         store = WorldStore(tmp_path / name, spec.plan(seed=0, seconds=9.0))
-        list(run_worlds(store, spec, count, Threads(), force=force, run=run))
+        list(run_worlds(store, spec, count, Here(), force=force, run=run))
         return store
 
     return make
@@ -145,19 +144,18 @@ def test_replay_that_differs_says_so(out, command, monkeypatch):
 def test_world_out_of_reach_is_not_run(tmp_path):
     spec = WorldSpec("fields: {board.translation: [0.8, 0.0, 0.1]}")
     store = WorldStore(tmp_path, spec.plan(seed=0, seconds=0.1))
-    list(run_worlds(store, spec, 1, Threads()))
+    list(run_worlds(store, spec, 1, Here()))
     (world,) = store.worlds()
     assert (world.is_feasible, world.was_run) == (False, False)
     assert "cm towards the arm" in world.verdict
     assert world.checked["reachable_fraction"] < 1
 
 
+@pytest.mark.usefixtures("nothing_is_freed")
 def test_cluster_gives_the_identical_store(out, spec_file, tmp_path):
     distributed = pytest.importorskip("distributed", reason="needs the extra cluster")
     spec = WorldSpec.load(spec_file)
     store = WorldStore(tmp_path, spec.plan(seed=0, seconds=0.3))
-    # The pages of the tests before: freed in the cluster's thread they end the process.
-    gc.collect()
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=None
     ) as cluster:
@@ -193,7 +191,7 @@ def test_killed_worker_and_killed_driver_lose_nothing_and_repeat_nothing(tmp_pat
     assert [w.number for w in store.worlds()] == [0, 1, 2]
     os.environ["WORLDS_STUB"] = str(tmp_path)
     try:
-        list(run_worlds(store, spec, 5, Threads(), run=worlds_stub.world))
+        list(run_worlds(store, spec, 5, Here(), run=worlds_stub.world))
     finally:
         del os.environ["WORLDS_STUB"]
     numbers = [int(line.split()[0]) for line in begun.read_text().splitlines()]
@@ -211,7 +209,7 @@ def test_ctrl_c_leaves_a_good_store_and_says_how_to_go_on(
             time.sleep(0.2)
         return outcome(task)
 
-    monkeypatch.setattr(worlds_module, "LocalWorkers", lambda _: Threads())
+    monkeypatch.setattr(worlds_module, "LocalWorkers", lambda _: Here())
     monkeypatch.setattr(worlds_module, "run_worlds", partial(run_worlds, run=run))
     result = command("worlds", spec_file, "--count", 5, "--out", tmp_path / "out")
     assert result.code == 130
@@ -223,7 +221,7 @@ def test_ctrl_c_leaves_a_good_store_and_says_how_to_go_on(
 def test_progress_of_many_worlds_is_said_now_and_then(
     command, spec_file, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(worlds_module, "LocalWorkers", lambda _: Threads())
+    monkeypatch.setattr(worlds_module, "LocalWorkers", lambda _: Here())
     monkeypatch.setattr(worlds_module, "run_worlds", partial(run_worlds, run=outcome))
     result = command("worlds", spec_file, "--count", 60, "--out", tmp_path / "out")
     said = [line for line in result.out.splitlines() if line.endswith("of 60 worlds")]
@@ -261,7 +259,7 @@ def test_two_drivers_do_not_run_the_same_worlds(make_store):
     store = make_store(outcome)
     other, spec = WorldStore(store.folder), WorldSpec(SPEC)
     with store.writing(), pytest.raises(ExperimentError, match="by another process"):
-        list(run_worlds(other, spec, 9, Threads(), run=outcome))
+        list(run_worlds(other, spec, 9, Here(), run=outcome))
 
 
 def test_same_call_runs_nothing_again_and_a_larger_one_what_is_missing(make_store):
@@ -310,7 +308,7 @@ def test_refused_worlds_run_by_force_only(make_store):
 def test_exception_in_a_world_is_a_result(tmp_path):
     spec = WorldSpec("fields: {board.translation: [5.0, 0.0, 0.0]}")
     store = WorldStore(tmp_path, spec.plan(seed=0, seconds=0.1))
-    list(run_worlds(store, spec, 1, Threads(), force=True))
+    list(run_worlds(store, spec, 1, Here(), force=True))
     (world,) = store.worlds()
     (fault,) = faults(world)
     assert fault.kind == "exception"
