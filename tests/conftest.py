@@ -5,9 +5,12 @@ The skills are shared by all tests of a run: treat them as read-only.
 
 import gc
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+import time
 
 # Before anything imports pydrake, matplotlib or numpy.
 os.environ["DRAKE_ALLOW_NETWORK"] = "meshcat:package_map"
@@ -41,35 +44,50 @@ log_natively()
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 
-WARM_UP = pytest.StashKey[subprocess.Popen]()
+_PRIMITIVES = REPOSITORY / "tests" / "primitives"
 
 
 def pytest_configure(config):
     """Begin to compile what a station needs, once for all processes."""
     if not hasattr(config, "workerinput"):
-        warm_up = "from fmp_drake.station import WarmUp; WarmUp()"
-        config.stash[WARM_UP] = subprocess.Popen([sys.executable, "-c", warm_up])
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_node_collection_finished(node):
-    """Wait until it is compiled: no process begins before all have collected."""
-    assert node.config.stash[WARM_UP].wait() == 0
-
-
-def pytest_collection_finish(session):
-    """Wait where there is one process only."""
-    if WARM_UP in session.config.stash:
-        assert session.config.stash[WARM_UP].wait() == 0
+        compiled = Path(tempfile.mkdtemp(prefix="fmp_drake_")) / "compiled"
+        os.environ["FMP_COMPILED"] = str(compiled)
+        warm_up = (
+            "import sys, pathlib; from fmp_drake.station import WarmUp; WarmUp(); "
+            "pathlib.Path(sys.argv[1]).touch()"
+        )
+        config.add_cleanup(lambda: shutil.rmtree(compiled.parent))
+        process = subprocess.Popen([sys.executable, "-c", warm_up, compiled])
+        config.add_cleanup(process.wait)
 
 
 def pytest_collection_modifyitems(items):
-    """Put what takes long first, so that no process is left with it at the end."""
+    """Put first what needs no station, and then what takes long.
+
+    So nobody waits for what is compiled, and no process is left with long tests at the end.
+    """
     items.sort(
         key=lambda item: (
-            not any(item.get_closest_marker(m) for m in ("slow", "browser"))
+            not item.path.is_relative_to(_PRIMITIVES),
+            not any(item.get_closest_marker(m) for m in ("slow", "browser")),
         )
     )
+
+
+def pytest_collection_finish():
+    """Look for garbage seldom, and not among the imports."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000)
+
+
+def pytest_runtest_setup(item):
+    """Wait for what is compiled with the first test that may need it."""
+    if not item.path.is_relative_to(_PRIMITIVES):
+        deadline = time.monotonic() + 300
+        while not Path(os.environ["FMP_COMPILED"]).exists():
+            assert time.monotonic() < deadline, "what tests need is not compiled"
+            time.sleep(0.1)
 
 
 def hand_demonstration(task, *, seconds, seed, rate=50):

@@ -24,7 +24,7 @@ def WarmUp() -> None:
     """
     t = np.arange(200) / 10
     circles = 0.1 * np.column_stack([np.cos(3 * t), np.sin(3 * t), 0 * t])
-    for model in ("mixture", "phase"):
+    for model in ("phase", "mixture"):
         skill = FourierMovementPrimitive(
             model=model, rate=10.0, n_steps=24, overlap=4, n_components=2
         ).fit(circles)
