@@ -13,7 +13,7 @@ import pytest
 from arm_bus import Bus
 from network import Network, needs_network
 
-from fmp_drake.apps.arm_console import arm_config
+from fmp_drake.apps.arm_console import ARM_MODEL, arm_config
 from fmp_drake.apps.main import main
 from fmp_drake.apps.page import open_page
 from fmp_drake.errors import StationError
@@ -23,7 +23,8 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
-from fmp_drake.station import LcmPanda, SimulatedHand, models_dir
+from fmp_drake.runs import scenario_skill
+from fmp_drake.station import LcmPanda, LoadScenario, SimulatedHand, models_dir
 from fmp_drake.systems import HandMotion
 
 
@@ -194,7 +195,9 @@ def test_enter_lets_an_arm_go_and_stops_it_and_the_page_says_so(
 @pytest.mark.slow
 @needs_network
 def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
-    plays = ("wipe", "--headless", "--go")
+    skill, *_ = scenario_skill(LoadScenario("table_top"), model=ARM_MODEL)
+    save_skill(skill, tmp_path / "skill.npz")
+    plays = ("wipe", "--headless", "--go", "--skill", tmp_path / "skill.npz")
     with (
         Network(tmp_path / "frozen", pace=0.1) as frozen,
         Network(tmp_path / "killed", pace=0.1) as killed,
