@@ -75,16 +75,17 @@ class Network:
         self._started[name] = process
         return process
 
-    def wait_for(self, name, word, *, patience=120.0):
-        """Wait until a command has said something."""
+    def wait_for(self, name, begin, *, patience=120.0):
+        """Wait until a line of what a command says begins so."""
         until = time.monotonic() + patience
         path = self.folder / f"{name}.log"
         while True:
             code = self._started[name].poll()
-            if word in (said := path.read_text()):
+            said = path.read_text()
+            if any(line.startswith(begin) for line in said.splitlines()):
                 return
             assert code is None, f"{name} ended with {code}: {said}"
-            assert time.monotonic() < until, f"{name} did not say {word!r}: {said}"
+            assert time.monotonic() < until, f"{name} did not say {begin!r}: {said}"
             time.sleep(0.05)
 
     def report(self, name):
