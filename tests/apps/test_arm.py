@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import time
+from contextlib import ExitStack
 from types import SimpleNamespace
 
 import numpy as np
@@ -198,50 +199,42 @@ def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
     skill, *_ = scenario_skill(LoadScenario("table_top"), model=ARM_MODEL)
     save_skill(skill, tmp_path / "skill.npz")
     plays = ("wipe", "--headless", "--go", "--skill", tmp_path / "skill.npz")
-    with (
-        Network(tmp_path / "frozen", pace=0.1) as frozen,
-        Network(tmp_path / "killed", pace=0.1) as killed,
-    ):
-        # Two networks, only that one waits while the other starts.
-        arm = frozen.start("arm", "--duration", "200")
-        frozen.wait_for("arm", "a simulated arm")
-        first = frozen.start(*plays, name="first")
-        other = killed.start("arm", "--duration", "200")
-        killed.wait_for("arm", "a simulated arm")
-        third = killed.start(*plays, name="third")
-        # Of the controller: frozen, it stops, and does not go on; then it is killed.
-        frozen.wait_for("first", "open")
-        first.send_signal(signal.SIGSTOP)
+    # Of each what happens to it; on networks of their own, for they wait together.
+    names = ("frozen controller", "frozen arm", "killed arm")
+    with ExitStack() as stack:
+        networks = [
+            stack.enter_context(Network(tmp_path / name, pace=0.1)) for name in names
+        ]
+        arms = [each.start("arm", "--duration", "200") for each in networks]
+        for each in networks:
+            each.wait_for("arm", "a simulated arm")
+        controllers = [each.start(*plays) for each in networks]
+        for each in networks:
+            each.wait_for("wipe", "open")
+        for frozen in (controllers[0], arms[1]):
+            frozen.send_signal(signal.SIGSTOP)
+        arms[2].kill()
         time.sleep(1.0)
-        first.send_signal(signal.SIGCONT)
-        frozen.wait_for("first", "stopped")
-        first.kill()
-        second = frozen.start(*plays, name="second")
-        # Killed and started again, an arm is not moved by the controller that it had.
-        killed.wait_for("third", "open")
-        other.kill()
-        killed.wait_for("third", "stopped")
-        other = killed.start("arm", "--duration", "200", name="again")
-        # Of the arm.
-        frozen.wait_for("second", "open")
-        arm.send_signal(signal.SIGSTOP)
-        frozen.wait_for("second", "stopped")
-        arm.send_signal(signal.SIGCONT)
-        second.terminate()
-        assert second.wait(30) == 130
-        killed.wait_for("again", "a simulated arm")
+        for frozen in (controllers[0], arms[1]):
+            frozen.send_signal(signal.SIGCONT)
+        for each in networks:
+            each.wait_for("wipe", "stopped")
+        # Killed and started again, it is not moved by the controller that it had.
+        arms[2] = networks[2].start("arm", "--duration", "200", name="again")
+        networks[2].wait_for("again", "a simulated arm")
         time.sleep(4.0)  # 0.4 s of the arm's clock, to be damped in.
-        assert third.poll() is None
-        for each in (arm, third, other):
+        for each in (*controllers, *arms):
             each.terminate()
             assert each.wait(30) == 130
-    bench, again = frozen.report("arm"), killed.report("again")
-    assert bench["followed_ms"] > 0
-    assert bench["reflex_ms"] == 0
-    assert bench["greatest_step"] <= 1.0
-    assert bench["last_speed"] < 0.05
-    assert frozen.report("second")["open_seconds"] > 0
-    assert again["followed_ms"] == 0
-    assert again["last_speed"] < 0.05
-    for network, name in ((frozen, "first"), (killed, "third")):
-        assert (network.folder / f"{name}.log").read_text().count("open\n") == 1
+    seen = (("arm", "GAP"), ("arm", "STALE"), ("again", "STALE"))
+    for network, (arm, fault) in zip(networks, seen, strict=True):
+        bench, wiped = network.report(arm), network.report("wipe")
+        assert bench["reflex_ms"] == 0
+        assert bench["greatest_step"] <= 1.0
+        assert bench["last_speed"] < 0.05
+        assert (bench["followed_ms"] > 0) == (arm == "arm")
+        assert wiped["open_seconds"] > 0
+        ((_, reason),) = wiped["stops"]
+        assert fault in reason
+        log = (network.folder / "wipe.log").read_text()
+        assert log.count("open\n") == 1

@@ -16,7 +16,7 @@ from fmp_drake.systems.impedance.status import StatusFlag
 pytestmark = pytest.mark.slow
 
 FIRST, APART = 2.5, 3.3
-LOGGED = ("measured_position", "desired_position", "disturbance", "status", "remaps")
+LOGGED = ("measured_position", "desired_position", "disturbance", "status")
 PUSHES = {
     "away from the base": [36.0, 0.0, 0.0],
     "to the base": [-36.0, 0.0, 0.0],
@@ -123,7 +123,8 @@ def grasped(bundled_skill):
         scenario = LoadScenario("table_top")
         scenario.skill.push_threshold = threshold
         scenario.disturbances = [GRASP]
-        run = StationRun(MakeWipingStation(scenario, bundled_skill), *LOGGED)
+        station = MakeWipingStation(scenario, bundled_skill)
+        run = StationRun(station, *LOGGED, "remaps")
         runs[name] = run.advance(RELEASE + 1.5)
     return runs
 
