@@ -42,9 +42,16 @@ settings.load_profile("repeatable")
 log_natively()
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-
-
 _PRIMITIVES = REPOSITORY / "tests" / "primitives"
+# Where it fails, nobody waits for it: a test says why.
+_WARM_UP = """
+import pathlib, sys
+try:
+    from fmp_drake.station import WarmUp
+    WarmUp()
+finally:
+    pathlib.Path(sys.argv[1]).touch()
+"""
 
 
 def pytest_configure(config):
@@ -52,12 +59,8 @@ def pytest_configure(config):
     if not hasattr(config, "workerinput"):
         compiled = Path(tempfile.mkdtemp(prefix="fmp_drake_")) / "compiled"
         os.environ["FMP_COMPILED"] = str(compiled)
-        warm_up = (
-            "import sys, pathlib; from fmp_drake.station import WarmUp; WarmUp(); "
-            "pathlib.Path(sys.argv[1]).touch()"
-        )
         config.add_cleanup(lambda: shutil.rmtree(compiled.parent))
-        process = subprocess.Popen([sys.executable, "-c", warm_up, compiled])
+        process = subprocess.Popen([sys.executable, "-c", _WARM_UP, compiled])
         config.add_cleanup(process.wait)
 
 

@@ -279,9 +279,10 @@ def _bars(numbers: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Figure:
             else "\N{LEFTWARDS ARROW} better"
         )
         ax.set_title(arrow, loc=better, fontsize="medium")
-        least = min((v for v in values if np.isfinite(v)), default=0.0)
-        if measure == "log_density" and least > 1:
-            ax.set_xlim(left=least - 1)
+        if measure == "log_density":
+            least = min((v for v in values if np.isfinite(v)), default=0.0)
+            if least > 1:
+                ax.set_xlim(left=least - 1)
     axes[0].invert_yaxis()
     return figure
 

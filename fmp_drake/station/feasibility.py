@@ -1,13 +1,12 @@
 """Whether the arm can follow a skill on a board, before anything moves."""
 
 import math
-from collections.abc import Callable
-from copy import deepcopy
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.yaml import yaml_dump_typed
 
 from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import StationError
@@ -15,7 +14,7 @@ from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.station.parts.board_reach import BoardReach, FollowingBounds
 from fmp_drake.station.parts.held_arm import HeldMotion
 from fmp_drake.station.parts.skill_paths import CheckPositions, skill_paths
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario import ParseScenario, Scenario
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -52,8 +51,11 @@ class Feasibility:
         The samples of the skill, p_BE, m.
     followed : array, shape (B, T)
         Whether each can be followed.
-    find_cells : callable
-        What finds `cells`.
+    posture : array, shape (n,)
+        Of the controller, rad.
+    scenario : str
+        As it was when it was checked, YAML.
+    bounds : FollowingBounds
 
     Examples
     --------
@@ -67,7 +69,9 @@ class Feasibility:
     start: Array
     paths: Array
     followed: NDArray[np.bool_]
-    find_cells: Callable[[], tuple[Array, Array, Array]] = field(repr=False)
+    posture: Array
+    scenario: str
+    bounds: FollowingBounds
 
     @cached_property
     def cells(self) -> tuple[Array, Array, Array]:
@@ -77,7 +81,8 @@ class Feasibility:
         there, rad; NaN where it is out of reach.
         """
         with one_blas_thread():
-            return self.find_cells()
+            reach = BoardReach(ParseScenario(self.scenario), self.bounds)
+            return reach.cells(self.posture)
 
 
 @one_blas_thread()
@@ -120,8 +125,7 @@ def CheckFeasibility(
     """
     scenario.check()
     CheckPositions(skill)
-    # Copied: what is asked for later is of the scenario as it is now.
-    return _Check(deepcopy(scenario), skill, bounds or FollowingBounds()).result()
+    return _Check(scenario, skill, bounds or FollowingBounds()).result()
 
 
 class _Check:
@@ -194,7 +198,9 @@ class _Check:
             start=np.array(scenario.start),
             paths=self._shown,
             followed=~np.any(missed.reshape(-1, *self._shown.shape[:2]), axis=0),
-            find_cells=partial(reach.cells, posture),
+            posture=posture,
+            scenario=yaml_dump_typed(scenario),  # type: ignore[no-untyped-call]
+            bounds=self._bounds,
         )
 
     def _often(self, missed: Flags) -> bool:

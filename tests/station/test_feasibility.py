@@ -1,5 +1,6 @@
 """Facts about the check before the start: can the arm follow the skill on the board?"""
 
+import pickle
 import re
 
 import numpy as np
@@ -170,11 +171,13 @@ def test_verdict_is_one_line_and_values_are_plain_numbers(bundled_skill):
 
 def test_cells_are_of_the_board_that_was_checked(bundled_skill):
     scenario = Scenario()
-    found, again = (CheckFeasibility(scenario, bundled_skill) for _ in range(2))
+    found = CheckFeasibility(scenario, bundled_skill)
+    again = pickle.loads(pickle.dumps(found))
     x, y, margin = found.cells
     assert margin.shape == (len(x), len(y))
     scenario.board.translation = [5.0, 0.0, 0.1]
-    np.testing.assert_array_equal(again.cells[2], margin)
+    for each in (again, CheckFeasibility(Scenario(), bundled_skill)):
+        np.testing.assert_array_equal(each.cells[2], margin)
 
 
 def test_held_arm_follows_exactly_to_its_reach_and_stays_near_beyond():
