@@ -32,7 +32,6 @@ GRAVITY = 9.81
 X_WB = RigidTransform(RollPitchYaw(0.0, 0.0, 0.5), [0.5, 0.1, 0.2])
 OUTPUTS = [
     "ink",
-    "erase_time",
     "cleaned_fraction",
     "normal_force",
     "contact_area",

@@ -123,7 +123,7 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
     inked = run.initial_ink.reshape(run.grid.shape) >= CLEAN_BELOW
     area = run.demonstrated_area & inked
     end = float(run.log_times("measured_position")[-1])
-    erased = run.output("erase_time").reshape(area.shape)
+    erased = run.erase_time()
     times = np.sort(erased[area & np.isfinite(erased)])
     count = max(1, int(np.count_nonzero(area)))
     fractions = np.arange(len(times) + 1) / count

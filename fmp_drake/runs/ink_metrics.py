@@ -29,8 +29,8 @@ def ink_metrics(
     Parameters
     ----------
     ink, initial_ink, erase_time : ndarray, shape (ny, nx)
-        What is left, what there was, and when a cell became clean, s, as `InkBoard`
-        says them.
+        What is left, what there was, and when a cell became clean, s, as
+        `InkBoard` and `EraseTimes` say them.
     area : ndarray of bool, shape (ny, nx)
         The demonstrated area.
     grid : InkGrid

@@ -36,7 +36,9 @@ from fmp_drake.runs.spill import Spill
 from fmp_drake.station.parts.page_scene import BOARD, INK
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
+from fmp_drake.systems.ink.metrics import cleaned_history
 from fmp_drake.systems.ink.recording import AddInkToRecording
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.viewer.page_panel import PagePanel, add_panel
@@ -138,8 +140,17 @@ class WipingRun:
         )
         primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
         self._region = primitive.player.region
+        ink_board: Any = self.station.GetSubsystemByName("ink_board")
+        self.grid = ink_board.grid
+        self.initial_ink = ink_board.initial_ink
         builder = DiagramBuilder()
         builder.AddSystem(self.station)
+        self._erase_times = builder.AddSystem(
+            EraseTimes(initial_ink=self.initial_ink, period=scenario.ink.period)
+        )
+        builder.Connect(
+            self.station.GetOutputPort("ink"), self._erase_times.GetInputPort("ink")
+        )
         self._recording = recording and meshcat is not None
         replayed = ("measured_position", "normal_force") if self._recording else ()
         self.kept = {
@@ -157,9 +168,6 @@ class WipingRun:
         self.simulator = Simulator(self.diagram)
         if scenario.plant.time_step == 0:
             ApplySimulatorConfig(scenario.simulator, self.simulator)
-        ink_board: Any = self.station.GetSubsystemByName("ink_board")
-        self.grid = ink_board.grid
-        self.initial_ink = ink_board.initial_ink
         self.begin_again()
 
     def begin_again(self) -> None:
@@ -247,7 +255,7 @@ class WipingRun:
             **ink_metrics(
                 ink=self.ink(),
                 initial_ink=self.initial_ink,
-                erase_time=self.output("erase_time"),
+                erase_time=self.erase_time(),
                 area=self.demonstrated_area,
                 grid=self.grid,
                 seconds=self.simulator.get_context().get_time(),
@@ -282,6 +290,12 @@ class WipingRun:
         """Return the ink that is left, shape (ny, nx)."""
         return self.output("ink").reshape(self.grid.shape)
 
+    def erase_time(self) -> NDArray[np.float64]:
+        """Return when each cell became clean, shape (ny, nx), s; `inf` where it is not."""
+        context = self._erase_times.GetMyContextFromRoot(self.simulator.get_context())
+        times: Any = self._erase_times.get_output_port().Eval(context)
+        return np.array(times).reshape(self.grid.shape)
+
     @cached_property
     def demonstrated_area(self) -> NDArray[np.bool_]:
         """The cells that the demonstrated eraser passed over, shape (ny, nx)."""
@@ -291,9 +305,7 @@ class WipingRun:
     def cleaned_by(self, times: ArrayLike) -> NDArray[np.float64]:
         """Return the fraction of the inked demonstrated area that was clean by times (N,), s."""
         area = self.demonstrated_area & (self.initial_ink >= CLEAN_BELOW)
-        erased = np.sort(self.output("erase_time").reshape(area.shape)[area])
-        count = np.searchsorted(erased, np.asarray(times), side="right")
-        return count / max(1, len(erased))
+        return cleaned_history(self.erase_time(), area, times)
 
     def save_log(self, path: Path, metrics: Mapping[str, Any]) -> None:
         """Write the kept signals, and the ink at the end, to a file for `RunLog.load`.
@@ -310,9 +322,8 @@ class WipingRun:
             if name in self.kept
         }
         now = np.array([self.simulator.get_context().get_time()])
-        for name, kind in SIGNALS.items():
-            if not isfinite(kind.period):
-                signals[name] = (now, self.output(name)[None])
+        for name, cells in (("ink", self.ink()), ("erase_time", self.erase_time())):
+            signals[name] = (now, cells.reshape(1, -1))
         scenario = yaml_dump_typed(self.scenario)  # type: ignore[no-untyped-call]
         write_log(path, signals, scenario=scenario, seed=self.seed, metrics=metrics)
 

@@ -59,8 +59,8 @@ def MakeWipingStation(
     status (6,) of the controller and of the surface monitor, read with
     `ImpedanceStatus`; penetration (1,) in m, of the deepest hard point of arm and eraser
     below the board's surface; torque (7,)
-    commanded without gravity, actuation (7,) with it, state (14,) of the arm; ink,
-    erase_time per cell, cleaned_fraction (1,), normal_force (1,) in N,
+    commanded without gravity, actuation (7,) with it, state (14,) of the arm; ink
+    per cell, cleaned_fraction (1,), normal_force (1,) in N,
     contact_area (1,) in m^2; disturbance (3,), the force of the scenario's
     disturbances in N, in W, where it has any. Input port: applied_spatial_force, the plant's, for pushes
     from outside; it may stay unconnected.

@@ -4,6 +4,7 @@ Every module directly in here and in `page` is one LeafSystem of its name: what 
 what only shows it. The mathematics is in the other folders.
 """
 
+from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.human_hand import GripConfig, HumanHand
 from fmp_drake.systems.impedance.config import ImpedanceConfig
@@ -62,6 +63,7 @@ __all__ = [
     "CoverageChoice",
     "DragConfig",
     "EnergyTankConfig",
+    "EraseTimes",
     "ForceArrow",
     "ForceControlConfig",
     "FourierPrimitiveSystem",

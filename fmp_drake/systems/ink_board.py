@@ -32,9 +32,6 @@ from fmp_drake.systems.ink.rubbing import Cells, PlanarMotion, exposure, wear
 
 type FloatArray = NDArray[np.float64]
 
-NEVER = math.inf
-"""Erase time of a cell that has not been erased."""
-
 
 class InkBoard(LeafSystem):
     """Ink on a whiteboard, worn off by the contact patches of an eraser.
@@ -49,9 +46,8 @@ class InkBoard(LeafSystem):
     .. code-block:: none
 
         contact_results          -> InkBoard -> ink
-        body_poses               ->          -> erase_time
-        body_spatial_velocities  ->          -> cleaned_fraction
-                                             -> normal_force
+        body_poses               ->          -> cleaned_fraction
+        body_spatial_velocities  ->          -> normal_force
                                              -> contact_area
 
     Input ports (connect the plant's ports of the same names):
@@ -60,12 +56,9 @@ class InkBoard(LeafSystem):
     - `body_poses`: abstract, list of `RigidTransform` X_WBody.
     - `body_spatial_velocities`: abstract, list of `SpatialVelocity` V_WBody.
 
-    Output ports; the first two are discrete state:
+    Output ports:
 
-    - `ink`, size ny nx: fraction of the ink left in each cell.
-    - `erase_time`, size ny nx: time in seconds at which the cell got clean, that
-      is fell below 10 % of full ink; `inf` before that, and for cells that had no
-      more from the start.
+    - `ink`, size ny nx: fraction of the ink left in each cell; discrete state.
     - `cleaned_fraction`, size 1: fraction of the initially inked cells (those
       with 10 % or more) that are clean.
     - `normal_force`, size 1: force of the eraser on the board along -z of B in
@@ -172,14 +165,9 @@ class InkBoard(LeafSystem):
         self._velocities = self.DeclareAbstractInputPort(
             "body_spatial_velocities", Value[list[SpatialVelocity]]()
         )
-        self._layers = []
-        for name, layer in (
-            ("ink", self._initial_ink.ravel()),
-            ("erase_time", np.full(grid.num_cells, NEVER)),
-        ):
-            index = self.DeclareDiscreteState(layer)
-            self.DeclareStateOutputPort(name, index)
-            self._layers.append(int(index))
+        ink = self.DeclareDiscreteState(self._initial_ink.ravel())
+        self._ink = int(ink)
+        self.DeclareStateOutputPort("ink", ink)
         # The eraser at the last update.
         motion = PlanarMotion(-math.inf, *[0.0] * (len(PlanarMotion._fields) - 1))
         self._motion = int(self.DeclareDiscreteState(np.array(motion)))
@@ -205,8 +193,7 @@ class InkBoard(LeafSystem):
         felt = exposure(
             self._cells, rectangle(np.zeros(6)), still, still, self._worn
         ).ravel()
-        layer = felt.copy()
-        wear(layer, layer, felt, self._wear_constant, 0.0)
+        wear(felt.copy(), felt, self._wear_constant)
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)
 
@@ -249,7 +236,7 @@ class InkBoard(LeafSystem):
         return sum(float(force.dot(z_W)) for _, force in contacts)
 
     def _calc_cleaned_fraction(self, context: Context, output: BasicVector) -> None:
-        ink = context.get_discrete_state(self._layers[0]).value()
+        ink = context.get_discrete_state(self._ink).value()
         inked = self._initial_ink >= CLEAN_BELOW
         output.SetAtIndex(0, cleaned_fraction(ink, inked))
 
@@ -300,14 +287,8 @@ class InkBoard(LeafSystem):
         if before.time >= now.time or not patch.vertices.any():
             return
         felt = exposure(self._cells, patch, before, now, self._worn)
-        ink, erase_time = map(values.get_mutable_value, self._layers)
-        wear(
-            ink,
-            erase_time,
-            felt.ravel(),
-            self._wear_constant,
-            now.time,
-        )
+        ink = values.get_mutable_value(self._ink)
+        wear(ink, felt.ravel(), self._wear_constant)
 
 
 def _collision_ids(plant: MultibodyPlant, frame: Frame) -> frozenset[int]:

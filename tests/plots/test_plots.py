@@ -775,8 +775,8 @@ def fake_run(skill, *, clean=(), events=(), **more):
     }
     ink = np.ones((12, 8))
     ink[-1, 0] = 0.0
-    erase_time = np.full(ink.size, np.inf)
-    erase_time[: len(clean)] = clean
+    erase_time = np.full(ink.shape, np.inf)
+    erase_time.flat[: len(clean)] = clean
     area = np.arange(ink.size).reshape(ink.shape) < 12
     return SimpleNamespace(
         skill=skill,
@@ -787,7 +787,7 @@ def fake_run(skill, *, clean=(), events=(), **more):
         log_times=lambda name: np.linspace(0, 2, len(logs[name])),
         ink=lambda: ink,
         initial_ink=np.ones_like(ink),
-        output=lambda _: erase_time,
+        erase_time=lambda: erase_time,
         events=lambda: list(events),
         scenario=SimpleNamespace(press=SimpleNamespace(force=10.0)),
         demonstrated_area=area,

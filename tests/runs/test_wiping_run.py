@@ -95,11 +95,11 @@ def test_the_log_of_a_run_is_what_it_has_kept(parts, tmp_path):
 def test_cells_of_the_demonstrated_area_are_cleaned_one_after_the_other(
     whole, monkeypatch
 ):
-    area = whole.demonstrated_area.ravel()
-    erased = np.full(area.size, 0.5)  # Beside the area, which does not count.
+    area = whole.demonstrated_area
+    erased = np.full(area.shape, 0.5)  # Beside the area, which does not count.
     erased[area] = 1.0 + np.arange(area.sum()) / area.sum()
-    erased[np.flatnonzero(area)[-1]] = np.inf
-    monkeypatch.setattr(whole, "output", {"erase_time": erased}.__getitem__)
+    erased.flat[np.flatnonzero(area)[-1]] = np.inf
+    monkeypatch.setattr(whole, "erase_time", lambda: erased)
     np.testing.assert_allclose(
         whole.cleaned_by([0.0, 0.9, 1.5, 9.0]),
         [0.0, 0.0, 0.5, 1.0 - 1.0 / area.sum()],

@@ -42,7 +42,6 @@ PORTS = {
     "actuation": 7,
     "state": 14,
     "ink": 14000,
-    "erase_time": 14000,
     "cleaned_fraction": 1,
     "normal_force": 1,
     "contact_area": 1,
@@ -72,7 +71,7 @@ FOLLOWED = (
     "measured_position",
     "tracking_error",
 )
-INK = ("ink", "erase_time", "cleaned_fraction")
+INK = ("ink", "cleaned_fraction")
 
 
 def make_station(skill, **options):
@@ -251,12 +250,6 @@ def test_ink_only_goes_and_only_where_the_eraser_has_been(wiped):
     )
     assert_array_equal(ink[-1][~been.ravel()], 1.0)
     assert np.all(np.diff(wiped.log("cleaned_fraction"), axis=0) >= 0)
-
-
-def test_cells_know_when_they_were_erased(wiped):
-    ink, times = wiped.log("ink")[-1], wiped.log("erase_time")[-1]
-    assert_array_equal(np.isfinite(times), ink < 0.1)
-    assert np.all(times[np.isfinite(times)] <= SECONDS)
 
 
 # Re-mapping.

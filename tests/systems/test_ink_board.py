@@ -23,10 +23,11 @@ from rubbed_board import (
 )
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.systems.erase_times import NEVER, EraseTimes
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, WEAR_CONSTANT
 from fmp_drake.systems.ink.metrics import cleaned_history
 from fmp_drake.systems.ink.rubbing import LONGEST_STEP, STRIPE_PITCH
-from fmp_drake.systems.ink_board import NEVER, InkBoard
+from fmp_drake.systems.ink_board import InkBoard
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class Scene:
     diagram: Diagram
     plant: MultibodyPlant
     board: InkBoard
+    erased: EraseTimes | None = None
 
     def start(self, *, p=(0.0, 0.0), v=(0.0, 0.0), z=-0.002, spin=0.0, board=0.0):
         """Make a simulator; p in m, v in m/s and the felt's height z in B."""
@@ -60,12 +62,20 @@ class Scene:
     def ink(self, simulator):
         return self.value(simulator, "ink").reshape(self.board.grid.shape)
 
+    def erase_time(self, simulator):
+        context = self.erased.GetMyContextFromRoot(simulator.get_context())
+        port = self.erased.GetOutputPort("erase_time")
+        return port.Eval(context).reshape(self.board.grid.shape)
+
 
 def make_scene(*, force=10.0, eraser_first=False, **options):
     builder = DiagramBuilder()
     plant, eraser, surface = make_plant(builder, force=force, eraser_first=eraser_first)
     board = add_ink(builder, plant, eraser, surface, **options)
-    return Scene(builder.Build(), plant, board)
+    erased = EraseTimes(initial_ink=board.initial_ink, period=PERIOD)
+    builder.AddSystem(erased)
+    builder.Connect(board.GetOutputPort("ink"), erased.get_input_port())
+    return Scene(builder.Build(), plant, board, erased)
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +106,7 @@ def test_ports_have_names_and_sizes(scene):
         board.get_output_port(i).get_name() for i in range(board.num_output_ports())
     ] == OUTPUTS
     sizes = [board.GetOutputPort(name).size() for name in OUTPUTS]
-    assert sizes == [GRID.num_cells] * 2 + [1] * 3
+    assert sizes == [GRID.num_cells] + [1] * 3
 
 
 def test_only_force_and_area_feed_through(scene):
@@ -104,8 +114,8 @@ def test_only_force_and_area_feed_through(scene):
         [scene.board.HasDirectFeedthrough(i, j) for j in range(len(OUTPUTS))]
         for i in range(len(INPUTS))
     ]
-    state = [False] * 3
-    assert table == [[*state, True, True], [*state, True, False], [False] * 5]
+    state = [False] * 2
+    assert table == [[*state, True, True], [*state, True, False], [False] * 4]
 
 
 @pytest.mark.parametrize("eraser_first", [False, True])
@@ -225,18 +235,18 @@ def test_ink_that_is_not_there_is_not_counted():
     simulator.AdvanceTo(0.5)
     assert scene.value(simulator, "cleaned_fraction")[0] == 1.0
     assert (scene.ink(simulator)[initial == 0.0] == 0.0).all()
-    never = scene.value(simulator, "erase_time").reshape(GRID.shape) == NEVER
+    never = scene.erase_time(simulator) == NEVER
     np.testing.assert_array_equal(never, initial == 0.0)
 
 
 def test_erase_time_follows_the_eraser(scene):
     simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
-    assert (scene.value(simulator, "erase_time") == NEVER).all()
+    assert (scene.erase_time(simulator) == NEVER).all()
     simulator.AdvanceTo(1.0)
     ink = scene.ink(simulator)
     _, pressure = squeeze(scene, simulator)
     y = GRID.centres.reshape(*GRID.shape, 2)[25:35, 40, 1]
-    time = scene.value(simulator, "erase_time").reshape(GRID.shape)
+    time = scene.erase_time(simulator)
     np.testing.assert_array_equal(time < NEVER, ink < CLEAN_BELOW)
     # The leading edge gets to y after (y + 0.075) / v; then a length of felt
     # must pass, and 1 mm of its soft edge. Half a period comes on top on average.
@@ -250,7 +260,7 @@ def test_weak_ink_wears_and_has_no_erase_time():
     simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.4))
     assert scene.value(simulator, "cleaned_fraction")[0] == 1.0
     simulator.AdvanceTo(0.5)
-    assert (scene.value(simulator, "erase_time") == NEVER).all()
+    assert (scene.erase_time(simulator) == NEVER).all()
     assert (scene.ink(simulator) < 0.01).any()
 
 
@@ -261,7 +271,7 @@ def test_the_history_from_erase_times_is_the_cleaned_fraction(scene):
     for t in times:
         simulator.AdvanceTo(t)
         seen.append(scene.value(simulator, "cleaned_fraction")[0])
-    erased = scene.value(simulator, "erase_time")
+    erased = scene.erase_time(simulator)
     everywhere = np.ones(GRID.num_cells, dtype=bool)
     np.testing.assert_allclose(cleaned_history(erased, everywhere, times), seen)
     assert seen[-1] > 0.1

@@ -161,24 +161,18 @@ def test_a_patch_over_the_edge_of_the_grid_is_clipped():
     assert np.count_nonzero(pressure) == 12 * 5
 
 
-def test_ink_wears_as_the_law_says_and_remembers_when():
+def test_ink_wears_as_the_law_says():
     felt = np.array([0.0, 10.0, 20.0, 60.0, 60.0])
     initial = np.array([1.0, 1.0, 1.0, 1.0, 0.05])
-    ink, erased = initial.copy(), np.full(5, np.inf)
-    rubbing.wear(ink, erased, felt, 20.0, 3.0)
+    ink = initial.copy()
+    rubbing.wear(ink, felt, 20.0)
     np.testing.assert_allclose(ink, initial * np.exp(-felt / 20.0))
-    inf = np.inf
-    np.testing.assert_array_equal(erased, [inf, inf, inf, 3.0, inf])
-    # What happened stays.
-    rubbing.wear(ink, erased, felt, 20.0, 4.0)
-    np.testing.assert_array_equal(erased, [inf, inf, inf, 3.0, inf])
 
 
 def test_one_stroke_at_10_newton_removes_more_than_95_percent():
     pressure = np.array([10.0, 3.0]) / (FELT[0] * FELT[1])
-    ink, times = np.ones(2), np.full(2, np.inf)
-    felt = pressure * FELT[1]
-    rubbing.wear(ink, times, felt, WEAR_CONSTANT, 1.0)
+    ink = np.ones(2)
+    rubbing.wear(ink, pressure * FELT[1], WEAR_CONSTANT)
     assert 0.005 < ink[0] < 0.05
     assert ink[1] > 0.25
 

@@ -22,6 +22,7 @@ from fmp_drake.station.parts.board_ink import AddInk
 from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.parts.hands import TeachingHand
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.panda.firmware import (
     FirmwareConfig,
     FirmwareState,
@@ -134,6 +135,10 @@ class ArmBench:
         if not demonstrated:
             self._area[:] = True
         self._force = ForceMetrics(scenario.press.force)
+        erased = builder.AddSystem(
+            EraseTimes(initial_ink=ink.initial_ink, period=scenario.ink.period)
+        )
+        builder.Connect(ink.GetOutputPort("ink"), erased.GetInputPort("ink"))
         bus = LcmInterfaceSystem(lcm)
         builder.AddSystem(bus)
         command = LcmSubscriberSystem(
@@ -148,7 +153,7 @@ class ArmBench:
             (plant.get_generalized_contact_forces_output_port(scene.panda), "external"),
             (command.get_output_port(), "command"),
             (ink.GetOutputPort("ink"), "ink"),
-            (ink.GetOutputPort("erase_time"), "erase_time"),
+            (erased.GetOutputPort("erase_time"), "erase_time"),
             (ink.GetOutputPort("normal_force"), "normal_force"),
         ):
             builder.ExportOutput(port, name)

@@ -92,7 +92,7 @@ def cleaned_history(
     ----------
     erase_time : array_like, shape (ny, nx) or (ny nx,)
         Time in seconds at which a cell got clean, `inf` for never: the
-        `erase_time` output of `InkBoard` at the end of a run.
+        output of `EraseTimes` at the end of a run.
     mask : array_like of bool, same size
         The cells to be cleaned.
     times : array_like, shape (num_times,)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
-from fmp_drake.systems.ink.grid import CLEAN_BELOW, InkGrid
+from fmp_drake.systems.ink.grid import InkGrid
 
 type FloatArray = NDArray[np.float64]
 type IntArray = NDArray[np.int64]
@@ -221,10 +221,8 @@ def _crossings(
 @compiled
 def wear(
     ink: FloatArray,
-    erase_time: FloatArray,
     felt: FloatArray,
     constant: float,
-    now: float,
 ) -> None:
     """Wear ink down, in place: the exact solution of d(ink)/dt = -ink p v / c.
 
@@ -232,14 +230,10 @@ def wear(
     ----------
     ink : ndarray, shape (num_cells,)
         From 0 to 1.
-    erase_time : ndarray, shape (num_cells,)
-        When a cell fell below `CLEAN_BELOW`, s.
     felt : ndarray, shape (num_cells,)
         Integral of pressure times sliding speed over time, Pa m.
     constant : float
         Wear constant c, Pa m.
-    now : float
-        s.
 
     Notes
     -----
@@ -250,7 +244,4 @@ def wear(
     """
     for i in range(len(ink)):
         if felt[i] > 0.0:
-            left = ink[i] * math.exp(-felt[i] / constant)
-            if left < CLEAN_BELOW <= ink[i]:
-                erase_time[i] = now
-            ink[i] = left
+            ink[i] *= math.exp(-felt[i] / constant)
