@@ -52,7 +52,7 @@ class EraseTimes(LeafSystem):
     >>> times = builder.AddSystem(EraseTimes(initial_ink=[1.0, 1.0], period=0.05))
     >>> _ = builder.Connect(ink.get_output_port(), times.get_input_port())
     >>> simulator = Simulator(builder.Build())
-    >>> simulator.AdvanceTo(0.2)
+    >>> _ = simulator.AdvanceTo(0.2)
     >>> times.get_output_port().Eval(times.GetMyContextFromRoot(simulator.get_context()))
     array([ 0., inf])
     """

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
-from scipy.spatial.transform import Rotation
 
+from fmp_drake.systems.impedance.algebra import rotation_vector
 from fmp_drake.systems.impedance.arm import ArmModel
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 
@@ -151,7 +151,7 @@ class HeldArm:
 
 def _errors(X_WE: Array, p_WE: Array, R_WE: Array) -> Array:
     """Return what is left from poses (B, 3, 4) to wanted ones, in W, shape (B, 6)."""
-    turned = Rotation.from_matrix(R_WE @ X_WE[..., :3].mT).as_rotvec()
+    turned = [rotation_vector(R) for R in R_WE @ X_WE[..., :3].mT]
     return np.concatenate([turned, p_WE - X_WE[..., 3]], axis=1)
 
 
