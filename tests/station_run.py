@@ -8,13 +8,16 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
 MILLISECOND, SELDOM = 0.001, 0.05
-
+# What Drake finds for half the time of a simulated millisecond, and how often it is.
+CONTACT, OFTEN = ("normal_force", "contact_area"), 0.01
 
 LIMITED = ("state", "actuation", "torque")
 
 
 class StationRun:
     """Logs what is small every millisecond; the rest and the covariance every 50 ms.
+
+    The force and the area of the contact are logged every 10 ms.
 
     Logging all ports takes as long as the simulation: name those that are looked at,
     beside the `LIMITED`.
@@ -31,6 +34,7 @@ class StationRun:
                 continue
             small = port.size() <= 14 and port.get_name() != "covariance"
             period = MILLISECOND if small else SELDOM
+            period = OFTEN if port.get_name() in CONTACT else period
             sink = LogVectorOutput(port, builder, period)
             sink.set_name(f"log_{port.get_name()}")
             self._sinks[port.get_name()] = sink

@@ -108,23 +108,21 @@ from pydrake.systems.framework import (
 
 from fmp_drake.errors import ControllerError
 from fmp_drake.systems.framework.callbacks import eval_cache
-from fmp_drake.systems.impedance.algebra import Pose, relative
+from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.arm import ArmModel, checked_posture, joint_limits
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.measured import measured_motion
 from fmp_drake.systems.impedance.packing import (
     PACKED_SIZE,
     PLACES,
     PORTS,
     REQUIRED,
-    StepInputs,
     encode,
     initial_memory,
-    unpack,
 )
 from fmp_drake.systems.impedance.settings import joint_settings, settings_of
 from fmp_drake.systems.impedance.status import STATUS_SIZE
 from fmp_drake.systems.impedance.step import impedance_step
-from fmp_drake.systems.impedance.target import task_error
 
 Array = NDArray[np.float64]
 
@@ -259,16 +257,16 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=config.control_period, offset_sec=0.0, update=self._update
         )
+        settings = self._settings.view(np.uint8)
+        self._step = partial(impedance_step, settings, joints)
+        self._measured_motion = partial(measured_motion, settings)
         # One update, so that nothing is compiled in the middle of a run.
         n = plant.num_velocities()
-        self._step = partial(impedance_step, self._settings.view(np.uint8), joints)
-        self._step(
-            np.zeros(PACKED_SIZE),
-            0.0,
-            np.zeros(n),
-            self._initial_memory(),
-            *self._arm.read(plant.CreateDefaultContext(), np.zeros(2 * n)),
-        )
+        nothing, at_rest = np.zeros(PACKED_SIZE), np.zeros(2 * n)
+        plant_context, memory = plant.CreateDefaultContext(), self._initial_memory()
+        reading = self._arm.read(plant_context, at_rest)
+        self._step(nothing, 0.0, np.zeros(n), memory, *reading)
+        self._measured_motion(nothing, *self._arm.motion(plant_context, at_rest))
 
     def _declare_inputs(self, n: int) -> None:
         self._state = self.DeclareVectorInputPort("state", 2 * n)
@@ -337,33 +335,23 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     # What is measured is computed when somebody asks.
 
-    def _measure(
-        self, context: Context, names: Iterable[str]
-    ) -> tuple[StepInputs, Pose]:
-        """Return what comes in at some ports, and X_TE."""
-        packed = self._pack(context, names)
-        inputs = unpack(packed, self._settings[0], context.get_time())
-        X_WE = self._arm.pose(
-            self._eval_plant_context(context), _eval(self._state, context)
+    def _measure(self, context: Context, names: Iterable[str]) -> Array:
+        """Return `measured_motion` by what comes in at some ports."""
+        return self._measured_motion(
+            self._pack(context, names),
+            *self._arm.motion(
+                self._eval_plant_context(context), _eval(self._state, context)
+            ),
         )
-        return inputs, relative(inputs.X_WT, X_WE)
 
     def _calc_measured_position(self, context: Context, output: BasicVector) -> None:
-        _, X_TE = self._measure(context, _POSE)
-        output.SetFromVector(X_TE.p)
+        output.SetFromVector(self._measure(context, _POSE)[:3])
 
     def _calc_measured_velocity(self, context: Context, output: BasicVector) -> None:
-        inputs, X_TE = self._measure(context, _VELOCITY)
-        V_WE = self._arm.velocity(
-            self._eval_plant_context(context), _eval(self._state, context)
-        )
-        velocity = inputs.X_WT.R.T @ V_WE[3:] - inputs.frame_twist[3:]
-        velocity -= np.cross(inputs.frame_twist[:3], X_TE.p)
-        output.SetFromVector(velocity)
+        output.SetFromVector(self._measure(context, _VELOCITY)[3:6])
 
     def _calc_tracking_error(self, context: Context, output: BasicVector) -> None:
-        inputs, X_TE = self._measure(context, _ERROR)
-        output.SetFromVector(task_error(X_TE, inputs.target.X))
+        output.SetFromVector(self._measure(context, _ERROR)[6:])
 
 
 def _eval(port: InputPort, context: Context) -> Array:

@@ -157,7 +157,7 @@ def _pose_findings(scenario: Scenario, reading: ArmReading) -> list[Finding]:
         q - arm.GetPositionLowerLimits(), arm.GetPositionUpperLimits() - q
     )
     joint = int(np.argmin(room))
-    p_WE: Any = ArmModel(arm, tip).pose(context, reading.state).p
+    p_WE: Any = ArmModel(arm, tip).motion(context, reading.state)[0][3]
     p_BE = scenario.board.assumed_pose().inverse().multiply(p_WE)
     off = float(np.linalg.norm(p_BE - scenario.start))
     speed, felt = (float(np.max(np.abs(x))) for x in (v, reading.torque_external))
@@ -221,7 +221,7 @@ def record_arm(
     arm, tip = MakeArm(scenario)
     model, context = ArmModel(arm, tip), arm.CreateDefaultContext()
     X_BW = scenario.board.assumed_pose().inverse()
-    p_WE: Any = np.array([model.pose(context, state).p for state in angles]).T
+    p_WE: Any = np.array([model.motion(context, q)[0][3] for q in angles]).T
     shown = led_demonstrations(
         np.subtract(times, times[0]),
         X_BW.multiply(p_WE).T,

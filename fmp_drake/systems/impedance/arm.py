@@ -8,7 +8,6 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import CacheIndex, Context, LeafSystem, ValueProducer
 
 from fmp_drake.errors import ControllerError
-from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.limits import JointLimits
 
 Array = NDArray[np.float64]
@@ -101,21 +100,17 @@ class ArmModel:
         self._plant.SetPositionsAndVelocities(plant_context, state)
         return self._jacobian(plant_context)
 
-    def pose(self, plant_context: Context, state: Array) -> Pose:
-        """Return X_WE at a state, shape (2n,); NaN where it is not finite."""
+    def motion(self, plant_context: Context, state: Array) -> tuple[Array, Array]:
+        """Return what `measured_motion` wants to know: transposed X_WE (4, 3), V_WE (6,).
+
+        Both are NaN where the state, shape (2n,), is not finite.
+        """
         if not _is_finite(state):
-            return Pose(np.full((3, 3), np.nan), np.full(3, np.nan))
+            return np.full((4, 3), np.nan), np.full(6, np.nan)
         self._plant.SetPositionsAndVelocities(plant_context, state)
         X_WE = self._end_effector.CalcPoseInWorld(plant_context)
-        return Pose(X_WE.rotation().matrix().copy(), np.array(X_WE.translation()))
-
-    def velocity(self, plant_context: Context, state: Array) -> Array:
-        """Return V_WE, shape (6,), at a state, shape (2n,); NaN where not finite."""
-        if not _is_finite(state):
-            return np.full(6, np.nan)
-        self._plant.SetPositionsAndVelocities(plant_context, state)
         V_WE = self._end_effector.CalcSpatialVelocityInWorld(plant_context)
-        return V_WE.get_coeffs()
+        return X_WE.GetAsMatrix34().T, V_WE.get_coeffs()
 
 
 def _is_finite(state: Array) -> bool:
