@@ -49,7 +49,7 @@ _CENTRE = """(() => {
 # Without a graphics card a frame takes 0.3 s of a core, from the simulation that it shows.
 _DRAW_SELDOM = """(() => {
   const draw = window.requestAnimationFrame.bind(window);
-  window.requestAnimationFrame = (f) => setTimeout(() => draw(f), 300);
+  window.requestAnimationFrame = (f) => setTimeout(() => draw(f), 200);
   const get = HTMLCanvasElement.prototype.getContext;
   HTMLCanvasElement.prototype.getContext = function (kind, options) {
     return get.call(this, kind, {...options, antialias: false});
@@ -236,8 +236,13 @@ class Page:
         return json.loads(answer)
 
     def run(self, script):
-        """Return the value of a JavaScript expression in the page."""
-        result = self.call("Runtime.evaluate", expression=script, returnByValue=True)
+        """Return the value of a JavaScript expression in the page, or of its promise."""
+        result = self.call(
+            "Runtime.evaluate",
+            expression=script,
+            returnByValue=True,
+            awaitPromise=True,
+        )
         if "exceptionDetails" in result:
             raise RuntimeError(f"{script}: {result['exceptionDetails']}")
         return result["result"].get("value")
@@ -317,10 +322,10 @@ class Page:
         return matplotlib.image.imread(io.BytesIO(base64.b64decode(data)))[..., :3]
 
     def settled_picture(self):
-        """Return a picture, as `picture` does, when the page stopped changing."""
+        """Return a picture, as `picture` does, when a frame was drawn without a change."""
         last, deadline = None, time.monotonic() + self._timeout
         while time.monotonic() < deadline:
-            time.sleep(0.2)
+            self.run("new Promise(requestAnimationFrame)")
             new = self.picture()
             if last is not None and np.array_equal(new, last):
                 return new
