@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 
+from fmp_drake.compiled import compiled
+
 _RIDGE = 1e-6
 _MOST_RADIUS = 0.995
 
@@ -95,10 +97,7 @@ class Autoregression:
         else:
             newest = np.arange(past.shape[1] - p, past.shape[1])
             out[:, :p] = past[:, np.maximum(newest, 0)]
-        # Of the oldest sample first.
-        together = np.swapaxes(self.coefficients[::-1], 1, 2).reshape(p * d, d)
-        for t in range(p, out.shape[1]):
-            out[:, t] += out[:, t - p : t].reshape(-1, p * d) @ together
+        _go_on(out, self.coefficients)
         return out[:, p:]
 
     @cached_property
@@ -110,6 +109,20 @@ class Autoregression:
         drive[:d, :d] = self.innovation
         out: NDArray[np.float64] = solve_discrete_lyapunov(companion, drive)
         return (out + out.T) / 2
+
+
+@compiled
+def _go_on(values: NDArray[np.float64], coefficients: NDArray[np.float64]) -> None:
+    """Add what comes of the p values before to all but the first p of (S, n, D)."""
+    p, d, _ = coefficients.shape
+    for s in range(len(values)):
+        for t in range(p, values.shape[1]):
+            for k in range(p):
+                for i in range(d):
+                    for j in range(d):
+                        values[s, t, i] += (
+                            coefficients[k, i, j] * values[s, t - 1 - k, j]
+                        )
 
 
 def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
