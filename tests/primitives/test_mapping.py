@@ -1,5 +1,7 @@
 """Facts about the mapping of partial trajectories: Algorithm 1."""
 
+import pickle
+
 import dense_paper
 import numpy as np
 import pytest
@@ -8,7 +10,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives import LowRankGaussian, MappingPlan
+from fmp_drake.primitives import (
+    FourierMovementPrimitive,
+    LowRankGaussian,
+    MappingPlan,
+)
 
 
 def observations(skill, k, count=6, spread=0.02):
@@ -232,3 +238,25 @@ def test_observations_that_only_tolerance_could_tell_apart_are_refused():
     rows = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     with pytest.raises(SkillError, match="depend on each other more closely than"):
         MappingPlan(np.ones(1), (component,), rows=rows, tolerance=1e-9)
+
+
+def test_players_of_one_skill_share_their_plans_until_it_learns_anew():
+    windows = np.random.default_rng(0).standard_normal((40, 12, 1))
+    skill = FourierMovementPrimitive(n_steps=12, overlap=4, n_components=2)
+    skill.fit(windows)
+    plan = skill.mapping_plan([0, 1])
+    assert skill.mapping_plan([0, 1]) is plan
+    assert skill.mapping_plan([0, 1], tolerance=1e-3) is not plan
+    copied = pickle.loads(pickle.dumps(skill))
+    assert "_plans" not in vars(copied)
+    before = plan.map([0.1, 0.2]).weights
+    np.testing.assert_array_equal(
+        copied.mapping_plan([0, 1]).map([0.1, 0.2]).weights, before
+    )
+    skill.fit(2.0 * windows[::-1])
+    after = skill.mapping_plan([0, 1]).map([0.1, 0.2]).weights
+    assert not np.allclose(after, before)
+    # Only three are kept.
+    for step in range(3):
+        skill.mapping_plan([step + 2])
+    assert skill.mapping_plan([0, 1]) is not plan

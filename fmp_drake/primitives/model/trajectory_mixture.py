@@ -23,6 +23,7 @@ from fmp_drake.primitives.model.mapping import Mapping, MappingPlan, Selection
 from fmp_drake.primitives.model.mixture import log_densities
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.primitives.model.prediction import Prediction, PredictionPlan
+from fmp_drake.primitives.model.recent import Recent
 
 
 class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
@@ -284,13 +285,16 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         Returns
         -------
         MappingPlan
-            For observations of shape (K*C,), ordered as (K, C) flattened.
+            For observations of shape (K*C,), ordered as (K, C) flattened. The last
+            three are kept: players of one skill share theirs.
         """
         rows = self.observation_rows(steps, channels=channels, derivative=derivative)
         if tolerance is None:
             index = channel_indices(channels, self.channels_)
             tolerance = np.tile(self._tolerances()[index], np.size(steps))
-        return self._plan(rows, tolerance)
+        arrays = (rows, as_floats(tolerance, "the tolerance"), self.proportions_)
+        key = (self.components_, self.selection, *(a.tobytes() for a in arrays))
+        return self._plans.get(key, lambda: self._plan(rows, tolerance))
 
     def _plan(self, rows: NDArray[np.float64], tolerance: ArrayLike) -> MappingPlan:
         return MappingPlan(
@@ -366,11 +370,14 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     def _basis(self) -> FourierBasis:
         return FourierBasis(self.n_steps)
 
+    @cached_property
+    def _plans(self) -> Recent[MappingPlan]:
+        return Recent(3)
+
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the basis out of copies: it follows from the parameters."""
-        state = dict(super().__getstate__())
-        state.pop("_basis", None)
-        return state
+        """Leave out of copies what follows from the rest."""
+        state = super().__getstate__()
+        return {k: v for k, v in state.items() if k not in ("_basis", "_plans")}
 
     @property
     def window_stride(self) -> int:
