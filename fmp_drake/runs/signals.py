@@ -1,6 +1,7 @@
 """The names of the signals in a log: what each one is, in which unit, how often.
 
-They are the station's output ports. B is the frame of the board, W the world.
+They are the station's output ports; `erase_time` is the run's own. B is the frame of the
+board, W the world.
 """
 
 from math import inf
