@@ -1,11 +1,12 @@
 """Fourier movement primitives (FMP) for Drake.
 
-The rooms, each importing only from the ones before it:
+The packages, each importing only from those before it:
 
 - `fmp_drake.primitives` learns and plays rhythmic skills (NumPy, SciPy,
   scikit-learn; no Drake);
 - `fmp_drake.systems` wraps them as Drake systems;
-- `fmp_drake.station` wires the whiteboard-wiping Panda;
+- `fmp_drake.station` wires robot, task and controller, as a scenario says;
+- `fmp_drake.skills` finds, learns and places the skill of a scenario;
 - `fmp_drake.runs`, `fmp_drake.plots` and `fmp_drake.film` measure, draw and film
   runs of it;
 - `fmp_drake.experiments` repeats the paper's section V;
@@ -18,7 +19,6 @@ approach for learning rhythmic robot skills from demonstrations", RSS 2020.
 from typing import TYPE_CHECKING, Any
 
 from fmp_drake.errors import (
-    ControllerError,
     DemonstrationError,
     ExperimentError,
     FmpError,
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 __all__ = [
-    "ControllerError",
     "Demonstration",
     "DemonstrationError",
     "ExperimentError",

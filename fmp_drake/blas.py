@@ -14,7 +14,7 @@ def _libraries() -> ThreadpoolController:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Let BLAS use one thread; also a decorator.
+    """Limit BLAS to one thread in a block or, as a decorator, in a function.
 
     Products of some hundred numbers take ten times as long with the two threads of a
     quiet machine as with one, and a hundred times where other processes run.

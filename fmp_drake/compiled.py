@@ -10,6 +10,7 @@ import inspect
 import logging
 import shutil
 import tempfile
+from collections import Counter
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -22,16 +23,16 @@ logger = logging.getLogger("fmp_drake")
 
 
 class _Announcer(event.Listener):
-    """Says once that something is compiled, because that takes seconds."""
+    """Log message at the first compilation, which takes seconds."""
 
     def __init__(self) -> None:
         self._said = False
 
-    def on_start(self, event: Any) -> None:  # noqa: ARG002
-        """Say it at the first function that is not in the cache."""
+    def on_start(self, event: Any = None) -> None:  # noqa: ARG002
+        """Log it at the first function that is not in the cache."""
         if not self._said:
             self._said = True
-            logger.info("compiling, once for this computer; it takes some seconds")
+            logger.info("compiling, once per machine; it takes up to half a minute")
 
     def on_end(self, event: Any) -> None:
         """Nothing is said at the end."""
@@ -39,7 +40,11 @@ class _Announcer(event.Listener):
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
 
-event.register("numba:compile", _Announcer())  # type: ignore[no-untyped-call]
+announcer = _Announcer()
+event.register("numba:compile", announcer)  # type: ignore[no-untyped-call]
+
+function_counts: Counter[Path] = Counter()
+"""How many compiled functions each folder has."""
 
 
 def compiled[F: Callable[..., Any]](function: F) -> F:
@@ -49,15 +54,17 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
     or else in a temporary folder that lasts as long as the process. It may call compiled
     functions of its own folder, and of no other.
     """
-    _forget_outdated(Path(inspect.getfile(function)).parent)
+    folder = Path(inspect.getfile(function)).parent
+    _forget_outdated(folder)
+    function_counts[folder] += 1
     compile_later = numba.njit(cache=True, **_OPTIONS)
     try:
         return compile_later(function)
     except RuntimeError:
-        # There is no place for a cache, and without one numba refuses to compile.
-        folder = tempfile.mkdtemp(prefix="fmp_drake_")
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
+        # numba refuses to compile without a place for its cache.
+        place = tempfile.mkdtemp(prefix="fmp_drake_")
+        atexit.register(shutil.rmtree, place, ignore_errors=True)
+        numba.config.CACHE_DIR = place  # type: ignore[attr-defined]
         return compile_later(function)
 
 

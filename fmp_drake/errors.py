@@ -21,10 +21,6 @@ class SystemsError(FmpError, ValueError):
     """A value that a Drake system of this package cannot be built from."""
 
 
-class ControllerError(SystemsError):
-    """A plant, a gain or a limit that the impedance controller cannot use."""
-
-
 class StationError(FmpError, ValueError):
     """A scenario, a model or a start that the station cannot realise."""
 

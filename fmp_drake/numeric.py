@@ -41,9 +41,7 @@ def as_floats(
         if shape is not None and len(shape) == 1 and array.ndim == 0:
             array = array[None]
     except (TypeError, ValueError, OverflowError):
-        shown = repr(value)
-        shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
-        raise error(f"{what}: {shown} cannot be read as real numbers.") from None
+        raise error(f"{what}: {shown(value)} cannot be read as real numbers.") from None
     if shape is not None and array.shape != shape:
         lengths = [length for length in shape if length != "..."]
         any_more = len(lengths) < len(shape) and array.ndim > len(lengths)
@@ -88,6 +86,7 @@ def check_number(
     most: float | None = None,
     whole: bool = False,
     unit: str = "",
+    hint: str = "",
     error: type[FmpError] = SkillError,
 ) -> None:
     """Raise an error, with the value and what is allowed, for a number out of range.
@@ -104,6 +103,8 @@ def check_number(
         Whether only integers are allowed.
     unit : str
         Of the value, for the error.
+    hint : str
+        What to do instead, for the error.
     error : type
     """
     limits = (
@@ -124,8 +125,19 @@ def check_number(
         ]
         kind = ["a whole number"] if whole else [] if given else ["a finite number"]
         allowed = ", ".join([*kind, " and ".join(texts)] if texts else kind)
-        shown = repr(value) if isinstance(value, str) else value
-        raise error(f"{what} is {shown}{unit}; it must be {allowed}.")
+        is_long = isinstance(value, str) or (is_whole(value) and abs(value) > GREATEST)
+        text = shown(value) if is_long else value
+        hint = f" ({hint})" if hint else ""
+        raise error(f"{what} is {text}{unit}; it must be {allowed}{hint}.")
+
+
+def shown(value: Any) -> str:
+    """Return a value as an error message shows it: at most 60 characters."""
+    if is_whole(value) and abs(value) > GREATEST:
+        # Python refuses to write integers of more than 4300 digits.
+        return f"an integer of more than {len(str(int(GREATEST))) - 1} digits"
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def all_finite(array: NDArray[np.float64]) -> bool:
@@ -142,9 +154,9 @@ def read_only[T: np.generic](array: NDArray[T]) -> NDArray[T]:
 
 def is_number(value: Any) -> bool:
     """Return whether a value is one real, finite number."""
-    return isinstance(value, int | float | np.integer | np.floating) and all_finite(
-        as_floats(value, "a number")
-    )
+    # The comparison is false for NaN, and exact for integers of any size.
+    is_real = isinstance(value, int | float | np.integer | np.floating)
+    return is_real and bool(-GREATEST < value < GREATEST)
 
 
 def is_whole(value: Any) -> bool:

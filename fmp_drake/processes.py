@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Protocol
 from fmp_drake.errors import ExperimentError
 
 ATTEMPTS = 3
-"""How often a task is begun at most, where its process ends before it does."""
+"""Greatest number of attempts at a task whose process ends before it does."""
 
 # Matrices are small here: more threads would only spin, and round differently.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -31,12 +31,12 @@ _TASKS_OF_A_PROCESS = 25
 
 
 class Workers(Protocol):
-    """Where tasks run."""
+    """Executor of tasks."""
 
     renewed_after: int | None
     """Tasks after which the executor is replaced."""
     attempts: int
-    """How often a task is begun; 1 where the executor itself begins it again."""
+    """Number of attempts at a task; 1 if the executor itself repeats it."""
 
     def executor(self) -> AbstractContextManager[Executor]:
         """Return an executor whose processes end with its context."""
@@ -74,7 +74,7 @@ def run_tasks[T, R](
     while waiting:
         with workers.executor() as executor:
             running: dict[Future[R], tuple[T, int]] = {}
-            begun, usable = 0, True
+            started, usable = 0, True
             while running or (waiting and usable):
                 while waiting and usable:
                     beside = (waiting[0], *running.values())
@@ -83,13 +83,14 @@ def run_tasks[T, R](
                     if len(running) >= (1 if alone else workers.places()):
                         break
                     try:
-                        future = executor.submit(function, waiting[0][0])
+                        with uninterrupted_start():
+                            future = executor.submit(function, waiting[0][0])
                     except BrokenExecutor:
                         usable = False
                         break
                     running[future] = waiting.popleft()
-                    begun += 1
-                    usable = begun != workers.renewed_after
+                    started += 1
+                    usable = started != workers.renewed_after
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     task, attempts = running.pop(future)
                     try:
@@ -103,6 +104,19 @@ def run_tasks[T, R](
                             continue
                         result = reason
                     yield Done(task, attempts, result)
+
+
+@contextmanager
+def uninterrupted_start() -> Iterator[None]:
+    """Start processes in which Ctrl-C is blocked, from their first instant on.
+
+    Ctrl-C in a terminal is sent to all processes; it is the driver's to handle.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class LocalWorkers:

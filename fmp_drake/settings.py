@@ -1,22 +1,33 @@
-"""Dataclasses of settings: each number says its range where its default is."""
+"""Settings: dataclasses whose numbers declare their ranges, and bounds of YAML files."""
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from typing import Any
+
+import yaml
 
 from fmp_drake.errors import FmpError
 from fmp_drake.numeric import check_number
 
+# Of YAML text: bytes, nodes with every alias in full, and levels. The station with the
+# most settings has 300 nodes on 5 levels.
+_MOST_BYTES, _MOST_NODES, _MOST_LEVELS = 2**20, 20_000, 50
+_LONG_INTEGER = re.compile(r"[-+]?[\da-fA-FxXob_:]{100,}")
 
-def bounded(default: float | Sequence[float] | None, **limits: float) -> Any:
+
+def bounded(default: float | Sequence[float] | None, **limits: Any) -> Any:
     """Declare a number of a dataclass, or a list of numbers, with its range.
 
     Parameters
     ----------
     default : float, sequence of floats or None
-        Each instance gets a list of its own. With None the number may be None.
-    **limits : float
-        Its limits `above`, `least`, `below`, `most`, as for `check_number`.
+        Each instance gets a list of its own. A list must be as long as its default,
+        unless that is empty: the number of a robot's joints is not known here. With
+        None the number may be None.
+    **limits : float or str
+        Its limits `above`, `least`, `below`, `most`, and a `hint`, as for
+        `check_number`.
 
     Returns
     -------
@@ -30,8 +41,9 @@ def bounded(default: float | Sequence[float] | None, **limits: float) -> Any:
 def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None:
     """Check every number of a dataclass, and of the dataclasses in it.
 
-    Numbers must be finite and in the range that `bounded` declared; lists that have
-    a default must be as long as that.
+    Numbers must be finite and in the range that `bounded` declared. What ranges cannot
+    say, a dataclass says in a method `inconsistency`, which returns an error message, or
+    an empty string.
 
     Parameters
     ----------
@@ -53,15 +65,88 @@ def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None
             default = field.default_factory()
         if dataclasses.is_dataclass(value):
             check_settings(value, error, f"{place}.")
-        elif default == []:
-            for i, each in enumerate(value):
-                check_settings(each, error, f"{place}[{i}].")
         elif isinstance(default, list):
-            if len(value) != len(default):
-                raise error(f"{place} is {value}; expected {len(default)} numbers.")
-            for i, each in enumerate(value):
-                check_number(each, f"{place}[{i}]", error=error, **field.metadata)
+            _check_list(value, default, field.metadata, error, place)
         elif value is default is None:
             continue
         elif isinstance(default, float | int) or field.metadata:
             check_number(value, place, error=error, **field.metadata)
+    if hasattr(settings, "inconsistency") and (message := settings.inconsistency()):
+        raise error(message)
+
+
+def _check_list(
+    values: Any, default: list[Any], limits: Any, error: type[FmpError], name: str
+) -> None:
+    """Check a list of numbers or of dataclasses."""
+    fits = isinstance(values, Sequence) and not isinstance(values, str)
+    if not fits or (default and len(values) != len(default)):
+        expected = f"{len(default)} numbers" if default else "a list"
+        raise error(f"{name} is {values}; expected {expected}.")
+    for i, value in enumerate(values):
+        if dataclasses.is_dataclass(value):
+            check_settings(value, error, f"{name}[{i}].")
+        elif not isinstance(value, list):  # A list of lists holds no numbers but names.
+            check_number(value, f"{name}[{i}]", error=error, **limits)
+
+
+def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
+    """Check that YAML can be loaded in bounded time and memory.
+
+    Parameters
+    ----------
+    text : str or bytes
+    name : str
+        Of the text, for errors.
+    error : type
+        What to raise.
+
+    Raises
+    ------
+    FmpError
+        Of the given type, where the text is no YAML, is too long, too deep or, with its
+        aliases in full, too large, or holds an integer that no float can be.
+    """
+    if len(text) > _MOST_BYTES:
+        raise error(
+            f"{name} is {len(text)} bytes long; at most {_MOST_BYTES} are read."
+        )
+    sizes: dict[str, int] = {}  # Nodes of each anchor; 0 until its end.
+    open_anchors: list[tuple[str, int]] = []  # Anchors around, and nodes before them.
+    count = 0
+    try:
+        for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+            anchor = str(getattr(event, "anchor", None) or "")
+            if isinstance(event, yaml.AliasEvent):
+                count += sizes.get(anchor, 1)
+                if sizes.get(anchor) == 0:
+                    raise error(f"{name} holds itself, by its alias *{anchor}.")
+            elif isinstance(event, yaml.ScalarEvent):
+                count += 1
+                sizes |= {anchor: 1} if anchor else {}
+                if _LONG_INTEGER.fullmatch(event.value):
+                    raise error(
+                        f"{name} holds {event.value[:20]}..., an integer of "
+                        f"{len(event.value)} digits, which no setting can be."
+                    )
+            elif isinstance(event, yaml.CollectionStartEvent):
+                open_anchors.append((anchor, count))
+                count += 1
+                sizes |= {anchor: 0} if anchor else {}
+            elif isinstance(event, yaml.CollectionEndEvent):
+                anchor, before = open_anchors.pop()
+                sizes |= {anchor: count - before} if anchor else {}
+            if len(open_anchors) > _MOST_LEVELS:
+                raise error(
+                    f"{name} is nested deeper than {_MOST_LEVELS} levels, which is "
+                    "more than any setting has."
+                )
+            if count > _MOST_NODES:
+                raise error(
+                    f"{name} has more than {_MOST_NODES} values, its aliases in full, "
+                    "which is more than is read."
+                )
+    except (yaml.YAMLError, UnicodeError) as reason:
+        raise error(
+            f"{name} cannot be read as YAML: {' '.join(str(reason).split())}."
+        ) from None

@@ -1,4 +1,4 @@
-"""A system that remembers when each cell of a board became clean."""
+"""Times at which the cells of a board became clean."""
 
 import math
 from typing import Any
@@ -21,10 +21,10 @@ NEVER = math.inf
 
 
 class EraseTimes(LeafSystem):
-    """Remembers when the ink of each cell fell below 10 %.
+    """Times at which the ink of the cells fell below 10 %.
 
-    What an `InkBoard` does next does not depend on it, so it is not part of a station;
-    runs add it to theirs.
+    An `InkBoard` does not depend on it, so it is not part of a station; runs add it to
+    their diagram.
 
     Input port ``ink`` (N,): of an `InkBoard`, or any that changes once in a period.
     Output port ``erase_time`` (N,): time in seconds at which the cell became clean;
@@ -65,7 +65,7 @@ class EraseTimes(LeafSystem):
         self._inked = ink >= CLEAN_BELOW
         self._ink = self.DeclareVectorInputPort("ink", ink.size)
         times = self.DeclareDiscreteState(np.full(ink.size, NEVER))
-        # When the ink that is seen now came about.
+        # Time of the last change of the ink.
         since = self.DeclareDiscreteState(1)
         self._times, self._since = int(times), int(since)
         self.DeclareVectorOutputPort("erase_time", ink.size, self._calc_erase_time)
@@ -82,6 +82,6 @@ class EraseTimes(LeafSystem):
         output.SetFromVector(self._erase_times(context))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
-        """Note what the last period has cleaned; the ink changes now again."""
+        """Store the times of the last period, before the next change of the ink."""
         values.set_value(self._times, self._erase_times(context))
         values.set_value(self._since, np.array([context.get_time()]))

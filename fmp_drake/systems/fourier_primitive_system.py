@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,9 @@ from fmp_drake.primitives import (
     Player,
     Tracker,
 )
-from fmp_drake.primitives.playback.place import phase_of
-from fmp_drake.primitives.playback.segment import Segment, segment_motion
-from fmp_drake.systems.framework.callbacks import declare_cache, eval_cache
+from fmp_drake.primitives.playback.motion import Segment, segment_motion
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
+from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
 
 Calc = Callable[[Context, BasicVector], None]
 
@@ -38,6 +37,12 @@ MAX_TEMPO = 4.0
 _TEMPO_RATE = 5.0
 # How fast the desired motion comes to a robot that is led elsewhere, s.
 _PUSHED_BLEND_TIME = 0.15
+# A measured value is plausible up to so many widths of what was shown in its unit from
+# the middle, and at least up to these distances.
+_PLAUSIBLE_WIDTHS = 10.0
+_PLAUSIBLE = {"m": 2.0, "rad": 4 * math.pi}
+# Time for which the last plausible measurement is used instead of a missing one, s.
+_MEASUREMENT_EXPIRY = 0.5
 
 
 class FourierPrimitiveSystem(LeafSystem):
@@ -55,6 +60,10 @@ class FourierPrimitiveSystem(LeafSystem):
     slows down from half of `push_threshold` on and stands still beyond it. And
     once that has lasted for `push_dwell`, the last K measured positions are mapped to a
     new window, so that the movement goes on from where the robot was led to.
+
+    A measured position that is not finite, or far outside what was shown, is an error at
+    initialisation. Later, in the reactive mode, the last plausible one is used instead,
+    for 0.5 s. Then the movement stands still until the measurement is plausible again.
 
     A simulation may begin at any time. A Context that has been played, saved or cloned
     goes on in another Simulator; to begin anew, give it the default state first.
@@ -95,6 +104,9 @@ class FourierPrimitiveSystem(LeafSystem):
         Of the plan (18).
     remaps : (2,)
         Number of re-mappings, and of the reactive ones among them.
+    measurement_age : (1,)
+        Time since the measured position was plausible, s; 0 while it is, and outside the
+        reactive mode. From 0.5 s on the movement stands still.
 
     Parameters
     ----------
@@ -107,8 +119,8 @@ class FourierPrimitiveSystem(LeafSystem):
     seed : int
         Of the samples.
     push_threshold : float, optional
-        Distance between measured and desired position from which on the robot counts
-        as pushed, in the units of the skill (m); None for no reactive mode.
+        Distance between measured and desired position above which the robot counts as
+        pushed, over the channels in m (over all where none is); None for no reactive mode.
     push_dwell : float
         How long it must have been pushed before its motion is mapped, s.
     plan_seconds : float
@@ -117,8 +129,9 @@ class FourierPrimitiveSystem(LeafSystem):
         At the start and after each re-mapping, of several samples the one is tracked that
         passes over the most ink until the next one. For skills of 3 position channels in the frame of the
         board.
-    margin : float, optional
-        How far samples may leave the demonstrated paths, m; None for no bound.
+    margin : float or "automatic", optional
+        How far samples may leave the demonstrated paths, m, as for `Player`; None for no
+        bound.
     soft_start : bool
         Begin with the tempo 0, so that a robot at rest goes along the path of the skill, not
         beside it by up to what the skill moves in 0.15 s.
@@ -154,7 +167,7 @@ class FourierPrimitiveSystem(LeafSystem):
         push_dwell: float = 0.2,
         plan_seconds: float = 3.0,
         choice: CoverageChoice | None = None,
-        margin: float | None = None,
+        margin: float | Literal["automatic"] | None = "automatic",
         soft_start: bool = False,
     ) -> None:
         super().__init__()
@@ -166,6 +179,19 @@ class FourierPrimitiveSystem(LeafSystem):
         for name, value in (("push_dwell", push_dwell), ("plan_seconds", plan_seconds)):
             check_number(value, name, above=0, unit="s", error=SystemsError)
         self._push_threshold = push_threshold
+        # A distance is one of lengths; rotations and forces have no part in it.
+        lengths = [i for i, unit in enumerate(skill.units_) if unit == "m"]
+        self._lengths = lengths or list(range(skill.n_channels_))
+        low, high = skill.extent_
+        units = np.array(skill.units_)
+        widths = [np.max((high - low)[units == unit]) for unit in units]
+        self._centre = (low + high) / 2
+        self._most = np.array(
+            [
+                max(_PLAUSIBLE_WIDTHS * width, _PLAUSIBLE.get(unit, 0.0)) or math.inf
+                for width, unit in zip(widths, skill.units_, strict=True)
+            ]
+        )
         self._push_dwell = push_dwell
         self._plan_ticks = math.ceil(plan_seconds / player.tick_seconds - 1e-6)
         self._choice = choice
@@ -177,8 +203,9 @@ class FourierPrimitiveSystem(LeafSystem):
             int(self.DeclareDiscreteState(array)) for array in start.to_arrays()
         ]
         # When the last event and the start were (never: minus infinity), since when the
-        # robot is pushed (infinity where it is not), number of reactive re-mappings.
-        events = np.array([-math.inf, -math.inf, math.inf, 0.0])
+        # robot is pushed (infinity where it is not), number of reactive re-mappings, and
+        # since when no plausible position is measured (infinity where one is).
+        events = np.array([-math.inf, -math.inf, math.inf, 0.0, math.inf])
         self._events = int(self.DeclareDiscreteState(events))
         # The last K measured positions, the newest last.
         measurements = start.history.ravel()
@@ -210,13 +237,14 @@ class FourierPrimitiveSystem(LeafSystem):
         declare("weights", weights, self._calc_of(player.weights), now)
         declare("component", 1, self._calc_of(lambda state: state.component), now)
         if player.skill.phase_model_ is not None:
-            phase = self._calc_of(lambda state: phase_of(player, state))
+            phase = self._calc_of(player.phase)
             declare("phase", 1, phase, now)
         points = self._plan_ticks + 1
         for order, (name, size) in enumerate((("plan", d), ("plan_covariance", d * d))):
             part = self._calc_part_of(partial(eval_cache, self, plan), order)
             declare(name, points * size, part, state)
         declare("remaps", 2, self._calc_remaps, now)
+        declare("measurement_age", 1, self._calc_measurement_age, now)
 
     @staticmethod
     def resting_value(skill: FourierMovementPrimitive) -> NDArray[np.float64]:
@@ -254,7 +282,7 @@ class FourierPrimitiveSystem(LeafSystem):
         values: DiscreteValues,
         state: PlaybackState,
         *,
-        events: tuple[float, float, float, float],
+        events: tuple[float, float, float, float, float],
         measurements: NDArray[np.float64],
     ) -> None:
         for index, array in zip(self._playback, state.to_arrays(), strict=True):
@@ -270,13 +298,14 @@ class FourierPrimitiveSystem(LeafSystem):
         if begin < time and 0 <= time - last <= player.tick_seconds * (1 + 1e-9):
             return EventStatus.DidNothing()  # It goes on from where it stands.
         measured: Any = self._measured.Eval(context)
+        self._check_start(measured)
         tempo = 0.0 if self._soft_start else self._wanted_tempo(context)
         start = player.start(measured, tempo=tempo)
         start = replace(start, sample=self._wanted_sample(context))
         self._store(
             values,
             self._chosen(context, start),
-            events=(time, time, math.inf, 0.0),
+            events=(time, time, math.inf, 0.0, math.inf),
             measurements=start.history,
         )
         return EventStatus.Succeeded()
@@ -286,7 +315,7 @@ class FourierPrimitiveSystem(LeafSystem):
         player, time = self._player, context.get_time()
         before = self._read(context)
         state = player.advance(before, time - self._last_event(context))
-        _, begin, pushed_since, reactive = (
+        _, begin, pushed_since, reactive, missing_since = (
             context.get_discrete_state().value(self._events).tolist()
         )
         measurements = context.get_discrete_state().value(self._measurements)
@@ -295,13 +324,21 @@ class FourierPrimitiveSystem(LeafSystem):
         state = replace(state, sample=self._wanted_sample(context))
         if self._push_threshold is not None:
             measured: Any = self._measured.Eval(context)
+            is_missing = not self._is_plausible(measured)
+            if is_missing:
+                measured = measurements[-1]
+            missing_since = min(missing_since, time) if is_missing else math.inf
             measurements = np.concatenate([measurements[1:], measured[None]])
-            distance = np.linalg.norm(measured - player.motion(state)[0])
+            off_path = (measured - player.motion(state)[0])[self._lengths]
+            distance = np.linalg.norm(off_path)
             off = float(distance) / self._push_threshold
-            pushed_since = min(pushed_since, time) if off > 1 else math.inf
+            is_pushed = off > 1 and not is_missing
+            pushed_since = min(pushed_since, time) if is_pushed else math.inf
             if off < 0.5:
                 state = replace(state, blend_time=player.blend_time)
             tempo *= min(max(2 - 2 * off, 0.0), 1.0)
+            if time - missing_since > _MEASUREMENT_EXPIRY - 1e-6:
+                tempo = 0.0
             if time - pushed_since > self._push_dwell - 1e-6:
                 state = player.remap(state, observed=measurements)
                 blend_time = min(_PUSHED_BLEND_TIME, player.blend_time)
@@ -314,10 +351,23 @@ class FourierPrimitiveSystem(LeafSystem):
         self._store(
             values,
             state,
-            events=(time, begin, pushed_since, reactive),
+            events=(time, begin, pushed_since, reactive, missing_since),
             measurements=measurements,
         )
         return EventStatus.Succeeded()
+
+    def _is_plausible(self, measured: NDArray[np.float64]) -> bool:
+        # NaN compares as false.
+        return bool(np.all(np.abs(measured - self._centre) <= self._most))
+
+    def _check_start(self, measured: NDArray[np.float64]) -> None:
+        if np.all(np.isfinite(measured)) and not self._is_plausible(measured):
+            lowest, highest = self._centre - self._most, self._centre + self._most
+            raise SystemsError(
+                f"{self.get_name()}: the measured position is {measured}; it must be from "
+                f"{lowest} to {highest}, near what was shown. Check the measurement, its "
+                "frame and its unit."
+            )
 
     def _chosen(self, context: Context, state: PlaybackState) -> PlaybackState:
         """Return the state that tracks the sample of the choice, where there is one."""
@@ -393,3 +443,8 @@ class FourierPrimitiveSystem(LeafSystem):
         reactive = context.get_discrete_state().value(self._events)[3]
         remaps = self.playback_state(context).remaps
         output.SetFromVector(np.array([remaps, reactive]))
+
+    def _calc_measurement_age(self, context: Context, output: BasicVector) -> None:
+        missing_since = context.get_discrete_state().value(self._events)[4]
+        age = max(context.get_time() - missing_since, 0.0)
+        output.SetFromVector(np.array([age]))

@@ -1,54 +1,40 @@
 """A model of a person who guides the arm by hand."""
 
-from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
-from fmp_drake.systems.framework.callbacks import weakly
+from fmp_drake.primitives.data.channels import (
+    FORCE_CHANNEL,
+    POSITION_CHANNELS,
+    ROTATION_CHANNELS,
+)
+from fmp_drake.primitives.data.orientation import angular_velocity
+from fmp_drake.systems.interface.callbacks import declare_bodies, weakly
+from fmp_drake.systems.surface import surface as surfaces
+from fmp_drake.systems.surface.surface import PLANE, Surface
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
-
-@dataclass(kw_only=True)
-class GripConfig:
-    """How the hand holds the tool.
-
-    Attributes
-    ----------
-    stiffness : float
-        Of the hand in the plane of the board, N/m.
-    damping : float
-        Of the hand in every direction, Ns/m.
-    normal_force : float
-        Force on the board, N.
-    rotational_stiffness : float
-        Nm/rad.
-    rotational_damping : float
-        Nms/rad.
-
-    Examples
-    --------
-    >>> firm = GripConfig(stiffness=3000.0, damping=200.0)
-    >>> firm.rotational_stiffness
-    60.0
-    """
-
-    stiffness: float = 1500.0
-    damping: float = 120.0
-    normal_force: float = 9.0
-    rotational_stiffness: float = 60.0
-    rotational_damping: float = 6.0
+# Of the hand: stiffness in the plane of the board (N/m), damping in every direction
+# (N s/m), normal force (N), stiffness (Nm/rad) and damping (Nm s/rad) of rotation.
+STIFFNESS, DAMPING, NORMAL_FORCE = 1500.0, 120.0, 9.0
+ROTATIONAL_STIFFNESS, ROTATIONAL_DAMPING = 60.0, 6.0
 
 
 class HumanHand(LeafSystem):
-    """Guides a tool over a board: a spring to a wandering target, and a normal force.
+    """Simulated kinesthetic teaching: a spring to a moving target, and a normal force.
+
+    A motion with a height has a spring along the normal, too, and no normal force. One with
+    rotation channels rotates the tool, and one with a force changes the normal force.
 
     Input ports
     -----------
@@ -67,14 +53,16 @@ class HumanHand(LeafSystem):
     plant : MultibodyPlant
         Finalized.
     grip : Frame
-        E, the frame that the hand holds.
+        E, the frame of the grasp.
     X_WB : RigidTransform
-        The board, z out of it.
+        Pose of the board, z outward.
     motion : HandMotion
-        Where the hand wants to be in the plane of the board.
+        Target of the hand: position, and optionally orientation and force of the tool.
     R_BE : RotationMatrix
-        How the hand holds the tool.
-    config : GripConfig, optional
+        Orientation of the tool where the motion has none; relative to the local normal of a
+        curved board.
+    surface : Surface
+        Curvature of the board, over which the hand slides.
 
     Examples
     --------
@@ -112,27 +100,26 @@ class HumanHand(LeafSystem):
         X_WB: RigidTransform,
         motion: HandMotion,
         R_BE: RotationMatrix,
-        config: GripConfig | None = None,
+        surface: Surface = PLANE,
     ) -> None:
         super().__init__()
         self.set_name("human_hand")
         if not plant.is_finalized():
             raise SystemsError("the plant is not finalized; call Finalize() first.")
-        self._config = GripConfig() if config is None else config
-        for name, value in vars(self._config).items():
-            check_number(value, name, least=0, error=SystemsError)
         self._motion = motion
         self._X_WB = X_WB
         self._X_BW = X_WB.inverse()
         self._R_WE = X_WB.rotation() @ R_BE
+        self._R_TE, self._surface = R_BE, surface
+        index = motion.channels.index
+        names = [n for n in POSITION_CHANNELS if n in motion.channels]
+        self._position = [index(name) for name in names]
+        self._rotation = [index(n) for n in ROTATION_CHANNELS if n in motion.channels]
+        has_force = FORCE_CHANNEL in motion.channels
+        self._force = index(FORCE_CHANNEL) if has_force else None
         self._body = grip.body().index()
         self._X_LE = grip.GetFixedPoseInBodyFrame()
-        self._poses = self.DeclareAbstractInputPort(
-            "body_poses", Value[list[RigidTransform]]()
-        )
-        self._velocities = self.DeclareAbstractInputPort(
-            "body_spatial_velocities", Value[list[SpatialVelocity]]()
-        )
+        self._poses, self._velocities = declare_bodies(self)
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             Value[list[ExternallyAppliedSpatialForce]],
@@ -158,8 +145,25 @@ class HumanHand(LeafSystem):
         p_WE: Any = self._grip_pose(context).translation()
         output.SetFromVector(self._X_BW.multiply(p_WE))
 
+    def _to_tangent(
+        self, p_BE: NDArray[np.float64], target: NDArray[np.float64]
+    ) -> tuple[RotationMatrix, NDArray[np.float64]]:
+        """Return R_BT at the grip, and the offset to the target (u, v) in its plane, m."""
+        u, v, h = surfaces.project(self._surface, p_BE, target)
+        R_BT = RotationMatrix(surfaces.rotation(self._surface, u, v))
+        goal = surfaces.place(self._surface, np.array([[*target, h]]))[0]
+        offset: NDArray[np.float64] = R_BT.matrix().T @ (goal - p_BE)
+        return R_BT, offset[:2]
+
+    def _normal_rotation(
+        self, target: NDArray[np.float64], rate: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the angular velocity in W of the local normal at the target, rad/s."""
+        _, _, V_BT, _ = surfaces.moving_frame(self._surface, target, rate, np.zeros(2))
+        omega: NDArray[np.float64] = self._X_WB.rotation().matrix() @ V_BT[:3]
+        return omega
+
     def _calc_forces(self, context: Any, output: Any) -> None:
-        config = self._config
         X_WE = self._grip_pose(context)
         velocities: Any = self._velocities.Eval(context)
         R_WL = X_WE.rotation() @ self._X_LE.rotation().inverse()
@@ -167,16 +171,32 @@ class HumanHand(LeafSystem):
         R_BW = self._X_BW.rotation()
         p_WE: Any = X_WE.translation()
         p_BE = self._X_BW.multiply(p_WE)
-        wanted, wanted_velocity = self._motion.at(context.get_time())
-        f_B = -config.damping * (R_BW @ V_WE.translational())
-        f_B[:2] += config.stiffness * (wanted - p_BE[:2])
-        f_B[:2] += config.damping * wanted_velocity
-        f_B[2] -= config.normal_force
-        rotation = (self._R_WE @ X_WE.rotation().inverse()).ToAngleAxis()
-        tau_W = config.rotational_stiffness * rotation.angle() * rotation.axis()
-        tau_W -= config.rotational_damping * V_WE.rotational()
-        force = ExternallyAppliedSpatialForce()
-        force.body_index = self._body
-        force.p_BoBq_B = self._X_LE.translation()
-        force.F_Bq_W = SpatialForce(tau_W, self._X_WB.rotation() @ f_B)
-        output.set_value([force])
+        values, rates = self._motion.at(context.get_time())
+        target, target_velocity = values[self._position], rates[self._position]
+        n = len(target)
+        R_WE, w_WE = self._R_WE, V_WE.rotational()
+        if self._rotation:
+            phi, rate = values[self._rotation], rates[self._rotation]
+            R_BR = RotationMatrix(Rotation.from_rotvec(phi).as_matrix())
+            R_WE = self._X_WB.rotation() @ R_BR @ self._R_TE
+            w_WE = w_WE - self._X_WB.rotation().matrix() @ angular_velocity(phi, rate)
+        elif not self._surface.is_plane:
+            R_BT, offset = self._to_tangent(p_BE, target)
+            R_WE = self._X_WB.rotation() @ R_BT @ self._R_TE
+            w_WE = w_WE - self._normal_rotation(target, target_velocity)
+            # From here in T, which is B on a plane.
+            R_BW, target, p_BE = R_BT.inverse() @ R_BW, offset, np.zeros(3)
+        f_B = -DAMPING * (R_BW @ V_WE.translational())
+        f_B[:n] += STIFFNESS * (target - p_BE[:n])
+        f_B[:n] += DAMPING * target_velocity
+        if n == 2:
+            force = NORMAL_FORCE if self._force is None else values[self._force]
+            f_B[2] -= max(force, 0.0)
+        rotation = (R_WE @ X_WE.rotation().inverse()).ToAngleAxis()
+        tau_W = ROTATIONAL_STIFFNESS * rotation.angle() * rotation.axis()
+        tau_W -= ROTATIONAL_DAMPING * w_WE
+        wrench = ExternallyAppliedSpatialForce()
+        wrench.body_index = self._body
+        wrench.p_BoBq_B = self._X_LE.translation()
+        wrench.F_Bq_W = SpatialForce(tau_W, R_BW.inverse() @ f_B)
+        output.set_value([wrench])

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import (
@@ -20,7 +19,6 @@ from pydrake.systems.framework import (
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats, check_number, read_only
-from fmp_drake.systems.framework.callbacks import collision_ids
 from fmp_drake.systems.ink.grid import (
     CLEAN_BELOW,
     WEAR_CONSTANT,
@@ -28,7 +26,15 @@ from fmp_drake.systems.ink.grid import (
     cleaned_fraction,
 )
 from fmp_drake.systems.ink.patch import planar_motion, read_patch, rectangle
-from fmp_drake.systems.ink.rubbing import Cells, PlanarMotion, exposure, wear
+from fmp_drake.systems.ink.rubbing import (
+    Cells,
+    Patch,
+    PlanarMotion,
+    exposure,
+    wear,
+)
+from fmp_drake.systems.interface.callbacks import collision_ids, declare_bodies
+from fmp_drake.systems.surface.surface import project, rotation
 
 type FloatArray = NDArray[np.float64]
 
@@ -37,9 +43,8 @@ class InkBoard(LeafSystem):
     """Ink on a whiteboard, worn off by the contact patches of an eraser.
 
     At the end of every period the hydroelastic contact surfaces between eraser and
-    board are read, projected on the board and led back along the way that the eraser
-    has come since the last update; the ink under them is worn by pressure times path,
-    see `exposure` and `wear`. With 50 ms the ink of a board of 0.4 m x 0.3 m is within
+    board are projected on the board and moved along the eraser's path since the last
+    update. The ink under them is worn by pressure times path, see `exposure` and `wear`. With 50 ms the ink of a board of 0.4 m x 0.3 m is within
     0.003 (root mean square) of that with 2 ms after a felt has wiped at 0.4 m/s, and
     within 0.02 after a stroke in which it also landed or was lifted.
 
@@ -61,8 +66,8 @@ class InkBoard(LeafSystem):
     - `ink`, size ny nx: fraction of the ink left in each cell; discrete state.
     - `cleaned_fraction`, size 1: fraction of the initially inked cells (those
       with 10 % or more) that are clean.
-    - `normal_force`, size 1: force of the eraser on the board along -z of B in
-      N; positive when it presses. Feedthrough.
+    - `normal_force`, size 1: force of the eraser on the board against its normal, z of
+      B, or the one at E on a curved board, in N; positive when it presses. Feedthrough.
     - `contact_area`, size 1: area of the contact patch in m^2. Feedthrough.
 
     Parameters
@@ -79,13 +84,10 @@ class InkBoard(LeafSystem):
         Division of the surface into cells.
     initial_ink : array_like, shape (ny, nx), optional
         Ink at the start, from 0 to 1; by default 1 all over.
-    wear_constant : float
-        Wear constant in Pa m.
     worn : float
-        Fraction of the felt that has gone, from 0 to 1: it goes in stripes, see
-        `exposure`.
+        Worn fraction of the felt, from 0 to 1, in stripes; see `exposure`.
     period : float
-        In seconds: the ink changes once in it.
+        Time between two updates of the ink, s.
 
     Raises
     ------
@@ -132,14 +134,12 @@ class InkBoard(LeafSystem):
         surface: Frame,
         grid: InkGrid,
         initial_ink: ArrayLike | None = None,
-        wear_constant: float = WEAR_CONSTANT,
         worn: float = 0.0,
         period: float = 0.05,
     ) -> None:
         """Declare ports, state and the periodic update."""
         super().__init__()
         self.set_name("ink_board")
-        check_number(wear_constant, "wear_constant", above=0, error=SystemsError)
         check_number(worn, "worn", least=0, most=1, error=SystemsError)
         check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._eraser, self._surface = (
@@ -149,22 +149,16 @@ class InkBoard(LeafSystem):
         self._eraser_ids, self._board_ids = (
             _collision_ids(plant, frame) for frame in (eraser, surface)
         )
-        self._grid = grid
+        self._grid, self._curvature = grid, grid.curvature
         self._cells = Cells.of(grid)
         self._initial_ink = _checked_ink(initial_ink, grid)
-        self._wear_constant = wear_constant
         self._worn = float(worn)
         self._period = period
 
         self._contact_results = self.DeclareAbstractInputPort(
             "contact_results", AbstractValue.Make(ContactResults())
         )
-        self._poses = self.DeclareAbstractInputPort(
-            "body_poses", Value[list[RigidTransform]]()
-        )
-        self._velocities = self.DeclareAbstractInputPort(
-            "body_spatial_velocities", Value[list[SpatialVelocity]]()
-        )
+        self._poses, self._velocities = declare_bodies(self)
         ink = self.DeclareDiscreteState(self._initial_ink.ravel())
         self._ink = int(ink)
         self.DeclareStateOutputPort("ink", ink)
@@ -189,11 +183,10 @@ class InkBoard(LeafSystem):
             "contact_area", 1, self._calc_contact_area, contact
         )
         # One use, so that nothing is compiled in the middle of a run.
-        still = PlanarMotion(*[0.0] * len(motion))
-        felt = exposure(
-            self._cells, rectangle(np.zeros(6)), still, still, self._worn
-        ).ravel()
-        wear(felt.copy(), felt, self._wear_constant)
+        rest = PlanarMotion(*[0.0] * len(motion))
+        rectangular = rectangle(np.zeros(6))
+        rubbing = exposure(self._cells, rectangular, rest, rest, self._worn).ravel()
+        wear(rubbing.copy(), rubbing, WEAR_CONSTANT)
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)
 
@@ -210,17 +203,17 @@ class InkBoard(LeafSystem):
     def _contacts(self, context: Context) -> list[tuple[ContactSurface, FloatArray]]:
         """List the surfaces between eraser and board, with the force on the eraser."""
         results: Any = self._contact_results.Eval(context)
-        found = []
+        surfaces = []
         for i in range(results.num_hydroelastic_contacts()):
             info = results.hydroelastic_contact_info(i)
             surface = info.contact_surface()
             m, n = surface.id_M().get_value(), surface.id_N().get_value()
             # The force acts on the body of M.
             if m in self._eraser_ids and n in self._board_ids:
-                found.append((surface, info.F_Ac_W().translational()))
+                surfaces.append((surface, info.F_Ac_W().translational()))
             elif n in self._eraser_ids and m in self._board_ids:
-                found.append((surface, -info.F_Ac_W().translational()))
-        return found
+                surfaces.append((surface, -info.F_Ac_W().translational()))
+        return surfaces
 
     def _pose(self, context: Context) -> RigidTransform:
         """Return X_WB."""
@@ -232,7 +225,14 @@ class InkBoard(LeafSystem):
         contacts = self._contacts(context)
         if not contacts:
             return 0.0
-        z_W = self._pose(context).rotation().col(2)
+        X_WB = self._pose(context)
+        z_W = X_WB.rotation().col(2)
+        if not self._curvature.is_plane:
+            poses: Any = self._poses.Eval(context)
+            body, X_BodyE = self._eraser
+            p_BE = X_WB.inverse() @ (poses[body] @ X_BodyE).translation()
+            u, v, _ = project(self._curvature, p_BE, np.zeros(2))
+            z_W = X_WB.rotation().matrix() @ rotation(self._curvature, u, v)[:, 2]
         return sum(float(force.dot(z_W)) for _, force in contacts)
 
     def _calc_cleaned_fraction(self, context: Context, output: BasicVector) -> None:
@@ -247,7 +247,7 @@ class InkBoard(LeafSystem):
         contacts = self._contacts(context)
         output.SetAtIndex(0, sum(surface.total_area() for surface, _ in contacts))
 
-    def _planar_motion(self, context: Context) -> PlanarMotion:
+    def _planar_motion(self, context: Context, near: FloatArray) -> PlanarMotion:
         poses: Any = self._poses.Eval(context)
         velocities: Any = self._velocities.Eval(context)
         (X_WE, V_WE), (X_WB, V_WB) = (
@@ -263,32 +263,65 @@ class InkBoard(LeafSystem):
             V_WB=V_WB,
             X_WE=X_WE,
             V_WE=V_WE,
+            curvature=self._curvature,
+            near=near,
         )
 
     def _begin(self, context: Context, values: DiscreteValues) -> None:
         """Begin the first period, unless the run is continued."""
         motion = values.get_mutable_value(self._motion)
         if not 0.0 <= context.get_time() - motion[0] < 1.5 * self._period:
-            motion[:] = self._planar_motion(context)
+            motion[:] = self._planar_motion(context, np.zeros(2))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         """Wear the ink along the way since the last update."""
         motion = values.get_mutable_value(self._motion)
-        before, now = PlanarMotion(*motion), self._planar_motion(context)
+        before = PlanarMotion(*motion)
+        now = self._planar_motion(context, motion[1:3].copy())
         motion[:] = now
         patch = rectangle(values.get_value(self._outline))
         outline = np.zeros(6)
         if surfaces := [surface for surface, _ in self._contacts(context)]:
-            new, outline = read_patch(surfaces, self._pose(context), now)
+            new, outline = read_patch(
+                surfaces, self._pose(context), now, self._curvature
+            )
             # An eraser that is lifted had a better patch before.
             if not patch.depth > max(2.0 * new.depth, 0.0):
                 patch = new
         values.set_value(self._outline, outline)
         if before.time >= now.time or not patch.vertices.any():
             return
-        felt = exposure(self._cells, patch, before, now, self._worn)
+        rubbing = sum(
+            exposure(self._cells, patch, *interval, self._worn)
+            for interval in self._turns(before, now, patch)
+        )
         ink = values.get_mutable_value(self._ink)
-        wear(ink, felt.ravel(), self._wear_constant)
+        wear(ink, np.ravel(rubbing), WEAR_CONSTANT)
+
+    def _turns(
+        self, before: PlanarMotion, now: PlanarMotion, patch: Patch
+    ) -> list[tuple[PlanarMotion, PlanarMotion]]:
+        """Return a motion on all turns around a wound board that come to its cells."""
+        motions = [(before, now)]
+        for axis, name in enumerate(("x", "y")):
+            if not self._grid.is_wound(axis):
+                continue
+            length = self._curvature.circumference[axis]
+            reach = self._grid.size[axis] / 2 + float(
+                np.max(np.abs(patch.vertices[:, :2]))
+            )
+            start, end = getattr(before, name), getattr(now, name)
+            low = math.ceil((-reach - max(start, end)) / length)
+            high = math.floor((reach - min(start, end)) / length)
+            motions = [
+                (
+                    first._replace(**{name: getattr(first, name) + k * length}),
+                    last._replace(**{name: getattr(last, name) + k * length}),
+                )
+                for first, last in motions
+                for k in range(low, high + 1)
+            ]
+        return motions
 
 
 def _collision_ids(plant: MultibodyPlant, frame: Frame) -> frozenset[int]:

@@ -1,4 +1,4 @@
-"""The friction that a simulated arm has in its joints."""
+"""Joint friction of a simulated arm."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.impedance.friction import (
+from fmp_drake.systems.impedance.joints import (
     FrictionConfig,
     SigmoidFriction,
     friction_torque,
@@ -25,11 +25,11 @@ class JointFriction(LeafSystem):
     Parameters
     ----------
     plant : MultibodyPlant
-        Finalized; what is simulated.
+        Finalized, the simulated one.
     arm : ModelInstanceIndex
-        The instance whose joints rub.
+        Instance whose joints have friction.
     config : FrictionConfig
-        Of as many joints as the arm has; `enabled` is for who builds the diagram.
+        For all joints of the arm; `enabled` is not read here.
 
     Raises
     ------
@@ -38,23 +38,20 @@ class JointFriction(LeafSystem):
 
     Examples
     --------
-    The Panda's friction in an arm of seven joints that do not move:
+    A joint that does not move has no friction:
 
     >>> from pydrake.multibody.tree import RevoluteJoint, default_model_instance
     >>> plant = MultibodyPlant(time_step=0.001)
-    >>> frame = plant.world_frame()
-    >>> for i in range(7):
-    ...     link = plant.AddRigidBody(f"link_{i}").body_frame()
-    ...     _ = plant.AddJoint(RevoluteJoint(f"joint_{i}", frame, link, [0.0, 0.0, 1.0]))
-    ...     frame = link
+    >>> link = plant.AddRigidBody("link").body_frame()
+    >>> joint = RevoluteJoint("joint", plant.world_frame(), link, [0.0, 0.0, 1.0])
+    >>> _ = plant.AddJoint(joint)
     >>> plant.Finalize()
-    >>> friction = JointFriction(
-    ...     plant, arm=default_model_instance(), config=FrictionConfig()
-    ... )
+    >>> config = FrictionConfig(height=[0.5], slope=[5.0], shift=[0.04])
+    >>> friction = JointFriction(plant, arm=default_model_instance(), config=config)
     >>> context = friction.CreateDefaultContext()
-    >>> _ = friction.get_input_port().FixValue(context, np.zeros(14))
-    >>> bool(np.allclose(friction.get_output_port().Eval(context), 0.0))
-    True
+    >>> _ = friction.get_input_port().FixValue(context, np.zeros(2))
+    >>> friction.get_output_port().Eval(context).tolist()
+    [-0.0]
     """
 
     def __init__(

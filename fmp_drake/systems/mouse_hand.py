@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame
 from pydrake.systems.framework import (
@@ -19,12 +18,12 @@ from pydrake.systems.framework import (
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
-from fmp_drake.systems.framework.callbacks import weakly
+from fmp_drake.systems.interface.callbacks import declare_bodies, weakly
 from fmp_drake.systems.teaching.mouse_drag import (
-    PULLING,
+    PULLING_DRAG,
     STATE,
     Array,
-    BoardPlane,
+    BoardSurface,
     Drag,
     DragConfig,
     cursor_of,
@@ -35,13 +34,14 @@ from fmp_drake.systems.teaching.mouse_drag import (
 
 
 class MouseHand(LeafSystem):
-    """Leads a tool over a board by the mouse, or pulls at a body that is dragged.
+    """Forces of a mouse that guides a tool over a board, or pulls a dragged body.
 
-    With a `board` a drag of any movable body leads the tool: in parallel to the board,
-    whatever way the page's camera looks. Without, it pulls at the point that was grabbed,
-    in the plane of the screen. The mouse is part of the outside world: it is read at
-    a rate, and what was read is the state. A page that is silent for 0.3 s although the
-    arm moves counts as gone, and a cursor that jumps has let go; see `follow`.
+    With a `board` a drag of any movable body guides the tool parallel to the board,
+    for any view of the page's camera. Without one, it pulls at the point of the body that
+    was dragged, in the plane of the screen. The mouse is an external input: it is sampled
+    at a fixed rate, and the sample is the state. A page without a message for 0.3 s
+    although the arm moves counts as closed, and a jump of the cursor ends the drag; see
+    `follow`.
 
     Input ports
     -----------
@@ -55,7 +55,7 @@ class MouseHand(LeafSystem):
     spatial_forces : abstract
         For the plant's applied_spatial_force port.
     leading : (1,)
-        1 while somebody leads, else 0.
+        1 while somebody guides the arm, else 0.
     cursor_interval : (1,)
         Between two positions of the cursor, as the page sends them, s.
 
@@ -64,25 +64,25 @@ class MouseHand(LeafSystem):
     plant : MultibodyPlant
         Finalized; knows the masses.
     meshcat : Meshcat, optional
-        Whose page tells where its camera is (``?tracked_camera=on``).
+        Its page sends the pose of its camera (``?tracked_camera=on``).
     specific_stiffness : float
         Of the mouse spring, 1/s^2.
     config : DragConfig
     bodies : iterable of BodyIndex, optional
-        What may be dragged; all bodies where None.
+        Bodies that may be dragged; all where None.
     tip : Frame, optional
-        The tool that is led over the `board`.
-    board : BoardPlane, optional
+        The tool that is guided over the `board`.
+    board : BoardSurface, optional
     eye : array_like, shape (3,)
-        Of a camera that the page does not tell, in W, m.
+        Of the camera where the page does not send it, in W, m.
     period : float
         Between two readings, s.
 
     Examples
     --------
-    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> from fmp_drake.station import AddRobot, LoadRobot
     >>> plant = MultibodyPlant(time_step=0.001)
-    >>> _ = AddPandaWithEraser(plant)
+    >>> _ = AddRobot(plant, LoadRobot("panda"))
     >>> plant.Finalize()
     >>> hand = MouseHand(plant, specific_stiffness=100.0)
     >>> float(hand.GetOutputPort("leading").Eval(hand.CreateDefaultContext())[0])
@@ -95,10 +95,10 @@ class MouseHand(LeafSystem):
         *,
         specific_stiffness: float,
         meshcat: Meshcat | None = None,
-        config: DragConfig = PULLING,
+        config: DragConfig = PULLING_DRAG,
         bodies: Iterable[BodyIndex] | None = None,
         tip: Frame | None = None,
-        board: BoardPlane | None = None,
+        board: BoardSurface | None = None,
         eye: Any = (1.0, 0.0, 1.0),
         period: float = 0.016,
     ) -> None:
@@ -126,12 +126,7 @@ class MouseHand(LeafSystem):
         self._spring = self.DeclareAbstractInputPort(
             "spring", Value[list[ExternallyAppliedSpatialForce]]()
         )
-        self._poses = self.DeclareAbstractInputPort(
-            "body_poses", Value[list[RigidTransform]]()
-        )
-        self._velocities = self.DeclareAbstractInputPort(
-            "body_spatial_velocities", Value[list[SpatialVelocity]]()
-        )
+        self._poses, self._velocities = declare_bodies(self)
         state = self.DeclareDiscreteState(no_drag())
         self._state = int(state)
         ticket = self.discrete_state_ticket(state)
@@ -145,7 +140,7 @@ class MouseHand(LeafSystem):
                 self._velocities.ticket(),
             },
         )
-        for name, field in (("leading", "leading"), ("cursor_interval", "interval")):
+        for name, field in (("leading", "guiding"), ("cursor_interval", "interval")):
 
             def calc(context: Context, output: BasicVector, field: str = field) -> None:
                 output[0] = self._read_state(context)[field]
@@ -196,7 +191,7 @@ class MouseHand(LeafSystem):
         state: Any = context.get_discrete_state(self._state).value()
         drag = self._drag(context)
         s = state.view(STATE)[0]
-        grabs = self._board is None and not s["leading"] and drag is not None
+        grabs = self._board is None and not s["guiding"] and drag is not None
         if grabs and drag is not None:
             here = drag.anchor
         else:
@@ -217,7 +212,7 @@ class MouseHand(LeafSystem):
 
     def _calc_forces(self, context: Any, output: Any) -> None:
         s, config, board = self._read_state(context), self._config, self._board
-        if not s["started"] or not (s["leading"] or config.holds):
+        if not s["started"] or not (s["guiding"] or config.holds):
             output.set_value([])
             return
         body, point = self._led(s)
@@ -226,7 +221,7 @@ class MouseHand(LeafSystem):
             s["wanted"] - here,
             velocity,
             config=config,
-            normal=None if board is None else board.normal,
+            normal=None if board is None else board.normal(here),
             height=0.0 if board is None else board.height(here),
         )
         force = ExternallyAppliedSpatialForce()

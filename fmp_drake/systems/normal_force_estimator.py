@@ -1,4 +1,4 @@
-"""The force of a tool on a surface, from what an arm feels in its joints."""
+"""Normal force of a tool on a surface, from estimated external joint torques."""
 
 from typing import Any
 
@@ -8,23 +8,26 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from fmp_drake.systems.framework.callbacks import eval_cache
-from fmp_drake.systems.impedance.arm import ArmModel
+from fmp_drake.systems.interface.arm_model import ArmModel
+from fmp_drake.systems.interface.callbacks import eval_cache
 
 
 class NormalForceEstimator(LeafSystem):
-    """Estimates the force of a tool along a normal from external joint torques.
+    """Normal force of a tool, estimated from external joint torques.
 
-    The wrench F of what touches the tool is that of the smallest residual
-    ``|Jᵀ F - τ|`` in Nm, with the Jacobian J of the end effector E. It is exact where
-    nothing but the tool is touched, and the arm is not singular.
+    The wrench F on the tool minimises the residual ``|Jᵀ F - τ|`` in Nm, with the
+    Jacobian J of the end effector E. The estimate is exact where only the tool is in
+    contact and the arm is not singular.
 
     Input ports
     -----------
     state : (2n,)
         Angles and speeds of the joints, rad and rad/s.
     torque_external : (n,)
-        Of what touches the arm, on the arm, Nm.
+        Of all contacts, on the arm, Nm.
+    task_frame : (7,)
+        Quaternion (w, x, y, z) of R_WT and p_WT in m. Optional, for a surface whose normal
+        changes; `R_WT` without it.
 
     Output ports
     ------------
@@ -38,13 +41,13 @@ class NormalForceEstimator(LeafSystem):
     end_effector : Frame
         E, a frame of `plant`.
     R_WT : RotationMatrix
-        Of the surface, z out of it.
+        Orientation of the surface, z outward.
 
     Examples
     --------
-    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> from fmp_drake.station import AddRobot, LoadRobot
     >>> plant = MultibodyPlant(time_step=0.0)
-    >>> _ = AddPandaWithEraser(plant)
+    >>> _ = AddRobot(plant, LoadRobot("panda"))
     >>> plant.Finalize()
     >>> estimator = NormalForceEstimator(
     ...     plant, end_effector=plant.GetFrameByName("eraser_tip"), R_WT=RotationMatrix()
@@ -66,12 +69,15 @@ class NormalForceEstimator(LeafSystem):
         n = plant.num_velocities()
         self._state = self.DeclareVectorInputPort("state", 2 * n)
         self._torque = self.DeclareVectorInputPort("torque_external", n)
+        self._frame = self.DeclareVectorInputPort("task_frame", 7)
         self._plant_context = self._arm.declare_context(self)
         self.DeclareVectorOutputPort(
             "normal_force",
             1,
             self._calc,
-            prerequisites_of_calc={self._state.ticket(), self._torque.ticket()},
+            prerequisites_of_calc={
+                port.ticket() for port in (self._state, self._torque, self._frame)
+            },
         )
 
     def _calc(self, context: Context, output: BasicVector) -> None:
@@ -83,5 +89,12 @@ class NormalForceEstimator(LeafSystem):
                 eval_cache(self, self._plant_context, context), state
             )
             wrench = np.linalg.lstsq(J.T, torque)[0]
-            force = self._normal_W @ wrench[3:]
+            normal_W = self._normal_W
+            if self._frame.HasValue(context):
+                frame: Any = self._frame.Eval(context)
+                w, x, y, z = frame[:4] / np.linalg.norm(frame[:4])
+                normal_W = np.array(
+                    [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]
+                )
+            force = normal_W @ wrench[3:]
         output.SetAtIndex(0, force)

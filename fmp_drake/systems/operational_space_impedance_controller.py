@@ -1,4 +1,4 @@
-"""The arm's controller: a spring and damper between the tool and its target.
+"""Cartesian impedance controller: a spring and damper between the tool and its target.
 
 The law
 =======
@@ -12,65 +12,72 @@ obeys ``Λ (A_d − A) + D (V_d − V) + K e = −F_ff − F_ext``: a mechanical
 whose inertia is the arm's own, ``Λ = (J M⁻¹ Jᵀ)⁻¹``, so that no force sensor is
 needed, and whose stiffness and damping are chosen.
 
-- ``e`` is the rotation vector and the translation left to the desired pose. The
-  rotation vector is unwrapped: through 180 degrees it goes on as it went before.
+- ``e`` is the rotation vector and the translation from the measured to the desired
+  pose. The rotation vector is unwrapped: it is continuous through 180 degrees.
 - ``K`` is any symmetric positive definite matrix. T may move (`task_frame`).
 - ``D`` follows from the damping ratio ζ: ``Λ = B Bᵀ`` and ``K = B diag(ω²) Bᵀ``
   are diagonalized together, ``D = B diag(2 ζ ω) Bᵀ``. Every mode has the ratio ζ,
-  at every configuration. With ``D = 2 sqrt(K)``, which takes Λ for 1, a Panda
-  rings in translation (ζ of 0.2 to 0.5) and creeps in rotation.
+  at every configuration. With ``D = 2 sqrt(K)``, which assumes Λ = 1, a Panda is
+  underdamped in translation (ζ of 0.2 to 0.5) and overdamped in rotation.
 - ``a = ω_p² (q_p − q) − 2 ζ_p ω_p v`` keeps the posture in the nullspace;
-  ``Nᵀ = I − Jᵀ Λ J M⁻¹`` is dynamically consistent: the tool does not feel it.
+  ``Nᵀ = I − Jᵀ Λ J M⁻¹`` is dynamically consistent: it does not accelerate the tool.
 
 Choosing the parameters
 =======================
-- *Stiffness*: what a disturbance F may displace is F / K; Panda's joint friction is
+- *Stiffness*: a disturbance F displaces the tool by F / K; Panda's joint friction is
   about 5 N at the tool. The natural frequency ``sqrt(K / Λ)`` (10 rad/s at 1500 N/m
-  and 15 kg) should stay below 1/20 of the control rate and below what the target's
-  samples excite. Along the normal of a board choose it soft: its error is K times
-  the error in the board's height.
-- *Damping ratio*: 1 to approach without overshoot, 0.7 to be faster; below 0.5 it
-  rings.
+  and 15 kg) should stay below 1/20 of the control rate and below the frequencies in the
+  target's samples. Along the normal of a board choose a low stiffness: the error of the
+  force is K times the error of the board's height.
+- *Damping ratio*: 1 for an approach without overshoot, 0.7 for a faster one; below 0.5
+  the motion oscillates.
 - *Clips* `max_translation_error`, `max_rotation_error`: K times the clip is the
   greatest force of the spring; divided by D it is the greatest speed.
 - *Posture frequency*: a few rad/s; below 2 the elbow sags with friction.
-- *Normal force*: `desired_normal_force` is fed forward along −z of T. It comes in
-  smoothly while the target approaches the surface from `engage_height` on, and the
-  tool follows no faster than `force_control.search_speed` allows. What the target moves
-  along z is fed forward as far as the tool is not pressed. Where the surface
-  is not where it is said to be, the target is as much lower or higher, up to
-  `search_range`; where there is none, a protective stop says so. Beside its target, by
-  `rest_distance` and more, the tool is lifted instead. Where the friction of the joints
-  matters beside the force, enable `force_control` and connect the measured force; see
-  `ForceControlConfig` for its gains.
+- *Normal force*: `desired_normal_force` is fed forward along −z of T. It increases
+  smoothly while the target approaches the surface below `engage_height`, and the
+  tool follows no faster than `force_control.search_speed` allows. The target's motion
+  along z is fed forward as far as the tool is not in contact. Where the surface is
+  lower or higher than assumed, the target is shifted by the difference, up to
+  `search_range`; where there is none, a protective stop reports it. At a distance of
+  `rest_distance` or more beside its target the tool is lifted instead. Where joint
+  friction is not small beside the force, enable `force_control` and connect the measured
+  force; see `ForceControlConfig` for its gains.
 - *Minimal intervention*: `covariance_stiffness` takes K from the covariance of the
   demonstrations, ``k_min + (k_max − k_min) (1 + Σ / σ²)⁻¹``. Choose σ as the
   deviation that a person would not correct.
-- *Changing stiffness* (that, or the port `stiffness`) is filtered by
-  `stiffness_time_constant` and paid for by the energy tank. Energy in the tank comes
-  from the damping; when it is empty, K may fall but not rise while e is not 0.
+- *Variable stiffness* (that, or the port `stiffness`) is filtered by
+  `stiffness_time_constant`. The energy tank supplies the energy of an increase, and is
+  filled by the damping. When it is empty, K may fall but not rise while e is not 0.
 
 Passivity
 =========
-With a constant target the storage is ``½ Vᵀ Λ V + ½ eᵀ K e`` plus the tank. K
-enters through the tank only, the walls are springs with dampers. What is left is
-``½ Vᵀ Λ̇ V``, because the Coriolis torque is cancelled rather than shaped; the
-damping ``Vᵀ D V`` outweighs it where Λ changes slower than ``2 ζ ω``: it is
+With a constant target the storage function is ``½ Vᵀ Λ V + ½ eᵀ K e`` plus the tank.
+Changes of K draw on the tank only, and the joint-limit springs have dampers. The
+remaining term is ``½ Vᵀ Λ̇ V``, because the Coriolis torque is cancelled rather than
+shaped. The damping ``Vᵀ D V`` is greater where Λ changes slower than ``2 ζ ω``; this is
 measured, not proven. A clipped error with unequal stiffnesses, a torque at its
-limits, force control and friction compensation are outside of this argument too.
+limits, force control and friction compensation are not covered by this argument.
 
 Safety
 ======
-Torque starts at zero, keeps the plant's limits, also together with the torque that
-carries the arm's weight, without changing its direction, and changes by at most
-`max_torque_rate`. `JointWallConfig` keeps joints within their
-ranges and speeds; its torque comes on top of the limited task, and the sum is
-clipped joint by joint, so the wall wins. `max_effective_mass` bounds Λ near
-singularities, where D and the tracking get softer than chosen. `WatchdogConfig`
-says when the target is not followed: then comes a protective stop, in which the arm
-is held, damped, where it is and the normal force is let go. Once the target is good
-again the arm is led to it. Everything acts at the very next update, and shows on the
-port `status`.
+Torque starts at zero and changes by at most `max_torque_rate`. It is scaled, without a
+change of direction, to the plant's limits, also together with the torque that carries
+the arm's weight. `JointWallConfig` keeps joints within their ranges and speeds; its
+torque is added to the limited task torque, and the sum is clipped joint by joint, so
+that the joint limits have priority. `max_effective_mass` bounds Λ near singularities,
+where damping and tracking are softer than chosen. `WatchdogConfig` has the conditions of
+a protective stop: the arm is held, damped, at its position, and the normal force is
+zero. Once the target is valid again the arm returns to it. Every condition takes effect
+at the next update and is reported on the port `status`.
+
+For any inputs, no joint exceeds its speed limit by its own torque: a torque is
+applied only where the limited torque rate suffices to end its acceleration in time.
+Otherwise the joints are braked until it does, and the status reports it. That is not a
+protective stop, because a person's push can make a joint too fast, too: a stop during
+the push would leave the arm where it was pushed. A normal force that is far
+above the desired one, or that oscillates, ends in a protective stop. All this assumes
+that the measured state is true.
 
 Friction compensation uses the measured velocity: it cannot help at rest, and with a
 gain above 1 the joints run away.
@@ -91,11 +98,12 @@ References
 
 from collections.abc import Iterable
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.math import RigidTransform
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import (
@@ -106,23 +114,26 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from fmp_drake.errors import ControllerError
-from fmp_drake.systems.framework.callbacks import eval_cache
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.impedance.algebra import Pose
-from fmp_drake.systems.impedance.arm import ArmModel, checked_posture, joint_limits
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.measured import measured_motion
-from fmp_drake.systems.impedance.packing import (
+from fmp_drake.systems.impedance.records import (
     PACKED_SIZE,
     PLACES,
     PORTS,
     REQUIRED,
-    encode,
     initial_memory,
+    joint_settings,
+    settings_of,
 )
-from fmp_drake.systems.impedance.settings import joint_settings, settings_of
 from fmp_drake.systems.impedance.status import STATUS_SIZE
-from fmp_drake.systems.impedance.step import impedance_step
+from fmp_drake.systems.impedance.step import impedance_step, measured_motion
+from fmp_drake.systems.interface.arm_model import (
+    ArmModel,
+    checked_posture,
+    joint_limits,
+)
+from fmp_drake.systems.interface.callbacks import eval_cache
 
 Array = NDArray[np.float64]
 
@@ -135,7 +146,7 @@ _ERROR = ("task_frame", "desired_position", "desired_orientation")
 
 
 class OperationalSpaceImpedanceController(LeafSystem):
-    """Moves the end effector E like a damped spring in the task frame T.
+    """Controller that moves the end effector E like a damped spring in the task frame T.
 
     Input ports that must be connected:
 
@@ -146,11 +157,11 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     Input ports that may stay unconnected:
 
-    - ``feedforward_wrench`` (6): torque and force, Nm and N, in T, that the robot
-      shall apply at E's origin.
+    - ``feedforward_wrench`` (6): torque and force, Nm and N, in T, to be applied at
+      E's origin.
     - ``desired_normal_force`` (1): N, along −z of T, applied where the target is
-      near the surface z = 0 of T; up to twice as much brings a tool that was lifted
-      back to it. Less than 0 counts as 0.
+      near the surface z = 0 of T; up to twice as much returns a lifted tool to the
+      surface. Less than 0 counts as 0.
     - ``desired_orientation`` (4): quaternion w, x, y, z of R_TE, of any length and
       sign; without it the configured orientation.
     - ``desired_angular_velocity``, ``desired_angular_acceleration`` (3): of E
@@ -160,13 +171,13 @@ class OperationalSpaceImpedanceController(LeafSystem):
     - ``task_frame_velocity`` (6), ``task_frame_acceleration`` (6): V_WT of T's origin
       and its derivative, rotation first, in W: rad/s, m/s, rad/s², m/s². The second
       is used with the first.
-    - ``target_time`` (1): when the target was made, s of the context's time.
+    - ``target_time`` (1): time stamp of the target, s of the context's time.
     - ``stiffness`` (36): the rows of K in T, rotations first.
     - ``covariance`` (9): of the desired position, m², in T, if
       ``config.covariance_stiffness`` is enabled.
     - ``normal_force`` (1): measured along −z of T, N, if ``config.force_control`` is
-      enabled. The wanted force is that of ``feedforward_wrench`` and
-      ``desired_normal_force`` together.
+      enabled. The desired force is the sum of ``feedforward_wrench`` and
+      ``desired_normal_force``.
 
     Output ports:
 
@@ -176,11 +187,13 @@ class OperationalSpaceImpedanceController(LeafSystem):
       rate.
     - ``measured_position`` (3): p_TE, m, in T.
     - ``measured_velocity`` (3): of E's origin relative to T, m/s, in T.
-    - ``tracking_error`` (6): what is left to the desired pose as it came in, a
+    - ``tracking_error`` (6): from the measured pose to the desired one of the inputs, a
       rotation vector in rad and a translation in m, in T.
-    - ``status`` (6): what the last update did, see `ImpedanceStatus`.
+    - ``status`` (6): of the last update, see `ImpedanceStatus`.
+    - ``measured_pose`` (7): quaternion w, x, y, z of R_TE, and p_TE in m.
 
-    Inputs that are not finite, stale or jump do not raise: see `WatchdogConfig`.
+    Inputs that are not finite, stale, implausible or jump do not raise: see
+    `WatchdogConfig`.
 
     Parameters
     ----------
@@ -194,25 +207,24 @@ class OperationalSpaceImpedanceController(LeafSystem):
     config : ImpedanceConfig
         Gains and limits; read once.
     q_posture : array, shape (n,), optional
-        The posture that is kept in the nullspace, rad. By default the middle of the
-        joints' ranges (zero for a joint without limits).
+        Posture of the nullspace, rad. By default the middle of the joints' ranges (zero
+        for a joint without limits).
     engage_height : float
-        Height of the target over T's plane below which the desired normal force comes
-        in, m.
+        Height of the target over T's plane below which the desired normal force acts, m.
 
     Raises
     ------
-    ControllerError
+    SystemsError
         If the plant, the configuration, the posture or the height cannot be used.
 
     Examples
     --------
     >>> from pydrake.math import RigidTransform
     >>> from pydrake.multibody.plant import MultibodyPlant
-    >>> from fmp_drake.station import AddPandaWithEraser
+    >>> from fmp_drake.station import AddRobot, LoadRobot
     >>> from fmp_drake.systems import ImpedanceConfig
     >>> plant = MultibodyPlant(time_step=0.0)
-    >>> _ = AddPandaWithEraser(plant)
+    >>> _ = AddRobot(plant, LoadRobot("panda"))
     >>> plant.Finalize()
     >>> controller = OperationalSpaceImpedanceController(
     ...     plant,
@@ -237,8 +249,9 @@ class OperationalSpaceImpedanceController(LeafSystem):
         super().__init__()
         self.set_name("operational_space_impedance_controller")
         self._arm = ArmModel(plant, end_effector)
+        self._X_WT = X_WT
         if not (np.isfinite(engage_height) and engage_height > 0):
-            raise ControllerError(
+            raise SystemsError(
                 f"engage_height must be finite and greater than 0, got {engage_height}"
             )
         self._settings = settings_of(
@@ -262,11 +275,11 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self._measured_motion = partial(measured_motion, settings)
         # One update, so that nothing is compiled in the middle of a run.
         n = plant.num_velocities()
-        nothing, at_rest = np.zeros(PACKED_SIZE), np.zeros(2 * n)
+        zeros, at_rest = np.zeros(PACKED_SIZE), np.zeros(2 * n)
         plant_context, memory = plant.CreateDefaultContext(), self._initial_memory()
         reading = self._arm.read(plant_context, at_rest)
-        self._step(nothing, 0.0, np.zeros(n), memory, *reading)
-        self._measured_motion(nothing, *self._arm.motion(plant_context, at_rest))
+        self._step(zeros, 0.0, np.zeros(n), memory, *reading)
+        self._measured_motion(zeros, *self._arm.motion(plant_context, at_rest))
 
     def _declare_inputs(self, n: int) -> None:
         self._state = self.DeclareVectorInputPort("state", 2 * n)
@@ -298,11 +311,18 @@ class OperationalSpaceImpedanceController(LeafSystem):
                 prerequisites_of_calc={self._state.ticket(), *tickets},
             )
         self.DeclareStateOutputPort("status", status)
+        frame = self._ports["task_frame"]
+        self.DeclareVectorOutputPort(
+            "measured_pose",
+            7,
+            self._calc_measured_pose,
+            prerequisites_of_calc={self._state.ticket(), frame.ticket()},
+        )
 
     def _initial_memory(self) -> Array:
         settings = self._settings[0]
         energy = float(settings.config.tank.initial_energy)
-        return encode(initial_memory(settings.stiffness, tank_energy=energy))
+        return initial_memory(settings.stiffness, tank_energy=energy)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         discrete = context.get_discrete_state()
@@ -350,10 +370,37 @@ class OperationalSpaceImpedanceController(LeafSystem):
     def _calc_measured_velocity(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._measure(context, _VELOCITY)[3:6])
 
+    def _calc_measured_pose(self, context: Context, output: BasicVector) -> None:
+        X_WE, _ = self._arm.motion(
+            self._eval_plant_context(context), _eval(self._state, context)
+        )
+        if not np.all(np.isfinite(X_WE)):
+            output.SetFromVector(np.full(7, np.nan))
+            return
+        X_WT, frame = self._X_WT, self._ports["task_frame"]
+        if frame.HasValue(context):
+            pose = _eval(frame, context)
+            X_WT = RigidTransform(
+                Quaternion(pose[:4] / np.linalg.norm(pose[:4])), pose[4:]
+            )
+        R_WE = RotationMatrix.ProjectToRotationMatrix(X_WE[:3].T)
+        X_TE = X_WT.inverse() @ RigidTransform(R_WE, X_WE[3])
+        wxyz = X_TE.rotation().ToQuaternion().wxyz()
+        output.SetFromVector(np.concatenate([wxyz, X_TE.translation()]))
+
     def _calc_tracking_error(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._measure(context, _ERROR)[6:])
 
 
 def _eval(port: InputPort, context: Context) -> Array:
     """Return the values at a vector port, without copying them."""
-    return cast(BasicVector, port.EvalBasicVector(context)).value()
+    try:
+        return cast(BasicVector, port.EvalBasicVector(context)).value()
+    except RuntimeError as error:
+        if port.HasValue(context):
+            raise
+        system: Any = port.get_system()
+        raise SystemsError(
+            f"Input port {port.get_name()} of {system.GetSystemPathname()} "
+            "has no value; connect it, or fix its value in the context."
+        ) from error

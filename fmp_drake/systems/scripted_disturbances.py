@@ -1,4 +1,4 @@
-"""Pushes and grasps at given times, by a person who is not simulated."""
+"""Scripted disturbances: pushes and grasps of the tool at given times."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,30 +7,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from fmp_drake.systems.framework.callbacks import declare_cache, eval_cache, weakly
+from fmp_drake.systems.interface.callbacks import (
+    declare_bodies,
+    declare_cache,
+    eval_cache,
+    weakly,
+)
 
-# What a grasp is damped for, kg.
+# Mass for which a grasp is critically damped, kg.
 _MASS = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Push:
-    """A force on the tool for some time.
+    """A constant force on the tool during an interval.
 
     Attributes
     ----------
     start, duration : float
         s.
     every : float
-        It comes again after so many seconds; 0 for once.
+        Period of its repetition, s; 0 for once.
     force : ndarray, shape (3,)
-        In W, N; of a `Grasp`, nothing.
+        In W, N; a `Grasp` ignores it.
 
     Examples
     --------
@@ -45,7 +49,7 @@ class Push:
     force: NDArray[np.float64]
 
     def acts(self, time: float) -> bool:
-        """Tell whether it acts at a time."""
+        """Return whether the push is active at a time, s."""
         since = time - self.start
         if self.every > 0 and since >= 0:
             since %= self.every
@@ -54,7 +58,7 @@ class Push:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grasp(Push):
-    """A grip that pulls the tool to a point like a spring, up to a force.
+    """A grasp that pulls the tool to a point like a spring of limited force.
 
     Attributes
     ----------
@@ -94,7 +98,7 @@ class Grasp(Push):
 
 
 class ScriptedDisturbances(LeafSystem):
-    """The forces of a list of pushes and grasps on the tool of an arm.
+    """Forces of a list of pushes and grasps on the tool of an arm.
 
     Input ports
     -----------
@@ -134,17 +138,12 @@ class ScriptedDisturbances(LeafSystem):
         self._disturbances = tuple(disturbances)
         self._body = grip.body().index()
         self._X_BodyG = grip.GetFixedPoseInBodyFrame()
-        self._poses = self.DeclareAbstractInputPort(
-            "body_poses", Value[list[RigidTransform]]()
-        )
-        self._velocities = self.DeclareAbstractInputPort(
-            "body_spatial_velocities", Value[list[SpatialVelocity]]()
-        )
-        needed = {self.time_ticket()}
-        if any(isinstance(each, Grasp) for each in self._disturbances):
-            needed |= {self._poses.ticket(), self._velocities.ticket()}
+        self._poses, self._velocities = declare_bodies(self)
+        prerequisites = {self.time_ticket()}
+        if any(isinstance(disturbance, Grasp) for disturbance in self._disturbances):
+            prerequisites |= {self._poses.ticket(), self._velocities.ticket()}
         self._force = declare_cache(
-            self, "force of the disturbances", self._calc, needed
+            self, "force of the disturbances", self._calc, prerequisites
         )
         force = {self.cache_entry_ticket(self._force)}
         self.DeclareAbstractOutputPort(
@@ -163,18 +162,18 @@ class ScriptedDisturbances(LeafSystem):
     def _calc(self, context: Any, value: Any) -> None:
         time = context.get_time()
         force = np.zeros(3)
-        for each in self._disturbances:
-            if not each.acts(time):
+        for disturbance in self._disturbances:
+            if not disturbance.acts(time):
                 continue
-            force = force + each.force
-            if isinstance(each, Grasp):
+            force = force + disturbance.force
+            if isinstance(disturbance, Grasp):
                 poses: Any = self._poses.Eval(context)
                 velocities: Any = self._velocities.Eval(context)
                 X_WBody = poses[self._body]
                 arm = X_WBody.rotation().multiply(self._X_BodyG.translation())
                 V = velocities[self._body]
                 v = V.translational() + np.cross(V.rotational(), arm)
-                force = force + each.pull(X_WBody.translation() + arm, v)
+                force = force + disturbance.pull(X_WBody.translation() + arm, v)
         value.set_value(force)
 
     def _calc_forces(self, context: Any, output: Any) -> None:

@@ -1,4 +1,4 @@
-"""What a controller measures of an arm: late, noisy, and at a rate of its own."""
+"""Model of an arm's sensors: delay, noise and sampling rate."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,15 +9,15 @@ from fmp_drake.numeric import check_number
 
 
 class SensorModel(LeafSystem):
-    """Samples an arm's state at a rate, adds noise, and delivers it late.
+    """Sensors that sample an arm's state at a rate, with noise and a delay.
 
     Input port ``state`` (2n): the arm's ``[q, v]``, rad and rad/s. Output port
-    ``measured_state`` (2n): what has arrived; it is discrete state.
+    ``measured_state`` (2n): the delayed sample; it is discrete state.
 
     Parameters
     ----------
     initial : array_like, shape (2n,)
-        What is delivered until the first sample has arrived.
+        Output before the first sample arrives.
     rate : float
         Samples per second.
     delay : float
@@ -25,7 +25,7 @@ class SensorModel(LeafSystem):
     position_noise, velocity_noise : float
         Standard deviations, rad and rad/s.
     seed : int
-        Of the noise; a sample's noise follows from it and the sample's number.
+        Of the noise, which is a function of it and of the number of the sample.
 
     Raises
     ------

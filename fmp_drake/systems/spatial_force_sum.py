@@ -1,4 +1,4 @@
-"""Several lists of forces on bodies as one."""
+"""Concatenation of lists of forces on bodies."""
 
 from typing import Any
 
@@ -7,11 +7,11 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.framework.callbacks import weakly
+from fmp_drake.systems.interface.callbacks import weakly
 
 
 class SpatialForceSum(LeafSystem):
-    """Concatenates lists of forces on bodies.
+    """Concatenation of lists of forces on bodies.
 
     Unlike Drake's `ExternallyAppliedSpatialForceMultiplexer` it takes an input that
     is not connected as an empty list, so that a diagram can export an optional one.

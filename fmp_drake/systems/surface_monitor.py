@@ -10,23 +10,26 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.numeric import finite_array
 from fmp_drake.systems.impedance.status import STATUS_SIZE, StatusFlag
+from fmp_drake.systems.surface.surface import PLANE, Surface, project_all
 
 type FloatArray = NDArray[np.float64]
 
 TOLERANCE = 0.01
-"""Depth in m up to which something hard may sink in: half the thickness of a board."""
+"""Greatest tolerated penetration of a hard point, m: half the thickness of a board."""
+
+# Time between two updates, s.
+_PERIOD = 0.02
 
 
 class SurfaceMonitor(LeafSystem):
-    """Says how deep the deepest hard point is below a board's surface, within its edges.
+    """Depth of the deepest hard point below a board's surface, within its edges.
 
-    Nothing should ever be there: what is hard has gone through the board then, or is on
-    its way. What is pressed on the board sinks in a little, as contact is compliant: an
-    eraser by 0.1 mm on its face and by 4 mm on a corner that bears 80 N. More than
-    `TOLERANCE` is reported in the status, and so is an arm that touches the board,
-    which is its tool's to do.
+    A hard point there has passed through the board, or is about to. Contact is compliant,
+    so a small penetration is normal: 0.1 mm for the face of an eraser and 4 mm for a
+    corner that bears 80 N. More than `TOLERANCE` is reported in the status, and so is a
+    contact of any link but the tool with the board.
 
     Input port ``body_poses``: abstract, list of `RigidTransform` X_WBody; the plant's.
     Output ports, both discrete state:
@@ -40,17 +43,17 @@ class SurfaceMonitor(LeafSystem):
     surface : Frame
         B: origin at the centre of the surface, z outward.
     box : array_like, shape (2, 3)
-        Lower and upper corner of the board, in B, m.
+        Lower and upper corner of the board, in B, or in (u, v, h) where it is curved, m.
+    curvature : Surface
+        Of the board.
     bodies : array_like of int, shape (N,)
         Index of the body that each point is fixed to.
     points : array_like, shape (N, 3)
         In the frames of their bodies, m.
     radii : array_like, shape (N,)
-        Of the balls around the points, m.
+        Of the spheres around the points, m.
     on_arm : array_like of bool, shape (N,)
-        Whether a ball is the arm's, which shall not touch the board.
-    period : float
-        Between two looks, s.
+        Whether a sphere belongs to the arm, which must not touch the board.
 
     Raises
     ------
@@ -92,13 +95,13 @@ class SurfaceMonitor(LeafSystem):
         points: ArrayLike,
         radii: ArrayLike,
         on_arm: ArrayLike,
-        period: float = 0.02,
+        curvature: Surface = PLANE,
     ) -> None:
         super().__init__()
         self.set_name("surface_monitor")
-        check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._box = finite_array(box, "box", (2, 3), error=SystemsError)
         self._radii = finite_array(radii, "radii", error=SystemsError)
+        self._curvature = curvature
         n = self._radii.size
         self._points = finite_array(points, "points", (n, 3), error=SystemsError)
         on_arm = finite_array(on_arm, "on_arm", (n,), error=SystemsError)
@@ -111,7 +114,7 @@ class SurfaceMonitor(LeafSystem):
         )
         for name, length in (("penetration", 1), ("status", STATUS_SIZE)):
             self.DeclareStateOutputPort(name, self.DeclareDiscreteState(length))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._update)
         self.DeclareForcedDiscreteUpdateEvent(self._update)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
@@ -121,7 +124,7 @@ class SurfaceMonitor(LeafSystem):
         X_BBody = np.array(
             [(X_BW @ poses[body]).GetAsMatrix34() for body in self._bodies]
         )
-        p = moved(X_BBody[self._owner], self._points)
+        p = along(self._curvature, moved(X_BBody[self._owner], self._points))
         depth = deepest(p, self._radii, self._box)
         arm = self._on_arm
         touches = np.any(clearances(p[arm], self._radii[arm], self._box) < 0)
@@ -135,13 +138,21 @@ def moved(X: FloatArray, p: FloatArray) -> FloatArray:
     return (X[..., :3] @ p[..., None])[..., 0] + X[..., 3]
 
 
+def along(curvature: Surface, p_B: FloatArray) -> FloatArray:
+    """Return points (..., 3) in the coordinates (u, v, h) of a surface, m."""
+    if curvature.is_plane:
+        return p_B
+    uvh = project_all(curvature, p_B.reshape(-1, 3), np.zeros(2))
+    return uvh.reshape(p_B.shape)
+
+
 def deepest(p: FloatArray, radii: FloatArray, box: FloatArray) -> float:
     """Return how far the deepest of N balls is below z = 0 within a board's edges.
 
     Parameters
     ----------
     p : ndarray, shape (N, 3)
-        The balls' centres in B, m.
+        The balls' centres in the coordinates of the board, m.
     radii : ndarray, shape (N,)
         m.
     box : ndarray, shape (2, 3)

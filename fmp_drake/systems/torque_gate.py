@@ -1,12 +1,12 @@
-"""The last system before a real arm: no torque passes that the arm might not bear."""
+"""Gate between a controller and a real arm."""
 
 from collections.abc import Callable
 from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from drake import lcmt_panda_status
-from numpy.typing import ArrayLike
+from drake import lcmt_panda_command, lcmt_panda_status
+from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
@@ -18,15 +18,15 @@ from pydrake.systems.framework import (
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats
 from fmp_drake.settings import check_settings
-from fmp_drake.systems.framework.callbacks import declare_cache, eval_cache
-from fmp_drake.systems.panda.firmware import torque_command
-from fmp_drake.systems.panda.gating import (
+from fmp_drake.systems.impedance.joints import JointLimits
+from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
+from fmp_drake.systems.panda.gate import (
     GateConfig,
     GateState,
     gate_step,
     initial_gate,
 )
-from fmp_drake.systems.panda.reading import (
+from fmp_drake.systems.panda.status import (
     JOINTS,
     ArmReading,
     decode,
@@ -34,55 +34,60 @@ from fmp_drake.systems.panda.reading import (
 )
 
 # Groups of the discrete state.
-_TORQUE, _GATE, _READING = range(3)
+_TORQUE, _GATE, _TRACK, _SENT, _READING = range(5)
 # In the second.
 _STATUS_TIME = 2
 
 
 class TorqueGate(LeafSystem):
-    """Lets a controller's torque through to an arm while everything is as it must be.
+    """Gate that sends a controller's torque to an arm while there is no fault.
 
-    The torque begins at 0 and, once the operator has said go, follows the
-    controller's, never faster than the configured rate of the wall clock, whatever
-    was missed. At any fault it goes to 0 at that rate, and stays there until the operator
-    says go again. See `GateFault` and `gate_step`.
+    The torque starts at 0. Once the operator has enabled the gate, it follows the
+    controller's torque within the configured rate, in time of the wall clock. After any
+    fault it goes to 0 at that rate, and stays there until the operator enables the gate
+    again. See `GateFault` and `gate_step`.
 
     Input ports
     -----------
     torque : vector (7,)
-        Wanted, without gravity, Nm.
+        Torque of the controller, without gravity, Nm.
     status : abstract
         The bytes of the last ``lcmt_panda_status`` of the arm.
     wall_time : vector (1,)
-        s; the clock that the arm's messages are stamped with.
+        Time of the clock that stamps the arm's messages, s.
     go : vector (1,)
-        How many times the operator has said go; less than 0 for a stop.
+        Operator command: number of enable requests; a negative number requests a stop.
+    command : abstract, optional
+        The bytes of the last ``lcmt_panda_command`` on the bus, the gate's own among
+        them: another program's command is a fault.
 
     Output ports
     ------------
     torque_sent : vector (7,)
         Nm; discrete state.
     state : vector (14,)
-        Angles and speeds of the arm, rad and rad/s, of the last good status.
+        Joint angles and velocities in the last valid status, rad and rad/s.
     torque_measured : vector (7,)
-        With gravity, Nm, of the last good status.
+        Joint torques with gravity in the last valid status, Nm.
     torque_external : vector (7,)
-        Of what touches the arm, on the arm, Nm, of the last good status.
+        Joint torques of the contacts on the arm in the last valid status, Nm.
     mode : vector (1,)
         A `GateMode`.
     faults : vector (1,)
-        A `GateFault`: why the torque went to zero.
+        A `GateFault`: the reasons of the last stop.
     age : vector (1,)
-        Of the newest status, s; infinite before the first.
+        Age of the newest status, s; infinite before the first.
 
     Parameters
     ----------
     config : GateConfig
     initial : array_like, shape (7,)
-        Angles that `state` shows before the first status, rad.
+        Joint angles of `state` before the first status, rad.
+    limits : JointLimits
+        Of the arm: torques, and what is plausible in a status.
     send : callable, optional
-        Called with each torque to be sent, as an encoded ``lcmt_panda_command`` that is
-        stamped with the wall clock; with none while the torque is to stay zero.
+        Called with each torque (7,), Nm, and its time of the wall clock, s; not called
+        while the torque stays zero.
 
     Raises
     ------
@@ -91,7 +96,9 @@ class TorqueGate(LeafSystem):
 
     Examples
     --------
-    >>> gate = TorqueGate(GateConfig(), initial=np.zeros(7))
+    >>> ones = np.ones(7)
+    >>> limits = JointLimits(0 * ones, 3 * ones, 2 * ones, -10 * ones, 10 * ones)
+    >>> gate = TorqueGate(GateConfig(), initial=np.zeros(7), limits=limits)
     >>> gate.GetOutputPort("torque_sent").Eval(gate.CreateDefaultContext())
     array([0., 0., 0., 0., 0., 0., 0.])
     """
@@ -101,23 +108,27 @@ class TorqueGate(LeafSystem):
         config: GateConfig,
         *,
         initial: ArrayLike,
-        send: Callable[[bytes], None] | None = None,
+        limits: JointLimits,
+        send: Callable[[NDArray[np.float64], float], None] | None = None,
     ) -> None:
         super().__init__()
         self.set_name("torque_gate")
         check_settings(config, SystemsError)
-        self._config, self._send = config, send
+        self._config, self._limits = config.completed(limits), limits
+        self._send = send
         first = as_floats(initial, "the initial angles", (JOINTS,), error=SystemsError)
         torque = self.DeclareVectorInputPort("torque", JOINTS)
         status = self.DeclareAbstractInputPort("status", AbstractValue.Make(b""))
         wall_time = self.DeclareVectorInputPort("wall_time", 1)
         go = self.DeclareVectorInputPort("go", 1)
+        command = self.DeclareAbstractInputPort("command", AbstractValue.Make(b""))
+        self._command = command
         self._torque, self._status, self._wall_time, self._go = (
             torque, status, wall_time, go,
         )  # fmt: skip
-        sent, rest = initial_gate().vectors()
-        sent_index = self.DeclareDiscreteState(sent)
-        gate_index = self.DeclareDiscreteState(rest)
+        torque_index, gate_index, *_ = map(
+            self.DeclareDiscreteState, initial_gate().vectors()
+        )
         read_index = self.DeclareDiscreteState(np.r_[first, np.zeros(3 * JOINTS)])
         self._reading = declare_cache(
             self,
@@ -126,14 +137,21 @@ class TorqueGate(LeafSystem):
             {status.ticket()},
             allocate=lambda: AbstractValue.Make(read_status(None)),
         )
+        self._last_command = declare_cache(
+            self,
+            "last command",
+            self._calc_command,
+            {command.ticket()},
+            allocate=lambda: AbstractValue.Make(lcmt_panda_command()),
+        )
         gate_ticket = self.discrete_state_ticket(gate_index)
-        # What is good in a message is seen at once.
-        seen = {
+        # The outputs follow a valid message without delay.
+        measurement = {
             self.cache_entry_ticket(self._reading),
             gate_ticket,
             self.discrete_state_ticket(read_index),
         }
-        self.DeclareStateOutputPort("torque_sent", sent_index)
+        self.DeclareStateOutputPort("torque_sent", torque_index)
         for name, first_row, rows in (
             ("state", 0, 2),
             ("torque_measured", 2, 1),
@@ -143,8 +161,8 @@ class TorqueGate(LeafSystem):
             self.DeclareVectorOutputPort(
                 name,
                 rows * JOINTS,
-                partial(self._calc_seen, part),
-                prerequisites_of_calc=seen,
+                partial(self._calc_measurement, part),
+                prerequisites_of_calc=measurement,
             )
         for i, name in enumerate(("mode", "faults")):
             self.DeclareVectorOutputPort(
@@ -166,12 +184,20 @@ class TorqueGate(LeafSystem):
         data = cast(bytes, self._status.Eval(context))
         value.set_value(read_status(decode(lcmt_panda_status, data)))
 
+    def _calc_command(self, context: Any, value: Any) -> None:
+        data = b""
+        if self._command.HasValue(context):
+            data = cast(bytes, self._command.Eval(context))
+        value.set_value(decode(lcmt_panda_command, data))
+
     def _state(self, context: Context) -> GateState:
         discrete = context.get_discrete_state()
-        return GateState.from_vectors(discrete.value(_TORQUE), discrete.value(_GATE))
+        return GateState.from_vectors(
+            *(discrete.value(i) for i in (_TORQUE, _GATE, _TRACK, _SENT))
+        )
 
-    def _seen(self, context: Context) -> Any:
-        """Return the numbers of the last good status."""
+    def _measurement(self, context: Context) -> Any:
+        """Return the numbers of the last valid status, shape (28,)."""
         reading = cast(ArmReading, eval_cache(self, self._reading, context))
         discrete = context.get_discrete_state()
         if reading.is_finite and reading.time >= discrete.value(_GATE)[_STATUS_TIME]:
@@ -184,25 +210,28 @@ class TorqueGate(LeafSystem):
         after = gate_step(
             self._config,
             self._state(context),
+            limits=self._limits,
             reading=cast(ArmReading, eval_cache(self, self._reading, context)),
+            command=eval_cache(self, self._last_command, context),
             torque=np.array(self._torque.Eval(context)),
             wall_time=float(wall_time[0]),
             go=float(go[0]),
         )
-        torque, rest = after.vectors()
-        values.set_value(_READING, self._seen(context))
-        values.set_value(_TORQUE, torque)
-        values.set_value(_GATE, rest)
+        values.set_value(_READING, self._measurement(context))
+        for index, vector in enumerate(after.vectors()):
+            values.set_value(index, vector)
 
     def _publish(self, context: Context) -> None:
         if self._send is None:
             return
         state = self._state(context)
         if state.is_live:
-            self._send(torque_command(state.torque, state.stamp).encode())
+            self._send(state.torque, state.command_time)
 
-    def _calc_seen(self, part: slice, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._seen(context)[part])
+    def _calc_measurement(
+        self, part: slice, context: Context, output: BasicVector
+    ) -> None:
+        output.SetFromVector(self._measurement(context)[part])
 
     def _calc_gate(self, i: int, context: Context, output: BasicVector) -> None:
         output.SetAtIndex(0, context.get_discrete_state(_GATE).value()[i])

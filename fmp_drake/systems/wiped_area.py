@@ -1,23 +1,22 @@
-"""Where an eraser has wiped, as far as an arm knows that sees no ink."""
+"""Area that an eraser has wiped, estimated from position and normal force."""
 
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
+from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
 from fmp_drake.systems.ink.grid import InkGrid
 
-# Less force than this is no contact, N.
-_CONTACT = 0.5
+# Time between two updates, s.
+_PERIOD = 0.05
 
 
 class WipedArea(LeafSystem):
-    """Remembers the cells of a board that an eraser has passed over and pressed on.
+    """Cells of a board that an eraser has wiped.
 
-    It stands for the ink of an `InkBoard` where nobody sees the ink: a cell that was
-    passed over once is taken for clean.
+    It replaces the ink of an `InkBoard` where no ink is measured: a cell is assumed clean
+    after one pass of the eraser in contact.
 
     Input ports
     -----------
@@ -36,8 +35,6 @@ class WipedArea(LeafSystem):
     grid : InkGrid
     footprint : tuple of 2 floats
         Edges of the eraser along x and y of B, m.
-    period : float
-        Between two looks, s.
 
     Examples
     --------
@@ -46,26 +43,23 @@ class WipedArea(LeafSystem):
     array([1., 1.])
     """
 
-    def __init__(
-        self, grid: InkGrid, *, footprint: tuple[float, float], period: float = 0.05
-    ) -> None:
+    def __init__(self, grid: InkGrid, *, footprint: tuple[float, float]) -> None:
         super().__init__()
         self.set_name("wiped_area")
-        check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._grid, self._footprint = grid, footprint
         self._position = self.DeclareVectorInputPort("measured_position", 3)
         self._force = self.DeclareVectorInputPort("normal_force", 1)
         ink = self.DeclareDiscreteState(grid.full().ravel())
-        # Where the eraser was and whether it pressed, at the last look.
+        # Position of the eraser and whether it was in contact, at the last update.
         last = self.DeclareDiscreteState(4)
         self._ink, self._last = int(ink), int(last)
         self.DeclareStateOutputPort("ink", ink)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._look)
+        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._update)
 
-    def _look(self, context: Context, values: DiscreteValues) -> None:
+    def _update(self, context: Context, values: DiscreteValues) -> None:
         position: Any = self._position.Eval(context)
         force: Any = self._force.Eval(context)
-        pressed = bool(force[0] > _CONTACT)
+        pressed = bool(force[0] > CONTACT_FORCE)
         last = context.get_discrete_state(self._last).value()
         if pressed and last[3] > 0:
             path = np.array([[*last[:2], 0.0], [*position[:2], 0.0]])

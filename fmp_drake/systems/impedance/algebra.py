@@ -1,4 +1,4 @@
-"""Poses, rotations and small matrices, for compiled functions.
+"""Algebra of poses, rotations and small matrices, for compiled functions.
 
 ``X_AB = (R_AB, p_AB)`` is the pose of frame B in frame A.
 """
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class Pose(NamedTuple):
-    """A rotation matrix, shape (3, 3), and a position in m, shape (3,)."""
+    """Pose of a frame: rotation matrix, shape (3, 3), and position, shape (3,), m."""
 
     R: Array
     p: Array
@@ -36,22 +36,22 @@ def relative(X_AB: Pose, X_AC: Pose) -> Pose:
 
 @compiled
 def stacked(rotation: Array, translation: Array) -> Array:
-    """Put two vectors, shape (3,), into one, shape (6,)."""
-    both = np.empty(6)
+    """Concatenate two vectors, shape (3,), to one, shape (6,)."""
+    twist = np.empty(6)
     for i in range(3):
-        both[i] = rotation[i]
-        both[3 + i] = translation[i]
-    return both
+        twist[i] = rotation[i]
+        twist[3 + i] = translation[i]
+    return twist
 
 
 @compiled
 def twist_rotation(R: Array) -> Array:
     """Return the matrix, shape (6, 6), that rotates both halves of a twist."""
-    both = np.zeros((6, 6))
+    blocks = np.zeros((6, 6))
     for i in range(3):
         for j in range(3):
-            both[i, j] = both[3 + i, 3 + j] = R[i, j]
-    return both
+            blocks[i, j] = blocks[3 + i, 3 + j] = R[i, j]
+    return blocks
 
 
 @compiled
@@ -114,9 +114,9 @@ def rotation_vector(R: Array) -> Array:
 
     Notes
     -----
-    The quaternion is read from its largest element (Shepperd, "Quaternion from
-    rotation matrix", J. Guidance and Control 1(3), 1978), up to a factor that
-    `atan2` does not see. At 180 degrees either axis is right; one is returned.
+    The quaternion is computed from its largest element (Shepperd, "Quaternion from
+    rotation matrix", J. Guidance and Control 1(3), 1978), up to a factor that cancels in
+    `atan2`. At 180 degrees the sign of the axis is arbitrary.
     """
     a, e, i = R[0, 0], R[1, 1], R[2, 2]
     largest = max(a + e + i, a, e, i)
@@ -149,7 +149,7 @@ def rotation_angle(R: Array, S: Array) -> float:
 
 @compiled
 def inverse_left_jacobian(phi: Array, x: Array) -> Array:
-    """Multiply x by the inverse of the left Jacobian of SO(3) at a rotation vector.
+    """Return x multiplied by the inverse left Jacobian of SO(3) at a rotation vector.
 
     ``x − ½ φ × x + c φ × (φ × x)`` with ``c = 1/θ² − cot(θ/2) / (2 θ)``: it maps
     a gradient with respect to the rotation vector to a torque.
@@ -182,7 +182,7 @@ def cholesky(A: Array) -> tuple[Array, bool]:
     Returns
     -------
     L : array, shape (n, n)
-        Lower triangular; of no use where A is not positive definite.
+        Lower triangular; incomplete where A is not positive definite.
     positive : bool
     """
     n = len(A)

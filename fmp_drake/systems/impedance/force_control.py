@@ -1,20 +1,19 @@
-"""The normal force: how it comes in, where the surface is found, its closed loop.
+"""Normal force: engagement, search of the surface, closed-loop control.
 
-A normal force is wanted at a surface that may not be where it is said to be. The
-height at which the surface was found is the one memory of it: the target is as much
-higher, so that along the normal nothing but the wanted force is left of the law. It
-follows the measured force where there is one. Where there is none, what the law commands
-along the normal is the force of the contact, in quasi-static balance; the wanted force
-is left when the spring is at rest, so the height follows that of the tool.
+The surface may be higher or lower than assumed. The state is the height at which it was
+found: the target is raised by it, so that along the normal the law commands nothing but
+the desired force. With a measured force the height follows from the force error. Without
+one, the normal force of the law is that of the contact, in quasi-static balance. The
+spring is then at rest under the desired force, so the height follows that of the tool.
 
 That estimate is wrong by the friction of the joints (about 5 N at a Panda's tool where
 it is not compensated), by the tool's inertia for 0.1 s after a jolt, and while the torque
-is limited. It cannot tell a surface from a person: who lifts the tool by less than half
-of `search_range` is taken for one, and who holds it there is slowly believed.
+is limited. It cannot distinguish a surface from a person: a person who lifts the tool by
+less than half of `search_range` is taken for a surface, and the height slowly follows.
 
-A tool that was pushed far from its target along the surface may be beside what it shall
-press on. There the press and the search rest, and the tool is lifted until it is back.
-Force controllers are let go likewise where the tool is lifted off the surface [1]_.
+A tool that was pushed far from its target along the surface may be beside the surface.
+Then the normal force and the search stop, and the tool is lifted until it is back.
+Force controllers are disengaged likewise where the tool leaves the surface [1]_.
 
 References
 ----------
@@ -27,12 +26,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from fmp_drake.compiled import compiled
+from fmp_drake.settings import bounded
 
-# Without a sensor: the fraction of the wanted force from which on there is contact. In
-# free air the friction of the joints is left of the force, about 3 of 10 N.
+CONTACT_FORCE = 0.5
+"""Normal force above which the tool is in contact with the surface, N."""
+
+# Without a sensor: the fraction of the desired force above which there is contact. In
+# free air the joints' friction leaves about 3 of 10 N.
 _CONTACT_FRACTION = 0.3
-# A person who lifts the tool cannot be told from a surface that is higher: that is
-# believed more slowly than a lower one.
+# A person who lifts the tool cannot be distinguished from a higher surface, which is
+# therefore followed more slowly than a lower one.
 _RISE_FRACTION = 0.25
 # The speed of the approach falls with the height over the surface, with this time
 # constant, s. It is about that of the arm's own braking, Λ / D.
@@ -41,66 +44,67 @@ _BRAKING_TIME = 0.15
 
 @dataclass(kw_only=True)
 class ForceControlConfig:
-    """How the normal force, along −z of T, is brought to the surface and kept there.
+    """Control of the normal force, along −z of T, and search of the surface.
 
     Attributes
     ----------
     enabled : bool
         Whether the measured force at the port `normal_force` is used.
     proportional_gain : float
-        Newton of correction for a newton of error of the measured force.
+        Correction in newtons per newton of error of the measured force.
     integral_gain : float
         Rate at which the force is corrected, 1/s; with the proportional gain p, the
         bandwidth is this by 1 + p. On a stiff board the loop is stable below
         ``(1 + p) D / Λ``, with the damping D (the law's and the felt's) and the
         inertia Λ along the normal.
     contact_force : float
-        Measured force from which on there is contact, N.
+        Measured force above which there is contact, N.
     release_time : float
-        Without contact for this long, it is lost, s.
+        Time without contact after which the contact is lost, s.
     search_speed : float
-        At which the tool looks for the surface below where it is said to be, m/s.
-        Where it is farther above, it approaches faster.
+        Speed of the search below the assumed surface, m/s. Farther above the surface
+        the tool approaches faster.
     search_range : float
-        How much lower or higher the surface may be, m. Where it is not found, there
-        is a protective stop.
+        Greatest error of the assumed height of the surface, m. Where the surface is
+        not found within it, there is a protective stop.
     rest_distance : float
-        Distance of the tool from its target along the surface from which on the press
-        fades; from twice as much on it rests, m. Both grow with the height over
-        `lift_height`.
+        Distance of the tool from its target along the surface above which the normal
+        force fades, m; at twice the distance it is zero. Both grow with the height
+        above `lift_height`.
     lift_height : float
-        To which the tool is lifted there, m; higher where the target is farther away
-        than the stiffness sees.
+        Height to which the tool is lifted there, m; higher where the error is
+        clipped.
 
     Examples
     --------
     >>> from fmp_drake.systems import ImpedanceConfig
     >>> config = ImpedanceConfig(force_control=ForceControlConfig(search_range=0.02))
-    >>> config.check()
+    >>> config.force_control.search_speed
+    0.03
     """
 
     enabled: bool = False
-    proportional_gain: float = 1.0
-    integral_gain: float = 20.0
-    contact_force: float = 0.5
-    release_time: float = 0.05
-    search_speed: float = 0.03
-    search_range: float = 0.03
-    rest_distance: float = 0.1
-    lift_height: float = 0.03
+    proportional_gain: float = bounded(1.0, least=0)
+    integral_gain: float = bounded(20.0, above=0)
+    contact_force: float = bounded(CONTACT_FORCE, least=0)
+    release_time: float = bounded(0.05, above=0)
+    search_speed: float = bounded(0.03, above=0)
+    search_range: float = bounded(0.03, above=0)
+    rest_distance: float = bounded(0.1, above=0)
+    lift_height: float = bounded(0.03, above=0)
 
 
 class ForceState(NamedTuple):
-    """What is remembered of the surface.
+    """State of the search for the surface.
 
     Attributes
     ----------
     surface : float
-        Height at which it was found, over where it is said to be, m.
+        Height of the surface that was found above the assumed one, m.
     force : float
-        That the law commands along −z of T, low-pass filtered, N.
+        Normal force of the law along −z of T, low-pass filtered, N.
     lost_time : float
-        For how long nothing was touched, s.
+        Time since the last contact, s.
     """
 
     surface: float = 0.0
@@ -108,15 +112,15 @@ class ForceState(NamedTuple):
     lost_time: float = math.inf
 
 
-class Press(NamedTuple):
-    """What is wanted and known of the normal force at one update.
+class NormalForceDemand(NamedTuple):
+    """Desired and measured normal force at one update, and the state of the tool.
 
     Attributes
     ----------
     wanted, measured : float
         Force of the tool along −z of T, N; NaN where it is not measured.
     searching : bool
-        Whether the target is at the surface, which is to be found.
+        Whether the target is at the surface, so that the surface is searched.
     away : bool
         Whether the tool is far from its target along the surface.
     height : float
@@ -137,7 +141,7 @@ class Press(NamedTuple):
 
 
 class ForceCorrection(NamedTuple):
-    """What is added to the wanted normal force in N, and why."""
+    """Correction of the desired normal force in N, and flags that explain it."""
 
     correction: float
     state: ForceState
@@ -148,7 +152,7 @@ class ForceCorrection(NamedTuple):
 
 @compiled
 def engagement(height: float, engage_height: float) -> float:
-    """Return a smooth step of the height: 0 from `engage_height` on, 1 on the surface.
+    """Return a smooth step of the height: 0 above `engage_height`, 1 on the surface.
 
     Both are in m.
     """
@@ -160,10 +164,10 @@ def engagement(height: float, engage_height: float) -> float:
 def approach_factor(
     config: ForceControlConfig, surface: float, height: float, speed: float
 ) -> float:
-    """Return the factor of the wanted force that brings the tool back soon and softly.
+    """Return the factor of the desired force that approaches the surface softly.
 
-    It is 2 where the tool is higher than the surface may be, 1 at the surface, and 0
-    from twice the allowed speed on. What is touched is pressed with the whole force.
+    It is 2 above the search range, 1 at the surface, and 0 above twice the allowed
+    speed. In contact the whole force acts.
 
     Parameters
     ----------
@@ -182,20 +186,23 @@ def approach_factor(
 
 @compiled
 def is_beyond(config: ForceControlConfig, state: ForceState, height: float) -> bool:
-    """Tell whether nothing was found as deep as is searched."""
+    """Return whether there is no surface within the search range."""
     deepest = max(state.surface, height)
     return state.lost_time > config.release_time and deepest <= -config.search_range
 
 
 @compiled
 def correct_normal_force(
-    config: ForceControlConfig, state: ForceState, press: Press, period: float
+    config: ForceControlConfig,
+    state: ForceState,
+    demand: NormalForceDemand,
+    period: float,
 ) -> ForceCorrection:
-    """Find the surface, and correct the normal force by what is measured of it.
+    """Search the surface, and correct the normal force by the measured one.
 
-    The height of the surface stands still while the arm's torque is saturated or the
-    tool is far from its target, and stops at `search_range`. What was found is forgotten, at `search_speed`, when
-    nothing is looked for any more.
+    The height of the surface is constant while the arm's torque is saturated or the tool
+    is far from its target, and is limited to `search_range`. Without a search it returns
+    to zero at `search_speed`.
 
     Parameters
     ----------
@@ -203,7 +210,7 @@ def correct_normal_force(
         As `values_of` returns it.
     state : ForceState
         Of the update before.
-    press : Press
+    demand : NormalForceDemand
     period : float
         Time between updates, s.
 
@@ -211,22 +218,22 @@ def correct_normal_force(
     -------
     ForceCorrection
     """
-    surface, known = state.surface, not math.isnan(press.measured)
-    above = press.height - surface
+    surface, known = state.surface, not math.isnan(demand.measured)
+    above = demand.height - surface
     if known:
-        touching = press.measured > config.contact_force
+        touching = demand.measured > config.contact_force
     else:
         touching = (
-            state.force > _CONTACT_FRACTION * press.wanted
+            state.force > _CONTACT_FRACTION * demand.wanted
             and above < config.search_range / 2
         )
-    lost_time = 0.0 if touching and press.wanted > 0 else state.lost_time + period
-    closed = known and press.wanted > 0 and lost_time <= config.release_time
-    error, speed = press.wanted - press.measured, 0.0
+    lost_time = 0.0 if touching and demand.wanted > 0 else state.lost_time + period
+    closed = known and demand.wanted > 0 and lost_time <= config.release_time
+    error, speed = demand.wanted - demand.measured, 0.0
     if closed:
         if touching:
-            speed = -config.integral_gain * error / press.stiffness
-    elif press.searching:
+            speed = -config.integral_gain * error / demand.stiffness
+    elif demand.searching:
         highest = 0.0
         if not known and above < config.search_range:
             highest = _RISE_FRACTION * config.search_speed
@@ -234,17 +241,19 @@ def correct_normal_force(
     else:
         speed = min(max(-surface / period, -config.search_speed), config.search_speed)
     most = config.search_range
-    if not (press.saturated or press.away):
+    if not (demand.saturated or demand.away):
         surface = min(max(surface + period * speed, -most), most)
     # Pushing is never turned into pulling.
-    correction = max(config.proportional_gain * error, -press.wanted) if closed else 0.0
-    lost = press.wanted > 0 and lost_time > config.release_time
+    correction = (
+        max(config.proportional_gain * error, -demand.wanted) if closed else 0.0
+    )
+    lost = demand.wanted > 0 and lost_time > config.release_time
     return ForceCorrection(
         correction,
         ForceState(surface, state.force, lost_time),
         closed,
-        lost and (known or press.searching),
-        (closed or press.searching) and abs(surface) == most,
+        lost and (known or demand.searching),
+        (closed or demand.searching) and abs(surface) == most,
     )
 
 
@@ -252,7 +261,7 @@ def correct_normal_force(
 def with_force(
     config: ForceControlConfig, state: ForceState, force: float, period: float
 ) -> ForceState:
-    """Remember the force that the law commands along −z of T, N."""
+    """Return the state with the filtered normal force of the law, N."""
     passed = min(period / config.release_time, 1.0)
     return ForceState(
         state.surface, state.force + passed * (force - state.force), state.lost_time

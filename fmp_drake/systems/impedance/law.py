@@ -1,15 +1,15 @@
-"""The operational-space impedance law, as functions of arrays.
+"""Operational-space impedance law, in functions of arrays.
 
-E is the end effector's frame, T the task frame, whose axes may rotate. Twists and
-wrenches are those of E in the world; like the errors they have six elements,
-rotation first, and are expressed in T's present axes.
+E is the end effector's frame, T the task frame, which may rotate. Twists and wrenches
+are those of E in the world. Like the errors they have six elements, rotation first,
+expressed in the current axes of T.
 With the arm's equation of motion ``M v̇ + C v = τ + Jᵀ F_ext`` (gravity is
-compensated elsewhere) the law makes the end effector obey
+compensated elsewhere) the closed loop of the end effector is
 
     Λ (A_d − A) + D (V_d − V) + K e = −F_ff − F_ext,
 
 where ``A_d``, ``V_d`` are the desired acceleration and twist, ``e`` the error,
-``F_ff`` the wrench that the robot shall apply and ``Λ = (J M⁻¹ Jᵀ)⁻¹``.
+``F_ff`` the feed-forward wrench and ``Λ = (J M⁻¹ Jᵀ)⁻¹`` the operational-space inertia.
 
 References
 ----------
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 
 class ArmDynamics(NamedTuple):
-    """The arm's equation of motion and task map at one state.
+    """Equation of motion and task Jacobian of the arm at one state.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class ArmDynamics(NamedTuple):
 
 
 class LawTorque(NamedTuple):
-    """What the law commands, and how it came about.
+    """Result of the impedance law: the torque and its parts.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class LawTorque(NamedTuple):
 
 
 class TaskModes(NamedTuple):
-    """The modes of the end effector's motion, by double diagonalization [2]_.
+    """Modes of the end effector's motion, by double diagonalization [2]_.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class TaskModes(NamedTuple):
 
 @compiled
 def _eigen(A: Array) -> tuple[Array, Array]:
-    """Return the eigenvalues, ascending, and eigenvectors of a symmetric matrix."""
+    """Return the eigenvalues, ascending, and the eigenvectors of a symmetric matrix."""
     return np.linalg.eigh(A)
 
 
@@ -129,11 +129,11 @@ def task_modes(
     max_effective_mass: float,
     characteristic_length: float,
 ) -> TaskModes:
-    """Diagonalize the operational-space inertia Λ and the stiffness K together.
+    """Diagonalize the operational-space inertia Λ and the stiffness K simultaneously.
 
     With ``K = L Lᵀ`` and ``Lᵀ Λ⁻¹ L = V diag(ω²) Vᵀ`` the modes are
-    ``B = L V diag(1/ω)``. At singularities, where Λ grows without bound, the
-    eigenvalues of ``Λ⁻¹``, with rotations scaled to displacements, are first raised to
+    ``B = L V diag(1/ω)``. Near singularities Λ is unbounded. There the eigenvalues of
+    ``Λ⁻¹``, with rotations scaled to displacements, are first raised to
     ``1 / max_effective_mass``.
 
     Parameters
@@ -174,7 +174,7 @@ def task_modes(
 
 @compiled
 def shortened(x: Array, limit: float) -> Array:
-    """Return a copy of a vector, shortened to a length at most in its direction."""
+    """Return a vector of the same direction whose length is clipped to a limit."""
     return x * (limit / max(math.sqrt(x @ x), limit))
 
 
@@ -184,24 +184,24 @@ def spring_wrench(
 ) -> tuple[Array, bool]:
     """Compute the wrench of the spring between measured and desired pose.
 
-    Where nothing is clipped it is the gradient of ``½ eᵀ K e``, so the spring
-    gives back the work that was put in, however far it was rotated.
+    Without clipping it is the gradient of ``½ eᵀ K e``: the spring is conservative for
+    rotations of any size.
 
     Parameters
     ----------
     stiffness : array, shape (6, 6)
         K, in T.
     error : array, shape (6,)
-        The rotation and translation left, rad and m, in T.
+        Rotation and translation from the measured to the desired pose, rad and m, in T.
     max_rotation, max_translation : float
-        Lengths to which the halves of the error are shortened, rad and m.
+        Limits of the lengths of the two halves of the error, rad and m.
 
     Returns
     -------
     wrench : array, shape (6,)
         Torque and force on E, Nm and N, in T.
     clipped : bool
-        Whether the error was shortened.
+        Whether the error was clipped.
     """
     rotation, translation = error[:3], error[3:]
     clipped = (
@@ -226,7 +226,7 @@ def impedance_law(
     feedforward_wrench: Array,
     posture_error: Array,
 ) -> LawTorque:
-    """Compute the joint torque of the impedance law, without gravity, unlimited.
+    """Compute the joint torque of the impedance law, without gravity and limits.
 
     ``τ = Jᵀ (Λ (A_d − J̇ v) + K e + D (V_d − J v) + F_ff) + C v + Nᵀ M a``
     where ``a = ω² (q_p − q) − 2 ζ ω v`` is the posture's acceleration and
@@ -237,17 +237,17 @@ def impedance_law(
     config : ImpedanceConfig
         Damping ratios, posture frequency and clips, as `values_of` returns them.
     arm : ArmDynamics
-        The arm at its present state.
+        Of the current state.
     stiffness : array, shape (6, 6)
         K, symmetric and positive definite, in T.
     error : array, shape (6,)
-        What `task_error` returned, rad and m, in T.
+        Of `task_error`, rad and m, in T.
     desired_twist : array, shape (6,)
         Desired twist of E in T, rad/s and m/s.
     desired_acceleration : array, shape (6,)
         Desired acceleration of E in T, rad/s² and m/s².
     feedforward_wrench : array, shape (6,)
-        Torque and force that the robot shall apply at E, Nm and N, in T.
+        Torque and force to be applied at E, Nm and N, in T.
     posture_error : array, shape (n,)
         Desired posture minus joint positions, rad.
 

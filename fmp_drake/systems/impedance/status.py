@@ -1,22 +1,26 @@
-"""What the impedance controller reports about its last update."""
+"""Status of the impedance controller: flags, their words, and where they lead."""
 
 from collections.abc import Sequence
 from enum import IntFlag
-from typing import NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 
 class StatusFlag(IntFlag):
-    """What the controller did at its last update; any of them together.
+    """Flags of the last update of the controller; any combination of them.
 
     The target was not followed:
 
     - `PROTECTIVE_STOP`: the arm is held, damped, where it was when a fault came.
-    - `RECOVER`: the arm is led back to its target.
+    - `RECOVER`: the arm moves back to its target.
     - `NOT_FINITE`: an input was NaN, infinite or above 1e12.
     - `JUMP`: the target jumped.
     - `STALE`: the target is too old, or stands still although it has a velocity.
+    - `IMPLAUSIBLE`: the target is too fast, accelerates too much, moves otherwise than
+      its velocity says, or has a time in the future.
     - `NO_STATE`: the arm's state was not finite; the torque goes to zero.
     - `NOT_FOUND`: the surface is lower than is searched, or there is none.
+    - `EXCESS_FORCE`: the normal force is far above the desired one.
+    - `FORCE_OSCILLATION`: the normal force oscillates.
 
     The torque was limited:
 
@@ -25,14 +29,16 @@ class StatusFlag(IntFlag):
     - `TORQUE_LIMITED`, `RATE_LIMITED`: by the joints' effort or the torque's rate.
     - `JOINT_WALL`: a joint is near its limit, and pushed back.
     - `SPEED_LIMITED`: a joint is braked.
+    - `OVERSPEED`: a joint exceeds its speed limit, or could not have been braked in time
+      with the desired torque, which was replaced.
 
     The force and the stiffness:
 
     - `FORCE_CONTROL`: the normal force is controlled in closed loop.
     - `CONTACT_LOST`: a normal force is wanted, but nothing is touched.
-    - `FORCE_LIMITED`: the surface is as far from where it is said to be as is
-      searched.
-    - `STIFFNESS_REFUSED`: the stiffness or covariance at the port was no spring.
+    - `FORCE_LIMITED`: the surface is at the end of the search range.
+    - `STIFFNESS_REFUSED`: the stiffness or covariance at the port was not symmetric
+      positive (semi)definite, or the stiffness was too large.
     - `TANK_EMPTY`: the energy tank held the stiffness back.
 
     Not the controller's: a `SurfaceMonitor` adds them to what a station reports.
@@ -65,8 +71,12 @@ class StatusFlag(IntFlag):
     STIFFNESS_REFUSED = 32768
     TANK_EMPTY = 65536
     NOT_FOUND = 131072
+    IMPLAUSIBLE = 262144
+    OVERSPEED = 524288
     BELOW_SURFACE = 1048576
     ARM_TOUCHES = 2097152
+    EXCESS_FORCE = 4194304
+    FORCE_OSCILLATION = 8388608
 
 
 class ImpedanceStatus(NamedTuple):
@@ -82,7 +92,7 @@ class ImpedanceStatus(NamedTuple):
     torque_scale, rate_scale : float
         Factors in (0, 1] by which the torque and its change were shortened.
     surface_height : float
-        At which the surface was found, over where it is said to be, m.
+        Height of the surface that was found above the assumed one, m.
     tank_energy : float
         Energy that the stiffness may still take from the tank, J.
 
@@ -113,6 +123,56 @@ class ImpedanceStatus(NamedTuple):
         return cls(StatusFlag(int(flags)), *rest)
 
 
+class Condition(NamedTuple):
+    """Words for a flag of the status.
+
+    Attributes
+    ----------
+    level : str
+        ``busy`` where the arm goes on by itself, or ``bad``.
+    mode, detail : str
+        On a page: in a word or two, and why.
+    event : str
+        In the list of what went wrong in a run; empty where it is not listed.
+    """
+
+    level: Literal["busy", "bad"]
+    mode: str
+    detail: str
+    event: str = ""
+
+
+CONDITIONS = {
+    StatusFlag.PROTECTIVE_STOP: Condition(
+        "bad", "protective stop", "", "protective stop"
+    ),
+    StatusFlag.RECOVER: Condition("busy", "going back", "after a protective stop: "),
+    StatusFlag.BELOW_SURFACE: Condition(
+        "bad",
+        "below the board",
+        "something hard is below the surface",
+        "a hard part below the board",
+    ),
+    StatusFlag.ARM_TOUCHES: Condition(
+        "bad",
+        "arm on the board",
+        "a link of the arm touches the board",
+        "the arm touches the board",
+    ),
+    StatusFlag.OVERSPEED: Condition(
+        "busy", "braking", "a joint is too fast", "a joint too fast"
+    ),
+    StatusFlag.CONTACT_LOST: Condition(
+        "busy",
+        "searching the board",
+        "nothing is touched where it should be",
+        "contact lost",
+    ),
+}
+"""Conditions of a wiping arm that are shown to a person, worst first.
+
+The reasons of a protective stop, `STOP_REASONS`, follow its detail."""
+
 STATUS_SIZE = len(ImpedanceStatus._fields)
 
 STOP_REASONS = {
@@ -121,5 +181,8 @@ STOP_REASONS = {
     StatusFlag.NOT_FINITE: "an input was not finite",
     StatusFlag.NO_STATE: "the arm's state was not known",
     StatusFlag.NOT_FOUND: "no board was found where it is looked for",
+    StatusFlag.IMPLAUSIBLE: "the target moved in an implausible way",
+    StatusFlag.EXCESS_FORCE: "the normal force was far above the desired one",
+    StatusFlag.FORCE_OSCILLATION: "the normal force oscillated",
 }
 """Why there is a protective stop, by the fault that began it."""

@@ -1,49 +1,63 @@
-"""One update of the impedance controller, as a function of arrays."""
+"""One update of the impedance controller, and its measurements, as functions of arrays."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled, inlined
-from fmp_drake.systems.impedance.adaptation import next_stiffness
-from fmp_drake.systems.impedance.algebra import Pose, compose, relative, twist_rotation
+from fmp_drake.systems.impedance.algebra import (
+    Pose,
+    compose,
+    cross,
+    relative,
+    twist_rotation,
+)
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import (
-    ForceState,
-    Press,
+    ForceCorrection,
+    NormalForceDemand,
     approach_factor,
     correct_normal_force,
     engagement,
     is_beyond,
     with_force,
 )
-from fmp_drake.systems.impedance.friction import friction_torque
+from fmp_drake.systems.impedance.joints import (
+    friction_torque,
+    limited_torque,
+    rate_scale,
+)
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
-from fmp_drake.systems.impedance.limits import limited_torque, rate_scale
-from fmp_drake.systems.impedance.packing import (
+from fmp_drake.systems.impedance.records import (
+    LAYOUT,
+    MEMORY,
     ImpedanceMemory,
+    ImpedanceSettings,
+    JointSettings,
     StepInputs,
     decode,
     encode,
+    of_joints,
     unpack,
 )
-from fmp_drake.systems.impedance.settings import (
-    LAYOUT,
-    ImpedanceSettings,
-    JointSettings,
-    of_joints,
-)
 from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.status_of_update import status_of_update
 from fmp_drake.systems.impedance.stiffness import (
+    admit_stiffness,
+    filter_fraction,
+    is_covariance,
+    is_positive_definite,
     refill,
+    stiffness_from_covariance,
 )
 from fmp_drake.systems.impedance.supervision import (
     LOST,
-    RECOVERING,
     STOPPED,
     LastTarget,
     WatchdogState,
+    force_faults,
     supervised,
     target_faults,
     target_fraction,
@@ -58,21 +72,19 @@ from fmp_drake.systems.impedance.target import (
 
 Array = NDArray[np.float64]
 
+STEP_TYPES = (
+    "(u1[::1], f8[:,::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[::1], f8[:,::1], f8[::1], "
+    "f8[:,::1], f8[:,::1], f8[::1], f8[::1])"
+)
+"""Types of the arguments of `impedance_step`."""
+
 # Plain integers, because compiled functions take no enumerations.
-_CONTACT_LOST = int(StatusFlag.CONTACT_LOST)
-_ERROR_CLIPPED = int(StatusFlag.ERROR_CLIPPED)
-_FORCE_CONTROL = int(StatusFlag.FORCE_CONTROL)
-_FORCE_LIMITED = int(StatusFlag.FORCE_LIMITED)
-_JOINT_WALL = int(StatusFlag.JOINT_WALL)
-_NEAR_SINGULAR = int(StatusFlag.NEAR_SINGULAR)
 _NOT_FOUND = int(StatusFlag.NOT_FOUND)
 _NO_STATE = int(StatusFlag.NO_STATE)
 _NOT_FINITE = int(StatusFlag.NOT_FINITE)
 _PROTECTIVE_STOP = int(StatusFlag.PROTECTIVE_STOP)
-_RATE_LIMITED = int(StatusFlag.RATE_LIMITED)
-_RECOVER = int(StatusFlag.RECOVER)
-_SPEED_LIMITED = int(StatusFlag.SPEED_LIMITED)
-_TORQUE_LIMITED = int(StatusFlag.TORQUE_LIMITED)
+_STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
+_TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
 
 
 @compiled
@@ -109,8 +121,8 @@ def impedance_step(
         s.
     previous : array, shape (n,)
         The torque of the update before, Nm.
-    memory : array, shape (73,)
-        The vector of `ImpedanceMemory`, of the update before; not changed.
+    memory : array, shape (79,)
+        The numbers of a `MEMORY`, of the update before; not changed.
     known : bool
         Whether the state is finite; where it is not, the torque goes to zero.
     state : array, shape (2n,)
@@ -134,19 +146,18 @@ def impedance_step(
         Nm.
     status : array, shape (6,)
         The vector of `ImpedanceStatus`.
-    memory : array, shape (73,)
-        The vector of `ImpedanceMemory`.
+    memory : array, shape (79,)
+        The numbers of a `MEMORY`.
     """
     every = settings.view(LAYOUT)[0]
     measured = Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3])
     arm = ArmDynamics(state[len(previous) :], M, Cv, J_WE.T, A_WE_bias)
-    remembered = decode(memory)
     if not known:
-        return _without_state(every.config, remembered, previous)
+        return _without_state(every, memory, previous)
     return _next_torque(
         every,
         of_joints(joints),
-        remembered,
+        memory,
         unpack(packed, every, time),
         measured,
         arm,
@@ -156,11 +167,34 @@ def impedance_step(
     )
 
 
+class Contact(NamedTuple):
+    """Desired normal force, and the position of the tool relative to the desired one.
+
+    Parameters
+    ----------
+    height : float
+        Of the tool above the desired position along T's z, m.
+    near, engaged : float
+        Fractions of the normal force, in [0, 1]: by the distance from the desired position
+        along the surface, and by the height of the desired position.
+    force : float
+        Desired normal force times both fractions, N.
+    searching : bool
+        Whether the tool moves toward a surface that it has not found.
+    """
+
+    height: float
+    near: float
+    engaged: float
+    force: float
+    searching: bool
+
+
 @inlined
 def _next_torque(
     settings: ImpedanceSettings,
     joints: JointSettings,
-    memory: ImpedanceMemory,
+    packed_memory: Array,
     inputs: StepInputs,
     X_WE: Pose,
     arm: ArmDynamics,
@@ -169,164 +203,230 @@ def _next_torque(
     weight: Array,
 ) -> tuple[Array, Array, Array]:
     """Compute the next torque, status and memory; the arm is expressed in W."""
-    config = settings.config
-    period = config.control_period
-    X_WT = inputs.X_WT
+    config, memory = settings.config, decode(packed_memory)
+    period, X_WT = config.control_period, inputs.X_WT
     X_TE = relative(X_WT, X_WE)
     rotation = twist_rotation(X_WT.R.T)
     arm_T = ArmDynamics(arm.v, arm.M, arm.Cv, rotation @ arm.J, rotation @ arm.Jdot_v)
 
-    # Which target is followed, and how far.
-    target = inputs.target
-    target_W = compose(X_WT, target.X)
-    flags, last = _NOT_FINITE, LastTarget(memory.target.known, 0.0, memory.target.X)
-    if inputs.finite:
-        speed = math.sqrt(target.V[3:] @ target.V[3:])
-        flags, last = target_faults(
-            config.watchdog, memory.target, target_W, speed, inputs.age, period
-        )
-    surface, offset = memory.force.surface, X_TE.p - target.X.p
-    height, rest = offset[2], config.force_control.rest_distance
-    # A tool that is high comes down while it comes back, and hooks behind nothing.
-    high = max(height - config.force_control.lift_height, 0.0)
-    near = engagement(math.hypot(offset[0], offset[1]) - rest - high, rest)
-    engaged = engagement(target.X.p[2], settings.engage_height)
-    pressing = inputs.desired_normal_force * engaged * near
-    if inputs.desired_normal_force > 0:
-        target = _pressed(target, engaged * near)
-    searching = (
-        near == 1
-        and memory.watchdog.mode != STOPPED
-        and target.X.p[2] < settings.engage_height
-        and pressing - inputs.wrench[5] > 0
-        and (pressing > 0 or inputs.has_normal_force)
-    )
-    if searching and is_beyond(config.force_control, memory.force, height):
+    target_W = compose(X_WT, inputs.target.X)
+    flags, last = _checked_target(config, memory, inputs, X_WE, target_W, rotation)
+    contact = _contact(settings, memory, inputs, X_TE.p - inputs.target.X.p)
+    if contact.searching and is_beyond(
+        config.force_control, memory.force, contact.height
+    ):
         flags |= _NOT_FOUND
     # A tool that was below the surface comes up in the stop, slowly, and that long it
     # lasts; the surface that was found is forgotten meanwhile.
+    surface = memory.force.surface
     below = memory.watchdog.mode == STOPPED and surface < 0
+    stop_pose = Pose(X_WE.R, X_WE.p - min(surface, 0.0) * X_WT.R[:, 2])
     watchdog, held = supervised(
         config.watchdog,
         memory.watchdog,
         memory.held,
-        Pose(X_WE.R, X_WE.p - min(surface, 0.0) * X_WT.R[:, 2]),
+        stop_pose,
         target_W,
         flags != 0 or below,
         period,
     )
-    flags |= _PROTECTIVE_STOP * (watchdog.mode == STOPPED)
-    flags |= _RECOVER * (watchdog.mode == RECOVERING)
     fraction, rate = target_fraction(watchdog)
-    wrench, lifting = np.zeros(6), 0.0
-    if fraction > 0:
-        wrench += inputs.wrench
-        wrench[5] -= pressing
-        if inputs.desired_normal_force > 0:
-            # From below the surface the tool comes up before it comes back.
-            lift = config.force_control.lift_height + max(-height, 0.0)
-            lifting = engaged * (1 - near) * memory.stiffness[5, 5] * lift
-        target = motion_in_world(target, inputs.frame_twist, inputs.frame_acceleration)
-        if fraction < 1:
-            target = blended(target, relative(X_WT, held), fraction, rate)
-    else:
-        pressing, searching = 0.0, False
-        target = TaskTarget(relative(X_WT, held), np.zeros(6), np.zeros(6))
-    measured = math.nan
-    if inputs.has_normal_force:
-        measured = inputs.normal_force if inputs.finite else 0.0
-    force = correct_normal_force(
-        config.force_control,
-        memory.force,
-        Press(
-            -wrench[5] if fraction == 1 else 0.0,
-            measured,
-            searching,
-            near < 1,
-            height,
-            memory.stiffness[5, 5],
-            memory.saturated,
-        ),
-        period,
+    target = _followed_target(inputs, contact, held, fraction, rate)
+    wrench, force, desired, measured = _task_wrench(
+        settings, memory, inputs, contact, fraction, arm_T, X_TE
     )
-    # The tool's speed relative to T, along z.
-    w, p = inputs.frame_twist, X_TE.p
-    rising = arm_T.J[5] @ arm.v - w[5] - (w[0] * p[1] - w[1] * p[0])
-    factor = approach_factor(config.force_control, surface, height, -rising)
-    factor *= engagement(
-        -height - config.force_control.search_range, settings.engage_height
-    )
-    wrench[5] += pressing * (1 - factor) + lifting
-    wrench *= fraction
-    wrench[5] -= force.correction
 
-    # The law.
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error)
     error[5] += force.state.surface
-    K, energy, stiffness_flags = next_stiffness(settings, memory, inputs, error)
+    K, energy, stiffness_flags = _next_stiffness(settings, memory, inputs, error)
     law = impedance_law(
         config, arm_T, K, error, target.V, target.A, wrench, joints.q_posture - q
     )
     torque = law.torque + friction_torque(joints.friction, arm.v)
     if not math.isfinite(np.sum(torque)):
-        return _without_state(config, memory, previous)
-
+        return _without_state(settings, packed_memory, previous)
     limited = limited_torque(
         config.walls,
         joints.limits,
         torque,
         previous,
-        config.max_torque_rate * period,
+        settings.max_torque_rate * period,
+        period,
         q,
         arm.v,
-        np.diag(arm.M).copy(),
+        arm.M,
+        arm.Cv,
         weight,
     )
-    flags |= (
-        stiffness_flags
-        | _ERROR_CLIPPED * law.clipped
-        | _NEAR_SINGULAR * law.near_singular
-        | _TORQUE_LIMITED * (limited.torque_scale < 1)
-        | _RATE_LIMITED * (limited.rate_scale < 1)
-        | _JOINT_WALL * limited.at_wall
-        | _SPEED_LIMITED * limited.too_fast
-        | _FORCE_CONTROL * force.closed
-        | _CONTACT_LOST * force.lost
-        | _FORCE_LIMITED * force.limited
+
+    # Supervision of the force: what it finds now stops the arm at the next update.
+    # Without a sensor, a person who lifts the tool cannot be told from a contact: only
+    # an oscillation is judged then.
+    excess = (measured if inputs.has_normal_force else law.normal_force) - desired
+    force_flags, force_record = force_faults(
+        config.watchdog,
+        memory.force_record,
+        excess if desired > 0 else 0.0,
+        desired if inputs.has_normal_force else math.inf,
+        period,
     )
-    return (
-        limited.torque,
-        np.array(
-            (
-                float(flags),
-                fraction,
-                limited.torque_scale,
-                limited.rate_scale,
-                force.state.surface,
-                energy,
-            )
-        ),
-        encode(
-            ImpedanceMemory(
-                watchdog,
-                with_force(config.force_control, force.state, law.normal_force, period),
-                refill(config.tank, energy, law.dissipation * period),
-                limited.torque_scale < 1,
-                last,
-                held,
-                K,
-                error[:3],
-            )
-        ),
+    if force_flags != 0:
+        if watchdog.mode != STOPPED:
+            held = stop_pose
+        watchdog, fraction = WatchdogState(STOPPED, 0.0, 0.0), 0.0
+    status = status_of_update(
+        flags | force_flags | stiffness_flags,
+        fraction,
+        watchdog,
+        law,
+        limited,
+        force,
+        energy,
     )
+    after = ImpedanceMemory(
+        watchdog,
+        with_force(config.force_control, force.state, law.normal_force, period),
+        refill(config.tank, energy, law.dissipation * period),
+        limited.torque_scale < 1,
+        last,
+        held,
+        K,
+        error[:3],
+        force_record,
+    )
+    return limited.torque, status, encode(after)
+
+
+@inlined
+def _checked_target(
+    config: ImpedanceConfig,
+    memory: ImpedanceMemory,
+    inputs: StepInputs,
+    X_WE: Pose,
+    target_W: Pose,
+    rotation: Array,
+) -> tuple[int, LastTarget]:
+    """Return the flags of what is wrong with the target, and the target to remember.
+
+    `rotation` expresses twists of W in T.
+    """
+    flags = _NOT_FINITE
+    last = LastTarget(memory.target.known, 0.0, memory.target.X, np.zeros(3))
+    if inputs.finite:
+        moving = motion_in_world(
+            inputs.target, inputs.frame_twist, inputs.frame_acceleration
+        )
+        flags, last = target_faults(
+            config.watchdog,
+            memory.target,
+            X_WE,
+            TaskTarget(target_W, rotation.T @ moving.V, rotation.T @ moving.A),
+            inputs.age,
+            config.control_period,
+        )
+    return flags, last
+
+
+@inlined
+def _contact(
+    settings: ImpedanceSettings,
+    memory: ImpedanceMemory,
+    inputs: StepInputs,
+    offset: Array,
+) -> Contact:
+    """Return the desired contact of a tool at an offset (3,) from the target, in T, m."""
+    control = settings.config.force_control
+    height, rest = offset[2], control.rest_distance
+    # A tool that is high descends while it returns, so that it is not caught.
+    high = max(height - control.lift_height, 0.0)
+    near = engagement(math.hypot(offset[0], offset[1]) - rest - high, rest)
+    engaged = engagement(inputs.target.X.p[2], settings.engage_height)
+    force = inputs.desired_normal_force * engaged * near
+    searching = (
+        near == 1
+        and memory.watchdog.mode != STOPPED
+        and inputs.target.X.p[2] < settings.engage_height
+        and force - inputs.wrench[5] > 0
+        and (force > 0 or inputs.has_normal_force)
+    )
+    return Contact(height, near, engaged, force, searching)
+
+
+@inlined
+def _followed_target(
+    inputs: StepInputs, contact: Contact, held: Pose, fraction: float, rate: float
+) -> TaskTarget:
+    """Return the motion to follow: a fraction of the target, the rest the held pose."""
+    X_WT, target = inputs.X_WT, inputs.target
+    if inputs.desired_normal_force > 0:
+        target = _pressed(target, contact.engaged * contact.near)
+    if fraction > 0:
+        target = motion_in_world(target, inputs.frame_twist, inputs.frame_acceleration)
+        if fraction < 1:
+            target = blended(target, relative(X_WT, held), fraction, rate)
+    else:
+        target = TaskTarget(relative(X_WT, held), np.zeros(6), np.zeros(6))
+    return target
+
+
+@inlined
+def _task_wrench(
+    settings: ImpedanceSettings,
+    memory: ImpedanceMemory,
+    inputs: StepInputs,
+    contact: Contact,
+    fraction: float,
+    arm_T: ArmDynamics,
+    X_TE: Pose,
+) -> tuple[Array, ForceCorrection, float, float]:
+    """Return feed-forward wrench, force correction, desired and measured force, N."""
+    config, height = settings.config.force_control, contact.height
+    stiffness = memory.stiffness[5, 5]
+    wrench, lifting = np.zeros(6), 0.0
+    pressing, searching = 0.0, False
+    if fraction > 0:
+        pressing, searching = contact.force, contact.searching
+        wrench += inputs.wrench
+        wrench[5] -= pressing
+        if inputs.desired_normal_force > 0:
+            # From below the surface the tool comes up before it comes back.
+            lift = config.lift_height + max(-height, 0.0)
+            lifting = contact.engaged * (1 - contact.near) * stiffness * lift
+    measured = math.nan
+    if inputs.has_normal_force:
+        measured = inputs.normal_force if inputs.finite else 0.0
+    desired = -wrench[5] if fraction == 1 else 0.0
+    force = correct_normal_force(
+        config,
+        memory.force,
+        NormalForceDemand(
+            desired,
+            measured,
+            searching,
+            contact.near < 1,
+            height,
+            stiffness,
+            memory.saturated,
+        ),
+        settings.config.control_period,
+    )
+    # The tool's speed relative to T, along z.
+    w, p = inputs.frame_twist, X_TE.p
+    rising = arm_T.J[5] @ arm_T.v - w[5] - (w[0] * p[1] - w[1] * p[0])
+    factor = approach_factor(config, memory.force.surface, height, -rising)
+    factor *= engagement(-height - config.search_range, settings.engage_height)
+    wrench[5] += pressing * (1 - factor) + lifting
+    wrench *= fraction
+    wrench[5] -= force.correction
+    return wrench, force, desired, measured
 
 
 @inlined
 def _pressed(target: TaskTarget, fraction: float) -> TaskTarget:
-    """Leave the motion along T's z out of what is fed forward, where force is wanted.
+    """Fade out the feed-forward of the motion along T's z, where a normal force acts.
 
-    What is pressed on a surface moves with it. The inertia and damping of a motion that
-    cannot be would be taken off the force.
+    A tool in contact moves with the surface. The inertia and damping of another motion
+    would act against the normal force.
     """
     V, A = target.V.copy(), target.A.copy()
     V[5] *= 1 - fraction
@@ -334,26 +434,90 @@ def _pressed(target: TaskTarget, fraction: float) -> TaskTarget:
     return TaskTarget(target.X, V, A)
 
 
+@inlined
+def _next_stiffness(
+    settings: ImpedanceSettings,
+    memory: ImpedanceMemory,
+    inputs: StepInputs,
+    error: Array,
+) -> tuple[Array, float, int]:
+    """Return K, the energy left in the tank, and flags."""
+    config, K, energy = settings.config, settings.stiffness.copy(), memory.tank_energy
+    if not (inputs.has_stiffness or inputs.has_covariance):
+        return K, energy, 0
+    present = memory.stiffness
+    if not inputs.finite:
+        return present, energy, 0
+    if inputs.has_stiffness:
+        K = 0.5 * (inputs.stiffness + inputs.stiffness.T)
+        if not is_positive_definite(inputs.stiffness):
+            return present, energy, _STIFFNESS_REFUSED
+        largest, bounds = np.diag(K), config.watchdog
+        if (
+            np.max(largest[:3]) > bounds.max_rotational_stiffness
+            or np.max(largest[3:]) > bounds.max_stiffness
+        ):
+            return present, energy, _STIFFNESS_REFUSED
+    if inputs.has_covariance:
+        if not is_covariance(inputs.covariance):
+            return present, energy, _STIFFNESS_REFUSED
+        K = stiffness_from_covariance(config.covariance_stiffness, inputs.covariance, K)
+    passed = filter_fraction(config.control_period, config.stiffness_time_constant)
+    K, energy, held_back = admit_stiffness(
+        present, present + passed * (K - present), error, energy
+    )
+    return K, energy, _TANK_EMPTY * held_back
+
+
 @compiled
 def _without_state(
-    config: ImpedanceConfig, memory: ImpedanceMemory, previous: Array
+    settings: ImpedanceSettings, memory: Array, previous: Array
 ) -> tuple[Array, Array, Array]:
-    """Bring the torque to zero: nothing can be said about the arm."""
-    slowness = rate_scale(-previous, config.max_torque_rate * config.control_period)
+    """Reduce the torque to zero: the state of the arm is unknown."""
+    period = settings.config.control_period
+    slowness = rate_scale(-previous, settings.max_torque_rate * period)
+    after = memory.copy()
+    record = after.view(MEMORY)[0]
+    record.mode, record.clock, record.duration = LOST, 0.0, 0.0
+    record.surface, record.force, record.lost_time = 0.0, 0.0, math.inf
+    record.saturated = record.frozen_time = 0.0
+    for i in range(3):
+        record.rotation_error[i] = record.target_drift[i] = 0.0
+    record.slow_force = record.fast_force = record.force_power = 0.0
     flags = float(_PROTECTIVE_STOP | _NO_STATE)
-    return (
-        (1 - slowness) * previous,
-        np.array((flags, 0.0, 1.0, slowness, 0.0, memory.tank_energy)),
-        encode(
-            ImpedanceMemory(
-                WatchdogState(LOST, 0.0, 0.0),
-                ForceState(0.0, 0.0, math.inf),
-                memory.tank_energy,
-                False,
-                LastTarget(memory.target.known, 0.0, memory.target.X),
-                memory.held,
-                memory.stiffness,
-                np.zeros(3),
-            )
-        ),
-    )
+    status = np.array((flags, 0.0, 1.0, slowness, 0.0, record.tank_energy))
+    return (1 - slowness) * previous, status, after
+
+
+@compiled
+def measured_motion(
+    settings: NDArray[np.uint8], packed: Array, X_WE: Array, V_WE: Array
+) -> Array:
+    """Return position, velocity and tracking error of the end effector in T.
+
+    Parameters
+    ----------
+    settings : array of bytes
+        What `settings_of` returned.
+    packed : array, shape (107,)
+        The inputs, see `unpack`.
+    X_WE : array, shape (4, 3)
+        Transposed R_WE, and below it p_WE in m.
+    V_WE : array, shape (6,)
+        Rotation first, rad/s and m/s.
+
+    Returns
+    -------
+    array, shape (12,)
+        p_TE in m, its derivative in T in m/s, and `task_error`.
+    """
+    inputs = unpack(packed, settings.view(LAYOUT)[0], 0.0)
+    R_WT, frame = inputs.X_WT.R, inputs.frame_twist
+    X_TE = relative(inputs.X_WT, Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3]))
+    motion = np.empty(12)
+    velocity = R_WT.T @ V_WE[3:] - frame[3:] - cross(frame[:3], X_TE.p)
+    error = task_error(X_TE, inputs.target.X)
+    for i in range(3):
+        motion[i], motion[3 + i] = X_TE.p[i], velocity[i]
+        motion[6 + i], motion[9 + i] = error[i], error[3 + i]
+    return motion

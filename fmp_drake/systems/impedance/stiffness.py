@@ -1,12 +1,13 @@
-"""Stiffness that varies: from a covariance or a port, and paid for by energy."""
+"""Variable stiffness, from a covariance or a port, with an energy tank."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.settings import bounded
 from fmp_drake.systems.impedance.algebra import cholesky, solve_lower
 
 Array = NDArray[np.float64]
@@ -14,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(kw_only=True)
 class CovarianceStiffnessConfig:
-    """Minimal intervention: stiff where the demonstrations agree, loose elsewhere.
+    """Minimal intervention: stiff where the demonstrations agree, compliant elsewhere.
 
     Attributes
     ----------
@@ -32,19 +33,29 @@ class CovarianceStiffnessConfig:
     --------
     >>> from fmp_drake.systems import ImpedanceConfig
     >>> soft = CovarianceStiffnessConfig(enabled=True, min_stiffness=200.0)
-    >>> ImpedanceConfig(covariance_stiffness=soft).check()
+    >>> ImpedanceConfig(covariance_stiffness=soft).covariance_stiffness.deviation
+    0.02
     """
 
     enabled: bool = False
-    min_stiffness: float = 300.0
-    max_stiffness: float = 1500.0
-    deviation: float = 0.02
-    axes: list[bool] = field(default_factory=lambda: [True, True, False])
+    min_stiffness: float = bounded(300.0, above=0)
+    max_stiffness: float = bounded(1500.0, above=0)
+    deviation: float = bounded(0.02, above=0)
+    axes: list[bool] = bounded([True, True, False])
+
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
+        if self.max_stiffness >= self.min_stiffness:
+            return ""
+        return (
+            f"covariance_stiffness.max_stiffness is {self.max_stiffness} N/m; it must "
+            f"be at least min_stiffness, {self.min_stiffness} N/m."
+        )
 
 
 @dataclass(kw_only=True)
 class EnergyTankConfig:
-    """How much energy a varying stiffness may bring into the motion.
+    """Energy that a variable stiffness may bring into the motion.
 
     Attributes
     ----------
@@ -58,12 +69,22 @@ class EnergyTankConfig:
     Examples
     --------
     >>> from fmp_drake.systems import ImpedanceConfig
-    >>> ImpedanceConfig(tank=EnergyTankConfig(initial_energy=0.2)).check()
+    >>> ImpedanceConfig(tank=EnergyTankConfig(initial_energy=0.2)).tank.capacity
+    1.0
     """
 
-    initial_energy: float = 0.5
-    capacity: float = 1.0
-    stored_fraction: float = 0.9
+    initial_energy: float = bounded(0.5, least=0)
+    capacity: float = bounded(1.0, least=0)
+    stored_fraction: float = bounded(0.9, least=0, most=1)
+
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
+        if self.initial_energy <= self.capacity:
+            return ""
+        return (
+            f"tank.initial_energy is {self.initial_energy} J; it must be at most "
+            f"tank.capacity, {self.capacity} J."
+        )
 
 
 @compiled
@@ -106,8 +127,8 @@ def stiffness_from_covariance(
     K = stiffness.copy()
     for i in range(3):
         if chosen[i]:
-            K[3 + i, :] = 0.0
-            K[:, 3 + i] = 0.0
+            for j in range(6):
+                K[3 + i, j] = K[j, 3 + i] = 0.0
     for i in range(3):
         for j in range(3):
             if chosen[i] and chosen[j]:
@@ -118,8 +139,8 @@ def stiffness_from_covariance(
 
 
 @compiled
-def is_spring(stiffness: Array) -> bool:
-    """Tell whether a matrix is symmetric, positive definite and finite."""
+def is_positive_definite(stiffness: Array) -> bool:
+    """Return whether a matrix is symmetric, positive definite and finite."""
     size = np.max(np.abs(stiffness))
     for i in range(len(stiffness)):
         for j in range(i):
@@ -130,9 +151,9 @@ def is_spring(stiffness: Array) -> bool:
 
 @compiled
 def is_covariance(covariance: Array) -> bool:
-    """Tell whether a matrix is symmetric and positive semidefinite, up to rounding."""
+    """Return whether a matrix is symmetric and positive semidefinite, up to rounding."""
     size = np.max(np.abs(covariance))
-    return is_spring(covariance + 1e-6 * max(size, 1e-12) * np.eye(3))
+    return is_positive_definite(covariance + 1e-6 * max(size, 1e-12) * np.eye(3))
 
 
 @compiled
@@ -145,11 +166,11 @@ def filter_fraction(period: float, time_constant: float) -> float:
 def admit_stiffness(
     stiffness: Array, wanted: Array, error: Array, energy: float
 ) -> tuple[Array, float, bool]:
-    """Go from one stiffness towards another as far as the energy allows.
+    """Change one stiffness towards another as far as the energy allows.
 
     Stretching by ``e`` a spring whose stiffness changes by ``ΔK`` costs
     ``½ eᵀ ΔK e``. Where the tank has less, only the part of ``ΔK`` that it can pay
-    is admitted; what a softer spring releases is lost, not stored.
+    is admitted. Energy that a softer spring releases is not stored.
 
     Parameters
     ----------
@@ -182,5 +203,5 @@ def admit_stiffness(
 
 @compiled
 def refill(config: EnergyTankConfig, energy: float, dissipated: float) -> float:
-    """Store a part of what the damping has dissipated, J, up to the capacity."""
+    """Return the tank energy after storing a part of the dissipated energy, J."""
     return min(energy + config.stored_fraction * dissipated, config.capacity)

@@ -1,53 +1,97 @@
-"""The watchdog: whether the target is followed, and how it is returned to."""
+"""Watchdog of target and normal force: faults, protective stop and recovery."""
 
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fmp_drake.compiled import compiled
+from fmp_drake.settings import bounded
 from fmp_drake.systems.impedance.algebra import Pose, rotation_angle
 from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.stiffness import filter_fraction
+from fmp_drake.systems.impedance.target import TaskTarget
 
-# What the watchdog does. In a stop of which the pose is not known, because the state
-# was not, the arm is lost.
+Array = NDArray[np.float64]
+
+# Modes of the watchdog. LOST is a stop at an unknown pose, after an unknown state.
 TRACKING, STOPPED, RECOVERING, LOST = range(4)
 
+_EXCESS_FORCE = int(StatusFlag.EXCESS_FORCE)
+_FORCE_OSCILLATION = int(StatusFlag.FORCE_OSCILLATION)
+_IMPLAUSIBLE = int(StatusFlag.IMPLAUSIBLE)
 _JUMP = int(StatusFlag.JUMP)
 _STALE = int(StatusFlag.STALE)
 # Slower targets, in m/s, may be constant up to rounding.
 _STILL = 0.01
+# A target that moves by less than this fraction of its claimed velocity stands still.
+_MOVING_FRACTION = 0.1
+# Time constants of the band from 5 to 50 Hz in which a force oscillates, and of the mean
+# of its square, s.
+_BAND_SLOW, _BAND_FAST = 1 / (2 * math.pi * 5), 1 / (2 * math.pi * 50)
+_MEAN_TIME = 0.3
 
 
 @dataclass(kw_only=True)
 class WatchdogConfig:
-    """When the target is not to be followed, and how it is returned to.
+    """Limits of target and force, and speed of the recovery after a protective stop.
 
     Attributes
     ----------
     max_jump, max_rotation : float
-        Farthest that the target may move from one update to the next, m and rad.
+        Greatest motion of the target from one update to the next, m and rad. The
+        target's positions may differ from its integrated velocity by `max_jump`, over
+        the time `max_age`.
+    max_start_distance : float
+        Greatest distance from the tool to the first target, m. A farther one begins
+        with a protective stop, from which the arm recovers slowly.
+    max_speed, max_angular_speed : float
+        Greatest speed of the target in the world, m/s and rad/s.
+    max_acceleration, max_angular_acceleration : float
+        Greatest acceleration of the target in the world, m/s² and rad/s².
+    max_stiffness, max_rotational_stiffness : float
+        Greatest stiffness at the port `stiffness`, N/m and Nm/rad. Larger ones are
+        refused, and the arm keeps the one that it has.
     max_age : float
-        Oldest target, s: by the port `target_time` where it is connected, and else
-        by how long the position has stood still although it has a velocity.
+        Greatest age of the target, s, by the port `target_time` where it is connected.
+        Otherwise the age is the time for which the position is constant although the
+        velocity is not zero. A time in the future by more than this is a fault.
+    max_excess_force : float
+        Normal force beyond twice the desired one that causes a stop, N.
+    max_force_oscillation : float
+        Root mean square of the error of the normal force between 5 and 50 Hz that
+        causes a stop, N. An excess is judged by the measured force only; an oscillation
+        also by that of the law where no force is measured.
     settle_time : float
-        How long the target must be good before it is followed again, s.
+        Time without a fault after which the recovery begins, s.
     recovery_speed, recovery_angular_speed : float
-        Greatest speed at which the arm is led from where it was stopped to where the
-        target is, m/s, rad/s.
+        Greatest speed from the pose of the stop to the target, m/s, rad/s.
 
     Examples
     --------
     >>> from fmp_drake.systems import ImpedanceConfig
     >>> config = ImpedanceConfig(watchdog=WatchdogConfig(max_jump=0.02))
-    >>> config.check()
+    >>> config.watchdog.max_rotation
+    0.3
     """
 
-    max_jump: float = 0.05
-    max_rotation: float = 0.3
-    max_age: float = 0.1
-    settle_time: float = 0.2
-    recovery_speed: float = 0.2
-    recovery_angular_speed: float = 0.8
+    max_jump: float = bounded(0.05, above=0)
+    max_rotation: float = bounded(0.3, above=0)
+    max_start_distance: float = bounded(0.6, above=0)
+    max_speed: float = bounded(3.0, above=0)
+    max_angular_speed: float = bounded(10.0, above=0)
+    max_acceleration: float = bounded(50.0, above=0)
+    max_angular_acceleration: float = bounded(200.0, above=0)
+    max_stiffness: float = bounded(10_000.0, above=0)
+    max_rotational_stiffness: float = bounded(500.0, above=0)
+    max_age: float = bounded(0.1, above=0)
+    max_excess_force: float = bounded(60.0, above=0)
+    max_force_oscillation: float = bounded(12.0, above=0)
+    settle_time: float = bounded(0.2, above=0)
+    recovery_speed: float = bounded(0.2, above=0)
+    recovery_angular_speed: float = bounded(0.8, above=0)
 
 
 class WatchdogState(NamedTuple):
@@ -66,26 +110,45 @@ class LastTarget(NamedTuple):
     known : bool
         Whether there was one.
     frozen_time : float
-        How long it has stood still although it has a velocity, s.
+        Time for which it is constant although its velocity is not zero, s.
     X : Pose
         X_WE.
+    drift : array, shape (3,)
+        Recent motion that its velocity does not explain, in W, m.
     """
 
     known: bool
     frozen_time: float
     X: Pose
+    drift: Array
+
+
+class ForceRecord(NamedTuple):
+    """Error of the normal force in the recent past, to detect excess and oscillation.
+
+    Attributes
+    ----------
+    slow, fast : float
+        Measured minus desired force, low-pass filtered at 5 and 50 Hz, N.
+    power : float
+        Mean square of their difference, N².
+    """
+
+    slow: float = 0.0
+    fast: float = 0.0
+    power: float = 0.0
 
 
 @compiled
 def target_faults(
     config: WatchdogConfig,
     last: LastTarget,
-    X_WE: Pose,
-    speed: float,
+    measured: Pose,
+    target: TaskTarget,
     age: float,
     period: float,
 ) -> tuple[int, LastTarget]:
-    """Look for jumps and for old age in a finite target.
+    """Check a finite target for jumps, for its age, and for implausible motion.
 
     Parameters
     ----------
@@ -93,39 +156,102 @@ def target_faults(
         As `values_of` returns it.
     last : LastTarget
         Of the update before.
-    X_WE : Pose
-        The target in the world.
-    speed : float
-        That the target says it has, m/s.
+    measured : Pose
+        X_WE of the tool, with which the first target is compared.
+    target : TaskTarget
+        Pose, velocity and acceleration of the target in the world, in W's axes.
     age : float
-        Of the target, s; NaN where it does not tell.
+        Of the target, s; NaN where `target_time` is not connected.
     period : float
         Time between updates, s.
 
     Returns
     -------
     flags : int
-        `StatusFlag.JUMP` and `StatusFlag.STALE`.
+        `StatusFlag.JUMP`, `StatusFlag.STALE` and `StatusFlag.IMPLAUSIBLE`.
     last : LastTarget
         For the next update.
     """
-    if not last.known:
-        return 0, LastTarget(True, 0.0, X_WE)
-    flags, frozen_time = 0, 0.0
-    shift = X_WE.p - last.X.p
-    moved = math.sqrt(shift @ shift)
+    V, A = target.V, target.A
+    speed = math.sqrt(V[3:] @ V[3:])
+    flags, frozen_time, drift = 0, 0.0, np.zeros(3)
     if (
-        moved > config.max_jump + speed * period
-        or rotation_angle(X_WE.R, last.X.R) > config.max_rotation
+        speed > config.max_speed
+        or math.sqrt(V[:3] @ V[:3]) > config.max_angular_speed
+        or math.sqrt(A[3:] @ A[3:]) > config.max_acceleration
+        or math.sqrt(A[:3] @ A[:3]) > config.max_angular_acceleration
     ):
-        flags |= _JUMP
-    if math.isnan(age):
-        if moved == 0 and speed > _STILL:
-            frozen_time = last.frozen_time + period
-        age = frozen_time
+        flags |= _IMPLAUSIBLE
+    if last.known:
+        shift = target.X.p - last.X.p
+        moved = math.sqrt(shift @ shift)
+        if (
+            moved > config.max_jump + speed * period
+            or rotation_angle(target.X.R, last.X.R) > config.max_rotation
+        ):
+            flags |= _JUMP
+        else:
+            drift += max(1 - period / config.max_age, 0.0) * last.drift
+            drift += shift - period * V[3:]
+        if math.sqrt(drift @ drift) > config.max_jump:
+            flags |= _IMPLAUSIBLE
+        if math.isnan(age):
+            if speed > _STILL:
+                frozen_time = last.frozen_time + period
+                frozen_time -= moved / (_MOVING_FRACTION * speed)
+                frozen_time = min(max(frozen_time, 0.0), config.max_age + 2 * period)
+            age = frozen_time
+    else:
+        shift = target.X.p - measured.p
+        if math.sqrt(shift @ shift) > config.max_start_distance:
+            flags |= _JUMP
     if age > config.max_age:
         flags |= _STALE
-    return flags, LastTarget(True, frozen_time, X_WE)
+    if age < -config.max_age:
+        flags |= _IMPLAUSIBLE
+    return flags, LastTarget(True, frozen_time, target.X, drift)
+
+
+@compiled
+def force_faults(
+    config: WatchdogConfig,
+    record: ForceRecord,
+    error: float,
+    desired: float,
+    period: float,
+) -> tuple[int, ForceRecord]:
+    """Check the normal force for an excess, and for an oscillation from 5 to 50 Hz.
+
+    Parameters
+    ----------
+    config : WatchdogConfig
+        As `values_of` returns it.
+    record : ForceRecord
+        Of the update before.
+    error : float
+        Normal force minus the desired one, N.
+    desired : float
+        Desired normal force, N; infinite where an excess is not judged.
+    period : float
+        Time between updates, s.
+
+    Returns
+    -------
+    flags : int
+        `StatusFlag.EXCESS_FORCE` and `StatusFlag.FORCE_OSCILLATION`.
+    record : ForceRecord
+        For the next update.
+    """
+    slow = record.slow + filter_fraction(period, _BAND_SLOW) * (error - record.slow)
+    fast = record.fast + filter_fraction(period, _BAND_FAST) * (error - record.fast)
+    power = (fast - slow) ** 2
+    power = record.power + filter_fraction(period, _MEAN_TIME) * (power - record.power)
+    flags = 0
+    if fast > desired + config.max_excess_force:
+        flags |= _EXCESS_FORCE
+    if power > config.max_force_oscillation**2:
+        flags |= _FORCE_OSCILLATION
+    return flags, ForceRecord(slow, fast, power)
 
 
 @compiled
@@ -137,7 +263,7 @@ def watch(
     angle: float,
     period: float,
 ) -> WatchdogState:
-    """Decide what to do at one update.
+    """Return the state of the watchdog after one update.
 
     Parameters
     ----------
@@ -175,7 +301,7 @@ def watch(
 
 @compiled
 def target_fraction(state: WatchdogState) -> tuple[float, float]:
-    """Return how much of the target is followed, and its rate in 1/s.
+    """Return the blend of held pose (0) and target (1), and its rate in 1/s.
 
     A smooth step over the time of a recovery, from 0 in a stop to 1.
     """

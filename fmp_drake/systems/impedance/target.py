@@ -1,4 +1,4 @@
-"""The target of the end effector, and the displacement that is left to it."""
+"""Target of the end effector, and its tracking error."""
 
 import math
 from typing import NamedTuple
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class TaskTarget(NamedTuple):
-    """Where the end effector shall be, and how it shall move.
+    """Desired pose and motion of the end effector.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class TaskTarget(NamedTuple):
 
 @compiled
 def task_error(measured: Pose, desired: Pose) -> Array:
-    """Compute the displacement that is left from the measured to the desired pose.
+    """Compute the displacement from the measured to the desired pose.
 
     Parameters
     ----------
@@ -53,12 +53,11 @@ def task_error(measured: Pose, desired: Pose) -> Array:
 
 @compiled
 def unwrapped(error: Array, previous: Array) -> Array:
-    """Let an error go on through 180 degrees in the way it rotated before.
+    """Unwrap a rotation error at 180 degrees.
 
-    The shortest rotation changes its axis from one side to the other at 180
-    degrees, and a spring would pull the other way at once. Of the two ways round,
-    the one nearer to the previous error is taken, as long as it is shorter than 270
-    degrees.
+    The axis of the shortest rotation changes its sign at 180 degrees, and the torque of
+    a spring with it. Of the two rotation vectors of one rotation, the one nearer to the
+    previous error is returned, if it is shorter than 270 degrees.
 
     Parameters
     ----------
@@ -73,7 +72,7 @@ def unwrapped(error: Array, previous: Array) -> Array:
     """
     phi = error[:3]
     angle = math.sqrt(phi @ phi)
-    # Up to 90 degrees nothing but the shortest way is near; NaN ends here as well.
+    # Below 90 degrees the shortest rotation is the nearer one; NaN returns here, too.
     if not angle > 0.5 * math.pi or phi @ previous >= 0:
         return error
     other = (1 - 2 * math.pi / angle) * phi
@@ -93,13 +92,12 @@ def blended(target: TaskTarget, X_TE: Pose, fraction: float, rate: float) -> Tas
     X_TE : Pose
         The pose at rest.
     fraction, rate : float
-        How much of the target is followed, and its derivative in 1/s.
+        Blend of pose and target, and its derivative in 1/s.
     """
-    way = task_error(X_TE, target.X)
-    X = Pose(
-        rotation_from_vector(fraction * way[:3]) @ X_TE.R, X_TE.p + fraction * way[3:]
-    )
-    return TaskTarget(X, fraction * target.V + rate * way, fraction * target.A)
+    error = task_error(X_TE, target.X)
+    R = rotation_from_vector(fraction * error[:3]) @ X_TE.R
+    X = Pose(R, X_TE.p + fraction * error[3:])
+    return TaskTarget(X, fraction * target.V + rate * error, fraction * target.A)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Which of several movements passes over the most ink."""
+"""Choice among sampled movements by the ink that they remove."""
 
 from dataclasses import dataclass
 
@@ -9,13 +9,12 @@ from fmp_drake.compiled import compiled
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives import PlaybackState, Player
-from fmp_drake.primitives.playback.sampling import track_sample
 from fmp_drake.systems.ink.grid import InkGrid
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoverageChoice:
-    """Chooses among samples of a skill by the ink that they would wipe.
+    """Selects the sample of a skill that would remove most ink.
 
     Attributes
     ----------
@@ -24,14 +23,16 @@ class CoverageChoice:
     footprint : tuple of float
         Edges of the eraser along x and y of B, m.
     candidates : int
-        How many samples are drawn.
+        Number of samples that are drawn.
     margin : float
-        At each edge of the eraser, m: what only the edge touches is not counted. The
-        felt presses less there, and the arm follows its path to 5 mm.
+        Width along each edge of the eraser that is not counted, m: the pressure is lower
+        there, and the arm follows its path to 5 mm.
     height : float
-        Up to which the eraser counts as on the board, m.
+        Greatest height at which the eraser counts as on the board, m.
     area : ndarray of bool, shape (ny, nx), optional
         The cells whose ink counts; all where None.
+    position : tuple of 3 ints
+        Indices of x, y and z among the channels of the skill.
 
     Examples
     --------
@@ -52,6 +53,7 @@ class CoverageChoice:
     margin: float = 0.01
     height: float = 0.01
     area: NDArray[np.bool_] | None = None
+    position: tuple[int, int, int] = (0, 1, 2)
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -61,13 +63,13 @@ class CoverageChoice:
     def wiped(
         self, ink: NDArray[np.float64], paths: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return how much ink each path would wipe, in cells.
+        """Return the ink that each path would remove, in cells.
 
         Parameters
         ----------
         ink : ndarray, shape (ny, nx)
-        paths : ndarray, shape (S, T, 3)
-            p_BE, m.
+        paths : ndarray, shape (S, T, D)
+            Channels of a skill, of which `position` are p_BE, m.
 
         Returns
         -------
@@ -77,13 +79,14 @@ class CoverageChoice:
         pitch = self.grid.pitch
         half = np.maximum(np.array(self.footprint) / 2 - self.margin, 0.0)
         reach = np.floor(half / pitch + 1e-9).astype(np.intp)
-        cells = np.floor((paths[..., :2] - self.grid.corner) / pitch).astype(np.intp)
-        return _passed_over(ink, cells, paths[..., 2] <= self.height, reach)
+        p_BE = self.grid.on_all_turns(paths[..., list(self.position)])
+        cells = np.floor((p_BE[..., :2] - self.grid.corner) / pitch).astype(np.intp)
+        return _passed_over(ink, cells, p_BE[..., 2] <= self.height, reach)
 
     def tracked(
         self, player: Player, state: PlaybackState, ink: NDArray[np.float64]
     ) -> PlaybackState:
-        """Return the state that tracks the sample that wipes most; see `track_sample`.
+        """Return the state that tracks the best sample; see `Player.track_sample`.
 
         Parameters
         ----------
@@ -91,11 +94,8 @@ class CoverageChoice:
         state : PlaybackState
         ink : ndarray, shape (ny, nx)
         """
-        return track_sample(
-            player,
-            state,
-            count=self.candidates,
-            worth=lambda paths: self.wiped(ink, paths),
+        return player.track_sample(
+            state, count=self.candidates, score=lambda paths: self.wiped(ink, paths)
         )
 
 
@@ -112,11 +112,11 @@ def _passed_over(
     ----------
     ink : ndarray, shape (ny, nx)
     cells : ndarray, shape (S, T, 2)
-        Column and row of the eraser; they may lie beyond the grid.
+        Column and row of the eraser, which may be outside the grid.
     down : ndarray, shape (S, T)
         Whether it is on the board.
     reach : ndarray, shape (2,)
-        How many columns and rows it reaches to each side.
+        Columns and rows that it covers to each side of its middle.
     """
     total = np.zeros(len(cells))
     last = np.full(ink.shape, -1)  # The last path that a cell was counted for.

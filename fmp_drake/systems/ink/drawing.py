@@ -1,4 +1,4 @@
-"""Words and pictures as the ink on a board."""
+"""Initial ink of a board from words or a picture."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from fmp_drake.systems.ink.grid import InkGrid
 type FloatArray = NDArray[np.float64]
 
 QUARTER_TURNS = 1
-"""Rotation of writing for somebody who sits opposite the robot at a table-top board: it
-runs along y of B, and its lines follow one another along x. See `upright_turns`."""
+"""Rotation of writing for a viewer opposite the robot at a table-top board: it runs
+along y of B, with one line after another along x. See `upright_turns`."""
 
 MARGIN = 0.05
 """Fraction of the board's edges that a drawing keeps free on either side."""
@@ -26,10 +26,8 @@ _LINE_STEP = 1.3  # line to line, in letter heights
 _FINE = 4  # samples along the edge of a cell
 
 
-def upright_turns(
-    grid: InkGrid, *, X_WB: RigidTransform, eye: ArrayLike = (1.12, -0.60, 0.72)
-) -> int:
-    """Find the rotation that makes writing upright for an eye, along the longer edge.
+def upright_turns(grid: InkGrid, *, X_WB: RigidTransform, eye: ArrayLike) -> int:
+    """Return the rotation of writing along the longer edge that is upright for a viewer.
 
     Parameters
     ----------
@@ -38,7 +36,7 @@ def upright_turns(
     X_WB : RigidTransform
         The board in the world, whose z axis points up.
     eye : array_like, shape (3,)
-        p_WEye in metres; by default the camera of the station's page.
+        Position of the viewer's eye in W, m.
 
     Returns
     -------
@@ -61,7 +59,7 @@ def draw_words(
     height: float | None = None,
     quarter_turns: int = QUARTER_TURNS,
 ) -> FloatArray:
-    """Write words on a board.
+    """Return the ink of words on a board.
 
     Parameters
     ----------
@@ -99,15 +97,15 @@ def draw_words(
             outlines += [p - start for p in polygons]
     points = np.concatenate(outlines)
     low, high = points.min(axis=0), points.max(axis=0)
-    room = _room(grid, quarter_turns)
+    available = _available_size(grid, quarter_turns)
     if height is None:
-        height = float(np.min(room / (high - low)))
+        height = float(np.min(available / (high - low)))
     middle = 0.5 * (low + high)
     canvas = np.zeros(_canvas_shape(grid, quarter_turns), dtype=bool)
     pitch = grid.pitch[::-1] if quarter_turns % 2 else grid.pitch
     size = np.array(canvas.shape[::-1])
     for outline in outlines:
-        # Letters with holes: outline within outline is no ink.
+        # Letters with holes: an outline within an outline has no ink.
         p = (outline - middle) * height * (_FINE / pitch)
         pixel = np.column_stack([p[:, 0] + 0.5 * size[0], 0.5 * size[1] - p[:, 1]])
         canvas ^= _filled(pixel - 0.5, canvas.shape)
@@ -126,7 +124,7 @@ def draw_picture(
     size: float | None = None,
     quarter_turns: int = QUARTER_TURNS,
 ) -> FloatArray:
-    """Draw a picture on a board: dark is ink, white and transparent is none.
+    """Return the ink of a picture on a board: dark is ink, white and transparent is none.
 
     Parameters
     ----------
@@ -147,15 +145,15 @@ def draw_picture(
     Raises
     ------
     SystemsError
-        If there is no such file, it is no picture or broken, the size is not
+        If there is no such file, it is not a picture or broken, the size is not
         positive, or the picture leaves no ink on the board.
     """
     if size is not None:
         check_number(size, "size", above=0, unit="m", error=SystemsError)
     picture = _read(Path(path))
-    room = _room(grid, quarter_turns)
+    available = _available_size(grid, quarter_turns)
     if size is None:
-        size = float(min(room[0], room[1] * picture.width / picture.height))
+        size = float(min(available[0], available[1] * picture.width / picture.height))
     pitch = grid.pitch[::-1] if quarter_turns % 2 else grid.pitch
     shape = _canvas_shape(grid, quarter_turns)
     extent = np.array([size, size * picture.height / picture.width])
@@ -215,8 +213,8 @@ def _read(path: Path) -> Image.Image:
     return Image.fromarray((1.0 - grey) * values[..., 3])
 
 
-def _room(grid: InkGrid, quarter_turns: int) -> FloatArray:
-    """Width and height in metres that a drawing may have."""
+def _available_size(grid: InkGrid, quarter_turns: int) -> FloatArray:
+    """Return the greatest width and height of a drawing, m."""
     size = grid.size[::-1] if quarter_turns % 2 else grid.size
     return np.array(size) * (1.0 - 2.0 * MARGIN)
 
@@ -235,7 +233,7 @@ def _filled(pixel: FloatArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
 
 def _on_board(canvas: FloatArray, grid: InkGrid, quarter_turns: int) -> FloatArray:
     """Average a canvas (first row at the top) over the cells of a board."""
-    turned = np.rot90(canvas, quarter_turns)[::-1]
+    rotated = np.rot90(canvas, quarter_turns)[::-1]
     ny, nx = grid.shape
-    cells: FloatArray = turned.reshape(ny, _FINE, nx, _FINE).mean(axis=(1, 3))
+    cells: FloatArray = rotated.reshape(ny, _FINE, nx, _FINE).mean(axis=(1, 3))
     return np.clip(cells, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The ink on a whiteboard as a grid of cells: geometry and coverage.
+"""Grid of ink cells on a whiteboard: geometry and coverage.
 
 B is the board frame: origin at the centre of the wiping surface, x
 and y along its edges, z the outward normal.
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats, check_number, read_only
 from fmp_drake.primitives.model.region import densified
+from fmp_drake.systems.surface.surface import PLANE, Surface
 
 type FloatArray = NDArray[np.float64]
 type BoolArray = NDArray[np.bool_]
@@ -24,8 +25,8 @@ WEAR_CONSTANT = 20.0
 """Wear constant c of the ink in Pa m; see `fmp_drake.systems.ink.rubbing.wear`.
 
 A felt of 0.12 m x 0.05 m pressed with 10 N carries 10 / 0.006 = 1667 Pa. When
-it is drawn across a cell along its short side, that cell feels an exposure of
-1667 Pa x 0.05 m = 83 Pa m and keeps exp(-83 / 20) = 1.6 % of its ink; one
+it moves across a cell along its short side, the exposure of that cell is
+1667 Pa x 0.05 m = 83 Pa m and exp(-83 / 20) = 1.6 % of its ink remains; one
 stroke at 10 N therefore removes more than 95 %. It takes 5.5 N to get below
 the 10 % that count as clean, and a light touch of 3 N leaves 29 %.
 """
@@ -48,8 +49,11 @@ class InkGrid:
     size : tuple of float
         Edge lengths of the rectangle along B's x and y in metres.
     cell : float
-        Wanted edge length of a cell in metres. The cells fill the rectangle
+        Desired edge length of a cell in metres. The cells fill the rectangle
         exactly, so `pitch` can differ a little from it.
+    curvature : Surface
+        Of the board; on a curved one x and y are the coordinates (u, v) along it. A grid
+        as wide as the circumference of a cylinder encloses it.
 
     Raises
     ------
@@ -69,6 +73,7 @@ class InkGrid:
 
     size: tuple[float, float] = (0.7, 0.5)
     cell: float = 0.005
+    curvature: Surface = PLANE
 
     def __post_init__(self) -> None:
         """Check the lengths."""
@@ -118,8 +123,26 @@ class InkGrid:
         x, y = np.meshgrid(self.x, self.y)
         return read_only(np.column_stack([x.ravel(), y.ravel()]))
 
+    def is_wound(self, axis: int) -> bool:
+        """Return whether the grid encloses a pipe along x (0) or y (1)."""
+        return self.size[axis] > self.curvature.circumference[axis] - self.cell
+
+    def on_all_turns(self, p_BE: FloatArray) -> FloatArray:
+        """Return paths (..., T, 3) with copies one revolution around a pipe before and after.
+
+        Where the grid encloses a pipe, they have 3 T points, m; else they are unchanged.
+        """
+        for axis in (0, 1):
+            if self.is_wound(axis):
+                length = self.curvature.circumference[axis]
+                p_BE = p_BE.copy()
+                p_BE[..., axis] -= length * np.round(p_BE[..., axis] / length)
+                turn = length * np.eye(3)[axis]
+                p_BE = np.concatenate([p_BE - turn, p_BE, p_BE + turn], axis=-2)
+        return p_BE
+
     def cells[T: np.generic](self, name: str, values: NDArray[T]) -> NDArray[T]:
-        """Return values of the cells in shape (ny, nx); refuse another number of them."""
+        """Return one value per cell in shape (ny, nx); refuse any other size."""
         if values.size != self.num_cells:
             raise SystemsError(
                 f"{name} has {values.size} values, but the grid has {self.num_cells} "
@@ -128,13 +151,13 @@ class InkGrid:
         return values.reshape(self.shape)
 
     def full(self) -> FloatArray:
-        """Return an ink array of shape (ny, nx) that is inked all over."""
+        """Return the ink of a full board, ones of shape (ny, nx)."""
         return np.ones(self.shape)
 
     def swept_by(
         self, paths: Iterable[ArrayLike], footprint: tuple[float, float]
     ) -> BoolArray:
-        """Find the cells that any of several paths passes over; see `swept_area`."""
+        """Return the cells that any of several paths passes over; see `swept_area`."""
         area = np.zeros(self.shape, dtype=bool)
         for p_BE in paths:
             area |= self.swept_area(p_BE, footprint)
@@ -147,7 +170,7 @@ class InkGrid:
         *,
         height: float = 1e-3,
     ) -> BoolArray:
-        """Find the cells that an eraser passes over while it is on the board.
+        """Return the cells that an eraser passes over while it is on the board.
 
         The path is interpolated linearly in steps of half a cell or less; a step
         counts if it is on the board.
@@ -165,10 +188,11 @@ class InkGrid:
         Returns
         -------
         ndarray of bool, shape (ny, nx)
-            True where the footprint has passed over the centre of the cell.
+            True where the footprint passes over the centre of the cell.
         """
         path = as_floats(p_BE, "the path", ("num_points", 3), error=SystemsError)
         samples = densified(path, 0.5 * float(self.pitch.min()))
+        samples = self.on_all_turns(samples)
         p = samples[samples[:, 2] <= height, :2] - self.corner
         half = 0.5 * np.asarray(footprint) + 1e-9
         first = np.ceil((p - half) / self.pitch - 0.5)
@@ -176,7 +200,7 @@ class InkGrid:
         limit = self.shape[::-1]
         i, j = np.clip(first, 0, limit).astype(np.intp).T
         i_end, j_end = np.clip(end, 0, limit).astype(np.intp).T
-        # How often a cell was passed over, as differences along both axes.
+        # Number of passes over each cell, as differences along both axes.
         change = np.zeros((self.shape[0] + 1, self.shape[1] + 1), dtype=np.intp)
         np.add.at(change, (j, i), 1)
         np.add.at(change, (j, i_end), -1)
@@ -186,7 +210,7 @@ class InkGrid:
 
 
 def cleaned_fraction(ink: ArrayLike, mask: ArrayLike | None = None) -> float:
-    """Fraction of the cells to be cleaned that have less than 10 % of their ink.
+    """Return the fraction of the cells to be cleaned that have less than 10 % of their ink.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Triangle meshes that show ink in Meshcat: shades and rectangles of cells."""
+"""Colours of the ink, and its triangle mesh for Meshcat."""
 
 from __future__ import annotations
 
@@ -7,32 +7,73 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 
 from fmp_drake.compiled import compiled
-from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.surface import surface
 
 type FloatArray = NDArray[np.float64]
 type ShadeArray = NDArray[np.uint8]
 
+INK_COLOUR = (0.20, 0.38, 0.76)
+"""Colour of full ink (linear RGB, 0 to 1): a pale blue marker. The green, orange and
+violet of other drawings on the board are distinct from it."""
+
+BOARD_COLOUR = (1.0, 1.0, 1.0)
+"""Colour towards which the ink fades (linear RGB, 0 to 1)."""
+
 LEVELS = 12
-"""Number of shades of ink that are told apart; shade 0 is not drawn."""
+"""Number of distinct shades of ink; shade 0 is not drawn."""
 
 LIFT = 0.0005
 """Height in metres at which the ink is drawn above the board."""
 
-# Fraction of a cell by which rectangles reach into the next row: their corners do not
-# meet those of that row, and the board would shine through along the edge.
+# Longest rectangle on a curved board, m: of a radius of 0.1 m it deviates by 0.1 mm.
+_LONGEST = 0.01
+
+# Fraction of a cell by which rectangles overlap the next row. Their corners do not
+# coincide with those of that row, so the board would be visible along the edge.
 _OVERLAP = 0.02
+
+
+def ink_colours(ink: ArrayLike, *, srgb: bool = False) -> FloatArray:
+    """Return the colours of fractions of ink, a mixture of ink and board.
+
+    The mixture is linear in light intensity, like Meshcat's between vertices. To paint
+    on a rendered board, multiply by it: `ink_colours(0)` is white.
+
+    Parameters
+    ----------
+    ink : array_like
+        Remaining fraction, from 0 to 1, of any shape, such as (ny, nx).
+    srgb : bool
+        Return sRGB, as in pictures, in place of linear RGB.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        Red, green and blue from 0 to 1.
+    """
+    fraction = np.clip(np.asarray(ink, dtype=float), 0.0, 1.0)[..., np.newaxis]
+    board = np.array(BOARD_COLOUR)
+    linear: FloatArray = board + fraction * (np.array(INK_COLOUR) - board)
+    if not srgb:
+        return linear
+    # IEC 61966-2-1.
+    encoded: FloatArray = np.where(
+        linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055
+    )
+    return encoded
+
 
 _COLOURS = ink_colours(np.arange(LEVELS + 1) / LEVELS).T
 
 
 def corner_shades(ink: ArrayLike) -> ShadeArray:
-    """Round the ink at the corners of the cells to shades from 0 to `LEVELS`.
+    """Return the ink at the corners of the cells, rounded to shades from 0 to `LEVELS`.
 
     Parameters
     ----------
     ink : array_like, shape (ny, nx)
-        Fraction of the ink that is left, from 0 to 1.
+        Remaining fraction, from 0 to 1.
 
     Returns
     -------
@@ -61,7 +102,7 @@ def ink_mesh(
     """Build a triangle mesh of inked cells in B, shaded between their corners.
 
     Neighbours in a row share one rectangle of two triangles where the shade does
-    not change along the row.
+    not change along the row. On a curved board the mesh is bent with it.
 
     Parameters
     ----------
@@ -96,7 +137,10 @@ def ink_mesh(
         grid.corner[1] + grid.pitch[1] * np.arange(row, row + m + 1),
         _OVERLAP * grid.pitch[1],
         lift,
+        n if grid.curvature.is_plane else max(1, int(_LONGEST / grid.pitch[0])),
     )
+    if not grid.curvature.is_plane:
+        vertices = surface.place(grid.curvature, vertices.T).T
     return vertices, faces, _COLOURS.take(tones, axis=1)
 
 
@@ -108,10 +152,11 @@ def _rectangles(
     y: FloatArray,
     overlap: float,
     lift: float,
+    longest: int,
 ) -> tuple[FloatArray, NDArray[np.int32], ShadeArray]:
-    """Return vertices, faces and shades of the rectangles; x and y are edges."""
+    """Return vertices, faces and shades of rectangles of `longest` cells; x and y are edges."""
     m, n = cells.shape
-    found = np.empty((m * n, 3), dtype=np.int64)
+    rectangles = np.empty((m * n, 3), dtype=np.int64)
     count = 0
     for row in range(m):
         extends = False
@@ -120,17 +165,17 @@ def _rectangles(
             c, d = shades[row + 1, i], shades[row + 1, i + 1]
             drawn = cells[row, i] and (a | b | c | d) != 0
             level = drawn and a == b and c == d
-            if level and extends:
-                found[count - 1, 2] = i + 1
+            if level and extends and i - rectangles[count - 1, 1] < longest:
+                rectangles[count - 1, 2] = i + 1
             elif drawn:
-                found[count] = row, i, i + 1
+                rectangles[count] = row, i, i + 1
                 count += 1
             extends = level
     vertices = np.full((3, 4 * count), lift)
     faces = np.empty((3, 2 * count), dtype=np.int32)
     tones = np.empty(4 * count, dtype=np.uint8)
     for k in range(count):
-        row, begin, end = found[k]
+        row, begin, end = rectangles[k]
         # Counterclockwise from the corner (-x, -y).
         for i, (j, high) in enumerate(((begin, 0), (end, 0), (end, 1), (begin, 1))):
             vertices[0, 4 * k + i] = x[j]
@@ -146,7 +191,7 @@ def draw_ink(
     path: str,
     mesh: tuple[FloatArray, NDArray[np.int32], FloatArray],
 ) -> bool:
-    """Put a mesh at a path, or delete what is there if the mesh is empty.
+    """Draw a mesh at a path, or delete the one there if the new mesh is empty.
 
     Returns
     -------

@@ -1,8 +1,7 @@
-"""How well and how fast a board was cleaned, from ink and erase times."""
+"""Metrics of cleaning: remaining ink, missed spots, and times to clean."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,7 @@ _ALL_NEIGHBOURS = np.ones((3, 3))
 
 @dataclass(frozen=True, kw_only=True)
 class MissedSpots:
-    """What was left on an area that should have been cleaned.
+    """Remaining spots on an area that should have been cleaned.
 
     Attributes
     ----------
@@ -34,7 +33,8 @@ class MissedSpots:
 
     Examples
     --------
-    >>> from fmp_drake.systems import InkGrid, missed_spots
+    >>> from fmp_drake.systems import InkGrid
+    >>> from fmp_drake.systems.ink.metrics import missed_spots
     >>> grid = InkGrid(size=(0.5, 0.7))
     >>> ink = np.zeros(grid.shape)
     >>> ink[10:14, 20:30] = 1.0
@@ -50,7 +50,7 @@ class MissedSpots:
 
 
 def missed_spots(ink: ArrayLike, mask: ArrayLike, *, grid: InkGrid) -> MissedSpots:
-    """Find the spots of an area that are not clean.
+    """Return the number and area of the spots of an area that are not clean.
 
     Parameters
     ----------
@@ -67,14 +67,14 @@ def missed_spots(ink: ArrayLike, mask: ArrayLike, *, grid: InkGrid) -> MissedSpo
         If an array does not fit the grid.
     """
     values = grid.cells("ink", np.asarray(ink, dtype=float))
-    wanted = grid.cells("mask", np.asarray(mask, dtype=bool))
+    area = grid.cells("mask", np.asarray(mask, dtype=bool))
     labels, count = ndimage.label(
-        wanted & (values >= CLEAN_BELOW), structure=_ALL_NEIGHBOURS
+        area & (values >= CLEAN_BELOW), structure=_ALL_NEIGHBOURS
     )
-    cells = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    cells = np.bincount(labels.ravel())[1:]
     cell_cm2 = 1e4 * float(np.prod(grid.pitch))
     return MissedSpots(
-        cleaned_fraction=cleaned_fraction(values, wanted),
+        cleaned_fraction=cleaned_fraction(values, area),
         count=int(count),
         area_cm2=cell_cm2 * int(cells.sum()),
         largest_cm2=cell_cm2 * int(cells.max(initial=0)),
@@ -86,12 +86,12 @@ def cleaned_history(
     mask: ArrayLike,
     times: ArrayLike,
 ) -> FloatArray:
-    """Return how much of an area was clean at given times.
+    """Return the fraction of an area that was clean at given times.
 
     Parameters
     ----------
     erase_time : array_like, shape (ny, nx) or (ny nx,)
-        Time in seconds at which a cell got clean, `inf` for never: the
+        Time in seconds at which a cell became clean, `inf` for never: the
         output of `EraseTimes` at the end of a run.
     mask : array_like of bool, same size
         The cells to be cleaned.
@@ -101,7 +101,7 @@ def cleaned_history(
     Returns
     -------
     ndarray, shape (num_times,)
-        Fraction from 0 to 1, as `cleaned_fraction` would have given it then; 1
+        Fraction from 0 to 1, equal to `cleaned_fraction` of the ink at that time; 1
         where there is nothing to be cleaned.
     """
     erased = np.asarray(erase_time, dtype=float).ravel()
@@ -114,12 +114,8 @@ def cleaned_history(
     return fraction
 
 
-def times_to_clean(
-    times: ArrayLike,
-    cleaned: ArrayLike,
-    fractions: Sequence[float] = (0.5, 0.9, 0.99),
-) -> dict[float, float | None]:
-    """Find when an area was clean to given fractions for the first time.
+def times_to_clean(times: ArrayLike, cleaned: ArrayLike) -> dict[float, float | None]:
+    """Return the first times at which an area was clean to 50, 90 and 99 %.
 
     Parameters
     ----------
@@ -127,14 +123,12 @@ def times_to_clean(
         Times in seconds, ascending.
     cleaned : array_like, shape (num_times,)
         Cleaned fraction at these times, from 0 to 1.
-    fractions : sequence of float
-        The fractions asked for.
 
     Returns
     -------
     dict
-        For each fraction the first of the times at which it was reached, None if
-        it was not.
+        Maps each fraction to the first of the times at which it was reached, or to
+        None.
 
     Raises
     ------
@@ -145,7 +139,7 @@ def times_to_clean(
     what = "the cleaned fractions"
     history = as_floats(np.ravel(cleaned), what, moments.shape, error=SystemsError)
     reached: dict[float, float | None] = {}
-    for fraction in fractions:
+    for fraction in (0.5, 0.9, 0.99):
         hits = np.flatnonzero(history >= fraction)
         reached[fraction] = float(moments[hits[0]]) if hits.size else None
     return reached

@@ -1,4 +1,4 @@
-"""What an ink board reads of a plant: the contact patch and the eraser's motion."""
+"""Contact patch and motion of the eraser on the board, from the plant's outputs."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,14 +10,26 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
 from fmp_drake.systems.ink.rubbing import Patch, PlanarMotion
+from fmp_drake.systems.surface.surface import (
+    PLANE,
+    Surface,
+    project,
+    project_all,
+    rotation,
+)
 
 type FloatArray = NDArray[np.float64]
 
+_DIFFERENCE = 1e-5  # Step of central differences, s.
+
 
 def read_patch(
-    surfaces: Sequence[ContactSurface], X_WB: RigidTransform, motion: PlanarMotion
+    surfaces: Sequence[ContactSurface],
+    X_WB: RigidTransform,
+    motion: PlanarMotion,
+    curvature: Surface = PLANE,
 ) -> tuple[Patch, FloatArray]:
-    """Read contact surfaces of triangles or polygons, projected on the board.
+    """Return the contact surfaces of triangles or polygons, projected on the board.
 
     Parameters
     ----------
@@ -27,12 +39,14 @@ def read_patch(
         The board.
     motion : PlanarMotion
         The eraser at the same instant.
+    curvature : Surface
+        Of the board; on a curved one x and y are coordinates along it.
 
     Returns
     -------
     patch : Patch
     outline : ndarray, shape (6,)
-        The rectangle around it, see `rectangle`.
+        The rectangle that encloses it, see `rectangle`.
     """
     vertices: list[FloatArray] = []
     pressure: list[float] = []
@@ -54,11 +68,17 @@ def read_patch(
             # The longest step of an update: 1 us for each vertex.
             vertices += map(vertex, face)
             pressure += map(field.EvaluateAtVertex, face)
-    X_WE = X_WB @ RigidTransform(
+    p_W = np.concatenate(vertices).reshape(-1, 3)
+    X_BE = RigidTransform(
         RotationMatrix.MakeZRotation(motion.yaw), np.array([motion.x, motion.y, 0.0])
     )
-    values = np.concatenate(vertices).reshape(-1, 3) - X_WE.translation()
-    values = values @ X_WE.rotation().matrix()
+    if curvature.is_plane:
+        X_WE = X_WB @ X_BE
+        values = (p_W - X_WE.translation()) @ X_WE.rotation().matrix()
+    else:
+        p_B = (p_W - X_WB.translation()) @ X_WB.rotation().matrix()
+        uvh = project_all(curvature, p_B, X_BE.translation()[:2])
+        values = (uvh - X_BE.translation()) @ X_BE.rotation().matrix()
     values[:, 2] = pressure
     starts = np.concatenate([[0], np.cumsum(counts)])
     means = np.add.reduceat(values[:, 2], starts[:-1]) / counts
@@ -99,13 +119,35 @@ def planar_motion(
     V_WB: SpatialVelocity,
     X_WE: RigidTransform,
     V_WE: SpatialVelocity,
+    curvature: Surface = PLANE,
+    near: FloatArray | None = None,
 ) -> PlanarMotion:
-    """Find how the eraser moves over the board from poses and spatial velocities."""
+    """Return the motion of the eraser over the board from poses and spatial velocities.
+
+    On a curved board x and y are coordinates along it, see `Surface`. Around a pipe they
+    repeat with each revolution; those nearest to `near`, shape (2,), m, are returned. The
+    yaw is about the local normal.
+    """
     R_BW = X_WB.rotation().matrix().T
     p_BE_W = X_WE.translation() - X_WB.translation()
-    x, y, z = R_BW @ p_BE_W
-    v_x, v_y, v_z = R_BW @ (V_WE.translational() - V_WB.Shift(p_BE_W).translational())
-    cos, sin, _ = R_BW @ X_WE.rotation().matrix()[:, 0]
-    yaw_rate = R_BW[2] @ (V_WE.rotational() - V_WB.rotational())
-    yaw = np.arctan2(sin, cos)
-    return PlanarMotion(time, x, y, yaw, v_x, v_y, yaw_rate, -z, -v_z)
+    p_BE = R_BW @ p_BE_W
+    v_BE = R_BW @ (V_WE.translational() - V_WB.Shift(p_BE_W).translational())
+    along = R_BW @ X_WE.rotation().matrix()[:, 0]
+    w_BE = R_BW @ (V_WE.rotational() - V_WB.rotational())
+    if curvature.is_plane:
+        (x, y, z), (v_x, v_y, v_z) = p_BE, v_BE
+        yaw = np.arctan2(along[1], along[0])
+        return PlanarMotion(time, x, y, yaw, v_x, v_y, w_BE[2], -z, -v_z)
+    near = np.zeros(2) if near is None else near
+
+    def coordinates(seconds: float) -> FloatArray:
+        uvh = project(curvature, p_BE + seconds * v_BE, near)
+        axis = along + seconds * np.cross(w_BE, along)
+        cos, sin, _ = rotation(curvature, uvh[0], uvh[1]).T @ axis
+        return np.array([uvh[0], uvh[1], np.arctan2(sin, cos), -uvh[2]])
+
+    change = coordinates(_DIFFERENCE) - coordinates(-_DIFFERENCE)
+    change[2] = (change[2] + np.pi) % (2 * np.pi) - np.pi
+    x, y, yaw, depth = coordinates(0.0)
+    v_x, v_y, yaw_rate, sinking = change / (2 * _DIFFERENCE)
+    return PlanarMotion(time, x, y, yaw, v_x, v_y, yaw_rate, depth, sinking)

@@ -1,4 +1,4 @@
-"""The disappearing ink of a whiteboard in a recording of Meshcat."""
+"""Animation of the disappearing ink in a Meshcat recording."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.ndimage import minimum_filter
 
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import LEVELS, LIFT, corner_shades, draw_ink, ink_mesh
-from fmp_drake.systems.viewer.path_recording import show_during
+from fmp_drake.systems.page.paths import show_during
 
 LAYERS_PER_SECOND = 2.0
 """Layers per second of the recording, unless there would be too many."""
@@ -17,7 +17,7 @@ LAYERS_PER_SECOND = 2.0
 MAX_LAYERS = 150
 """Largest number of layers of a recording."""
 
-# Of a loss of ink, in 255ths, that is seen: half a shade.
+# Least visible loss of ink, in 255ths: half a shade.
 _SEEN = 255 / LEVELS / 2
 
 
@@ -45,9 +45,9 @@ def AddInkToRecording(
     grid : InkGrid
         Division of the surface into cells.
     times : array_like, shape (K,)
-        When the ink was looked at, from the start to the end of the recording, s.
+        Times of the samples of the ink, from the start to the end of the recording, s.
     ink : array_like of uint8, shape (K, ny nx)
-        Ink that was left then, 0 for none to 255 for all.
+        Remaining ink at these times, 0 for none to 255 for all.
     path : str
         Meshcat path at the board frame B, the same as the visualizer's.
 
@@ -61,24 +61,24 @@ def AddInkToRecording(
     SystemsError
         If the arrays do not fit the grid.
     """
-    looks, inks = np.asarray(times, dtype=float), np.asarray(ink)
+    sample_times, inks = np.asarray(times, dtype=float), np.asarray(ink)
     initial, final, fade_time = (
         grid.cells(name, cells)
         for name, cells in (
             ("the first ink", inks[0] / 255),
             ("the last ink", inks[-1] / 255),
-            ("ink", _fade_times(looks, inks)),
+            ("ink", _fade_times(sample_times, inks)),
         )
     )
     animation = meshcat.get_mutable_recording()
     start = animation.start_time()
-    span = max(looks[-1] - start, 1.0 / animation.frames_per_second())
+    span = max(sample_times[-1] - start, 1.0 / animation.frames_per_second())
     count = int(min(MAX_LAYERS, max(1.0, np.ceil(span * LAYERS_PER_SECOND))))
     width = span / count
-    # Beside what fades the shades of corners change, too, which an oblique look sees
-    # under the edge of a layer.
-    beside = minimum_filter(fade_time, 5, mode="nearest")
-    fading = np.where(np.isfinite(fade_time), fade_time, beside)
+    # The shades of corners also change beside the fading cells. An oblique view shows
+    # them under the edge of a layer.
+    neighbours = minimum_filter(fade_time, 5, mode="nearest")
+    fading = np.where(np.isfinite(fade_time), fade_time, neighbours)
     faded = np.isfinite(fading)
     layer = np.full(grid.shape, -1)
     layer[faded] = np.clip((fading[faded] - start) / width, 0, count - 1).astype(int)
@@ -102,7 +102,7 @@ def AddInkToRecording(
 def _fade_times(
     times: NDArray[np.float64], ink: NDArray[np.uint8]
 ) -> NDArray[np.float64]:
-    """Return when each cell had lost half of what it loses, s; `inf` if nothing."""
+    """Return the time at which half of a cell's loss is over, s; `inf` without a loss."""
     first, last = ink[0].astype(int), ink[-1].astype(int)
     faded = np.argmax(ink <= ((first + last) // 2).astype(np.uint8), axis=0)
     return np.where(first - last >= _SEEN, times[faded], np.inf)

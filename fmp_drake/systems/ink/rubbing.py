@@ -1,6 +1,6 @@
-"""How much a contact patch rubs the cells of a board, and what that leaves of the ink.
+"""Wear of the ink in the cells of a board under a sliding contact patch.
 
-Plain loops over numbers, compiled. B is the board frame, see `InkGrid`.
+Compiled loops over the cells. B is the board frame, see `InkGrid`.
 """
 
 import math
@@ -16,19 +16,19 @@ type FloatArray = NDArray[np.float64]
 type IntArray = NDArray[np.int64]
 
 LONGEST_STEP = 0.00125
-"""Longest step in metres in which a patch is led along its way."""
+"""Greatest length of a step of the patch along its path, m."""
 
 STRIPE_PITCH = 0.02
-"""Distance in metres of the stripes in which a felt wears out."""
+"""Distance between the stripes in which a felt wears out, m."""
 
-# Cell centres are moved by this fraction of a cell, so that none lies on an edge
-# between two polygons: symmetric scenes put whole rows of them there.
-_ASIDE = 1.37e-7
-_SMALLEST_AREA = 1e-8  # In cells; a smaller polygon is seen edge-on.
+# Offset of the cell centres, in cells, so that none lies on an edge between two
+# polygons: in symmetric scenes whole rows of them would.
+_OFFSET = 1.37e-7
+_SMALLEST_AREA = 1e-8  # In cells; a smaller polygon is degenerate in projection.
 
 
 class PlanarMotion(NamedTuple):
-    """Where the eraser is on the board at an instant, and how it moves and presses.
+    """Position, velocity and depth of the eraser on the board at an instant.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class PlanarMotion(NamedTuple):
     v_x, v_y, yaw_rate : float
         Their rates, relative to the board (m/s, rad/s).
     depth, sinking : float
-        How deep E is in the board (m), and how fast it sinks in (m/s).
+        Penetration of E into the board (m), and its rate (m/s).
     """
 
     time: float
@@ -60,13 +60,13 @@ class Patch(NamedTuple):
     Attributes
     ----------
     vertices : ndarray, shape (num_vertices, 3)
-        Position relative to the eraser, that is to E turned about z of B by the yaw (x
-        and y, m), and pressure (Pa), which is linear on each polygon; polygon by polygon
-        and around each.
+        Position relative to the eraser, in E rotated about z of B by the yaw (x and y, m),
+        and pressure (Pa), which is linear on each polygon. The polygons follow one
+        another; the vertices of each are in order around it.
     starts : ndarray of int, shape (num_polygons + 1,)
-        Where each polygon begins among the vertices, and where the last one ends.
+        Index of the first vertex of each polygon, and the number of vertices.
     depth : float
-        The eraser's at the same instant, m.
+        Penetration of the eraser at the same instant, m.
     """
 
     vertices: FloatArray
@@ -86,7 +86,7 @@ class Cells(NamedTuple):
 
     @classmethod
     def of(cls, grid: InkGrid) -> Self:
-        """Take the numbers of a grid."""
+        """Return the cells of a grid."""
         (x, y), (pitch_x, pitch_y) = grid.corner.tolist(), grid.pitch.tolist()
         return cls(x, y, pitch_x, pitch_y, grid.shape[1], grid.shape[0])
 
@@ -95,12 +95,11 @@ class Cells(NamedTuple):
 def exposure(
     cells: Cells, patch: Patch, before: PlanarMotion, now: PlanarMotion, worn: float
 ) -> FloatArray:
-    """Return the pressure times path that the cells have felt between two instants.
+    """Return the integral of pressure times sliding speed of each cell over an interval.
 
-    The patch goes along the cubic through position and velocity at both, in steps of
-    `LONGEST_STEP` or less. On the way its pressure is proportional to the eraser's
-    depth, up to twice what is given: so an eraser that lands or is lifted rubs as long as
-    it touches.
+    The patch follows the cubic through position and velocity at both instants, in steps
+    of `LONGEST_STEP` or less. Its pressure is proportional to the penetration of the
+    eraser: an eraser that lands or is lifted rubs only while it is in contact.
 
     Parameters
     ----------
@@ -109,9 +108,9 @@ def exposure(
     before, now : PlanarMotion
         The eraser at the two instants.
     worn : float
-        Fraction of the felt that has gone, from 0 to 1. It goes in straight stripes
-        across its length, `STRIPE_PITCH` apart, one in the middle. There it still bears
-        pressure, but rubs nothing off.
+        Worn fraction of the felt, from 0 to 1. The felt wears out in straight stripes
+        across its length, `STRIPE_PITCH` apart, one of them in the middle. A worn stripe
+        bears pressure but removes no ink.
 
     Returns
     -------
@@ -120,14 +119,14 @@ def exposure(
     """
     result = np.zeros((cells.n_y, cells.n_x))
     h = now.time - before.time
-    # The shorter way round.
-    turned = (now.yaw - before.yaw + math.pi) % (2.0 * math.pi) - math.pi
-    way = max(
+    # Of the two directions of rotation the shorter one.
+    rotation = (now.yaw - before.yaw + math.pi) % (2.0 * math.pi) - math.pi
+    length = max(
         math.hypot(now.x - before.x, now.y - before.y),
         h * math.hypot(now.v_x, now.v_y),
         h * math.hypot(before.v_x, before.v_y),
     )
-    steps = max(1, math.ceil(way / LONGEST_STEP))
+    steps = max(1, math.ceil(length / LONGEST_STEP))
     u = np.empty(len(patch.vertices))
     v = np.empty(len(patch.vertices))
     for step in range(steps):
@@ -135,7 +134,7 @@ def exposure(
         x, v_x = _cubic(s, h, before.x, now.x, before.v_x, now.v_x)
         y, v_y = _cubic(s, h, before.y, now.y, before.v_y, now.v_y)
         yaw, rate = _cubic(
-            s, h, before.yaw, before.yaw + turned, before.yaw_rate, now.yaw_rate
+            s, h, before.yaw, before.yaw + rotation, before.yaw_rate, now.yaw_rate
         )
         cos, sin = math.cos(yaw), math.sin(yaw)
         seconds = h / steps
@@ -149,8 +148,8 @@ def exposure(
             dx, dy = patch.vertices[i, 0], patch.vertices[i, 1]
             p_x = x + cos * dx - sin * dy
             p_y = y + sin * dx + cos * dy
-            u[i] = (p_x - cells.corner_x) / cells.pitch_x - 0.5 + _ASIDE
-            v[i] = (p_y - cells.corner_y) / cells.pitch_y - 0.5 + _ASIDE
+            u[i] = (p_x - cells.corner_x) / cells.pitch_x - 0.5 + _OFFSET
+            v[i] = (p_y - cells.corner_y) / cells.pitch_y - 0.5 + _OFFSET
         for k in range(len(patch.starts) - 1):
             begin, end = patch.starts[k], patch.starts[k + 1]
             level, slope_u, slope_v = _plane(u, v, patch.vertices[:, 2], begin, end)
@@ -207,13 +206,13 @@ def _plane(
 def _crossings(
     u: FloatArray, v: FloatArray, begin: int, end: int, row: int
 ) -> tuple[float, float]:
-    """Return where a row of cells enters and leaves a convex polygon."""
+    """Return the least and greatest u of a convex polygon in a row of cells."""
     left, right = np.inf, -np.inf
     j = end - 1
     for i in range(begin, end):
         if (v[i] < row) != (v[j] < row):
-            at = u[i] + (row - v[i]) * (u[j] - u[i]) / (v[j] - v[i])
-            left, right = min(left, at), max(right, at)
+            crossing = u[i] + (row - v[i]) * (u[j] - u[i]) / (v[j] - v[i])
+            left, right = min(left, crossing), max(right, crossing)
         j = i
     return left, right
 
@@ -221,16 +220,16 @@ def _crossings(
 @compiled
 def wear(
     ink: FloatArray,
-    felt: FloatArray,
+    exposure: FloatArray,
     constant: float,
 ) -> None:
-    """Wear ink down, in place: the exact solution of d(ink)/dt = -ink p v / c.
+    """Reduce the ink in place, by the exact solution of d(ink)/dt = -ink p v / c.
 
     Parameters
     ----------
     ink : ndarray, shape (num_cells,)
         From 0 to 1.
-    felt : ndarray, shape (num_cells,)
+    exposure : ndarray, shape (num_cells,)
         Integral of pressure times sliding speed over time, Pa m.
     constant : float
         Wear constant c, Pa m.
@@ -243,5 +242,5 @@ def wear(
     1953.
     """
     for i in range(len(ink)):
-        if felt[i] > 0.0:
-            ink[i] *= math.exp(-felt[i] / constant)
+        if exposure[i] > 0.0:
+            ink[i] *= math.exp(-exposure[i] / constant)

@@ -1,1 +1,1 @@
-"""What a page shows of a diagram, and its sliders: each module is one LeafSystem."""
+"""Systems that draw a diagram on its page, the sliders, and the panel with its server."""

@@ -12,12 +12,14 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
-from fmp_drake.systems.framework.callbacks import collision_ids
+from fmp_drake.systems.interface.callbacks import collision_ids
 
 FORCE_COLOR = Rgba(0.85, 0.10, 0.10, 1.0)
 """Colour of the arrow."""
 
+_PATH = "/force"
+# Length of the arrow in m per N, and time between two pictures in s.
+_SCALE, _PERIOD = 0.012, 0.032
 _RADIUS = 0.004
 _HEAD = 0.022
 _HEAD_RADIUS = 0.010
@@ -30,7 +32,8 @@ class ForceArrow(LeafSystem):
 
     The arrow begins in the middle of the contact, weighted by the forces, and is drawn
     over what stands before it, so that the body itself does not hide it. It is moved
-    and stretched, not drawn anew, so that recordings show it too.
+    and stretched, not drawn anew, so that recordings show it too. It is at `/force` in
+    Meshcat's tree: outside of `/drake` it does not stand in the way of the mouse.
 
     Input ports
     -----------
@@ -44,13 +47,6 @@ class ForceArrow(LeafSystem):
     body : RigidBody
         Whose contacts count.
     meshcat : Meshcat
-    path : str
-        Where in Meshcat's tree, in the world; outside of `/drake` it does not stand in the
-        way of the mouse.
-    metres_per_newton : float
-        Length of the arrow.
-    period : float
-        Between two pictures, s.
 
     Examples
     --------
@@ -60,28 +56,17 @@ class ForceArrow(LeafSystem):
     >>> builder = DiagramBuilder()
     >>> scene = AddBoardScene(builder, Scenario(), start=[0.0, 0.0, 0.05])
     >>> plant, meshcat = scene.plant, Meshcat()
-    >>> arrow = ForceArrow(plant, body=scene.tip.body(), meshcat=meshcat)
+    >>> arrow = ForceArrow(plant, body=scene.robot.tip.body(), meshcat=meshcat)
     >>> arrow = builder.AddSystem(arrow)
     >>> port = plant.GetOutputPort("contact_results")
     >>> _ = builder.Connect(port, arrow.GetInputPort("contact_results"))
     """
 
     def __init__(
-        self,
-        plant: MultibodyPlant,
-        *,
-        body: RigidBody,
-        meshcat: Meshcat,
-        path: str = "/force",
-        metres_per_newton: float = 0.012,
-        period: float = 0.032,
+        self, plant: MultibodyPlant, *, body: RigidBody, meshcat: Meshcat
     ) -> None:
         super().__init__()
         self.set_name("force_arrow")
-        check_number(
-            metres_per_newton, "metres_per_newton", above=0, error=SystemsError
-        )
-        check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._ids = collision_ids(plant, body)
         if not self._ids:
             raise SystemsError(
@@ -89,16 +74,14 @@ class ForceArrow(LeafSystem):
                 "contact."
             )
         self._meshcat = meshcat
-        self._path = path
-        self._scale = metres_per_newton
         self._results = self.DeclareAbstractInputPort(
             "contact_results", AbstractValue.Make(ContactResults())
         )
         self.DeclareInitializationPublishEvent(self._begin)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+        self.DeclarePeriodicPublishEvent(_PERIOD, 0.0, self._draw)
 
     def _begin(self, context: Context) -> None:
-        meshcat, path = self._meshcat, self._path
+        meshcat, path = self._meshcat, _PATH
         meshcat.Delete(path)
         meshcat.SetObject(f"{path}/stretch/shaft", Cylinder(_RADIUS, 1.0), FORCE_COLOR)
         head = MeshcatCone(_HEAD, _HEAD_RADIUS, _HEAD_RADIUS)
@@ -140,18 +123,14 @@ class ForceArrow(LeafSystem):
         point, force = self._force(context)
         time, strength = context.get_time(), float(np.linalg.norm(force))
         visible = strength > _WEAKEST
-        self._meshcat.SetProperty(
-            self._path, "visible", visible, time_in_recording=time
-        )
+        self._meshcat.SetProperty(_PATH, "visible", visible, time_in_recording=time)
         if not visible:
             return
         rotation = RotationMatrix.MakeFromOneVector(force, 2)
-        self._meshcat.SetTransform(self._path, RigidTransform(rotation, point), time)
-        shaft = max(self._scale * strength - _HEAD, 1e-3)
-        self._meshcat.SetTransform(f"{self._path}/head", _along_z(shaft), time)
-        self._meshcat.SetProperty(
-            f"{self._path}/stretch", "scale", [1.0, 1.0, shaft], time
-        )
+        self._meshcat.SetTransform(_PATH, RigidTransform(rotation, point), time)
+        shaft = max(_SCALE * strength - _HEAD, 1e-3)
+        self._meshcat.SetTransform(f"{_PATH}/head", _along_z(shaft), time)
+        self._meshcat.SetProperty(f"{_PATH}/stretch", "scale", [1.0, 1.0, shaft], time)
 
 
 def _along_z(height: float) -> RigidTransform:

@@ -12,14 +12,15 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
-from fmp_drake.systems.framework.callbacks import declare_cache, eval_cache
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import ShadeArray, corner_shades, draw_ink, ink_mesh
+from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
 
 TILE = 32
 """Edge of a tile in cells; only tiles whose shades change are drawn again."""
+
+# Time between two pictures, s.
+_PERIOD = 0.128
 
 
 class InkVisualizer(LeafSystem):
@@ -47,13 +48,6 @@ class InkVisualizer(LeafSystem):
         Division of the surface into cells.
     path : str
         Meshcat path that the caller has put at the board frame B.
-    period : float
-        Between two pictures, s.
-
-    Raises
-    ------
-    SystemsError
-        If the period is not positive.
 
     Examples
     --------
@@ -74,12 +68,10 @@ class InkVisualizer(LeafSystem):
         meshcat: Meshcat,
         grid: InkGrid,
         path: str = "ink",
-        period: float = 0.128,
     ) -> None:
         """Declare the port, the state and the events."""
         super().__init__()
         self.set_name("ink_visualizer")
-        check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._meshcat = meshcat
         self._grid = grid
         self._path = path
@@ -96,8 +88,8 @@ class InkVisualizer(LeafSystem):
         # time publish comes first, and both see the same input.
         self.DeclareInitializationPublishEvent(self._redraw)
         self.DeclareForcedPublishEvent(self._redraw)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw_changes)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        self.DeclarePeriodicPublishEvent(_PERIOD, 0.0, self._draw_changes)
+        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._remember)
 
     def _calc_shades(self, context: Any, value: Any) -> None:
         ink: Any = self._ink.Eval(context)
@@ -128,7 +120,7 @@ class InkVisualizer(LeafSystem):
 
 
 def _tiles(changed: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-    """Go through the tiles that have a changed corner: their first cells."""
+    """Yield the first cell of each tile that has a changed corner."""
     rows, columns = (range(0, n - 1, TILE) for n in changed.shape)
     # A corner between two tiles counts for both.
     by_row = np.array([changed[row : row + TILE + 1].any(axis=0) for row in rows])

@@ -1,4 +1,7 @@
-"""The sliders of the page."""
+"""Sliders of the page."""
+
+from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -7,28 +10,48 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
 
-# Output port: name of the slider, smallest value, largest value, step.
+
+class _Slider(NamedTuple):
+    """Range, step, and greatest rate of change of the output (per second) of a slider."""
+
+    label: str
+    low: float
+    high: float
+    step: float
+    rate: float
+
+
 _SLIDERS = {
-    "tempo": ("tempo", 0.25, 2.0, 0.05),
-    "normal_force": ("normal force (N)", 0.0, 15.0, 0.5),
-    "sample": ("play samples", 0.0, 1.0, 1.0),
+    "tempo": _Slider("tempo", 0.25, 2.0, 0.05, 2.0),
+    "normal_force": _Slider("normal force (N)", 0.0, 15.0, 0.5, 40.0),
+    "sample": _Slider("play samples", 0.0, 1.0, 1.0, np.inf),
 }
+# Time between two readings, s.
+_PERIOD = 0.128
 # Largest difference, in steps, of a slider from the value that it stands for.
 _ROUNDING = 0.501
+
+
+def set_tempo(meshcat: Meshcat, tempo: float) -> None:
+    """Move the slider of the tempo, as a user of the page would."""
+    meshcat.SetSliderValue(_SLIDERS["tempo"].label, tempo)
 
 
 class PageControls(LeafSystem):
     """Sliders for the tempo, the normal force and mean or sample, as outputs.
 
-    The page is part of the outside world: it is read at a rate, and what was read is
-    the state. The sliders come with the initialisation of a simulation, which sets them
-    to the values in its Context, and stay until `Delete`. A slider rounds: as long as
-    nobody moves it, its output keeps the exact value.
+    The page is an external input: it is sampled at a fixed rate, and the sample is the
+    state. The initialisation of a simulation adds the sliders and sets them to the values
+    in its Context; they remain until `Delete`. A slider rounds its value: until a user
+    moves it, its output keeps the exact value.
+
+    A page may send any number. The outputs stay within the ranges of the sliders and change
+    by at most 2 per second (tempo) and 40 N per second; NaN and infinity are ignored.
 
     Output ports
     ------------
     tempo : (1,)
-        How fast to play, 1 as demonstrated.
+        Relative to the demonstration, 1 for the same.
     normal_force : (1,)
         N.
     sample : (1,)
@@ -40,12 +63,11 @@ class PageControls(LeafSystem):
         Its page gets the sliders.
     tempo : float
         Initial value. The slider goes from 0.25 to 2, or as far as this.
-    normal_force : float
-        Initial value, N. The slider goes from 0 to 15, or as far as this.
+    normal_force : float or None
+        Initial value, N. The slider goes from 0 to 15, or as far as this. None for neither
+        slider nor port.
     sample : bool
         Initial value.
-    period : float
-        Between two readings, s.
 
     Examples
     --------
@@ -61,55 +83,64 @@ class PageControls(LeafSystem):
         meshcat: Meshcat,
         *,
         tempo: float = 1.0,
-        normal_force: float = 10.0,
+        normal_force: float | None = 10.0,
         sample: bool = False,
-        period: float = 0.128,
     ) -> None:
         super().__init__()
         self.set_name("page_controls")
-        check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._meshcat = meshcat
         self._states: dict[str, int] = {}
+        self._ends: dict[str, tuple[float, float]] = {}
         initial = {
             "tempo": tempo,
             "normal_force": normal_force,
             "sample": float(sample),
         }
         for name, value in initial.items():
+            if value is None:
+                continue
             check_number(value, name, least=0, error=SystemsError)
             index = self.DeclareDiscreteState(np.array([float(value)]))
             self._states[name] = int(index)
+            slider = _SLIDERS[name]
+            self._ends[name] = min(slider.low, value), max(slider.high, value)
             self.DeclareStateOutputPort(name, index)
         self.DeclareInitializationPublishEvent(self._show)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._read)
+        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._read)
 
     def Delete(self) -> None:
         """Remove the sliders from the page; the outputs keep their values."""
-        for slider, *_ in _SLIDERS.values():
-            self._meshcat.DeleteSlider(slider, strict=False)
+        for slider in _SLIDERS.values():
+            self._meshcat.DeleteSlider(slider.label, strict=False)
 
     def _show(self, context: Context) -> None:
-        shown = self._meshcat.GetSliderNames()
-        for name, (slider, low, high, step) in _SLIDERS.items():
+        sliders = self._meshcat.GetSliderNames()
+        for name in self._states:
+            label, low, high, step, _ = _SLIDERS[name]
             value = self._value(context, name)
-            if slider in shown:
-                there = self._meshcat.SetSliderValue(slider, value)
+            if label in sliders:
+                there = self._meshcat.SetSliderValue(label, value)
                 if abs(there - value) <= _ROUNDING * step:
                     continue
                 # Another simulation's slider ends before this value.
-                self._meshcat.DeleteSlider(slider)
+                self._meshcat.DeleteSlider(label)
             ends = min(low, value), max(high, value)
-            self._meshcat.AddSlider(slider, *ends, step, value)
+            self._meshcat.AddSlider(label, *ends, step, value)
 
     def _value(self, context: Context, name: str) -> float:
         return float(context.get_discrete_state(self._states[name]).value()[0])
 
     def _read(self, context: Context, values: DiscreteValues) -> None:
-        shown = self._meshcat.GetSliderNames()
+        sliders = self._meshcat.GetSliderNames()
         for name, index in self._states.items():
-            slider, _, _, step = _SLIDERS[name]
-            if slider not in shown:
+            label, _, _, step, rate = _SLIDERS[name]
+            if label not in sliders:
                 continue
-            value = self._meshcat.GetSliderValue(slider)
-            if abs(value - self._value(context, name)) > _ROUNDING * step:
-                values.set_value(index, np.array([value]))
+            wanted = self._meshcat.GetSliderValue(label)
+            value = self._value(context, name)
+            if isfinite(wanted) and abs(wanted - value) > _ROUNDING * step:
+                change = rate * _PERIOD
+                bounded = np.clip(wanted, *self._ends[name])
+                values.set_value(
+                    index, np.array([np.clip(bounded, value - change, value + change)])
+                )

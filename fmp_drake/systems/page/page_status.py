@@ -1,10 +1,10 @@
-"""What a station is doing, for the panel of the page."""
+"""State of a station, for the panel of the page."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import (
     Context,
     DiscreteValues,
@@ -14,18 +14,20 @@ from pydrake.systems.framework import (
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
+from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
 from fmp_drake.systems.impedance.status import (
+    CONDITIONS,
     STATUS_SIZE,
     STOP_REASONS,
     StatusFlag,
 )
 from fmp_drake.systems.ink.grid import cleaned_fraction
+from fmp_drake.systems.page.page_panel import PagePanel, PanelFields
+from fmp_drake.systems.page.paths import css_color
 from fmp_drake.systems.page.plan_visualizer import component_color
-from fmp_drake.systems.viewer.page_panel import PagePanel
-from fmp_drake.systems.viewer.path_drawing import css_color
 
-# Less is no contact, N.
-_CONTACT = 0.5
+# Time between two pictures, s.
+_PERIOD = 0.128
 _REASONS = int(sum(STOP_REASONS))
 
 
@@ -40,7 +42,9 @@ class PageStatus(LeafSystem):
     status : (6,)
         Of the controller, see `ImpedanceStatus`.
     normal_force : (1,)
-        On the board, N.
+        On the board, N. This, the desired one and ink only where there is a board.
+    desired_normal_force : (1,)
+        N.
     ink : (ny nx,)
         Fraction of the ink left in each cell.
     component : (1,)
@@ -49,10 +53,8 @@ class PageStatus(LeafSystem):
     Parameters
     ----------
     panel : PagePanel
-    area : array_like of bool, shape (ny nx,)
-        The cells that should be cleaned.
-    period : float
-        Between two pictures, s.
+    area : array_like of bool, shape (ny nx,), optional
+        The cells that should be cleaned; None where there is no board.
     status_period : float
         Between two updates of the status, s.
 
@@ -65,6 +67,7 @@ class PageStatus(LeafSystem):
     >>> for name, value in {
     ...     "status": [4096, 1, 1, 1, 0, 0],
     ...     "normal_force": [9.5],
+    ...     "desired_normal_force": [10.0],
     ...     "ink": [0.0, 1.0, 1.0, 1.0],
     ...     "component": [3],
     ... }.items():
@@ -79,45 +82,54 @@ class PageStatus(LeafSystem):
         self,
         panel: PagePanel,
         *,
-        area: ArrayLike,
-        period: float = 0.128,
+        area: ArrayLike | None = None,
         status_period: float = 0.001,
     ) -> None:
         super().__init__()
         self.set_name("page_status")
-        for name, value in {"period": period, "status_period": status_period}.items():
-            check_number(value, name, above=0, unit="s", error=SystemsError)
+        check_number(
+            status_period, "status_period", above=0, unit="s", error=SystemsError
+        )
         self._panel = panel
-        self._area: NDArray[np.bool_] = np.array(area, dtype=bool).ravel()
-        sizes = {"status": STATUS_SIZE, "normal_force": 1, "component": 1}
+        self._area = None if area is None else np.array(area, dtype=bool).ravel()
+        sizes = {"status": STATUS_SIZE, "component": 1}
+        if self._area is not None:
+            sizes |= {"normal_force": 1, "desired_normal_force": 1}
+            sizes["ink"] = self._area.size
         self._inputs: Mapping[str, InputPort] = {
             name: self.DeclareVectorInputPort(name, size)
-            for name, size in {**sizes, "ink": self._area.size}.items()
+            for name, size in sizes.items()
         }
         self._fault = int(self.DeclareDiscreteState(1))
         self.DeclarePeriodicDiscreteUpdateEvent(status_period, 0.0, self._remember)
         self.DeclareInitializationPublishEvent(self._show)
         self.DeclareForcedPublishEvent(self._show)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._show)
+        self.DeclarePeriodicPublishEvent(_PERIOD, 0.0, self._show)
 
     def _show(self, context: Context) -> None:
         values: dict[str, Any] = {k: p.Eval(context) for k, p in self._inputs.items()}
-        force, component = float(values["normal_force"][0]), int(values["component"][0])
-        flags = int(values["status"][0])
+        component, flags = int(values["component"][0]), int(values["status"][0])
+        fields: PanelFields = {}
+        force: float | None = None
+        desired = 0.0
+        if self._area is not None:
+            force = float(values["normal_force"][0])
+            desired = float(values["desired_normal_force"][0])
+            fields["force"] = max(force, 0.0)
+            fields["cleaned"] = cleaned_fraction(values["ink"], self._area)
         fault = flags & _REASONS or int(
             context.get_discrete_state(self._fault).value()[0]
         )
-        level, mode, detail = mode_in_words(flags, fault, force)
-        self._panel.show(
-            level=level,
-            mode=mode,
-            detail=detail,
-            time=context.get_time(),
-            force=max(force, 0.0),
-            cleaned=cleaned_fraction(values["ink"], self._area),
-            component=f"mean of component {component}",
-            component_color=css_color(component_color(component)),
-        )
+        level, mode, detail = mode_in_words(flags, fault, force, desired=desired)
+        fields |= {
+            "level": level,
+            "mode": mode,
+            "detail": detail,
+            "time": context.get_time(),
+            "component": f"mean of component {component}",
+            "component_color": css_color(component_color(component)),
+        }
+        self._panel.show(**fields)
 
     def _remember(self, context: Context, values: DiscreteValues) -> None:
         status: Any = self._inputs["status"].Eval(context)
@@ -126,9 +138,9 @@ class PageStatus(LeafSystem):
 
 
 def mode_in_words(
-    flags: int, fault: int, force: float
+    flags: int, fault: int, force: float | None, *, desired: float
 ) -> tuple[Literal["good", "busy", "bad"], str, str]:
-    """Say what a wiping arm is doing.
+    """Describe what an arm is doing.
 
     Parameters
     ----------
@@ -136,8 +148,10 @@ def mode_in_words(
         `StatusFlag` of the controller and what watches it.
     fault : int
         Those of `STOP_REASONS` that were there last; none is 0.
-    force : float
-        Of the eraser on the board, N.
+    force : float or None
+        Of the eraser on the board, N; None in free space.
+    desired : float
+        Desired normal force, N; unused in free space.
 
     Returns
     -------
@@ -150,20 +164,20 @@ def mode_in_words(
 
     Examples
     --------
-    >>> mode_in_words(StatusFlag.PROTECTIVE_STOP, StatusFlag.STALE, 0.0)
+    >>> mode_in_words(StatusFlag.PROTECTIVE_STOP, StatusFlag.STALE, 0.0, desired=9.0)
     ('bad', 'protective stop', 'the target was too old')
     """
-    reasons = [text for flag, text in STOP_REASONS.items() if fault & flag]
-    if flags & StatusFlag.PROTECTIVE_STOP:
-        return "bad", "protective stop", ", ".join(reasons)
-    if flags & StatusFlag.RECOVER:
-        return "busy", "going back", "after a protective stop: " + ", ".join(reasons)
-    if flags & StatusFlag.BELOW_SURFACE:
-        return "bad", "below the board", "something hard is below the surface"
-    if flags & StatusFlag.ARM_TOUCHES:
-        return "bad", "arm on the board", "a link of the arm touches the board"
-    if flags & StatusFlag.CONTACT_LOST:
-        return "busy", "searching the board", "nothing is touched where it should be"
-    if force < _CONTACT:
+    for flag, condition in CONDITIONS.items():
+        if flags & flag:
+            detail = condition.detail
+            if flag in StatusFlag.PROTECTIVE_STOP | StatusFlag.RECOVER:
+                reasons = [text for r, text in STOP_REASONS.items() if fault & r]
+                detail += ", ".join(reasons)
+            return condition.level, condition.mode, detail
+    if force is None:
+        return "good", "following", ""
+    if desired <= 0:
+        return "busy", "no normal force", "set one, so that the eraser wipes"
+    if force < CONTACT_FORCE:
         return "busy", "in the air", "comes down where the movement is on the board"
     return "good", "wiping", ""

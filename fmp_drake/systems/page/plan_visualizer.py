@@ -1,7 +1,7 @@
 """The plan in Meshcat: where the skill is about to go, and how surely."""
 
 import colorsys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,16 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import as_floats, check_number
-from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod, lifted
-from fmp_drake.systems.viewer.swept_mesh import covariance_band
+from fmp_drake.primitives.data.channels import Quaternion
+from fmp_drake.primitives.data.orientation import rotations_of
+from fmp_drake.systems.page.paths import (
+    LIFT,
+    bent,
+    covariance_band,
+    draw_rod,
+    lifted,
+)
+from fmp_drake.systems.surface.surface import PLANE, Surface, rotations
 
 PLAN_COLOR = Rgba(0.05, 0.55, 0.25, 1.0)
 """Colour of the plan."""
@@ -20,19 +28,30 @@ PLAN_COLOR = Rgba(0.05, 0.55, 0.25, 1.0)
 TUBE_COLOR = Rgba(0.20, 0.75, 0.40, 0.28)
 """Colour of the tube of the covariance."""
 
+# Time between two pictures, s.
+_PERIOD = 0.256
+
+
+# Axes along the plan: how many, and their length, m.
+_AXES, _AXIS_LENGTH = 7, 0.03
+_AXIS_COLORS = (Rgba(0.85, 0.1, 0.1), Rgba(0.1, 0.6, 0.1), Rgba(0.1, 0.2, 0.9))
+
 
 class PlanVisualizer(LeafSystem):
-    """Draws the plan as a line in the tube of its covariance, and the component.
+    """Drawing of the plan as a line in the tube of its covariance, and of the component.
 
-    The mean path of the active component is a line in the component's own colour. Which
-    one was drawn last is discrete state, that it is not drawn again.
+    Where a skill has an orientation, small axes along the line show it: x red, y green and
+    z blue.
+
+    The mean path of the active component is a line in the component's own colour. The
+    last component drawn is discrete state, so that it is drawn only once.
 
     Input ports
     -----------
-    plan : (3 n,)
-        Positions in the frame B of the next seconds, row by row, m.
-    plan_covariance : (9 n,)
-        Their covariances, m^2.
+    plan : (D n,)
+        Channels of the next seconds, row by row; positions in the frame B, m.
+    plan_covariance : (D D n,)
+        Their covariances.
     component : (1,)
         Index of the active component.
 
@@ -43,12 +62,18 @@ class PlanVisualizer(LeafSystem):
         n.
     component_paths : sequence of ndarray, shape (T, 3)
         Mean path in B of each component, m.
+    channels : int
+        D.
+    position : sequence of 3 ints
+        Indices of x, y and z among the channels.
+    rotation : sequence of 3 ints
+        Indices of rx, ry and rz; empty for a skill without orientation.
+    reference : tuple of 4 floats, optional
+        Quaternion (x, y, z, w) of the rotation channels.
+    surface : Surface
+        Of the board; over a curved one positions are (u, v, h).
     path : str
         Where in Meshcat's tree; its transform, the caller's, is X_WB.
-    period : float
-        Between two pictures, s.
-    deviations : float
-        Size of the tube in standard deviations.
     show_plan, show_tube, show_component : bool
         What to draw.
 
@@ -66,40 +91,44 @@ class PlanVisualizer(LeafSystem):
         *,
         points: int,
         component_paths: Iterable[ArrayLike] = (),
+        channels: int = 3,
+        position: Sequence[int] = (0, 1, 2),
+        rotation: Sequence[int] = (),
+        reference: Quaternion | None = None,
         path: str = "plan",
-        period: float = 0.256,
-        deviations: float = 2.0,
         show_plan: bool = True,
         show_tube: bool = True,
         show_component: bool = True,
+        surface: Surface = PLANE,
     ) -> None:
         super().__init__()
         self.set_name("plan_visualizer")
         check_number(points, "points", least=2, whole=True, error=SystemsError)
-        check_number(period, "period", above=0, unit="s", error=SystemsError)
-        check_number(deviations, "deviations", above=0, error=SystemsError)
         self._component_paths = [
             as_floats(path, "a component's path", ("T", 3), error=SystemsError).copy()
             for path in component_paths
         ]
         self._meshcat = meshcat
-        self._path = path
-        self._deviations = deviations
+        self._path, self._surface = path, surface
         self._show_plan, self._show_tube = show_plan, show_tube
         self._show_component = show_component and len(self._component_paths) > 0
-        self._plan = self.DeclareVectorInputPort("plan", 3 * points)
-        self._covariance = self.DeclareVectorInputPort("plan_covariance", 9 * points)
+        self._channels, self._position = channels, list(position)
+        self._rotation, self._reference = list(rotation), reference
+        self._plan = self.DeclareVectorInputPort("plan", channels * points)
+        self._covariance = self.DeclareVectorInputPort(
+            "plan_covariance", channels**2 * points
+        )
         self._component = self.DeclareVectorInputPort("component", 1)
         self._drawn = int(self.DeclareDiscreteState(np.array([-1.0])))
         self.DeclareInitializationPublishEvent(self._redraw)
         self.DeclareForcedPublishEvent(self._redraw)
         # A publish event may not write state, so there is an update beside it.
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
+        self.DeclarePeriodicPublishEvent(_PERIOD, 0.0, self._draw)
+        self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._remember)
 
-    def _plan_points(self, context: Context) -> NDArray[np.float64]:
+    def _plan_values(self, context: Context) -> NDArray[np.float64]:
         plan: Any = self._plan.Eval(context)
-        return np.asarray(plan).reshape(-1, 3)
+        return np.asarray(plan).reshape(-1, self._channels)
 
     def _active(self, context: Context) -> int:
         component: Any = self._component.Eval(context)
@@ -122,8 +151,10 @@ class PlanVisualizer(LeafSystem):
         values.set_value(self._drawn, np.array([float(self._active(context))]))
 
     def _draw_plan(self, context: Context) -> None:
-        plan = self._plan_points(context)
+        values = self._plan_values(context)
+        plan = values[:, self._position]
         if self._show_plan:
+            self._draw_axes(values)
             draw_rod(
                 self._meshcat,
                 f"{self._path}/line",
@@ -131,16 +162,41 @@ class PlanVisualizer(LeafSystem):
                 radius=0.0020,
                 color=PLAN_COLOR,
                 lift=2 * LIFT,  # Above the tube.
+                surface=self._surface,
             )
         if self._show_tube:
             covariance: Any = self._covariance.Eval(context)
-            vertices, faces = covariance_band(
-                lifted(plan),
-                np.asarray(covariance).reshape(-1, 3, 3),
-                deviations=self._deviations,
+            covariance = np.asarray(covariance).reshape(
+                -1, self._channels, self._channels
             )
+            rows = np.ix_(range(len(plan)), self._position, self._position)
+            vertices, faces = covariance_band(lifted(plan), covariance[rows])
             self._meshcat.SetTriangleMesh(
-                f"{self._path}/tube", vertices, faces, TUBE_COLOR
+                f"{self._path}/tube",
+                bent(vertices, self._surface),
+                faces,
+                TUBE_COLOR,
+            )
+
+    def _draw_axes(self, values: NDArray[np.float64]) -> None:
+        """Draw how the tool is turned at some points of the plan (n, D)."""
+        if self._reference is None or not self._rotation:
+            return
+        rows = np.linspace(0, len(values) - 1, _AXES).astype(int)
+        uvh = np.ascontiguousarray(values[rows][:, self._position])
+        R_BE = rotations_of(
+            values[rows][:, self._rotation], self._reference
+        ).as_matrix()
+        if not self._surface.is_plane:
+            R_BE = rotations(self._surface, uvh) @ R_BE
+        start = bent(uvh.T, self._surface)
+        for axis, color in enumerate(_AXIS_COLORS):
+            self._meshcat.SetLineSegments(
+                f"{self._path}/axes/{'xyz'[axis]}",
+                start,
+                start + _AXIS_LENGTH * R_BE[:, :, axis].T,
+                3.0,
+                color,
             )
 
     def _draw_component(self, component: int) -> None:
@@ -150,6 +206,7 @@ class PlanVisualizer(LeafSystem):
             self._component_paths[component],
             radius=0.0015,
             color=component_color(component),
+            surface=self._surface,
         )
 
 

@@ -8,11 +8,14 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
-from fmp_drake.systems.viewer.path_drawing import LIFT, draw_rod
+from fmp_drake.systems.page.paths import LIFT, draw_rod
+from fmp_drake.systems.surface.surface import PLANE, Surface
 
 TRAIL_COLOR = Rgba(0.95, 0.42, 0.05, 0.9)
 """Colour of the trail."""
 
+# Radius of the newest end, m.
+_RADIUS = 0.0025
 # A trail that is shorter than this (m) is a point and not drawn again.
 _STILL = 1e-4
 
@@ -23,7 +26,7 @@ class TrailVisualizer(LeafSystem):
     Input ports
     -----------
     position : (3,)
-        The point in the frame B, m.
+        The point in the frame B, or (u, v, h) over a curved board, m.
 
     Parameters
     ----------
@@ -34,8 +37,8 @@ class TrailVisualizer(LeafSystem):
         How much of the past is drawn.
     period : float
         Between two points, and two pictures, s.
-    radius : float
-        Of the newest end, m.
+    surface : Surface
+        Of the board.
 
     Examples
     --------
@@ -56,17 +59,16 @@ class TrailVisualizer(LeafSystem):
         path: str = "trail",
         seconds: float = 4.0,
         period: float = 0.064,
-        radius: float = 0.0025,
+        surface: Surface = PLANE,
     ) -> None:
         super().__init__()
         self.set_name("trail_visualizer")
         check_number(seconds, "seconds", above=0, unit="s", error=SystemsError)
         check_number(period, "period", above=0, unit="s", error=SystemsError)
-        check_number(radius, "radius", above=0, unit="m", error=SystemsError)
         self._meshcat = meshcat
-        self._path = path
+        self._path, self._surface = path, surface
         points = max(2, round(seconds / period))
-        self._radii = radius * np.linspace(0.1, 1.0, points)
+        self._radii = _RADIUS * np.linspace(0.1, 1.0, points)
         self._position = self.DeclareVectorInputPort("position", 3)
         # One point after the other; NaN where there is none yet.
         self.DeclareDiscreteState(np.full(3 * points, np.nan))
@@ -86,15 +88,16 @@ class TrailVisualizer(LeafSystem):
 
     def _draw(self, context: Context) -> None:
         trail = context.get_discrete_state_vector().value().reshape(-1, 3)
-        known = np.isfinite(trail[:, 0])
-        points = trail[known]
+        is_known = np.isfinite(trail[:, 0])
+        points = trail[is_known]
         if len(points) < 2 or np.all(np.abs(points - points[-1]) < _STILL):
             return
         draw_rod(
             self._meshcat,
             f"{self._path}/line",
             points,
-            radius=self._radii[known],
+            radius=self._radii[is_known],
             color=TRAIL_COLOR,
             lift=2 * LIFT,  # Above the plan's tube.
+            surface=self._surface,
         )

@@ -1,1 +1,1 @@
-"""What goes to a real Panda and what comes from it: pure functions."""
+"""Messages of a real Panda, checked in both directions: pure functions."""

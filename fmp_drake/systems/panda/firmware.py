@@ -1,34 +1,34 @@
-"""What a robot's side does with the torque that is sent to it, to simulate one."""
+"""Model of a Panda's own treatment of torque commands, to simulate one."""
 
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from drake import lcmt_panda_command, lcmt_panda_status
+from drake import lcmt_panda_status
 from numpy.typing import NDArray
 
 from fmp_drake.settings import bounded
-from fmp_drake.systems.panda.gating import limited_change
-from fmp_drake.systems.panda.reading import JOINTS
+from fmp_drake.systems.panda.gate import limited_change
+from fmp_drake.systems.panda.status import JOINTS
 
 Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)
 class FirmwareConfig:
-    """How a robot treats commands.
+    """Treatment of commands by a robot.
 
     Attributes
     ----------
     expiry : float
-        Greatest difference of a command's stamp from the wall clock, s.
+        Largest difference between a command's stamp and the wall clock, s.
     damping : list of 7 floats
-        Of the joints when there is no command, Nm s/rad; as of drake-franka-driver.
+        Damping of the joints without a command, Nm s/rad; that of drake-franka-driver.
     max_rate : float
-        Greatest change of a torque, Nm/s.
+        Fastest change of a torque, Nm/s.
     cutoff : float
-        Of the low-pass filter of the torque, Hz.
+        Cutoff frequency of the torque's low-pass filter, Hz.
 
     Examples
     --------
@@ -43,7 +43,7 @@ class FirmwareConfig:
 
 
 class Obeyed(IntEnum):
-    """What a robot did with the last command: followed it, damped, or gave up."""
+    """Reaction of a robot to the last command: it followed, damped, or stopped."""
 
     FOLLOWED = 0
     DAMPED = 1
@@ -51,21 +51,11 @@ class Obeyed(IntEnum):
 
 
 class FirmwareState(NamedTuple):
-    """The limited and the filtered torque, Nm, and what was done with the command."""
+    """Limited and filtered torque, Nm, and the reaction to the last command."""
 
     limited: Array
     torque: Array
     obeyed: Obeyed = Obeyed.DAMPED
-
-
-def torque_command(torque: Array, wall_time: float) -> Any:
-    """Return an ``lcmt_panda_command`` of a torque, Nm, stamped with a wall time, s."""
-    message = lcmt_panda_command()
-    message.utime = round(1e6 * wall_time)
-    message.num_joint_torque = JOINTS
-    message.joint_torque = torque.tolist()
-    message.control_mode_expected = lcmt_panda_status.CONTROL_MODE_TORQUE
-    return message
 
 
 def firmware_step(
@@ -77,20 +67,20 @@ def firmware_step(
     velocity: Array,
     period: float,
 ) -> FirmwareState:
-    """Return the torque of the motors, without gravity, a period later.
+    """Return the torque of the motors, without gravity, after a period.
 
     Parameters
     ----------
     config : FirmwareConfig
     state : FirmwareState
     command : lcmt_panda_command
-        The last; one without a stamp is none.
+        The last command; its stamp is 0 before the first.
     wall_time : float
-        s.
+        Present time, s.
     velocity : array, shape (7,)
         Of the joints, rad/s.
     period : float
-        s.
+        Time between two steps, s.
     """
     obeyed = Obeyed.FOLLOWED
     if abs(wall_time - 1e-6 * command.utime) > config.expiry:
@@ -108,7 +98,7 @@ def firmware_step(
     else:
         wanted = -np.array(config.damping) * velocity
     limited = limited_change(
-        state.limited, wanted, config.max_rate * period, np.full(JOINTS, 87.0)
+        state.limited, wanted, config.max_rate * period, np.full(JOINTS, np.inf)
     )
     blend = 1 - np.exp(-2 * np.pi * config.cutoff * period)
     torque = state.torque + blend * (limited - state.torque)

@@ -1,1 +1,1 @@
-"""How a person's hand moves, and what a mouse on a page may do to an arm."""
+"""Motion of a guiding hand, and of a mouse that drags the arm on the page."""

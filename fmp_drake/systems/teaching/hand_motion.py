@@ -1,4 +1,4 @@
-"""Where a person's hand wants to be: rhythmic, and never twice the same."""
+"""Desired motion of a person's hand: rhythmic, and never exactly repeated."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,20 +9,33 @@ from numpy.typing import NDArray
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number, read_only
 
-Task = Literal["wiping", "polishing", "eight"]
+Task = Literal["wiping", "polishing", "eight", "stirring", "pulsing"]
 TASKS: tuple[Task, ...] = ("wiping", "polishing", "eight")
+"""Motions in the plane of the board."""
+POSED_TASKS: tuple[Task, ...] = ("stirring", "pulsing")
+"""Motions with a height and an orientation, or with a normal force."""
 
 _RATE = 200.0
 _SETTLE = 60.0
 
 
+# How much more an angle (rad) or a force (N) varies than a position (m).
+_ANGLE, _NEWTON = 4.0, 80.0
+
+type _Sines = tuple[tuple[int, float, float], ...]  # (harmonic, amplitude, phase)
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Figure:
-    """A closed path: sums of sines of the phase along x and y of the board."""
+    """A closed path: sums of sines of the phase along x and y of the board.
+
+    `more` has the other channels: name, mean, sines, and its variation beside a metre's.
+    """
 
     period: float
-    x: tuple[tuple[int, float, float], ...]  # (harmonic, metres, phase)
-    y: tuple[tuple[int, float, float], ...]
+    x: _Sines
+    y: _Sines
+    more: tuple[tuple[str, float, _Sines, float], ...] = ()
 
 
 _FIGURES: dict[str, _Figure] = {
@@ -30,21 +43,41 @@ _FIGURES: dict[str, _Figure] = {
     "wiping": _Figure(period=4.8, x=((1, 0.10, np.pi / 2),), y=((3, 0.15, 0.0),)),
     "polishing": _Figure(period=2.0, x=((1, 0.06, 0.0),), y=((1, 0.09, np.pi / 2),)),
     "eight": _Figure(period=3.0, x=((2, 0.06, 0.0),), y=((1, 0.12, 0.0),)),
+    # A spoon that leans outwards, so that the hand moves less than the tip.
+    "stirring": _Figure(
+        period=2.8,
+        x=((1, 0.06, np.pi / 2),),
+        y=((1, 0.06, 0.0),),
+        more=(
+            ("z", 0.06, ((2, 0.010, 0.0),), 1.0),
+            ("rx", 0.0, ((1, 0.32, 0.0),), _ANGLE),
+            ("ry", 0.0, ((1, 0.32, -np.pi / 2),), _ANGLE),
+            ("rz", 0.0, ((1, 0.15, 0.5),), _ANGLE),
+        ),
+    ),
+    # Circles that are pressed harder on the far side.
+    "pulsing": _Figure(
+        period=3.4,
+        x=((1, 0.06, 0.0),),
+        y=((1, 0.09, np.pi / 2),),
+        more=(("force", 10.0, ((1, 2.5, 0.0),), _NEWTON),),
+    ),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class HandVariability:
-    """How a person's movement wanders: standard deviations, and how slowly.
+    """Variability of a person's movement: standard deviations and time constants.
 
     Attributes
     ----------
     frequency, amplitude : float
-        Relative; the amplitude of x and y wander apart.
+        Relative; the amplitudes of the channels wander apart.
     centre : float
-        Metres.
+        Metres; angles vary by 4 rad, forces by 80 N for each metre.
     tremor : float
-        Metres, in the band of 8 to 12 Hz of physiological tremor.
+        Metres, in the band of 8 to 12 Hz of physiological tremor; for angles and forces as
+        the centre.
     slowness : float
         Seconds over which the frequency, amplitude and centre wander.
 
@@ -64,12 +97,15 @@ class HandVariability:
 
 @dataclass(frozen=True, eq=False)
 class HandMotion:
-    """A sampled wandering path in the plane of the board.
+    """A sampled wandering path in the plane of the board, or a motion with more channels.
 
     Attributes
     ----------
-    position : ndarray, shape (N, 2)
-        Metres in the board's frame B, 200 samples per second.
+    position : ndarray, shape (N, D)
+        The channels, 200 samples per second: x and y in the board's frame B, m; z, m; rx, ry
+        and rz, the rotation vector from the way the tool is held at rest, in B, rad; force
+        on the board, N.
+    channels : tuple of str
 
     Examples
     --------
@@ -80,9 +116,10 @@ class HandMotion:
     """
 
     position: NDArray[np.float64]
+    channels: tuple[str, ...] = ("x", "y")
 
     def at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return position (2,) and velocity (2,) at a time in seconds."""
+        """Return the channels (D,) and their rates (D,) at a time in seconds."""
         x = min(max(time * _RATE, 0.0), len(self.position) - 1.001)
         i = int(x)
         here, there = self.position[i], self.position[i + 1]
@@ -101,7 +138,7 @@ class HandMotion:
         from scipy.signal import butter, sosfilt  # Slow to import.
 
         if task not in _FIGURES:
-            raise SystemsError(f"task is {task!r}; choose from {', '.join(TASKS)}.")
+            raise SystemsError(f"task is {task!r}; choose from {', '.join(_FIGURES)}.")
         check_number(seconds, "seconds", above=0, unit="s", error=SystemsError)
         figure = _FIGURES[task]
         human = HandVariability() if variability is None else variability
@@ -120,15 +157,22 @@ class HandMotion:
 
         frequency = np.exp(wander(slow, human.frequency)) / figure.period
         phase = 2 * np.pi * (rng.random() + np.cumsum(frequency) / _RATE)
-        position = np.empty((count, 2))
-        for axis, harmonics in enumerate((figure.x, figure.y)):
+        channels = (
+            ("x", 0.0, figure.x, 1.0),
+            ("y", 0.0, figure.y, 1.0),
+            *figure.more,
+        )
+        position = np.empty((count, len(channels)))
+        for axis, (_, mean, harmonics, scale) in enumerate(channels):
             path = sum(
-                metres * np.sin(order * phase + offset)
-                for order, metres, offset in harmonics
+                size * np.sin(order * phase + offset)
+                for order, size, offset in harmonics
             )
             position[:, axis] = (
                 path * np.exp(wander(slow, human.amplitude))
-                + wander(slow, human.centre)
-                + wander(shake, human.tremor)
+                + wander(slow, scale * human.centre)
+                + wander(shake, scale * human.tremor)
             )
-        return cls(read_only(position))
+            if mean:
+                position[:, axis] += mean
+        return cls(read_only(position), tuple(name for name, *_ in channels))

@@ -1,8 +1,8 @@
-"""A drag of the mouse on the page: where it wants a point of the arm to be.
+"""Set-point for a point of the arm, from a drag of the mouse on the page.
 
-The page is not to be trusted: it may be slow, stand still, or say anything. What it says
-moves a wanted point, whose speed, whose steps and whose way without a new message are
-limited, and which is given up where the page falls silent or the cursor jumps.
+The page is not trusted: it may be slow, stop, or send any number. Its messages move a
+set-point with limits on speed, step per message, and travel without a new message. The
+drag ends where messages stop or the cursor jumps.
 """
 
 from dataclasses import dataclass
@@ -11,44 +11,47 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fmp_drake.systems.surface import surface as surfaces
+from fmp_drake.systems.surface.surface import Surface
+
 Array = NDArray[np.float64]
 
-# The smallest cosine between a ray and the normal of the plane that it is to meet.
+# Smallest cosine between a ray and the normal of the plane that it intersects.
 _GRAZING = 0.08
-# A body whose picture moved less than this, m, looks to a living page as if it stood still.
-_STIRRED = 0.005
+# A page sends no new message while the body moves less than this, m.
+_MOTION_THRESHOLD = 0.005
 _SAME = 1e-9
-# The height, m, up to which the spring pulls back to the board what leaves it.
+# Height over the board, m, up to which the spring pulls the tool back to it.
 _LIFT = 0.006
 
 
 @dataclass(frozen=True, kw_only=True)
 class DragConfig:
-    """How the mouse holds the arm, and what it may not do.
+    """Spring between the mouse and the arm, and limits of its set-point.
 
     Attributes
     ----------
     stiffness, damping : float
-        Of the spring to the wanted point, N/m and Ns/m.
+        Of the spring to the set-point, N/m and Ns/m.
     max_force : float
         N; in the plane of the board, where there is one.
     normal_force : float
         On the board, N.
     holds : bool
-        Whether it keeps the arm where it lets go, or leaves it alone.
+        Whether the arm is held where the drag ends, or released.
     max_speed : float
-        Of the wanted point, m/s.
+        Of the set-point, m/s.
     max_jump : float
-        Of the cursor from one message to the next, m; beyond it lets go.
+        Of the cursor from one message to the next, m; a larger jump ends the drag.
     max_ahead : float
-        How far the wanted point goes without a new message, m.
+        Travel of the set-point without a new message, m.
     patience : float
-        After how long without a new message, although the arm moves, the page counts as
-        gone, s.
+        Time without a new message, although the arm moves, after which the drag ends,
+        s.
 
     Examples
     --------
-    >>> PULLING.max_force
+    >>> PULLING_DRAG.max_force
     40.0
     """
 
@@ -63,23 +66,23 @@ class DragConfig:
     patience: float = 0.3
 
 
-LEADING = DragConfig(
+GUIDING_DRAG = DragConfig(
     stiffness=2500.0, damping=250.0, max_force=60.0, normal_force=5.0, holds=True
 )
-"""A hand that leads an arm which is free to be led, and leaves it where it lets go."""
+"""Hand guiding of an arm that is free to move; it is held where the drag ends."""
 
-PULLING = DragConfig(stiffness=400.0, damping=40.0, max_force=40.0, max_jump=0.6)
-"""A hand that disturbs an arm at work."""
+PULLING_DRAG = DragConfig(stiffness=400.0, damping=40.0, max_force=40.0, max_jump=0.6)
+"""A disturbance of an arm at work."""
 
 
 class Drag(NamedTuple):
-    """What the page says: a body, and the ends of its spring.
+    """Message of the page: a body, and the ends of its spring.
 
     Attributes
     ----------
     body : int
     point : ndarray, shape (3,)
-        p_BoQ_B, what was grabbed as the page's last picture has it, m.
+        p_BoQ_B of the dragged point in the page's last picture, m.
     anchor, cursor : ndarray, shape (3,)
         In W: the same point, and the cursor in the plane of the screen, m.
     """
@@ -90,71 +93,110 @@ class Drag(NamedTuple):
     cursor: Array
 
 
-class BoardPlane(NamedTuple):
-    """The board: the tool is led in parallel to it, and not beside it.
+class BoardSurface(NamedTuple):
+    """The board, along which the tool is guided; it does not leave its edges.
 
     Attributes
     ----------
     X_WB : ndarray, shape (3, 4)
     half_size : ndarray, shape (2,)
-        Half of where the tool may be, along x and y of B, m.
+        Half edges of the area for the tool along x and y of B, on a curved board along it, m.
+    curvature : Surface
 
     Examples
     --------
-    >>> board = BoardPlane(np.eye(3, 4), np.array([0.2, 0.3]))
+    >>> board = BoardSurface(np.eye(3, 4), np.array([0.2, 0.3]))
     >>> board.inside(np.array([0.5, 0.0, 0.1]))
     array([0.2, 0. , 0.1])
     """
 
     X_WB: Array
     half_size: Array
+    curvature: Surface = Surface()
+
+    def coordinates(self, p_W: Array) -> Array:
+        """Return (u, v, h) of a point, m."""
+        p_B = self.X_WB[:, :3].T @ (p_W - self.X_WB[:, 3])
+        uvh: Array = surfaces.project(self.curvature, p_B, np.zeros(2))
+        return uvh
 
     def height(self, p_W: Array) -> float:
-        """Return how far a point is over the board, m."""
-        return float((p_W - self.X_WB[:, 3]) @ self.normal)
+        """Return the height of a point over the board, m."""
+        return float(self.coordinates(p_W)[2])
 
-    @property
-    def normal(self) -> Array:
-        """The normal out of the board, in W."""
-        return self.X_WB[:, 2]
+    def normal(self, p_W: Array) -> Array:
+        """Return the normal out of the board next to a point, in W."""
+        u, v, _ = self.coordinates(p_W)
+        normal: Array = self.X_WB[:, :3] @ surfaces.rotation(self.curvature, u, v)[:, 2]
+        return normal
 
     def inside(self, p_W: Array) -> Array:
-        """Return the nearest point over the board."""
-        R, p = self.X_WB[:, :3], self.X_WB[:, 3]
-        p_B = R.T @ (p_W - p)
-        p_B[:2] = np.clip(p_B[:2], -self.half_size, self.half_size)
-        inside: Array = p + R @ p_B
+        """Return the nearest point over the area for the tool."""
+        uvh = self.coordinates(p_W)
+        uvh[:2] = np.clip(uvh[:2], -self.half_size, self.half_size)
+        p_B = surfaces.place(self.curvature, uvh[None])[0]
+        inside: Array = self.X_WB[:, 3] + self.X_WB[:, :3] @ p_B
         return inside
+
+    def slide(self, cursor: Array, *, eye: Array, point: Array) -> Array | None:
+        """Return where the ray from the eye through the cursor is as high as a point.
+
+        A ray past a curved board is at its nearest point to it.
+
+        Parameters
+        ----------
+        cursor, eye, point : ndarray, shape (3,)
+            In W, m.
+
+        Returns
+        -------
+        ndarray, shape (3,), or None
+            None where the ray grazes a flat board, or meets the board behind the eye.
+        """
+        if self.curvature.is_plane:
+            return slide(cursor, eye=eye, point=point, normal=self.X_WB[:, 2])
+        kx, ky = self.curvature
+        k = float(kx if kx != 0 else ky)
+        R = self.X_WB[:, :3]
+        across = np.array([kx != 0, ky != 0, True])
+        ray = across * (R.T @ (cursor - eye))
+        from_centre = across * (R.T @ (eye - self.X_WB[:, 3]) + [0.0, 0.0, 1 / k])
+        radius = 1 / k + self.height(point)
+        a, b = float(ray @ ray), float(ray @ from_centre)
+        beyond = float(from_centre @ from_centre) - radius**2
+        root = np.sqrt(max(b**2 - a * beyond, 0.0))
+        way = -b - np.copysign(root, k)
+        return eye + (cursor - eye) * way / a if way > 0 else None
 
 
 # Numbers of 8 bytes only: one array of floats holds them.
 STATE = np.dtype(
     [
         ("started", "f8"),
-        ("leading", "f8"),
-        ("lost", "f8"),  # Let go by a jump: the button has to be released first.
+        ("guiding", "f8"),
+        ("lost", "f8"),  # Ended by a jump: the button must be released first.
         ("body", "f8"),
-        ("point", "3f8"),  # p_BoQ_B of what was grabbed.
+        ("point", "3f8"),  # p_BoQ_B of the dragged point.
         ("message", "6f8"),  # Anchor and cursor.
         ("message_time", "f8"),
-        ("here", "3f8"),  # Where the led point was then; as all below in W.
+        ("here", "3f8"),  # Guided point at that time; in W, as all below.
         ("cursor_time", "f8"),
         ("interval", "f8"),  # Between two cursors.
         ("eye", "3f8"),
         ("grabbed", "3f8"),
-        ("offset", "3f8"),  # From what was grabbed to what is led.
+        ("offset", "3f8"),  # From the dragged to the guided point.
         ("aim", "3f8"),
         ("goal", "3f8"),  # The aim, over the board.
         ("wanted", "3f8"),
         ("speed", "f8"),
-        ("left", "f8"),  # Of the way without a new message.
+        ("left", "f8"),  # Travel that is left without a new message.
     ]
 )
-"""What is remembered of a drag, as a structured type; see `follow`."""
+"""State of a drag as a structured type; see `follow`."""
 
 
 def no_drag() -> Array:
-    """Return the state before anything was read, shape (n,)."""
+    """Return the initial state, shape (n,)."""
     state = np.zeros(1, STATE)
     state["message"] = np.nan
     state["interval"] = 1 / 60
@@ -165,16 +207,16 @@ def no_drag() -> Array:
 def cursor_of(
     force: Array, *, anchor: Array, velocity: Array, mass: float, stiffness: float
 ) -> Array:
-    """Return where the cursor is, from the force of Drake's mouse spring.
+    """Return the position of the cursor, from the force of Drake's mouse spring.
 
-    Drake's spring pulls with ``m (k d - sqrt(k) v)``, and has no other way to say d.
+    The force is ``m (k d - sqrt(k) v)``; Drake reports no other sign of d.
 
     Parameters
     ----------
     force : ndarray, shape (3,)
         In W, N.
     anchor, velocity : ndarray, shape (3,)
-        Of the point at which it pulls, in W, m and m/s.
+        Of the dragged point, in W, m and m/s.
     mass : float
         Of the body, kg.
     stiffness : float
@@ -184,9 +226,7 @@ def cursor_of(
 
 
 def slide(cursor: Array, *, eye: Array, point: Array, normal: Array) -> Array | None:
-    """Return where the ray from the eye through the cursor meets a plane.
-
-    On the screen "away" would otherwise mean "up".
+    """Return the intersection of a plane with the ray from the eye through the cursor.
 
     Parameters
     ----------
@@ -216,9 +256,9 @@ def follow(
     here: Array,
     eye: Array,
     config: DragConfig,
-    board: BoardPlane | None,
+    board: BoardSurface | None,
 ) -> Array:
-    """Return the state after a look at the page.
+    """Return the state after reading the page.
 
     Parameters
     ----------
@@ -226,19 +266,19 @@ def follow(
     drag : Drag or None
         None where nothing is dragged.
     time, period : float
-        Of the look, and between two, s.
+        Of the reading, and between two readings, s.
     here : ndarray, shape (3,)
-        The point that is led, in W, m.
+        The guided point, in W, m.
     eye : ndarray, shape (3,)
         Of the page's camera, in W, m.
     config : DragConfig
-    board : BoardPlane, optional
+    board : BoardSurface, optional
         None to follow the cursor in the plane of the screen.
     """
     floats = state.copy()
     s = floats.view(STATE)[0]
     if not s["started"]:
-        # What is dragged before the beginning is old: wait until it says something new.
+        # A message from before the start is old: wait for a new one.
         s["started"], s["wanted"] = 1, here
         s["lost"] = 0
         s["message"] = np.nan if drag is None else np.r_[drag.anchor, drag.cursor]
@@ -250,14 +290,14 @@ def follow(
     message = np.r_[drag.anchor, drag.cursor]
     is_new = not np.all(np.abs(message - s["message"]) < _SAME)
     moved_cursor = not np.all(np.abs(message[3:] - s["message"][3:]) < _SAME)
-    if s["leading"] and s["body"] != drag.body:
+    if s["guiding"] and s["body"] != drag.body:
         _let_go(s, here)
-    if s["lost"] or not (is_new or s["leading"]):
+    if s["lost"] or not (is_new or s["guiding"]):
         return floats
     if is_new:
-        grabs = not s["leading"]
+        grabs = not s["guiding"]
         if grabs:
-            s["leading"], s["body"], s["point"] = 1, drag.body, drag.point
+            s["guiding"], s["body"], s["point"] = 1, drag.body, drag.point
             s["eye"], s["grabbed"], s["offset"] = eye, drag.anchor, here - drag.anchor
             s["aim"] = s["wanted"] = here
             s["cursor_time"] = time
@@ -270,7 +310,7 @@ def follow(
                 return floats
     elif (
         time - s["message_time"] > config.patience
-        and np.linalg.norm(here - s["here"]) > _STIRRED
+        and np.linalg.norm(here - s["here"]) > _MOTION_THRESHOLD
     ):
         _let_go(s, here)
         return floats
@@ -289,12 +329,12 @@ def _aim(
     time: float,
     period: float,
     config: DragConfig,
-    board: BoardPlane | None,
+    board: BoardSurface | None,
 ) -> None:
-    """Take over a new cursor: reach it when the next one comes."""
+    """Set the goal to a new cursor, to be reached when the next one comes."""
     aim: Array | None = cursor
     if board is not None:
-        aim = slide(cursor, eye=s["eye"], point=s["grabbed"], normal=board.normal)
+        aim = board.slide(cursor, eye=s["eye"], point=s["grabbed"])
     if aim is None or np.linalg.norm(aim + s["offset"] - s["aim"]) > config.max_jump:
         s["lost"] = 1
         return
@@ -308,8 +348,8 @@ def _aim(
 
 
 def _let_go(s: Any, here: Array) -> None:
-    if s["leading"]:
-        s["leading"], s["wanted"] = 0, here
+    if s["guiding"]:
+        s["guiding"], s["wanted"] = 0, here
 
 
 def hand_force(
@@ -320,27 +360,27 @@ def hand_force(
     normal: Array | None = None,
     height: float = 0.0,
 ) -> Array:
-    """Return the force of the hand on the point that it leads or holds, in W, N.
+    """Return the force of the hand on the guided or held point, in W, N.
 
     Parameters
     ----------
     away : ndarray, shape (3,)
-        From the point to where it is wanted, in W, m.
+        From the point to its set-point, in W, m.
     velocity : ndarray, shape (3,)
         Of the point, in W, m/s.
     config : DragConfig
     normal : ndarray, shape (3,), or None
-        Out of the board, in W: the spring acts in its plane, and along it the hand
-        presses and damps. None for a spring in all directions.
+        Out of the board, in W: the spring acts in its plane; along it the normal force
+        and damping act. None for a spring in all directions.
     height : float
-        Of the point over the board, m; on a tool that has left it the hand presses more.
+        Of the point over the board, m; it adds to the normal force.
     """
     f = config.stiffness * away - config.damping * velocity
     along = np.zeros(3)
     if normal is not None:
         f -= normal * (normal @ f)
-        press = config.normal_force + config.damping * float(normal @ velocity)
-        press += config.stiffness * float(np.clip(height, 0.0, _LIFT))
-        along = -normal * np.clip(press, -config.max_force, config.max_force)
+        along_normal = config.normal_force + config.damping * float(normal @ velocity)
+        along_normal += config.stiffness * float(np.clip(height, 0.0, _LIFT))
+        along = -normal * np.clip(along_normal, -config.max_force, config.max_force)
     strength = float(np.linalg.norm(f))
     return f * min(1.0, config.max_force / max(strength, 1e-12)) + along

@@ -1,14 +1,14 @@
-"""What the impedance controller reads from Drake about its arm."""
+"""Kinematics and dynamics of an arm, as a plant computes them."""
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import CacheIndex, Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import CacheIndex, Context, LeafSystem
 
-from fmp_drake.errors import ControllerError
-from fmp_drake.systems.impedance.limits import JointLimits
+from fmp_drake.errors import SystemsError
+from fmp_drake.systems.impedance.joints import JointLimits
+from fmp_drake.systems.interface.callbacks import declare_plant_context
 
 Array = NDArray[np.float64]
 ArmReading = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
@@ -26,7 +26,7 @@ class ArmModel:
 
     Raises
     ------
-    ControllerError
+    SystemsError
         Where the plant is not one fully actuated arm.
     """
 
@@ -39,15 +39,7 @@ class ArmModel:
 
     def declare_context(self, system: LeafSystem) -> CacheIndex:
         """Declare a Context of the plant, for a system to overwrite at every use."""
-        plant = self._plant
-        return system.DeclareCacheEntry(
-            "plant context, overwritten at every use",
-            ValueProducer(
-                allocate=lambda: AbstractValue.Make(plant.CreateDefaultContext()),
-                calc=lambda _context, _value: None,
-            ),
-            prerequisites_of_calc={system.nothing_ticket()},
-        ).cache_index()
+        return declare_plant_context(system, self._plant)
 
     def read(self, plant_context: Context, state: Array) -> ArmReading:
         """Return what `impedance_step` wants to know of the arm, in its order.
@@ -114,7 +106,7 @@ class ArmModel:
 
 
 def _is_finite(state: Array) -> bool:
-    """Tell whether a state is finite, and far from an overflow."""
+    """Return whether a state is finite, and far from an overflow."""
     return bool(state.dot(state) < 1e24)
 
 
@@ -134,10 +126,10 @@ def joint_limits(plant: MultibodyPlant) -> JointLimits:
 def _check_plant(plant: MultibodyPlant) -> None:
     """Refuse a plant that is not one fully actuated arm."""
     if not plant.is_finalized():
-        raise ControllerError("The controller's plant must be finalized first.")
+        raise SystemsError("The controller's plant must be finalized first.")
     n = plant.num_velocities()
     if n == 0 or plant.num_positions() != n:
-        raise ControllerError(
+        raise SystemsError(
             "The controller's plant must hold an arm on a fixed base: "
             f"{plant.num_positions()} positions and {n} velocities, not equal numbers "
             "above 0."
@@ -145,7 +137,7 @@ def _check_plant(plant: MultibodyPlant) -> None:
     if plant.num_actuators() != n or not np.array_equal(
         plant.MakeActuationMatrix(), np.eye(n)
     ):
-        raise ControllerError(
+        raise SystemsError(
             f"The controller's plant must have one actuator for each of its {n} "
             f"joints, in their order; it has {plant.num_actuators()}."
         )
@@ -163,7 +155,7 @@ def checked_posture(
         return middle
     q = np.array(q_posture, dtype=float)
     if q.shape != lower.shape or not np.all((lower <= q) & (q <= upper)):
-        raise ControllerError(
+        raise SystemsError(
             f"q_posture must be {lower.size} angles between {lower} and {upper} rad, "
             f"got {q}"
         )

@@ -1,1 +1,0 @@
-"""How a system declares itself to Drake."""

@@ -1,0 +1,442 @@
+"""Torques joint by joint: limits of torque, position and speed, and friction."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.compiled import compiled
+from fmp_drake.errors import SystemsError
+from fmp_drake.settings import bounded, check_settings
+from fmp_drake.systems.impedance.algebra import cholesky, solve_lower
+
+Array = NDArray[np.float64]
+
+# The part of the efforts that is used, because the weight changes until the next
+# update, and the part that is left where the weight alone needs all.
+_USED, _LEFT = 0.99, 0.01
+# Time constant with which a joint that would be too fast comes to rest, s.
+_STOPPING_TIME = 0.05
+
+
+@dataclass(kw_only=True)
+class JointWallConfig:
+    """Springs at the joint limits, and brakes of the joint speeds.
+
+    The limits and efforts are the model's.
+
+    Attributes
+    ----------
+    width : float
+        Width of the spring at a limit, rad. At half of it the spring's torque is the
+        joint's effort limit.
+    braking_acceleration : float
+        Deceleration, rad/s², that bounds the speed towards a joint-limit spring.
+    speed_fraction : float
+        Fraction of the model's velocity limit above which a joint is braked.
+    braking_time : float
+        Time constant of the excess speed, s.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems import ImpedanceConfig
+    >>> config = ImpedanceConfig(walls=JointWallConfig(width=0.05))
+    >>> config.walls.speed_fraction
+    0.85
+    """
+
+    width: float = bounded(0.1, above=0)
+    braking_acceleration: float = bounded(5.0, above=0)
+    speed_fraction: float = bounded(0.85, above=0, most=1)
+    braking_time: float = bounded(0.01, above=0)
+
+
+class JointLimits(NamedTuple):
+    """Joint limits; infinite where a joint has none.
+
+    Parameters
+    ----------
+    middle, half_range : array, shape (n,)
+        Of the position, rad; the middle is 0 where there is no limit.
+    speed : array, shape (n,)
+        rad/s.
+    lower_effort, upper_effort : array, shape (n,)
+        ``lower < 0 < upper``, Nm.
+    """
+
+    middle: Array
+    half_range: Array
+    speed: Array
+    lower_effort: Array
+    upper_effort: Array
+
+    @classmethod
+    def between(
+        cls,
+        lower: Array,
+        upper: Array,
+        *,
+        speed: Array,
+        lower_effort: Array,
+        upper_effort: Array,
+    ) -> Self:
+        """Make them from a lower and an upper limit of the position, rad."""
+        two_sided = np.isfinite(lower) & np.isfinite(upper)
+        middle = np.zeros(len(lower))
+        middle[two_sided] = 0.5 * (lower[two_sided] + upper[two_sided])
+        half_range = np.minimum(upper - middle, middle - lower)
+        return cls(middle, half_range, speed, lower_effort, upper_effort)
+
+
+class WallTorque(NamedTuple):
+    """Torque at the joint limits in Nm, shape (n,), and whether it limits position or speed."""
+
+    torque: Array
+    at_wall: bool
+    too_fast: bool
+
+
+@compiled
+def wall_torque(
+    config: JointWallConfig, limits: JointLimits, q: Array, v: Array, inertia: Array
+) -> WallTorque:
+    """Compute the torque that keeps the joints within their limits; zero far from them.
+
+    Each joint gets ``−k depth`` in the last `width` of its range, and is braked by
+    ``−(m / t) (v − v_allowed)``, where ``v_allowed² = 2 a margin``. Inside the
+    spring both directions are damped, so it generates no energy.
+
+    Parameters
+    ----------
+    config : JointWallConfig
+        As `values_of` returns it.
+    limits : JointLimits
+    q, v : array, shape (n,)
+        Positions and velocities, rad and rad/s.
+    inertia : array, shape (n,)
+        Diagonal of the mass matrix, kg m².
+
+    Returns
+    -------
+    WallTorque
+    """
+    torque = np.zeros(len(q))
+    at_wall = too_fast = False
+    for i in range(len(q)):
+        x = q[i] - limits.middle[i]
+        side = -1.0 if x < 0 else 1.0
+        margin = limits.half_range[i] - abs(x)
+        depth = min(max(config.width - margin, 0.0), config.width) / config.width
+        strength = min(limits.upper_effort[i], -limits.lower_effort[i])
+        if not math.isfinite(strength):
+            strength = inertia[i] / config.braking_time**2
+        # The speed towards the limit, and what is too much of it.
+        speed = side * v[i]
+        most = config.speed_fraction * limits.speed[i]
+        stoppable = math.sqrt(
+            2 * config.braking_acceleration * max(margin - config.width, 0.0)
+        )
+        excess = max(speed - min(most, stoppable), 0.0) + min(speed + most, 0.0)
+        # The wall gives back little of what it took.
+        excess += min(speed, 0.0) * min(2 * depth, 1.0)
+        torque[i] = -side * (
+            2 * depth * strength + inertia[i] / config.braking_time * excess
+        )
+        at_wall = at_wall or depth > 0
+        too_fast = too_fast or excess != 0
+    return WallTorque(torque, at_wall, too_fast)
+
+
+@compiled
+def torque_scale(torque: Array, lower: Array, upper: Array) -> float:
+    """Return the factor, at most 1, that scales a torque into the box of limits.
+
+    Parameters
+    ----------
+    torque : array, shape (n,)
+        Joint torque, Nm.
+    lower, upper : array, shape (n,)
+        Limits, ``lower < 0 < upper``, Nm; infinite where there is none.
+    """
+    excess = 1.0
+    for i in range(len(torque)):
+        excess = max(excess, torque[i] / upper[i], torque[i] / lower[i])
+    return 1 / excess
+
+
+@compiled
+def rate_scale(change: Array, max_change: float) -> float:
+    """Return the factor, at most 1, by which a change of torque is shortened.
+
+    Parameters
+    ----------
+    change : array, shape (n,)
+        Desired minus previous joint torque, Nm.
+    max_change : float
+        Greatest change of any joint, Nm.
+    """
+    greatest = max_change
+    for i in range(len(change)):
+        greatest = max(greatest, abs(change[i]))
+    return max_change / greatest
+
+
+@compiled
+def towards(change: Array, wall: Array, max_change: float) -> Array:
+    """Return a change of torque that no joint exceeds, shape (n,), in Nm.
+
+    It is shortened without a change of direction, but for joints with a torque at their
+    limits: other joints that need a larger change do not delay it.
+
+    Parameters
+    ----------
+    change : array, shape (n,)
+        Desired minus previous joint torque, Nm.
+    wall : array, shape (n,)
+        Of `wall_torque`, Nm.
+    max_change : float
+        As for `rate_scale`.
+    """
+    shortened = rate_scale(change, max_change) * change
+    for i in range(len(change)):
+        if wall[i] != 0:
+            shortened[i] = min(max(change[i], -max_change), max_change)
+    return shortened
+
+
+class LimitedTorque(NamedTuple):
+    """Torque within all limits, and the limits that were active.
+
+    Attributes
+    ----------
+    torque : array, shape (n,)
+        Nm.
+    torque_scale, rate_scale : float
+        Factors by which the torque and its change were shortened.
+    at_wall, too_fast : bool
+        Whether a joint is near its limit, and whether one is braked.
+    overspeed : bool
+        See `speed_limited`.
+    """
+
+    torque: Array
+    torque_scale: float
+    rate_scale: float
+    at_wall: bool
+    too_fast: bool
+    overspeed: bool
+
+
+@compiled
+def speed_limited(
+    limits: JointLimits,
+    torque: Array,
+    previous: Array,
+    max_change: float,
+    period: float,
+    v: Array,
+    M: Array,
+    Cv: Array,
+    wall: Array,
+) -> tuple[Array, bool]:
+    """Replace a torque after which no torque could keep the joints' speed limits.
+
+    The torque changes by at most `max_change` an update. So an acceleration lasts while
+    the torque returns to the one without acceleration, ``C v``. Where a joint would
+    exceed its speed limit by then, the torque returns at once, and then damps the
+    joints. A torque is thus applied only where the next update can still return from it.
+    The torque at the joint limits remains.
+
+    Parameters
+    ----------
+    limits : JointLimits
+    torque, previous, max_change
+        As for `limited_torque`; the torque is within its limits.
+    period : float
+        Time between updates, s.
+    v : array, shape (n,)
+        Joint velocities, rad/s.
+    M : array, shape (n, n)
+        Mass matrix, kg m².
+    Cv : array, shape (n,)
+        Coriolis and centrifugal torque, Nm.
+    wall : array, shape (n,)
+        Of `wall_torque`, Nm.
+
+    Returns
+    -------
+    torque : array, shape (n,)
+        Nm.
+    overspeed : bool
+        Whether a joint exceeds its limit now, or would have done so.
+    """
+    L, _ = cholesky(M)
+    root = solve_lower(L, np.eye(len(v)))
+    acceleration = root.T @ (root @ (torque - Cv))
+    duration = period * (1 + 0.5 * np.max(np.abs(torque - Cv)) / max_change)
+    overspeed = unavoidable = False
+    for i in range(len(v)):
+        # A torque that already slows the joint down is left as it is.
+        later = v[i] + duration * acceleration[i]
+        unavoidable |= abs(later) > limits.speed[i] and later * acceleration[i] > 0
+        overspeed |= abs(v[i]) > limits.speed[i]
+    if not unavoidable:
+        return torque, overspeed
+    change = Cv + wall - previous
+    for i in range(len(v)):
+        # Where more than its own acceleration has to be countered, as in contact.
+        if wall[i] != 0 and v[i] * (torque[i] - previous[i] - change[i]) < 0:
+            change[i] = torque[i] - previous[i]
+    if np.max(np.abs(change)) <= max_change:
+        change -= M @ v / _STOPPING_TIME
+    return previous + towards(change, wall, max_change), True
+
+
+@compiled
+def limited_torque(
+    config: JointWallConfig,
+    limits: JointLimits,
+    torque: Array,
+    previous: Array,
+    max_change: float,
+    period: float,
+    q: Array,
+    v: Array,
+    M: Array,
+    Cv: Array,
+    weight: Array,
+) -> LimitedTorque:
+    """Limit a torque and its change, and add the torque at the joint limits.
+
+    Both the torque and its sum with the weight stay within the effort limits.
+
+    Parameters
+    ----------
+    config, limits, q, v
+        As for `wall_torque`.
+    torque, previous : array, shape (n,)
+        Desired, and of the update before, Nm.
+    max_change : float
+        As for `rate_scale`.
+    period, M, Cv
+        As for `speed_limited`.
+    weight : array, shape (n,)
+        Generalized force of gravity, which the motors counter, Nm.
+    """
+    lower, upper = limits.lower_effort, limits.upper_effort
+    lower = np.maximum(np.minimum(_USED * lower + weight, _LEFT * lower), lower)
+    upper = np.minimum(np.maximum(_USED * upper + weight, _LEFT * upper), upper)
+    scale = torque_scale(torque, lower, upper)
+    torque = scale * torque
+    wall = wall_torque(config, limits, q, v, np.diag(M).copy())
+    if wall.at_wall or wall.too_fast:
+        torque = np.minimum(np.maximum(torque + wall.torque, lower), upper)
+    change = torque - previous
+    slowness = rate_scale(change, max_change)
+    # The box has moved with the arm since the previous torque.
+    change = towards(change, wall.torque, max_change)
+    torque = np.minimum(np.maximum(previous + change, lower), upper)
+    torque, overspeed = speed_limited(
+        limits, torque, previous, max_change, period, v, M, Cv, wall.torque
+    )
+    if overspeed:
+        torque = np.minimum(np.maximum(torque, lower), upper)
+    return LimitedTorque(
+        torque, scale, slowness, wall.at_wall, wall.too_fast, overspeed
+    )
+
+
+# Friction.
+
+
+@dataclass(kw_only=True)
+class FrictionConfig:
+    """Friction of joints, a sigmoid of their velocities [1]_.
+
+    An empty list stands for the numbers of the robot: a station fills it in.
+
+    Attributes
+    ----------
+    enabled : bool
+    gain : float
+        Part of the friction that is meant: 1 for the arm's own, somewhat less to
+        compensate it, as too much makes the joints run away.
+    height : list of floats
+        φ1 of each joint, Nm.
+    slope : list of floats
+        φ2, s/rad.
+    shift : list of floats
+        φ3, rad/s.
+
+    References
+    ----------
+    .. [1] C. Gaz, M. Cognetti, A. Oliva, P. Robuffo Giordano, A. De Luca, "Dynamic
+       identification of the Franka Emika Panda robot with retrieval of feasible
+       parameters using penalty-based optimization", IEEE RA-L 4(4), 2019.
+
+    Examples
+    --------
+    >>> robot = FrictionConfig(height=[0.5, 0.3], slope=[5.0, 9.0], shift=[0.0, 0.0])
+    >>> FrictionConfig(enabled=True, gain=0.9).completed(robot).height
+    [0.5, 0.3]
+    """
+
+    enabled: bool = False
+    gain: float = bounded(1.0, least=0)
+    height: list[float] = bounded([], least=0)
+    slope: list[float] = bounded([], least=0)
+    shift: list[float] = bounded([])
+
+    def completed(self, robot: Self) -> Self:
+        """Return a copy with the numbers of a robot in place of empty lists."""
+        names = ("height", "slope", "shift")
+        lists = {name: getattr(self, name) or getattr(robot, name) for name in names}
+        return replace(self, **lists)
+
+
+class SigmoidFriction(NamedTuple):
+    """The parameters of the joints' friction, see `friction_torque`.
+
+    Attributes
+    ----------
+    height, slope, shift : array, shape (n,)
+        φ1 in Nm, φ2 in s/rad and φ3 in rad/s.
+    """
+
+    height: Array
+    slope: Array
+    shift: Array
+
+    @classmethod
+    def of(cls, config: FrictionConfig, *, n: int) -> Self:
+        """Check a configuration for an arm of n joints.
+
+        Raises
+        ------
+        SystemsError
+            If a list has not n finite numbers, or one has the wrong sign.
+        """
+        check_settings(config, SystemsError, "friction.")
+        lists = (config.height, config.slope, config.shift)
+        for name, values in zip(("height", "slope", "shift"), lists, strict=True):
+            if len(values) != n:
+                raise SystemsError(
+                    f"friction.{name} must be {n} numbers, one per joint, got {values}"
+                )
+        height, slope, shift = np.array(lists, dtype=float)
+        return cls(config.gain * height, slope, shift)
+
+
+@compiled
+def friction_torque(friction: SigmoidFriction, v: Array) -> Array:
+    """Return the friction torque, shape (n,) in Nm, at velocities in rad/s.
+
+    ``τ = φ1 / (1 + exp(−φ2 (v + φ3))) − φ1 / (1 + exp(−φ2 φ3))``: zero at rest,
+    against the motion where it is subtracted, and bounded by φ1.
+    """
+    # 1 / (1 + exp(−x)) = (1 + tanh(x / 2)) / 2, which does not overflow.
+    half = 0.5 * friction.slope
+    moving = np.tanh(half * (v + friction.shift))
+    return 0.5 * friction.height * (moving - np.tanh(half * friction.shift))

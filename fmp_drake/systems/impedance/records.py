@@ -1,0 +1,448 @@
+"""Settings, inputs and memory of the impedance controller, as NumPy records."""
+
+import math
+import sys
+from dataclasses import dataclass, fields, is_dataclass, replace
+from itertools import accumulate
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.compiled import compiled, inlined
+from fmp_drake.systems.impedance.algebra import (
+    Pose,
+    rotation_from_quaternion,
+    stacked,
+    twist_rotation,
+)
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.force_control import ForceState
+from fmp_drake.systems.impedance.joints import (
+    FrictionConfig,
+    JointLimits,
+    SigmoidFriction,
+)
+from fmp_drake.systems.impedance.supervision import (
+    ForceRecord,
+    LastTarget,
+    WatchdogState,
+)
+from fmp_drake.systems.impedance.target import TaskTarget
+
+Array = NDArray[np.float64]
+
+# Larger numbers count as errors.
+_LARGEST = 1e12
+
+# Settings.
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ImpedanceSettings:
+    """Settings of a controller that do not depend on the number of joints.
+
+    Attributes
+    ----------
+    config : ImpedanceConfig
+    stiffness : array, shape (6, 6)
+        K without the port `stiffness`, in T.
+    R_TE : array, shape (3, 3)
+        The desired orientation without the port `desired_orientation`.
+    X_WT : Pose
+        The task frame without the port `task_frame`.
+    max_torque_rate : float
+        Nm/s; the largest number where there is no limit.
+    engage_height : float
+        Height over T's plane below which the normal force acts, m.
+    """
+
+    config: ImpedanceConfig
+    stiffness: Array
+    R_TE: Array
+    X_WT: Pose
+    max_torque_rate: float
+    engage_height: float
+
+
+def settings_of(
+    config: ImpedanceConfig,
+    *,
+    X_WT: Pose,
+    engage_height: float,
+) -> NDArray[Any]:
+    """Check a configuration and complete it.
+
+    Returns
+    -------
+    array, shape (1,)
+        The values of `ImpedanceSettings`, of the type `LAYOUT`.
+
+    Raises
+    ------
+    SystemsError
+        If a value cannot be used.
+    """
+    rate = config.max_torque_rate
+    max_torque_rate = sys.float_info.max if rate is None else rate
+    settings = ImpedanceSettings(
+        # The lists of the friction are as long as the arm: see `joint_settings`.
+        config=replace(
+            config,
+            max_torque_rate=max_torque_rate,
+            friction_compensation=FrictionConfig(),
+        ),
+        stiffness=config.stiffness(),
+        R_TE=config.desired_rotation(),
+        X_WT=X_WT,
+        max_torque_rate=max_torque_rate,
+        engage_height=engage_height,
+    )
+    return np.array([values_of(settings)])
+
+
+class JointSettings(NamedTuple):
+    """Settings of a controller for each joint of its arm.
+
+    Attributes
+    ----------
+    limits : JointLimits
+    friction : SigmoidFriction
+        The compensated friction; zero where the compensation is not enabled.
+    q_posture : array, shape (n,)
+        rad.
+    """
+
+    limits: JointLimits
+    friction: SigmoidFriction
+    q_posture: Array
+
+
+def joint_settings(
+    config: ImpedanceConfig, *, limits: JointLimits, q_posture: Array
+) -> Array:
+    """Check a configuration for an arm of n joints, and return `JointSettings` as rows.
+
+    Returns
+    -------
+    array, shape (9, n)
+
+    Raises
+    ------
+    SystemsError
+        If the friction to be compensated is not that of n joints.
+    """
+    n = len(q_posture)
+    friction = SigmoidFriction(np.zeros(n), np.zeros(n), np.zeros(n))
+    if config.friction_compensation.enabled:
+        friction = SigmoidFriction.of(config.friction_compensation, n=n)
+    return np.stack([*limits, *friction, q_posture])
+
+
+@inlined
+def of_joints(rows: Array) -> JointSettings:
+    """Read what `joint_settings` returned."""
+    return JointSettings(
+        JointLimits(rows[0], rows[1], rows[2], rows[3], rows[4]),
+        SigmoidFriction(rows[5], rows[6], rows[7]),
+        rows[8],
+    )
+
+
+def values_of[C](settings: C) -> C:
+    """Return a NumPy record with the fields of a dataclass of numbers.
+
+    It is a copy. Numbers become floats, lists arrays, dataclasses and named tuples
+    records, so that compiled functions see the same types every time. Empty lists are
+    left out.
+
+    Examples
+    --------
+    >>> from fmp_drake.systems.impedance.supervision import WatchdogConfig
+    >>> float(values_of(WatchdogConfig(max_age=1)).max_age)
+    1.0
+    """
+    record: Any = np.array([_contents(settings)], _dtype(settings))
+    return record.view(np.recarray)[0]
+
+
+def _parts(value: Any) -> dict[str, Any] | None:
+    """Return the named parts of a value that has some."""
+    if is_dataclass(value):
+        parts = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {name: part for name, part in parts.items() if not _is_empty(part)}
+    return value._asdict() if hasattr(value, "_asdict") else None
+
+
+def _is_empty(value: Any) -> bool:
+    return isinstance(value, list) and not value
+
+
+def _contents(value: Any) -> Any:
+    parts = _parts(value)
+    return value if parts is None else tuple(map(_contents, parts.values()))
+
+
+def _dtype(value: Any) -> np.dtype[Any]:
+    parts = _parts(value)
+    if parts is not None:
+        return np.dtype([(name, _dtype(part)) for name, part in parts.items()])
+    kind = bool if isinstance(value, bool) else float
+    return np.dtype((kind, np.shape(value)))
+
+
+LAYOUT = settings_of(
+    ImpedanceConfig(), X_WT=Pose(np.eye(3), np.zeros(3)), engage_height=1.0
+).dtype
+"""The type of what `settings_of` returns."""
+
+# Inputs.
+
+# Ports and their sizes, in the order of the packed vector.
+REQUIRED = {"desired_position": 3, "desired_velocity": 3, "desired_acceleration": 3}
+OPTIONAL = {
+    "feedforward_wrench": 6,
+    "desired_orientation": 4,
+    "desired_angular_velocity": 3,
+    "desired_angular_acceleration": 3,
+    "task_frame": 7,
+    "task_frame_velocity": 6,
+    "task_frame_acceleration": 6,
+    "target_time": 1,
+    "stiffness": 36,
+    "covariance": 9,
+    "normal_force": 1,
+    "desired_normal_force": 1,
+}
+PORTS = REQUIRED | OPTIONAL
+# The values of all ports, and behind them 1 for each port that is used.
+PACKED = np.dtype(
+    [(name, float, (size,)) for name, size in PORTS.items()]
+    + [(f"has_{name}", float) for name in PORTS]
+)
+PACKED_SIZE = PACKED.itemsize // 8
+# Where each port's values are among the packed numbers, and where its flag is.
+PLACES = {
+    name: (slice(end - PORTS[name], end), sum(PORTS.values()) + k)
+    for k, (name, end) in enumerate(zip(PORTS, accumulate(PORTS.values()), strict=True))
+}
+
+
+class StepInputs(NamedTuple):
+    """Values at the input ports.
+
+    Attributes
+    ----------
+    finite : bool
+        Whether every value is finite, and far from an overflow.
+    target : TaskTarget
+        Relative to T.
+    wrench : array, shape (6,)
+        Feed-forward, Nm and N, in T.
+    X_WT : Pose
+    frame_twist, frame_acceleration : array, shape (6,)
+        V_WT and A_WT in T's axes.
+    age : float
+        Of the target, s; NaN where `target_time` is not connected.
+    stiffness : array, shape (6, 6)
+    covariance : array, shape (3, 3)
+        m².
+    normal_force, desired_normal_force : float
+        Measured and desired along −z of T, N.
+    has_stiffness, has_covariance, has_normal_force : bool
+        Whether there is one.
+    """
+
+    finite: bool
+    target: TaskTarget
+    wrench: Array
+    X_WT: Pose
+    frame_twist: Array
+    frame_acceleration: Array
+    age: float
+    stiffness: Array
+    covariance: Array
+    normal_force: float
+    desired_normal_force: float
+    has_stiffness: bool
+    has_covariance: bool
+    has_normal_force: bool
+
+
+@compiled
+def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInputs:
+    """Read the packed inputs.
+
+    Parameters
+    ----------
+    packed : array, shape (107,)
+        A record of the type `PACKED` as numbers, zero where a port is not used.
+    settings : ImpedanceSettings
+        With the task frame where the port brings none, or none that is finite, and
+        the desired orientation where the port brings none.
+    time : float
+        s.
+    """
+    X_WT = Pose(settings.X_WT.R.copy(), settings.X_WT.p.copy())
+    R_TE = settings.R_TE.copy()
+    ports, finite = packed.view(PACKED)[0], True
+    for i in range(len(packed)):
+        finite = finite and abs(packed[i]) < _LARGEST
+    if ports["has_desired_orientation"]:
+        R_TE = rotation_from_quaternion(ports["desired_orientation"].copy())
+        finite = finite and math.isfinite(R_TE[0, 0])
+    if ports["has_task_frame"]:
+        pose = ports["task_frame"].copy()
+        R_WT = rotation_from_quaternion(pose[:4])
+        if math.isfinite(R_WT[0, 0] + pose[4] + pose[5] + pose[6]):
+            X_WT = Pose(R_WT, pose[4:])
+        else:
+            finite = False
+    rotation = twist_rotation(X_WT.R.T)
+    # A frame that has no velocity stands still.
+    frame_acceleration = ports["task_frame_acceleration"].copy()
+    if not ports["has_task_frame_velocity"]:
+        frame_acceleration = np.zeros(6)
+    age = time - ports["target_time"][0]
+    return StepInputs(
+        finite,
+        TaskTarget(
+            Pose(R_TE, ports["desired_position"].copy()),
+            stacked(ports["desired_angular_velocity"], ports["desired_velocity"]),
+            stacked(
+                ports["desired_angular_acceleration"], ports["desired_acceleration"]
+            ),
+        ),
+        ports["feedforward_wrench"].copy(),
+        X_WT,
+        rotation @ ports["task_frame_velocity"].copy(),
+        rotation @ frame_acceleration,
+        age if ports["has_target_time"] else math.nan,
+        ports["stiffness"].copy().reshape(6, 6),
+        ports["covariance"].copy().reshape(3, 3),
+        ports["normal_force"][0],
+        max(ports["desired_normal_force"][0], 0.0),
+        ports["has_stiffness"] > 0,
+        ports["has_covariance"] > 0,
+        ports["has_normal_force"] > 0,
+    )
+
+
+# Memory.
+
+
+class ImpedanceMemory(NamedTuple):
+    """The controller's memory; in the discrete state it is a vector.
+
+    Attributes
+    ----------
+    watchdog : WatchdogState
+    force : ForceState
+    tank_energy : float
+        J.
+    saturated : bool
+        Whether the torque was limited.
+    target : LastTarget
+    held : Pose
+        X_WE where the arm was stopped.
+    stiffness : array, shape (6, 6)
+        K, in T.
+    rotation_error : array, shape (3,)
+        Of the update before, rad, in T.
+    force_record : ForceRecord
+    """
+
+    watchdog: WatchdogState
+    force: ForceState
+    tank_energy: float
+    saturated: bool
+    target: LastTarget
+    held: Pose
+    stiffness: Array
+    rotation_error: Array
+    force_record: ForceRecord
+
+
+# Numbers of 8 bytes only: one array of floats holds them.
+MEMORY = np.dtype(
+    (
+        np.record,
+        [
+            ("mode", float),
+            ("clock", float),
+            ("duration", float),
+            ("surface", float),
+            ("force", float),
+            ("lost_time", float),
+            ("tank_energy", float),
+            ("saturated", float),
+            ("target_known", float),
+            ("frozen_time", float),
+            ("target_R", float, (3, 3)),
+            ("target_p", float, (3,)),
+            ("held_R", float, (3, 3)),
+            ("held_p", float, (3,)),
+            ("stiffness", float, (6, 6)),
+            ("rotation_error", float, (3,)),
+            ("target_drift", float, (3,)),
+            ("slow_force", float),
+            ("fast_force", float),
+            ("force_power", float),
+        ],
+    )
+)
+"""The controller's memory as a structured type: the fields of `ImpedanceMemory`."""
+
+_MEMORY_SIZE = MEMORY.itemsize // 8
+
+
+def initial_memory(stiffness: Array, *, tank_energy: float) -> Array:
+    """Return the memory of the start; the stiffness has shape (6, 6)."""
+    memory = np.zeros(1, MEMORY)
+    memory["lost_time"] = math.inf
+    memory["tank_energy"] = tank_energy
+    memory["target_R"] = memory["held_R"] = np.eye(3)
+    memory["stiffness"] = stiffness
+    floats: Array = memory.view(np.float64)
+    return floats
+
+
+@compiled
+def decode(vector: Array) -> ImpedanceMemory:
+    """Read a memory from the numbers of a `MEMORY`."""
+    m = vector.view(MEMORY)[0]
+    target = Pose(m.target_R.copy(), m.target_p.copy())
+    return ImpedanceMemory(
+        WatchdogState(int(m.mode), m.clock, m.duration),
+        ForceState(m.surface, m.force, m.lost_time),
+        m.tank_energy,
+        m.saturated > 0,
+        LastTarget(m.target_known > 0, m.frozen_time, target, m.target_drift.copy()),
+        Pose(m.held_R.copy(), m.held_p.copy()),
+        m.stiffness.copy(),
+        m.rotation_error.copy(),
+        ForceRecord(m.slow_force, m.fast_force, m.force_power),
+    )
+
+
+@compiled
+def encode(memory: ImpedanceMemory) -> Array:
+    """Write a memory into the numbers of a new `MEMORY`."""
+    vector = np.empty(_MEMORY_SIZE)
+    m = vector.view(MEMORY)[0]
+    m.mode, m.clock, m.duration = memory.watchdog
+    m.surface, m.force, m.lost_time = memory.force
+    m.tank_energy, m.saturated = memory.tank_energy, memory.saturated
+    m.target_known, m.frozen_time = memory.target.known, memory.target.frozen_time
+    target, held = memory.target, memory.held
+    for i in range(3):
+        m.target_p[i], m.held_p[i] = target.X.p[i], held.p[i]
+        m.rotation_error[i] = memory.rotation_error[i]
+        m.target_drift[i] = target.drift[i]
+        for j in range(3):
+            m.target_R[i, j], m.held_R[i, j] = target.X.R[i, j], held.R[i, j]
+    for i in range(6):
+        for j in range(6):
+            m.stiffness[i, j] = memory.stiffness[i, j]
+    m.slow_force, m.fast_force, m.force_power = memory.force_record
+    return vector

@@ -1,0 +1,1 @@
+"""Helpers for Drake's systems: callbacks, caches, and the model of an arm."""

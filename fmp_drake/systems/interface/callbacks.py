@@ -1,0 +1,90 @@
+"""Callbacks, cache entries and ports that several systems declare.
+
+The callbacks do not keep their system alive. Drake holds the function of a cache entry or
+of an abstract output port where Python's garbage collection does not see it, and a
+`CacheEntry` holds its system. A system that passed its own methods, or kept a
+`CacheEntry`, would never be freed, nor the diagram around it: 20 MB for a wiping station.
+"""
+
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+from pydrake.common.value import AbstractValue, Value
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+from pydrake.systems.framework import (
+    CacheIndex,
+    Context,
+    DependencyTicket,
+    InputPort,
+    LeafSystem,
+    ValueProducer,
+)
+
+
+def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that calls a method, and does not keep its object alive."""
+    reference = weakref.WeakMethod(method)
+
+    def call(*arguments: Any) -> Any:
+        bound_method = reference()
+        assert bound_method is not None
+        return bound_method(*arguments)
+
+    return call
+
+
+def declare_cache(
+    system: LeafSystem,
+    name: str,
+    calc: Callable[[Any, Any], None],
+    prerequisites: set[DependencyTicket],
+    *,
+    allocate: Callable[[], Any] = Value[object],
+) -> CacheIndex:
+    """Declare a cache entry that a method of its system computes.
+
+    `eval_cache` evaluates it; its ticket is ``system.cache_entry_ticket(index)``.
+    """
+    return system.DeclareCacheEntry(
+        name, ValueProducer(allocate=allocate, calc=weakly(calc)), prerequisites
+    ).cache_index()
+
+
+def declare_plant_context(system: LeafSystem, plant: MultibodyPlant) -> CacheIndex:
+    """Declare a Context of a plant, for a system to overwrite at every use."""
+    return system.DeclareCacheEntry(
+        "plant context, overwritten at every use",
+        ValueProducer(
+            allocate=lambda: AbstractValue.Make(plant.CreateDefaultContext()),
+            calc=lambda _context, _value: None,
+        ),
+        prerequisites_of_calc={system.nothing_ticket()},
+    ).cache_index()
+
+
+def collision_ids(plant: MultibodyPlant, body: RigidBody) -> frozenset[int]:
+    """Return the values of the identifiers of a body's collision geometries.
+
+    Each `GeometryId` that a plant returns would keep it alive.
+    """
+    identifiers = plant.GetCollisionGeometriesForBody(body)
+    return frozenset(identifier.get_value() for identifier in identifiers)
+
+
+def declare_bodies(system: LeafSystem) -> tuple[InputPort, InputPort]:
+    """Declare input ports for a plant's `body_poses` and `body_spatial_velocities`."""
+    return (
+        system.DeclareAbstractInputPort("body_poses", Value[list[RigidTransform]]()),
+        system.DeclareAbstractInputPort(
+            "body_spatial_velocities", Value[list[SpatialVelocity]]()
+        ),
+    )
+
+
+def eval_cache(system: LeafSystem, index: CacheIndex, context: Context) -> Any:
+    """Return the value of a cache entry that is up to date."""
+    return system.get_cache_entry(index).Eval(context)

@@ -1,0 +1,328 @@
+"""Server of the page with its panel: a program of its own, without Drake.
+
+Its arguments are the address of a Meshcat and the host to serve at. It prints its port.
+The first line of its input is the operator's token, every further line the fields of the
+panel as JSON; it ends with its input. In the process of a simulation its threads would run
+where Python collects garbage, and a Meshcat may end in the main thread only.
+
+The server is the only way from a browser to the Meshcat. A request must name this machine
+as its host, so that no other site's name leads here. A WebSocket must come from this page.
+Only one that carries the token may send more than answers to pings.
+"""
+
+import hmac
+import ipaddress
+import json
+import os
+import re
+import select
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from http.client import HTTPConnection, HTTPException
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+# Seconds between two messages to a browser, and after which an idle one is sent.
+_PAUSE, _IDLE = 0.1, 2.0
+# Seconds until a silent peer is given up; connections at the same time.
+_TIMEOUT, _MAX_CONNECTIONS = 10.0, 64
+# Bytes with head and mask.
+_LONGEST_CONTROL_FRAME = 131
+_PORTS = range(8000, 8100)
+_OWN_PATH = re.compile(r"/[\w./-]*", re.ASCII)
+_HANDSHAKE = (
+    "Upgrade",
+    "Connection",
+    "Sec-WebSocket-Key",
+    "Sec-WebSocket-Version",
+    "Sec-WebSocket-Extensions",
+)
+
+
+def with_panel(page: str, fields: Mapping[str, Any], **start: bool) -> str:
+    """Return a page of Meshcat with a panel in it.
+
+    Parameters
+    ----------
+    page : str
+        HTML.
+    fields : mapping
+        What the panel says, at first.
+    **start : bool
+        `live`: whether the panel follows a server. `watching`: whether the page may only
+        watch.
+    """
+    end = page.rfind("</body>")
+    head = page.find("</head>")
+    panel = Path(__file__).with_name("page_panel.html").read_text(encoding="utf-8")
+    text = json.dumps({"fields": fields, **start}).replace("<", r"\u003c")
+    title = str(fields.get("title", "fmp_drake")).replace("<", "&lt;")
+    return "".join(
+        (
+            re.sub("<title>.*?</title>", "", page[:head], flags=re.DOTALL),
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{title}</title><script>const fmpStart = {text};</script>",
+            page[head:end],
+            panel,
+            page[end:],
+        )
+    )
+
+
+def is_own_host(header: str, served_at: str) -> bool:
+    """Return whether the Host of a request names this machine.
+
+    An address in numbers cannot be another site's name. Of names only this machine's are
+    accepted.
+
+    Parameters
+    ----------
+    header : str
+        With or without a port.
+    served_at : str
+        The host that the page is served at.
+    """
+    try:
+        name = (urlsplit(f"//{header}").hostname or "").lower()
+        if name in {"localhost", served_at.lower(), socket.gethostname().lower()}:
+            return bool(name)
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+class ControlFrames:
+    """Filter of a browser's WebSocket stream that drops all but control frames (RFC 6455)."""
+
+    def __init__(self) -> None:
+        self._buffer = b""
+        self._skipped = 0
+
+    def filter(self, data: bytes) -> bytes:
+        """Return the control frames that are complete with the next bytes of the stream."""
+        self._buffer += data
+        kept = b""
+        while True:
+            dropped = min(self._skipped, len(self._buffer))
+            self._buffer = self._buffer[dropped:]
+            self._skipped -= dropped
+            size = _frame_size(self._buffer)
+            if size is None:
+                return kept
+            # A control frame has at most 125 bytes: a longer one would fill the memory.
+            if self._buffer[0] & 0x0F < 8 or size > _LONGEST_CONTROL_FRAME:
+                self._skipped = size
+                continue
+            if len(self._buffer) < size:
+                return kept
+            kept += self._buffer[:size]
+            self._buffer = self._buffer[size:]
+
+
+def _frame_size(data: bytes) -> int | None:
+    """Return how many bytes the first frame has with its head; None where that is cut off."""
+    if len(data) < 2:
+        return None
+    length, head = data[1] & 0x7F, 2
+    if length > 125:
+        extended = 2 if length == 126 else 8
+        if len(data) < head + extended:
+            return None
+        length = int.from_bytes(data[head : head + extended], "big")
+        head += extended
+    mask = 4 if data[1] & 0x80 else 0
+    return head + mask + length
+
+
+class _Board:
+    """The fields, for the threads that send them to browsers."""
+
+    def __init__(self) -> None:
+        self.fields: Mapping[str, Any] = {}
+        self._version = 0
+        self._changed = threading.Condition()
+
+    def put(self, fields: Mapping[str, Any]) -> None:
+        with self._changed:
+            self.fields = fields
+            self._version += 1
+            self._changed.notify_all()
+
+    def after(self, version: int) -> tuple[int, Mapping[str, Any]]:
+        """Wait for a later version than this, but not for long."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._version != version, timeout=_IDLE)
+            return self._version, self.fields
+
+
+class _Server(ThreadingHTTPServer):
+    """A server with a bounded number of threads that prints nothing."""
+
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, address: tuple[str, int], handler: Any) -> None:
+        super().__init__(address, handler)
+        self._free = threading.BoundedSemaphore(_MAX_CONNECTIONS)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
+    def handle_error(self, *_: object) -> None:
+        """Ignore the error: a browser has closed the connection, or sent invalid data."""
+
+
+def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPServer:
+    """Bind a server that adds the panel to what Meshcat serves at its address."""
+    inner = urlsplit(meshcat)
+    address = (inner.hostname or "localhost", inner.port or 80)
+
+    def fetch(path: str) -> tuple[int, bytes, Any]:
+        connection = HTTPConnection(*address, timeout=_TIMEOUT)
+        try:
+            connection.request("GET", path)
+            answer = connection.getresponse()
+            return answer.status, answer.read(), answer.headers
+        finally:
+            connection.close()
+
+    page = fetch("/")[1].decode()
+
+    class Handler(BaseHTTPRequestHandler):
+        timeout = _TIMEOUT
+
+        def do_GET(self) -> None:
+            own = self.headers.get("Host", "")
+            path, _, query = self.path.partition("?")
+            given = parse_qs(query).get("token", [""])[-1]
+            may_act = hmac.compare_digest(given.encode(), token.encode())
+            if not is_own_host(own, host):
+                self.send_error(403, "this page is served to its own address only")
+            elif not _OWN_PATH.fullmatch(path) or ".." in path:
+                self.send_error(404)
+            elif self.headers.get("Upgrade", "").lower() == "websocket":
+                if self.headers.get("Origin", f"http://{own}") != f"http://{own}":
+                    self.send_error(403, "another page may not connect to this one")
+                else:
+                    self._join(None if may_act else ControlFrames())
+            elif path in ("/", "/index.html"):
+                text = with_panel(page, board.fields, live=True, watching=not may_act)
+                self._answer(text.encode(), "text/html; charset=utf-8")
+            elif path == "/panel":
+                self._follow()
+            else:
+                self._pass_on(path)
+
+        def _answer(self, body: bytes, kind: str, caching: str = "no-cache") -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", kind)
+            self.send_header("Cache-Control", caching)
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("Referrer-Policy", "no-referrer")
+            self.end_headers()
+            self.wfile.write(body)
+
+        def _follow(self) -> None:
+            """Send the fields whenever they change, as server-sent events."""
+            self.send_response(200)
+            self.send_header("Content-Type", "text/event-stream")
+            self.send_header("Cache-Control", "no-store")
+            self.end_headers()
+            version = -1
+            while True:
+                version, fields = board.after(version)
+                self.wfile.write(f"data: {json.dumps(fields)}\n\n".encode())
+                time.sleep(_PAUSE)
+
+        def _pass_on(self, path: str) -> None:
+            """Fetch what the page needs besides from Meshcat."""
+            try:
+                status, body, headers = fetch(path)
+            except (OSError, HTTPException):
+                self.send_error(502)
+                return
+            if status != 200:
+                self.send_error(status)
+                return
+            kind = headers.get("Content-Type") or "application/octet-stream"
+            self._answer(body, kind, headers.get("Cache-Control") or "no-cache")
+
+        def _join(self, control: ControlFrames | None) -> None:
+            """Join the browser's WebSocket to Meshcat's; a watching one by its control frames."""
+            self.close_connection = True
+            browser = self.connection
+            with socket.create_connection(address, timeout=_TIMEOUT) as upstream:
+                head = ["GET / HTTP/1.1", f"Host: {inner.netloc}"]
+                for name in _HANDSHAKE:
+                    if value := self.headers.get(name):
+                        head.append(f"{name}: {value}")
+                upstream.sendall("\r\n".join([*head, "", ""]).encode())
+                while True:
+                    ready, _, _ = select.select([browser, upstream], [], [])
+                    if upstream in ready:
+                        if not (data := upstream.recv(1 << 16)):
+                            return
+                        browser.sendall(data)
+                    if browser in ready:
+                        if not (data := browser.recv(1 << 16)):
+                            return
+                        upstream.sendall(control.filter(data) if control else data)
+
+        def log_message(self, *_: object) -> None:
+            """Log nothing."""
+
+    here = "" if host == "*" else host
+    for port in _PORTS:
+        try:
+            return _Server((here, port), Handler)
+        except OSError:
+            continue
+    return _Server((here, 0), Handler)
+
+
+def _answer(line: str) -> None:
+    """Tell the program that started this one the port, or why there is none."""
+    try:
+        sys.stdout.write(f"{line}\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os._exit(1)  # That program has ended.
+
+
+def _main() -> None:
+    meshcat, host = sys.argv[1:]
+    # Ctrl-C is for the program that started this one.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    board = _Board()
+    try:
+        server = _bind(host, meshcat, sys.stdin.readline().strip(), board)
+    except (OSError, HTTPException) as error:
+        _answer(str(error))
+        return
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    _answer(str(server.server_port))
+    for line in sys.stdin:
+        board.put(json.loads(line))
+    if board.fields.get("ended"):
+        # Until browsers have received the last fields.
+        time.sleep(3 * _PAUSE)
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,289 @@
+"""Paths in Meshcat: meshes along them, drawings, and animations."""
+
+from collections.abc import Iterable
+from itertools import pairwise
+from math import inf
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.geometry import Meshcat, MeshcatAnimation, Rgba
+
+from fmp_drake.compiled import compiled
+from fmp_drake.systems.surface import surface as surfaces
+from fmp_drake.systems.surface.surface import PLANE, Surface
+
+type FloatArray = NDArray[np.float64]
+type Mesh = tuple[FloatArray, NDArray[np.int32]]
+
+DEMONSTRATION_COLOR = Rgba(0.36, 0.38, 0.42, 1.0)
+"""Colour of demonstrated paths."""
+
+LIFT = 0.002
+"""Offset along z of the drawing of a path, m."""
+
+# Size of the ellipses of covariances in standard deviations.
+_DEVIATIONS = 2.0
+# The longest part that appears at once, s, unless there would be too many parts.
+_PART = 0.25
+_MAX_PARTS = 300
+
+
+def rod_mesh(points: ArrayLike, radius: ArrayLike, *, sides: int = 6) -> Mesh:
+    """Sweep a circle along a path.
+
+    Meshcat draws every line one pixel wide and opaque; a rod is visible from afar.
+
+    Parameters
+    ----------
+    points : array_like, shape (N, 3)
+        N of at least 2, m.
+    radius : float or array_like, shape (N,)
+        m.
+    sides : int
+        Of the polygon that is swept.
+
+    Returns
+    -------
+    vertices : ndarray, shape (3, N sides)
+        m.
+    faces : ndarray of int32, shape (3, 2 (N - 1) sides)
+        Triangles as indices of vertices.
+    """
+    path = np.ascontiguousarray(points, dtype=float)
+    return _rod(path, np.full(len(path), radius, dtype=float), sides)
+
+
+@compiled
+def _rod(path: FloatArray, radii: FloatArray, sides: int) -> Mesh:
+    n = len(path)
+    vertices = np.empty((3, n * sides))
+    faces = np.empty((3, 2 * (n - 1) * sides), dtype=np.int32)
+    for i in range(n):
+        along = path[min(i + 1, n - 1)] - path[max(i - 1, 0)]
+        length = np.sqrt(np.sum(along * along))
+        # Where the path is at rest, any direction will do.
+        x, y, z = along / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
+        # Two unit vectors across, the first level: z x along, or x on the way up.
+        width = np.hypot(x, y)
+        u, v = (-y / width, x / width) if width > 1e-3 else (1.0, 0.0)
+        up = np.array([-z * v, z * u, x * v - y * u])
+        for k in range(sides):
+            angle = 2 * np.pi * k / sides
+            cos, sin = radii[i] * np.cos(angle), radii[i] * np.sin(angle)
+            a, b = i * sides + k, i * sides + (k + 1) % sides
+            vertices[0, a] = path[i, 0] + cos * u + sin * up[0]
+            vertices[1, a] = path[i, 1] + cos * v + sin * up[1]
+            vertices[2, a] = path[i, 2] + sin * up[2]
+            if i < n - 1:
+                faces[:, 2 * a] = a, b, a + sides
+                faces[:, 2 * a + 1] = b, b + sides, a + sides
+    return vertices, faces
+
+
+def covariance_band(
+    points: ArrayLike,
+    covariances: ArrayLike,
+    *,
+    sides: int = 24,
+    thinnest: float = 5e-4,
+    descent: float = 3e-5,
+) -> Mesh:
+    """Sweep the ellipses of covariances along a path, flat in the plane of x and y.
+
+    Their semi-axes are two standard deviations long.
+
+    Each segment of the path gives the convex hull of the ellipses at its ends. It lies a
+    little lower than the one before it: in a translucent mesh that is drawn in order,
+    what overlaps does not become darker.
+
+    Parameters
+    ----------
+    points : array_like, shape (N, 3)
+        N of at least 2, m.
+    covariances : array_like, shape (N, 3, 3)
+        Of the points, m^2; the part of x and y is shown.
+    sides : int
+        Of the polygon that stands for a hull.
+    thinnest : float
+        Smallest semi-axis, m.
+    descent : float
+        From each segment to the next, m; the last one is as high as the path.
+
+    Returns
+    -------
+    vertices : ndarray, shape (3, (N - 1) sides)
+        m.
+    faces : ndarray of int32, shape (3, (N - 1) (sides - 2))
+        Triangles as indices of vertices, counterclockwise seen from above.
+    """
+    path = np.asarray(points, dtype=float)
+    sigma = np.array(covariances, dtype=float).reshape(-1, 3, 3)[:, :2, :2]
+    sigma[:, [0, 1], [0, 1]] += (thinnest / _DEVIATIONS) ** 2
+    angle = 2 * np.pi * np.arange(sides) / sides
+    directions = np.stack([np.cos(angle), np.sin(angle)])
+    # The farthest point of each ellipse in each direction, (N, sides).
+    spread = sigma @ directions
+    reach = np.sqrt(np.sum(directions * spread, axis=1))
+    edge = path[:, :2, np.newaxis] + _DEVIATIONS * spread / reach[:, np.newaxis]
+    distance = np.sum(directions * edge, axis=1)
+    edge = np.concatenate(
+        [edge, np.broadcast_to(path[:, 2:, np.newaxis], (len(path), 1, sides))], axis=1
+    )
+    first = (distance[:-1] >= distance[1:])[:, np.newaxis]
+    hull = np.where(first, edge[:-1], edge[1:])
+    hull[:, 2] += descent * np.arange(len(hull) - 1, -1, -1)[:, np.newaxis]
+    corner = np.arange(1, sides - 1, dtype=np.int32)
+    fan = np.stack([np.zeros_like(corner), corner, corner + 1])
+    offset = sides * np.arange(len(hull), dtype=np.int32)
+    faces = (fan[:, np.newaxis] + offset[:, np.newaxis]).reshape(3, -1)
+    return hull.transpose(1, 0, 2).reshape(3, -1), faces
+
+
+def css_color(color: Rgba) -> str:
+    """Return a colour as CSS.
+
+    Examples
+    --------
+    >>> css_color(Rgba(1.0, 0.5, 0.0, 0.3))
+    'rgb(255 128 0 / 0.3)'
+    """
+    red, green, blue = (round(255 * c) for c in (color.r(), color.g(), color.b()))
+    return f"rgb({red} {green} {blue} / {color.a():g})"
+
+
+def lifted(points: ArrayLike, lift: float = LIFT) -> NDArray[np.float64]:
+    """Return points (N, 3) in B above the board, raised by `lift` (m) along z.
+
+    Points below the surface of the board, which would hide them, are drawn on it.
+    """
+    raised = np.array(points, dtype=float)
+    raised[:, 2] = np.maximum(raised[:, 2], 0.0) + lift
+    return raised
+
+
+def bent(vertices: FloatArray, surface: Surface) -> FloatArray:
+    """Return the positions in B of vertices (3, N) in (u, v, h) over a surface, m."""
+    return surfaces.place(surface, np.ascontiguousarray(vertices.T)).T
+
+
+def draw_line(
+    meshcat: Meshcat,
+    path: str,
+    points: NDArray[np.float64],
+    *,
+    color: Rgba,
+    surface: Surface = PLANE,
+) -> None:
+    """Draw points (N, 3) as a line, raised by `LIFT`, over a surface.
+
+    Browsers draw every line opaque and one pixel wide; a rod is more visible.
+    """
+    if len(points) < 2:
+        return
+    line = surfaces.place(surface, np.ascontiguousarray(lifted(points)))
+    meshcat.SetLine(path, line.T, 1.0, color)
+
+
+def draw_rod(
+    meshcat: Meshcat,
+    path: str,
+    points: NDArray[np.float64],
+    *,
+    radius: float | NDArray[np.float64],
+    color: Rgba,
+    lift: float = LIFT,
+    surface: Surface = PLANE,
+) -> None:
+    """Draw points (N, 3) as a rod of some radius (m), raised by `lift` (m)."""
+    if len(points) < 2:
+        return
+    vertices, faces = rod_mesh(lifted(points, lift), radius)
+    meshcat.SetTriangleMesh(path, bent(vertices, surface), faces, color)
+
+
+def draw_demonstrations(
+    meshcat: Meshcat,
+    path: str,
+    demonstrations: Iterable[NDArray[np.float64]],
+    *,
+    surface: Surface = PLANE,
+) -> None:
+    """Draw demonstrated paths as thin lines, once.
+
+    Parameters
+    ----------
+    meshcat : Meshcat
+    path : str
+        Where in Meshcat's tree; its transform, the caller's, is X_WB.
+    demonstrations : iterable of ndarray, shape (N, 3)
+        Points in B, or (u, v, h) over a curved board, m.
+    surface : Surface
+        Of the board.
+    """
+    meshcat.Delete(path)
+    for i, points in enumerate(demonstrations):
+        draw_line(
+            meshcat,
+            f"{path}/{i}",
+            np.asarray(points),
+            color=DEMONSTRATION_COLOR,
+            surface=surface,
+        )
+
+
+def AddPathToRecording(
+    meshcat: Meshcat,
+    path: str,
+    *,
+    times: ArrayLike,
+    points: ArrayLike,
+    color: Rgba,
+    surface: Surface = PLANE,
+) -> None:
+    """Add a path to Meshcat's recording, whose parts appear one after another.
+
+    Call it between `Meshcat.StopRecording()` and `Meshcat.PublishRecording()`.
+
+    Parameters
+    ----------
+    meshcat : Meshcat
+    path : str
+        Where in Meshcat's tree; its transform, the caller's, is X_WB.
+    times : array_like, shape (N,)
+        Ascending, s.
+    points : array_like, shape (N, 3)
+        Points in B, or (u, v, h) over a curved board, m.
+    color : Rgba
+    surface : Surface
+        Of the board.
+    """
+    at, line = np.asarray(times, dtype=float), np.asarray(points, dtype=float)
+    meshcat.Delete(path)
+    if len(at) < 2:
+        return
+    animation = meshcat.get_mutable_recording()
+    parts = int(np.clip(np.ceil((at[-1] - at[0]) / _PART), 1, _MAX_PARTS))
+    edges = np.searchsorted(at, np.linspace(at[0], at[-1], parts + 1))
+    for a, b in pairwise(edges):
+        name = f"{path}/{a}"
+        draw_line(meshcat, name, line[a : b + 1], color=color, surface=surface)
+        show_during(animation, name, since=at[b], end=at[-1])
+
+
+def show_during(
+    animation: MeshcatAnimation,
+    path: str,
+    *,
+    since: float = -inf,
+    until: float = inf,
+    end: float,
+) -> None:
+    """Show what is at a path only for some time, s, of an animation that has an end."""
+    # Meshcat loops each path by itself: let all last equally long.
+    first, last = 0, max(1, animation.frame(end))
+    for time, visible in ((since, True), (until, False)):
+        if np.isfinite(time):
+            frame = min(max(1, animation.frame(time)), last)
+            animation.SetProperty(first, path, "visible", not visible)
+            animation.SetProperty(frame, path, "visible", visible)
+            animation.SetProperty(last, path, "visible", visible)

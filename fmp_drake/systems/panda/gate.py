@@ -1,0 +1,470 @@
+"""Gate for the torque that is sent to a real arm: its modes, faults and limits."""
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.settings import bounded
+from fmp_drake.systems.impedance.joints import JointLimits
+from fmp_drake.systems.panda.plausibility import (
+    StatusTrack,
+    implausible,
+    initial_track,
+    track_status,
+)
+from fmp_drake.systems.panda.status import JOINTS, ArmReading, GateFault
+
+Array = NDArray[np.float64]
+
+# Period at which the robot reads commands, s.
+_ROBOT_PERIOD = 0.001
+# Older commands are ignored by the robot, s; so many of the own ones are remembered.
+_COMMAND_EXPIRY, _REMEMBERED = 0.1, 128
+# Damping of each joint in a return and in a stop, Nm s/rad: that of drake-franka-driver
+# for an arm without commands. Twice as much oscillates where messages are 5 ms late.
+_DAMPING = np.array([37.5, 50, 37.5, 25, 5, 3.75, 2.5])
+# Longest time for which a stop is braked, s.
+_BRAKE_TIME = 0.3
+# Velocity below which a joint is at rest, rad/s.
+_AT_REST = 0.01
+# After these faults no torque is computed from the measured velocity.
+_UNTRUSTED = (
+    GateFault.STALE | GateFault.OUT_OF_ORDER | GateFault.CORRUPT | GateFault.NOT_FINITE
+    | GateFault.OUT_OF_RANGE | GateFault.JUMP | GateFault.INCONSISTENT | GateFault.FROZEN
+    | GateFault.GAP | GateFault.CLOCK
+)  # fmt: skip
+# Time for which the controller's torque must be small before the return ends, s.
+_RETURN_TIME = 0.1
+
+EXPIRED_AGE = 1.0
+"""Age of the stamp of the command that ends a stop, s."""
+
+
+@dataclass(kw_only=True)
+class GateConfig:
+    """Limits of the torque that is sent to an arm.
+
+    Attributes
+    ----------
+    max_torque : list of 7 floats, or empty
+        Largest magnitude of each joint's torque, without gravity, Nm; empty for the
+        effort limits of the arm's model.
+    max_rate : float
+        Fastest change of any joint's torque, Nm per second of the wall clock. The default
+        is a tenth below the 1000 Nm/s at which Franka's robots stop.
+    period : float
+        Time between two torques, and between two updates of the controller, s. The robot
+        reads commands every millisecond: no torque differs from the previous one by more
+        than ``max_rate`` allows in a millisecond, whatever the period.
+    expiry : float
+        Largest age of a status, s.
+    max_gap : float
+        Longest pause between two torques that does not stop the arm, s.
+    return_speed : float
+        Speed of the joints after the gate has opened, as a fraction of their limits,
+        until the controller's torque is small; 1 for no such return.
+    dry : bool
+        Compute every torque, but send zeros.
+
+    Examples
+    --------
+    >>> from fmp_drake.errors import SystemsError
+    >>> from fmp_drake.settings import check_settings
+    >>> check_settings(GateConfig(max_rate=2000.0), SystemsError)
+    Traceback (most recent call last):
+    ...
+    fmp_drake.errors.SystemsError: max_rate is 2000.0; it must be positive and at most \
+1000.0.
+    """
+
+    max_torque: list[float] = bounded([], above=0)
+    max_rate: float = bounded(900.0, above=0, most=1000.0)
+    period: float = bounded(0.001, above=0, most=0.002)
+    expiry: float = bounded(0.05, above=0, most=0.1)
+    max_gap: float = bounded(0.05, above=0, most=0.1)
+    return_speed: float = bounded(0.1, above=0, most=1)
+    dry: bool = False
+
+    def completed(self, limits: JointLimits) -> "GateConfig":
+        """Return the settings with the arm's limits where they have none.
+
+        Raises
+        ------
+        SystemsError
+            If a torque is larger than the arm's limit.
+        """
+        efforts = np.minimum(limits.upper_effort, -limits.lower_effort).tolist()
+        for i, (torque, effort) in enumerate(
+            zip(self.max_torque, efforts, strict=False)
+        ):
+            if torque > effort:
+                raise SystemsError(
+                    f"max_torque[{i}] is {torque}; it must be at most {effort:g}, the "
+                    "limit of the arm."
+                )
+        if len(self.max_torque) not in (0, len(efforts)):
+            raise SystemsError(
+                f"max_torque is {self.max_torque}; expected {len(efforts)} numbers."
+            )
+        return replace(self, max_torque=self.max_torque or efforts)
+
+
+class GateMode(IntEnum):
+    """Mode of the gate.
+
+    - `WAITING`: no torque is sent until the operator enables the gate.
+    - `OPEN`: the controller's torque is sent.
+    - `STOPPED`: after a fault the torque brakes the joints while their measured velocity
+      can be trusted, for 0.3 s at most. Then it is zero until the operator enables the
+      gate again. Without a trusted velocity it goes to zero at once.
+    - `RETURNING`: the gate has opened; the torque is small and damped, so that the joints
+      are slow, until the controller needs no more of it.
+
+    Zero torque leaves the arm floating under gravity compensation. Without commands the
+    robot damps its joints, so nothing is sent once the torque is zero.
+
+    Examples
+    --------
+    >>> GateMode(2).name
+    'STOPPED'
+    """
+
+    WAITING = 0
+    OPEN = 1
+    STOPPED = 2
+    RETURNING = 3
+
+    @property
+    def is_enabled(self) -> bool:
+        """Whether the controller's torque is sent, in full or small and damped."""
+        return self in (GateMode.OPEN, GateMode.RETURNING)
+
+
+class GateState(NamedTuple):
+    """State of a gate.
+
+    Attributes
+    ----------
+    torque : array, shape (7,)
+        Last torque, Nm.
+    mode : GateMode
+    faults : GateFault
+        Reasons of the last stop, or of the refusal of the last enable request.
+    status_time : float
+        Time stamp of the newest status, s of the wall clock; minus infinity before the
+        first.
+    wall_time : float
+        Time of the last step, s of the wall clock; NaN before the first.
+    go : float
+        Operator command: number of enable requests; a negative number requests a stop.
+    stamp : float
+        Time stamp of the last torque that was sent, s of the wall clock; 0 before the
+        first.
+    timer : float
+        In a return: time for which the controller's torque has been small, s. In a stop:
+        time since it began, s.
+    track : StatusTrack
+        Memory of the statuses.
+    sent : array, shape (128,)
+        Fingerprints of the last commands.
+    """
+
+    torque: Array
+    mode: GateMode = GateMode.WAITING
+    faults: GateFault = GateFault(0)
+    status_time: float = -np.inf
+    wall_time: float = np.nan
+    go: float = 0.0
+    stamp: float = 0.0
+    timer: float = 0.0
+    track: StatusTrack = initial_track()
+    sent: Array = np.full(_REMEMBERED, -1.0)
+
+    @classmethod
+    def from_vectors(
+        cls, torque: ArrayLike, rest: ArrayLike, track: ArrayLike, sent: ArrayLike
+    ) -> "GateState":
+        """Return the state that `vectors` describes."""
+        mode, faults, status_time, wall_time, go, stamp, timer = np.asarray(
+            rest
+        ).tolist()
+        return cls(
+            np.array(torque, dtype=float),
+            GateMode(int(mode)),
+            GateFault(int(faults)),
+            status_time,
+            wall_time,
+            go,
+            stamp,
+            timer,
+            StatusTrack.from_vector(track),
+            np.array(sent, dtype=float),
+        )
+
+    @property
+    def is_live(self) -> bool:
+        """Return whether the torque must be sent."""
+        return self.stamp == self.wall_time
+
+    @property
+    def command_time(self) -> float:
+        """Time stamp of the command, s of the wall clock.
+
+        The command that ends a stop has expired: the robot then damps its joints by its own
+        measurement at once, instead of when the command before has expired.
+        """
+        is_last = self.mode is GateMode.STOPPED and not self.torque.any()
+        return self.stamp - EXPIRED_AGE * is_last
+
+    def vectors(self) -> tuple[Array, Array, Array, Array]:
+        """Return torque (7,), numbers (7,), track (35,) and fingerprints (128,)."""
+        numbers = np.array(self[1:-2], dtype=float)
+        return self.torque, numbers, self.track.vector(), self.sent
+
+
+def initial_gate() -> GateState:
+    """Return the state of a gate before its first step."""
+    return GateState(np.zeros(JOINTS))
+
+
+def command_utime(stamp: float) -> int:
+    """Return the time stamp of a command, us, for a time of the wall clock, s."""
+    return int((stamp + 0.5e-6) * 1e6)
+
+
+def command_fingerprint(utime: int, torque: ArrayLike) -> float:
+    """Return a number that tells one torque command from another."""
+    return float(zlib.crc32(struct.pack("<8d", utime, *np.asarray(torque).tolist())))
+
+
+def is_foreign(state: GateState, command: Any, wall_time: float) -> bool:
+    """Return whether a fresh command was not sent by this gate.
+
+    Parameters
+    ----------
+    state : GateState
+    command : lcmt_panda_command
+        The last one on the bus, where the gate's own commands are, too.
+    wall_time : float
+        Present time, s.
+    """
+    if not abs(wall_time - 1e-6 * command.utime) <= _COMMAND_EXPIRY:
+        return False
+    torque = command.joint_torque
+    if len(torque) != JOINTS:
+        return True
+    return command_fingerprint(command.utime, torque) not in state.sent
+
+
+def gate_faults(
+    config: GateConfig,
+    state: GateState,
+    *,
+    limits: JointLimits,
+    reading: ArmReading,
+    track: StatusTrack,
+    command: Any,
+    torque: Array,
+    wall_time: float,
+    go: float,
+) -> GateFault:
+    """Return the present faults.
+
+    Parameters are those of `gate_step`; `track` is the memory after this status.
+    """
+    faults = reading.faults
+    if reading.is_finite:
+        faults |= implausible(limits, state.track, track, reading)
+    if is_foreign(state, command, wall_time):
+        faults |= GateFault.OTHER_CONTROLLER
+    if reading.time < state.status_time:
+        faults |= GateFault.OUT_OF_ORDER
+    if not abs(wall_time - reading.time) <= config.expiry:
+        faults |= GateFault.STALE
+    elapsed = wall_time - state.wall_time
+    if not math.isfinite(wall_time) or elapsed < 0:
+        faults |= GateFault.CLOCK
+    if elapsed > config.max_gap:
+        faults |= GateFault.GAP
+    if not np.isfinite(torque).all():
+        faults |= GateFault.NO_TORQUE
+    if not go >= 0:
+        faults |= GateFault.STOPPED
+    return faults
+
+
+def gate_step(
+    config: GateConfig,
+    state: GateState,
+    *,
+    limits: JointLimits,
+    reading: ArmReading,
+    command: Any,
+    torque: Array,
+    wall_time: float,
+    go: float,
+) -> GateState:
+    """Return the state of the gate after its next torque.
+
+    Parameters
+    ----------
+    config : GateConfig
+        With torque limits: see `GateConfig.completed`.
+    state : GateState
+    limits : JointLimits
+        Of the arm.
+    reading : ArmReading
+        The last status.
+    command : lcmt_panda_command
+        The last command on the bus, of this gate or of another program.
+    torque : array, shape (7,)
+        Torque of the controller, Nm.
+    wall_time : float
+        Present time, s.
+    go : float
+        Operator command: number of enable requests; a negative number requests a stop.
+    """
+    is_time = math.isfinite(wall_time)
+    # After a stamp from the future every later status would be out of order.
+    in_time = (
+        is_time
+        and state.status_time <= reading.time <= wall_time + config.expiry
+        and math.isfinite(reading.time)
+    )
+    track = state.track
+    if in_time and reading.is_finite:
+        track = track_status(track, reading, state.torque)
+    faults = gate_faults(
+        config,
+        state,
+        limits=limits,
+        reading=reading,
+        track=track,
+        command=command,
+        torque=torque,
+        wall_time=wall_time,
+        go=go,
+    )
+    mode, reasons, timer = state.mode, state.faults, state.timer
+    elapsed = wall_time - state.wall_time
+    if mode.is_enabled:
+        if faults:
+            mode, reasons, timer = GateMode.STOPPED, faults, 0.0
+    elif go > max(state.go, 0.0):
+        # A request counts at this instant only, without a fault and at zero torque.
+        reasons = faults
+        if not (faults or state.torque.any()):
+            mode, timer = GateMode.RETURNING, 0.0
+            if config.return_speed == 1:
+                mode = GateMode.OPEN
+    elif faults and mode is GateMode.STOPPED:
+        reasons |= faults
+    wanted = torque if mode.is_enabled else np.zeros(JOINTS)
+    if mode is GateMode.RETURNING:
+        wanted, is_small = return_torque(config, limits, reading, torque)
+        timer = timer + max(elapsed, 0.0) if is_small else 0.0
+        if timer > _RETURN_TIME:
+            mode = GateMode.OPEN
+    elif mode is GateMode.STOPPED:
+        timer += max(elapsed, 0.0) if math.isfinite(elapsed) else _BRAKE_TIME
+        # Once the torque is zero, nothing is sent again.
+        if state.is_live and timer < _BRAKE_TIME and not reasons & _UNTRUSTED:
+            wanted = brake_torque(limits, reading)
+    if config.dry:
+        wanted = np.zeros(JOINTS)
+    sent = limited_change(
+        state.torque,
+        wanted,
+        largest_change(config, elapsed),
+        np.array(config.max_torque),
+    )
+    is_live = is_time and (mode.is_enabled or bool(state.torque.any()))
+    fingerprints = state.sent
+    if is_live:
+        fingerprint = command_fingerprint(command_utime(wall_time), sent)
+        fingerprints = np.append(fingerprints[1:], fingerprint)
+    return GateState(
+        sent,
+        mode,
+        reasons,
+        reading.time if in_time else state.status_time,
+        wall_time if is_time else state.wall_time,
+        state.go if math.isnan(go) else max(go, state.go),
+        wall_time if is_live else state.stamp,
+        timer,
+        track,
+        fingerprints,
+    )
+
+
+def brake_torque(limits: JointLimits, reading: ArmReading) -> Array:
+    """Return the torque that damps the joints, shape (7,), Nm; zero at rest."""
+    velocity = np.clip(reading.state[JOINTS:], -limits.speed, limits.speed)
+    if np.all(np.abs(velocity) < _AT_REST):
+        return np.zeros(JOINTS)
+    return -_DAMPING * velocity
+
+
+def return_torque(
+    config: GateConfig, limits: JointLimits, reading: ArmReading, torque: Array
+) -> tuple[Array, bool]:
+    """Return a small and damped torque, and whether the controller needs no more.
+
+    Joint i gets ``s tau_i - b_i v_i`` with one factor s, so that ``|s tau_i|`` is at most
+    ``b_i`` times the allowed speed: at that speed the damping balances the torque,
+    whatever the controller wants.
+
+    Parameters
+    ----------
+    config : GateConfig
+    limits : JointLimits
+    reading : ArmReading
+        Without faults.
+    torque : array, shape (7,)
+        Torque of the controller, Nm.
+    """
+    velocity, allowed = reading.state[JOINTS:], config.return_speed * limits.speed
+    factor = float(np.max(np.abs(torque) / (_DAMPING * allowed)))
+    is_small = factor <= 1 and bool(np.all(np.abs(velocity) <= allowed))
+    return torque / max(factor, 1.0) - _DAMPING * velocity, is_small
+
+
+def largest_change(config: GateConfig, elapsed: float) -> float:
+    """Return the largest change of any torque, Nm, after an elapsed time, s.
+
+    Zero where the time is not finite, and never more than for a millisecond, the period
+    at which the robot reads commands.
+    """
+    if not math.isfinite(elapsed):
+        return 0.0
+    return config.max_rate * min(max(elapsed, 0.0), _ROBOT_PERIOD)
+
+
+def limited_change(
+    previous: Array, wanted: Array, max_change: float, limit: Array
+) -> Array:
+    """Return a torque with limited change, on the straight line to the wanted one.
+
+    Parameters
+    ----------
+    previous, wanted : array, shape (n,)
+        Nm.
+    max_change : float
+        Largest change of any joint's torque, Nm.
+    limit : array, shape (n,)
+        Largest magnitude of each torque, Nm.
+    """
+    wanted = np.minimum(np.maximum(wanted, -limit), limit)
+    change = wanted - previous
+    largest = float(np.abs(change).max())
+    if largest <= max_change:
+        return wanted
+    sent = previous + max_change / largest * change
+    return np.minimum(np.maximum(sent, -limit), limit)

@@ -1,0 +1,207 @@
+"""Surfaces of constant curvature: plane, cylinder, dome and bowl.
+
+S is the frame of a surface: its origin is the middle of the surface, z the normal out of
+it. A point of the surface has coordinates (u, v) in m, measured along the surface from the
+middle, and the height h over it along the local normal. T is the frame at such a point: z
+is the local normal.
+
+With the curvatures kx and ky along x and y of S (1/m, positive for a dome, negative for a
+bowl) and phi = (-ky v, kx u, 0)::
+
+    R_ST = exp([phi]x),  p_ST = straight part + (R_ST z - z) / k.
+
+A plane has kx = ky = 0. Where one of them is 0 the surface is a cylinder, and (u, v) an
+isometry. Where both are equal it is a sphere, and (u, v) its azimuthal equidistant map: it
+is stretched across by sin(a) / a at the angle a from the middle.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.compiled import compiled
+from fmp_drake.systems.surface.rotations import angular_motion, cross, rotation_matrix
+
+Array = NDArray[np.float64]
+
+
+class Surface(NamedTuple):
+    """Curvatures of a surface along x and y of S, 1/m.
+
+    One of them is 0, or both are equal.
+
+    Examples
+    --------
+    >>> pipe = Surface(kx=0.0, ky=1 / 0.3)
+    >>> pipe.is_plane
+    False
+    >>> [round(float(x), 3) for x in point(pipe, 0.1, 0.3 * np.pi / 2)]
+    [0.1, 0.3, -0.3]
+    """
+
+    kx: float = 0.0
+    ky: float = 0.0
+
+    @property
+    def is_plane(self) -> bool:
+        """Return whether the surface is flat."""
+        return self.kx == 0 == self.ky
+
+    @property
+    def circumference(self) -> tuple[float, float]:
+        """Lengths of a way round along u and v, m; infinite along a straight line."""
+        kx, ky = (2 * math.pi / abs(k) if k else math.inf for k in self)
+        return kx, ky
+
+    def sagitta(self, footprint: tuple[float, float]) -> float:
+        """Return how far the surface bends away under a tool of a footprint (x, y), m.
+
+        Parameters
+        ----------
+        footprint : tuple of 2 floats
+            Edges of the tool along x and y of T, m.
+        """
+        return sum(
+            abs(k) * (a / 2) ** 2 / 2 for k, a in zip(self, footprint, strict=True)
+        )
+
+
+PLANE = Surface()
+
+
+@compiled
+def _curvature(surface: Surface) -> float:
+    """Return the curvature that is not 0, if any."""
+    return surface.kx if surface.kx != 0 else surface.ky
+
+
+@compiled
+def rotation(surface: Surface, u: float, v: float) -> Array:
+    """Return R_ST at a point, shape (3, 3)."""
+    return rotation_matrix(np.array((-surface.ky * v, surface.kx * u, 0.0)))
+
+
+@compiled
+def point(surface: Surface, u: float, v: float) -> Array:
+    """Return p_ST, the point of the surface at (u, v), shape (3,), m."""
+    p = np.zeros(3)
+    if surface.kx == 0:
+        p[0] = u
+    if surface.ky == 0:
+        p[1] = v
+    k = _curvature(surface)
+    if k != 0:
+        normal = rotation(surface, u, v)[:, 2]
+        p += np.array((normal[0], normal[1], normal[2] - 1)) / k
+    return p
+
+
+@compiled
+def place(surface: Surface, uvh: Array) -> Array:
+    """Return the positions in S of points given by (u, v, h), shape (N, 3), m."""
+    out = np.empty_like(uvh)
+    for i in range(len(uvh)):
+        u, v, h = uvh[i]
+        out[i] = point(surface, u, v) + h * rotation(surface, u, v)[:, 2]
+    return out
+
+
+@compiled
+def project(surface: Surface, p_S: Array, near: Array) -> Array:
+    """Return (u, v, h) of a point in S, shape (3,), m.
+
+    Parameters
+    ----------
+    surface : Surface
+    p_S : array, shape (3,)
+        m. Nearer to the surface than its centre of curvature.
+    near : array, shape (2,)
+        Of the coordinates round a cylinder the ones nearest to these (u, v), m.
+    """
+    k = _curvature(surface)
+    if k == 0:
+        return p_S.copy()
+    d = np.array((p_S[0], p_S[1], p_S[2] + 1 / k))
+    if surface.kx == 0:
+        d[0] = 0.0
+    if surface.ky == 0:
+        d[1] = 0.0
+    sign = 1.0 if k > 0 else -1.0
+    distance = math.sqrt(d @ d)
+    h = sign * distance - 1 / k
+    normal = sign * d / distance
+    across = math.sqrt(normal[0] ** 2 + normal[1] ** 2)
+    along = math.atan2(across, normal[2]) / (k * across) if across > 1e-12 else 1 / k
+    uvh = np.array((normal[0] * along, normal[1] * along, h))
+    if surface.kx == 0 or surface.ky == 0:
+        straight = 0 if surface.kx == 0 else 1
+        uvh[straight] = p_S[straight]
+        round_way = 2 * math.pi / abs(k)
+        turned = 1 - straight
+        uvh[turned] = math.atan2(normal[turned], normal[2]) / k
+        uvh[turned] += round_way * round((near[turned] - uvh[turned]) / round_way)
+    return uvh
+
+
+@compiled
+def project_all(surface: Surface, p_S: Array, near: Array) -> Array:
+    """Return (u, v, h) of points in S, shape (N, 3), m; see `project`."""
+    out = np.empty_like(p_S)
+    for i in range(len(p_S)):
+        out[i] = project(surface, p_S[i], near)
+    return out
+
+
+@compiled
+def rotations(surface: Surface, uvh: Array) -> Array:
+    """Return R_ST at points given by (u, v, h), shape (N, 3, 3)."""
+    out = np.empty((len(uvh), 3, 3))
+    for i in range(len(uvh)):
+        out[i] = rotation(surface, uvh[i, 0], uvh[i, 1])
+    return out
+
+
+@compiled
+def moving_frame(
+    surface: Surface, uv: Array, rate: Array, acceleration: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return the frame T at a moving point of the surface, with its velocity and acceleration.
+
+    Parameters
+    ----------
+    surface : Surface
+    uv, rate, acceleration : array, shape (2,)
+        Coordinates of the point and their time derivatives: m, m/s, m/s².
+
+    Returns
+    -------
+    R_ST : array, shape (3, 3)
+    p_ST : array, shape (3,)
+        m.
+    V_ST, A_ST : array, shape (6,)
+        Spatial velocity of T's origin and its time derivative in S, rotation first: rad/s,
+        m/s, rad/s², m/s².
+    """
+    kx, ky = surface.kx, surface.ky
+    phi = np.array((-ky * uv[1], kx * uv[0], 0.0))
+    omega, alpha = angular_motion(
+        phi,
+        np.array((-ky * rate[1], kx * rate[0], 0.0)),
+        np.array((-ky * acceleration[1], kx * acceleration[0], 0.0)),
+    )
+    R = rotation_matrix(phi)
+    velocity, second = np.zeros(6), np.zeros(6)
+    velocity[:3], second[:3] = omega, alpha
+    if kx == 0:
+        velocity[3], second[3] = rate[0], acceleration[0]
+    if ky == 0:
+        velocity[4], second[4] = rate[1], acceleration[1]
+    k = _curvature(surface)
+    if k != 0:
+        normal = R[:, 2].copy()
+        turned = cross(omega, normal)
+        velocity[3:] += turned / k
+        second[3:] += (cross(alpha, normal) + cross(omega, turned)) / k
+    return R, point(surface, uv[0], uv[1]), velocity, second

@@ -1,0 +1,198 @@
+"""The motion of a skill as the inputs of an impedance controller, and what is measured."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.primitives.data.channels import ChannelRoles
+from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
+from fmp_drake.systems.surface.surface import Surface
+from fmp_drake.systems.surface.tool_motion import (
+    DESIRED,
+    ToolChannels,
+    desired_motion,
+    measured_channels,
+)
+
+Array = NDArray[np.float64]
+
+_ROTATION = ("desired_orientation", "desired_angular_velocity",
+             "desired_angular_acceleration")  # fmt: skip
+_FRAME = ("task_frame", "task_frame_velocity", "task_frame_acceleration")
+
+
+class TaskMotion(LeafSystem):
+    """Conversion of a skill's channels to a controller's inputs, and of poses to channels.
+
+    On a plane the task frame T is the frame S of the surface, and the channels x, y, z are
+    p_TE. On a curved surface they are (u, v, h), see `Surface`: T moves with the target over
+    the surface, z of T is the local normal, and the tool keeps its height over T. Rotation
+    channels are the orientation R_TE, so that they follow the normal.
+
+    There is no state: one evaluation of compiled functions gives the values of all ports.
+
+    Input ports
+    -----------
+    motion : (3 D,)
+        Channels of the skill and their first and second time derivatives.
+    measured_pose : (7,)
+        Quaternion (w, x, y, z) of R_TE, and p_TE in m.
+    normal_force : (1,)
+        Measured, N; only where the skill has a force channel.
+    surface_frame, surface_frame_velocity, surface_frame_acceleration : (7,), (6,), (6,)
+        Quaternion (w, x, y, z) of R_WS and p_WS in m; V_WS and its time derivative, rotation
+        first. Optional; without them S is fixed at `X_WS`.
+
+    Output ports
+    ------------
+    desired_position, desired_velocity, desired_acceleration : (3,)
+        Of E in T: m, m/s, m/s^2.
+    desired_orientation : (4,)
+        Quaternion (w, x, y, z) of R_TE. This and the next two only with rotation channels.
+    desired_angular_velocity, desired_angular_acceleration : (3,)
+        Of E relative to T, in T: rad/s, rad/s^2.
+    desired_normal_force : (1,)
+        N, not negative; only with a force channel.
+    task_frame : (7,)
+        Quaternion (w, x, y, z) of R_WT and p_WT in m. This and the next two only on a
+        curved or moving surface.
+    task_frame_velocity, task_frame_acceleration : (6,)
+        V_WT and its time derivative in W, rotation first.
+    measured : (D,)
+        The channels of the skill as they are measured.
+
+    Parameters
+    ----------
+    roles : ChannelRoles
+    surface : Surface
+    X_WS : RigidTransform
+        The surface in the world.
+    is_moving : bool
+        Whether the frame of the surface is an input.
+
+    Raises
+    ------
+    SystemsError
+        Where the curvatures are neither those of a plane, a cylinder nor a sphere.
+
+    Examples
+    --------
+    >>> from fmp_drake.primitives.data.channels import channel_roles
+    >>> roles = channel_roles(["x", "y", "z"], ["m", "m", "m"])
+    >>> pipe = TaskMotion(roles, Surface(0.0, 4.0), X_WS=RigidTransform())
+    >>> context = pipe.CreateDefaultContext()
+    >>> _ = pipe.GetInputPort("motion").FixValue(context, [0.1, 0.0, 0.02, *[0.0] * 6])
+    >>> pipe.GetOutputPort("desired_position").Eval(context)
+    array([0.  , 0.  , 0.02])
+    >>> pipe.GetOutputPort("task_frame").Eval(context)
+    array([1. , 0. , 0. , 0. , 0.1, 0. , 0. ])
+    """
+
+    def __init__(
+        self,
+        roles: ChannelRoles,
+        surface: Surface,
+        *,
+        X_WS: RigidTransform,
+        is_moving: bool = False,
+    ) -> None:
+        super().__init__()
+        self.set_name("task_motion")
+        kx, ky = surface
+        if not np.all(np.isfinite(surface)) or (kx and ky and kx != ky):
+            raise SystemsError(
+                f"the curvatures of the surface are {kx} and {ky} 1/m; expected one to be "
+                "0 (a cylinder), both (a plane), or both equal (a sphere)."
+            )
+        self._roles, self._surface = roles, surface
+        x, y, z, w = roles.reference or (0.0, 0.0, 0.0, 1.0)
+        self._channels = ToolChannels(
+            np.array(roles.position),
+            np.array(roles.rotation or (), dtype=np.int64),
+            -1 if roles.force is None else roles.force,
+            np.array([w, x, y, z]),
+        )
+        self._still = np.zeros(24)
+        self._still[:9] = X_WS.rotation().matrix().ravel()
+        self._still[9:12] = X_WS.translation()
+        self._declare_inputs(is_moving)
+        self._declare_outputs(is_moving)
+
+    def _declare_inputs(self, is_moving: bool) -> None:
+        declare = self.DeclareVectorInputPort
+        self._motion = declare("motion", 3 * self._roles.count)
+        self._pose = declare("measured_pose", 7)
+        self._force = None if self._roles.force is None else declare("normal_force", 1)
+        sizes = (7, 6, 6) if is_moving else ()
+        self._frame = [
+            declare(name.replace("task", "surface"), size)
+            for name, size in zip(_FRAME, sizes, strict=False)
+        ]
+
+    def _declare_outputs(self, is_moving: bool) -> None:
+        desired = {self._motion.ticket(), *(port.ticket() for port in self._frame)}
+        self._desired = declare_cache(
+            self, "desired motion", self._calc_desired, desired
+        )
+        left_out: set[str] = set()
+        if self._roles.rotation is None:
+            left_out |= set(_ROTATION)
+        if self._roles.force is None:
+            left_out.add("desired_normal_force")
+        if self._surface.is_plane and not is_moving:
+            left_out |= set(_FRAME)
+        first = 0
+        for name, size in DESIRED.items():
+            if name not in left_out:
+                self.DeclareVectorOutputPort(
+                    name,
+                    size,
+                    partial(self._calc_part, slice(first, first + size)),
+                    prerequisites_of_calc={self.cache_entry_ticket(self._desired)},
+                )
+            first += size
+        measured = {self._motion.ticket(), self._pose.ticket()}
+        if self._force is not None:
+            measured.add(self._force.ticket())
+        self.DeclareVectorOutputPort(
+            "measured",
+            self._roles.count,
+            self._calc_measured,
+            prerequisites_of_calc=measured,
+        )
+
+    def _calc_desired(self, context: Any, value: Any) -> None:
+        frame = self._still
+        if self._frame:
+            pose, velocity, acceleration = (
+                np.array(port.Eval(context)) for port in self._frame
+            )
+            R_WS = RotationMatrix(Quaternion(pose[:4] / np.linalg.norm(pose[:4])))
+            frame = np.concatenate(
+                [R_WS.matrix().ravel(), pose[4:], velocity, acceleration]
+            )
+        motion: Any = self._motion.Eval(context)
+        value.set_value(desired_motion(self._channels, self._surface, frame, motion))
+
+    def _calc_part(self, part: slice, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(eval_cache(self, self._desired, context)[part])
+
+    def _calc_measured(self, context: Context, output: BasicVector) -> None:
+        motion: Any = self._motion.Eval(context)
+        pose: Any = self._pose.Eval(context)
+        force: Any = [0.0] if self._force is None else self._force.Eval(context)
+        output.SetFromVector(
+            measured_channels(
+                self._channels,
+                self._surface,
+                motion[: self._roles.count].copy(),
+                pose,
+                float(force[0]),
+            )
+        )

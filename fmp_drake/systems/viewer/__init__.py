@@ -1,1 +1,0 @@
-"""Meshes of paths and tubes, and the panel of the page."""
