@@ -1,1 +1,1 @@
-"""What comes in: demonstrations, windows, files."""
+"""Recorded demonstrations: files, windows, channels, orientations."""

@@ -1,22 +1,41 @@
-"""Recorded demonstrations, and their files."""
+"""Recorded demonstrations, and reading and writing of their files."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.numeric import GREATEST, as_floats, check_number
-from fmp_drake.primitives.data.file_format import FileFormat
-from fmp_drake.primitives.data.files import replaced
-
-if TYPE_CHECKING:
-    from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
+from fmp_drake.primitives.data.channels import (
+    QUATERNION_CHANNELS,
+    ROTATION_CHANNELS,
+    Quaternion,
+    default_channels,
+)
+from fmp_drake.primitives.data.files import FileFormat, read_npz, replaced
+from fmp_drake.primitives.data.orientation import (
+    QuaternionOrder,
+    as_rotation,
+    mean_rotation,
+    rotation_vectors,
+    unit_quaternion,
+)
+from fmp_drake.primitives.data.reading.arrays import table_of
+from fmp_drake.primitives.data.reading.columns import (
+    check_quaternions,
+    recognise_columns,
+)
+from fmp_drake.primitives.data.reading.kinds import kind_of, read_tables
+from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
+from fmp_drake.primitives.data.reading.table import MOST_BYTES, Table
 
 FORMAT = FileFormat(
     name="fmp-drake-demonstration",
@@ -26,37 +45,34 @@ FORMAT = FileFormat(
 )
 
 _MAX_GAP_SECONDS = 0.5
+_LEAST_SAMPLES = 4
 _UNIFORM = 1e-3
-NAMES = ("channels", "units", "frame", "note", "rotation_reference")
-
-# A rotation vector, rad; see `fmp_drake.primitives.editing.orientation`.
-ROTATION_CHANNELS = ("rx", "ry", "rz")
+_METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
-    """One recording of one or several channels over time.
+    """Recording of one or several channels over time.
 
-    The arrays are checked once and read-only afterwards, so that all that learns from
-    them may rely on them.
+    The arrays are checked once and read-only afterwards.
 
     Attributes
     ----------
     time : ndarray, shape (N,)
         Seconds, strictly increasing.
     values : ndarray, shape (N, D)
-        The channels, by default the position of the end effector in metres.
+        The channels, by default the position of the end effector, m.
     channels : tuple of str
         Name of each channel.
     units : tuple of str
         Unit of each channel.
     frame : str
-        Name of the frame the values are expressed in; "" where unknown.
+        Name of the frame of the values; "" where unknown.
     note : str
-        Where the recording comes from.
+        Origin of the recording.
     rotation_reference : tuple of float, optional
         Unit quaternion (x, y, z, w) of the rotation at which the rotation channels `rx`,
-        `ry` and `rz` are 0; None where there are none. See `add_orientation`.
+        `ry` and `rz` are 0; None without rotation channels. See `add_orientation`.
 
     Raises
     ------
@@ -81,10 +97,10 @@ class Demonstration:
     units: tuple[str, ...] = ()
     frame: str = ""
     note: str = field(default="", repr=False)
-    rotation_reference: tuple[float, float, float, float] | None = None
+    rotation_reference: Quaternion | None = None
 
     def __post_init__(self) -> None:
-        """Check everything once, so that later code may rely on it."""
+        """Check the arrays, and make them read-only."""
         time, values = (
             as_floats(getattr(self, name), name, error=DemonstrationError).copy()
             for name in ("time", "values")
@@ -96,10 +112,10 @@ class Demonstration:
                 f"time has shape {time.shape} and values {values.shape}; expected "
                 "(N,) and (N, channels)."
             )
-        if len(time) < 4 or values.shape[1] == 0:
+        if len(time) < _LEAST_SAMPLES or values.shape[1] == 0:
             raise DemonstrationError(
                 f"the demonstration has {len(time)} samples of {values.shape[1]} "
-                "channels; at least 4 samples of 1 channel are needed."
+                f"channels; at least {_LEAST_SAMPLES} samples of 1 channel are needed."
             )
         for name, array in (("time", time), ("values", values)):
             bad = ~(np.abs(array) < GREATEST)
@@ -119,8 +135,8 @@ class Demonstration:
             )
         d = values.shape[1]
         for name, nominal in (("channels", default_channels(d)), ("units", ("m",) * d)):
-            given = _names(name, getattr(self, name))
-            object.__setattr__(self, name, given or nominal)
+            names = _names(name, getattr(self, name))
+            object.__setattr__(self, name, names or nominal)
         if len(self.channels) != d or len(self.units) != d:
             raise DemonstrationError(
                 f"{len(self.channels)} channel names and {len(self.units)} units for "
@@ -131,7 +147,7 @@ class Demonstration:
                 f"the channel names {self.channels} repeat; make them unique."
             )
         if self.rotation_reference is not None:
-            reference = _unit_quaternion(self.rotation_reference, self.channels)
+            reference = _checked_reference(self.rotation_reference, self.channels)
             object.__setattr__(self, "rotation_reference", reference)
         time.setflags(write=False)
         values.setflags(write=False)
@@ -140,7 +156,7 @@ class Demonstration:
 
     @property
     def duration(self) -> float:
-        """Seconds from the first to the last sample."""
+        """Time from the first to the last sample, s."""
         return float(self.time[-1] - self.time[0])
 
     @property
@@ -153,10 +169,10 @@ class Demonstration:
         return bool(np.all(np.abs(np.diff(self.time) * rate - 1) < _UNIFORM))
 
     def resample(self, rate: float) -> "Demonstration":
-        """Return the demonstration, sampled uniformly at another rate.
+        """Return the demonstration at another, uniform sample rate.
 
-        It is low-pass filtered (zero phase, at 0.4 of the new rate) where the recording
-        is more than twice as fast, and interpolated by a cubic spline.
+        It is interpolated by a cubic spline. A recording at more than twice the new rate
+        is low-pass filtered first (zero phase, at 0.4 of the new rate).
 
         Parameters
         ----------
@@ -173,12 +189,12 @@ class Demonstration:
             return self
         steps = np.diff(self.time)
         widest = int(np.argmax(steps))
-        allowed = max(_MAX_GAP_SECONDS, 2 / rate)
+        allowed = _longest_gap(rate)
         if steps[widest] > allowed:
             raise DemonstrationError(
                 f"there is a gap of {steps[widest]:.3g} s after "
                 f"{self.time[widest]:.3g} s; the longest that can be interpolated is "
-                f"{allowed:g} s. Cut the recording there into two demonstrations."
+                f"{allowed:g} s. Use its parts: demonstration.split_at_gaps({rate:g})."
             )
         native = 1 / float(np.median(steps))
         count = int(np.floor(self.duration * rate * (1 + 1e-9))) + 1
@@ -203,10 +219,38 @@ class Demonstration:
             self, time=new - self.time[0], values=CubicSpline(time, values)(new)
         )
 
+    def split_at_gaps(self, rate: float) -> list["Demonstration"]:
+        """Return the parts between gaps that are too long to interpolate.
+
+        Parts of fewer than 4 samples are left out. Skills are learned from such parts.
+
+        Parameters
+        ----------
+        rate : float
+            Sample rate (Hz) that the parts can be resampled to.
+
+        Examples
+        --------
+        >>> time = np.r_[0:2:0.05, 8:11:0.05]
+        >>> recording = Demonstration(time=time, values=np.sin(time))
+        >>> [round(part.duration, 2) for part in recording.split_at_gaps(20.0)]
+        [1.95, 2.95]
+        """
+        check_number(rate, "rate", above=0.0, unit="Hz", error=DemonstrationError)
+        ends = np.flatnonzero(np.diff(self.time) > _longest_gap(rate)) + 1
+        if len(ends) == 0:
+            return [self]
+        parts = np.split(np.arange(len(self.time)), ends)
+        return [
+            replace(self, time=self.time[part], values=self.values[part])
+            for part in parts
+            if len(part) >= _LEAST_SAMPLES
+        ]
+
     def select(self, channels: ArrayLike) -> "Demonstration":
         """Return the demonstration with only the named channels, in that order.
 
-        Without all three rotation channels there is no rotation reference either.
+        The rotation reference is dropped unless all three rotation channels are named.
         """
         names = [str(name) for name in np.asarray(channels).ravel()]
         missing = [name for name in names if name not in self.channels]
@@ -226,16 +270,16 @@ class Demonstration:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the demonstration to an `.npz` or `.csv` file, by its name.
+        """Write the demonstration to an `.npz` or `.csv` file, by the file's ending.
 
-        A `.csv` has no place for the frame, and is refused for rotation channels, which
-        mean nothing without their reference.
+        A `.csv` does not hold the frame. It is refused for rotation channels, whose
+        reference it cannot hold.
         """
         path = Path(path)
         if path.suffix == ".csv":
             self._save_csv(path)
             return
-        metadata = {name: getattr(self, name) for name in NAMES}
+        metadata = {name: getattr(self, name) for name in _METADATA}
         FORMAT.write(path, metadata, {"time": self.time, "values": self.values})
 
     def _save_csv(self, path: Path) -> None:
@@ -256,17 +300,17 @@ class Demonstration:
 
     @classmethod
     def load(
-        cls, path: str | Path, options: "ReadingOptions | None" = None
+        cls, path: str | Path, options: ReadingOptions | None = None
     ) -> "Demonstration":
-        """Read a demonstration from a file; `read_demonstrations` says of which kinds.
+        """Read a demonstration from a file of a kind that `read_demonstrations` reads.
 
-        What was recognised in it is in the `note`.
+        The `note` lists what was recognised in it.
 
         Parameters
         ----------
         path : str or Path
         options : ReadingOptions, optional
-            What the file does not say: columns, unit, rate, topic.
+            Information that the file lacks: columns, unit, rate, topic.
 
         Raises
         ------
@@ -275,35 +319,218 @@ class Demonstration:
         DemonstrationError
             Where its numbers cannot be used, or it holds several demonstrations.
         """
-        # The readers make demonstrations.
-        from fmp_drake.primitives.data.recordings import read_demonstrations
-
-        found, _ = read_demonstrations([path], options)
-        if len(found) != 1:
+        demonstrations, _ = read_demonstrations([path], options)
+        if len(demonstrations) != 1:
             raise DemonstrationError(
-                f"{path} holds {len(found)} demonstrations; read them with "
+                f"{path} holds {len(demonstrations)} demonstrations; read them with "
                 "`read_demonstrations`."
             )
-        return found[0]
+        return demonstrations[0]
 
 
-def default_channels(count: int) -> tuple[str, ...]:
-    """Return the names of channels that have none: x, y, z, or c0, c1 and so on."""
-    return tuple("xyz"[:count]) if count <= 3 else tuple(f"c{i}" for i in range(count))
+def add_orientation(
+    demonstration: Demonstration,
+    rotations: Rotation | ArrayLike,
+    *,
+    order: QuaternionOrder | None = None,
+    reference: Rotation | ArrayLike | None = None,
+) -> Demonstration:
+    """Return a demonstration with the channels `rx`, `ry` and `rz` added, in rad.
+
+    Parameters
+    ----------
+    demonstration : Demonstration
+        Of N samples, for example of a position in frame B.
+    rotations : scipy Rotation or array_like, shape (N, 4)
+        R_BE at the same times.
+    order : {"xyzw", "wxyz"}
+        Of quaternions; see `as_rotation`.
+    reference : scipy Rotation or array_like, shape (4,), optional
+        R_ref, as (x, y, z, w) where a quaternion; the mean rotation where None.
+        Demonstrations that are learned together need the same one: see
+        `mean_rotation`.
+
+    Raises
+    ------
+    DemonstrationError
+        Where the rotations do not fit to the demonstration, jump by more than 90
+        degrees between two samples, or lead to 360 degrees away from the reference.
+    """
+    rotation = as_rotation(rotations, order=order)
+    if rotation.single or len(rotation) != len(demonstration.time):
+        count = 1 if rotation.single else len(rotation)
+        raise DemonstrationError(
+            f"there are {count} rotations for {len(demonstration.time)} samples; give "
+            "one for each."
+        )
+    if demonstration.rotation_reference is not None:
+        raise DemonstrationError("the demonstration has rotation channels already.")
+    if reference is None:
+        quaternion = mean_rotation(rotation)
+    else:
+        quaternion = unit_quaternion(as_rotation(reference, order="xyzw"))
+    vectors = rotation_vectors(rotation, quaternion)
+    return replace(
+        demonstration,
+        values=np.concatenate([demonstration.values, vectors], axis=1),
+        channels=(*demonstration.channels, *ROTATION_CHANNELS),
+        units=(*demonstration.units, "rad", "rad", "rad"),
+        rotation_reference=quaternion,
+    )
 
 
-def _names(what: str, given: Any) -> tuple[str, ...]:
+def read_demonstrations(
+    paths: Sequence[str | Path], options: ReadingOptions | None = None
+) -> tuple[list[Demonstration], list[str]]:
+    """Read demonstrations from files of many kinds.
+
+    Tables in text files (`.csv` and others, with any delimiter), exports of OptiTrack and
+    Vicon, `.xlsx`, JSON and JSON lines, `.npz`, `.npy`, `.mat`, `.parquet`, HDF5, ROS 1 and
+    ROS 2 bags, MCAP, and LeRobot datasets; a file may be compressed by gzip or zip. Datasets
+    give one demonstration for each episode: a LeRobot folder, or robomimic's HDF5 file.
+    Quaternions become the orientation channels `rx`, `ry` and `rz`; all demonstrations
+    have one reference. Lengths become metres, degrees radians.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+    options : ReadingOptions, optional
+        Information that the files lack: columns, unit, rate, topic.
+
+    Returns
+    -------
+    demonstrations : list of Demonstration
+    remarks : list of str
+        What was recognised and what was left out, by file.
+
+    Raises
+    ------
+    SkillFileError
+        Where a file is missing, broken or of a kind that cannot be read.
+    DemonstrationError
+        Where its numbers cannot be used.
+    """
+    options = options or ReadingOptions()
+    demonstrations: list[Demonstration] = []
+    remarks: list[str] = []
+    orientations: dict[int, tuple[Path, NDArray[np.float64]]] = {}
+    for path in map(Path, paths):
+        with _named(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
+            content = _read(path, options)
+            if isinstance(content, Demonstration):
+                demonstrations.append(content)
+                continue
+            for table in content:
+                recording = _from_table(recognise_columns(table, options))
+                if set(QUATERNION_CHANNELS) <= set(recording.channels):
+                    quaternions = recording.select(QUATERNION_CHANNELS).values
+                    if options.quaternions == "wxyz":
+                        quaternions = np.roll(quaternions, -1, axis=1)
+                    check_quaternions(quaternions)
+                    orientations[len(demonstrations)] = path, quaternions
+                gaps = np.count_nonzero(np.diff(recording.time) > _MAX_GAP_SECONDS)
+                if gaps:
+                    note = (
+                        f"gaps of more than {_MAX_GAP_SECONDS} s, not bridged: {gaps}"
+                    )
+                    notes = [recording.note, note] if recording.note else [note]
+                    recording = replace(recording, note="; ".join(notes))
+                if recording.note:
+                    remarks.append(f"{path.name}: {recording.note}")
+                demonstrations.append(recording)
+    if orientations:
+        reference = mean_rotation(
+            np.concatenate([quaternions for _, quaternions in orientations.values()]),
+            order="xyzw",
+        )
+    for i, (path, quaternions) in orientations.items():
+        with _named(path):
+            recording = add_orientation(
+                demonstrations[i], quaternions, order="xyzw", reference=reference
+            )
+        names = [c for c in recording.channels if c not in QUATERNION_CHANNELS]
+        demonstrations[i] = recording.select(names)
+    return demonstrations, remarks
+
+
+def _from_table(table: Table) -> Demonstration:
+    return Demonstration(
+        time=table.values[:, 0],
+        values=table.values[:, 1:],
+        channels=table.names[1:],
+        units=table.units[1:],
+        frame=table.frame,
+        note="; ".join(table.remarks),
+    )
+
+
+def _read(path: Path, options: ReadingOptions) -> list[Table] | Demonstration:
+    """Return the tables in a file, or the demonstration that was saved in it."""
+    kind = kind_of(path)
+    if kind != "npz":
+        return read_tables(path, kind, options)
+    content = _read_npz(path, options)
+    return content if isinstance(content, Demonstration) else [content]
+
+
+def _read_npz(path: Path, options: ReadingOptions) -> Demonstration | Table:
+    arrays = read_npz(path, f"a demonstration is {FORMAT.source}", most=MOST_BYTES)
+    name = "values" if "values" in arrays else "position"
+    if "metadata" not in arrays and not {"time", name} <= set(arrays):
+        if len(arrays) == 1:
+            arrays = {"": next(iter(arrays.values()))}
+        return table_of(path, arrays)
+    time, values = (arrays.get(key) for key in ("time", name))
+    if time is None or values is None:
+        raise SkillFileError(f"{path} holds no `time` or no `values`.")
+    for key, array in (("time", time), ("values", values)):
+        if not np.can_cast(array.dtype, float, "same_kind"):
+            raise SkillFileError(f"{path}: `{key}` does not hold numbers.")
+    if "metadata" in arrays:
+        metadata = FORMAT.parse(path, arrays["metadata"])
+        entries = {key: metadata[key] for key in _METADATA if key in metadata}
+        return Demonstration(time=time, values=values, **entries)
+    if options.columns or (options.all_arrays and len(arrays) > 2):
+        return table_of(path, arrays)
+    if time.shape != values.shape[:1] or values.ndim > 2:
+        return Demonstration(time=time, values=values)  # It names the error.
+    values = values.reshape(len(time), -1)
+    omitted = sorted(set(arrays) - {"time", name})
+    counts = len(time) > 1 and np.all(np.diff(time) == 1)
+    return Table(
+        names=("time", *("" for _ in range(values.shape[1]))),
+        units=("s" if counts else "", *("" for _ in range(values.shape[1]))),
+        values=np.column_stack([time, values]),
+        remarks=(f"{', '.join(omitted)} left out",) if omitted else (),
+    )
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Put the name of a file into the errors raised inside."""
+    try:
+        yield
+    except (DemonstrationError, SkillFileError) as error:
+        if str(path) in str(error):
+            raise
+        raise type(error)(f"{path}: {error}") from None
+
+
+def _longest_gap(rate: float) -> float:
+    """Return the longest gap that can be interpolated for a sample rate, s."""
+    return max(_MAX_GAP_SECONDS, 2 / rate)
+
+
+def _names(what: str, value: Any) -> tuple[str, ...]:
     """Return names of channels or units as a tuple."""
-    if isinstance(given, Sequence) and not isinstance(given, str):
-        names = tuple(given)
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        names = tuple(value)
         if all(isinstance(name, str) for name in names):
             return names
-    raise DemonstrationError(f"{what} is {given!r}; expected one name per channel.")
+    raise DemonstrationError(f"{what} is {value!r}; expected one name per channel.")
 
 
-def _unit_quaternion(
-    reference: Any, channels: tuple[str, ...]
-) -> tuple[float, float, float, float]:
+def _checked_reference(reference: Any, channels: tuple[str, ...]) -> Quaternion:
     try:
         x, y, z, w = (float(q) for q in reference)
     except (TypeError, ValueError):
@@ -319,6 +546,8 @@ def _unit_quaternion(
             f"there is a rotation reference but no channel {min(missing)}; add the "
             "rotation channels with `add_orientation`."
         )
-    if abs(length - 1) > 1e-12:  # Else as it is: files have to give back the same.
+    if (
+        abs(length - 1) > 1e-12
+    ):  # Unchanged otherwise: files must return identical numbers.
         x, y, z, w = x / length, y / length, z / length, w / length
     return (x, y, z, w)

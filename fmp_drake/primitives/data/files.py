@@ -1,9 +1,13 @@
-"""Reading and writing files so that nothing broken gets in or out."""
+"""Reading and writing of complete files, and the format of the package's own."""
 
+import glob
+import itertools
+import json
 import os
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,30 +20,31 @@ from fmp_drake.errors import FmpError, SkillFileError
 
 
 class Blocks(Protocol):
-    """A float64 array that is read block by block, for it may not fit in memory."""
+    """A float64 array that is read in blocks, as it may not fit in memory."""
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the whole array."""
 
     def blocks(self) -> Iterator[NDArray[np.float64]]:
-        """Yield the rows of the array in their order, some at a time."""
+        """Yield consecutive rows of the array."""
 
 
 @contextmanager
 def replaced(path: Path, error: type[FmpError] = FmpError) -> Iterator[Path]:
-    """Yield the path of a temporary file that becomes `path` if nothing fails.
+    """Yield the path of a temporary file that is renamed to `path` if nothing fails.
 
-    The file appears whole or not at all: it is written under another name in the same
-    folder, with the same ending, and renamed at the end. A process that is killed
-    before leaves an older file as it was.
+    So the file appears whole or not at all. The temporary file is in the same folder and
+    has the same ending. A process that is killed does not change an older file; the
+    temporary file that it leaves is deleted when the same file is written again.
 
     Parameters
     ----------
     path : pathlib.Path
     error : type of FmpError
-        Raised where the operating system does not let the file be written.
+        Raised where the file cannot be written.
     """
+    _delete_abandoned(path)
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         yield part
@@ -51,6 +56,22 @@ def replaced(path: Path, error: type[FmpError] = FmpError) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+def _delete_abandoned(path: Path) -> None:
+    """Delete temporary files whose processes have ended."""
+    name = f".{glob.escape(path.stem)}.*.part{glob.escape(path.suffix)}"
+    for part in path.parent.glob(name):
+        process = part.name.removeprefix(f".{path.stem}.").partition(".")[0]
+        if not process.isdecimal():
+            continue
+        try:
+            os.kill(int(process), 0)
+        except ProcessLookupError:
+            with suppress(OSError):
+                part.unlink()
+        except (OSError, OverflowError):
+            continue
 
 
 def write_text(path: Path, text: str, error: type[FmpError] = FmpError) -> None:
@@ -72,11 +93,11 @@ def read_npz(
     ----------
     path : pathlib.Path
     expected : str
-        What the file should have been, for the error.
+        Description of the expected file, for the error.
     error : type of FmpError
         Raised where the file cannot be read in full.
     most : int
-        Bytes that it may take when it is unpacked.
+        Greatest size when unpacked, bytes.
     """
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
@@ -90,7 +111,7 @@ def read_npz(
 
 
 def _check_sizes(archive: zipfile.ZipFile, most: int) -> None:
-    """Refuse arrays that claim to be larger than is allowed, or than their bytes."""
+    """Refuse arrays that are larger than is allowed, or than their bytes."""
     total = sum(member.file_size for member in archive.infolist())
     if total > most:
         raise ValueError(
@@ -120,7 +141,7 @@ def write_npz(
     ----------
     path : pathlib.Path
     arrays : mapping from str to ndarray or Blocks
-        Those given in blocks are never in memory as a whole.
+        Arrays in blocks are never in memory as a whole.
     error : type of FmpError
         Raised where the file cannot be written.
     compressed : bool
@@ -141,8 +162,51 @@ def write_npz(
                     stream.write(np.ascontiguousarray(block, dtype="<f8").tobytes())
 
 
+def numbered(path: Path, count: int) -> list[Path]:
+    """Return names for several files: `a.npz`, `a_2.npz`, `a_3.npz` ..."""
+    names = [path.name, *(f"{path.stem}_{i}{path.suffix}" for i in range(2, count + 1))]
+    return [path.with_name(name) for name in names[:count]]
+
+
+def keep_earlier_files(series: Path, single: Path) -> list[str]:
+    """Rename files that are about to be written: `a.npz` becomes `a.1.npz`.
+
+    All of them get the same number, the first that is free.
+
+    Parameters
+    ----------
+    series : pathlib.Path
+        First of several files, as `numbered` names them; the others are renamed, too.
+    single : pathlib.Path
+
+    Returns
+    -------
+    list of str
+        The new names.
+
+    Raises
+    ------
+    FmpError
+        If a file cannot be renamed.
+    """
+    count = 0
+    while numbered(series, count + 1)[-1].exists():
+        count += 1
+    old = [path for path in (*numbered(series, count), single) if path.exists()]
+    for number in itertools.count(1):
+        new = [p.with_name(f"{p.stem}.{number}{p.suffix}") for p in old]
+        if not any(path.exists() for path in new):
+            break
+    for before, after in zip(old, new, strict=True):
+        try:
+            before.rename(after)
+        except OSError as reason:
+            raise FmpError(f"cannot rename {before}: {reason.strerror}.") from None
+    return [path.name for path in new]
+
+
 def check_writable(path: Path | None) -> None:
-    """Refuse an output file that cannot be written, before any work is done."""
+    """Raise where an output file cannot be written, before any work is done."""
     if path is None:
         return
     if not path.absolute().parent.is_dir():
@@ -151,3 +215,83 @@ def check_writable(path: Path | None) -> None:
         )
     if path.is_dir():
         raise FmpError(f"{path} is a folder; give the name of a file to write.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileFormat:
+    """A kind of `.npz` file: arrays and metadata in JSON, without pickle.
+
+    Attributes
+    ----------
+    name : str
+        Entry `format` of the metadata.
+    version : int
+        Version that is written, and the newest that can be read.
+    what : str
+        Name of such a file in errors.
+    source : str
+        Origin of such files, for errors.
+    error : type of FmpError
+        Raised for files that cannot be read or written.
+    compressed : bool
+        False where compression takes long and saves nothing, as with learned numbers.
+
+    Examples
+    --------
+    >>> tables = FileFormat(
+    ...     name="table", version=1, what="table", source="written by hand"
+    ... )
+    >>> tables.parse(Path("t.npz"), np.array('{"format": "table", "version": 1}'))
+    {'format': 'table', 'version': 1}
+    """
+
+    name: str
+    version: int
+    what: str
+    source: str
+    error: type[FmpError] = SkillFileError
+    compressed: bool = True
+
+    def write(
+        self,
+        path: Path,
+        metadata: Mapping[str, Any],
+        arrays: Mapping[str, NDArray[Any] | Blocks],
+    ) -> None:
+        """Write metadata and arrays to a file, whole or not at all."""
+        about = {"format": self.name, "version": self.version, **metadata}
+        text = json.dumps(about, default=_plain)
+        arrays = {"metadata": np.array(text), **arrays}
+        write_npz(path, arrays, self.error, compressed=self.compressed)
+
+    def read(self, path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Return metadata and arrays; refuse a missing, broken or foreign file."""
+        if not path.is_file():
+            raise self.error(f"there is no {self.what} {path}.")
+        arrays = read_npz(path, f"a {self.what} is {self.source}", self.error)
+        return self.parse(path, arrays.pop("metadata", None)), arrays
+
+    def parse(self, path: Path, array: NDArray[Any] | None) -> dict[str, Any]:
+        """Return the metadata in the array of a file; refuse a newer version."""
+        try:
+            metadata: dict[str, Any] = json.loads(str(array))
+            is_ours, version = metadata["format"] == self.name, int(metadata["version"])
+        except (KeyError, TypeError, ValueError, OverflowError):
+            is_ours, version = False, 0
+        if not is_ours:
+            raise self.error(
+                f"{path} is not a {self.what} of fmp_drake; a {self.what} is {self.source}."
+            )
+        if version > self.version:
+            raise self.error(
+                f"{path} has version {version}; this fmp_drake reads up to version "
+                f"{self.version}. Update fmp_drake."
+            )
+        return metadata
+
+
+def _plain(value: Any) -> Any:
+    """Return a NumPy number or array as a Python object, for JSON."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{value!r} cannot be written to a file.")

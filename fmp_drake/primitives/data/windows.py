@@ -10,60 +10,76 @@ from numpy.typing import ArrayLike, NDArray
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import as_floats, check_number, finite_array
 from fmp_drake.primitives.data.demonstration import Demonstration
-from fmp_drake.primitives.data.joining import joined_recordings
+
+
+class UnstatedRate(float):
+    """Default sample rate (Hz) of a skill, which does not apply to arrays without times."""
+
+
+# Sample rate of skills and of what they are learned from, Hz.
+DEFAULT_RATE = 20.0
+UNSTATED_RATE = UnstatedRate(DEFAULT_RATE)
 
 _WHAT = "the windows (or give a Demonstration, or a list of them)"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Windows:
-    """The windows that a skill is learned from, and where each comes from.
+    """Windows that a skill is learned from, and their sources.
 
     Attributes
     ----------
     values : ndarray, shape (N, T, D)
     source : ndarray, shape (N,)
-        The index of the demonstration that each window comes from, or its own index
-        where the windows were given as an array.
+        Index of the demonstration of each window, or of the window itself where they were
+        given as an array.
     example : Demonstration or None
-        The first demonstration, which names channels, units and frame; None where the
+        First demonstration, with the channels, units and frame of all; None where the
         windows were given as an array.
+    part : ndarray, shape (N,), or None
+        Index of the part, in `resampled`, of each window.
     resampled : list of ndarray, shape (n, D), or None
-        The demonstrations that were cut, at one rate; None where the windows were given
-        as an array.
+        Parts of the demonstrations without gaps, at one rate; None where the windows were
+        given as an array.
+    sources : ndarray, shape (P,), or None
+        Index of the demonstration of each of the parts in `resampled`.
+    excluded : frozenset of int
+        Indices of the parts of demonstrations that have no weight.
     """
 
     values: NDArray[np.float64]
     source: NDArray[np.int64]
     example: Demonstration | None
+    part: NDArray[np.int64] | None = None
     resampled: list[NDArray[np.float64]] | None = None
+    sources: NDArray[np.int64] | None = None
+    excluded: frozenset[int] = frozenset()
 
     def recordings(self) -> list[NDArray[np.float64]]:
-        """Return what the windows were cut from, arrays (n, D).
+        """Return the recordings that the windows were cut from, arrays (n, D).
 
         Windows that were given as an array are joined where they overlap exactly.
         """
-        if self.resampled is None:
+        if self.resampled is None or self.part is None:
             return joined_recordings(self.values)
-        chosen = set(self.source.tolist())
-        return [y for i, y in enumerate(self.resampled) if i in chosen]
+        return [y for i, y in enumerate(self.resampled) if i not in self.excluded]
 
     def paths(self, stride: int) -> tuple[NDArray[np.float64], ...]:
         """Return the demonstrated paths, each (samples, D), without repetitions.
 
-        None where the windows were given as an array: nobody knows how they overlap.
+        Empty where the windows were given as an array, as their overlap is unknown.
         """
-        if self.example is None:
+        if self.part is None:
             return ()
-        apart = (np.diff(self.source) != 0) | (stride > self.values.shape[1])
+        is_apart = (np.diff(self.part) != 0) | (stride > self.values.shape[1])
         return tuple(
-            np.concatenate([each[:-1, :stride].reshape(-1, each.shape[2]), each[-1]])
-            for each in np.split(self.values, np.flatnonzero(apart) + 1)
+            np.concatenate([part[:-1, :stride].reshape(-1, part.shape[2]), part[-1]])
+            for part in np.split(self.values, np.flatnonzero(is_apart) + 1)
         )
 
 
 def extent_of(values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the least and the greatest value of recordings (n, D), shape (2, D)."""
+    """Return the minima and maxima of recordings (n, D), shape (2, D)."""
     return np.stack(
         [
             np.min([y.min(axis=0) for y in values], axis=0),
@@ -88,28 +104,28 @@ def sliding_windows(
     return np.ascontiguousarray(np.swapaxes(view[::stride], 1, 2))
 
 
-def _check_alike(demonstrations: Sequence[Demonstration]) -> None:
+def _check_compatible(demonstrations: Sequence[Demonstration]) -> None:
     """Raise where demonstrations differ in channels, units or rotation reference."""
     first = demonstrations[0]
     for number, demonstration in enumerate(demonstrations):
         for what in ("channels", "units", "rotation_reference"):
-            theirs, ours = getattr(demonstration, what), getattr(first, what)
-            if theirs != ours:
-                given, first_given = (
-                    ", ".join(map(str, value or ["none"])) for value in (theirs, ours)
+            values = getattr(demonstration, what), getattr(first, what)
+            if values[0] != values[1]:
+                actual, expected = (
+                    ", ".join(map(str, value or ["none"])) for value in values
                 )
                 raise DemonstrationError(
-                    f"demonstration {number} has the {what.replace('_', ' ')} {given}; "
-                    f"the first has {first_given}. They must be the same."
+                    f"demonstration {number} has the {what.replace('_', ' ')} {actual}; "
+                    f"the first has {expected}. They must be the same."
                 )
 
 
 def _recordings(X: Any, *, n_steps: int, rate: float) -> Sequence[Demonstration] | None:
-    """Return X as demonstrations, None where it is windows."""
+    """Return X as demonstrations, or None where it holds windows."""
     if isinstance(X, Demonstration):
         return [X]
     if isinstance(X, Sequence) and not isinstance(X, str):
-        if all(isinstance(each, Demonstration) for each in X):
+        if all(isinstance(x, Demonstration) for x in X):
             return X
         arrays = [x for x in X if isinstance(x, np.ndarray) and x.ndim in (1, 2)]
         are_windows = all(x.ndim == 2 and len(x) == n_steps for x in arrays)
@@ -120,16 +136,58 @@ def _recordings(X: Any, *, n_steps: int, rate: float) -> Sequence[Demonstration]
 
 
 def _sampled(values: NDArray[np.float64], rate: float) -> Demonstration:
+    if isinstance(rate, UnstatedRate):
+        raise DemonstrationError(
+            f"the array of shape {values.shape} has no times. Give its sample rate in Hz, "
+            "FourierMovementPrimitive(rate=50), or its times, "
+            "Demonstration(time=time, values=array)."
+        )
     return Demonstration(time=np.arange(len(values)) / rate, values=values)
+
+
+def cut_demonstrations(
+    X: Any, start: float | None, end: float | None, rate: float
+) -> Any:
+    """Return the part of every recording between two times, s from its first sample.
+
+    Raises
+    ------
+    DemonstrationError
+        If windows were given as an array, or a recording has no two samples there.
+    """
+    if start is None and end is None:
+        return X
+    recordings = _recordings(X, n_steps=0, rate=rate)
+    if recordings is None:
+        raise DemonstrationError(
+            "windows have no start and end; give demonstrations instead."
+        )
+    first = 0.0 if start is None else float(start)
+    last = np.inf if end is None else float(end)
+    out = []
+    for number, recording in enumerate(recordings):
+        time = recording.time - recording.time[0]
+        inside = (time >= first - 1e-9) & (time <= last + 1e-9)
+        if np.count_nonzero(inside) < 2:
+            raise DemonstrationError(
+                f"demonstration {number} lasts {time[-1]:.3g} s; it has no two samples "
+                f"from {first:g} to {last:g} s."
+            )
+        out.append(
+            replace(
+                recording, time=recording.time[inside], values=recording.values[inside]
+            )
+        )
+    return out
 
 
 def as_windows(
     X: Any, *, n_steps: int, stride: int, rate: float, at_least: int = 2
 ) -> Windows:
-    """Return the windows of one or several recordings, or those in an array (N, T, D).
+    """Return the windows of recordings, or those in an array (N, T, D).
 
     A recording is a demonstration, or an array (N, D) or (N,) sampled at the rate. Each
-    is resampled to the rate; no window crosses from one to the next.
+    is split at its gaps and resampled to the rate; no window crosses a gap.
 
     Raises
     ------
@@ -141,23 +199,31 @@ def as_windows(
         X = recordings
         if not X:
             raise DemonstrationError("there is no demonstration; give at least one.")
-        _check_alike(X)
-        resampled = [d.resample(rate).values for d in X]
-        each = [sliding_windows(y, n_steps=n_steps, stride=stride) for y in resampled]
-        counts = [len(windows) for windows in each]
+        _check_compatible(X)
+        split = [d.split_at_gaps(rate) or [d] for d in X]
+        sources = np.repeat(np.arange(len(X)), [len(parts) for parts in split])
+        recordings = [part for parts in split for part in parts]
+        resampled = [part.resample(rate).values for part in recordings]
+        cut = [sliding_windows(y, n_steps=n_steps, stride=stride) for y in resampled]
+        counts = [len(windows) for windows in cut]
         if sum(counts) < at_least:
-            longest = max(d.duration for d in X)
-            needed = (n_steps - 1 + stride * (at_least - 1)) / rate
+            longest = max(part.duration for part in recordings)
+            least = (n_steps - 1 + stride * (at_least - 1)) / rate
+            # Four fifths of what fits, in tenths of a second.
+            fitting = np.floor(8 * (longest - stride * at_least / rate)) / 10
+            advice = f", for example window={fitting:g}" if fitting * rate >= 8 else ""
             raise DemonstrationError(
                 f"the demonstrations give {sum(counts)} windows of {n_steps / rate:g} s "
                 f"(the longest lasts {longest:.3g} s); at least {at_least} are needed. "
-                f"Record at least {needed:.3g} s, or choose shorter windows (n_steps; --window)."
+                f"Record at least {least:.3g} s, or choose shorter windows{advice}."
             )
         return Windows(
-            values=each[0] if len(each) == 1 else np.concatenate(each),
-            source=np.repeat(np.arange(len(each)), counts),
+            values=cut[0] if len(cut) == 1 else np.concatenate(cut),
+            source=np.repeat(sources, counts),
             example=X[0],
+            part=np.repeat(np.arange(len(cut)), counts),
             resampled=resampled,
+            sources=sources,
         )
     shape = ("windows", n_steps, "channels")
     values = finite_array(X, _WHAT, shape, error=DemonstrationError)
@@ -171,26 +237,67 @@ def as_windows(
 def weighted_windows(
     windows: Windows, weights: ArrayLike | None
 ) -> tuple[Windows, NDArray[np.float64] | None]:
-    """Return the windows that count, and the weight of each in the fit, on average 1.
+    """Return the windows of positive weight and their weights, on average 1.
 
     Parameters
     ----------
     windows : Windows
     weights : array_like, optional
-        One for each demonstration, or for each window of an array; none negative.
+        Weights of the demonstrations, or of the windows of an array; none negative.
     """
     if weights is None:
         return windows, None
-    count = int(windows.source[-1]) + 1
-    given = finite_array(weights, "the weights", (count,), error=DemonstrationError)
-    if np.any(given < 0):
-        raise DemonstrationError(f"the weights are {given}; none may be negative.")
-    each = given[windows.source]
-    if np.count_nonzero(each) < 2:
+    sources = windows.sources
+    count = len(windows.values) if sources is None else int(sources[-1]) + 1
+    weights = finite_array(weights, "the weights", (count,), error=DemonstrationError)
+    if np.any(weights < 0):
+        raise DemonstrationError(f"the weights are {weights}; none may be negative.")
+    per_window = weights[windows.source]
+    is_used = per_window > 0
+    if sources is not None:
+        excluded = frozenset(np.flatnonzero(weights[sources] == 0).tolist())
+        windows = replace(windows, excluded=excluded)
+    if not np.any(weights) or (len(is_used) and np.count_nonzero(is_used) < 2):
         raise DemonstrationError(
-            f"the weights leave {np.count_nonzero(each)} windows; at least 2 must count."
+            f"the weights leave {np.count_nonzero(is_used)} windows; at least 2 must count."
         )
-    if not np.all(each):
-        values, source = windows.values[each > 0], windows.source[each > 0]
-        windows = replace(windows, values=values, source=source)
-    return windows, each[each > 0] / each[each > 0].mean()
+    if not np.all(is_used):
+        windows = replace(
+            windows,
+            values=windows.values[is_used],
+            source=windows.source[is_used],
+            part=None if windows.part is None else windows.part[is_used],
+        )
+    positive = per_window[is_used] if len(is_used) else weights[weights > 0]
+    return windows, positive / positive.mean()
+
+
+def joined_recordings(windows: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Join windows (N, T, D) that overlap exactly to recordings (n, D), in order.
+
+    Models that need the whole signal (its period, its phase) recover it from the windows
+    that all models get. A window that does not continue the one before, sample
+    for sample, starts another recording.
+    """
+    out: list[list[NDArray[np.float64]]] = []
+    guess = 0
+    for i, window in enumerate(windows):
+        shift = _shift(windows[i - 1], window, guess) if i else 0
+        if shift:
+            out[-1].append(window[-shift:])
+            guess = shift
+        else:
+            out.append([window])
+    return [np.concatenate(parts) for parts in out]
+
+
+def _shift(before: NDArray[np.float64], after: NDArray[np.float64], guess: int) -> int:
+    """Return the shift between two windows in samples, 0 where they do not overlap."""
+    last = len(before) - 2  # At least two samples must agree.
+    shifts = np.flatnonzero(np.all(before == after[0], axis=1))
+    for s in sorted(
+        (int(s) for s in shifts if 1 <= s <= last), key=lambda s: s != guess
+    ):
+        if np.array_equal(before[s:], after[:-s]):
+            return s
+    return 0

@@ -1,1 +1,1 @@
-"""Discrete movements."""
+"""Discrete movements, from a start to a goal."""

@@ -1,7 +1,7 @@
 """Discrete movements: footnote 1 of the paper."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -12,17 +12,92 @@ from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.demonstration import Demonstration
-from fmp_drake.primitives.discrete.via_points import DiscreteMovement, ViaPoint
-from fmp_drake.primitives.model.keypoint import channel_indices
 from fmp_drake.primitives.model.mapping import MappingPlan, Selection
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
-from fmp_drake.primitives.playback.confidence import confined
 from fmp_drake.primitives.playback.motion import Motion
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ViaPoint:
+    """Point that a discrete movement passes at a given phase.
+
+    Attributes
+    ----------
+    phase : float
+        Time as a fraction of the duration, between 0 and 1.
+    values : array_like, shape (C,)
+        Values of the C channels, in their units.
+    channels : sequence of str or int, optional
+        Names or indices of the channels; all D where None.
+
+    Examples
+    --------
+    >>> half_way_up = ViaPoint(phase=0.5, values=[0.3], channels=["z"])
+
+    `DiscreteMovementPrimitive.plan` takes it.
+    """
+
+    phase: float
+    values: ArrayLike
+    channels: Sequence[str | int] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DiscreteMovement:
+    """Movement from a start to a goal, as a cosine series in time.
+
+    The value at time t is sum_k coefficients_k cos(pi k t / duration): the Fourier
+    series of the mirrored movement, in which all sines vanish. So the velocity is
+    0 at the start and, up to rounding, at the end, whatever the coefficients.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (T, D)
+        In the units of the channels.
+    duration : float
+        Seconds.
+    component : int
+        Index of the component of the mixture.
+    """
+
+    coefficients: NDArray[np.float64]
+    duration: float
+    component: int
+
+    def __post_init__(self) -> None:
+        """Make the array read-only."""
+        self.coefficients.setflags(write=False)
+
+    def motion(self, seconds: ArrayLike) -> Motion:
+        """Return the desired motion at any time.
+
+        Parameters
+        ----------
+        seconds : array_like, shape (...)
+            Time since the start. The movement rests at its start before, and at its end
+            after `duration`.
+
+        Returns
+        -------
+        Motion, shape (..., 3, D)
+            Position, velocity (per second) and acceleration (per second^2) of each
+            channel. Position and velocity are continuous everywhere; the acceleration
+            is not 0 at the start and the end, and is 0 outside.
+        """
+        t = np.asarray(seconds, dtype=float)
+        omega = np.pi * np.arange(len(self.coefficients)) / self.duration
+        angle = np.clip(t, 0.0, self.duration)[..., None] * omega
+        within = ((t >= 0) & (t <= self.duration))[..., None]
+        moving = np.where(within, omega, 0.0)
+        cosine, sine = np.cos(angle), np.sin(angle)
+        rows = np.stack([cosine, -moving * sine, -(moving**2) * cosine], axis=-2)
+        return Motion(rows @ self.coefficients, time=t if t.ndim else None)
+
+
 class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
-    """A movement from a start to a goal, learned from whole demonstrations of it.
+    """Model of movements from a start to a goal, learned from whole demonstrations.
 
     Each demonstration is one movement, of any duration. It is resampled to T samples
     and mirrored, which gives a window of 2T samples that closes (footnote 1 of
@@ -46,15 +121,15 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     Attributes
     ----------
     skill_ : FourierMovementPrimitive
-        Over the mirrored windows, 2T samples in two mean durations.
+        Skill of the mirrored windows: 2T samples in two mean durations.
     duration_ : float
-        Mean duration of the demonstrations, seconds.
+        Mean duration of the demonstrations, s.
     n_channels_ : int
         D.
     channels_, units_ : tuple of str
     frame_ : str
     rotation_reference_ : tuple of float or None
-        Of the demonstrations.
+        That of the demonstrations.
 
     Examples
     --------
@@ -152,7 +227,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         via: Sequence[ViaPoint] = (),
         duration: float | None = None,
     ) -> DiscreteMovement:
-        """Return the movement from a measured start, where the robot is at rest.
+        """Return the movement from a measured start at rest.
 
         The observation is mapped to weights as in Algorithm 1, kept in the span of the
         component and inside its ellipsoid of the given confidence. The distances to
@@ -163,12 +238,12 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         ----------
         start : array_like, shape (D,)
         goal : array_like, shape (D,), optional
-            Where to end, at rest; where the demonstrations lead from this start if
-            None.
+            End of the movement, at rest; where None, the end of demonstrations that start
+            here.
         via : sequence of ViaPoint
-            At different phases.
+            Points at different phases.
         duration : float, optional
-            Seconds; the mean of the demonstrations where None.
+            s; the mean of the demonstrations where None.
 
         Raises
         ------
@@ -178,11 +253,11 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         check_is_fitted(self, "skill_")
         seconds = self.duration_ if duration is None else duration
         check_number(seconds, "duration", above=0.0, unit="s")
-        every, shape = list(range(self.n_channels_)), (self.n_channels_,)
-        points = [(0.0, every, finite_array(start, "the start", shape))]
+        channels, shape = list(range(self.n_channels_)), (self.n_channels_,)
+        points = [(0.0, channels, finite_array(start, "the start", shape))]
         if goal is not None:
             end = finite_array(goal, "the goal", shape)
-            points.append((1.0, every, end))
+            points.append((1.0, channels, end))
         for number, point in enumerate(via):
             index = channel_indices(point.channels, self.channels_)
             name = f"via-point {number}"
@@ -194,14 +269,14 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         coefficients = dct(window[: self.n_steps], type=2, axis=0) / self.n_steps
         coefficients[0] /= 2
         if goal is None:
-            # Where the mapped movement ends, it may end.
+            # The end of the mapped movement.
             signs = (-1.0) ** np.arange(self.n_steps)
-            points.append((1.0, every, signs @ coefficients))
-        for channel in every:
+            points.append((1.0, channels, signs @ coefficients))
+        for channel in channels:
             phases = np.array([p for p, index, _ in points if channel in index])
-            wanted = [v[i.index(channel)] for _, i, v in points if channel in i]
+            desired = [v[i.index(channel)] for _, i, v in points if channel in i]
             coefficients[:, channel] += _correction(
-                phases, np.array(wanted), coefficients[:, channel]
+                phases, np.array(desired), coefficients[:, channel]
             )
         return DiscreteMovement(
             coefficients=coefficients, duration=float(seconds), component=component
@@ -228,7 +303,8 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         Returns
         -------
         Motion, shape (samples, 3, D)
-            Position, velocity and acceleration, as `DiscreteMovement.motion` gives them.
+            Position, velocity and acceleration, as `DiscreteMovement.motion` gives them,
+            and their `time`.
         """
         check_number(rate, "rate", above=0.0, unit="Hz")
         movement = self.plan(start, goal, via=via, duration=duration)
@@ -240,8 +316,8 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     ) -> NDArray[np.float64]:
         """Draw movements from the mixture, shape (n, T, D), at the phases (i + 1/2) / T."""
         check_is_fitted(self, "skill_")
-        drawn = self.skill_.sample(n, seed=seed, with_noise=with_noise)
-        return drawn[:, : self.n_steps]
+        samples = self.skill_.sample(n, seed=seed, with_noise=with_noise)
+        return samples[:, : self.n_steps]
 
     def _mapped(
         self, points: Sequence[tuple[float, list[int], NDArray[np.float64]]]
@@ -250,14 +326,14 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         skill = self.skill_
         n, d = self.n_steps, self.n_channels_
         rows, values, tolerances = [], [], []
-        for phase, index, wanted in points:
-            # The mirrored step observes the same: both halves take part alike.
+        for phase, index, desired in points:
+            # Both halves contribute: the mirrored step has the same value.
             step = n * phase - 0.5
             row = skill.basis.series([step, 2 * n - 1 - step]).mean(axis=0)
             block = np.zeros((len(index), d, 2 * n))
             block[range(len(index)), index] = row * skill.scales_[index, None]
             rows.append(block.reshape(len(index), -1))
-            values.append(wanted)
+            values.append(desired)
             tolerances.append(skill.tolerance * skill.scales_[index] ** 2)
         plan = MappingPlan(
             skill.proportions_,
@@ -268,7 +344,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         )
         mapping = plan.map(np.concatenate(values))
         gaussian = skill.components_[mapping.component]
-        weights = confined(gaussian, mapping.weights, self.confidence)
+        weights = gaussian.confined(mapping.weights, self.confidence)
         return weights, mapping.component
 
 
@@ -286,16 +362,16 @@ def _mirrored(demonstration: Demonstration, n_steps: int, rate: float) -> Demons
 
 def _correction(
     phases: NDArray[np.float64],
-    wanted: NDArray[np.float64],
+    values: NDArray[np.float64],
     coefficients: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the cosine coefficients of least acceleration that reach what is wanted.
+    """Return the cosine coefficients of least acceleration that reach the values.
 
     Minimises sum_k k^4 c_k^2 subject to the values at the phases; a constant is free.
     """
     k = np.arange(len(coefficients))
     rows = np.cos(np.pi * phases[:, None] * k)
-    missing = wanted - rows @ coefficients
+    missing = values - rows @ coefficients
     flexibility = np.concatenate([[0.0], 1.0 / k[1:] ** 4])
     kernel = (rows * flexibility) @ rows.T
     size = len(phases)

@@ -1,1 +1,1 @@
-"""Changes of a learned skill: tempo, place, size, harmonics, orientation."""
+"""Edited copies of a skill: tempo, position, size, harmonics; spectra."""

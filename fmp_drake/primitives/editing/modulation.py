@@ -1,6 +1,6 @@
-"""Changing magnitude and phase of chosen harmonics: section VII of the paper.
+"""Modulation of the magnitude and phase of harmonics: section VII of the paper.
 
-See `fmp_drake.primitives.editing.spectrum` for what magnitude and phase are.
+`fmp_drake.primitives.editing.spectrum` defines magnitude and phase.
 """
 
 from collections.abc import Sequence
@@ -11,10 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import as_floats, check_number
-from fmp_drake.primitives.model.fitted import copy_skill
-from fmp_drake.primitives.model.keypoint import channel_indices
+from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+from fmp_drake.primitives.model.movement_primitive import (
+    FourierMovementPrimitive,
+    copy_skill,
+)
 
 _EXTENT_SAMPLES = 200
 
@@ -37,7 +39,7 @@ def modulate_windows(
     gain : float
         Factor of the magnitudes, not negative.
     phase : float
-        Added to the phases, rad; positive is earlier. The mean and the Nyquist harmonic
+        Shift of the phases, rad; positive is earlier. The mean and the Nyquist harmonic
         have no phase to shift.
     channels : sequence of int, optional
         Indices; all where None.
@@ -55,21 +57,21 @@ def modulate_windows(
     y = as_floats(windows, "the windows", ("...", "T", "D"))
     n = y.shape[-2]
     index = channel_indices(channels, [f"c{i}" for i in range(y.shape[-1])])
-    chosen = sorted({int(k) for k in harmonics})
-    if not chosen or chosen[0] < 0 or chosen[-1] > n // 2:
+    numbers = sorted({int(k) for k in harmonics})
+    if not numbers or numbers[0] < 0 or numbers[-1] > n // 2:
         raise SkillError(
             f"the harmonics are {list(harmonics)}; give some from 0 to {n // 2}."
         )
     check_number(gain, "gain", least=0.0)
     check_number(phase, "phase", unit="rad")
-    real = [k for k in chosen if k == 0 or 2 * k == n]
+    real = [k for k in numbers if k == 0 or 2 * k == n]
     if real and phase != 0:
         raise SkillError(
             f"harmonic {real[0]} is the mean or the Nyquist harmonic of windows of {n} "
             "samples and has no phase to shift."
         )
     spectrum = np.fft.rfft(y, axis=-2)
-    spectrum[..., np.array(chosen)[:, None], index] *= gain * np.exp(1j * phase)
+    spectrum[..., np.array(numbers)[:, None], index] *= gain * np.exp(1j * phase)
     return np.fft.irfft(spectrum, n=n, axis=-2)
 
 
@@ -85,15 +87,15 @@ def modulate_skill(
 
     Means and low-rank factors are mapped exactly, as `modulate_windows` maps
     trajectories, so `sample(with_noise=False)` has exactly the mapped distribution. A
-    shift of phase is orthogonal and maps the isotropic noise, eps I, exactly as well. A
-    gain would not leave it isotropic: it stays as it is, so the covariance differs from
+    phase shift is orthogonal and maps the isotropic noise, eps I, exactly as well. A
+    gain would make it anisotropic, so the noise is not mapped: the covariance differs from
     the mapped one by eps (1 - gain^2) in the weights of these harmonics. It is white
     noise and the regulariser, which no playback follows.
 
     Parameters
     ----------
     skill : FourierMovementPrimitive
-        Fitted; it stays as it is.
+        Fitted; not changed.
     harmonics, gain, phase
         See `modulate_windows`.
     channels : sequence of str, optional
@@ -102,9 +104,9 @@ def modulate_skill(
     Returns
     -------
     FourierMovementPrimitive
-        Its `extent_` is that of 200 samples. Nobody has shown it, so it has no `paths_`.
-        It is a mixture: the harmonics of a window are not those of a cycle, so it has no
-        phase model.
+        Its `extent_` is that of 200 samples. It was not demonstrated, so `paths_` is empty.
+        It is a mixture without a phase model: the harmonics of a window are not those of a
+        cycle.
     """
     skill.check_fitted()
     index = channel_indices(channels, skill.channels_)
@@ -122,17 +124,19 @@ def modulate_skill(
         moved = replace(component, mean=mapped(component.mean))
         basis = mapped(component.basis.T).T
         components.append(_with_factor(moved, basis))
-    out = copy_skill(
+    # Drawn from the original: samples of a phase model's Gaussians would leave the cycle.
+    samples = modulated(skill.sample(_EXTENT_SAMPLES, with_noise=False))
+    return copy_skill(
         skill,
         components_=tuple(components),
         phase_model_=None,
+        calibration_=None,
+        memory_=(),
         model_="mixture",
         model_reason_="the harmonics of its windows were changed",
+        extent_=np.stack([samples.min(axis=(0, 1)), samples.max(axis=(0, 1))]),
+        paths_=(),
     )
-    # Of a phase model: not drawn from its Gaussians, whose samples leave the curve.
-    drawn = modulated(skill.sample(_EXTENT_SAMPLES, with_noise=False))
-    extent = np.stack([drawn.min(axis=(0, 1)), drawn.max(axis=(0, 1))])
-    return copy_skill(out, extent_=extent, paths_=())
 
 
 def _with_factor(

@@ -18,13 +18,13 @@ from scipy.stats import circmean, circstd
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import check_number, finite_array
-from fmp_drake.primitives.model.keypoint import channel_indices
+from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralPeak:
-    """A dominant frequency of a channel: a local maximum of its spectrum.
+    """Dominant frequency of a channel: a local maximum of its spectrum.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class SpectralPeak:
     harmonic : int
         The strongest harmonic of the peak, cycles per window.
     fraction : float
-        Of the variance of the channel within windows, 0 to 1.
+        Fraction of the variance of the channel within windows, 0 to 1.
 
     Examples
     --------
@@ -49,10 +49,10 @@ class SpectralPeak:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spectrum:
-    """Statistics of the magnitudes and the phases of many windows.
+    """Statistics of the magnitudes and phases of many windows.
 
     Arrays have a row for each harmonic, 0 to T/2, and a column for each channel. They
-    are read-only. Where a magnitude is nothing but noise, its phase means nothing.
+    are read-only. The phase of a harmonic that is only noise has no meaning.
 
     Attributes
     ----------
@@ -60,15 +60,15 @@ class Spectrum:
     frequencies : ndarray, shape (H,)
         Hz.
     fractions : ndarray, shape (H, D)
-        Of the variance of each channel within windows; 0 for the mean.
+        Fractions of the variance of each channel within windows; 0 for the mean.
     magnitude_mean, magnitude_std : ndarray, shape (H, D)
         In the units of the channels.
     phase_mean, phase_std : ndarray, shape (H, D)
         Circular mean, -pi to pi, and circular standard deviation, rad. They mean little
         for sliding windows, which start at any phase: use the relative ones.
     relative_phase_mean, relative_phase_std : ndarray, shape (H, D)
-        The same of the phase relative to the reference channel, rad, which does not
-        depend on where a window starts.
+        The same for the phase relative to the reference channel, rad, which does not
+        depend on the start of a window.
     reference : str
         The reference channel.
     reference_harmonic : int or None
@@ -76,9 +76,9 @@ class Spectrum:
 
     Examples
     --------
-    >>> from fmp_drake.primitives import window_spectrum
+    >>> from fmp_drake.primitives.editing.spectrum import window_spectrum
     >>> phase = 2 * np.pi * np.arange(40) / 10
-    >>> windows = np.array([[np.cos(phase + each)] for each in range(8)])
+    >>> windows = np.array([[np.cos(phase + start)] for start in range(8)])
     >>> spectrum = window_spectrum(windows.transpose(0, 2, 1), rate=20.0)
     >>> [round(peak.frequency, 3) for peak in spectrum.peaks(0)]
     [2.0]
@@ -119,7 +119,7 @@ class Spectrum:
         ----------
         channel : str or int
         count : int
-            The greatest number of peaks.
+            Greatest number of peaks.
         least_fraction : float
             Weaker peaks are left out.
         """
@@ -132,22 +132,22 @@ class Spectrum:
         valleys = [a + int(np.argmin(fractions[a : b + 1])) for a, b in pairwise(tops)]
         edges = [0, *valleys, len(fractions)]
         resolution = float(self.frequencies[1])
-        found = []
+        peaks = []
         for i, top in enumerate(tops):
             left, right = padded[top], padded[top + 2]
-            beside, sign = (left, -1) if left > right else (right, 1)
-            ratio = np.sqrt(max(beside, 0.0) / fractions[top])
+            neighbour, sign = (left, -1) if left > right else (right, 1)
+            ratio = np.sqrt(max(neighbour, 0.0) / fractions[top])
             harmonic = int(top) + 1
-            found.append(
+            peaks.append(
                 SpectralPeak(
                     frequency=float(harmonic + sign * ratio / (1 + ratio)) * resolution,
                     harmonic=harmonic,
                     fraction=float(fractions[edges[i] : edges[i + 1]].sum()),
                 )
             )
-        found = [peak for peak in found if peak.fraction >= least_fraction]
-        found.sort(key=lambda peak: -peak.fraction)
-        return tuple(found[:count])
+        peaks = [peak for peak in peaks if peak.fraction >= least_fraction]
+        peaks.sort(key=lambda peak: -peak.fraction)
+        return tuple(peaks[:count])
 
 
 def window_spectrum(
@@ -169,7 +169,7 @@ def window_spectrum(
     channels : sequence of str
         Names of the channels; `c0`, `c1` and so on where empty.
     reference : str or int
-        The channel r that phases are relative to.
+        Reference channel r of the relative phases.
     reference_harmonic : int, optional
         None gives phi_k - phi_k^r, the lead of a channel over the reference at
         the same frequency. A harmonic h, for example that of the fundamental frequency,
@@ -196,7 +196,7 @@ def window_spectrum(
     power[0] = 0
     if n % 2 == 0:
         power[-1] *= 2
-    # What is left of a constant channel by rounding has no frequencies.
+    # The rounding errors of a constant channel have no frequencies.
     power[:, power.sum(axis=0) <= (1e-14 * np.max(np.abs(y), axis=(0, 1))) ** 2] = 0
     total = power.sum(axis=0)
     return Spectrum(
@@ -222,17 +222,17 @@ def skill_spectrum(
     reference: str | int = 0,
     reference_harmonic: int | None = None,
 ) -> Spectrum:
-    """Return the statistics of magnitude and phase of what a skill has learned.
+    """Return the statistics of magnitude and phase of a skill.
 
-    A Gaussian over weights has no closed form for them, so windows are drawn from the
-    mixture, without its white noise.
+    They have no closed form for a Gaussian over weights, so they are those of samples
+    without white noise.
 
     Parameters
     ----------
     skill : FourierMovementPrimitive
         Fitted.
     n_samples : int
-        Windows drawn.
+        Number of windows drawn.
     seed : int
     reference, reference_harmonic
         See `window_spectrum`.

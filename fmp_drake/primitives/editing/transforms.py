@@ -1,4 +1,4 @@
-"""Copies of a skill in another tempo, place, direction or size."""
+"""Copies of a skill at another tempo, position, orientation or size."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,10 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import check_number, finite_array
-from fmp_drake.primitives.data.demonstration import ROTATION_CHANNELS
-from fmp_drake.primitives.model.fitted import copy_skill
-from fmp_drake.primitives.model.keypoint import channel_indices
-from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+from fmp_drake.primitives.data.channels import (
+    POSITION_CHANNELS,
+    ROTATION_CHANNELS,
+    channel_indices,
+)
+from fmp_drake.primitives.model.movement_primitive import (
+    FourierMovementPrimitive,
+    copy_skill,
+)
 
 _ROUNDING = 1e-9
 
@@ -22,17 +27,17 @@ _ROUNDING = 1e-9
 def scale_tempo(
     skill: FourierMovementPrimitive, factor: float
 ) -> FourierMovementPrimitive:
-    """Return a copy of a skill that is played `factor` times as fast.
+    """Return a copy of a skill at `factor` times the tempo.
 
-    The distribution over windows stays; only the time between two samples changes. So
-    positions are the same, velocities `factor` times and accelerations `factor`^2 times
-    as great, and the period is 1/`factor` of what it was. Time constants of a `Player`
-    and its tracker are in seconds and do not follow.
+    The distribution over windows is unchanged; only the sample interval changes. So
+    positions are the same, velocities are multiplied by `factor`, accelerations by
+    `factor`^2 and the period by 1/`factor`. Time constants of a `Player`
+    and its tracker are in seconds and do not change.
 
     Parameters
     ----------
     skill : FourierMovementPrimitive
-        Fitted; it stays as it is.
+        Fitted; not changed.
     factor : float
         Greater than 1 is faster.
 
@@ -51,24 +56,24 @@ def transform_space(
     rotation: Rotation | ArrayLike | None = None,
     scale: float = 1.0,
     translation: ArrayLike | None = None,
-    channels: Sequence[str] = ("x", "y", "z"),
+    channels: Sequence[str] = POSITION_CHANNELS,
     rotate_orientation: bool = True,
     frame: str | None = None,
 ) -> FourierMovementPrimitive:
     """Return a copy of a skill that is rotated, scaled and translated in space.
 
-    Every sample p of the named channels becomes scale * R p + t, in the
-    distribution over trajectories exactly: means, factors and white noise. What is
-    played, from a start transformed alike, is the transformed movement.
+    Every sample p of the named channels becomes scale * R p + t. The distribution over
+    trajectories is transformed exactly: means, factors and white noise. From a transformed
+    start the transformed movement is played.
 
-    A rotation is an orthogonal map of the scaled values, which leaves the isotropic
-    noise of the mixture isotropic, as long as it mixes channels of equal scale. A change
-    of size goes into the scales of the channels.
+    A rotation is an orthogonal map of the scaled values. It keeps the noise of the mixture
+    isotropic as long as it mixes channels of equal scale. The size changes the scales of
+    the channels.
 
     Parameters
     ----------
     skill : FourierMovementPrimitive
-        Fitted; it stays as it is.
+        Fitted; not changed.
     rotation : scipy Rotation or array_like, shape (C, C), optional
         R, a proper rotation of the C named channels.
     scale : float
@@ -78,11 +83,11 @@ def transform_space(
     channels : sequence of str
         The C channels that form a vector.
     rotate_orientation : bool
-        Where the skill has rotation channels (see `add_orientation`), rotate the
-        orientations R_BE to R R_BE along. False where the named channels are, for example, a
-        force measured in another frame.
+        Whether to rotate the orientations R_BE of the rotation channels (see
+        `add_orientation`), too, to R R_BE. False where the named channels are, for example,
+        a force measured in another frame.
     frame : str, optional
-        Name of the frame that the new values are in; the old one where None.
+        Name of the frame of the new values; unchanged where None.
 
     Returns
     -------
@@ -191,13 +196,16 @@ def _apply(
     for path in paths:
         path[:, index] = scale * path[:, index] @ rotation.T + translation
     phase = skill.phase_model_
+    matrix, shift = np.eye(skill.n_channels_), np.zeros(skill.n_channels_)
+    matrix[np.ix_(index, index)] = scaled
+    shift[index] = translation / scales[index]
     if phase is not None:
-        matrix, moved = np.eye(skill.n_channels_), np.zeros(skill.n_channels_)
-        matrix[np.ix_(index, index)] = scaled
-        moved[index] = translation / scales[index]
-        phase = phase.transformed(matrix, moved)
+        phase = phase.transformed(matrix, shift)
+    calibration = skill.calibration_
     return copy_skill(
         skill,
+        calibration_=calibration and calibration.transformed(matrix),
+        memory_=tuple(path @ matrix.T + shift for path in skill.memory_),
         components_=tuple(components),
         phase_model_=phase,
         scales_=scales,

@@ -1,1 +1,1 @@
-"""What is learned: a mixture of Gaussians over Fourier weights."""
+"""Learned models: a mixture of Gaussians over Fourier weights, and a phase model."""

@@ -1,6 +1,6 @@
 """The orthonormal real Fourier basis of a window."""
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +10,9 @@ from fmp_drake.errors import SkillError
 from fmp_drake.numeric import as_floats, check_number
 
 _SPLINE_DEGREE = 5
+# Fraction of a window that is not played at its end, and the part of it that is not replaced.
+_UNPLAYED = 0.1
+_KEPT = 0.3
 
 
 class FourierBasis:
@@ -237,3 +240,36 @@ class FourierBasis:
         spectrum = w[..., :n] + 1j * w[..., n:]
         samples = np.fft.ifft(spectrum, axis=-1).real
         return self.analyze(np.swapaxes(samples, -1, -2))
+
+
+def closing_samples(n_steps: int) -> int:
+    """Return the number of samples at the end of a closed window that are not played."""
+    return int(_UNPLAYED * n_steps)
+
+
+def close_windows(windows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Blend the end of windows (..., T, D) into their beginning.
+
+    The Fourier series of a window is periodic. If the last sample is far from the first,
+    the series and its velocity ring between the samples, also far from the ends. So the
+    last samples, which are not played, are replaced by the smoothest periodic extension:
+    the one with the least third differences.
+    """
+    out = np.array(windows)
+    bridge = _bridge(windows.shape[-2])
+    out[..., len(bridge.T) :, :] = bridge @ windows[..., : len(bridge.T), :]
+    return out
+
+
+@lru_cache
+def _bridge(n_steps: int) -> NDArray[np.float64]:
+    """Return the matrix (L, T - L) from the first samples of a window to the last L."""
+    first = n_steps - round((1 - _KEPT) * closing_samples(n_steps))
+    difference = np.eye(n_steps)
+    for _ in range(3):
+        difference = difference - np.roll(difference, 1, axis=0)
+    out: NDArray[np.float64] = np.linalg.lstsq(
+        difference[:, first:], -difference[:, :first]
+    )[0]
+    out.setflags(write=False)
+    return out

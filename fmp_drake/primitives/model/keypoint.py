@@ -1,4 +1,4 @@
-"""Keypoints: where, and how closely, a movement has to pass."""
+"""Keypoints: values that a movement has to pass, with a tolerance."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,24 +7,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import (
-    as_floats,
-    check_number,
-    finite_array,
-    is_whole,
-)
+from fmp_drake.numeric import as_floats, check_number, finite_array
+from fmp_drake.primitives.data.channels import channel_indices
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Keypoint:
-    """Where a movement has to pass: values of some channels at one step of a window.
+    """Values of some channels that a movement has to pass at one step of a window.
 
     Attributes
     ----------
     step : float
         Time in samples from the start of the window, 0 to T - 1.
     values : array_like, shape (C,)
-        Of the C channels, in their units, per second^derivative.
+        Values of the C channels, in their units, per second^derivative.
     channels : sequence of str or int, optional
         Names or indices of the channels; all D where None.
     derivative : int
@@ -76,12 +72,12 @@ def stack_keypoints(
     Raises
     ------
     SkillError
-        Where a keypoint is not one of this skill, or there is none.
+        If a keypoint does not fit the skill, or there is none.
     """
     if not isinstance(keypoints, Sequence) or not all(
         isinstance(point, Keypoint) for point in keypoints
     ):
-        raise SkillError(f"{keypoints!r} is no list of Keypoint; give one.")
+        raise SkillError(f"{keypoints!r} is not a list of Keypoint; give one.")
     if not keypoints:
         raise SkillError("there is no keypoint; give at least one.")
     rows, values, tolerances = [], [], []
@@ -92,35 +88,9 @@ def stack_keypoints(
         shape = (len(index),)
         rows.append(rows_of(point.step, channels=index, derivative=point.derivative))
         values.append(finite_array(point.values, f"the values {name}", shape))
-        given = tolerance[index] if point.tolerance is None else point.tolerance
-        squares = as_floats(given, f"the tolerance {name}")
+        allowed = tolerance[index] if point.tolerance is None else point.tolerance
+        squares = as_floats(allowed, f"the tolerance {name}")
         if squares.ndim == 0:
             squares = np.full(shape, squares)
         tolerances.append(as_floats(squares, f"the tolerance {name}", shape))
     return np.concatenate(rows), np.concatenate(values), np.concatenate(tolerances)
-
-
-def channel_indices(
-    channels: Sequence[str | int] | None, names: Sequence[str]
-) -> list[int]:
-    """Return the indices of channels given by name or index; all where None."""
-    if channels is None:
-        return list(range(len(names)))
-    if isinstance(channels, str):
-        channels = [channels]
-    if not isinstance(channels, Sequence | np.ndarray):
-        raise SkillError(f"channels is {channels!r}; give a list of names or indices.")
-    out: list[int] = []
-    for channel in channels:
-        if isinstance(channel, str) and channel in names:
-            out.append(names.index(channel))
-        elif is_whole(channel) and 0 <= int(channel) < len(names):
-            out.append(int(channel))
-        else:
-            raise SkillError(
-                f"there is no channel {channel!r}; the channels are "
-                f"{', '.join(names)} (0 to {len(names) - 1})."
-            )
-    if not out or len(set(out)) != len(out):
-        raise SkillError(f"the channels {channels} are empty or repeat.")
-    return out

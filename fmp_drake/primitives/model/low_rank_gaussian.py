@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
 
 from fmp_drake.errors import SkillError
 
@@ -122,3 +123,21 @@ class LowRankGaussian:
         factor = a @ self.basis
         cov = (factor * self.variances) @ factor.T + self.noise * (a @ a.T)
         return a @ self.mean, cov
+
+    def confined(
+        self, vector: NDArray[np.float64], confidence: float
+    ) -> NDArray[np.float64]:
+        """Return a vector projected onto the span and into an ellipsoid, shape (n,).
+
+        Parameters
+        ----------
+        vector : ndarray, shape (n,)
+        confidence : float
+            Fraction of the distribution inside the ellipsoid, in (0, 1].
+        """
+        inside = (vector - self.mean) @ self.basis
+        spread = np.sqrt(self.variances + self.noise)
+        squared = float(np.sum((inside / spread) ** 2))
+        radius_squared = float(chi2.ppf(confidence, max(self.rank, 1)))
+        inside *= np.sqrt(min(1.0, radius_squared / max(squared, 1e-24)))
+        return self.mean + self.basis @ inside

@@ -1,5 +1,6 @@
-"""From a partial trajectory to Fourier weights: Algorithm 1 of the paper."""
+"""Mapping of a partial trajectory to Fourier weights: Algorithm 1 of the paper."""
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,7 +18,7 @@ Selection = Literal["cost", "evidence"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mapping:
-    """The weights that meet an observation, and the component they belong to.
+    """Weights of the component that fits an observation best.
 
     Attributes
     ----------
@@ -26,12 +27,12 @@ class Mapping:
     component : int
         j* of (15).
     costs : ndarray, shape (M,)
-        What was minimised over the components: (15) divided by lambda, or the
-        negative log evidence up to a constant.
+        Cost of each component: (15) divided by lambda, or the negative log evidence up
+        to a constant.
 
     Examples
     --------
-    Of two components, the one whose start was observed is chosen:
+    Of two components, the one that starts like the observation is chosen:
 
     >>> import numpy as np
     >>> components = tuple(
@@ -54,28 +55,29 @@ class Mapping:
 class MappingPlan:
     """Algorithm 1, prepared for observations at the same steps of a window.
 
-    Maps observed values to the Fourier weights of a mixture's most fitting component.
-    Everything that does not depend on the values is computed once: by the matrix inversion lemma the candidate (14) of component j is::
+    It maps observed values to the Fourier weights of the component that fits best.
+    Everything that does not depend on the values is computed once. By the matrix inversion
+    lemma the candidate (14) of component j is::
 
         w_j = mu_j + Sigma_j Phi' S_j^-1 (y - Phi mu_j),
         S_j = Phi Sigma_j Phi' + lambda I,
 
     and the two quadratic terms of (15) add up to
-    lambda (y - Phi mu_j)' S_j^-1 (y - Phi mu_j). So only systems of the size
-    of the observation are solved, here, and a mapping is two products.
+    lambda (y - Phi mu_j)' S_j^-1 (y - Phi mu_j). Only systems of the size of the
+    observation are solved, in the constructor; a mapping is two matrix products.
 
     Parameters
     ----------
     proportions : ndarray, shape (M,)
     components : sequence of LowRankGaussian
     rows : array_like, shape (m, D*T)
-        Phi: what is observed, as rows that multiply the weights.
+        Phi: maps the weights to the observation.
     tolerance : array_like, shape () or (m,)
-        lambda of (13), in squared units of the observation; one for all, or one
-        each (a smaller one is met more closely).
+        lambda of (13), in squared units of the observation, common or for each value.
+        An observation with a smaller one is met more closely.
     selection : {"cost", "evidence"}
-        How to choose the component: by (15), or by the evidence of the
-        observation, which adds the log determinant of S_j.
+        Criterion for the component: (15), or the evidence of the observation, which
+        adds the log determinant of S_j.
 
     Examples
     --------
@@ -166,3 +168,32 @@ class MappingPlan:
             "jna,ja->jn", self._gains, delta
         )
         return out
+
+
+class LruCache[T]:
+    """A small cache of the values that were used last, by their keys.
+
+    Parameters
+    ----------
+    count : int
+        Number of values to keep.
+
+    Examples
+    --------
+    >>> squares = LruCache[int](2)
+    >>> squares.get(3, lambda: 9), squares.get(3, lambda: 1 / 0)
+    (9, 9)
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._values: dict[Hashable, T] = {}
+
+    def get(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return the value of a key; make it where it is not in the cache."""
+        # A dictionary keeps the order of insertion: the oldest value comes first.
+        value = self._values.pop(key) if key in self._values else make()
+        self._values[key] = value
+        if len(self._values) > self._count:
+            del self._values[next(iter(self._values))]
+        return value

@@ -1,29 +1,52 @@
 """Gaussian mixture over Fourier weights, fitted in the span of the data."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
+from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.special import logsumexp
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST
-from fmp_drake.primitives.model.em import MixtureFit, fit_gaussians
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.parameters import ComponentCount
 
+ComponentCount = int | Literal["automatic", "bic"]
 Progress = Callable[[str], None]
 
 MOST_COMPONENTS = 80
-"""That are taken where no number is given."""
-# And the least, and the windows of each: with fewer of them the next minute is less likely,
-# and the next second predicted worse.
+"""Greatest number of components where none is given."""
+# The least number, and windows for each: with fewer windows the held-out density and
+# prediction get worse.
 _LEAST_COMPONENTS, _WINDOWS_EACH = 5, 7
-# What BIC chooses from.
+# Candidates for BIC.
 _CANDIDATES = (1, 2, 3, 4, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80)
-# Above this many windows and weights their products are decomposed instead of them.
+# Above this number of windows and weights the Gram matrix is decomposed instead.
 _LARGE = 1000
+_LOG_2_PI = float(np.log(2 * np.pi))
+_TINY = 10 * np.finfo(float).eps
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MixtureFit:
+    """A fitted mixture of M Gaussians in r dimensions.
+
+    Attributes
+    ----------
+    proportions : ndarray, shape (M,)
+    means : ndarray, shape (M, r)
+    covariances : ndarray, shape (M, r, r)
+        With the regulariser on their diagonals.
+    log_likelihood : float
+        Weighted mean of the samples' log densities.
+    """
+
+    proportions: NDArray[np.float64]
+    means: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    log_likelihood: float
 
 
 def fit_mixture(
@@ -60,7 +83,7 @@ def fit_mixture(
     seed : int
         Of the k-means initialisation.
     sample_weights : ndarray, shape (N,), optional
-        How often each window counts, on average 1; all 1 where None.
+        Weight of each window, on average 1; all 1 where None.
     progress : callable, optional
         Called with a sentence about each step of the fit.
 
@@ -128,17 +151,17 @@ def log_densities(
         raise SkillError(
             f"{len(proportions)} proportions for {len(components)} components."
         )
-    each = np.stack([c.log_density(weights) for c in components], axis=-1)
-    out: NDArray[np.float64] = logsumexp(each + np.log(proportions), axis=-1)
+    logs = np.stack([c.log_density(weights) for c in components], axis=-1)
+    out: NDArray[np.float64] = logsumexp(logs + np.log(proportions), axis=-1)
     return out
 
 
 def _principal_directions(
     centred: NDArray[np.float64], explained_variance: float
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the leading directions (r, n) of rows (N, n), and what they leave out.
+    """Return the leading directions (r, n) of rows (N, n), and the residual variance.
 
-    That is the mean variance in the n - r other directions.
+    The residual variance is the mean over the n - r other directions.
     """
     n_rows, n = centred.shape
     if min(n_rows, n) <= _LARGE:
@@ -160,18 +183,18 @@ def _principal_directions(
 def _rank(
     energy: NDArray[np.float64], n: int, explained_variance: float
 ) -> tuple[int, float]:
-    """Return how many directions to keep, and the mean variance in the others."""
+    """Return the number of directions to keep, and the mean variance in the others."""
     total = float(energy.sum())
     if total < 1 / GREATEST:
         return 1, total / n
-    kept = np.cumsum(energy) / total
-    rank = 1 + int(np.searchsorted(kept, explained_variance * (1 - 1e-12)))
+    fraction = np.cumsum(energy) / total
+    rank = 1 + int(np.searchsorted(fraction, explained_variance * (1 - 1e-12)))
     rank = min(rank, len(energy))
     return rank, float(energy[rank:].sum()) / max(n - rank, 1)
 
 
 def _distinct(samples: NDArray[np.float64]) -> int:
-    """Return how many samples differ by more than rounding."""
+    """Return the number of samples that differ by more than rounding."""
     greatest = float(np.max(np.abs(samples)))
     if greatest**2 < 1 / GREATEST:
         return 1
@@ -195,3 +218,117 @@ def _least_bic(
                 break
     assert best is not None  # One component always fits.
     return best
+
+
+def fit_gaussians(
+    samples: NDArray[np.float64],
+    *,
+    sample_weights: NDArray[np.float64],
+    n_components: int,
+    regularization: float,
+    shrinkage: float,
+    seed: int,
+    max_rounds: int = 200,
+    tolerance: float = 1e-3,
+    progress: Callable[[str], None] | None = None,
+) -> MixtureFit:
+    """Fit a mixture by EM, from the clusters of k-means.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (N, r)
+    sample_weights : ndarray, shape (N,)
+        Weight of each sample, positive.
+    n_components : int
+        M, at most N.
+    regularization : float
+        Variance that is added to the diagonal of every covariance.
+    shrinkage : float
+        Pseudo-counts of the covariance that all components share, which is mixed into
+        each: the mode under an inverse Wishart prior. 0 is plain EM.
+    seed : int
+        Seed of k-means.
+    max_rounds, tolerance
+        EM ends where the mean log-likelihood grows by less than the tolerance.
+    progress : callable, optional
+        Called with a sentence about every round.
+    """
+    from sklearn.cluster import KMeans  # Slow to import.
+
+    kmeans = KMeans(n_clusters=n_components, n_init=1, random_state=seed)
+    labels = kmeans.fit(samples, sample_weight=sample_weights).labels_
+    responsibilities = np.zeros((len(samples), n_components))
+    responsibilities[np.arange(len(samples)), labels] = 1.0
+    fit = _maximise(
+        samples, sample_weights, responsibilities, regularization, shrinkage
+    )
+    previous = -np.inf
+    for number in range(max_rounds):
+        log_joint = log_gaussians(samples, fit.means, fit.covariances)
+        log_joint += np.log(fit.proportions)
+        log_density = logsumexp(log_joint, axis=1)
+        responsibilities = np.exp(log_joint - log_density[:, None])
+        now = float(np.average(log_density, weights=sample_weights))
+        if progress is not None:
+            progress(
+                f"{n_components} components, round {number + 1}: mean "
+                f"log-likelihood {now:.3f}"
+            )
+        fit = _maximise(
+            samples, sample_weights, responsibilities, regularization, shrinkage, now
+        )
+        if abs(now - previous) < tolerance:
+            break
+        previous = now
+    return fit
+
+
+def log_gaussians(
+    samples: NDArray[np.float64],
+    means: NDArray[np.float64],
+    covariances: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the log density of samples (N, r) under each Gaussian, (N, M)."""
+    out = np.empty((len(samples), len(means)))
+    for j, (mean, covariance) in enumerate(zip(means, covariances, strict=True)):
+        try:
+            lower = cholesky(covariance, lower=True)
+        except np.linalg.LinAlgError:
+            raise SkillError(
+                "the windows vary too little in some directions beside others; choose "
+                "a greater regularization, or a smaller explained_variance."
+            ) from None
+        z = solve_triangular(lower, (samples - mean).T, lower=True)
+        log_det = 2 * np.sum(np.log(np.diag(lower)))
+        out[:, j] = -0.5 * (np.sum(z**2, axis=0) + log_det)
+    out -= 0.5 * samples.shape[1] * _LOG_2_PI
+    return out
+
+
+def _maximise(
+    samples: NDArray[np.float64],
+    sample_weights: NDArray[np.float64],
+    responsibilities: NDArray[np.float64],
+    regularization: float,
+    shrinkage: float,
+    log_likelihood: float = -np.inf,
+) -> MixtureFit:
+    counted = responsibilities * sample_weights[:, None]
+    counts = counted.sum(axis=0) + _TINY
+    means = counted.T @ samples / counts[:, None]
+    scatters = np.empty((len(counts), samples.shape[1], samples.shape[1]))
+    for j, mean in enumerate(means):
+        delta = samples - mean
+        scatters[j] = (counted[:, j] * delta.T) @ delta
+    if shrinkage > 0:
+        shared = scatters.sum(axis=0) / counts.sum()
+        scatters += shrinkage * shared
+    covariances = scatters / (counts + shrinkage)[:, None, None]
+    diagonal = np.arange(samples.shape[1])
+    covariances[:, diagonal, diagonal] += regularization
+    return MixtureFit(
+        proportions=counts / counts.sum(),
+        means=means,
+        covariances=covariances,
+        log_likelihood=log_likelihood,
+    )

@@ -1,34 +1,54 @@
 """The Fourier movement primitive: a skill that is learned from demonstrations."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.blas import one_blas_thread
-from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives.data.demonstration import Demonstration, default_channels
-from fmp_drake.primitives.data.scaling import ChannelScales, channel_scales
+from fmp_drake.errors import DemonstrationError, SkillError
+from fmp_drake.numeric import GREATEST, check_number, is_whole
+from fmp_drake.primitives.data.channels import (
+    ChannelScales,
+    channel_scales,
+    default_channels,
+)
+from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.windows import (
-    Windows,
+    UNSTATED_RATE,
+    cut_demonstrations,
     extent_of,
     weighted_windows,
 )
 from fmp_drake.primitives.model.mapping import Selection
-from fmp_drake.primitives.model.mixture import MOST_COMPONENTS, Progress, fit_mixture
-from fmp_drake.primitives.model.parameters import (
+from fmp_drake.primitives.model.mixture import (
+    MOST_COMPONENTS,
     ComponentCount,
-    ModelChoice,
-    check_parameters,
+    Progress,
+    fit_mixture,
 )
-from fmp_drake.primitives.model.phase.fit import (
+from fmp_drake.primitives.model.phase.calibration import calibrate_replay
+from fmp_drake.primitives.model.phase.phase_model import (
     LEAST_COMPONENTS,
     fit_phase_model,
-    tracked,
 )
-from fmp_drake.primitives.model.phase.tracking import PhaseTrack
+from fmp_drake.primitives.model.phase.rhythm import Rhythm
+from fmp_drake.primitives.model.phase.search import Found, search_rhythm
 from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
+
+ModelChoice = Literal["mixture", "phase", "automatic"]
+
+# Samples in a window where none are given and nothing else decides; and for a phase model
+# the periods in a window up to that size, and always.
+_DEFAULT_STEPS, _DEFAULT_WINDOW = 120, 6.0
+_PERIODS, _LEAST_PERIODS = 3.2, 1.2
+
+# Values in a window of a phase model: 80 dense covariances of 1500 take 2.5 GB.
+_MOST_VALUES = 1500
+# A mixture of fewer windows that do not overlap cannot predict; replay of the past can.
+_FEW_WINDOWS = 10
 
 # Section V of the paper.
 PAPER_SETTINGS: dict[str, Any] = {
@@ -40,11 +60,11 @@ PAPER_SETTINGS: dict[str, Any] = {
 
 
 class FourierMovementPrimitive(TrajectoryMixture):
-    """A rhythmic skill, learned from demonstrations that need no preparation.
+    """Rhythmic skill, learned from demonstrations that need no preparation.
 
     Demonstrations are cut into overlapping windows; the Fourier weights of the windows
-    follow a Gaussian mixture (section IV of the paper). What has been seen of a movement
-    is mapped to weights of that mixture (Algorithm 1), which give its continuation; a
+    follow a Gaussian mixture (section IV of the paper). Observed samples of a movement
+    are mapped to weights of that mixture (Algorithm 1), which give its continuation. A
     `Player` plays the skill (Algorithm 2).
 
     The defaults are those that generalise: learned from 2 minutes of simulated hands
@@ -58,13 +78,15 @@ class FourierMovementPrimitive(TrajectoryMixture):
     Parameters
     ----------
     model : {"automatic", "phase", "mixture"}
-        How the Gaussians are found. "phase": the phase of the movement is tracked, and
-        there is a Gaussian for each of many phases; it needs four cycles or more.
+        Method of learning. "phase": the phase of the movement is tracked, and there is a
+        Gaussian for each of many phases; it needs 1.3 cycles or more.
         "mixture": by EM over all windows, as in the paper. "automatic": the phase model
-        where the demonstrations have four cycles that look alike and n_components is at
+        where the demonstrations have 1.3 cycles that look alike and n_components is at
         least 30, else the mixture; `model_` and `model_reason_` say which and why.
-    n_steps : int
-        T, samples in a window: enough for one or more periods.
+    n_steps : int, optional
+        T, samples in a window. Where None it is 3.2 periods, but at most 6 s (or 120
+        samples at rates below 20 Hz) unless 1.2 periods are more. The mixture has 6 s,
+        or half of a short recording.
     stride : int, optional
         Samples between the starts of two windows; a sixtieth of a window (2 samples of
         120) where None.
@@ -75,8 +97,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         short: one for each 7 windows, at least 5. "bic" chooses by the Bayesian
         information criterion. The phase model has at most so many: one for each sample
         of a period, from 30 to 80.
-    overlap : int
-        K, samples that two consecutive windows share when a skill is played.
+    overlap : int, optional
+        K, samples that two consecutive windows share when a skill is played. Where None
+        half a second, at most a quarter of `window`; 10 with `n_steps`.
     explained_variance : float
         Fraction of the windows' variance that the components model in full; what is
         left is isotropic.
@@ -96,6 +119,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         How a mapping chooses its component: (15), or the evidence.
     random_state : int
         Seed of the k-means initialisation.
+    window : float, optional
+        Duration of a window, s, in place of `n_steps`. It is read as `skill.window`.
 
     Attributes
     ----------
@@ -105,16 +130,24 @@ class FourierMovementPrimitive(TrajectoryMixture):
         The Gaussians of (9) over the D*T weights of the scaled values.
     scales_ : ndarray, shape (D,)
     model_ : {"mixture", "phase"}
-        Which model was learned.
+        The model that was learned.
     model_reason_ : str
-        Why.
+        Reason for the choice of the model.
+    n_steps_ : int
+        T that was chosen; only where `n_steps` is None.
+    rhythm_ : Rhythm or None
+        Period, cycles and bouts of the demonstrations, and the parts that are left out.
     phase_model_ : PhaseModel or None
-        What the phase model has learned: cycle, residual and tempo.
+        Cycle, residual and phase velocity.
+    calibration_ : Calibration or None
+        Corrections of predictions; the components of a phase model contain them.
+    memory_ : tuple of ndarray, shape (n, D)
+        Scaled recordings, which predictions from few cycles also replay; empty where a
+        replay is of no use.
     period_ : float
         Mean period, s; only with a phase model, as the next two.
     tempos_, amplitudes_ : ndarray, shape (C,)
-        Of the demonstrated cycles one after the other; 1 is the mean tempo, and the size
-        of the mean cycle.
+        Tempo and size of each demonstrated cycle, relative to the mean.
     n_channels_ : int
         D.
     n_windows_ : int
@@ -122,11 +155,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
     extent_ : ndarray, shape (2, D)
         Least and greatest value of each channel in the demonstrations.
     paths_ : tuple of ndarray, shape (samples, D)
-        The demonstrations; empty where unknown, as for windows given as an array. The
-        phase model leaves out pauses, and the ways to and from the movement.
+        The demonstrations; empty if unknown, as for windows given as an array. The phase
+        model leaves out pauses, approach and retreat.
     channels_, units_ : tuple of str
     frame_ : str
-        Of the demonstrations.
+        Channels, units and frame of the demonstrations.
     rotation_reference_ : tuple of float or None
         Quaternion (x, y, z, w) of the rotation at which the channels `rx`, `ry`, `rz`
         are 0; None where the skill has no orientation.
@@ -145,19 +178,47 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
     An array is a recording at the skill's rate:
 
-    >>> FourierMovementPrimitive(rate=20, n_components=2).fit(circles).n_windows_
-    141
+    >>> skill = FourierMovementPrimitive(rate=20, window=6.0, n_components=2).fit(circles)
+    >>> skill
+    <FourierMovementPrimitive: mixture of 2 components; x (m), y (m); 141 windows of 6 s at 20 Hz>
     """
+
+    @classmethod
+    def _get_param_names(cls) -> list[str]:
+        """Return the names of the parameters; `window` is held as `n_steps`."""
+        return [name for name in super()._get_param_names() if name != "window"]
+
+    @property
+    def window(self) -> float:
+        """Duration of a window, s."""
+        return self.n_steps / self.rate
+
+    def __repr__(self, N_CHAR_MAX: int = 700) -> str:
+        """Return the parameters before `fit`, and what was learned after it."""
+        if not hasattr(self, "components_"):
+            return str(super().__repr__(N_CHAR_MAX))
+        model = f"mixture of {len(self.components_)} components"
+        if self.phase_model_ is not None:
+            cycles = self.phase_model_.cycles
+            model = f"phase model of {cycles} cycles of {self.period_:.2f} s"
+        channels = ", ".join(
+            f"{channel} ({unit})"
+            for channel, unit in zip(self.channels_, self.units_, strict=True)
+        )
+        return (
+            f"<{type(self).__name__}: {model}; {channels}; {self.n_windows_} windows of "
+            f"{self.window:g} s at {self.rate:g} Hz>"
+        )
 
     def __init__(
         self,
         *,
         model: ModelChoice = "automatic",
-        n_steps: int = 120,
+        n_steps: int | None = None,
         stride: int | None = None,
-        rate: float = 20.0,
+        rate: float = UNSTATED_RATE,
         n_components: ComponentCount = "automatic",
-        overlap: int = 10,
+        overlap: int | None = None,
         explained_variance: float = 0.9999,
         regularization: float = 1e-8,
         shrinkage: float = 5.0,
@@ -165,13 +226,20 @@ class FourierMovementPrimitive(TrajectoryMixture):
         tolerance: float = 1e-8,
         selection: Selection = "cost",
         random_state: int = 0,
+        window: float | None = None,
     ) -> None:
+        nominal_overlap = 10
+        if n_steps is None and window is None:
+            nominal_overlap = _at_least(10, 0.5, rate)
+        if window is not None:
+            n_steps = _samples_in(window, rate)
+            nominal_overlap = max(2, min(round(0.5 * rate), n_steps // 4))
         self.model = model
         self.n_steps = n_steps
         self.stride = stride
         self.rate = rate
         self.n_components = n_components
-        self.overlap = overlap
+        self.overlap = nominal_overlap if overlap is None else overlap
         self.explained_variance = explained_variance
         self.regularization = regularization
         self.shrinkage = shrinkage
@@ -186,6 +254,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         y: object = None,  # noqa: ARG002 - scikit-learn's signature
         *,
         weights: ArrayLike | None = None,
+        start: float | None = None,
+        end: float | None = None,
+        period: float | None = None,
         progress: Progress | None = None,
     ) -> Self:
         """Learn from demonstrations, arrays (N, D), or windows of shape (N, T, D).
@@ -197,68 +268,97 @@ class FourierMovementPrimitive(TrajectoryMixture):
             at the skill's rate; one of three dimensions is windows that are cut already.
         y : ignored
         weights : array_like, optional
-            How much each demonstration (or window) counts, relative to the others; one
-            of 0 is left out.
+            Relative weight of each demonstration (or window); one with weight 0 is left
+            out.
+        start, end : float, optional
+            Part of every demonstration to learn from, s from its first sample.
+        period : float, optional
+            Duration of a cycle, s; estimated where None.
         progress : callable, optional
             Called with a sentence about each step of the fit.
 
         Raises
         ------
         DemonstrationError
-            Where the demonstrations cannot be used or are too short.
+            If the demonstrations cannot be used or are too short.
         SkillError
-            Where a parameter is out of range.
+            If a parameter is out of range.
         """
         self.check_parameters()
-        windows, counts = weighted_windows(self._windows(X, at_least=2), weights)
-        values, example = windows.values, windows.example
-        d = values.shape[2]
-        self.n_windows_ = len(values)
+        if period is not None:
+            check_number(period, "period", least=8 / self.rate, unit="s")
+        self.__dict__.pop("n_steps_", None)
+        X = cut_demonstrations(X, start, end, self.rate)
+        recorded, counts = weighted_windows(self._windows(X, at_least=0), weights)
+        recordings, example = recorded.recordings(), recorded.example
+        samples = np.concatenate(recordings)
+        d = samples.shape[1]
         self.n_channels_ = d
-        self.paths_ = windows.paths(self.window_stride)
-        self.extent_ = extent_of([values.reshape(-1, d)])
         self.channels_ = example.channels if example else default_channels(d)
         self.units_ = example.units if example else ("m",) * d
         self.frame_ = example.frame if example else ""
         self.rotation_reference_ = example.rotation_reference if example else None
-        self.scales_ = channel_scales(self.scales, values, self.units_)
+        self.scales_ = channel_scales(self.scales, samples, self.units_)
         with one_blas_thread():
-            self._learn(windows, counts, progress)
+            found = self._found(recordings, counts, period, progress)
+            if found is not None and self._fits(found, are_windows=example is None):
+                scaled = [y / self.scales_ for y in recordings]
+                self._learn_phase(
+                    found, scaled, start or 0.0, are_windows=example is None
+                )
+            else:
+                self._learn_mixture(X, weights, progress)
         return self
 
-    def _learn(
+    def _learn_phase(
         self,
-        windows: Windows,
-        counts: NDArray[np.float64] | None,
-        progress: Progress | None,
+        found: Found,
+        recordings: Sequence[NDArray[np.float64]],
+        start: float,
+        *,
+        are_windows: bool,
     ) -> None:
-        """Choose the model and learn it."""
-        track = self._chosen_track(windows, counts, progress)
-        self.model_: Literal["phase", "mixture"] = (
-            "mixture" if track is None else "phase"
+        """Learn the phase model of a rhythm in scaled recordings (n, D)."""
+        self.model_: Literal["phase", "mixture"] = "phase"
+        self.rhythm_: Rhythm | None = found.rhythm.shifted(start)
+        if self._given_steps is None and not are_windows:
+            self.n_steps_ = self._steps_for(found.rhythm.period)
+        most = self.n_components
+        self.phase_model_, self.components_, self.calibration_ = fit_phase_model(
+            found.track,
+            n_steps=self.n_steps,
+            reference_step=self.overlap,
+            most_components=MOST_COMPONENTS if isinstance(most, str) else most,
         )
-        if track is not None:
-            self.phase_model_, self.components_ = fit_phase_model(
-                track,
-                n_steps=self.n_steps,
-                pinned=self.overlap,
-                most_components=(
-                    MOST_COMPONENTS
-                    if isinstance(self.n_components, str)
-                    else self.n_components
-                ),
-            )
-            m = len(self.components_)
-            self.proportions_ = np.full(m, 1 / m)
-            if track.paused or track.approach:
-                # What was left out of the recordings was not meant to be played.
-                kept = [y * self.scales_ for y in track.recordings]
-                self.extent_ = extent_of(kept)
-                self.paths_ = tuple(kept) if self.paths_ else ()
-            return
-        self.phase_model_ = None
+        few = self.calibration_.weight < 1
+        self.memory_ = tuple(recordings) if few else ()
+        m = len(self.components_)
+        self.proportions_ = np.full(m, 1 / m)
+        # Parts that are left out must not be played.
+        kept = [y * self.scales_ for y in found.track.recordings]
+        self.extent_ = extent_of(kept)
+        self.paths_ = () if are_windows else tuple(kept)
+        self.n_windows_ = sum(
+            max(0, (len(y) - self.n_steps) // self.window_stride + 1) for y in kept
+        )
+
+    def _learn_mixture(
+        self, X: Any, weights: ArrayLike | None, progress: Progress | None
+    ) -> None:
+        """Learn the mixture of all windows."""
+        if self._given_steps is None and self.model == "automatic":
+            recordings = self._windows(X, at_least=0).recordings()
+            longest = max(map(len, recordings))
+            self.n_steps_ = _window_of_few(longest, self.overlap, self._most_steps)
+        windows, counts = weighted_windows(self._windows(X, at_least=2), weights)
+        values = windows.values
+        self.model_, self.rhythm_, self.phase_model_ = "mixture", None, None
+        self.n_windows_ = len(values)
+        self.scales_ = channel_scales(self.scales, values, self.units_)
+        self.paths_ = windows.paths(self.window_stride)
+        self.extent_ = extent_of([values.reshape(-1, self.n_channels_)])
         self.proportions_, self.components_ = fit_mixture(
-            self.analyze(windows.values),
+            self.analyze(values),
             n_components=self.n_components,
             explained_variance=self.explained_variance,
             regularization=self.regularization,
@@ -267,22 +367,36 @@ class FourierMovementPrimitive(TrajectoryMixture):
             sample_weights=counts,
             progress=progress,
         )
+        self.memory_, self.calibration_ = (), None
+        recordings = [y / self.scales_ for y in windows.recordings()]
+        few = sum(map(len, recordings)) < _FEW_WINDOWS * self.n_steps
+        calibration = calibrate_replay(
+            recordings, self.overlap, self.n_steps - self.overlap
+        )
+        if calibration is not None and self.model == "automatic" and few:
+            self.memory_, self.calibration_ = tuple(recordings), calibration
+        elif calibration is not None:
+            # What replay errs by is added to the mixture's own covariance.
+            self.calibration_ = replace(
+                calibration, weight=1.0, local=0.0, background=0.0
+            )
 
-    def _chosen_track(
+    def _found(
         self,
-        windows: Windows,
+        recordings: Sequence[NDArray[np.float64]],
         counts: NDArray[np.float64] | None,
+        period: float | None,
         progress: Progress | None,
-    ) -> PhaseTrack | None:
-        """Choose the model: return the track to learn it from, None for the mixture."""
+    ) -> Found | None:
+        """Choose the model: return the rhythm to learn, None for the mixture."""
         if self.model == "mixture":
             self.model_reason_ = "it was asked for"
             return None
-        asked = self.n_components
-        few = asked == "bic" or (asked != "automatic" and asked < LEAST_COMPONENTS)
+        count = self.n_components
+        few = count == "bic" or (count != "automatic" and count < LEAST_COMPONENTS)
         if self.model == "automatic" and few:
             self.model_reason_ = (
-                f"n_components is {asked}; the phase model has "
+                f"n_components is {count}; the phase model has "
                 f"{LEAST_COMPONENTS} or more"
             )
             return None
@@ -291,8 +405,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         try:
             if counts is not None and np.ptp(counts) > 0:
                 raise DemonstrationError("its demonstrations have different weights.")
-            scaled = [y / self.scales_ for y in windows.recordings()]
-            track = tracked(scaled, n_steps=self.n_steps)
+            scaled = [y / self.scales_ for y in recordings]
+            found = search_rhythm(scaled, rate=self.rate, period=period)
         except DemonstrationError as error:
             if self.model == "phase":
                 raise DemonstrationError(
@@ -304,11 +418,169 @@ class FourierMovementPrimitive(TrajectoryMixture):
             )
             return None
         self.model_reason_ = (
-            f"{track.cycles:.1f} cycles, of which one cycle and its tempo explain "
-            f"{100 * (1 - track.unexplained):.1f} %"
+            f"{found.track.cycles:.1f} cycles, of which one cycle and its tempo explain "
+            f"{100 * (1 - found.track.unexplained):.1f} %"
         )
-        return track
+        return found
+
+    def _fits(self, found: Found, *, are_windows: bool) -> bool:
+        """Return whether the phase model has few enough values to be learned."""
+        steps = self.n_steps
+        if self._given_steps is None and not are_windows:
+            steps = self._steps_for(found.rhythm.period)
+        if (count := steps * self.n_channels_) <= _MOST_VALUES:
+            return True
+        self.model_reason_ = (
+            f"a window of {steps} samples of {self.n_channels_} channels has {count} "
+            f"values, and the phase model has at most {_MOST_VALUES}"
+        )
+        if self.model == "phase":
+            raise DemonstrationError(
+                f"{self.model_reason_}. Choose fewer channels, a lower rate or "
+                "model='mixture'."
+            )
+        return False
+
+    @property
+    def n_steps(self) -> int:
+        """T, samples in a window: as given, or what `fit` has chosen."""
+        if self._given_steps is not None:
+            return self._given_steps
+        chosen: int = self.__dict__.get("n_steps_", self._most_steps)
+        return chosen
+
+    @n_steps.setter
+    def n_steps(self, value: int | None) -> None:
+        self._given_steps = value
+
+    @property
+    def _most_steps(self) -> int:
+        """Greatest window that is chosen without need, samples."""
+        return _at_least(_DEFAULT_STEPS, _DEFAULT_WINDOW, self.rate)
+
+    def _steps_for(self, period: float) -> int:
+        """Return the samples in a window for a period in s, within what can be learned."""
+        values = max(_DEFAULT_STEPS, _MOST_VALUES // self.n_channels_)
+        most = min(self._most_steps, values)
+        return _window_of(period * self.rate, self.overlap, most)
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return the parameters of the constructor; `n_steps` as it was given."""
+        parameters: dict[str, Any] = super().get_params(deep)
+        return {**parameters, "n_steps": self._given_steps}
 
     def check_parameters(self) -> None:
         """Raise SkillError where a parameter is out of range."""
-        check_parameters(self.get_params())
+        _check_ranges(self.get_params())
+
+
+def _samples_in(window: float, rate: float) -> int:
+    """Return the samples in a window of some seconds."""
+    check_number(rate, "rate", least=1e-6, most=1e6, unit="Hz")
+    check_number(window, "window", least=8 / rate, most=1e6 / rate, unit="s")
+    return round(window * rate)
+
+
+def _at_least(samples: int, seconds: float, rate: float) -> int:
+    """Return the samples in a time, or a least number; that for an invalid rate."""
+    is_valid = isinstance(rate, int | float) and 0 < rate <= GREATEST
+    return max(samples, round(seconds * rate)) if is_valid else samples
+
+
+def _window_of(period: float, overlap: int, most: int) -> int:
+    """Return the samples in a window for a period in samples."""
+    usual = min(_PERIODS * period, float(most))
+    return max(round(max(usual, _LEAST_PERIODS * period)), 4 * overlap)
+
+
+def _window_of_few(samples: int, overlap: int, most: int) -> int:
+    """Return the samples in a window of a mixture for the longest recording."""
+    return int(np.clip(samples // 2, 4 * overlap, most))
+
+
+def build_skill(
+    parameters: Mapping[str, Any], fitted: Mapping[str, Any]
+) -> FourierMovementPrimitive:
+    """Return a skill with given parameters and fitted attributes, without a fit.
+
+    Parameters
+    ----------
+    parameters : mapping
+        Parameters of the constructor.
+    fitted : mapping
+        Attributes that `fit` would set; their names end with an underscore.
+    """
+    skill = FourierMovementPrimitive(**parameters)
+    for name, value in fitted.items():
+        setattr(skill, name, value)
+    return skill
+
+
+def copy_skill(
+    skill: FourierMovementPrimitive,
+    *,
+    parameters: Mapping[str, Any] | None = None,
+    **fitted: Any,
+) -> FourierMovementPrimitive:
+    """Return a copy of a fitted skill with some parts replaced.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted; it is not changed.
+    parameters : mapping, optional
+        Parameters of the constructor that differ.
+    **fitted
+        Fitted attributes that differ.
+    """
+    skill.check_fitted()
+    kept = {
+        name: value
+        for name, value in vars(skill).items()
+        if name.endswith("_") and not name.startswith("_")
+    }
+    return build_skill(
+        {**skill.get_params(deep=False), **(parameters or {})}, {**kept, **fitted}
+    )
+
+
+def _check_ranges(values: Mapping[str, Any]) -> None:
+    """Raise SkillError where a parameter of `FourierMovementPrimitive` is out of range.
+
+    `scales` is checked where it is used, against the channels.
+    """
+    model = values["model"]
+    if not isinstance(model, str) or model not in ("mixture", "phase", "automatic"):
+        raise SkillError(
+            f"model is {model!r}; it must be 'mixture', 'phase' or 'automatic'."
+        )
+    least_positive = 1 / GREATEST
+    steps = values["n_steps"]
+    if steps is None:
+        steps = _at_least(_DEFAULT_STEPS, _DEFAULT_WINDOW, values["rate"])
+    check_number(steps, "n_steps", least=8, whole=True)
+    half = steps // 2
+    check_number(values["overlap"], "overlap", least=2, most=half, whole=True)
+    if values["stride"] is not None:
+        check_number(values["stride"], "stride", least=1, whole=True)
+    components = values["n_components"]
+    is_named = isinstance(components, str) and components in ("automatic", "bic")
+    if not (is_named or (is_whole(components) and components >= 1)):
+        raise SkillError(
+            f"n_components is {components!r}; it must be a whole number, at least 1, "
+            "'automatic' or 'bic'."
+        )
+    seed = values["random_state"]
+    check_number(seed, "random_state", least=0, most=2**32 - 1, whole=True)
+    check_number(values["rate"], "rate", least=1e-6, most=1e6, unit="Hz")
+    check_number(
+        values["explained_variance"], "explained_variance", above=0.0, most=1.0
+    )
+    check_number(values["regularization"], "regularization", least=least_positive)
+    check_number(values["shrinkage"], "shrinkage", least=0.0)
+    check_number(values["tolerance"], "tolerance", least=least_positive)
+    selection = values["selection"]
+    if not isinstance(selection, str) or selection not in ("cost", "evidence"):
+        raise SkillError(
+            f"selection is {selection!r}; it must be 'cost' or 'evidence'."
+        )

@@ -1,31 +1,45 @@
-"""How a movement goes on, with a covariance."""
+"""Prediction of later samples by a mixture of Gaussians over samples."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaln, softmax
 
-from fmp_drake.errors import SkillError
-from fmp_drake.numeric import check_number, finite_array
-from fmp_drake.primitives.model.conditioning import Conditioning
+from fmp_drake.numeric import finite_array
 
-if TYPE_CHECKING:
-    from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
+Array = NDArray[np.float64]
+
+
+# Of the difference of two pasts: weight of their distance beside that of their shapes.
+_PLACE = 0.2
+# Width of the kernel over similar pasts relative to the variance of the recordings, greatest
+# number of pasts that count, and the samples in which an offset to the present, and one of the
+# velocity, decay.
+_WIDTH, _MOST_PASTS, _DECAY, _VELOCITY_DECAY = 0.01, 60, 20.0, 4.0
+# Velocities that an extrapolation regards.
+_VELOCITIES = 5
+# Relative ridge of its regression, and its least variance in squared scaled units.
+_RIDGE, _LEAST_VARIANCE = 1e-6, 1e-10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """The next samples of a movement.
+    """Predicted samples of a movement.
 
     Attributes
     ----------
     values : ndarray, shape (H, D)
-        Expected.
+        Expected samples.
     covariances : ndarray, shape (H, D, D)
-        Of each sample: of the mixture, so it says also how unsure it is which component
-        goes on. With a phase model they are scaled so that of what was left out in
-        turn while learning, 95 % lies in the ellipsoids of 95 %.
+        Covariance of each sample under the mixture, so uncertainty about the component
+        is included. With a phase model they are calibrated by cross-validation.
+    degrees : float, optional
+        Degrees of freedom, above 2, of the multivariate t distributions that have these
+        covariances. The fewer cycles a skill has seen, the longer are their tails. None
+        for Gaussians.
 
     Examples
     --------
@@ -35,65 +49,291 @@ class Prediction:
     ... )
     >>> prediction.values.shape
     (1, 2)
+    >>> prediction.log_density(np.zeros((1, 2))).round(3)
+    array([-1.838])
     """
 
-    values: NDArray[np.float64]
-    covariances: NDArray[np.float64]
+    values: Array
+    covariances: Array
+    degrees: float | None = None
+
+    def log_density(self, values: ArrayLike) -> Array:
+        """Return the log density of each of the true samples (H, D), shape (H,)."""
+        y = finite_array(values, "the values", self.values.shape)
+        d, error = y.shape[1], y - self.values
+        solved = np.linalg.solve(self.covariances, error[..., None])[..., 0]
+        squares = np.sum(error * solved, axis=1)
+        volumes = np.linalg.slogdet(self.covariances)[1]
+        if self.degrees is None:
+            return np.asarray(-0.5 * (squares + volumes + d * np.log(2 * np.pi)))
+        n = self.degrees
+        constant = (
+            gammaln((n + d) / 2) - gammaln(n / 2) - d / 2 * np.log((n - 2) * np.pi)
+        )
+        tails = (n + d) / 2 * np.log1p(squares / (n - 2))
+        return np.asarray(constant - 0.5 * volumes - tails)
 
 
-class PredictionPlan:
-    """Prediction from the last K samples of a movement, prepared for a skill.
+class Replayed(NamedTuple):
+    """Mean and spread of the samples that followed similar pasts.
 
-    Each component is conditioned on the samples; they are averaged by their evidence.
+    Attributes
+    ----------
+    values : ndarray, shape (H, D)
+        Weighted mean.
+    spread : ndarray, shape (H, D, D)
+        Weighted covariance.
+    distance : float
+        Mean squared distance of the present to the most similar past.
+    """
+
+    values: Array
+    spread: Array
+    distance: float
+
+
+class Replay:
+    """Prediction by what followed similar pasts of recordings (kernel regression).
+
+    Pasts are similar that have the same shape and are near. What followed begins at the
+    present value and velocity; the offsets decay.
 
     Parameters
     ----------
-    skill : FourierMovementPrimitive
-        Fitted.
+    recordings : sequence of ndarray, shape (n, D)
+    seen : int
+        K, samples of a past.
     horizon : int
-        Samples to predict, at most T - K.
+        Samples to predict.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from fmp_drake.primitives import FourierMovementPrimitive
-    >>> t = np.arange(1200) / 20
-    >>> circles = np.stack([np.cos(2 * t), np.sin(2 * t)], axis=1)
-    >>> windows = np.stack([circles[i : i + 120] for i in range(0, 1080, 5)])
-    >>> skill = FourierMovementPrimitive(n_components=16).fit(windows)
-    >>> prediction = PredictionPlan(skill, horizon=20).predict(circles[100:110])
-    >>> bool(np.allclose(prediction.values, circles[110:130], atol=0.01))
+    >>> wave = np.sin(np.arange(200) * np.pi / 10)[:, None]
+    >>> again = Replay([wave], seen=10, horizon=20).predict(wave[:10]).values
+    >>> bool(np.allclose(again, wave[10:30], atol=0.1))
     True
     """
 
-    def __init__(self, skill: "TrajectoryMixture", horizon: int) -> None:
-        skill.check_fitted()
-        k, d = skill.overlap, skill.n_channels_
-        check_number(
-            horizon, "the horizon", least=1, most=skill.n_steps - k, whole=True
+    def __init__(self, recordings: Sequence[Array], seen: int, horizon: int) -> None:
+        self._seen, self._ahead = seen, np.arange(horizon)
+        long = [y for y in recordings if len(y) > seen]
+        d = recordings[0].shape[1]
+        # The end of a recording is a past, too: of the samples that it has.
+        after = np.full((horizon, d), np.nan)
+        view = np.lib.stride_tricks.sliding_window_view
+        self._values = np.concatenate(
+            [np.empty((0, d)), *(x for y in long for x in (y, after))]
         )
-        rows = skill.observation_rows(np.arange(k + horizon))
-        parts = [component.marginal(rows) for component in skill.components_]
-        self._conditioning = Conditioning(
-            skill.proportions_,
-            np.stack([mean.reshape(-1, d) for mean, _ in parts]),
-            np.stack([covariance for _, covariance in parts]),
-            seen=k,
-            noise=np.tile(skill.tolerance * skill.scales_**2, k),
+        pasts = [np.swapaxes(view(y[:-1], seen, axis=0), 1, 2) for y in long]
+        self._pasts = np.concatenate([np.empty((0, seen, d)), *pasts])
+        self._shapes = self._pasts - self._pasts.mean(axis=1, keepdims=True)
+        starts = np.cumsum([0, *(len(y) + horizon for y in long)])[:-1]
+        self._next = np.concatenate(
+            [np.empty(0, dtype=int)]
+            + [a + seen + np.arange(len(p)) for a, p in zip(starts, pasts, strict=True)]
         )
-        phase = skill.phase_model_
-        self._widening = np.ones(horizon) if phase is None else phase.widening(horizon)
-        self._shape = (k, d)
+        every = np.concatenate(list(recordings))
+        self.variance = max(float(every.var(axis=0).sum()), 1e-300)
+        steps = np.arange(1.0, horizon + 1)[:, None]
+        self._decay = np.exp(-steps / _DECAY)
+        self._travel = steps * np.exp(-steps / _VELOCITY_DECAY)
 
-    def predict(self, values: ArrayLike) -> Prediction:
-        """Return the next samples after observed ones (n, D), of which K count."""
-        k, d = self._shape
-        y = finite_array(values, "the observed samples", ("n", d))
-        if len(y) < k:
-            raise SkillError(
-                f"{len(y)} samples were observed; a prediction needs the last {k}."
-            )
-        mean, covariances = self._conditioning.predict(y[-k:])
-        return Prediction(
-            values=mean, covariances=self._widening[:, None, None] * covariances
+    @property
+    def is_possible(self) -> bool:
+        """Whether a recording is long enough to predict from."""
+        return len(self._pasts) > 0
+
+    def predict(self, past: Array) -> Replayed:
+        """Predict the samples that follow a past (K, D)."""
+        shape = past - past.mean(axis=0)
+        distance = np.sum((self._shapes - shape) ** 2, axis=(1, 2))
+        distance += _PLACE * np.sum((self._pasts - past) ** 2, axis=(1, 2))
+        best = np.argsort(distance, kind="stable")[:_MOST_PASTS]
+        least = float(distance[best[0]])
+        width = least + _WIDTH * self.variance * self._seen
+        weights = np.exp((least - distance[best]) / width)
+        futures = self._values[self._next[best, None] + self._ahead]
+        known = np.isfinite(futures[..., 0])
+        offset = past - self._pasts[best]
+        # Over two samples: one would double the noise of a sensor.
+        change = (offset[:, -1] - offset[:, max(-3, -self._seen)]) / 2
+        futures = (
+            futures + self._decay * offset[:, -1:] + self._travel * change[:, None]
         )
+        futures = np.where(known[..., None], futures, 0.0)
+        weighted = weights[:, None] * known
+        weighted /= np.maximum(weighted.sum(axis=0), 1e-300)
+        values = np.einsum("nh,nhd->hd", weighted, futures)
+        # After the end of all that followed the last value stays.
+        last = np.maximum.accumulate(np.where(known.any(axis=0), self._ahead, 0))
+        values = values[last]
+        off = futures - values
+        spread = np.einsum("nh,nha,nhb->hab", weighted, off, off, optimize=True)[last]
+        return Replayed(values, spread, least / self._seen)
+
+
+class Extrapolation:
+    """Linear prediction of the change from the last velocities, one for each step ahead.
+
+    It is accurate for few samples, which a phase and similar pasts do not predict as
+    well. Each channel has its own coefficients.
+
+    Parameters
+    ----------
+    recordings : sequence of ndarray, shape (n, D)
+    seen : int
+        K, samples of a past.
+    horizon : int
+        Greatest number of samples to predict. Fewer are predicted where the recordings
+        are too short.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> wave = np.sin(np.arange(200) * np.pi / 10)[:, None]
+    >>> values, covariances = Extrapolation([wave], 10, 20).blended(
+    ...     wave[:10], np.zeros((20, 1)), np.ones((20, 1, 1))
+    ... )
+    >>> bool(np.allclose(values, wave[10:30], atol=1e-3))
+    True
+    """
+
+    def __init__(self, recordings: Sequence[Array], seen: int, horizon: int) -> None:
+        self._order = p = min(_VELOCITIES, seen - 1)
+        d = recordings[0].shape[1]
+        self._coefficients = np.empty((0, p, d))
+        self._covariances = np.empty((0, d, d))
+        self._leverages = np.empty((0, d, p, p))
+        view = np.lib.stride_tricks.sliding_window_view
+        coefficients, covariances, leverages = [], [], []
+        for ahead in range(1, horizon + 1):
+            long = [y for y in recordings if len(y) > p + ahead]
+            count = sum(len(y) - p - ahead for y in long)
+            if count <= 2 * p:
+                break
+            x = np.concatenate(
+                [view(np.diff(y[:-ahead], axis=0), p, axis=0) for y in long]
+            )
+            change = np.concatenate([y[p + ahead :] - y[p:-ahead] for y in long])
+            square = np.einsum("ndp,ndq->dpq", x, x)
+            ridge = _RIDGE * np.trace(square, axis1=1, axis2=2) / p + 1e-12
+            square += ridge[:, None, None] * np.eye(p)
+            solved = np.linalg.solve(
+                square, np.einsum("ndp,nd->dp", x, change)[..., None]
+            )
+            coefficients.append(solved[..., 0].T)
+            error = change - np.einsum("ndp,pd->nd", x, coefficients[-1])
+            # Windows that overlap are not independent: there are count / ahead. To first order
+            # this is the final prediction error (Akaike, 1970) of so many; pasts that are
+            # unlike those of the recordings have greater ones.
+            covariance = error.T @ error / count * (1 + 2 * p * ahead / count)
+            leverages.append(ahead * np.linalg.inv(square))
+            independent = d * ahead / (count + d * ahead)
+            covariance -= independent * covariance * (1 - np.eye(d))
+            covariances.append(covariance + _LEAST_VARIANCE * np.eye(d))
+        if coefficients:
+            self._coefficients = np.stack(coefficients)
+            self._covariances = np.stack(covariances)
+            self._leverages = np.stack(leverages)
+
+    def blended(
+        self, past: Array, values: Array, covariances: Array
+    ) -> tuple[Array, Array]:
+        """Update a prediction (H, D), (H, D, D) by the extrapolation of a past (K, D).
+
+        The errors of both may be fully correlated, which the covariances allow for.
+        """
+        count = min(len(self._covariances), len(values))
+        velocities = np.diff(past[-self._order - 1 :], axis=0)
+        ahead = past[-1] + np.einsum(
+            "hpd,pd->hd", self._coefficients[:count], velocities
+        )
+        # A past that is unlike those of the recordings is extrapolated less well.
+        leverage = self._leverages[:count]
+        leverage = np.einsum("pd,hdpq,qd->hd", velocities, leverage, velocities)
+        growth = np.sqrt(1 + leverage)
+        own = self._covariances[:count] * growth[:, :, None] * growth[:, None]
+        before = covariances[:count]
+        gains = np.swapaxes(np.linalg.solve(before + own, before), 1, 2)
+        change = np.einsum("hab,hb->ha", gains, ahead - values[:count])
+        updated = before - gains @ before
+        a, b = (np.trace(c, axis1=1, axis2=2) for c in (before, own))
+        updated *= (1 + 2 * np.sqrt(a * b) / (a + b))[:, None, None]
+        values, covariances = values.copy(), covariances.copy()
+        values[:count] += change
+        covariances[:count] = (updated + np.swapaxes(updated, 1, 2)) / 2
+        return values, covariances
+
+
+class Conditioning:
+    """Distribution of samples of C channels, given other values of a Gaussian mixture.
+
+    Parameters
+    ----------
+    proportions : ndarray, shape (M,)
+    means : ndarray, shape (M, m + H C)
+        Of m observed values, and of H samples.
+    covariances : ndarray, shape (M, m + H C, m + H C)
+    noise : ndarray, shape (m,)
+        Variance of the noise of the observed values.
+    channels : int
+        C.
+    spread : ndarray, shape (H,), optional
+        Factors of the covariance between the components.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> twice = np.array([[[1.0, 2.0], [2.0, 4.0]]])
+    >>> model = Conditioning(
+    ...     np.ones(1), np.zeros((1, 2)), twice, noise=np.zeros(1), channels=1
+    ... )
+    >>> model.predict(np.array([3.0]))[0]
+    array([[6.]])
+    """
+
+    def __init__(
+        self,
+        proportions: Array,
+        means: Array,
+        covariances: Array,
+        *,
+        noise: Array,
+        channels: int,
+        spread: Array | None = None,
+    ) -> None:
+        m, known, d = len(means), len(noise), channels
+        count = (means.shape[1] - known) // d
+        ahead = np.arange(count)
+        observed = covariances[:, :known, :known] + np.diag(noise)
+        self._observed = means[:, :known]
+        self._means = means[:, known:].reshape(m, count, d)
+        self._whitening = np.linalg.inv(np.linalg.cholesky(observed))
+        self._gains = covariances[:, known:, :known] @ np.swapaxes(
+            self._whitening, 1, 2
+        )
+        # Diagonal blocks only: the covariance of each sample.
+        blocks = self._gains.reshape(m, count, d, known)
+        later = covariances[:, known:, known:].reshape(m, count, d, count, d)
+        self._covariances = np.swapaxes(later[:, ahead, :, ahead], 0, 1)
+        self._covariances = self._covariances - blocks @ np.swapaxes(blocks, 2, 3)
+        roots = np.diagonal(self._whitening, axis1=1, axis2=2)
+        self._offsets = np.log(proportions) + np.sum(np.log(roots), axis=1)
+        self._spread = np.sqrt(np.ones(count) if spread is None else spread)
+
+    def predict(self, values: Array) -> tuple[Array, Array]:
+        """Return mean (H, C) and covariances (H, C, C) given m values of any shape.
+
+        They are those of the mixture, with components weighted by their evidence.
+        """
+        error = (values.ravel() - self._observed)[..., None]
+        whitened = self._whitening @ error
+        evidence = self._offsets - 0.5 * np.sum(whitened**2, axis=(1, 2))
+        probabilities = softmax(evidence)
+        means = self._means + (self._gains @ whitened).reshape(self._means.shape)
+        mean = np.tensordot(probabilities, means, axes=1)
+        spread = np.sqrt(probabilities)[:, None, None] * (means - mean)
+        spread = spread * self._spread[:, None]
+        covariances = np.tensordot(probabilities, self._covariances, axes=1)
+        return mean, covariances + np.einsum("mha,mhb->hab", spread, spread)

@@ -1,4 +1,4 @@
-"""The region that demonstrations have shown."""
+"""Region around the demonstrated paths."""
 
 from typing import TYPE_CHECKING
 
@@ -12,25 +12,26 @@ from fmp_drake.numeric import as_floats, check_number
 if TYPE_CHECKING:
     from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
-# Points per margin along the paths: distances near the margin are exact to 0.2 %.
+# Points per margin along the paths; errors of distances near the margin are below 0.2 %.
 _DENSITY = 8
-# No sparser and no denser than so many along the diagonal of the paths.
+# Bounds of the number of points along the diagonal of the paths.
 _LEAST, _MOST = 200, 2000
-# Of the margin: how much farther out than its mean a movement may be outside.
+# Additional distance that is allowed where the mean is outside, relative to the margin.
 _SLACK = 0.25
-# Of the margin: up to where a movement is drawn out. Between two ticks it may bulge.
+# Part of the margin that is used: between two ticks a movement may be farther out.
 _FILLED = 0.96
-# Of a deviation from a component's mean, from the whole to an eighth.
+# Automatic margin, relative to the half width of the movement.
+_AUTOMATIC = 0.2
+# Fractions of a deviation from a component's mean.
 _FRACTIONS = np.arange(8, 0, -1) / 8
 
 
 class DemonstratedRegion:
-    """All that is at most a margin away from a path that was demonstrated.
+    """All points within a margin of a demonstrated path.
 
-    Of a skill with other channels than positions only those with the unit m count; the
-    others are free. The region is in the frame of the skill and the same in all
-    directions: what was shown on a surface may be left along its normal, too, by the
-    margin.
+    Only channels with the unit m count; the others are free. The region is in the frame of
+    the skill and isotropic: a movement that was demonstrated on a surface may leave it by
+    the margin, too.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ class DemonstratedRegion:
     Raises
     ------
     SkillError
-        Where the skill does not hold its demonstrated paths, as from a file of an earlier
+        If the skill does not contain its demonstrated paths, as in a file of an earlier
         version, or has no channel with the unit m.
 
     Examples
@@ -80,7 +81,7 @@ class DemonstratedRegion:
         )
 
     def distance(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Return how far values (..., D) are from the nearest path, shape (...), m."""
+        """Return the distance of values (..., D) to the nearest path, shape (...), m."""
         points = as_floats(values, "the values")[..., self._channels]
         distance: NDArray[np.float64] = self._tree.query(points)[0]
         return distance
@@ -88,16 +89,16 @@ class DemonstratedRegion:
     def largest_fractions(
         self, steady: NDArray[np.float64], deviations: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return which fractions of deviations keep a movement in the region.
+        """Return the largest fractions of deviations that keep a movement in the region.
 
-        A movement may be outside where it would be without its deviation, such as on
-        the way back after a push, at most a quarter of the margin farther. Inside it
-        keeps 4 % of the margin free. So a fraction of 0 is always good.
+        Where the movement is outside without its deviation, as after a push, it may be
+        farther out by a quarter of the margin. Inside, 4 % of the margin remain free. So a
+        fraction of 0 is always admissible.
 
         Parameters
         ----------
         steady : ndarray, shape (N, D) or (S, N, D)
-            The movement without deviations; one for all, or one each.
+            The movement without deviations; common, or one for each deviation.
         deviations : ndarray, shape (S, N, D)
 
         Returns
@@ -120,8 +121,15 @@ class DemonstratedRegion:
         return out
 
 
+def automatic_margin(skill: "FourierMovementPrimitive") -> float | None:
+    """Return a fifth of the half width of a movement, m; None without paths in m."""
+    widths = np.ptp(skill.extent_, axis=0) / 2
+    width = float(np.linalg.norm(widths[np.array(skill.units_) == "m"]))
+    return _AUTOMATIC * width if skill.paths_ and width > 0 else None
+
+
 def densified(path: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
-    """Put points on a path (N, D) so that none is farther than spacing from the next."""
+    """Insert points into a path (N, D) so that neighbours are at most `spacing` apart."""
     change = np.diff(path, axis=0)
     pieces = np.maximum(np.ceil(np.linalg.norm(change, axis=1) / spacing), 1)
     ends = np.concatenate([[0], np.cumsum(pieces)])

@@ -1,5 +1,8 @@
-"""Skill files: one fitted skill in one `.npz`, without pickle."""
+"""Skill files: one fitted skill in one `.npz` file, without pickle."""
 
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -7,40 +10,82 @@ import numpy as np
 
 from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import GREATEST, all_finite
-from fmp_drake.primitives.data.file_format import FileFormat
-from fmp_drake.primitives.model.fitted import build_skill
+from fmp_drake.primitives.data.files import FileFormat
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
-from fmp_drake.primitives.model.phase.phase_file import (
-    phase_arrays,
-    phase_numbers,
-    read_phase,
+from fmp_drake.primitives.model.movement_primitive import (
+    FourierMovementPrimitive,
+    build_skill,
 )
+from fmp_drake.primitives.model.phase.autoregression import Autoregression
+from fmp_drake.primitives.model.phase.calibration import Calibration
+from fmp_drake.primitives.model.phase.components import PhaseGrid
+from fmp_drake.primitives.model.phase.cycle import Cycle, CycleHistory
+from fmp_drake.primitives.model.phase.phase_model import PhaseModel
+from fmp_drake.primitives.model.phase.phase_velocity import PhaseVelocity
+from fmp_drake.primitives.model.phase.residual import Residual
+from fmp_drake.primitives.model.phase.rhythm import Part, Rhythm
 
 FORMAT = FileFormat(
     name="fmp-drake-skill",
     # 2 added the scales of the channels, which had been 1, and the rotation reference;
-    # 3 the phase model.
-    version=3,
+    # 3 the phase model; 4 the rhythm.
+    version=4,
     what="skill file",
     source="written by `save_skill` or `fmp-drake learn`",
     compressed=False,
 )
+# Arrays of a phase model: name in the file, attribute and shape. The same letter is the same
+# length in all of them.
+_PHASE_ARRAYS = (
+    ("phase_cycle", "cycle.coefficients", "hD"),
+    ("phase_factors", "residual.factors", "GDD"),
+    ("phase_residual", "residual.process.coefficients", "pDD"),
+    ("phase_residual_innovation", "residual.process.innovation", "DD"),
+    ("phase_tempo", "velocity.process.coefficients", "q11"),
+    ("phase_tempo_innovation", "velocity.process.innovation", "11"),
+    ("phase_anchors", "grid.phases", "M"),
+    ("phase_spacing", "grid.cell_widths", "M"),
+    ("phase_lengths", "history.lengths", "C"),
+    ("phase_amplitudes", "history.amplitudes", "C"),
+    ("phase_shifts", "history.shifts", "CD"),
+)
+# Numbers of a phase model: name in the metadata, attribute and type.
+_PHASE_NUMBERS = (
+    ("tempo", "velocity.mean", float),
+    ("tempo_spread", "velocity.spread", float),
+    ("pinned", "reference_step", int),
+)
+# Attributes of a calibration, and the names of the lengths of paths.
+_CALIBRATION = ("ahead", "factors", "errors", "changes")
+_CALIBRATION_NUMBERS = ("weight", "local", "degrees", "background")
+_LENGTHS = {"paths": "path_lengths", "memory": "memory_lengths"}
+# Types of the attributes that have attributes; parts come before the whole.
+_PHASE_TYPES = (
+    ("cycle", Cycle),
+    ("residual.process", Autoregression),
+    ("residual", Residual),
+    ("velocity.process", Autoregression),
+    ("velocity", PhaseVelocity),
+    ("history", CycleHistory),
+    ("grid", PhaseGrid),
+)
 
 
 def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
-    """Write a fitted skill to a file; an existing one is replaced at the end."""
+    """Write a fitted skill to a file; an existing file is replaced at the end."""
     skill.check_fitted()
     phase = skill.phase_model_
     metadata = {
         "parameters": skill.get_params(),
+        "n_steps": skill.n_steps,
         "n_windows": skill.n_windows_,
         "channels": skill.channels_,
         "units": skill.units_,
         "frame": skill.frame_,
         "rotation_reference": skill.rotation_reference_,
         "model_reason": skill.model_reason_,
-        "phase": None if phase is None else phase_numbers(phase),
+        "rhythm": None if skill.rhythm_ is None else asdict(skill.rhythm_),
+        "phase": None if phase is None else _values_of(phase, _PHASE_NUMBERS),
     }
     FORMAT.write(
         Path(path),
@@ -56,7 +101,8 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
             "bases": np.concatenate([c.basis for c in skill.components_], axis=1),
             "variances": np.concatenate([c.variances for c in skill.components_]),
             "noise": np.array([c.noise for c in skill.components_]),
-            **({} if phase is None else phase_arrays(phase)),
+            **({} if phase is None else _values_of(phase, _PHASE_ARRAYS)),
+            **_calibration_arrays(skill),
         },
     )
 
@@ -67,7 +113,7 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
     Raises
     ------
     SkillFileError
-        Where the file is missing, broken, foreign or from a newer version.
+        If the file is missing, broken, foreign or from a newer version.
     """
     path = Path(path)
     metadata, arrays = FORMAT.read(path)
@@ -107,7 +153,7 @@ def _check_arrays(skill: FourierMovementPrimitive) -> None:
 def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
     """Return the fitted attributes in a file."""
     for name, array in arrays.items():
-        kinds = "i" if name in ("ranks", "path_lengths") else "fi"
+        kinds = "i" if name in ("ranks", "path_lengths", "memory_lengths") else "fi"
         if array.dtype.kind not in kinds or not all_finite(array):
             raise SkillFileError(f"{name} holds something other than finite numbers")
     ends = np.cumsum(arrays["ranks"])
@@ -124,14 +170,9 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
     )
     extent = arrays["extent"]
     d = extent.shape[1]
-    # Earlier files hold none: where their skills were demonstrated is not known.
-    paths = arrays.get("paths", np.empty((0, d)))
-    lengths = arrays.get("path_lengths", np.empty(0, dtype=int))
-    fits = lengths.ndim == 1 and paths.shape == (int(lengths.sum()), d)
-    if not fits or np.any(lengths < 1):
-        raise SkillFileError("its demonstrated paths do not fit together")
     numbers = metadata.get("phase")
-    phase = None if numbers is None else read_phase(numbers, arrays)
+    phase = None if numbers is None else _phase_model(numbers, arrays)
+    rhythm = metadata.get("rhythm")
     reference = metadata.get("rotation_reference")
     if reference is not None:
         x, y, z, w = (float(q) for q in reference)
@@ -143,8 +184,12 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
         "model_reason_": str(metadata.get("model_reason", "it was the only model")),
         "phase_model_": phase,
         "extent_": extent,
-        "paths_": tuple(np.split(paths, np.cumsum(lengths)[:-1])) if len(paths) else (),
+        "paths_": _paths(arrays, "paths", d),
         "scales_": np.ones(d) if int(metadata["version"]) < 2 else arrays["scales"],
+        "calibration_": _calibration(arrays, d),
+        "memory_": _paths(arrays, "memory", d),
+        "rhythm_": None if rhythm is None else _rhythm(rhythm),
+        "n_steps_": int(metadata.get("n_steps") or metadata["parameters"]["n_steps"]),
         "n_channels_": d,
         "n_windows_": int(metadata["n_windows"]),
         "channels_": tuple(metadata["channels"]),
@@ -152,3 +197,114 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
         "frame_": str(metadata["frame"]),
         "rotation_reference_": reference,
     }
+
+
+def _paths(arrays: Mapping[str, Any], name: str, channels: int) -> tuple[Any, ...]:
+    """Return the paths (n, D) of a name; earlier files contain none."""
+    paths = arrays.get(name, np.empty((0, channels)))
+    lengths = arrays.get(_LENGTHS[name], np.empty(0, dtype=int))
+    fits = lengths.ndim == 1 and paths.shape == (int(lengths.sum()), channels)
+    if not fits or np.any(lengths < 1):
+        raise SkillFileError("its demonstrated paths do not fit together")
+    return tuple(np.split(paths, np.cumsum(lengths)[:-1])) if len(paths) else ()
+
+
+def _rhythm(values: Mapping[str, Any]) -> Rhythm:
+    """Return the rhythm in the metadata of a skill file."""
+    parts = {
+        name: tuple(Part(**part) for part in values[name])
+        for name in ("bouts", "left_out")
+    }
+    return Rhythm(**{**values, **parts})
+
+
+def _calibration_arrays(skill: FourierMovementPrimitive) -> dict[str, Any]:
+    """Return the calibration and the memory of a skill, by their names in a file."""
+    calibration = skill.calibration_
+    if calibration is None:
+        return {}
+    out = {
+        f"calibration_{name}": np.asarray(getattr(calibration, name))
+        for name in (*_CALIBRATION, *_CALIBRATION_NUMBERS)
+    }
+    if skill.memory_:
+        out["memory"] = np.concatenate(skill.memory_)
+        out["memory_lengths"] = np.array([len(y) for y in skill.memory_])
+    return out
+
+
+def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None:
+    """Return the calibration in a file; of version 3 it has factors only."""
+    d = channels
+    if "phase_calibration" in arrays:
+        table = arrays["phase_calibration"]
+        if table.ndim != 2 or table.shape[1] != 2:
+            raise SkillFileError(f"phase_calibration has shape {table.shape}")
+        ahead, factors = table.T
+        values = {"ahead": ahead, "factors": np.maximum(factors, 1.0)}
+    elif "calibration_ahead" in arrays:
+        names = (*_CALIBRATION, *_CALIBRATION_NUMBERS)
+        values = {
+            name: arrays[f"calibration_{name}"]
+            for name in names
+            if f"calibration_{name}" in arrays
+        }
+    else:
+        return None
+    # Earlier files have factors alone, or errors that the components do not contain.
+    none = np.zeros((np.size(values["ahead"]), d, d))
+    if "changes" not in values:
+        values |= {"errors": none, "changes": none}
+    ahead, factors = values["ahead"], values["factors"]
+    n = ahead.size
+    shapes = {
+        "ahead": (n,),
+        "factors": (n,),
+        "errors": (n, d, d),
+        "changes": (n, d, d),
+    }
+    for name, shape in shapes.items():
+        if values[name].shape != shape:
+            raise SkillFileError(f"calibration_{name} has shape {values[name].shape}")
+    if not (n and np.all(np.diff(ahead) > 0) and np.all(factors > 0)):
+        raise SkillFileError("its predictions have no covariances")
+    numbers: dict[str, Any] = {
+        name: float(values.pop(name)) for name in _CALIBRATION_NUMBERS if name in values
+    }
+    calibration = replace(Calibration(**values), **numbers)
+    if not (
+        0 <= calibration.weight <= 1
+        and 0 <= calibration.local <= 1
+        and 0 <= calibration.background < 1
+        and calibration.degrees > 2
+    ):
+        raise SkillFileError("the numbers of its calibration are out of range")
+    return calibration
+
+
+def _values_of(model: PhaseModel, table: Iterable[tuple[Any, ...]]) -> dict[str, Any]:
+    """Return the attributes of a phase model that a table lists, by their names."""
+    return {name: attrgetter(attribute)(model) for name, attribute, _ in table}
+
+
+def _phase_model(numbers: Mapping[str, Any], arrays: Mapping[str, Any]) -> PhaseModel:
+    """Return the phase model in a skill file."""
+    sizes = {"1": 1}
+    values: dict[str, Any] = {}
+    for name, attribute, shape in _PHASE_ARRAYS:
+        array = arrays[name]
+        if array.ndim != len(shape) or any(
+            sizes.setdefault(letter, length) != length
+            for letter, length in zip(shape, array.shape, strict=True)
+        ):
+            raise SkillFileError(f"{name} has shape {array.shape}")
+        values[attribute] = array
+    for name, attribute, kind in _PHASE_NUMBERS:
+        values[attribute] = kind(numbers[name])
+    forwards = values["velocity.mean"] > 0 and values["velocity.spread"] >= 0
+    if not (forwards and sizes["h"] % 2 == 1):
+        raise SkillFileError("its phase does not run forwards")
+    for path, part_type in _PHASE_TYPES:
+        parts = [name for name in values if name.rpartition(".")[0] == path]
+        values[path] = part_type(**{n.rpartition(".")[2]: values.pop(n) for n in parts})
+    return PhaseModel(**values)

@@ -1,4 +1,4 @@
-"""A distribution of trajectories: densities, samples, mapping, prediction."""
+"""Gaussian mixture over trajectories: densities, samples, mapping, prediction."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -11,26 +11,33 @@ from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import as_floats, check_number, finite_array
+from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.windows import Windows, as_windows
 from fmp_drake.primitives.model.basis import FourierBasis
-from fmp_drake.primitives.model.keypoint import (
-    Keypoint,
-    channel_indices,
-    stack_keypoints,
-)
+from fmp_drake.primitives.model.keypoint import Keypoint, stack_keypoints
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.mapping import Mapping, MappingPlan, Selection
+from fmp_drake.primitives.model.mapping import LruCache, Mapping, MappingPlan, Selection
 from fmp_drake.primitives.model.mixture import log_densities
+from fmp_drake.primitives.model.phase.calibration import Calibration, variance_factor
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
-from fmp_drake.primitives.model.prediction import Prediction, PredictionPlan
-from fmp_drake.primitives.model.recent import Recent
+from fmp_drake.primitives.model.prediction import (
+    Conditioning,
+    Extrapolation,
+    Prediction,
+    Replay,
+)
+
+# Samples from which channels are inferred, in overlaps of windows.
+_SPANS = 1
+# Covariance of the background of a density relative to that of all windows.
+_WIDE = 4.0
 
 
 class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
-    """What a fitted skill can do: a Gaussian mixture over the weights of windows.
+    """Fitted Gaussian mixture over the Fourier weights of windows.
 
-    The base of `FourierMovementPrimitive`, which learns it and says what its parameters
-    and attributes are.
+    The base class of `FourierMovementPrimitive`, which learns it and documents the
+    parameters and attributes.
 
     Examples
     --------
@@ -51,6 +58,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     proportions_: NDArray[np.float64]
     components_: tuple[LowRankGaussian, ...]
     phase_model_: PhaseModel | None
+    calibration_: Calibration | None
+    memory_: tuple[NDArray[np.float64], ...]
     scales_: NDArray[np.float64]
     n_channels_: int
     channels_: tuple[str, ...]
@@ -64,7 +73,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         )
 
     def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Return the windows of samples (..., T, D) that have weights (..., D*T)."""
+        """Return the windows of samples (..., T, D) with Fourier weights (..., D*T)."""
         check_is_fitted(self, "scales_")
         shape = ("...", self.n_channels_ * self.n_steps)
         return (
@@ -76,12 +85,25 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         """Return the log density of windows (N, T, D), shape (N,).
 
         The real weights are an isometry of the samples, so this is a density
-        over trajectories, in units^-(T*D).
+        over trajectories, in units^-(T*D). The density of a phase model contains a broad
+        background, so that it does not vanish where a movement does something new.
         """
         self.check_fitted()
         weights = self.analyze(self._windows(X, at_least=1).values)
+        out = log_densities(weights, self.proportions_, self.components_)
+        calibration = self.calibration_
+        if calibration is not None and calibration.background > 0:
+            background = self._cache.get(
+                ("background", self.components_),
+                lambda: _background(self.proportions_, self.components_),
+            )
+            fraction = calibration.background
+            out = np.logaddexp(
+                np.log1p(-fraction) + out,
+                np.log(fraction) + background.log_density(weights),
+            )
         stretch = self.n_steps * float(np.sum(np.log(self.scales_)))
-        return log_densities(weights, self.proportions_, self.components_) - stretch
+        return np.asarray(out - stretch)
 
     def score(self, X: ArrayLike, y: object = None) -> float:  # noqa: ARG002
         """Return the mean log density per sample (time step) of windows."""
@@ -92,15 +114,15 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     ) -> NDArray[np.float64]:
         """Draw trajectories of one window, shape (n, T, D).
 
-        From the mixture; or from the phase model itself, whose Gaussians only
-        approximate it: a phase that strays leaves their straight directions.
+        They are drawn from the phase model itself where there is one: its Gaussians are
+        linear in the phase noise and only approximate it.
 
         Parameters
         ----------
         n : int
         seed : int
         with_noise : bool
-            Add the white noise of the components, which no robot should follow. The
+            Add the white noise of the components, which a robot should not follow. The
             phase model has none.
         """
         self.check_fitted()
@@ -125,7 +147,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         *,
         past: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Draw weights of windows that belong to a component, without its white noise.
+        """Draw weights of windows of a component, without its white noise.
 
         Parameters
         ----------
@@ -133,14 +155,13 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         rng : numpy.random.Generator
         size : int
         past : ndarray, shape (K, D), optional
-            The first samples of a window, from whose phase and tempo a sample of the
-            phase model goes on.
+            The first samples of a window, which a sample of the phase model continues.
 
         Returns
         -------
         centre, deviation : ndarray, shape (size, D*T)
-            Two parts to be added: the mean, or of a phase model the cycle at a tempo that
-            varies, and how the sample differs from it.
+            Two parts that add up: the mean, or of a phase model the cycle at a random
+            phase velocity, and the deviation from it.
         """
         self.check_fitted()
         gaussian = self.components_[component]
@@ -148,19 +169,18 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             drawn = gaussian.sample(rng, size, with_noise=False)
             centre = np.broadcast_to(gaussian.mean, drawn.shape)
             return centre, drawn - gaussian.mean
-        seen = None if past is None else past / self.scales_
-        parts = self.phase_model_.draw(rng, component, size, self.n_steps, past=seen)
+        scaled = None if past is None else past / self.scales_
+        parts = self.phase_model_.draw(rng, component, size, self.n_steps, past=scaled)
         return self.basis.analyze(parts[0]), self.basis.analyze(parts[1])
 
     def expected(
         self, component: int, past: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the weights (D*T,) to which a window of a component leads.
+        """Return the weights (D*T,) that a playback of a component tracks.
 
-        Those of the component's mean; of a phase model those of the cycle that goes on
-        from the phase and tempo of the first samples, `past` (K, D). The mean over windows
-        whose phases spread is smaller than each of them: right where it predicts, wrong
-        where it is played.
+        They are the component's mean; with a phase model, those of the cycle that continues
+        the first samples, `past` (K, D). The mean of windows whose phases spread is smaller
+        than each window: right for a prediction, wrong for a playback.
         """
         if self.phase_model_ is None:
             return self.components_[component].mean
@@ -176,26 +196,26 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         SkillError
-            Where the skill has no phase model.
+            If the skill has no phase model.
         """
         return self._with_phase().period / self.rate
 
     @property
     def tempos_(self) -> NDArray[np.float64]:
-        """Tempo of each demonstrated cycle, 1 is the mean, shape (C,)."""
+        """PhaseVelocity of each demonstrated cycle, 1 is the mean, shape (C,)."""
         model = self._with_phase()
         return model.period / model.history.lengths
 
     @property
     def amplitudes_(self) -> NDArray[np.float64]:
-        """Size of each demonstrated cycle, 1 is the mean cycle's, shape (C,)."""
+        """Size of each demonstrated cycle relative to the mean cycle, shape (C,)."""
         return self._with_phase().history.amplitudes
 
     def phase(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Return the phase of consecutive samples of the movement, shape (n,).
+        """Return the unwrapped phase of consecutive samples of the movement, shape (n,).
 
-        It is unwrapped: it grows by 2 pi in every cycle. The same phase is the same
-        place in the cycle, in all recordings.
+        It grows by 2 pi in every cycle. The same phase is the same place in the cycle in
+        all recordings.
 
         Parameters
         ----------
@@ -205,7 +225,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         SkillError
-            Where the skill has no phase model.
+            If the skill has no phase model.
         """
         model = self._with_phase()
         y = finite_array(values, "the values", ("n", self.n_channels_))
@@ -217,17 +237,17 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         if self.phase_model_ is None:
             raise SkillError(
                 "the skill is a mixture, which knows no phase; learn it with "
-                "model='phase' or 'automatic' from four cycles or more."
+                "model='phase' or 'automatic' from 1.3 cycles or more."
             )
         return self.phase_model_
 
     def predict(self, values: ArrayLike, horizon: int) -> Prediction:
-        """Return how a movement goes on, and how sure that is.
+        """Predict the next samples of a movement, with covariances.
 
         Parameters
         ----------
         values : array_like, shape (n, D)
-            Observed at consecutive steps. The last K, the skill's `overlap`, count.
+            Observed at consecutive steps. The last K, the skill's `overlap`, are used.
         horizon : int
             Samples to predict, at most T - K.
 
@@ -235,9 +255,72 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         -------
         Prediction
             The mean over all components, weighted by their evidence. To predict often,
-            make a `PredictionPlan` once.
+            make one `PredictionPlan`.
         """
         return PredictionPlan(self, horizon).predict(values)
+
+    def infer(self, values: ArrayLike, channels: Sequence[str | int]) -> "Prediction":
+        """Infer the other channels of a movement from some, with covariances.
+
+        The components are averaged by their evidence. Far from its reference step a
+        component of a phase model is not accurate, so each sample is inferred from the
+        observations near it.
+
+        Parameters
+        ----------
+        values : array_like, shape (n, C)
+            Consecutive samples of the observed channels.
+        channels : sequence of str or int
+            The C observed channels.
+
+        Returns
+        -------
+        Prediction
+            The n samples of the D - C other channels, in their order.
+
+        Raises
+        ------
+        SkillError
+            If the channels are not some of the skill's, or the values do not fit them.
+        """
+        self.check_fitted()
+        known = channel_indices(channels, self.channels_)
+        wanted = [i for i in range(self.n_channels_) if i not in known]
+        if not wanted:
+            raise SkillError("all channels are observed; leave out those to infer.")
+        y = finite_array(values, "the values", ("n", len(known)))
+        n = len(y)
+        span = min(n, _SPANS * self.overlap, self.n_steps)
+        steps = np.arange(span)
+        rows = [
+            self.observation_rows(steps, channels=index) for index in (known, wanted)
+        ]
+        parts = [c.marginal(np.concatenate(rows)) for c in self.components_]
+        conditioning = Conditioning(
+            self.proportions_,
+            np.stack([mean for mean, _ in parts]),
+            np.stack([covariance for _, covariance in parts]),
+            noise=np.tile(self._tolerances()[known], span),
+            channels=len(wanted),
+        )
+        mean = np.empty((n, len(wanted)))
+        covariances = np.empty((n, len(wanted), len(wanted)))
+        # The middle of each window; at both ends also the rest.
+        first, margin = 0, span // 4
+        while True:
+            last = first + span >= n
+            first = min(first, n - span)
+            inferred = conditioning.predict(y[first : first + span])
+            of = slice(0 if first == 0 else margin, span if last else span - margin)
+            mean[first:][of], covariances[first:][of] = inferred[0][of], inferred[1][of]
+            if last:
+                break
+            first += max(1, span - 2 * margin)
+        if self.phase_model_ is not None:
+            # Observed samples are not calibrated; few cycles show too small variances.
+            covariances *= variance_factor(max(self.phase_model_.cycles, 1))
+        degrees = None if self.calibration_ is None else self.calibration_.degrees
+        return Prediction(values=mean, covariances=covariances, degrees=degrees)
 
     def observation_rows(
         self,
@@ -286,7 +369,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         -------
         MappingPlan
             For observations of shape (K*C,), ordered as (K, C) flattened. The last
-            three are kept: players of one skill share theirs.
+            three plans are cached: players of one skill share theirs.
         """
         rows = self.observation_rows(steps, channels=channels, derivative=derivative)
         if tolerance is None:
@@ -294,7 +377,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             tolerance = np.tile(self._tolerances()[index], np.size(steps))
         arrays = (rows, as_floats(tolerance, "the tolerance"), self.proportions_)
         key = (self.components_, self.selection, *(a.tobytes() for a in arrays))
-        return self._plans.get(key, lambda: self._plan(rows, tolerance))
+        plan: MappingPlan = self._cache.get(key, lambda: self._plan(rows, tolerance))
+        return plan
 
     def _plan(self, rows: NDArray[np.float64], tolerance: ArrayLike) -> MappingPlan:
         return MappingPlan(
@@ -371,13 +455,13 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         return FourierBasis(self.n_steps)
 
     @cached_property
-    def _plans(self) -> Recent[MappingPlan]:
-        return Recent(3)
+    def _cache(self) -> LruCache[Any]:
+        return LruCache(4)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out of copies what follows from the rest."""
+        """Leave caches out of copies."""
         state = super().__getstate__()
-        return {k: v for k, v in state.items() if k not in ("_basis", "_plans")}
+        return {k: v for k, v in state.items() if k not in ("_basis", "_cache")}
 
     @property
     def window_stride(self) -> int:
@@ -393,6 +477,118 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             X,
             n_steps=self.n_steps,
             stride=self.window_stride,
-            rate=self.rate,
+            # A fitted skill has a rate, whether it was stated or not.
+            rate=float(self.rate) if hasattr(self, "components_") else self.rate,
             at_least=at_least,
         )
+
+
+class PredictionPlan:
+    """Prediction from the last K samples of a movement, prepared for a skill.
+
+    Each component is conditioned on the samples; the components are averaged by evidence.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted.
+    horizon : int
+        Samples to predict, at most T - K.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import FourierMovementPrimitive
+    >>> t = np.arange(1200) / 20
+    >>> circles = np.stack([np.cos(2 * t), np.sin(2 * t)], axis=1)
+    >>> windows = np.stack([circles[i : i + 120] for i in range(0, 1080, 5)])
+    >>> skill = FourierMovementPrimitive(n_components=16).fit(windows)
+    >>> prediction = PredictionPlan(skill, horizon=20).predict(circles[100:110])
+    >>> bool(np.allclose(prediction.values, circles[110:130], atol=0.01))
+    True
+    """
+
+    def __init__(self, skill: TrajectoryMixture, horizon: int) -> None:
+        skill.check_fitted()
+        k, d = skill.overlap, skill.n_channels_
+        check_number(
+            horizon, "the horizon", least=1, most=skill.n_steps - k, whole=True
+        )
+        calibration = skill.calibration_
+        if calibration is not None:
+            calibration = calibration.at(horizon)
+        rows = skill.observation_rows(np.arange(k + horizon))
+        parts = [component.marginal(rows) for component in skill.components_]
+        self._conditioning = Conditioning(
+            skill.proportions_,
+            np.stack([mean for mean, _ in parts]),
+            np.stack([covariance for _, covariance in parts]),
+            noise=np.tile(skill.tolerance * skill.scales_**2, k),
+            channels=d,
+            spread=None if calibration is None else calibration.factors,
+        )
+        self._shape = (k, d)
+        self._scales = skill.scales_
+        self._calibration, self._replay = calibration, None
+        self._has_phase = skill.phase_model_ is not None
+        if skill.memory_:
+            replay = Replay(skill.memory_, k, horizon)
+            self._replay = replay if replay.is_possible else None
+            self._extrapolation = Extrapolation(skill.memory_, k, horizon)
+
+    def predict(self, values: ArrayLike) -> Prediction:
+        """Predict the next samples after observed ones (n, D); the last K are used."""
+        k, d = self._shape
+        y = finite_array(values, "the observed samples", ("n", d))
+        if len(y) < k:
+            raise SkillError(
+                f"{len(y)} samples were observed; a prediction needs the last {k}."
+            )
+        past, calibration = y[-k:], self._calibration
+        if calibration is None:
+            mean, covariances = self._conditioning.predict(past)
+            return Prediction(values=mean, covariances=covariances)
+        scales, squares = self._scales, np.outer(self._scales, self._scales)
+        mean = np.zeros_like(calibration.errors[:, 0])
+        covariances = calibration.errors
+        if calibration.weight > 0:
+            mean, covariances = self._conditioning.predict(past)
+            mean, covariances = mean / scales, covariances / squares
+            if not self._has_phase:
+                # The components of a mixture are as EM has found them.
+                covariances = covariances + calibration.errors
+        replay = self._replay
+        if replay is not None:
+            mean, covariances = calibration.combined(
+                mean, covariances, replay.predict(past / scales), replay.variance
+            )
+            mean, covariances = self._extrapolation.blended(
+                past / scales, mean, covariances
+            )
+        return Prediction(
+            values=mean * scales,
+            covariances=covariances * squares,
+            degrees=calibration.degrees,
+        )
+
+
+def _background(
+    proportions: NDArray[np.float64], components: tuple[LowRankGaussian, ...]
+) -> LowRankGaussian:
+    """Return one wide Gaussian over all components: their covariance times a factor."""
+    means = np.stack([c.mean for c in components])
+    mean = proportions @ means
+    covariance = (means - mean).T @ (proportions[:, None] * (means - mean))
+    for proportion, c in zip(proportions, components, strict=True):
+        covariance += proportion * (c.basis * c.variances) @ c.basis.T
+    covariance[np.diag_indices_from(covariance)] += proportions @ [
+        c.noise for c in components
+    ]
+    variances, vectors = np.linalg.eigh(_WIDE * covariance)
+    noise = max(float(variances[0]), 1e-300)
+    return LowRankGaussian(
+        mean=mean,
+        basis=np.ascontiguousarray(vectors),
+        variances=np.maximum(variances - noise, 0.0),
+        noise=noise,
+    )

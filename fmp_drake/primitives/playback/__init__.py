@@ -1,1 +1,1 @@
-"""How a skill is played."""
+"""Playback of skills: player, state, motion, trackers."""

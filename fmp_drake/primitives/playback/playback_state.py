@@ -1,4 +1,4 @@
-"""Where a playback stands."""
+"""State of a playback."""
 
 import math
 from collections.abc import Sequence
@@ -11,38 +11,38 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaybackState:
-    """Everything that decides how a playback goes on, at one instant.
+    """Complete state of a playback at one instant; it determines the continuation.
 
-    The weights belong to the last tick, that is to the last sample of the window that
-    was passed; everything else belongs to the instant itself.
+    The weights are those at the last tick, the last sample of the window that was passed.
+    All other values are those at the instant itself.
 
     Attributes
     ----------
     weights : ndarray, shape (D*T,)
         Fourier weights w at the last tick.
     target : ndarray, shape (D*T,)
-        Weights that w is brought to: a component's mean or a sample of it.
+        Weights that w relaxes to: a component's mean or a sample of it.
     component : int
-        Index j* of the component that is tracked.
+        Index j* of the tracked component.
     step : int
         Sample of the window at the last tick, from K - 1 to T - 1.
     history : ndarray, shape (K, D)
         Desired values at the last K ticks, the newest last.
     offset : ndarray, shape (2, D)
-        What is added to the value and the velocity (per second of real time) that the
-        weights give. It decays in real time, whatever the tempo.
+        Offset added to the value and the velocity (per second of real time) of the
+        weights. It decays in real time, at any tempo.
     blend_time : float
         Time constant of that decay, s.
     time_since_tick : float
-        Seconds of the skill since the last tick.
+        Skill time since the last tick, s.
     tempo : float
-        Seconds of the skill per second of real time.
+        Skill time per real time.
     tempo_rate : float
         Change of the tempo, per second.
     sample : bool
-        Whether re-mappings draw samples of a component, instead of its mean.
+        Whether re-mappings draw samples of a component instead of its mean.
     seed : int
-        Of these samples.
+        Seed of these samples.
     remaps : int
         Number of re-mappings so far.
 
@@ -73,17 +73,17 @@ class PlaybackState:
     remaps: int = 0
 
     def seconds_until(self, time_since_tick: float) -> float:
-        """Return after how many seconds of real time the skill gets to a time.
+        """Return the real time until the skill reaches a time, s.
 
         Parameters
         ----------
         time_since_tick : float
-            Seconds of the skill since the last tick.
+            Skill time since the last tick, s.
 
         Returns
         -------
         float
-            Infinite where the tempo falls to zero before.
+            Infinite where the tempo reaches 0 before.
         """
         ahead = time_since_tick - self.time_since_tick
         root = self.tempo**2 + 2 * self.tempo_rate * ahead
@@ -91,7 +91,7 @@ class PlaybackState:
         return 2 * ahead / speed if speed > 0 else math.inf
 
     def to_arrays(self) -> list[NDArray[np.float64]]:
-        """Return the weights, target, history and offset, flat, and then all numbers."""
+        """Return weights, target, history and offset as vectors, then all numbers."""
         arrays = [getattr(self, name).ravel() for name in _ARRAYS]
         numbers = [float(getattr(self, name)) for name in _numbers()]
         return [*arrays, np.array(numbers)]
@@ -100,20 +100,20 @@ class PlaybackState:
     def from_arrays(
         cls, arrays: Sequence[NDArray[np.float64]], *, channels: int
     ) -> Self:
-        """Return the state that `to_arrays` has taken apart; the arrays are copied."""
-        read: dict[str, Any] = {
+        """Return the state from the arrays of `to_arrays`, which are copied."""
+        values: dict[str, Any] = {
             name: array.copy() for name, array in zip(_ARRAYS, arrays, strict=False)
         }
         for name in ("history", "offset"):
-            read[name] = read[name].reshape(-1, channels)
-        read |= zip(_numbers(), arrays[-1].tolist(), strict=True)
+            values[name] = values[name].reshape(-1, channels)
+        values |= zip(_numbers(), arrays[-1].tolist(), strict=True)
         for name in ("component", "step", "seed", "remaps"):
-            read[name] = int(read[name])
-        return cls(**read)
+            values[name] = int(values[name])
+        return cls(**values)
 
 
 _ARRAYS = ("weights", "target", "history", "offset")
 
 
 def _numbers() -> list[str]:
-    return [each.name for each in fields(PlaybackState) if each.name not in _ARRAYS]
+    return [field.name for field in fields(PlaybackState) if field.name not in _ARRAYS]

@@ -1,59 +1,74 @@
-"""Playing a skill for any duration: Algorithm 2 and section V-D of the paper."""
+"""Playback of a skill for any duration: Algorithm 2 and section V-D of the paper."""
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import all_finite, as_floats, is_number, is_whole
+from fmp_drake.numeric import all_finite, as_floats, check_number, is_number, is_whole
+from fmp_drake.primitives.model.basis import closing_samples
 from fmp_drake.primitives.model.mapping import MappingPlan
-from fmp_drake.primitives.model.region import DemonstratedRegion
-from fmp_drake.primitives.playback.confidence import confined
-from fmp_drake.primitives.playback.motion import Motion
-from fmp_drake.primitives.playback.own_target import checked_target
-from fmp_drake.primitives.playback.playback_state import PlaybackState
-from fmp_drake.primitives.playback.remap_ticks import remap_ticks_of
-from fmp_drake.primitives.playback.sampling import track_component
-from fmp_drake.primitives.playback.segment import (
+from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+from fmp_drake.primitives.model.region import DemonstratedRegion, automatic_margin
+from fmp_drake.primitives.playback.motion import (
+    Motion,
     Segment,
     decayed_offset,
+    look_ahead,
+    look_ahead_at_once,
     make_segment,
     segment_motion,
 )
-from fmp_drake.primitives.playback.start_tolerance import start_variances
+from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.trackers import LqrTracker, Tracker
 
-if TYPE_CHECKING:
-    from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+type Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 # How closely the mapped weights meet the motion of a pushed robot, as a fraction of the
 # movement's half width.
 _PUSH_TOLERANCE = 0.05
-# Fraction of a tick that rounding may add to, or take from, a time.
+# Variance of a start's force, by that of the movement.
+_UNKNOWN = 1e6
+# Rounding error of a time, as a fraction of a tick.
 _ROUNDING = 1e-6
+# Largest factor on a sample's distance from the mean; of a phase model on its deviation
+# from the cycle. Chosen on the bundled wiping: with 3 an eraser that follows exactly
+# cleans polishing and the 8 sooner than with 1.5 or 2, too; 4 and 6 are alike.
+_WIDENING = 1.5
+_WIDENING_RESIDUAL = 3.0
+# Greatest number of samples that are tried for one whose movement stays in the region.
+_TRIES = 8
+# Phases that are compared with a motion, and the greatest distance of these from the
+# component's phase, rad; Gauss-Newton steps from the best of them.
+_PHASES = 41
+_LARGEST_PHASE_ERROR = 1.5
+_PHASE_STEPS = 4
 
 
 class Player:
-    """Plays a fitted skill from any start, for as long as wanted.
+    """Plays a fitted skill from any start, for any duration.
 
     The start is mapped onto sample K - 1 of a window. From there the weights relax to
     their target while the window is played to its end. Then the last K values
     are mapped onto the first K samples of a new window (Algorithm 1), which may
-    change the component, and the movement goes on from sample K - 1: every T - K
-    ticks, or oftener, for ever. Where a playback stands is a `PlaybackState`; the
-    methods of a player turn one state into another and never change it.
+    change the component, and the movement continues from sample K - 1. This repeats
+    every T - K ticks or more often. All that determines how a playback continues is in
+    a `PlaybackState`; the methods of a player return a new state and change none.
 
     A mapped window meets the observation partly by the component's isotropic noise,
     which is white in time: a peak at the observed samples, nothing between
     or after them. A robot should not follow that (from a start 10 cm above
-    a demonstration that never left the board it fell at 2 m/s). And far from the
-    demonstrations it meets the observation by variations that nobody has shown (from
+    a demonstration that never left the board it fell at 2 m/s). Far from the
+    demonstrations it meets the observation by variations that were never shown (from
     the middle of a wiping pattern, 22 standard deviations: a stroke three times
     as wide as the widest demonstrated). So the weights are kept in the span of the
-    component and inside its ellipsoid of a given confidence, and what that leaves of
-    the position and velocity is an offset that decays like a critically damped
+    component and inside its ellipsoid of a given confidence. The remaining difference in
+    position and velocity is an offset that decays like a critically damped
     spring. It also makes position and velocity exactly continuous at every
     re-mapping, and lets the movement start at rest.
 
@@ -62,30 +77,33 @@ class Player:
     skill : FourierMovementPrimitive
         Fitted.
     tracker : Tracker
-        How the weights relax; `LqrTracker()` where None. A phase model uses it for a target
-        of your own only: what it plays goes on from a mapping by itself.
+        Controller of the weights; `LqrTracker()` where None. With a phase model it is used
+        only for a `target`.
     sample : bool
-        Track a sample of the component, drawn anew at every mapping, instead of its
+        Track a sample of the component, drawn again at every mapping, instead of its
         mean (`skill.expected`): more variation (Fig. 10b).
     target : array_like, shape (D*T,), optional
-        Weights of your own to track instead, from `skill.analyze`.
+        Weights to track instead, from `skill.analyze`.
     seed : int
-        Of the samples.
+        Seed of the samples.
     blend_time : float
-        Seconds, the time constant of the offset's decay.
+        Time constant of the offset's decay, s.
     confidence : float
         Fraction of a component's own samples inside the ellipsoid that mapped weights
         are kept in, in (0, 1]; 1 is no bound.
     start_tolerance : float
         How closely the mapped weights meet the start, as a fraction of the movement's
-        half width (`start_variances`); the offset makes up for what remains. 0 is as
-        closely as the skill's tolerance says, which buys millimetres where the
-        demonstrations did not vary by metres where they did.
-    margin : float, optional
-        How far samples may leave the demonstrated paths, m; None for no bound. See
-        `DemonstratedRegion` and `track_sample`.
+        half width; the offset absorbs the rest. 0 uses the skill's tolerance, which
+        gains millimetres where the demonstrations did not vary and costs metres where
+        they did.
+    margin : float or "automatic", optional
+        Largest distance of samples from the demonstrated paths, m; None for no bound. See
+        `DemonstratedRegion` and `track_sample`. "automatic" is a fifth of the movement's
+        half width over its channels in m, if the skill has demonstrated paths.
     remap_ticks : int, optional
-        Ticks between two re-mappings; as many as there may be (`remap_ticks_of`) where None.
+        Ticks between two re-mappings, at most T - K as in the paper. Of a phase model at
+        most as many as its windows have before they blend into their beginning. The
+        greatest number where None.
 
     Examples
     --------
@@ -104,7 +122,7 @@ class Player:
 
     def __init__(
         self,
-        skill: "FourierMovementPrimitive",
+        skill: FourierMovementPrimitive,
         *,
         tracker: Tracker | None = None,
         sample: bool = False,
@@ -113,10 +131,12 @@ class Player:
         blend_time: float = 0.4,
         confidence: float = 0.99,
         start_tolerance: float = 0.2,
-        margin: float | None = None,
+        margin: float | Literal["automatic"] | None = "automatic",
         remap_ticks: int | None = None,
     ) -> None:
         skill.check_fitted()
+        if margin == "automatic":
+            margin = automatic_margin(skill)
         self.region = None if margin is None else DemonstratedRegion(skill, margin)
         if not (is_number(blend_time) and blend_time >= 1e-3):
             raise SkillError(
@@ -133,19 +153,19 @@ class Player:
         self.seed = int(seed)
         self.blend_time = float(blend_time)
         self.tick_seconds = 1 / skill.rate
-        self.ticks_between_remaps = remap_ticks_of(skill, remap_ticks)
-        self._own_target = checked_target(skill, target, sample=sample)
-        rule = LqrTracker() if tracker is None else tracker
+        self.ticks_between_remaps = _ticks_between_remaps(skill, remap_ticks)
+        self._target = _checked_target(skill, target, sample=sample)
+        tracker = LqrTracker() if tracker is None else tracker
         self.relaxations = [
-            rule.relaxation(c, n_steps=skill.n_steps, tick=self.tick_seconds)
+            tracker.relaxation(c, n_steps=skill.n_steps, tick=self.tick_seconds)
             for c in skill.components_
         ]
         self._confidence = confidence
-        tolerance = start_variances(skill, start_tolerance)
+        tolerance = _start_variances(skill, start_tolerance)
         self._start_plan = skill.mapping_plan([skill.overlap - 1], tolerance=tolerance)
         first = np.arange(skill.overlap)
         self._remap_plan = skill.mapping_plan(first)
-        pushed = start_variances(skill, _PUSH_TOLERANCE)
+        pushed = _start_variances(skill, _PUSH_TOLERANCE)
         self._push_plan = skill.mapping_plan(
             first, tolerance=np.tile(pushed, skill.overlap)
         )
@@ -192,10 +212,7 @@ class Player:
         return self._entered(state, self._start_plan, y, at_rest)
 
     def advance(self, state: PlaybackState, seconds: float) -> PlaybackState:
-        """Return the state some seconds of real time later.
-
-        Ticks, and the re-mappings at the ends of windows, that fall due are made.
-        """
+        """Return the state some seconds of real time later, with all ticks and re-mappings."""
         while True:
             wait = state.seconds_until(self.tick_seconds)
             if seconds < wait - _ROUNDING * self.tick_seconds:
@@ -215,15 +232,15 @@ class Player:
     def remap(
         self, state: PlaybackState, *, observed: ArrayLike | None = None
     ) -> PlaybackState:
-        """Map K values onto the start of a new window, without a jump of the motion.
+        """Map K values onto the start of a new window; the motion does not jump.
 
         Parameters
         ----------
         state : PlaybackState
         observed : array_like, shape (K, D), optional
-            What is mapped, a value per tick, the newest last: the measured motion of a
-            robot that was pushed off its path, met within 5 % of the movement's half
-            width. The last desired values where None.
+            Measured values at the last K ticks, the newest last, of a robot that was
+            pushed off its path. They are met within 5 % of the movement's half width.
+            The last desired values where None.
         """
         values, plan = state.history, self._remap_plan
         if observed is not None:
@@ -250,9 +267,9 @@ class Player:
         *,
         at_once: bool = False,
     ) -> PlaybackState:
-        """Track other weights, shape (D*T,), without a jump of the motion.
+        """Track other weights, shape (D*T,); the motion does not jump.
 
-        At once they are played without being relaxed to: the offset makes up for it.
+        With `at_once` the weights do not relax to the target but are replaced by it.
         """
         weights = target if at_once else state.weights
         new = replace(state, weights=weights, target=target)
@@ -286,20 +303,179 @@ class Player:
         values: NDArray[np.float64],
         motion: NDArray[np.float64],
     ) -> PlaybackState:
-        """Return the state with mapped weights, and the motion (2, D) as it was."""
-        mapping, own = plan.map(values), self._own_target
+        """Return the state with mapped weights and the same motion, shape (2, D)."""
+        mapping, target = plan.map(values), self._target
         gaussian = self.skill.components_[mapping.component]
         state = replace(
             state,
-            weights=confined(gaussian, mapping.weights, self._confidence),
-            target=gaussian.mean if own is None else own,
+            weights=gaussian.confined(mapping.weights, self._confidence),
+            target=gaussian.mean if target is None else target,
             component=mapping.component,
             offset=np.zeros_like(state.offset),
         )
         state = replace(state, offset=motion - self.motion(state)[:2])
-        return track_component(self, state) if own is None else state
+        if target is not None:
+            return state
+        if state.sample:
+            return self.track_sample(state)
+        return self._tracking(
+            state, self.skill.expected(state.component, self._past(state))
+        )
 
-    # What a state means -------------------------------------------------------
+    # Choosing a sample --------------------------------------------------------
+
+    @one_blas_thread()
+    def track_sample(
+        self, state: PlaybackState, *, count: int = 1, score: Score | None = None
+    ) -> PlaybackState:
+        """Track a sample of a state's component; the motion does not jump.
+
+        Where the player has a region, samples are moved towards the mean until they stay
+        in the region up to the next re-mapping, or leave it hardly farther than the mean
+        does. Among these, the first is tracked after which the next window's mean also
+        stays inside: the speed at the end of a window may otherwise carry the movement
+        out. With a score, too, samples are moved away from the mean by up to 1.5 times
+        their difference from it, or 3 times that from the cycle of a phase model, as far
+        as the region allows: the best samples often lie at its boundary.
+
+        Parameters
+        ----------
+        state : PlaybackState
+            The samples follow from its seed and its number of re-mappings.
+        count : int
+            Number of samples drawn.
+        score : callable, optional
+            Returns the scores (S,) of S samples from their values (S, N, D) at the ticks up
+            to the next re-mapping. Samples with greater scores are tried first.
+
+        Examples
+        --------
+        >>> windows = np.random.default_rng(0).standard_normal((40, 24, 2))
+        >>> skill = FourierMovementPrimitive(n_steps=24, rate=10, overlap=4).fit(windows)
+        >>> player = Player(skill)
+        >>> high = player.track_sample(
+        ...     player.start([0.0, 0.0]),
+        ...     count=16,
+        ...     score=lambda values: values[..., 1].mean(axis=1),
+        ... )
+        >>> high.target.shape
+        (48,)
+        """
+        skill, region = self.skill, self.region
+        rng = np.random.default_rng([state.seed, state.remaps])
+        if region is not None:
+            count = max(count, _TRIES)
+        past = self._past(state)
+        centre, deviation = skill.draw(state.component, rng, count, past=past)
+        if region is None and score is None:
+            return self._tracking(state, centre[0] + deviation[0])
+        if region is not None and score is not None:
+            deviation *= _WIDENING if skill.phase_model_ is None else _WIDENING_RESIDUAL
+        if skill.phase_model_ is not None:
+            # The last candidate is the expected window, which was checked to stay inside.
+            expected = skill.expected(state.component, past)
+            centre = np.concatenate([centre, expected[None]])
+            deviation = np.concatenate([deviation, np.zeros_like(expected)[None]])
+        steady, values = self._coming_values(state, centre, deviation)
+        # Up to the next re-mapping.
+        ticks = skill.overlap - 1 + self.ticks_between_remaps - state.step
+        steady, values = steady[..., :ticks, :], values[:, :ticks]
+        if region is not None:
+            fractions = region.largest_fractions(steady, values)
+            deviation *= fractions[:, None]
+            values *= fractions[:, None, None]
+        values += steady
+        targets = centre + deviation
+        order = np.arange(count)
+        if score is not None:
+            order = np.argsort(-score(values[:count]), kind="stable")
+        if region is None:
+            return self._tracking(state, targets[order[0]])
+        best, least = state, math.inf
+        for i in [*order[:_TRIES], *range(count, len(targets))]:
+            candidate = self._tracking(state, targets[i])
+            path = self._next_mean(candidate, values[i])
+            if skill.phase_model_ is not None:
+                path = np.concatenate([values[i], path])
+            outside = max(float(np.max(region.distance(path))), region.margin)
+            if outside < least:
+                best, least = candidate, outside
+            if outside <= region.margin:
+                break
+        return best
+
+    def _past(self, state: PlaybackState) -> NDArray[np.float64]:
+        """Return the first samples (K, D) of the window that a state plays."""
+        return self.skill.synthesize(state.weights)[: self.skill.overlap]
+
+    def _tracking(
+        self, state: PlaybackState, target: NDArray[np.float64]
+    ) -> PlaybackState:
+        """Return the state that tracks weights; those of a phase model are played at once.
+
+        A weighted mean of two weights that differ in phase would leave the cycle.
+        """
+        at_once = self.skill.phase_model_ is not None
+        return self.retarget(state, target, at_once=at_once)
+
+    def _coming_values(
+        self,
+        state: PlaybackState,
+        centre: NDArray[np.float64],
+        deviation: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the values of S targets at the coming ticks, as two summands.
+
+        Returns
+        -------
+        steady : ndarray, shape (N, D) or (S, N, D)
+            Values of the centres (S, D*T).
+        values : ndarray, shape (S, N, D)
+            Contribution of the deviations (S, D*T).
+        """
+        skill = self.skill
+        if skill.phase_model_ is None:
+            gaussian = skill.components_[state.component]
+            state = self.retarget(state, gaussian.mean)
+            ahead = look_ahead(skill, self.relaxations[state.component], state)
+            added = np.tensordot(deviation @ gaussian.basis, ahead.response, (1, 2))
+            return ahead.steady, added
+        steady, rows = look_ahead_at_once(skill, state, self.motion(state)[:2])
+
+        def values_of(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+            windows = weights.reshape(len(weights), skill.n_channels_, skill.n_steps)
+            return np.swapaxes(windows @ rows.T, 1, 2) * skill.scales_
+
+        return steady + values_of(centre), values_of(deviation)
+
+    def _next_mean(
+        self, state: PlaybackState, values: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the values (N, D) of the next window if its mean is tracked.
+
+        Parameters
+        ----------
+        state : PlaybackState
+        values : ndarray, shape (N, D)
+            Values at the ticks up to the end of the present window.
+        """
+        skill, relaxation = self.skill, self.relaxations[state.component]
+        seconds = len(values) * self.tick_seconds
+        wait = (seconds - state.time_since_tick) / (state.tempo or 1.0)
+        end = replace(
+            state,
+            weights=relaxation.after(state.weights, state.target, seconds),
+            step=state.step + len(values),
+            history=np.concatenate([state.history, values])[-skill.overlap :],
+            offset=decayed_offset(state.offset, state.blend_time, wait)[:2],
+            time_since_tick=0.0,
+            sample=False,
+        )
+        after = self.remap(end)
+        ahead = look_ahead(skill, self.relaxations[after.component], after)
+        return ahead.steady[: self.ticks_between_remaps]
+
+    # Quantities of a state ----------------------------------------------------
 
     def segment(self, state: PlaybackState) -> Segment:
         """Prepare the motion from a state to its next tick, for `segment_motion`."""
@@ -316,6 +492,42 @@ class Player:
         """
         return Motion(segment_motion(self.segment(state), 0.0))
 
+    def phase(self, state: PlaybackState) -> float:
+        """Return the phase of the desired motion at a state, rad, from 0 to 2 pi.
+
+        This is the phase at which the cycle of the phase model has the most similar
+        position and velocity, near the phase of the tracked component. It is continuous,
+        modulo 2 pi, where the motion is, unless that is still far from the cycle.
+
+        Raises
+        ------
+        SkillError
+            Where the skill has no phase model.
+        """
+        model = self.skill.phase_model_
+        if model is None:
+            raise SkillError("the skill is a mixture, which knows no phase.")
+        velocity, rate = model.velocity.mean, self.skill.rate
+        # In units of the cycle, per radian.
+        motion = self.motion(replace(state, tempo=1.0, tempo_rate=0.0))[:2]
+        desired = (motion / self.skill.scales_ / [[1.0], [velocity * rate]]).ravel()
+        step = state.step + state.time_since_tick * rate - model.reference_step
+        near = model.grid.phases[state.component] + velocity * step
+        phases = near + np.linspace(
+            -_LARGEST_PHASE_ERROR, _LARGEST_PHASE_ERROR, _PHASES
+        )
+        cycle = np.concatenate(
+            [model.cycle.values(phases), model.cycle.values(phases, 1)], axis=1
+        )
+        phase = phases[np.argmin(np.sum((cycle - desired) ** 2, axis=1))]
+        for _ in range(_PHASE_STEPS):
+            value, first, second = (model.cycle.values(phase, k) for k in range(3))
+            jacobian = np.concatenate([first, second])
+            error = desired - np.concatenate([value, first])
+            change = jacobian @ error / max(jacobian @ jacobian, 1e-300)
+            phase += np.clip(change, -0.2, 0.2)
+        return float(np.mod(phase, 2 * np.pi))
+
     def weights(self, state: PlaybackState) -> NDArray[np.float64]:
         """Return the Fourier weights at a state, shape (D*T,)."""
         relaxation = self.relaxations[state.component]
@@ -331,34 +543,37 @@ class Player:
     def plan(
         self, state: PlaybackState, ticks: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where a state leads to if nothing interferes.
+        """Return the uninterrupted continuation of a state.
 
         Parameters
         ----------
         state : PlaybackState
         ticks : int
-            How far to look ahead.
+            Number of ticks to look ahead.
 
         Returns
         -------
         values : ndarray, shape (ticks + 1, D)
-            Desired at the state, and then at every tick.
+            Desired values at the state and at every tick.
         covariances : ndarray, shape (ticks + 1, D, D)
-            Of each of them (18).
+            Their covariances (18).
         """
         d = self.skill.n_channels_
         values, covariances = np.empty((ticks + 1, d)), np.empty((ticks + 1, d, d))
         values[0], covariances[0] = self.motion(state)[0], self.covariance(state)
-        # At its nominal tempo, where it stands still or changes its tempo.
+        # At constant tempo, and at tempo 1 where the state's is 0.
         tempo = state.tempo if state.tempo > 0 else 1.0
         state = replace(state, tempo=tempo, tempo_rate=0.0)
         for i in range(1, ticks + 1):
             state = self._tick(state, state.seconds_until(self.tick_seconds))
-            values[i], covariances[i] = state.history[-1], self._at_tick(state)
+            values[i], covariances[i] = (
+                state.history[-1],
+                self._covariance_at_tick(state),
+            )
         return values, covariances
 
-    def _at_tick(self, state: PlaybackState) -> NDArray[np.float64]:
-        """Return the covariance (18) at the tick of a state, from a table."""
+    def _covariance_at_tick(self, state: PlaybackState) -> NDArray[np.float64]:
+        """Return the covariance (18) at the last tick of a state, from a table."""
         j = state.component
         if j not in self._covariances:
             self._covariances[j] = np.array(
@@ -367,29 +582,87 @@ class Player:
         return self._covariances[j][state.step]
 
     def rollout(self, start: ArrayLike, duration: float) -> Motion:
-        """Play from one or many starts for some seconds, sampled at every tick.
+        """Play from one or several starts for some seconds, sampled at every tick.
 
         Parameters
         ----------
         start : array_like, shape (D,) or (S, D)
             The samples of start i are drawn from the seed of the player plus i.
         duration : float
-            Seconds.
+            s.
 
         Returns
         -------
         Motion, shape (ticks + 1, 3, D) or (S, ticks + 1, 3, D)
-            As `motion` gives them: `.position` has the shape (ticks + 1, D).
+            As `motion` gives them: `.position` has the shape (ticks + 1, D), `.time`
+            (ticks + 1,).
         """
         if not (is_number(duration) and duration >= 0):
             raise SkillError(f"duration is {duration} s; it must not be negative.")
         starts = as_floats(start, "the start")
         ticks = int(np.floor(duration * self.skill.rate * (1 + 1e-9)))
-        many = np.atleast_2d(starts)
-        out = np.empty((len(many), ticks + 1, 3, self.skill.n_channels_))
-        for i, position in enumerate(many):
+        rows = np.atleast_2d(starts)
+        out = np.empty((len(rows), ticks + 1, 3, self.skill.n_channels_))
+        for i, position in enumerate(rows):
             state = self.start(position, seed=self.seed + i)
             for k in range(ticks + 1):
                 out[i, k] = self.motion(state)
                 state = self._tick(state, self.tick_seconds)
-        return Motion(out if starts.ndim == 2 else out[0])
+        time = np.arange(ticks + 1) / self.skill.rate
+        return Motion(out if starts.ndim == 2 else out[0], time=time)
+
+
+def _ticks_between_remaps(skill: FourierMovementPrimitive, ticks: int | None) -> int:
+    """Return the ticks between two re-mappings; the greatest number where None."""
+    most = skill.n_steps - skill.overlap
+    if skill.phase_model_ is not None:
+        most = max(1, most - closing_samples(skill.n_steps))
+    if ticks is None:
+        return most
+    check_number(ticks, "remap_ticks", least=1, most=most, whole=True)
+    return int(ticks)
+
+
+def _checked_target(
+    skill: FourierMovementPrimitive, target: ArrayLike | None, *, sample: bool
+) -> NDArray[np.float64] | None:
+    """Return the weights to track, shape (D*T,), or None where none are given."""
+    if target is None:
+        return None
+    if sample:
+        raise SkillError("give either a target or sample=True, not both.")
+    weights = as_floats(target, "the target")
+    n = skill.components_[0].dim
+    if weights.shape != (n,) or not all_finite(weights):
+        raise SkillError(
+            f"the target has shape {weights.shape}; expected ({n},) finite weights."
+        )
+    return weights
+
+
+def _start_variances(
+    skill: FourierMovementPrimitive, fraction: float
+) -> NDArray[np.float64]:
+    """Return lambda of (13) for a start, per channel, shape (D,).
+
+    `fraction` is that of the movement's half width: root 2 of its standard deviation over
+    all channels of a unit together, which a rotation does not change. A force is met by
+    the offset only: before there is contact it says nothing about the movement.
+    """
+    if not (is_number(fraction) and fraction >= 0):
+        raise SkillError(
+            f"start_tolerance is {fraction}; it must be 0 (exact) or positive."
+        )
+    n, d = skill.n_steps, skill.n_channels_
+    square, mean = np.zeros(d), np.zeros(d)
+    for proportion, c in zip(skill.proportions_, skill.components_, strict=True):
+        weights = c.mean.reshape(d, n)
+        spread = (c.basis**2 @ c.variances).reshape(d, n)
+        square += proportion * (weights**2 + spread + c.noise).sum(axis=1) / n
+        mean += proportion * weights[:, 0] / np.sqrt(n)
+    variances = np.maximum(square - mean**2, 0) * skill.scales_**2
+    units = np.array(skill.units_)
+    squares = np.array([2 * variances[units == unit].sum() for unit in units])
+    is_force = np.char.endswith(units, "N")  # Also kN.
+    squares = np.where(is_force, _UNKNOWN * squares, fraction**2 * squares)
+    return np.maximum(squares, skill.tolerance * np.square(skill.scales_))

@@ -9,11 +9,108 @@ from numpy.typing import NDArray
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST, is_number
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.playback.relaxation import Relaxation
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Relaxation:
+    """Decay of the weights' deviation from their target under one component.
+
+    Along each mode (a column of an orthonormal basis) the deviation decays exponentially
+    with a rate of its own, in the orthogonal complement of the modes with a common one.
+
+    Attributes
+    ----------
+    modes : ndarray, shape (n, r), or None
+        None where every weight is a mode of its own: r = n.
+    rates : ndarray, shape (r,)
+        Per second.
+    complement_rate : float
+        Per second, in the orthogonal complement.
+    euler_tick : float
+        Duration of one step of Euler's method, s, with linear motion in between; 0 for
+        exponential decay.
+    """
+
+    modes: NDArray[np.float64] | None
+    rates: NDArray[np.float64]
+    complement_rate: float = 0.0
+    euler_tick: float = 0.0
+
+    def rates_by_channel(self, channels: int) -> NDArray[np.float64]:
+        """Return the rates of decay in each of D channels, shape (D, m).
+
+        They are those of all modes and of their orthogonal complement, or those of the
+        channel's weights where every weight is a mode of its own.
+        """
+        if self.modes is None:
+            return self.rates.reshape(channels, -1)
+        return np.tile([*self.rates, self.complement_rate], (channels, 1))
+
+    def split(
+        self, deviation: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Split deviations (..., n) into coordinates (..., r) and residuals (..., n)."""
+        if self.modes is None:
+            return deviation, np.zeros_like(deviation)
+        inside = deviation @ self.modes
+        return inside, deviation - inside @ self.modes.T
+
+    def decay(
+        self, seconds: float | NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the remaining fraction of the modes (..., r) and the complement (..., 1).
+
+        Parameters
+        ----------
+        seconds : float or ndarray, shape (...)
+            Time since the fraction was 1.
+        """
+        t = np.asarray(seconds)[..., None]
+        complement = np.exp(-self.complement_rate * t)
+        if self.euler_tick <= 0:
+            return np.exp(-self.rates * t), complement
+        ticks, time_since_tick = np.divmod(t, self.euler_tick)
+        per_tick = 1 - self.rates * self.euler_tick
+        return per_tick**ticks * (1 - self.rates * time_since_tick), complement
+
+    def decay_rate(
+        self, seconds: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the negative derivative of `decay`, per second.
+
+        With Euler's method it is that of the first tick.
+        """
+        modes, complement = self.decay(0.0 if self.euler_tick > 0 else seconds)
+        return self.rates * modes, self.complement_rate * complement
+
+    def after(
+        self,
+        weights: NDArray[np.float64],
+        target: NDArray[np.float64],
+        seconds: float,
+    ) -> NDArray[np.float64]:
+        """Return the weights, shape (n,), some seconds later.
+
+        Parameters
+        ----------
+        weights, target : ndarray, shape (n,)
+        seconds : float
+        """
+        deviation = weights - target
+        if not deviation.any():
+            return target
+        decay, complement = self.decay(seconds)
+        if self.modes is None:
+            return target + decay * deviation
+        inside, residual = self.split(deviation)
+        out: NDArray[np.float64] = self.modes @ (decay * inside)
+        out += complement * residual
+        out += target
+        return out
 
 
 class Tracker(Protocol):
-    """A rule that moves weights towards a target.
+    """Controller that moves weights towards a target.
 
     Examples
     --------
@@ -25,7 +122,7 @@ class Tracker(Protocol):
     def relaxation(
         self, component: LowRankGaussian, *, n_steps: int, tick: float
     ) -> Relaxation:
-        """Prepare the rule for one component.
+        """Prepare the decay towards one component.
 
         Parameters
         ----------
@@ -33,14 +130,14 @@ class Tracker(Protocol):
         n_steps : int
             Length T of a window in samples.
         tick : float
-            Seconds between two samples.
+            Sample interval, s.
         """
         ...
 
 
 @dataclass(frozen=True, kw_only=True)
 class LqrTracker:
-    """Optimal return: the paper's future work, in closed form.
+    """Linear-quadratic regulator in closed form: the paper's future work.
 
     Minimises the integral of ``(w - mu)' Sigma^-1 (w - mu) + rho |dw/dt|^2`` over
     all time. In the eigenbasis of Sigma every coordinate decays with its own time
@@ -50,16 +147,17 @@ class LqrTracker:
     Attributes
     ----------
     time_constant : float
-        Seconds, of the direction in which the component varies most. It sets rho =
-        time_constant^2 / (largest eigenvalue).
+        Time constant of the direction in which the component varies most, s. It sets
+        rho = time_constant^2 / (largest eigenvalue).
     shortest : float
-        Seconds; no direction returns faster. The orthogonal complement would otherwise
-        return within milliseconds: a jump for the robot.
+        Least time constant, s. The orthogonal complement would otherwise decay within
+        milliseconds: a jump for the robot.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from fmp_drake.primitives import LowRankGaussian, LqrTracker
+    >>> from fmp_drake.primitives import LqrTracker
+    >>> from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
     >>> component = LowRankGaussian(
     ...     mean=np.zeros(8),
     ...     basis=np.eye(8)[:, :1],
@@ -99,11 +197,22 @@ class LqrTracker:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProportionalTracker:
-    """The proportional controller (17), one Euler step per tick.
+class _GainTracker:
+    """Tracker with the gain of (17)."""
 
-    diag(Sigma^-1) is that of the paper's 2T weights per channel, so a gain of the
-    paper means the same here. In between two ticks the weights move linearly.
+    beta: float
+
+    def __post_init__(self) -> None:
+        """Check the gain."""
+        _check_positive("beta", self.beta)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProportionalTracker(_GainTracker):
+    """Proportional controller (17): one Euler step per tick.
+
+    diag(Sigma^-1) is that of the paper's 2T weights per channel, so gains equal those of
+    the paper. Between two ticks the weights move linearly.
 
     Attributes
     ----------
@@ -113,7 +222,8 @@ class ProportionalTracker:
     Examples
     --------
     >>> import numpy as np
-    >>> from fmp_drake.primitives import LowRankGaussian, ProportionalTracker
+    >>> from fmp_drake.primitives import ProportionalTracker
+    >>> from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
     >>> component = LowRankGaussian(
     ...     mean=np.zeros(8),
     ...     basis=np.eye(8)[:, :1],
@@ -125,12 +235,6 @@ class ProportionalTracker:
     >>> print(relaxation.after(np.ones(8), component.mean, 0.1).round(2)[:2])
     [1.   0.88]
     """
-
-    beta: float
-
-    def __post_init__(self) -> None:
-        """Check the gain."""
-        _check_positive("beta", self.beta)
 
     def relaxation(
         self, component: LowRankGaussian, *, n_steps: int, tick: float
@@ -154,10 +258,10 @@ class ProportionalTracker:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExponentialTracker:
-    """The exact solution of dw/dt = beta diag(Sigma^-1) (mu - w).
+class ExponentialTracker(_GainTracker):
+    """Exact solution of dw/dt = beta diag(Sigma^-1) (mu - w).
 
-    (17) is its Euler step. Stable for every gain, and exact at every time.
+    (17) is its Euler step. It is stable for every gain and exact at every time.
 
     Attributes
     ----------
@@ -167,7 +271,8 @@ class ExponentialTracker:
     Examples
     --------
     >>> import numpy as np
-    >>> from fmp_drake.primitives import LowRankGaussian, ExponentialTracker
+    >>> from fmp_drake.primitives import ExponentialTracker
+    >>> from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
     >>> component = LowRankGaussian(
     ...     mean=np.zeros(8),
     ...     basis=np.eye(8)[:, :1],
@@ -179,12 +284,6 @@ class ExponentialTracker:
     >>> print(relaxation.after(np.ones(8), component.mean, 0.5).round(2)[:2])
     [0.99 0.54]
     """
-
-    beta: float
-
-    def __post_init__(self) -> None:
-        """Check the gain."""
-        _check_positive("beta", self.beta)
 
     def relaxation(
         self,
@@ -201,7 +300,7 @@ class ExponentialTracker:
 def paper_precision_diagonal(
     component: LowRankGaussian, *, n_steps: int
 ) -> NDArray[np.float64]:
-    """Return diag(Sigma^-1) of the paper's weights, as seen by ours, shape (n,).
+    """Return diag(Sigma^-1) of the paper's weights for ours, shape (n,).
 
     The paper's 2T weights of a channel are sqrt(T) G w with G isometric, and its
     regulariser also fills the T dimensions that describe no real signal. With an

@@ -1,1 +1,1 @@
-"""Reading recordings as people have them: tables, arrays, bags, datasets."""
+"""Readers of recordings: tables, arrays, bags, datasets."""

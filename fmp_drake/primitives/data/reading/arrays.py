@@ -1,5 +1,6 @@
-"""Recordings in NumPy's files, and in Parquet."""
+"""Readers of arrays: NumPy files, Parquet, LeRobot datasets."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -8,88 +9,117 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.primitives.data.reading.table import Table, check_size
+from fmp_drake.primitives.data.reading.table import (
+    MOST_BYTES,
+    Table,
+    check_size,
+    readable,
+)
+
+# The feature of a dataset that is read unless another is named.
+_STATE = "observation.state"
 
 
 def read_npy(path: Path) -> Table:
     """Return the columns of one array (N,), (N, D) or with named fields."""
     try:
-        # Mapped, so that nothing is read that is not there.
+        # Mapped: a truncated file is refused before memory is allocated.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except Exception as reason:  # noqa: BLE001 - of a dozen types.
+    except Exception as reason:  # noqa: BLE001 - broken bytes raise anything.
         is_pickled = "allow_pickle" in str(reason) or "Python objects" in str(reason)
-        told = (
+        message = (
             "it holds Python objects, which may run code; save an array of numbers"
             if is_pickled
             else str(reason)
         )
-        raise SkillFileError(f"{path} is not a readable .npy file ({told}).") from None
+        raise SkillFileError(
+            f"{path} is not a readable .npy file ({message})."
+        ) from None
     check_size(path, array.nbytes)
     if array.dtype.names:
         return table_of(path, {name: array[name] for name in array.dtype.names})
     return table_of(path, {"": array})
 
 
-def table_of(path: Path, arrays: Mapping[str, NDArray[Any]]) -> Table:
-    """Return a table of arrays (N,) and (N, k) that have one length.
+def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return arrays with the samples along the first axis: (N,), (N, k).
 
-    The columns of an array (N, 3) are called `name_x` and so on, those of others
-    `name_1`; shorter arrays are left out.
+    N is the greatest length of an axis. Arrays (1, N) and (N, 1) become (N,).
+    """
+    count = max((n for a in arrays.values() for n in a.shape), default=0)
+    aligned = {}
+    for name, array in arrays.items():
+        if array.ndim == 2 and 1 in array.shape:
+            array = array.ravel()
+        is_transposed = array.ndim == 2 and array.shape[1] == count != array.shape[0]
+        aligned[name] = array.T if is_transposed else array
+    return aligned
+
+
+def table_of(
+    path: Path, arrays: Mapping[str, NDArray[Any]], *, rate: float | None = None
+) -> Table:
+    """Return a table of arrays (N,) and (N, k) of equal length.
+
+    The columns of an array (N, 3) are named `name_x` and so on, those of quaternions
+    `name_x` to `name_w`, those of others `name_1`. Shorter arrays are left out. With a rate
+    (Hz) there is a column of times.
     """
     count = max((len(a) for a in arrays.values() if a.ndim in (1, 2)), default=0)
-    names, parts, left = [], [], []
+    names, parts, omitted = [], [], []
     for name, array in arrays.items():
         is_numbers = array.dtype.kind in "biufM"
         if array.ndim not in (1, 2) or len(array) != count or not is_numbers:
-            left.append(f"{name or 'the array'} {array.shape} of {array.dtype}")
+            omitted.append(f"{name or 'the array'} {array.shape} of {array.dtype}")
             continue
         if array.dtype.kind == "M":
             array = array.astype("datetime64[ns]").astype(np.int64)
         columns = np.asarray(array, dtype=float).reshape(count, -1)
-        axes = "xyz" if columns.shape[1] == 3 else range(1, columns.shape[1] + 1)
+        width = columns.shape[1]
+        is_quaternion = width == 4 and "quat" in name
+        axes = "xyzw"[:width] if width == 3 or is_quaternion else range(1, width + 1)
         names += [
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
         ]
         parts.append(columns)
     if not parts or count == 0:
         raise SkillFileError(
-            f"{path} holds {', '.join(left) or 'nothing'}; expected arrays of numbers, "
+            f"{path} holds {', '.join(omitted) or 'nothing'}; expected arrays of numbers, "
             "(N,) or (N, D)."
         )
-    remarks = (f"{', '.join(left)} left out",) if left else ()
-    return Table(names=tuple(names), values=np.column_stack(parts), remarks=remarks)
+    if rate is not None:
+        names.insert(0, "time")
+        parts.insert(0, np.arange(count)[:, None] / rate)
+    units = ("s", *[""] * (len(names) - 1)) if rate is not None else ()
+    remarks = (f"{', '.join(omitted)} left out",) if omitted else ()
+    return Table(
+        names=tuple(names),
+        values=np.column_stack(parts),
+        units=units,
+        remarks=remarks,
+    )
 
 
 def read_parquet(path: Path, columns: list[str] | None = None) -> Table:
-    """Return the columns of a Parquet file; those with lists in them one by one.
+    """Return the columns of a Parquet file; columns of lists are split.
 
     Raises
     ------
     SkillFileError
         Where it cannot be read, or pyarrow is not installed.
     """
-    try:
+    with readable(path, "a Parquet file", extra="parquet"):
         from pyarrow import parquet
-    except ImportError:
-        raise SkillFileError(
-            f"{path} is a Parquet file; install what reads it: pip install "
-            "'fmp-drake[lerobot]'."
-        ) from None
-    try:
+
         file = parquet.ParquetFile(path)
-        about = file.metadata
+        metadata = file.metadata
         groups = [
-            about.row_group(i).total_byte_size for i in range(about.num_row_groups)
+            metadata.row_group(i).total_byte_size
+            for i in range(metadata.num_row_groups)
         ]
-        check_size(path, max(sum(groups), 8 * about.num_rows))
+        check_size(path, max(sum(groups), 8 * metadata.num_rows))
         content = file.read(columns)
         arrays = {name: _array(content[name]) for name in content.column_names}
-    except SkillFileError:
-        raise
-    except Exception as reason:  # noqa: BLE001 - of pyarrow's own types.
-        raise SkillFileError(
-            f"{path} is not a readable Parquet file ({reason})."
-        ) from None
     return table_of(path, arrays)
 
 
@@ -99,3 +129,75 @@ def _array(column: Any) -> NDArray[Any]:
     if array.dtype == object and len(array) and isinstance(array[0], np.ndarray):
         return np.stack(list(array))
     return array
+
+
+def read_lerobot(folder: Path, feature: str) -> list[Table]:
+    """Return one feature of each episode of a LeRobot dataset, version 2 or 3.
+
+    Parameters
+    ----------
+    folder : Path
+        With `meta/info.json` and `data`.
+    feature : str
+        "" for the observed state.
+
+    Raises
+    ------
+    SkillFileError
+        Where the dataset is incomplete, or the feature is not in it.
+    """
+    feature = feature or _STATE
+    about = folder / "meta" / "info.json"
+    try:
+        info = json.loads(about.read_text(encoding="utf-8"))
+        features, rate = info["features"], float(info["fps"])
+        named = {str(name): dict(kind) for name, kind in features.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise SkillFileError(
+            f"{about} is not a LeRobot dataset's ({error!r})."
+        ) from None
+    if feature not in named:
+        numeric = [n for n, kind in named.items() if "float" in str(kind.get("dtype"))]
+        raise SkillFileError(
+            f"{folder} has no feature {feature}; choose with --topic among "
+            f"{', '.join(numeric)}."
+        )
+    files = sorted((folder / "data").rglob("*.parquet"))
+    if not files:
+        raise SkillFileError(f"{folder} has no data/**/*.parquet.")
+    check_size(folder, sum(f.stat().st_size for f in files), MOST_BYTES / 4)
+    column_names = [feature, "timestamp", "episode_index"]
+    tables = [read_parquet(file, column_names) for file in files]
+    first = tables[0].names
+    if any(table.names != first for table in tables):
+        raise SkillFileError(f"{folder}: its files have different columns.")
+    values = np.concatenate([table.values for table in tables])
+    missing = {"timestamp", "episode_index"} - set(first)
+    at = [i for i, name in enumerate(first) if name not in column_names[1:]]
+    if missing or not at:
+        raise SkillFileError(f"{folder} has no column {min(missing, default=feature)}.")
+    episode, time = (values[:, first.index(n)] for n in ("episode_index", "timestamp"))
+    names = ("time", *_names(named[feature].get("names"), len(at)))
+    remark = f"{feature} at {rate:g} Hz"
+    return [
+        Table(
+            names=names,
+            units=("s", *("" for _ in at)),
+            values=np.column_stack([time, values[:, at]])[episode == number],
+            remarks=(f"episode {number:.0f}: {remark}",),
+        )
+        for number in np.unique(episode)
+    ]
+
+
+def _names(names: Any, count: int) -> tuple[str, ...]:
+    """Return the names of a feature's parts, from a list or a group of lists, if any."""
+    if isinstance(names, dict):
+        names = next(iter(names.values()), None)
+    if (
+        isinstance(names, list)
+        and len(names) == count
+        and len(set(map(str, names))) == count
+    ):
+        return tuple(map(str, names))
+    return ("",) * count

@@ -1,4 +1,4 @@
-"""What a user says about a file that does not say it."""
+"""Options for reading files that lack a unit, a rate or the names of columns."""
 
 import re
 from collections.abc import Mapping
@@ -6,25 +6,29 @@ from dataclasses import dataclass, field
 
 from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import check_number
-from fmp_drake.primitives.data.reading.units import LENGTHS, named_unit
+from fmp_drake.primitives.data.reading.table import LENGTHS, named_unit
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingOptions:
-    """What to read of a file, and what it does not say itself.
+    """Choice of columns, and information that a file lacks.
 
     Attributes
     ----------
     columns : mapping from str to str
-        The column of each channel, and of `time`: by its name, or its number from 1. A
+        Column of each channel and of `time`: its name, or its number from 1. A
         unit may follow in brackets: `{"time": "stamp [ms]", "x": "3"}`. All channels
-        are taken where empty.
+        where empty.
     unit : str
-        Of positions whose unit the file does not state: m, cm, mm ...
+        Unit of positions where the file does not state it: m, cm, mm ...
     rate : float, optional
         Samples per second (Hz), instead of a time column.
     topic : str
-        Of a bag, or the feature of a dataset (`action`).
+        Topic of a bag, or feature of a dataset (`action`).
+    quaternions : {"xyzw", "wxyz"}
+        Order of the four numbers of an array whose file does not name them.
+    all_arrays : bool
+        Whether to read all arrays of an `.npz` file instead of its position alone.
 
     Examples
     --------
@@ -36,11 +40,17 @@ class ReadingOptions:
     unit: str = ""
     rate: float | None = None
     topic: str = ""
+    quaternions: str = "xyzw"
+    all_arrays: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a unit or a rate that means nothing."""
+        """Check the unit and the rate."""
         if self.rate is not None:
             check_number(self.rate, "the sample rate", above=0, error=SkillFileError)
+        if self.quaternions not in ("xyzw", "wxyz"):
+            raise SkillFileError(
+                f"the order of quaternions is {self.quaternions!r}; choose xyzw or wxyz."
+            )
         if self.unit and self.unit not in LENGTHS:
             raise SkillFileError(
                 f"the unit is {self.unit!r}; choose one of {', '.join(LENGTHS)}."
@@ -48,7 +58,13 @@ class ReadingOptions:
 
     @classmethod
     def parse(
-        cls, columns: str, *, unit: str = "", rate: float | None = None, topic: str = ""
+        cls,
+        columns: str,
+        *,
+        unit: str = "",
+        rate: float | None = None,
+        topic: str = "",
+        quaternions: str = "xyzw",
     ) -> "ReadingOptions":
         """Return the options whose columns are written as `time=stamp,x=3`."""
         pairs = [part.partition("=") for part in columns.split(",") if part.strip()]
@@ -58,8 +74,10 @@ class ReadingOptions:
                 f"the columns are {columns!r}; write NAME=COLUMN for each, as in "
                 "time=stamp,x=px,y=py,z=pz."
             )
-        chosen = {name.strip(): source.strip() for name, _, source in pairs}
-        return cls(columns=chosen, unit=unit, rate=rate, topic=topic)
+        sources = {name.strip(): source.strip() for name, _, source in pairs}
+        return cls(
+            columns=sources, unit=unit, rate=rate, topic=topic, quaternions=quaternions
+        )
 
     def source(self, channel: str) -> tuple[str, str]:
         """Return the name or number of a channel's column, and its unit or ""."""
@@ -69,9 +87,9 @@ class ReadingOptions:
         """Return the index of a channel's column."""
         source, _ = self.source(channel)
         lower = [name.lower() for name in names]
-        for form, candidates in ((source, list(names)), (source.lower(), lower)):
-            if form in candidates:
-                return candidates.index(form)
+        for name, candidates in ((source, list(names)), (source.lower(), lower)):
+            if name in candidates:
+                return candidates.index(name)
         if re.fullmatch(r"\d+", source) and 1 <= int(source) <= len(names):
             return int(source) - 1
         raise SkillFileError(
@@ -83,6 +101,6 @@ def shown_columns(names: tuple[str, ...]) -> str:
     """Return the names of columns, for errors."""
     if not any(names):
         return f"the {len(names)} columns have no names; give their numbers from 1"
-    shown = [name or f"(column {i})" for i, name in enumerate(names, 1)]
-    more = f" and {len(shown) - 20} more" if len(shown) > 20 else ""
-    return f"the columns are {', '.join(shown[:20])}{more}"
+    labels = [name or f"(column {i})" for i, name in enumerate(names, 1)]
+    more = f" and {len(labels) - 20} more" if len(labels) > 20 else ""
+    return f"the columns are {', '.join(labels[:20])}{more}"

@@ -1,31 +1,58 @@
-"""What every reader makes of a file: columns of numbers."""
+"""Tables of numbers, which all readers return, and the units of their columns."""
 
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.errors import SkillFileError
+from fmp_drake.errors import DemonstrationError, FmpError, SkillFileError
 
-# No recording is larger, in bytes of numbers or of text.
+# Greatest size of a recording, bytes of numbers or of text.
 MOST_BYTES = 2**28
+# Factors to seconds, metres and radians.
+TIMES = {
+    **dict.fromkeys(("s", "sec", "secs", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "usec", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), 1e-9),
+}
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+_ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
+# Symbols of units that headers spell out.
+_SYMBOLS = {
+    **dict.fromkeys(("meters", "metres"), "m"),
+    **dict.fromkeys(("centimeters", "centimetres"), "cm"),
+    **dict.fromkeys(("millimeters", "millimetres"), "mm"),
+    **dict.fromkeys(("inches", "inch"), "in"),
+    **dict.fromkeys(("radians", "radian"), "rad"),
+    **dict.fromkeys(("degrees", "degree"), "deg"),
+}
+_SUFFIXES = "|".join(sorted({*TIMES, *LENGTHS, *_ANGLES}, key=len, reverse=True))
+# Least time since 1970 in each unit.
+_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (0.0, "s"))
+# Plausible sample intervals of a recorded movement, s.
+_STEPS = (4e-4, 0.5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """Columns of numbers, as they are in a file.
+    """Columns of numbers.
 
     Attributes
     ----------
     names : tuple of str
-        Of each column; "" where it has none.
+        Names of the columns; "" for a column without a name.
     values : ndarray, shape (N, C)
-        NaN where a cell is empty.
+        NaN in empty cells.
     units : tuple of str
-        "" where unstated; all where not given.
+        Units of the columns; "" where unknown. All unknown where not given.
     remarks : tuple of str
         What was recognised, and what was left out.
     frame : str
+        Name of the frame of the values; "" where unknown.
 
     Examples
     --------
@@ -40,14 +67,110 @@ class Table:
     frame: str = ""
 
     def __post_init__(self) -> None:
-        """Fill in units that were not given."""
+        """Set the units to unknown where not given."""
         object.__setattr__(self, "units", self.units or ("",) * len(self.names))
 
 
 def check_size(path: object, size: float, most: float = MOST_BYTES) -> None:
-    """Refuse what would take too much memory, before it is read."""
+    """Raise where a file would take too much memory, before it is read."""
     if size > most:
         raise SkillFileError(
             f"{path} holds {size / 2**20:.0f} MB; at most {most / 2**20:.0f} MB are "
             "read. Cut it, or keep only the columns and the rate that are needed."
         )
+
+
+@contextmanager
+def readable(
+    path: object, kind: str, *, extra: str = "", hint: str = ""
+) -> Iterator[None]:
+    """Turn the errors of a library inside into one that names the file.
+
+    Parameters
+    ----------
+    path : path
+        For errors.
+    kind : str
+        Of the file, with its article, for errors.
+    extra : str
+        Extra of this package that installs the library, where it is optional.
+    hint : str
+        What to do about a broken file.
+    """
+    try:
+        yield
+    except FmpError:
+        raise
+    except Exception as reason:  # noqa: BLE001 - broken bytes raise anything.
+        if extra and isinstance(reason, ImportError):
+            message = f"{kind}; install what reads it: pip install 'fmp-drake[{extra}]'"
+        else:
+            message = f"not a readable {kind.split(' ', 1)[1]} ({reason}){hint}"
+        raise SkillFileError(f"{path} is {message}.") from None
+
+
+def named_unit(header: str) -> tuple[str, str]:
+    """Split a header into name and unit: `x [mm]`, `Time (s)`; "" without a unit."""
+    match = re.fullmatch(r"(.*?)[\s_]*[\[(](.*?)[\])]\s*", header)
+    name, unit = match.groups() if match else (header, "")
+    return name.strip(), unit_symbol(unit)
+
+
+def unit_symbol(unit: str) -> str:
+    """Return the symbol of a unit that is spelled out, such as `Millimeters`."""
+    lower = unit.strip().lower()
+    return _SYMBOLS.get(lower, lower if lower in TIMES else unit.strip())
+
+
+def suffixed_unit(name: str) -> tuple[str, str]:
+    """Split a name that ends with its unit: `time_ms`; "" without a unit."""
+    match = re.fullmatch(rf"(.+?)_({_SUFFIXES})", name)
+    return (match[1], match[2]) if match else (name, "")
+
+
+def standard_unit(unit: str) -> tuple[float, str]:
+    """Return the factor from a unit to metres or radians, and the new unit."""
+    for factors, standard in ((LENGTHS, "m"), (_ANGLES, "rad")):
+        if unit in factors:
+            return factors[unit], standard
+    return 1.0, unit
+
+
+def seconds(time: NDArray[np.float64], stated: str) -> tuple[NDArray[np.float64], str]:
+    """Return times in seconds and their unit in the file; times since 1970 start at 0.
+
+    Parameters
+    ----------
+    time : ndarray, shape (N,)
+    stated : str
+        The unit; "" to infer it from the numbers.
+
+    Raises
+    ------
+    DemonstrationError
+        Where the unit is unknown or cannot be inferred.
+    """
+    if stated and stated not in TIMES:
+        raise DemonstrationError(
+            f"the time is in {stated!r}; s, ms, us and ns are understood."
+        )
+    steps = np.abs(np.diff(time))
+    steps = steps[steps > 0]
+    unit = stated
+    if not unit and len(steps):
+        step, start = float(np.median(steps)), abs(float(time[0]))
+        if start > 1e8:
+            unit = next(name for limit, name in _EPOCHS if start > limit)
+        elif step < 1:
+            unit = "s"
+        elif np.all(np.diff(time) == 1):
+            raise DemonstrationError(
+                "the time counts 1, 2, 3 ...: samples, or milliseconds? Give the sample "
+                "rate (--sample-rate), or the unit (--columns 'time=t [ms]')."
+            )
+        else:
+            low, high = _STEPS
+            units = (u for u in ("ms", "us", "ns") if low <= step * TIMES[u] <= high)
+            unit = next(units, "s")
+    start = time[0] if abs(time[0]) * TIMES[unit or "s"] > 1e8 else 0.0
+    return (time - start) * TIMES[unit or "s"], unit or "s"

@@ -1,4 +1,4 @@
-"""Tables in text files: the delimiter, the header and the numbers as people have them."""
+"""Reader of tables in text files, whatever their delimiter and header."""
 
 import codecs
 import csv
@@ -9,8 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.primitives.data.reading.table import MOST_BYTES, Table, check_size
-from fmp_drake.primitives.data.reading.units import named_unit
+from fmp_drake.primitives.data.reading.table import (
+    MOST_BYTES,
+    Table,
+    check_size,
+    named_unit,
+)
 
 _COMMENT = re.compile(r"^\s*(?:#|%|//)+\s*")
 _EMPTY = {"", "nan", "na", "n/a", "null", "none", "-"}
@@ -18,7 +22,7 @@ _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
 _DATE = re.compile(
     r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d\d:\d\d:\d\d(?:\.\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
 )
-# Lines before the numbers begin.
+# Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?")
 
@@ -26,40 +30,49 @@ _UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s
 def read_text(path: Path) -> Table:
     """Return the columns of a table in a text file.
 
-    Comments and other lines before the numbers are passed over; the last of them is the
+    Comments and other lines before the numbers are skipped. The last of them is the
     header where it has as many cells. Columns of words are left out.
 
     Raises
     ------
     SkillFileError
-        Where the file is no such table; the line is named.
+        Where the file is not such a table; the line is named.
     """
+    return table_of_lines(path, read_lines(path))
+
+
+def read_lines(path: Path) -> list[str]:
+    """Return the lines of a text file, whatever its encoding."""
     check_size(path, path.stat().st_size, MOST_BYTES / 2)
-    lines = _decoded(path).splitlines()
+    return _decoded(path).splitlines()
+
+
+def table_of_lines(path: Path, lines: list[str]) -> Table:
+    """Return the table in the lines of a file; see `read_text`."""
     if not any(map(str.strip, lines)):
         raise SkillFileError(f"{path} is empty.")
-    begin, delimiter = _begin(path, lines)
-    first = _cells(lines[begin], delimiter)
+    start, delimiter = _first_row(path, lines)
+    first = split_cells(lines[start], delimiter)
     width = len(first)
-    header, units = _header(path, lines[:begin], delimiter, first)
-    words = [i for i, cell in enumerate(first) if _number(cell) is None]
+    header, units = _header(path, lines[:start], delimiter, first)
+    words = [i for i, cell in enumerate(first) if number_in(cell) is None]
     numbers = array("d")
     has_commas = False
-    for number, line in enumerate(lines[begin:], begin + 1):
+    for number, line in enumerate(lines[start:], start + 1):
         if not line.strip() or _COMMENT.match(line):
             continue
-        cells = _cells(line, delimiter)
+        cells = split_cells(line, delimiter)
         if len(cells) != width:
             raise SkillFileError(
-                f"{path}: line {number} has {len(cells)} cells; line {begin + 1} has "
+                f"{path}: line {number} has {len(cells)} cells; line {start + 1} has "
                 f"{width}."
             )
         for i, cell in enumerate(cells):
-            value = np.nan if i in words else _number(cell)
+            value = np.nan if i in words else number_in(cell)
             if value is None:
                 raise SkillFileError(
                     f"{path}: line {number}: {cell!r} in the column "
-                    f"{header[i] or i + 1} is no number."
+                    f"{header[i] or i + 1} is not a number."
                 )
             numbers.append(value)
         has_commas = has_commas or (delimiter != "," and "," in line)
@@ -67,7 +80,7 @@ def read_text(path: Path) -> Table:
     empty = [
         i for i in range(width) if not header[i] and np.all(np.isnan(values[:, i]))
     ]
-    kept = [i for i in range(width) if i not in {*words, *empty}]
+    columns = [i for i in range(width) if i not in {*words, *empty}]
     remarks = []
     if delimiter != "," or has_commas:
         remarks.append(
@@ -78,9 +91,9 @@ def read_text(path: Path) -> Table:
         named = ", ".join(header[i] or f"column {i + 1}" for i in words)
         remarks.append(f"{named} left out: words")
     return Table(
-        names=tuple(header[i] for i in kept),
-        units=tuple(units[i] for i in kept),
-        values=values[:, kept],
+        names=tuple(header[i] for i in columns),
+        units=tuple(units[i] for i in columns),
+        values=values[:, columns],
         remarks=tuple(remarks),
     )
 
@@ -99,10 +112,10 @@ def _decoded(path: Path) -> str:
             continue
         if "\0" not in text:
             return text
-    raise SkillFileError(f"{path} is no text file: no table can be read from it.")
+    raise SkillFileError(f"{path} is not a text file: no table can be read from it.")
 
 
-def _begin(path: Path, lines: list[str]) -> tuple[int, str]:
+def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
     """Return the index of the first line of numbers, and the delimiter."""
     content = [i for i, line in enumerate(lines) if line.strip()]
     for i, after in zip(content, [*content[1:], None], strict=True):
@@ -110,28 +123,28 @@ def _begin(path: Path, lines: list[str]) -> tuple[int, str]:
             break
         if _COMMENT.match(lines[i]):
             continue
-        best, chosen = 0.5, ""
+        most, best = 0.5, ""
         for delimiter in _DELIMITERS:
             if delimiter.strip() and delimiter not in lines[i]:
                 continue
-            cells = [cell for cell in _cells(lines[i], delimiter) if cell]
-            known = sum(_number(cell) is not None for cell in cells)
-            fraction = known / max(1, len(cells))
-            if fraction > best:
-                best, chosen = fraction, delimiter
-        # A number in a preamble stands alone.
-        alone = after is not None and len(_cells(lines[after], chosen or " ")) != len(
-            _cells(lines[i], chosen or " ")
-        )
-        if chosen and not (alone and len(_cells(lines[i], chosen)) == 1):
-            return i, chosen
+            cells = [cell for cell in split_cells(lines[i], delimiter) if cell]
+            count = sum(number_in(cell) is not None for cell in cells)
+            fraction = count / max(1, len(cells))
+            if fraction > most:
+                most, best = fraction, delimiter
+        # A single number before rows of another length belongs to the preamble.
+        alone = after is not None and len(
+            split_cells(lines[after], best or " ")
+        ) != len(split_cells(lines[i], best or " "))
+        if best and not (alone and len(split_cells(lines[i], best)) == 1):
+            return i, best
     raise SkillFileError(
         f"{path} has no line of numbers among its first {_LONGEST_PREAMBLE}; expected a "
         "table with a header such as `time,x,y,z`."
     )
 
 
-def _cells(line: str, delimiter: str) -> list[str]:
+def split_cells(line: str, delimiter: str) -> list[str]:
     """Return the cells of a line."""
     if delimiter == " ":
         return [cell.strip('"') for cell in line.split()]
@@ -142,8 +155,8 @@ def _cells(line: str, delimiter: str) -> list[str]:
     return [cell.strip() for cell in cells]
 
 
-def _number(cell: str) -> float | None:
-    """Return the number or the time that a cell holds, None for words."""
+def number_in(cell: str) -> float | None:
+    """Return the number or the time in a cell, or None for words."""
     if cell.lower() in _EMPTY:
         return float("nan")
     for text in (cell, cell.replace(",", ".")):
@@ -151,11 +164,11 @@ def _number(cell: str) -> float | None:
             return float(text)
         except ValueError:
             pass
-    found = _DATE.fullmatch(cell)
-    if found is None:
+    match = _DATE.fullmatch(cell)
+    if match is None:
         return None
     try:
-        date = np.datetime64(f"{found[1] or '1970-01-01'}T{found[2]}", "ns")
+        date = np.datetime64(f"{match[1] or '1970-01-01'}T{match[2]}", "ns")
     except ValueError:
         return None
     return date.astype(np.int64) / 1e9
@@ -164,19 +177,19 @@ def _number(cell: str) -> float | None:
 def _header(
     path: Path, before: list[str], delimiter: str, first: list[str]
 ) -> tuple[list[str], list[str]]:
-    """Return names and units of columns, from the last lines before the numbers."""
+    """Return names and units of columns from the last lines before the numbers."""
     width = len(first)
     lines = [line for line in before if line.strip()]
-    rows = [_cells(_COMMENT.sub("", line), delimiter) for line in lines]
-    if delimiter == " ":  # `x [mm]` is one.
+    rows = [split_cells(_COMMENT.sub("", line), delimiter) for line in lines]
+    if delimiter == " ":  # `x [mm]` is one cell.
         rows = [re.sub(r"\s+([\[(])", r"\1", " ".join(row)).split() for row in rows]
     if not rows:
         return [""] * width, [""] * width
     below = [""] * width
     if len(rows) > 1 and len(rows[-2]) == width == len(rows[-1]):
-        found = [_UNIT.fullmatch(cell) for cell in rows[-1]]
-        if all(found):
-            below = [each[1] if each else "" for each in found]
+        units = [_UNIT.fullmatch(cell) for cell in rows[-1]]
+        if all(units):
+            below = [unit[1] if unit else "" for unit in units]
             rows.pop()
     names = rows[-1]
     if len(names) == width - 1 and not first[-1]:  # Rows end with a delimiter ...
@@ -191,5 +204,7 @@ def _header(
             f"{len(names)}."
         )
     split = [named_unit(name) for name in names]
-    units = [unit or under for (_, unit), under in zip(split, below, strict=True)]
-    return [name for name, _ in split], units
+    return (
+        [name for name, _ in split],
+        [unit or under for (_, unit), under in zip(split, below, strict=True)],
+    )

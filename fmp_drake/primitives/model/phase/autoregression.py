@@ -42,7 +42,7 @@ class Autoregression:
     def fit(
         cls, recordings: Sequence[NDArray[np.float64]], *, order: int
     ) -> "Autoregression":
-        """Learn from recordings (n, D) of about unit variance and zero mean."""
+        """Fit recordings (n, D) of about unit variance and zero mean."""
         lagged, after = [], []
         for v in recordings:
             past = [v[order - k : len(v) - k] for k in range(1, order + 1)]
@@ -55,8 +55,8 @@ class Autoregression:
         d = y.shape[1]
         coefficients = np.swapaxes(solution.reshape(order, d, d), 1, 2)
         radius = np.max(np.abs(np.linalg.eigvals(_companion(coefficients))))
-        slow = min(1.0, _MOST_RADIUS / max(float(radius), 1e-12))
-        coefficients = coefficients * slow ** np.arange(1, order + 1)[:, None, None]
+        decay = min(1.0, _MOST_RADIUS / max(float(radius), 1e-12))
+        coefficients = coefficients * decay ** np.arange(1, order + 1)[:, None, None]
         innovation = errors.T @ errors / len(errors) + 1e-12 * np.eye(d)
         return cls(
             coefficients=np.ascontiguousarray(coefficients), innovation=innovation
@@ -83,21 +83,21 @@ class Autoregression:
     def sample(
         self, normals: NDArray[np.float64], *, past: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Make stretches of the process (S, n, D) of standard normals (S, p + n, D).
+        """Return samples (S, n, D) of the process from standard normals (S, p + n, D).
 
-        They go on from values `past`, (S, k, D), where these are given. Of fewer than p
-        values the first is taken to have been there before.
+        They continue values `past`, (S, k, D), where these are given. If k < p, the first
+        of them is repeated.
         """
         p, d, _ = self.coefficients.shape
         out = normals @ _root(self.innovation).T
         if past is None:
-            # The companion's state holds the newest sample first.
+            # The state of the companion form holds the newest sample first.
             begin = normals[:, :p].reshape(-1, p * d) @ _root(self._stationary).T
             out[:, :p] = begin.reshape(-1, p, d)[:, ::-1]
         else:
             newest = np.arange(past.shape[1] - p, past.shape[1])
             out[:, :p] = past[:, np.maximum(newest, 0)]
-        _go_on(out, self.coefficients)
+        _run(out, self.coefficients)
         return out[:, p:]
 
     @cached_property
@@ -112,8 +112,8 @@ class Autoregression:
 
 
 @compiled
-def _go_on(values: NDArray[np.float64], coefficients: NDArray[np.float64]) -> None:
-    """Add what comes of the p values before to all but the first p of (S, n, D)."""
+def _run(values: NDArray[np.float64], coefficients: NDArray[np.float64]) -> None:
+    """Add the regression on the p values before to all values (S, n, D) but the first p."""
     p, d, _ = coefficients.shape
     for s in range(len(values)):
         for t in range(p, values.shape[1]):

@@ -1,6 +1,6 @@
-"""A phase model as a mixture of Gaussians over windows."""
+"""Gaussian mixture over windows from a tracked phase."""
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,169 +9,201 @@ from scipy.interpolate import CubicSpline
 
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.phase.phase_velocity import phase_covariance
 from fmp_drake.primitives.model.phase.residual import Residual
-from fmp_drake.primitives.model.phase.tempo import phase_covariance
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 
 Array = NDArray[np.float64]
 
-# Width, in rad, of the neighbourhood whose windows a component is learned from, and the
-# windows that its structural mean and covariance count for.
+# Width of the kernel that shares windows between components, rad; weights of the structural
+# mean and covariance, in windows.
 _NEAR = 0.21
 _MEAN_WINDOWS = 5.0
 _COVARIANCE_WINDOWS = 60.0
 _WHITE = 1e-10
-# With more cycles, windows that are cut by the end of a recording do not count.
+# With more cycles, windows that are cut by the end of a recording are left out.
 _MANY_CYCLES = 12.0
 
 
-class Anchors(NamedTuple):
-    """The phases of components at the sample at which each knows its phase.
+class PhaseGrid(NamedTuple):
+    """Phases of the components at the reference step of a window.
 
     Attributes
     ----------
     phases : ndarray, shape (M,)
         Rad.
-    spacing : ndarray, shape (M,)
-        The widths of their cells, rad.
+    cell_widths : ndarray, shape (M,)
+        Width of the interval of phases that each component stands for, rad.
     """
 
     phases: Array
-    spacing: Array
+    cell_widths: Array
 
 
-def anchor_phases(track: PhaseTrack, count: int) -> Anchors:
-    """Return phases that equally many samples lie between."""
+def phase_grid(track: PhaseTrack, count: int) -> PhaseGrid:
+    """Return a grid of phases with equally many samples in each cell."""
     phase = np.sort(np.mod(np.concatenate(track.phases), 2 * np.pi))
     edges = np.quantile(phase, np.arange(2 * count + 1) / (2 * count))
     edges[[0, -1]] = 0.0, 2 * np.pi
-    return Anchors(edges[1::2], np.diff(edges[::2]))
+    return PhaseGrid(edges[1::2], np.diff(edges[::2]))
 
 
 def phase_components(
     track: PhaseTrack,
     residual: Residual,
-    anchors: Anchors,
+    grid: PhaseGrid,
     *,
     n_steps: int,
-    pinned: int,
+    reference_step: int,
+    factors: Array,
+    errors: Array,
     rank: int,
 ) -> tuple[LowRankGaussian, ...]:
-    """Return one Gaussian over the Fourier weights of a window for each anchor.
+    """Return one Gaussian over the Fourier weights of a window for each phase of a grid.
 
-    At each anchor the model is linearised: the phase strays around a constant tempo,
-    which moves the samples along the cycle, and the residual is added. This structure is
-    a prior; the windows that pass near the anchor's phase are counted into it.
+    At each phase the model is linearised: the phase noise moves the samples along the
+    cycle, and the residual is added. This structure is a prior, which is combined with
+    the windows that pass near the phase.
 
     Parameters
     ----------
     track : PhaseTrack
     residual : Residual
-        Of the track.
-    anchors : Anchors
-        Phases at the sample `pinned`.
+        Residual of the track.
+    grid : PhaseGrid
+        Phases at the sample `reference_step`.
     n_steps : int
         T, samples in a window.
-    pinned : int
+    reference_step : int
+    factors : ndarray, shape (T - reference_step,)
+        Of the covariances of the samples from the reference step, given those before.
+    errors : ndarray, shape (T - reference_step, D, D)
+        Covariances that are added to these.
     rank : int
-        Most directions that are kept of each covariance.
+        Greatest number of directions of each covariance.
     """
-    basis, steps = FourierBasis(n_steps), np.arange(n_steps) - pinned
-    return tuple(
-        _low_rank(mean, covariance, basis, rank)
-        for mean, covariance in anchored_gaussians(track, residual, anchors, steps)
-    )
+    weights = FourierBasis(n_steps).analyze(np.eye(n_steps)[..., None]).T
+    steps = np.arange(n_steps) - reference_step
+    root = symmetric_roots(errors)
+    apart = np.arange(len(root))[:, None] - np.arange(len(root))
+    together = np.exp(-0.5 * (apart / reference_step) ** 2)
+    added = np.einsum("iab,ij,jcb->iajc", root, together, root, optimize=True)
+    size = len(root) * root.shape[1]
+    added = np.asarray(added.reshape(size, size), dtype=float)
+    scale = np.repeat(np.sqrt(factors), root.shape[1])
+    growth = np.outer(scale, scale) - 1
+    gaussians = grid_gaussians(track, residual, grid, steps)
+
+    def component(m: int) -> LowRankGaussian:
+        mean, covariance = gaussians(m)
+        return _low_rank(mean, _rescaled(covariance, growth, added), weights, rank)
+
+    return tuple(map(component, range(len(grid.phases))))
 
 
-def anchored_gaussians(
+def grid_gaussians(
     track: PhaseTrack,
     residual: Residual,
-    anchors: Anchors,
+    grid: PhaseGrid,
     steps: NDArray[np.int64],
-) -> Iterator[tuple[Array, Array]]:
-    """Return mean (n, D) and covariance (n D, n D) of samples around each anchor.
+) -> Callable[[int], tuple[Array, Array]]:
+    """Return what gives mean (n, D) and covariance (n D, n D) at each phase of a grid.
 
-    The parameters are those of `phase_components`; `steps` (n,) are the rising places
-    of the samples, of which 0 knows the phase.
+    They are those of samples. The parameters are those of `phase_components`; `steps` (n,)
+    are the increasing times of the samples relative to the reference step.
     """
-    cycle, tempo, anchor = track.cycle, track.tempo, anchors.phases
-    d, n_steps, pinned = cycle.coefficients.shape[1], len(steps), -int(steps[0])
+    cycle, velocity = track.cycle, track.velocity
+    d, n_steps, reference_step = cycle.coefficients.shape[1], len(steps), -int(steps[0])
     span = int(np.ptp(steps)) + 1
-    straying = phase_covariance(track.phases, tempo, count=span, pinned=pinned)
-    straying = straying[np.ix_(steps + pinned, steps + pinned)]
-    straying = np.asarray(np.kron(straying, np.ones((d, d))), dtype=float)
+    noise = phase_covariance(
+        track.phases, velocity, count=span, reference_step=reference_step
+    )
+    noise = noise[np.ix_(steps + reference_step, steps + reference_step)]
+    noise = np.asarray(np.kron(noise, np.ones((d, d))), dtype=float)
     smooth = residual.process.covariance(steps)
     slow = np.concatenate(track.shifts).var(axis=0)
     shifted = np.kron(np.ones((n_steps, n_steps)), np.diag(2 * slow))
-    paths = anchor[:, None] + tempo * steps
+    paths = grid.phases[:, None] + velocity * steps
+    cycles = cycle.values(paths)
+    tangents = cycle.values(paths, 1).reshape(len(paths), -1)
 
-    def structure(path: Array) -> Array:
-        tangent = cycle.values(path, 1).ravel()
-        prior = residual.formed(path, smooth)
-        return prior + np.outer(tangent, tangent) * straying + shifted
+    def structure(m: int, spread: float = 0.0) -> Array:
+        prior = noise + spread
+        prior *= tangents[m]
+        prior *= tangents[m][:, None]
+        prior += shifted
+        prior += residual.shaped_covariance(paths[m], smooth)
+        return prior
 
-    errors = _errors(track, paths, anchor, steps)
-    counts = np.array([float(len(each)) for each in errors])
-    unsure = {
-        m: _complete(windows, structure(paths[m]))
+    errors = _errors(track, cycles, grid.phases, steps)
+    counts = np.array([float(len(windows)) for windows in errors])
+    missing = {
+        m: _fill_missing(windows, structure(m))
         for m, windows in enumerate(errors)
         if np.isnan(windows).any()
     }
-    near = _nearness(anchor)
+    near = _kernel(grid.phases)
     sums = near @ np.stack([windows.sum(axis=0) for windows in errors])
     grams = np.stack([windows.T @ windows for windows in errors])
-    for m, left in unsure.items():
+    for m, left in missing.items():
         grams[m] += left
     grams = (near @ grams.reshape(len(near), -1)).reshape(grams.shape)
-    for m, path in enumerate(paths):
-        prior, tangent = structure(path), cycle.values(path, 1).ravel()
-        windows, total, gram = float(near[m] @ counts), sums[m], grams[m]
+
+    def gaussian(m: int) -> tuple[Array, Array]:
+        windows, total = float(near[m] @ counts), sums[m]
+        weight = _COVARIANCE_WINDOWS + windows
         move = total / (windows + _MEAN_WINDOWS)
-        gram -= np.outer(move, total) + np.outer(total, move)
-        gram += windows * np.outer(move, move)
-        covariance = _COVARIANCE_WINDOWS * prior + gram
-        covariance /= _COVARIANCE_WINDOWS + windows
-        covariance += anchors.spacing[m] ** 2 / 12 * np.outer(tangent, tangent)
-        mean = cycle.values(path) + move.reshape(n_steps, d)
-        yield mean, covariance
+        # The windows' scatter about the moved mean is their Gram matrix minus this.
+        pair = np.stack([move, total - windows / 2 * move])
+        spread = grid.cell_widths[m] ** 2 / 12 * weight / _COVARIANCE_WINDOWS
+        covariance = structure(m, spread)
+        covariance *= _COVARIANCE_WINDOWS
+        covariance += grams[m]
+        covariance -= pair.T @ pair[::-1]
+        covariance /= weight
+        return cycles[m] + move.reshape(n_steps, d), covariance
+
+    return gaussian
 
 
 def _errors(
     track: PhaseTrack,
-    paths: Array,
-    anchors: Array,
+    cycles: Array,
+    phases: Array,
     steps: NDArray[np.int64],
 ) -> list[Array]:
-    """Return how the windows that pass each anchor differ from the cycle, (n, T D).
+    """Return the errors (n, T D) of the cycle in the windows that pass each phase.
 
-    Of few cycles also those count that are cut by the end of a recording, after a quarter
-    of them; what they lack is NaN.
+    `cycles` (M, T, D) are the values of the cycle at these phases.
+
+    With few cycles, windows that are cut by the end of a recording after at least a
+    quarter of their length count as well; their missing samples are NaN.
     """
     cut = 0 if track.cycles > _MANY_CYCLES else 3 * int(steps[-1]) // 4
-    found: list[list[Array]] = [[] for _ in anchors]
+    found: list[list[Array]] = [[] for _ in phases]
     for y, phase in zip(track.recordings, track.phases, strict=True):
         times = np.arange(len(y), dtype=float)
         spline = CubicSpline(times, y)
         rising = np.maximum.accumulate(phase) + 1e-9 * times
-        for m, anchor in enumerate(anchors):
-            first = np.ceil((rising[0] - anchor) / (2 * np.pi))
-            last = np.floor((rising[-1] - anchor) / (2 * np.pi))
-            passed = anchor + 2 * np.pi * np.arange(first, last + 1)
+        for m, grid_phase in enumerate(phases):
+            first = np.ceil((rising[0] - grid_phase) / (2 * np.pi))
+            last = np.floor((rising[-1] - grid_phase) / (2 * np.pi))
+            passed = grid_phase + 2 * np.pi * np.arange(first, last + 1)
             at = np.interp(passed, rising, times)
             at = at[(at + steps[0] >= 0) & (at + steps[-1] <= times[-1] + cut)]
             place = at[:, None] + steps
-            windows = spline(place) - track.cycle.values(paths[m])
+            windows = spline(place) - cycles[m]
             windows[place > times[-1]] = np.nan
-            found[m].append(windows.reshape(len(at), paths[m].size * y.shape[1]))
-    return [np.concatenate(each) for each in found]
+            found[m].append(windows.reshape(len(at), cycles[m].size))
+    return [np.concatenate(windows) for windows in found]
 
 
-def _complete(errors: Array, prior: Array) -> Array:
-    """Put what is expected of them into windows (n, T D) where they are NaN.
+def _fill_missing(errors: Array, prior: Array) -> Array:
+    """Replace NaN in windows (n, T D) by conditional expectations, in place.
 
-    Return the sum of the covariances of what was put there, (T D, T D).
+    Return the sum of the conditional covariances, (T D, T D).
     """
-    unsure = np.zeros_like(prior)
+    covariance = np.zeros_like(prior)
     for window in errors:
         seen = np.isfinite(window)
         if not seen.all():
@@ -181,33 +213,59 @@ def _complete(errors: Array, prior: Array) -> Array:
             )
             window[~seen] = window[seen] @ gains
             left = prior[np.ix_(~seen, ~seen)] - known[:, ~seen].T @ gains
-            unsure[np.ix_(~seen, ~seen)] += left
-    return unsure
+            covariance[np.ix_(~seen, ~seen)] += left
+    return covariance
 
 
-def _nearness(anchors: Array) -> Array:
-    """Return how much the windows of an anchor count at another one, (M, M)."""
-    apart = np.angle(np.exp(1j * (anchors[:, None] - anchors)))
+def _kernel(phases: Array) -> Array:
+    """Return the weight of the windows of one phase at another one, (M, M)."""
+    apart = np.angle(np.exp(1j * (phases[:, None] - phases)))
     near = np.exp(-0.5 * (apart / _NEAR) ** 2)
     near[near < 1e-4] = 0.0
     return near
 
 
+def symmetric_roots(covariances: Array) -> Array:
+    """Return the symmetric square roots of covariances (n, D, D)."""
+    variances, vectors = np.linalg.eigh(covariances)
+    half = vectors * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
+    return np.asarray(half @ np.swapaxes(vectors, 1, 2))
+
+
+def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
+    """Return a covariance (T D, T D) whose later samples have another uncertainty.
+
+    Their covariance given the samples before grows by a factor 1 + `growth` of each entry,
+    and is `added` to; how they depend on these stays.
+    """
+    first = len(covariance) - len(growth)
+    known = covariance[:first, :first] + _WHITE * np.eye(first)
+    across = covariance[:first, first:]
+    more = covariance[first:, first:] - across.T @ np.linalg.solve(known, across)
+    more *= growth
+    more += added
+    covariance[first:, first:] += more
+    return covariance
+
+
 def _low_rank(
-    mean: Array, covariance: Array, basis: FourierBasis, rank: int
+    mean: Array, covariance: Array, weights: Array, rank: int
 ) -> LowRankGaussian:
-    """Return a Gaussian over weights from mean and covariance of samples (T, D)."""
+    """Return a Gaussian over weights from mean and covariance of samples (T, D).
+
+    `weights` (T, T) maps the samples of a channel to its weights.
+    """
     size = len(covariance)
     kept = min(rank, size - 1)
-    # All of them: finding only the greatest takes three times as long.
+    # All eigenvalues: finding only the greatest takes three times as long.
     variances, vectors = np.linalg.eigh(covariance)
     variances, vectors = variances[size - kept :], vectors[:, size - kept :]
     noise = (float(np.trace(covariance)) - float(variances.sum())) / (size - kept)
     noise = max(noise, 0.0) + _WHITE
-    windows = vectors.T.reshape(kept, *mean.shape)
+    windows = np.swapaxes(vectors.reshape(*mean.shape, kept), 0, 1)
     return LowRankGaussian(
-        mean=basis.analyze(mean),
-        basis=np.ascontiguousarray(basis.analyze(windows).T),
+        mean=(weights @ mean).T.ravel(),
+        basis=(weights @ windows).reshape(size, kept),
         variances=np.maximum(variances + _WHITE - noise, 0.0),
         noise=noise,
     )

@@ -1,9 +1,12 @@
-"""One cycle of a movement as a function of its phase."""
+"""Mean cycle of a movement, and statistics of its single cycles."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
 
 # Ridge of a harmonic k is _RIDGE (k / _KNEE)^4 per sample.
 _RIDGE = 1e-7
@@ -12,7 +15,7 @@ _KNEE = 3.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cycle:
-    """A closed curve over the phase: a Fourier series of each channel.
+    """Closed curve over the phase: a Fourier series of each channel.
 
     Attributes
     ----------
@@ -28,13 +31,11 @@ class Cycle:
     array([[0., 1.]])
     """
 
-    coefficients: NDArray[np.float64]
+    coefficients: Array
 
     @classmethod
-    def fit(
-        cls, phase: NDArray[np.float64], values: NDArray[np.float64], *, harmonics: int
-    ) -> "Cycle":
-        """Return the cycle through values (n, D) at phases (n,), by least squares."""
+    def fit(cls, phase: Array, values: Array, *, harmonics: int) -> "Cycle":
+        """Fit a cycle to values (n, D) at phases (n,) by ridge regression."""
         rows = _rows(phase, harmonics, 0)
         order = np.repeat(np.arange(1, harmonics + 1), 2)
         ridge = _RIDGE * len(phase) * np.concatenate([[0.0], (order / _KNEE) ** 4])
@@ -42,15 +43,15 @@ class Cycle:
         solution = np.linalg.solve(gram, rows.T @ values)
         return cls(coefficients=np.ascontiguousarray(solution))
 
-    def values(self, phase: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
-        """Return the values at phases (...), or a derivative by the phase, (..., D)."""
+    def values(self, phase: ArrayLike, derivative: int = 0) -> Array:
+        """Return the values at phases (...), or their derivative by phase, (..., D)."""
         harmonics = len(self.coefficients) // 2
         return _rows(np.asarray(phase, dtype=float), harmonics, derivative) @ (
             self.coefficients
         )
 
     def folds(self, tolerance: float) -> int:
-        """Return of how many equal cycles it consists, up to a fraction of its variance."""
+        """Return how many equal cycles it contains, up to a fraction of its variance."""
         energy = np.sum(self.coefficients[1:] ** 2, axis=1).reshape(-1, 2).sum(axis=1)
         order = np.arange(1, len(energy) + 1)
         for folds in (5, 4, 3, 2):
@@ -59,16 +60,80 @@ class Cycle:
         return 1
 
 
-def _rows(
-    phase: NDArray[np.float64], harmonics: int, derivative: int
-) -> NDArray[np.float64]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CycleHistory:
+    """Length, size and centre of each demonstrated cycle, in order.
+
+    Attributes
+    ----------
+    lengths : ndarray, shape (C,)
+        Duration of each cycle, samples.
+    amplitudes : ndarray, shape (C,)
+        Size relative to the mean cycle.
+    shifts : ndarray, shape (C, D)
+        Offset of its centre from that of the mean cycle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> phase = np.arange(0, 12.5, 0.1)
+    >>> circle = np.column_stack([np.cos(phase), np.sin(phase)])
+    >>> cycle = Cycle.fit(phase, circle, harmonics=2)
+    >>> history = CycleHistory.of(cycle, [phase], [1.5 * circle])
+    >>> history.lengths.round(1), history.amplitudes.round(2)
+    (array([62.8]), array([1.5]))
+    """
+
+    lengths: Array
+    amplitudes: Array
+    shifts: Array
+
+    @classmethod
+    def of(
+        cls, cycle: Cycle, phases: Sequence[Array], recordings: Sequence[Array]
+    ) -> "CycleHistory":
+        """Measure the whole cycles of recordings (n, D) with unwrapped phases (n,)."""
+        lengths, amplitudes, shifts = [], [], []
+        for phase, y in zip(phases, recordings, strict=True):
+            times = np.arange(len(y), dtype=float)
+            rising = np.maximum.accumulate(phase) + 1e-9 * times
+            begins = rising[0] + 2 * np.pi * np.arange(
+                np.floor((rising[-1] - rising[0]) / (2 * np.pi)) + 1
+            )
+            at = np.interp(begins, rising, times)
+            lengths.extend(np.diff(at))
+            for a, b in zip(np.ceil(at[:-1]), np.ceil(at[1:]), strict=True):
+                part = slice(int(a), int(b))
+                values, mean = y[part], cycle.values(phase[part])
+                shifts.append((values - mean).mean(axis=0))
+                mean = mean - mean.mean(axis=0)
+                amplitudes.append(np.sum(mean * values) / np.sum(mean**2))
+        return cls(
+            lengths=np.array(lengths),
+            amplitudes=np.array(amplitudes),
+            shifts=np.array(shifts).reshape(len(lengths), recordings[0].shape[1]),
+        )
+
+    @property
+    def drift(self) -> Array:
+        """Displacement of the centre from the first to the last cycle, shape (D,).
+
+        It is that of the line that fits the shifts by least squares.
+        """
+        count = np.arange(len(self.shifts)) - (len(self.shifts) - 1) / 2
+        spread = max(float(count @ count), 1.0)
+        out: Array = count @ self.shifts / spread * (len(count) - 1)
+        return out
+
+
+def _rows(phase: Array, harmonics: int, derivative: int) -> Array:
     out = np.empty((*phase.shape, 1 + 2 * harmonics))
     out[..., 0] = derivative == 0
-    # Products of a turn take a fifth of the time of sines and cosines of each order.
-    turn = np.exp(1j * phase)
-    turned = np.full_like(turn, 1j**derivative)
+    # Repeated rotation takes a fifth of the time of a sine and cosine of each order.
+    rotation = np.exp(1j * phase)
+    rotated = np.full_like(rotation, 1j**derivative)
     for order in range(1, harmonics + 1):
-        turned *= turn
-        out[..., 2 * order - 1] = order**derivative * turned.real
-        out[..., 2 * order] = order**derivative * turned.imag
+        rotated *= rotation
+        out[..., 2 * order - 1] = order**derivative * rotated.real
+        out[..., 2 * order] = order**derivative * rotated.imag
     return out

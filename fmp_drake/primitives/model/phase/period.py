@@ -1,4 +1,4 @@
-"""The fundamental period of recordings."""
+"""The period of recordings."""
 
 from collections.abc import Sequence
 
@@ -14,6 +14,15 @@ _ALMOST = 0.8
 _LEAST_CORRELATION = 0.2
 _MOST_PERIODS = 8
 _FIRST_PEAKS = 3
+# Similarity of neighbouring cycles, and of a part of them, that counts as a repetition.
+SIMILAR, SIMILAR_PART = 0.55, 0.85
+PART = 0.45
+# Variance of a segment, relative to the recording, below which it is at rest.
+_LEAST_ENERGY = 0.02
+# Range of lags, samples, and their relative step.
+_SHORTEST_LAG, _LONGEST_LAG, _LAG_STEP = 8, 800, 0.02
+# Score of a candidate relative to the best.
+_NOTABLE = 0.3
 
 
 def autocorrelation(
@@ -48,20 +57,20 @@ def fundamental_period(
 ) -> float:
     """Return the period, in samples, after which all channels repeat together.
 
-    The first of the highest peaks of the autocorrelation. It is refined by a parabola,
-    and by its multiples, up to the eighth, as far as they are correlated: so it is the
-    mean over many periods where their lengths vary.
+    It is the first of the highest peaks of the autocorrelation, refined by a parabola and
+    by its multiples up to the eighth, as far as they are correlated. Where lengths vary
+    it is therefore the mean over many periods.
 
     Parameters
     ----------
     recordings : sequence of ndarray, shape (n, D)
     shortest : float
-        Samples; shorter periods are not looked for.
+        Shortest period to consider, samples.
 
     Raises
     ------
     DemonstrationError
-        Where nothing repeats: a period must fit 1.7 times into the longest recording.
+        If nothing repeats. A period must fit 1.7 times into the longest recording.
     """
     return _fundamental(_correlated(recordings, shortest), shortest)
 
@@ -69,11 +78,11 @@ def fundamental_period(
 def possible_periods(
     recordings: Sequence[NDArray[np.float64]], *, shortest: float = 8.0
 ) -> list[float]:
-    """Return the fundamental period, in samples, and others that a movement may have.
+    """Return the fundamental period and other candidates, in samples.
 
-    These grow: fractions and multiples of the first, from `shortest` on, and the first
-    peaks of the autocorrelation. Where the tempo changes a lot, later and higher peaks tell
-    when a tempo comes back, not a place.
+    The others increase: fractions and multiples of the first, from `shortest`, and the
+    first peaks of the autocorrelation. Where the tempo varies a lot, a later and higher
+    peak may be the period of the tempo.
 
     Raises
     ------
@@ -86,10 +95,10 @@ def possible_periods(
     peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (r[1:-1] > 0)]
     first = [parabola_top(r, int(top)) for top in peaks[:_FIRST_PEAKS]]
     found = [period]
-    for each in sorted([*first, period / 3, period / 2, 2 * period, 3 * period]):
-        different = all(abs(each - p) > 0.05 * p for p in found)
-        if different and shortest <= each <= longest:
-            found.append(each)
+    for other in sorted([*first, period / 3, period / 2, 2 * period, 3 * period]):
+        different = all(abs(other - p) > 0.05 * p for p in found)
+        if different and shortest <= other <= longest:
+            found.append(other)
     return found
 
 
@@ -108,11 +117,11 @@ def _correlated(
 
 
 def _fundamental(r: NDArray[np.float64], shortest: float) -> float:
-    """Return the period that an autocorrelation shows; see `fundamental_period`."""
+    """Return the period of an autocorrelation; see `fundamental_period`."""
     longest = len(r) - 2
     inner = np.arange(1, longest + 1)
     peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (inner >= shortest)]
-    # Before it was first uncorrelated a signal resembles itself anyway.
+    # A peak before the first zero crossing is not a period.
     crossed = np.flatnonzero(r <= 0.0)
     dip = int(crossed[0]) if len(crossed) else int(np.argmin(r[: longest + 1]))
     peaks = peaks[peaks >= dip]
@@ -137,12 +146,85 @@ def _fundamental(r: NDArray[np.float64], shortest: float) -> float:
 
 
 def parabola_top(values: NDArray[np.float64], top: int) -> float:
-    """Return where the parabola through a peak of values (n,) and its neighbours peaks.
+    """Return the vertex of the parabola through a peak of values (n,) and its neighbours.
 
-    The peak itself where it is the first or the last value.
+    It is the peak itself if that is the first or the last value.
     """
     if not 0 < top < len(values) - 1:
         return top
     before, here, after = values[top - 1 : top + 2]
     curvature = before - 2 * here + after
     return top if curvature >= 0 else top + 0.5 * float((before - after) / curvature)
+
+
+def similarity(
+    values: NDArray[np.float64], lag: int, width: int
+) -> NDArray[np.float64]:
+    """Return how similar each segment (width, D) is to the one a lag later.
+
+    It is 1 minus their squared distance relative to their variance about the common mean:
+    1 for equal segments, 0 or less for a path that leads away or a segment at rest.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, D)
+    lag, width : int
+        Samples.
+
+    Returns
+    -------
+    ndarray, shape (n - lag - width + 1,)
+    """
+    span = lag + width
+    count = len(values) - span + 1
+    if count < 1:
+        return np.empty(0)
+    change = values[lag:] - values[:-lag]
+    change = np.concatenate([[0.0], np.cumsum(np.vecdot(change, change))])
+    distance = change[width:] - change[:-width]
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    squares = np.concatenate([[0.0], np.cumsum(np.vecdot(values, values))])
+    mean = (sums[span:] - sums[:-span]) / span
+    energy = np.zeros(count)
+    for start in (0, lag):
+        total = sums[start + width :][:count] - sums[start:][:count]
+        energy += squares[start + width :][:count] - squares[start:][:count]
+        energy += np.vecdot(mean, width * mean - 2 * total)
+    least = _LEAST_ENERGY * width * float(values.var(axis=0).sum())
+    return np.where(energy > least, 1 - distance / np.maximum(energy, 1e-300), 0.0)
+
+
+def local_periods(
+    recordings: Sequence[NDArray[np.float64]], *, fraction: float = 1.0
+) -> list[float]:
+    """Return candidates of the period, in samples, the most likely first.
+
+    They come from similar neighbouring segments, so that it does not matter what else is
+    in a recording: an approach, a pause or another bout.
+
+    Parameters
+    ----------
+    recordings : sequence of ndarray, shape (n, D)
+    fraction : float
+        Part of a cycle that must come again at least: `PART` where there may be fewer than
+        two cycles.
+    """
+    size = max(map(len, recordings))
+    longest = min(_LONGEST_LAG, int(size / (1 + fraction)))
+    if longest < _SHORTEST_LAG + 2:
+        return []
+    count = int(np.log(longest / _SHORTEST_LAG) / np.log(1 + _LAG_STEP)) + 2
+    lags = np.unique(np.geomspace(_SHORTEST_LAG, longest, count).astype(int))
+    scores = np.zeros(len(lags))
+    least = SIMILAR if fraction == 1 else SIMILAR_PART
+    for i, lag in enumerate(lags.tolist()):
+        for y in recordings:
+            similar = similarity(y, lag, max(2, round(fraction * lag)))
+            scores[i] += np.sum(similar[similar > least] ** 2)
+    if not scores.max() > 0:
+        return []
+    padded = np.concatenate([[-1.0], scores, [-1.0]])
+    peaks = np.flatnonzero((scores >= padded[:-2]) & (scores > padded[2:]))
+    peaks = peaks[scores[peaks] >= _NOTABLE * scores.max()]
+    best = peaks[np.argmax(scores[peaks] >= _ALMOST * scores.max())]
+    return [float(lags[best]), *(float(lags[p]) for p in peaks if p != best)]

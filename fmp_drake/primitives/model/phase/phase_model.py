@@ -1,4 +1,4 @@
-"""A movement whose phase is an angle: cycle, residual and tempo."""
+"""Phase model of a rhythmic movement: mean cycle, residual and phase velocity."""
 
 from dataclasses import dataclass, replace
 
@@ -7,24 +7,34 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from fmp_drake.numeric import finite_array
-from fmp_drake.primitives.model.phase.closing import closed
-from fmp_drake.primitives.model.phase.cycle import Cycle
-from fmp_drake.primitives.model.phase.history import CycleHistory
-from fmp_drake.primitives.model.phase.path import phase_path
+from fmp_drake.primitives.model.basis import close_windows
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.phase.calibration import Calibration, calibrate
+from fmp_drake.primitives.model.phase.components import (
+    PhaseGrid,
+    phase_components,
+    phase_grid,
+)
+from fmp_drake.primitives.model.phase.cycle import Cycle, CycleHistory
+from fmp_drake.primitives.model.phase.phase_velocity import PhaseVelocity
 from fmp_drake.primitives.model.phase.residual import Residual
-from fmp_drake.primitives.model.phase.tempo import Tempo
+from fmp_drake.primitives.model.phase.tracking import PhaseTrack, phase_path
 
 Array = NDArray[np.float64]
 
-# Standard deviation of how far from its anchor a component is entered, rad, and variance
-# of samples beside all that is modelled.
-_FARTHEST = 0.5
+# Standard deviation of the phase of a movement at the reference step of the component that
+# it is mapped to, rad; variance of white noise in the samples.
+_PHASE_DEVIATION = 0.5
 _NOISE = 1e-10
+LEAST_COMPONENTS, _MOST_COMPONENTS = 30, 80
+# Of fewer cycles more components show nothing more.
+_FEW_CYCLES, _COMPONENTS_OF_FEW = 4.0, 40
+_RANK = 160
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhaseModel:
-    """y_t = f(phase_t) + L(phase_t) v_t, with a phase that runs at a varying tempo.
+    """Model y_t = f(phase_t) + L(phase_t) v_t with a varying phase velocity.
 
     Values are those of a skill divided by its scales.
 
@@ -34,21 +44,14 @@ class PhaseModel:
         f.
     residual : Residual
         L and v.
-    tempo : Tempo
-        Of the phase, per sample.
-    anchors : ndarray, shape (M,)
-        The phase of each component of the skill at the sample `pinned`, rad.
-    spacing : ndarray, shape (M,)
-        The width of the phases around each anchor that are nearest to it, rad.
-    pinned : int
-        The sample of a window at which a component knows the phase.
-    calibration : ndarray, shape (A, 2)
-        Samples ahead, and what covariances of predictions so far are multiplied by.
+    velocity : PhaseVelocity
+        Rad per sample.
+    grid : PhaseGrid
+        Phases of the M components of the skill at the sample `reference_step`.
+    reference_step : int
+        The sample of a window at which the phase of a component is defined.
     history : CycleHistory
-        Of the whole cycles that were learned from.
-    paused, approach : float
-        Samples of the recordings that were left out: the movement paused, or had not
-        begun yet or was over.
+        Statistics of the demonstrated whole cycles.
 
     Examples
     --------
@@ -65,38 +68,30 @@ class PhaseModel:
 
     cycle: Cycle
     residual: Residual
-    tempo: Tempo
-    anchors: Array
-    spacing: Array
-    pinned: int
-    calibration: Array
+    velocity: PhaseVelocity
+    grid: PhaseGrid
+    reference_step: int
     history: CycleHistory
-    paused: float
-    approach: float
 
     @property
     def period(self) -> float:
         """The mean period, in samples."""
-        return 2 * np.pi / self.tempo.mean
+        return 2 * np.pi / self.velocity.mean
 
     @property
     def cycles(self) -> int:
-        """How many whole cycles were learned from."""
+        """The number of whole cycles that were demonstrated."""
         return len(self.history.lengths)
 
     def fits(self, components: int, channels: int, n_steps: int) -> bool:
-        """Return whether it can be that of a skill of so many of each."""
-        shape = self.cycle.coefficients.shape[1], self.anchors.shape
-        return shape == (channels, (components,)) and 0 <= self.pinned < n_steps
-
-    def widening(self, horizon: int) -> Array:
-        """Return what covariances of the next samples are multiplied by, (horizon,)."""
-        return np.interp(np.arange(1, horizon + 1), *self.calibration.T)
+        """Return whether the sizes fit a skill."""
+        shape = self.cycle.coefficients.shape[1], self.grid.phases.shape
+        return shape == (channels, (components,)) and 0 <= self.reference_step < n_steps
 
     def phase(self, values: ArrayLike) -> Array:
         """Return the unwrapped phase (n,) of consecutive samples (n, D), rad."""
         y = finite_array(values, "the values", ("n", self.cycle.coefficients.shape[1]))
-        return phase_path(y, self.cycle, tempo=self.tempo.mean)
+        return phase_path(y, self.cycle, velocity=self.velocity.mean)
 
     def draw(
         self,
@@ -107,65 +102,65 @@ class PhaseModel:
         *,
         past: Array | None = None,
     ) -> tuple[Array, Array]:
-        """Draw windows at the phase of a component, as two parts to be added.
+        """Draw windows at the phase of a component, as two parts that add up.
 
         Parameters
         ----------
         rng : numpy.random.Generator
         component : int
-            Index of its anchor.
+            Index of its phase in the grid.
         size : int
         count : int
             Samples of a window.
         past : ndarray, shape (K, D), optional
-            The first samples of the window: their phase, tempo and residual go on, up to
-            where it is `closed`.
+            The first samples of the window, which the drawn windows continue.
 
         Returns
         -------
         centre, deviation : ndarray, shape (size, count, D)
-            The cycle, with a tempo that varies, and what is left of the past's residual;
-            the residual that is new.
+            The cycle at a random phase velocity with the decaying residual of the past,
+            and the new residual.
         """
-        tempo, process = self.tempo, self.residual.process
-        of_tempo = len(tempo.process.coefficients) + count - 1
+        velocity, process = self.velocity, self.residual.process
+        of_velocity = len(velocity.process.coefficients) + count - 1
         of_residual = len(process.coefficients) + count
         d = self.cycle.coefficients.shape[1]
-        # In one draw, so that the first sample is the same, however many there are.
-        normals = rng.standard_normal((size, 1 + of_tempo + of_residual * d))
+        # One draw, so that the first sample does not depend on their number.
+        normals = rng.standard_normal((size, 1 + of_velocity + of_residual * d))
         place, normals = normals[:, :1], normals[:, 1:]
-        of_v = normals[:, of_tempo:].reshape(size, of_residual, d)
-        normals = normals[:, :of_tempo]
+        of_v = normals[:, of_velocity:].reshape(size, of_residual, d)
+        normals = normals[:, :of_velocity]
         if past is not None:
             known = len(past)
-            return self._going_on(
+            return self._continued(
                 past, component, normals[:, known - 1 :], of_v[:, known:]
             )
-        path = tempo.sample(normals, pinned=self.pinned)
-        path += self.anchors[component] + self.spacing[component] * (ndtr(place) - 0.5)
+        path = velocity.sample(normals, reference_step=self.reference_step)
+        width = self.grid.cell_widths[component]
+        path += self.grid.phases[component] + width * (ndtr(place) - 0.5)
         return self.cycle.values(path), self.residual.values(path, process.sample(of_v))
 
     def expected(self, component: int, count: int, *, past: Array) -> Array:
-        """Return how the first samples of a window (K, D) go on, shape (count, D).
+        """Return the window (count, D) that continues its first samples (K, D).
 
-        With the tempo and the residual that are expected, the cycle has its full size. The
-        mean over all windows that begin so is smaller, as their phases spread.
+        At the expected phase velocity and residual the cycle has its full size. The mean
+        over all windows that begin so is smaller, as their phases spread.
         """
         later = count - len(past)
         d = self.cycle.coefficients.shape[1]
-        normals = np.zeros((1, len(self.tempo.process.coefficients) + later))
+        normals = np.zeros((1, len(self.velocity.process.coefficients) + later))
         of_v = np.zeros((1, len(self.residual.process.coefficients) + later, d))
-        return self._going_on(past, component, normals, of_v)[0][0]
+        return self._continued(past, component, normals, of_v)[0][0]
 
-    def _going_on(
+    def _continued(
         self, past: Array, component: int, normals: Array, of_v: Array
     ) -> tuple[Array, Array]:
-        """Return windows of standard normals of the tempo and the residual; see `draw`."""
-        begun = self._begun(past, component)
-        path = self.tempo.going_on(normals, begun)
+        """Return windows from normals of the velocity and of v; see `draw`."""
+        start = self._past_phase(past, component)
+        path = self.velocity.continued(normals, start)
         size, known = len(path), len(past)
         kept = np.zeros((1 + size, *past.shape))
-        kept[0] = self.residual.standardised(begun, past - self.cycle.values(begun))
+        kept[0] = self.residual.standardised(start, past - self.cycle.values(start))
         v = self.residual.process.sample(
             np.concatenate([np.zeros_like(of_v[:1]), of_v]), past=kept
         )
@@ -174,29 +169,29 @@ class PhaseModel:
         centre[:, :known] = past
         centre[:, known:] += self.residual.values(path[:, known:], v[:1])
         deviation[:, known:] = self.residual.values(path[:, known:], v[1:])
-        return closed(centre), closed(deviation)
+        return close_windows(centre), close_windows(deviation)
 
-    def _begun(self, past: Array, component: int) -> Array:
-        """Return the likeliest phases (K,) of the first samples (K, D) of a window.
+    def _past_phase(self, past: Array, component: int) -> Array:
+        """Return the most likely phases (K,) of the first samples (K, D) of a window.
 
-        Near its anchor a phase that strays moves the samples along the cycle, so phases,
-        residual and samples are Gaussian together: the first are conditioned on the last.
+        Near the phase of its component phase noise moves the samples along the cycle, so
+        phases, residual and samples are jointly Gaussian; condition on the samples.
         """
         k, d = past.shape
-        steps = np.arange(float(k)) - self.pinned
-        path = self.anchors[component] + self.tempo.mean * steps
+        steps = np.arange(float(k)) - self.reference_step
+        path = self.grid.phases[component] + self.velocity.mean * steps
         along = self.cycle.values(path, 1)
-        straying = self.tempo.straying(k) + _FARTHEST**2
-        moved = straying[:, :, None] * along
+        noise = self.velocity.phase_noise(k) + _PHASE_DEVIATION**2
+        moved = noise[:, :, None] * along
         v = self.residual.process.covariance(np.arange(k))
-        seen = self.residual.formed(path, v) + _NOISE * np.eye(k * d)
-        seen += (along[:, :, None, None] * moved[:, None]).reshape(k * d, k * d)
-        off = (past - self.cycle.values(path)).ravel()
-        out: Array = path + moved.reshape(k, k * d) @ np.linalg.solve(seen, off)
+        covariance = self.residual.shaped_covariance(path, v) + _NOISE * np.eye(k * d)
+        covariance += (along[:, :, None, None] * moved[:, None]).reshape(k * d, k * d)
+        error = (past - self.cycle.values(path)).ravel()
+        out: Array = path + moved.reshape(k, k * d) @ np.linalg.solve(covariance, error)
         return out
 
     def transformed(self, matrix: Array, offset: Array) -> "PhaseModel":
-        """Return the model of A y + b, for a matrix (D, D) and an offset (D,)."""
+        """Return the model of A y + b for a matrix (D, D) and an offset (D,)."""
         coefficients = self.cycle.coefficients @ matrix.T
         coefficients[0] += offset
         return replace(
@@ -205,3 +200,47 @@ class PhaseModel:
             residual=replace(self.residual, factors=matrix @ self.residual.factors),
             history=replace(self.history, shifts=self.history.shifts @ matrix.T),
         )
+
+
+def fit_phase_model(
+    track: PhaseTrack, *, n_steps: int, reference_step: int, most_components: int
+) -> tuple[PhaseModel, tuple[LowRankGaussian, ...], Calibration]:
+    """Return the phase model of tracked recordings, its components and their calibration.
+
+    Parameters
+    ----------
+    track : PhaseTrack
+        Of values divided by the scales of a skill.
+    n_steps : int
+        T, samples in a window.
+    reference_step : int
+        The sample of a window at which a component knows the phase: the end of what has
+        been observed when a skill is played.
+    most_components : int
+    """
+    velocity = PhaseVelocity.fit(track.phases)
+    residual = Residual.fit(track.phases, track.residuals())
+    most = _MOST_COMPONENTS if track.cycles >= _FEW_CYCLES else _COMPONENTS_OF_FEW
+    count = int(np.clip(round(2 * np.pi / velocity.mean), LEAST_COMPONENTS, most))
+    grid = phase_grid(track, min(count, most_components))
+    calibration = calibrate(track, grid, n_steps=n_steps, reference_step=reference_step)
+    later = calibration.at(n_steps - reference_step)
+    components = phase_components(
+        track,
+        residual,
+        grid,
+        n_steps=n_steps,
+        reference_step=reference_step,
+        factors=later.factors,
+        errors=later.errors,
+        rank=_RANK,
+    )
+    model = PhaseModel(
+        cycle=track.cycle,
+        residual=residual,
+        velocity=velocity,
+        grid=grid,
+        reference_step=reference_step,
+        history=CycleHistory.of(track.cycle, track.phases, track.recordings),
+    )
+    return model, components, calibration

@@ -1,4 +1,4 @@
-"""What a cycle leaves of a movement; its size follows the phase."""
+"""Residual of a movement beside its mean cycle, with a phase-dependent covariance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ from fmp_drake.primitives.model.phase.autoregression import Autoregression
 
 _PHASES = 64
 _WIDTH = 0.3
-# Cycles that the covariance over all phases counts for at each of them.
+# Weight of the covariance over all phases, in cycles.
 _PRIOR_CYCLES = 3.0
 _ORDER = 6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residual:
-    """L(phase) v: a stationary process v, formed by a matrix that follows the phase.
+    """Residual L(phase) v: a stationary process v times a phase-dependent matrix.
 
     Attributes
     ----------
     factors : ndarray, shape (G, D, D)
-        L at G equally spaced phases from 0; linear in between.
+        L at G equally spaced phases from 0; interpolated linearly.
     process : Autoregression
-        Of v, whose covariance is about the identity.
+        Process v, whose covariance is about the identity.
 
     Examples
     --------
@@ -46,7 +46,7 @@ class Residual:
         phases: Sequence[NDArray[np.float64]],
         residuals: Sequence[NDArray[np.float64]],
     ) -> "Residual":
-        """Learn from residuals (n, D) at phases (n,) of recordings."""
+        """Fit residuals (n, D) at phases (n,) of recordings."""
         phase, r = np.concatenate(phases), np.concatenate(residuals)
         grid = 2 * np.pi * np.arange(_PHASES) / _PHASES
         near = np.exp((np.cos(grid[:, None] - phase) - 1) / _WIDTH**2)
@@ -58,9 +58,10 @@ class Residual:
         local += 1e-12 * np.eye(r.shape[1])
         variances, vectors = np.linalg.eigh(local)
         factors = np.einsum("gab,gb,gcb->gac", vectors, np.sqrt(variances), vectors)
-        unformed = cls(factors=factors, process=_NO_PROCESS)
+        shape_only = cls(factors=factors, process=_NO_PROCESS)
         whitened = [
-            unformed.standardised(p, x) for p, x in zip(phases, residuals, strict=True)
+            shape_only.standardised(p, x)
+            for p, x in zip(phases, residuals, strict=True)
         ]
         process = Autoregression.fit(whitened, order=_ORDER)
         return cls(factors=np.ascontiguousarray(factors), process=process)
@@ -81,10 +82,10 @@ class Residual:
         )
         return out[..., 0]
 
-    def formed(
+    def shaped_covariance(
         self, phase: NDArray[np.float64], covariance: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the covariance (n D, n D) of L v at phases (n,), of that of v."""
+        """Return the covariance (n D, n D) of L v at phases (n,) for that of v."""
         factor = self.factor(phase)
         n, d, _ = factor.shape
         half = (factor @ covariance.reshape(n, d, n * d)).reshape(n * d, n * d)

@@ -1,27 +1,39 @@
-"""Finding the cycle of a movement and the phase of every sample together."""
+"""Joint estimation of the mean cycle and of the phase of every sample."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.linalg import solveh_banded
+from scipy.ndimage import gaussian_filter1d
 
+from fmp_drake.compiled import compiled
 from fmp_drake.primitives.model.phase.cycle import Cycle
-from fmp_drake.primitives.model.phase.path import CHANGE, phase_path
 
 Recordings = Sequence[NDArray[np.float64]]
 
+# Phases per sample of a nominal period, bounds of their number, and the greatest increment
+# relative to the nominal one.
+_STATES_PER_SAMPLE = 4
+_STATES = (80, 400)
+_FASTEST = 2.2
+# Standard deviation of the phase velocity, relative to the nominal one, and of the values
+# beside the cycle, relative to their own standard deviation.
+_VELOCITY_SPREAD = 0.45
+_VALUE_SPREAD = 0.15
+# Standard deviation of the change of the phase velocity from sample to sample, relative to
+# the nominal one.
+CHANGE = 0.03
+_STEPS = 12
 _ROUNDS = 6
 _HARMONICS = (6, 20)
-# Of so few cycles the tempo is taken to change less than it may: what a cycle leaves, which
-# varies slowly, would be mistaken for it. Left out of 20 s of the 8 and of polishing, thirds
-# are predicted better with this in 15 of 16; of 2 minutes, samples vary too little.
+# With fewer cycles a smaller change of the phase velocity is assumed: otherwise the slowly
+# varying residual is taken for it. Thirds that are left out of 20 s of the 8 and of
+# polishing are predicted better with this in 15 of 16 cases; with 2 minutes of data,
+# samples vary too little with it.
 _FEW_CYCLES = 12.0
 _CHANGE_OF_FEW = 0.01
-# A pause is where the tempo, smoothed over half a period, is below this fraction of
-# its median.
-_PAUSE = 0.35
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,34 +43,28 @@ class PhaseTrack:
     Attributes
     ----------
     recordings : list of ndarray, shape (n, D)
-        What was given, without pauses.
+        Their rhythmic parts alone.
     phases : list of ndarray, shape (n,)
         Unwrapped, rad.
     shifts : list of ndarray, shape (n, D)
-        By how much the centre of the movement was shifted.
+        Slow displacement of the centre of the movement.
     cycle : Cycle
-    paused : int
-        Samples left out because the movement paused.
-    approach : int
-        Samples left out at the ends because they led there or away.
     """
 
     recordings: list[NDArray[np.float64]]
     phases: list[NDArray[np.float64]]
     shifts: list[NDArray[np.float64]]
     cycle: Cycle
-    paused: int
-    approach: int = 0
 
     @property
-    def tempo(self) -> float:
-        """The mean tempo, rad per sample."""
+    def velocity(self) -> float:
+        """The mean phase velocity, rad per sample."""
         ahead = sum(float(p[-1] - p[0]) for p in self.phases)
         return ahead / sum(len(p) - 1 for p in self.phases)
 
     @property
     def cycles(self) -> float:
-        """How many cycles there are."""
+        """The number of cycles."""
         return sum(float(p[-1] - p[0]) for p in self.phases) / (2 * np.pi)
 
     @property
@@ -78,49 +84,36 @@ class PhaseTrack:
         return float(np.sum(errors**2)) / max(total, 1e-300)
 
     def residuals(self) -> list[NDArray[np.float64]]:
-        """Return what the cycle leaves of the recordings, shifts included."""
+        """Return the recordings minus the cycle at their phases; shifts are included."""
         return [
             y - self.cycle.values(p)
             for y, p in zip(self.recordings, self.phases, strict=True)
         ]
 
 
-def track_phase(recordings: Recordings, *, period: float, least: int) -> PhaseTrack:
-    """Track the phase through recordings (n, D), of which pauses are cut out.
+def track_phase(
+    recordings: Recordings, *, period: float, cycle: Cycle | None = None
+) -> PhaseTrack:
+    """Estimate cycle and phase of recordings (n, D).
 
     Parameters
     ----------
     recordings : sequence of ndarray, shape (n, D)
     period : float
-        About, in samples.
-    least : int
-        Samples; shorter segments are left out.
+        Initial estimate, samples.
+    cycle : Cycle, optional
+        Initial estimate.
     """
-    track = _tracked(list(recordings), period, _first_cycle(recordings, period))
-    moving = [
-        part
-        for values, phase in zip(track.recordings, track.phases, strict=True)
-        for part in _moving(values, phase, period, least)
-    ]
-    left = sum(map(len, moving))
-    paused = sum(map(len, track.recordings)) - left
-    if not moving or paused == 0:
-        return track
-    again = _tracked(moving, 2 * np.pi / track.tempo, track.cycle)
-    return replace(again, paused=paused)
-
-
-def _tracked(
-    recordings: list[NDArray[np.float64]], period: float, cycle: Cycle
-) -> PhaseTrack:
+    if cycle is None:
+        cycle = first_cycle(recordings, period)
     most = max(1, int(min(_HARMONICS[1], period / 2 - 2)))
-    tempo = 2 * np.pi / period
+    velocity = 2 * np.pi / period
     few = sum(map(len, recordings)) < _FEW_CYCLES * period
     change = _CHANGE_OF_FEW if few else CHANGE
     shifts = [np.zeros_like(y) for y in recordings]
     for harmonics in np.linspace(min(_HARMONICS[0], most), most, _ROUNDS).astype(int):
         phases = [
-            phase_path(y - b, cycle, tempo=tempo, change=change)
+            phase_path(y - b, cycle, velocity=velocity, change=change)
             for y, b in zip(recordings, shifts, strict=True)
         ]
         shifts = [
@@ -132,12 +125,12 @@ def _tracked(
             np.concatenate(phases), np.concatenate(centred), harmonics=harmonics
         )
     return PhaseTrack(
-        recordings=recordings, phases=phases, shifts=shifts, cycle=cycle, paused=0
+        recordings=list(recordings), phases=phases, shifts=shifts, cycle=cycle
     )
 
 
-def _first_cycle(recordings: Recordings, period: float) -> Cycle:
-    """Return the cycle that all others resemble most."""
+def first_cycle(recordings: Recordings, period: float) -> Cycle:
+    """Return the segment of one period that is most similar to all others, as a cycle."""
     size = round(period)
     pieces = np.concatenate(
         [
@@ -149,7 +142,7 @@ def _first_cycle(recordings: Recordings, period: float) -> Cycle:
         ]
     )
     candidates = pieces[:: max(1, size // 4, len(pieces) // 400)]
-    # By least squares the parts of a candidate that recur, at their best shift.
+    # Squared distances of each candidate to every piece.
     squares = np.sum(pieces**2, axis=1)
     distance = squares[:, None] - 2 * pieces @ candidates.T
     distance += np.sum(candidates**2, axis=1)
@@ -161,18 +154,154 @@ def _first_cycle(recordings: Recordings, period: float) -> Cycle:
     return Cycle.fit(phase, values, harmonics=max(1, min(_HARMONICS[0], size // 2 - 2)))
 
 
-def _moving(
+def phase_path(
     values: NDArray[np.float64],
+    cycle: Cycle,
+    *,
+    velocity: float,
+    change: float = CHANGE,
+) -> NDArray[np.float64]:
+    """Return the unwrapped phase of every sample of a movement, shape (n,).
+
+    Dynamic programming over a grid of phases gives an estimate that needs no initial
+    guess; least squares with a smooth phase velocity refines it.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, D)
+        At least 2 samples, without slow displacements of the centre.
+    cycle : Cycle
+    velocity : float
+        Nominal phase velocity, rad per sample.
+    change : float
+        Standard deviation of its change from sample to sample, relative to it.
+    """
+    path = _grid_path(values, cycle, velocity)
+    return _refined(path, values, cycle, change * velocity)
+
+
+def _grid_path(
+    values: NDArray[np.float64], cycle: Cycle, velocity: float
+) -> NDArray[np.float64]:
+    count = int(np.clip(_STATES_PER_SAMPLE * 2 * np.pi / velocity, *_STATES))
+    grid = 2 * np.pi * np.arange(count) / count
+    states, rates = cycle.values(grid), velocity * cycle.values(grid, 1)
+    cost = 1.0 * _distances(values, states)
+    cost += 0.5 * _distances(np.gradient(values, axis=0), rates)
+    cost /= 2 * _VALUE_SPREAD**2
+    nominal = velocity * count / (2 * np.pi)
+    increments = np.arange(int(_FASTEST * nominal) + 1) / nominal
+    start, path = best_path(cost, ((increments - 1) / _VELOCITY_SPREAD) ** 2 / 2)
+    return np.asarray((start + np.cumsum(path)) * (2 * np.pi / count), dtype=float)
+
+
+def _distances(
+    values: NDArray[np.float64], states: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return squared distances (n, S), relative to the variance of the S states."""
+    total = max(float(states.var(axis=0).sum()), 1e-300)
+    squares = np.sum(values**2, axis=1)[:, None] + np.sum(states**2, axis=1)
+    return np.maximum(squares - 2 * values @ states.T, 0) / total
+
+
+@compiled
+def best_path(
+    cost: NDArray[np.float64], step_cost: NDArray[np.float64]
+) -> tuple[int, NDArray[np.int64]]:
+    """Return the cheapest path through states on a circle, by dynamic programming.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (n, S)
+        Cost of each state at each time.
+    step_cost : ndarray, shape (J,)
+        Cost of an increment by 0 to J - 1 states.
+
+    Returns
+    -------
+    start : int
+        The first state.
+    increments : ndarray, shape (n,)
+        Increment to the state at each time; 0 for the first.
+    """
+    n, count = cost.shape
+    reach = len(step_cost) - 1
+    best = cost[0].copy()
+    # Without a remainder of a division in the innermost loop.
+    unrolled = np.empty(reach + count)
+    choice = np.zeros((n, count), dtype=np.int16)
+    for i in range(1, n):
+        for s in range(reach + count):
+            unrolled[s] = best[(s - reach) % count]
+        for s in range(count):
+            least, by = np.inf, 0
+            for j in range(reach + 1):
+                total = unrolled[s + reach - j] + step_cost[j]
+                if total < least:
+                    least, by = total, j
+            best[s] = least + cost[i, s]
+            choice[i, s] = by
+    out = np.zeros(n, dtype=np.int64)
+    state = int(np.argmin(best))
+    for i in range(n - 1, 0, -1):
+        out[i] = choice[i, state]
+        state = (state - out[i]) % count
+    return state, out
+
+
+def _refined(
     phase: NDArray[np.float64],
-    period: float,
-    least: int,
-) -> list[NDArray[np.float64]]:
-    """Return the segments between pauses that are at least so long."""
-    smooth = uniform_filter1d(np.gradient(phase), max(3, round(period / 2)))
-    moves = smooth > _PAUSE * np.median(smooth)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], moves.astype(int), [0]])))
-    return [
-        values[a:b]
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-        if b - a >= least
-    ]
+    values: NDArray[np.float64],
+    cycle: Cycle,
+    change: float,
+) -> NDArray[np.float64]:
+    """Minimise distances to the cycle and changes of the phase velocity (Gauss-Newton)."""
+    n, d = values.shape
+    if n < 3:
+        return phase
+    on_cycle = cycle.values(phase)
+    error = values - on_cycle
+    variance = 2 * float(np.median(np.sum(error**2, axis=1))) / d
+    variance = max(variance, 1e-6 * float(on_cycle.var(axis=0).sum()), 1e-300)
+    stiffness = 1 / change**2
+    smooth = _second_difference_bands(n) * stiffness
+
+    def cost(phi: NDArray[np.float64], error: NDArray[np.float64]) -> float:
+        misfit = np.sum(error**2) / variance
+        return float(misfit + stiffness * np.sum(np.diff(phi, 2) ** 2))
+
+    now = cost(phase, error)
+    for _ in range(_STEPS):
+        jacobian = cycle.values(phase, 1)
+        pull = np.sum(jacobian * error, axis=1) / variance
+        second = np.diff(phase, 2)
+        pull[:-2] -= stiffness * second
+        pull[1:-1] += 2 * stiffness * second
+        pull[2:] -= stiffness * second
+        bands = smooth.copy()
+        bands[-1] += np.sum(jacobian**2, axis=1) / variance + 1e-9 * stiffness
+        step = solveh_banded(bands, pull)
+        step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-12))
+        for _ in range(5):
+            error = values - cycle.values(phase + step)
+            new = cost(phase + step, error)
+            if new < now:
+                break
+            step = step / 2
+        else:
+            break
+        phase, gained, now = phase + step, now - new, new
+        if gained < 1e-6 * now:
+            break
+    return phase
+
+
+def _second_difference_bands(n: int) -> NDArray[np.float64]:
+    """Return the upper bands of D'D, with D the second difference, shape (3, n)."""
+    bands = np.zeros((3, n))
+    for offset, product in ((0, (1, 4, 1)), (1, (-2, -2)), (2, (1,))):
+        for i, value in enumerate(product):
+            # Diagonal `offset`: of the entries (c - offset, c).
+            first = i + offset
+            bands[2 - offset, first : n - 2 + first] += value
+    return bands

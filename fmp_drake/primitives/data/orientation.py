@@ -15,7 +15,6 @@ robotics", arXiv:1812.01537 (logarithm and left Jacobian of SO(3), equations 132
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -24,10 +23,12 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.numeric import as_floats, finite_array
-from fmp_drake.primitives.data.demonstration import ROTATION_CHANNELS, Demonstration
-from fmp_drake.primitives.model.keypoint import channel_indices
+from fmp_drake.primitives.data.channels import (
+    ROTATION_CHANNELS,
+    Quaternion,
+    channel_indices,
+)
 
-Quaternion = tuple[float, float, float, float]
 QuaternionOrder = Literal["xyzw", "wxyz"]
 
 # Of phi, rad: beyond it the logarithm is too near to its breakdown at 2 pi.
@@ -103,58 +104,7 @@ def mean_rotation(
         if not rotations:
             raise DemonstrationError("there is no rotation; give at least one.")
         rotations = Rotation.concatenate(list(rotations))
-    return _quaternion(as_rotation(rotations, order=order).mean())
-
-
-def add_orientation(
-    demonstration: Demonstration,
-    rotations: Rotation | ArrayLike,
-    *,
-    order: QuaternionOrder | None = None,
-    reference: Rotation | ArrayLike | None = None,
-) -> Demonstration:
-    """Return a demonstration with the channels `rx`, `ry` and `rz` added, in rad.
-
-    Parameters
-    ----------
-    demonstration : Demonstration
-        Of N samples, for example of a position in frame B.
-    rotations : scipy Rotation or array_like, shape (N, 4)
-        R_BE at the same times.
-    order : {"xyzw", "wxyz"}
-        Of quaternions; see `as_rotation`.
-    reference : scipy Rotation or array_like, shape (4,), optional
-        R_ref, as (x, y, z, w) where a quaternion; the mean rotation where None.
-        Demonstrations that are learned together need the same one: see
-        `mean_rotation`.
-
-    Raises
-    ------
-    DemonstrationError
-        Where the rotations do not fit to the demonstration, jump by more than 90
-        degrees between two samples, or lead to 360 degrees away from the reference.
-    """
-    rotation = as_rotation(rotations, order=order)
-    if rotation.single or len(rotation) != len(demonstration.time):
-        count = 1 if rotation.single else len(rotation)
-        raise DemonstrationError(
-            f"there are {count} rotations for {len(demonstration.time)} samples; give "
-            "one for each."
-        )
-    if demonstration.rotation_reference is not None:
-        raise DemonstrationError("the demonstration has rotation channels already.")
-    if reference is None:
-        chosen = mean_rotation(rotation)
-    else:
-        chosen = _quaternion(as_rotation(reference, order="xyzw"))
-    vectors = rotation_vectors(rotation, chosen)
-    return replace(
-        demonstration,
-        values=np.concatenate([demonstration.values, vectors], axis=1),
-        channels=(*demonstration.channels, *ROTATION_CHANNELS),
-        units=(*demonstration.units, "rad", "rad", "rad"),
-        rotation_reference=chosen,
-    )
+    return unit_quaternion(as_rotation(rotations, order=order).mean())
 
 
 def rotation_vectors(
@@ -269,40 +219,6 @@ def angular_velocity(vectors: ArrayLike, rates: ArrayLike) -> NDArray[np.float64
         rad/s.
     """
     phi, rate = np.asarray(vectors, dtype=float), np.asarray(rates, dtype=float)
-    b, c, _, _ = _coefficients(phi)
-    first = np.cross(phi, rate)
-    out: NDArray[np.float64] = rate + b * first + c * np.cross(phi, first)
-    return out
-
-
-def angular_acceleration(
-    vectors: ArrayLike, rates: ArrayLike, accelerations: ArrayLike
-) -> NDArray[np.float64]:
-    """Return the angular acceleration of E in B, the derivative of `angular_velocity`.
-
-    Parameters
-    ----------
-    vectors, rates, accelerations : array_like, shape (..., 3)
-        phi, dphi/dt and d2phi/dt2 in rad, rad/s and rad/s^2.
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        rad/s^2, in frame B.
-    """
-    phi, rate = np.asarray(vectors, dtype=float), np.asarray(rates, dtype=float)
-    _, c, b_derivative, c_derivative = _coefficients(phi)
-    # A coefficient f(a) changes by f'(a) / a times phi . dphi/dt.
-    along = np.sum(phi * rate, axis=-1, keepdims=True)
-    first = np.cross(phi, rate)
-    second = np.cross(phi, first)
-    out: NDArray[np.float64] = angular_velocity(phi, accelerations)
-    out = out + along * (b_derivative * first + c_derivative * second)
-    return out + c * np.cross(rate, first)
-
-
-def _coefficients(phi: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return (1 - cos a)/a^2, (a - sin a)/a^3, and (d/da of each)/a."""
     a = np.linalg.norm(phi, axis=-1, keepdims=True)
     small = a < _SMALL
     s = a**2
@@ -310,13 +226,9 @@ def _coefficients(phi: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     # sin(a/2)^2 instead of 1 - cos(a) keeps the digits of small angles.
     b = np.where(small, 1 / 2 - s / 24 + s**2 / 720, 2 * np.sin(a / 2) ** 2 / a**2)
     c = np.where(small, 1 / 6 - s / 120 + s**2 / 5040, (a - np.sin(a)) / a**3)
-    b_derivative = np.where(
-        small, -1 / 12 + s / 180 - s**2 / 6720, (np.sin(a) / a - 2 * b) / a**2
-    )
-    c_derivative = np.where(
-        small, -1 / 60 + s / 1260 - s**2 / 60480, (b - 3 * c) / a**2
-    )
-    return b, c, b_derivative, c_derivative
+    first = np.cross(phi, rate)
+    out: NDArray[np.float64] = rate + b * first + c * np.cross(phi, first)
+    return out
 
 
 def _nearest_branch(
@@ -335,6 +247,7 @@ def _nearest_branch(
     return out
 
 
-def _quaternion(rotation: Rotation) -> Quaternion:
+def unit_quaternion(rotation: Rotation) -> Quaternion:
+    """Return a rotation as a quaternion (x, y, z, w) with w not negative."""
     x, y, z, w = (float(q) for q in np.ravel(rotation.as_quat(canonical=True)))
     return (x, y, z, w)

@@ -1,0 +1,410 @@
+"""Rhythmic parts of recordings, and what lies beside them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
+
+from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.period import (
+    PART,
+    SIMILAR,
+    SIMILAR_PART,
+    similarity,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Speed that counts as rest, relative to its root mean square, and the factor by which a rest
+# must be longer than those that every cycle has.
+_REST, _LONGER = 0.08, 1.7
+# Lags, in periods, at which neighbouring cycles are compared.
+_LAGS = (0.8, 0.9, 1.0, 1.12, 1.25)
+# Bounds of the distance to another cycle, in sizes of the movement, and the limit relative to
+# the distance that nearly all samples of similar cycles keep.
+_TUBE, _WIDER, _NEARLY_ALL = (0.12, 0.5), 2.0, 0.9
+# Standard deviation beside the cycle that is always granted, in sizes of the movement.
+_GRANTED = 0.03
+# Quantile of the distances from the cycle that gives their limit, times a factor; a part is
+# left out only where it goes farther than the limit by another factor.
+_INSIDE, _LIMIT, _FAR = 0.9, 1.5, 2.0
+# Phase velocities that count as rest, and as nearly at rest, relative to the mean; and the
+# squared velocity of the cycle, relative to its mean, below which they are not judged.
+_SLOW, _NEARLY_AT_REST, _JUDGED = 0.3, 0.6, 0.1
+# Shortest bout, gap, rest and part that is left out, in periods.
+_LEAST_BOUT, _LEAST_GAP, _LEAST_REST, _LEAST_PART = 0.6, 0.15, 0.12, 0.07
+# Squared distance of states from the cycle, relative to its variance, above which it is another
+# movement; and that of reversed states relative to the others.
+_OTHER, _BACKWARDS = 0.3, 0.4
+_PHASES = 400
+# Fraction of the recordings above which what is left out deserves a warning.
+_MUCH = 0.2
+# Relative change from the first to the last cycle, and its standard errors, to be reported.
+_NOTABLE, _SIGNIFICANT = 0.25, 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Interval of a recording.
+
+    Attributes
+    ----------
+    recording : int
+        Index of the recording.
+    start, end : float
+        s, from the beginning of the recording.
+    kind : str
+        "bout", or why it is left out: "approach", "retreat", "pause", "lift" (the movement is
+        left and comes back), "backwards" or "another movement".
+    """
+
+    recording: int
+    start: float
+    end: float
+    kind: str
+
+    @property
+    def duration(self) -> float:
+        """Duration, s."""
+        return self.end - self.start
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rhythm:
+    """Period, cycles and bouts of recordings, and the parts beside them.
+
+    Attributes
+    ----------
+    period : float
+        Mean duration of a cycle, s.
+    cycles : float
+        Number of cycles in all bouts.
+    bouts, left_out : tuple of Part
+        Parts that are learned from, and the others.
+    amplitude_change, tempo_change : float
+        Change along the recordings relative to the mean, as a straight line has it; 0 where
+        it is not significant.
+
+    Examples
+    --------
+    >>> bout = Part(recording=0, start=2.0, end=10.0, kind="bout")
+    >>> approach = Part(recording=0, start=0.0, end=2.0, kind="approach")
+    >>> rhythm = Rhythm(period=2.0, cycles=4.0, bouts=(bout,), left_out=(approach,))
+    >>> for line in rhythm.describe():
+    ...     print(line)
+    4.0 cycles of 2.00 s
+    left out: approach, 0.0 to 2.0 s
+    """
+
+    period: float
+    cycles: float
+    bouts: tuple[Part, ...]
+    left_out: tuple[Part, ...] = ()
+    amplitude_change: float = 0.0
+    tempo_change: float = 0.0
+
+    @property
+    def fraction_left_out(self) -> float:
+        """Fraction of the recorded time that is left out."""
+        left = sum(part.duration for part in self.left_out)
+        return left / (left + sum(part.duration for part in self.bouts))
+
+    def shifted(self, seconds: float) -> "Rhythm":
+        """Return the rhythm of recordings that begin later by some seconds."""
+
+        def later(part: Part) -> Part:
+            return replace(part, start=part.start + seconds, end=part.end + seconds)
+
+        return replace(
+            self,
+            bouts=tuple(map(later, self.bouts)),
+            left_out=tuple(map(later, self.left_out)),
+        )
+
+    def describe(self) -> list[str]:
+        """Return lines about cycles, parts that are left out, and remarks."""
+        bouts = f" in {len(self.bouts)} bouts" if len(self.bouts) > 1 else ""
+        lines = [f"{self.cycles:.1f} cycles of {self.period:.2f} s{bouts}"]
+        several = len({part.recording for part in (*self.bouts, *self.left_out)}) > 1
+        parts = [
+            f"{part.kind}, {part.start:.1f} to {part.end:.1f} s"
+            + f" of recording {part.recording + 1}" * several
+            for part in self.left_out
+        ]
+        if parts:
+            lines.append(f"left out: {'; '.join(parts)}")
+        return lines + self.remarks()
+
+    def remarks(self) -> list[str]:
+        """Return what a user should know about the recordings; nothing if all is well."""
+        out = []
+        kinds = {part.kind for part in self.left_out}
+        if "backwards" in kinds:
+            out.append(
+                "the direction reverses: the part in the direction of fewer cycles is left "
+                "out; record one direction, or choose a part (from, to)"
+            )
+        if "another movement" in kinds:
+            out.append(
+                "there are two movements: the one of fewer cycles is left out; learn a skill "
+                "of each (from, to)"
+            )
+        if self.fraction_left_out > _MUCH:
+            out.append(
+                f"{100 * self.fraction_left_out:.0f} % of the recording is left out"
+            )
+        for what, change in (
+            ("amplitude", self.amplitude_change),
+            ("tempo", self.tempo_change),
+        ):
+            if change:
+                grows = "grows" if change > 0 else "falls"
+                out.append(
+                    f"the {what} {grows} by {100 * abs(change):.0f} % of its mean: the skill "
+                    "is about the middle, and its samples vary as much"
+                )
+        return out
+
+
+def trend(values: Array) -> float:
+    """Return the change of positive values (n,) along a line, relative to their mean.
+
+    It is 0 if it is small or not significant.
+    """
+    count = len(values)
+    if count < 4:
+        return 0.0
+    at = np.arange(count) - (count - 1) / 2
+    slope = float(at @ values) / float(at @ at)
+    errors = values - values.mean() - slope * at
+    deviation = np.sqrt(float(errors @ errors) / (count - 2) / float(at @ at))
+    change = slope * (count - 1) / float(values.mean())
+    notable = abs(change) > _NOTABLE and abs(slope) > _SIGNIFICANT * deviation
+    return change if notable else 0.0
+
+
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """Return start and end of the runs of true values in a mask (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def recurrent_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
+    """Return which samples (n,) of recordings (n, D) come again in another cycle.
+
+    Position and velocity count. The limit of their distance follows from the samples that
+    are part of two similar neighbouring cycles.
+    """
+    rests = [_rests(y, period) for y in recordings]
+    found = [_core(y, period) for y in recordings]
+    cores = [core & ~rest for (core, _), rest in zip(found, rests, strict=True)]
+    if not any(core.any() for core in cores):
+        cores = [~rest for rest in rests]
+    inside = np.concatenate([y[c] for y, c in zip(recordings, cores, strict=True)])
+    size = float(np.sqrt(inside.var(axis=0).sum()))
+    states = [_states(y, 2 * np.pi / period) for y in recordings]
+    trees = [
+        KDTree(s[~r]) if not r.all() else None
+        for s, r in zip(states, rests, strict=True)
+    ]
+    distances = []
+    for i, state in enumerate(states):
+        nearest = np.full(len(state), np.inf)
+        for j, tree in enumerate(trees):
+            if tree is not None and i != j:
+                nearest = np.minimum(nearest, tree.query(state)[0])
+        distances.append(np.minimum(nearest, _nearest_apart(state, rests[i], period)))
+    usual = np.quantile(
+        np.concatenate([d[c] for d, c in zip(distances, cores, strict=True)]),
+        _NEARLY_ALL,
+    )
+    limit = float(np.clip(_WIDER * usual, _TUBE[0] * size, _TUBE[1] * size))
+    out = []
+    for distance, rest, core, (_, part) in zip(
+        distances, rests, cores, found, strict=True
+    ):
+        # Of fewer than two cycles a part does not come again.
+        mask = ((distance <= limit) | (core & part)) & ~rest
+        gap = max(3.0, _LEAST_GAP * period)
+        for a, b in runs(~mask):
+            if b - a <= gap and not rest[a:b].all():
+                mask[a:b] = True
+        out.append(without_short(mask, _LEAST_BOUT * period))
+    return out
+
+
+def cyclic_samples(
+    recordings: Sequence[Array], masks: Sequence[Mask], cycle: Cycle, velocity: float
+) -> list[Mask]:
+    """Return which samples (n,) of recordings (n, D) follow a cycle.
+
+    Parameters
+    ----------
+    recordings : sequence of ndarray, shape (n, D)
+    masks : sequence of ndarray, shape (n,)
+        Samples that the cycle was learned from.
+    cycle : Cycle
+    velocity : float
+        Mean phase velocity, rad per sample.
+    """
+    grid = 2 * np.pi * np.arange(_PHASES) / _PHASES
+    points, tangents = cycle.values(grid), cycle.values(grid, 1)
+    tree = KDTree(np.hstack([points, tangents]))
+    errors, speeds = [], []
+    square = np.sum(tangents**2, axis=1)
+    for y in recordings:
+        state = _states(y, velocity)
+        nearest = tree.query(state)[1]
+        tangent, squared = tangents[nearest], square[nearest, None]
+        error = y - points[nearest]
+        # The error along the cycle is one of the phase.
+        along = np.sum(error * tangent, axis=1, keepdims=True)
+        errors.append(error - tangent * along / (squared + _JUDGED * square.mean()))
+        along = np.sum(state[:, y.shape[1] :] * tangents[nearest], axis=1)
+        unjudged = square[nearest] < _JUDGED * square.mean()
+        speeds.append(
+            np.where(unjudged, 1.0, along / np.maximum(square[nearest], 1e-300))
+        )
+    core = np.concatenate([e[m] for e, m in zip(errors, masks, strict=True)])
+    core = core[np.argsort(np.sum(core**2, axis=1))[: max(4, round(0.9 * len(core)))]]
+    d = core.shape[1]
+    covariance = core.T @ core / len(core)
+    covariance += _GRANTED**2 * float(points.var(axis=0).sum()) * np.eye(d)
+    root = np.linalg.cholesky(np.linalg.inv(covariance))
+    distances = [np.linalg.norm(e @ root, axis=1) / np.sqrt(d) for e in errors]
+    inside = np.concatenate([x[m] for x, m in zip(distances, masks, strict=True)])
+    limit = max(1.0, _LIMIT * float(np.quantile(inside, _INSIDE)))
+    period = 2 * np.pi / velocity
+    out = []
+    for y, distance, speed in zip(recordings, distances, speeds, strict=True):
+        rest = (speed < _SLOW) | _rests(y, period)
+        off = (distance > limit) | rest
+        joined = off.copy()
+        for a, b in runs(~off):
+            if b - a <= _LEAST_PART * period:
+                joined[a:b] = True
+        mask = np.ones(len(off), dtype=bool)
+        for a, b in runs(joined):
+            if b - a <= max(2.0, _LEAST_PART * period):
+                continue
+            longest = max((e - s for s, e in runs(rest[a:b])), default=0)
+            if distance[a:b].max() > _FAR * limit or longest >= max(
+                5.0, _LEAST_REST * period
+            ):
+                mask[slice(*_to_rests(speed, a, b, _LEAST_GAP * period))] = False
+        out.append(without_short(mask, _LEAST_BOUT * period))
+    return out
+
+
+def other_samples(
+    recordings: Sequence[Array], cycle: Cycle, period: float
+) -> list[tuple[Mask, Mask]]:
+    """Return which samples (n,) go through a cycle backwards, or belong to another one.
+
+    Slow displacements of the centre do not count.
+    """
+    grid = 2 * np.pi * np.arange(_PHASES) / _PHASES
+    points, tangents = cycle.values(grid), cycle.values(grid, 1)
+    points = points - points.mean(axis=0)
+    tree = KDTree(np.hstack([points, tangents]))
+    variance = float(points.var(axis=0).sum() + tangents.var(axis=0).sum())
+    size = max(3, round(period))
+    out = []
+    for y in recordings:
+        d = y.shape[1]
+        centred = y - uniform_filter1d(y, size, axis=0)
+        state = _states(centred, 2 * np.pi / period)
+        forwards, backwards = (
+            uniform_filter1d(tree.query(state * np.repeat([1, sign], d))[0] ** 2, size)
+            for sign in (1, -1)
+        )
+        reverse = backwards < _BACKWARDS * forwards
+        other = ~reverse & (np.minimum(forwards, backwards) > _OTHER * variance)
+        out.append(
+            (without_short(reverse, 1.5 * period), without_short(other, 1.5 * period))
+        )
+    return out
+
+
+def without_short(mask: Mask, least: float) -> Mask:
+    """Return a mask without its runs of fewer than `least` true values."""
+    out = mask.copy()
+    for a, b in runs(mask):
+        if b - a < least:
+            out[a:b] = False
+    return out
+
+
+def _to_rests(speed: Array, start: int, end: int, most: float) -> tuple[int, int]:
+    """Extend a run to where the phase velocity (n,) is least nearby, if it is small there."""
+    before = max(0, start - round(most))
+    after = min(len(speed), end + round(most))
+    if start > 0 and speed[before : start + 1].min() < _NEARLY_AT_REST:
+        start = before + int(np.argmin(speed[before : start + 1]))
+    if end < len(speed) and speed[end - 1 : after].min() < _NEARLY_AT_REST:
+        end = end + int(np.argmin(speed[end - 1 : after]))
+    return start, end
+
+
+def _states(values: Array, velocity: float) -> Array:
+    """Return values (n, D) and their derivatives by the nominal phase, (n, 2 D)."""
+    smooth = uniform_filter1d(values, 3, axis=0) if len(values) > 3 else values
+    return np.hstack([values, np.gradient(smooth, axis=0) / velocity])
+
+
+def _rests(values: Array, period: float) -> Mask:
+    """Return where a recording (n, D) is at rest, except for rests that cycles have."""
+    velocity = np.gradient(uniform_filter1d(values, 3, axis=0), axis=0)
+    speed = np.linalg.norm(velocity, axis=1)
+    least = max(5.0, 0.1 * period)
+    found = [
+        (a, b)
+        for a, b in runs(speed < _REST * np.sqrt(np.mean(speed**2)))
+        if b - a >= least
+    ]
+    if len(found) >= max(3, 0.6 * len(values) / period):
+        usual = float(np.median([b - a for a, b in found]))
+        found = [(a, b) for a, b in found if b - a >= _LONGER * usual]
+    out = np.zeros(len(values), dtype=bool)
+    for a, b in found:
+        out[a:b] = True
+    return out
+
+
+def _core(values: Array, period: float) -> tuple[Mask, bool]:
+    """Return which samples (n,) are part of two similar neighbouring cycles.
+
+    And whether only parts of them are similar.
+    """
+    out = np.zeros(len(values), dtype=bool)
+    fraction = 1.0
+    for fraction, least in ((1.0, SIMILAR), (PART, SIMILAR_PART)):
+        for ratio in _LAGS:
+            lag = round(ratio * period)
+            width = max(2, round(fraction * lag))
+            for start in np.flatnonzero(similarity(values, lag, width) > least):
+                out[start : start + lag + width] = True
+        if out.any():
+            break
+    return out, fraction < 1
+
+
+def _nearest_apart(states: Array, rests: Mask, period: float) -> Array:
+    """Return the distance (n,) of each state to others at least half a period away."""
+    chosen = np.flatnonzero(~rests)
+    out = np.full(len(states), np.inf)
+    if len(chosen):
+        for first in range(0, len(states), 500):
+            part = np.arange(first, min(first + 500, len(states)))
+            distance = cdist(states[part], states[chosen])
+            begins = np.searchsorted(chosen, part - 0.5 * period, side="right")
+            ends = np.searchsorted(chosen, part + 0.5 * period)
+            for row, begin, end in zip(distance, begins, ends, strict=True):
+                row[begin:end] = np.inf
+            out[part] = distance.min(axis=1)
+    return out

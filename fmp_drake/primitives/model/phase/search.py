@@ -1,0 +1,351 @@
+"""Search for the rhythm of recordings: period, bouts and the phase of every sample."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.primitives.data.channels import channel_scales
+from fmp_drake.primitives.data.demonstration import Demonstration
+from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
+from fmp_drake.primitives.model.phase.cycle import CycleHistory
+from fmp_drake.primitives.model.phase.period import (
+    PART,
+    local_periods,
+    possible_periods,
+)
+from fmp_drake.primitives.model.phase.rhythm import (
+    Part,
+    Rhythm,
+    cyclic_samples,
+    other_samples,
+    recurrent_samples,
+    runs,
+    trend,
+    without_short,
+)
+from fmp_drake.primitives.model.phase.tracking import (
+    PhaseTrack,
+    first_cycle,
+    track_phase,
+)
+
+Array = NDArray[np.float64]
+
+
+class _Limits(NamedTuple):
+    """Least number of cycles, and the greatest fraction of the variance beside the cycle."""
+
+    cycles: float
+    unexplained: float
+
+
+# One cycle leaves 0.3 to 0.7 % of guided movements; strokes that were taken for the whole of
+# three left 3.5 to 7 %. Below the first value no other period is tried.
+_CLEAR = 0.015
+# Misfit of a shorter period relative to the best, up to which it is preferred.
+_AS_WELL = 4.0
+_LIMITS = (_Limits(4.0, 0.05), _Limits(1.3, 0.12))
+# Fraction of the variance that slow displacements of the centre may take.
+_MOST_SHIFTED = 0.5
+# A track whose mean velocity differs more from its initial estimate has another cycle.
+_VELOCITIES = (0.6, 1.6)
+# Relative difference of two periods that are the same, and of an estimate and its refinement.
+_SAME, _REFINED = 0.05, 0.25
+# Samples.
+_SHORTEST_BOUT = 12
+# Periods of another movement, or of one backwards.
+_LEAST_OTHER = 1.5
+# Speed relative to that of the movement, and the fraction of a part that is slower in a pause.
+_REST, _PAUSE = 0.15, 0.5
+_BOUT, _LEFT_OUT, _BACKWARDS, _OTHER = range(4)
+
+
+class Found(NamedTuple):
+    """A rhythm, with the phase of the samples of its bouts."""
+
+    rhythm: Rhythm
+    track: PhaseTrack
+
+
+class _Attempt(NamedTuple):
+    """Labels (n,) of the samples of each recording, and the track of their bouts."""
+
+    labels: list[NDArray[np.int64]]
+    track: PhaseTrack
+    period: float
+
+
+def find_rhythm(
+    demonstrations: Demonstration | Sequence[Demonstration],
+    *,
+    rate: float = DEFAULT_RATE,
+    start: float | None = None,
+    end: float | None = None,
+    period: float | None = None,
+) -> Rhythm:
+    """Find period, cycles and bouts of demonstrations, as a skill that learns them does.
+
+    Parameters
+    ----------
+    demonstrations : Demonstration, or a sequence of them
+    rate : float
+        Hz, to which they are resampled.
+    start, end : float, optional
+        Part of every demonstration to look at, s from its first sample.
+    period : float, optional
+        Duration of a cycle, s; estimated where None.
+
+    Raises
+    ------
+    DemonstrationError
+        If nothing repeats, there are fewer than 1.3 cycles, or one cycle does not explain
+        the demonstrations.
+
+    Examples
+    --------
+    >>> time = np.arange(0, 30, 0.05)
+    >>> circles = 0.1 * np.column_stack([np.cos(3 * time), np.sin(3 * time)])
+    >>> rhythm = find_rhythm(Demonstration(time=time, values=circles))
+    >>> rhythm.describe()
+    ['14.3 cycles of 2.09 s']
+    """
+    if isinstance(demonstrations, Demonstration):
+        demonstrations = [demonstrations]
+    parts = cut_demonstrations(demonstrations, start, end, rate)
+    values = [part.resample(rate).values for part in parts]
+    scales = channel_scales("units", np.concatenate(values), parts[0].units)
+    found = search_rhythm([y / scales for y in values], rate=rate, period=period)
+    return found.rhythm.shifted(start or 0.0)
+
+
+def search_rhythm(
+    recordings: Sequence[Array], *, rate: float, period: float | None = None
+) -> Found:
+    """Find the rhythm of recordings (n, D), and the phase of their rhythmic samples.
+
+    Approach, retreat, lifts, pauses and parts of another movement are left out; each bout
+    between them counts. Where the estimated period does not explain the rest, others are
+    tried. Where the cycle consists of several equal ones, it is one of these.
+
+    Parameters
+    ----------
+    recordings : sequence of ndarray, shape (n, D)
+        At the rate, divided by the scales of their channels.
+    rate : float
+        Hz.
+    period : float, optional
+        s, where it is known.
+
+    Raises
+    ------
+    DemonstrationError
+        If nothing repeats, there are fewer than 1.3 cycles, or one cycle does not explain
+        the recordings.
+    """
+    attempts: list[_Attempt] = []
+    for candidate in _candidates(recordings, rate, period):
+        attempt = _attempt(recordings, candidate)
+        if attempt is None:
+            continue
+        attempts.append(attempt)
+        clear = attempt.track.unexplained <= _CLEAR
+        if clear and not _reason_against(attempt, _LIMITS[0]):
+            break
+    if not attempts:
+        raise DemonstrationError(
+            "no part of it comes again in another cycle; record at least two full cycles."
+        )
+    for limits in _LIMITS:
+        good = [a for a in attempts if not _reason_against(a, limits)]
+        if good:
+            break
+    else:
+        raise DemonstrationError(_reason_against(attempts[0], _LIMITS[-1]))
+    best = min(good, key=lambda attempt: _misfit(attempt.track))
+    if limits is not _LIMITS[0]:
+        # Of few cycles the shortest period that explains the recordings about as well.
+        most = max(_CLEAR, _AS_WELL * _misfit(best.track))
+        explaining = [a for a in good if _misfit(a.track) <= most]
+        best = max(explaining, key=lambda attempt: attempt.track.cycles)
+    while period is None and (folds := best.track.cycle.folds(_CLEAR)) > 1:
+        attempt = _attempt(recordings, 2 * np.pi / best.track.velocity / folds)
+        if (
+            attempt is None
+            or _reason_against(attempt, limits)
+            or attempt.track.unexplained > _CLEAR
+        ):
+            break
+        best = attempt
+    return Found(_rhythm(recordings, best, rate), best.track)
+
+
+def _misfit(track: PhaseTrack) -> float:
+    """Return the fraction of the variance beside the cycle; large shifts count as well."""
+    return track.unexplained + track.shifted**2 / 4
+
+
+def _candidates(
+    recordings: Sequence[Array], rate: float, period: float | None
+) -> Iterator[float]:
+    """Yield candidates of the period, samples, the most likely first."""
+    if period is not None:
+        yield period * rate
+        return
+    local = local_periods(recordings)
+    bouts = list(recordings)
+    if local:
+        masks = recurrent_samples(recordings, local[0])
+        bouts = _cut(recordings, masks) or bouts
+    try:
+        estimated = possible_periods(bouts)
+    except DemonstrationError:
+        estimated = []
+    refined = [p for p in estimated[:1] if local and abs(p / local[0] - 1) < _REFINED]
+    samples = sum(map(len, recordings))
+    tried: list[float] = []
+    for candidate in (*refined, *local, *estimated):
+        if samples < _LIMITS[-1].cycles * candidate:
+            continue
+        if all(abs(candidate / other - 1) > _SAME for other in tried) and not (
+            refined and candidate in local[:1]
+        ):
+            tried.append(candidate)
+            yield candidate
+    for candidate in local_periods(recordings, fraction=PART):
+        if all(abs(candidate / other - 1) > _SAME for other in tried):
+            tried.append(candidate)
+            yield candidate
+
+
+def _cut(
+    recordings: Sequence[Array], masks: Sequence[NDArray[np.bool_]]
+) -> list[Array]:
+    """Return the segments of recordings where masks are true."""
+    return [
+        y[a:b]
+        for y, mask in zip(recordings, masks, strict=True)
+        for a, b in runs(mask)
+        if b - a >= _SHORTEST_BOUT
+    ]
+
+
+def _attempt(recordings: Sequence[Array], period: float) -> _Attempt | None:
+    """Track the phase of the bouts for a period; None where there is none."""
+    masks = recurrent_samples(recordings, period)
+    bouts = _cut(recordings, masks)
+    if max(map(len, bouts), default=0) < period + 1:
+        return None
+    cycle = first_cycle(bouts, period)
+    # Only what is a rhythm itself is another movement, or backwards.
+    others = [
+        (
+            without_short(reverse & m, _LEAST_OTHER * period),
+            without_short(other & m, _LEAST_OTHER * period),
+        )
+        for (reverse, other), m in zip(
+            other_samples(recordings, cycle, period), masks, strict=True
+        )
+    ]
+    excluded = [reverse | other for reverse, other in others]
+    masks = [m & ~x for m, x in zip(masks, excluded, strict=True)]
+    bouts = _cut(recordings, masks)
+    if max(map(len, bouts), default=0) < period + 1:
+        return None
+    track = track_phase(bouts, period=period, cycle=cycle)
+    refined = cyclic_samples(recordings, masks, track.cycle, track.velocity)
+    refined = [m & ~x for m, x in zip(refined, excluded, strict=True)]
+    again = _cut(recordings, refined)
+    if not again:
+        return None
+    if [len(y) for y in again] != [len(y) for y in bouts]:
+        track = track_phase(again, period=2 * np.pi / track.velocity, cycle=track.cycle)
+    labels = []
+    for mask, (reverse, other) in zip(refined, others, strict=True):
+        label = np.where(mask, _BOUT, _LEFT_OUT)
+        for a, b in runs(mask):
+            if b - a < _SHORTEST_BOUT:
+                label[a:b] = _LEFT_OUT
+        label[reverse] = _BACKWARDS
+        label[other] = _OTHER
+        labels.append(label)
+    return _Attempt(labels, track, period)
+
+
+def _reason_against(attempt: _Attempt, limits: _Limits) -> str:
+    """Return why a phase model cannot be learned; "" where it can."""
+    track = attempt.track
+    if track.cycles < limits.cycles:
+        return f"it has {track.cycles:.1f} cycles; the phase model needs {limits.cycles:g}."
+    if track.unexplained > limits.unexplained:
+        return (
+            f"one cycle leaves {100 * track.unexplained:.0f} % of its variance "
+            f"unexplained; the phase model needs at most {100 * limits.unexplained:.0f} %."
+        )
+    if track.shifted > _MOST_SHIFTED:
+        return (
+            f"its centre wanders: that is {100 * track.shifted:.0f} % of its variance; "
+            f"the phase model needs at most {100 * _MOST_SHIFTED:.0f} %."
+        )
+    found = 2 * np.pi / track.velocity
+    if not _VELOCITIES[0] < attempt.period / found < _VELOCITIES[1]:
+        return (
+            f"it seems to repeat after {attempt.period:.0f} samples, but its cycles last "
+            f"{found:.0f}."
+        )
+    return ""
+
+
+def _rhythm(recordings: Sequence[Array], attempt: _Attempt, rate: float) -> Rhythm:
+    """Return the rhythm that an attempt has found."""
+    track = attempt.track
+    history = CycleHistory.of(track.cycle, track.phases, track.recordings)
+    speed = np.sqrt(
+        np.mean([np.mean(np.sum(np.diff(y, axis=0) ** 2, 1)) for y in track.recordings])
+    )
+    parts = [
+        Part(
+            recording=i,
+            start=a / rate,
+            end=b / rate,
+            kind=_kind(y, label, a, b, float(speed)),
+        )
+        for i, (y, label) in enumerate(zip(recordings, attempt.labels, strict=True))
+        for a, b in _segments(label)
+    ]
+    return Rhythm(
+        period=2 * np.pi / track.velocity / rate,
+        cycles=track.cycles,
+        bouts=tuple(part for part in parts if part.kind == "bout"),
+        left_out=tuple(part for part in parts if part.kind != "bout"),
+        amplitude_change=trend(history.amplitudes),
+        tempo_change=trend(1 / history.lengths),
+    )
+
+
+def _segments(label: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
+    """Yield start and end of the segments of equal labels (n,)."""
+    edges = [0, *(np.flatnonzero(np.diff(label)) + 1).tolist(), len(label)]
+    yield from pairwise(edges)
+
+
+def _kind(
+    values: Array, label: NDArray[np.int64], start: int, end: int, speed: float
+) -> str:
+    """Return the kind of a segment of a recording; see `Part`."""
+    if label[start] == _BOUT:
+        return "bout"
+    if label[start] == _BACKWARDS:
+        return "backwards"
+    if label[start] == _OTHER or not np.any(label == _BOUT):
+        return "another movement"
+    if start == 0:
+        return "approach"
+    if end == len(values):
+        return "retreat"
+    change = np.linalg.norm(np.diff(values[start:end], axis=0), axis=1)
+    resting = float(np.mean(change < _REST * speed)) if end - start > 1 else 1.0
+    return "pause" if resting > _PAUSE else "lift"

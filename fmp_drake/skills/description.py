@@ -1,0 +1,227 @@
+"""Descriptions of recordings and skills in words."""
+
+from collections.abc import Iterator
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    Player,
+    Rhythm,
+    find_rhythm,
+)
+from fmp_drake.primitives.data.channels import channel_scales
+from fmp_drake.primitives.data.windows import as_windows
+from fmp_drake.primitives.model.phase.phase_model import PhaseModel
+from fmp_drake.skills.placement import lay_on_board
+from fmp_drake.station.scenario import Scenario
+
+# With fewer cycles the phase model's assumptions outweigh the demonstrations.
+_ENOUGH_CYCLES = 12
+# Windows without overlap that a mixture needs: on the bundled movements the density of
+# unseen windows collapses with fewer.
+_ENOUGH_WINDOWS = 7
+# Drift that is reported, as a fraction of the extent, and deviation of the tempo from its
+# mean.
+_DRIFT = 0.1
+_TEMPO = 0.15
+# Duration of the playback that is described, and of the one before it, s.
+_SECONDS = 8.0
+_MOST_NAMES = 12
+
+
+def model_in_words(skill: FourierMovementPrimitive) -> str:
+    """Return the model of a skill, and the reason for it."""
+    return f"model: {skill.model_}, because {skill.model_reason_}".replace(
+        "phase, because", "phase,"
+    )
+
+
+def skill_in_words(skill: FourierMovementPrimitive) -> list[str]:
+    """Return sentences about the model, the demonstrations and the played movement.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(0, 20, 0.05)
+    >>> circles = 0.1 * np.column_stack([np.cos(2 * time), np.sin(2 * time)])
+    >>> windows = np.stack([circles[i : i + 120] for i in range(0, 280, 2)])
+    >>> words = skill_in_words(FourierMovementPrimitive().fit(windows))
+    >>> print(words[-1])
+    played, it covers x -0.10 to 0.10 m, y -0.10 to 0.10 m, once in 3.1 s, at up to 0.20 m/s
+    """
+    phase = skill.phase_model_
+    remarks = _about_windows(skill) if phase is None else _about_cycles(skill, phase)
+    return [model_in_words(skill), *remarks, _about_playing(skill)]
+
+
+def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
+    seconds = sum(len(path) for path in skill.paths_) / skill.rate
+    window = skill.n_steps / skill.rate
+    if not skill.paths_ or seconds >= _ENOUGH_WINDOWS * window:
+        return []
+    each = skill.n_windows_ / len(skill.components_)
+    return [
+        (
+            f"{seconds:.0f} s are short for a mixture with windows of {window:g} s: "
+            f"{seconds / window:.1f} of them do not overlap, and a component has "
+            f"{each:.1f} that do. What it has not seen will leave its span; record "
+            f"{_ENOUGH_WINDOWS * window:.0f} s or four equal cycles"
+        )
+    ]
+
+
+def _about_cycles(skill: FourierMovementPrimitive, phase: PhaseModel) -> list[str]:
+    tempos, sizes = skill.tempos_, skill.amplitudes_
+    remarks = [
+        f"{phase.cycles} whole cycles of {skill.period_:.2f} s, tempo "
+        f"{_percent(tempos)}, size {_percent(sizes)} of the mean; "
+        + (
+            "more would hardly help"
+            if phase.cycles >= _ENOUGH_CYCLES
+            else f"{_ENOUGH_CYCLES} or more would help"
+        )
+    ]
+    if skill.rhythm_ is not None:
+        remarks += skill.rhythm_.describe()[1:]
+    drift = phase.history.drift * skill.scales_
+    extent = np.ptp(skill.extent_, axis=0)
+    if np.any(np.abs(drift) > _DRIFT * extent):
+        moved = ", ".join(
+            f"{name} by {by:+.3f} {unit}"
+            for name, by, unit in zip(skill.channels_, drift, skill.units_, strict=True)
+            if abs(by) > 0.1 * float(np.max(np.abs(drift)))
+        )
+        remarks.append(
+            f"the centre drifted, {moved}: it is played about the middle, and samples "
+            "are wider than one cycle"
+        )
+    if np.ptp(tempos) > 2 * _TEMPO:
+        remarks.append(
+            "the tempo varies so much that means get smaller than the movement; play "
+            "samples (sample=True)"
+        )
+    return remarks
+
+
+def _about_playing(skill: FourierMovementPrimitive) -> str:
+    """Return extent, period and greatest speed of the means, played from the middle."""
+    player = Player(skill)
+    start = skill.paths_[0][-1] if skill.paths_ else skill.extent_.mean(axis=0)
+    motion = player.rollout(start, 2 * _SECONDS)[round(_SECONDS * skill.rate) :]
+    covers = ", ".join(
+        f"{name} {low:.2f} to {high:.2f} {unit}"
+        for name, unit, low, high in zip(
+            skill.channels_,
+            skill.units_,
+            motion[:, 0].min(axis=0),
+            motion[:, 0].max(axis=0),
+            strict=True,
+        )
+    )
+    sentence = f"played, it covers {covers}"
+    if skill.phase_model_ is not None:
+        sentence += f", once in {skill.period_:.1f} s"
+    metres = [unit == "m" for unit in skill.units_]
+    if any(metres):
+        speed = float(np.linalg.norm(motion[:, 1, metres], axis=-1).max())
+        sentence += f", at up to {speed:.2f} m/s"
+    return sentence
+
+
+def _percent(values: NDArray[np.float64]) -> str:
+    return f"{100 * values.min():.0f} to {100 * values.max():.0f} %"
+
+
+def describe_recording(
+    demonstration: Demonstration,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    period: float | None = None,
+) -> list[str]:
+    """Return four lines: channels, rate and gaps, cycles and drift, what can be learned.
+
+    `start`, `end` and `period` are those of `find_rhythm`.
+
+    Examples
+    --------
+    >>> time = np.arange(0, 30, 0.02)
+    >>> circles = 0.1 * np.column_stack([np.cos(3 * time), np.sin(3 * time)])
+    >>> for line in describe_recording(Demonstration(time=time, values=circles)):
+    ...     print(line)
+    channels: x, y (m)
+    rate: 50 Hz, 1500 samples in 30 s; intervals from 20 to 20 ms
+    cycles: 14.3 cycles of 2.09 s; their middle drifts by up to 1 % of the width
+    learning: possible, from 14.3 cycles; not for the board: ...
+    """
+    steps = 1e3 * np.diff(demonstration.time)
+    rate = (
+        f"{1e3 / np.median(steps):.4g} Hz, {len(demonstration.time)} samples in "
+        f"{demonstration.duration:.3g} s; intervals from {steps.min():.3g} to "
+        f"{steps.max():.3g} ms"
+    )
+    rhythm: Rhythm | None = None
+    try:
+        rhythm = find_rhythm(demonstration, start=start, end=end, period=period)
+        drift = _drift_in_words(demonstration, rhythm.period)
+        cycles = "; ".join([*rhythm.describe(), drift])
+    except DemonstrationError as error:
+        cycles = f"none found: {error}"
+    return [
+        f"channels: {'; '.join(_channels_in_words(demonstration))}",
+        f"rate: {rate}",
+        f"cycles: {cycles}",
+        f"learning: {_learning_in_words(demonstration, rhythm)}",
+    ]
+
+
+def _channels_in_words(demonstration: Demonstration) -> Iterator[str]:
+    """Yield the names of the channels of each unit."""
+    named = zip(demonstration.units, demonstration.channels, strict=True)
+    for unit, group in groupby(named, key=lambda pair: pair[0]):
+        names = [name for _, name in group]
+        more = f" and {len(names) - _MOST_NAMES} more" * (len(names) > _MOST_NAMES)
+        yield f"{', '.join(names[:_MOST_NAMES])}{more} ({unit})"
+
+
+def _drift_in_words(demonstration: Demonstration, period: float) -> str:
+    """Return the displacement of the mean over a period, relative to the width."""
+    rate = FourierMovementPrimitive().rate
+    parts = demonstration.split_at_gaps(rate) or [demonstration]
+    even = max(parts, key=lambda part: part.duration).resample(rate)
+    values = even.values / channel_scales("units", even.values, even.units)
+    middle = uniform_filter1d(values, max(1, round(period * rate)), axis=0)
+    margin = min(int(period * rate / 2), len(middle) // 2 - 1)
+    middle = middle[margin : len(middle) - margin]
+    drift = float(np.max(np.ptp(middle, axis=0)) / np.max(np.ptp(values, axis=0)))
+    return f"their middle drifts by up to {100 * drift:.0f} % of the width"
+
+
+def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> str:
+    """Return whether a skill can be learned, and whether the path fits the board."""
+    if rhythm is not None:
+        possible = f"possible, from {rhythm.cycles:.1f} cycles"
+    else:
+        skill = FourierMovementPrimitive()
+        try:
+            windows = as_windows(
+                [demonstration],
+                n_steps=skill.n_steps,
+                stride=skill.window_stride,
+                rate=skill.rate,
+            )
+        except DemonstrationError as error:
+            return f"not possible: {error}"
+        seconds = skill.n_steps / skill.rate
+        possible = f"possible, from {len(windows.values)} windows of {seconds:g} s"
+    try:
+        _, remarks = lay_on_board(demonstration, scenario=Scenario())
+    except DemonstrationError as error:
+        return f"{possible}; not for the board: {error}"
+    return "; ".join([possible, *remarks] if remarks else [possible, "on the board"])

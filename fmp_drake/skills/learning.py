@@ -1,0 +1,243 @@
+"""Skills of a scenario: the demonstrations to learn from, and learning."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.errors import DemonstrationError, RunError
+from fmp_drake.numeric import check_number
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    ReadingOptions,
+    find_rhythm,
+    load_skill,
+)
+from fmp_drake.primitives.data.channels import (
+    FORCE_CHANNEL,
+    POSITION_CHANNELS,
+    ChannelScales,
+    channel_scales,
+)
+from fmp_drake.primitives.model.movement_primitive import ModelChoice
+from fmp_drake.skills.placement import load_on_board
+from fmp_drake.station.models.model_files import models_dir
+from fmp_drake.station.scenario import Scenario
+
+# Highest frequency of a force that a person means, Hz: tremor has 8 to 12 Hz (J. H. McAuley,
+# C. D. Marsden, "Physiological and pathological tremors and rhythmic central motor
+# control", Brain 123, 2000), and so has what a hand's tremor does to a contact.
+_FORCE_BAND = 4.0
+# Factor by which deviations of other channels than the position are reduced.
+_LESS_EXACT = 4.0
+
+
+def bundled_demonstrations() -> list[str]:
+    """Return the names of the demonstrations that come with the package."""
+    return sorted(path.stem for path in _folder().glob("*.npz"))
+
+
+def default_demonstration(task: str = "wiping") -> Path:
+    """Return the path of a bundled demonstration by its name, or a path as it is."""
+    if Path(task).suffix or Path(task).is_dir():
+        return Path(task)
+    if task not in bundled_demonstrations():
+        raise DemonstrationError(
+            f"there is no demonstration {task}; give a file or one of: "
+            f"{', '.join(bundled_demonstrations())}."
+        )
+    return _folder() / f"{task}.npz"
+
+
+def _folder() -> Path:
+    return models_dir() / "demonstrations"
+
+
+def scenario_skill(
+    scenario: Scenario,
+    *,
+    demos: Sequence[Path] = (),
+    skill_file: Path | None = None,
+    transform: Sequence[float] | None = None,
+    stretch: float = 1.0,
+    window: float | None = None,
+    components: int | None = None,
+    model: ModelChoice | None = None,
+    reading: ReadingOptions | None = None,
+    surface: str | None = None,
+    extra: Sequence[str] = (),
+) -> tuple[FourierMovementPrimitive, list[Demonstration], list[str]]:
+    """Load or learn the skill of a scenario; arguments take precedence over it.
+
+    With a `surface` the scenario's board becomes the one fitted to the demonstrations, and
+    `extra` channels are learned; see `load_on_board`.
+
+    Returns
+    -------
+    skill : FourierMovementPrimitive
+    demonstrations : list of Demonstration
+        Those that it was learned from; empty for a skill from a file.
+    remarks : list of str
+    """
+    if skill_file is not None and demos:
+        raise RunError("give either --demo or --skill, not both.")
+    config = scenario.skill
+    if skill_file is None and config.file and not demos:
+        skill_file = Path(config.file)
+    if skill_file is not None:
+        skill, remarks = load_skill(skill_file), [f"loaded {skill_file}"]
+        if not skill.paths_:
+            remarks.append(
+                f"{skill_file.name} does not say where it was demonstrated: what is "
+                "played may lead anywhere. Learn it again to bound it."
+            )
+        return skill, [], remarks
+    demonstrations, remarks = load_on_board(
+        demos or [default_demonstration(config.demonstration)],
+        scenario=scenario,
+        transform=transform,
+        stretch=stretch,
+        reading=reading,
+        surface=surface,
+        extra=extra,
+    )
+    skill = learn_skill(
+        demonstrations,
+        window=config.window if window is None else window,
+        components=config.components if components is None else components,
+        model=model or cast(ModelChoice, config.model),
+        by_position=surface is not None,
+    )
+    return skill, demonstrations, remarks
+
+
+def shared_skill(
+    scenario: Scenario,
+) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
+    """Return the skill of a scenario and its demonstrations, learned once per process."""
+    config = scenario.skill
+    return _learned(
+        config.demonstration,
+        config.file,
+        config.window,
+        config.components,
+        config.model,
+        tuple(scenario.board.size),
+        tuple(scenario.eraser.footprint),
+    )
+
+
+@cache
+def _learned(
+    demonstration: str,
+    file: str,
+    window: float,
+    components: int | None,
+    model: str,
+    board: tuple[float, ...],
+    footprint: tuple[float, ...],
+) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
+    """Learn a skill from all that it depends on."""
+    scenario = Scenario()
+    scenario.skill.demonstration, scenario.skill.file = demonstration, file
+    scenario.skill.window, scenario.skill.components = window, components
+    scenario.skill.model = model
+    scenario.board.size, scenario.eraser.footprint = list(board), list(footprint)
+    skill, demonstrations, _ = scenario_skill(scenario)
+    return skill, demonstrations
+
+
+def learn_skill(
+    demonstrations: Sequence[Demonstration],
+    *,
+    window: float | None = None,
+    components: int | None = None,
+    model: ModelChoice | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    period: float | None = None,
+    by_position: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> FourierMovementPrimitive:
+    """Learn a skill with the options of the command line; None for the defaults.
+
+    Without a window its length follows from the period of the movement. `start`, `end` and
+    `period` are those of `FourierMovementPrimitive.fit`. `by_position` lets x, y and z decide
+    about the phase: orientation and force of a person's hand repeat less exactly.
+    """
+    scales: ChannelScales = "units"
+    if by_position and set(POSITION_CHANNELS) < set(demonstrations[0].channels):
+        scales = _scales_by_position(demonstrations)
+        if period is None and start is None and end is None:
+            period = _period_of_position(demonstrations)
+    default = FourierMovementPrimitive()
+    rate, n_steps, overlap = default.rate, None, default.overlap
+    if window is not None:
+        check_number(window, "window", above=0, unit="s", error=DemonstrationError)
+        n_steps = max(8, round(window * rate))
+        overlap = min(overlap, n_steps // 4)
+        longest = max(d.duration for d in demonstrations)
+        if longest < n_steps / rate:
+            raise DemonstrationError(
+                f"the longest demonstration lasts {longest:.3g} s, a window {window:g} s; "
+                "at least two windows must fit. Record for longer, choose shorter windows "
+                "(--window) that still hold a whole period, or slow the demonstration "
+                "down (--stretch)."
+            )
+    return FourierMovementPrimitive(
+        model=default.model if model is None else model,
+        n_steps=n_steps,
+        n_components=default.n_components if components is None else components,
+        overlap=overlap,
+        scales=scales,
+    ).fit(
+        [part for d in demonstrations for part in _without_tremor(d, rate)],
+        start=start,
+        end=end,
+        period=period,
+        progress=progress,
+    )
+
+
+def _without_tremor(recording: Demonstration, rate: float) -> list[Demonstration]:
+    """Return the parts between gaps, at a rate in Hz, with the force low-pass filtered.
+
+    An arm that repeats the tremor of a person's force shakes until its torques change as
+    fast as they may, and then neither force nor path are followed.
+    """
+    if FORCE_CHANNEL not in recording.channels:
+        return [recording]
+    from scipy.signal import butter, sosfiltfilt  # Slow to import.
+
+    force = recording.channels.index(FORCE_CHANNEL)
+    low_pass = butter(4, _FORCE_BAND, fs=rate, output="sos")
+    parts = []
+    for part in recording.split_at_gaps(rate) or [recording]:
+        even = part.resample(rate)
+        values = even.values.copy()
+        padding = min(len(values) - 1, round(rate))
+        values[:, force] = sosfiltfilt(low_pass, values[:, force], padlen=padding)
+        parts.append(replace(even, values=values))
+    return parts
+
+
+def _scales_by_position(demonstrations: Sequence[Demonstration]) -> NDArray[np.float64]:
+    """Return the scales of channels, those beside x, y and z four times as large, (D,)."""
+    first = demonstrations[0]
+    values = np.concatenate([d.values for d in demonstrations])
+    others = [name not in POSITION_CHANNELS for name in first.channels]
+    scales = channel_scales("units", values, first.units)
+    return scales * np.where(others, _LESS_EXACT, 1.0)
+
+
+def _period_of_position(demonstrations: Sequence[Demonstration]) -> float | None:
+    """Return the period of x, y and z, s; None where they do not repeat."""
+    try:
+        return find_rhythm([d.select(POSITION_CHANNELS) for d in demonstrations]).period
+    except DemonstrationError:
+        return None

@@ -1,0 +1,343 @@
+"""Placement of demonstrations on the board of a scenario."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import check_number
+from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
+from fmp_drake.primitives.data.channels import (
+    FORCE_CHANNEL,
+    POSITION_CHANNELS,
+    ROTATION_CHANNELS,
+)
+from fmp_drake.skills.joint_recording import EraserPath, RobotJoints
+from fmp_drake.skills.surface_placement import place_on_fitted_surface
+from fmp_drake.station.scenario import Scenario
+
+# Planes that are tried, and samples that are enough to compare them.
+_TRIES = 1000
+_SAMPLES = 2000
+# Width of a path that an arm can follow, m.
+_WIDTHS = (0.003, 3.0)
+_GUESSES = {"millimetres": ("mm", 1e-3), "centimetres": ("cm", 1e-2)}
+# Free border around the eraser, m.
+_BORDER = 0.02
+# Distance from the plane up to which a sample is on it, m.
+_TOUCH = 0.01
+# Least fraction of the time on the board, and least scale, of a placement that makes sense.
+_LEAST_TOUCHING, _LEAST_SCALE = 0.2, 0.3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Placement:
+    """Similarity transform from the frame D of a demonstration to the board's frame B.
+
+    p_BE = scale * R_BD p_DE + p_BD.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+        R_BD.
+    translation : ndarray, shape (3,)
+        p_BD, m.
+    scale : float
+    touch : float
+        Heights up to this one become 0, and greater ones are reduced by it, m: a hand
+        does not keep a tool on the surface to the millimetre. 0 changes no height.
+    touching : float
+        Fraction of the samples on the surface.
+
+    Examples
+    --------
+    >>> recorded = Demonstration(
+    ...     time=np.arange(100) / 20, values=np.random.default_rng(0).random((100, 3))
+    ... )
+    >>> placement = Placement(rotation=np.eye(3), translation=np.array([0.0, 0.0, 0.1]))
+    >>> (placement.apply(recorded).values - recorded.values)[0].round(6)
+    array([0. , 0. , 0.1])
+    """
+
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    scale: float = 1.0
+    touch: float = 0.0
+    touching: float = 0.0
+
+    def apply(self, demonstration: Demonstration) -> Demonstration:
+        """Return the demonstration in the frame of the board."""
+        values = demonstration.values @ (self.scale * self.rotation).T
+        values += self.translation
+        if self.touch > 0:
+            values[:, 2] = np.maximum(values[:, 2] - self.touch, 0.0)
+        return replace(
+            demonstration, values=values, channels=POSITION_CHANNELS, frame="board"
+        )
+
+
+def check_width(demonstration: Demonstration) -> None:
+    """Refuse a path x, y, z of a width that no arm can follow, and guess its unit.
+
+    Raises
+    ------
+    DemonstrationError
+        Where it is more than 3 m wide, or less than 3 mm.
+    """
+    width = float(
+        np.max(np.ptp(demonstration.select(POSITION_CHANNELS).values, axis=0))
+    )
+    if width == 0 or _WIDTHS[0] <= width <= _WIDTHS[1]:  # A point is refused later.
+        return
+    guess = "check its unit (--unit) and its columns (--columns)"
+    for name, (unit, factor) in _GUESSES.items():
+        if 0.03 <= width * factor <= _WIDTHS[1]:
+            guess = f"{name}? Give --unit {unit}"
+            break
+    raise DemonstrationError(f"the path is {width:.3g} m wide: {guess}.")
+
+
+def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placement:
+    """Fit the placement of a recorded path on the middle of a board.
+
+    The plane near which the tool stays longest becomes the surface; the path leaves it
+    upwards. The board's x axis is the projection of the recording's x axis, or of its y
+    axis where x is nearly normal to the plane. The middle of the
+    path's bounding box becomes the middle of the board, and a path that is too large
+    is scaled down to the usable size.
+
+    Parameters
+    ----------
+    demonstration : Demonstration
+        With 3 position channels, m, in any frame.
+    usable : array_like, shape (2,)
+        Greatest extent of the path along the board's x and y, m.
+
+    Raises
+    ------
+    DemonstrationError
+        Where the samples have no 3 channels, or all lie on a line.
+    """
+    points = demonstration.values
+    if points.shape[1] != 3:
+        raise DemonstrationError(
+            f"the demonstration has {points.shape[1]} channels; a path to lay onto a "
+            "board needs 3 (x, y, z)."
+        )
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if spread[1] < 1e-3 * max(spread[0], 1e-12):
+        raise DemonstrationError(
+            "the demonstration stays on a point or a line, so its plane is not "
+            "determined; give the transform to the board instead."
+        )
+    centre, normal = _longest_plane(points)
+    forward = np.eye(3)[1 if abs(normal[0]) > 0.9 else 0]
+    x = forward - (forward @ normal) * normal
+    x /= np.linalg.norm(x)
+    rotation = np.stack([x, np.cross(normal, x), normal])
+    flat = (points - centre) @ rotation.T
+    low, high = flat[:, :2].min(axis=0), flat[:, :2].max(axis=0)
+    extent = np.maximum(high - low, 1e-9)
+    scale = float(min(1.0, np.min(np.asarray(usable, dtype=float) / extent)))
+    middle = np.array([*(low + high) / 2, 0.0])
+    return Placement(
+        rotation=rotation,
+        translation=-scale * (rotation @ centre + middle),
+        scale=scale,
+        touch=scale * _TOUCH,
+        touching=float(np.mean(flat[:, 2] <= _TOUCH)),
+    )
+
+
+def _longest_plane(
+    points: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a point of the plane that most samples touch, and its normal.
+
+    Planes through three samples are tried (RANSAC, from a fixed seed); samples
+    beyond the plane count against it. The best is fitted to the samples on it.
+    """
+    points = points[:: len(points) // _SAMPLES + 1]
+    rng = np.random.default_rng(0)
+    triples = points[rng.integers(len(points), size=(_TRIES, 3))]
+    normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    keep = lengths > 1e-3 * np.max(lengths)
+    normals = normals[keep] / lengths[keep, None]
+    normals = np.concatenate([normals, -normals])
+    origins = np.concatenate([triples[keep, 0]] * 2)
+    heights = points @ normals.T - np.einsum("ij,ij->i", origins, normals)
+    score = np.sum(np.abs(heights) <= _TOUCH, axis=0) - np.sum(
+        heights < -_TOUCH, axis=0
+    )
+    # Of planes as good as each other, the one whose normal points up.
+    best = int(np.argmax(score + 1e-3 * normals[:, 2]))
+    on = points[np.abs(heights[:, best]) <= _TOUCH]
+    centre = on.mean(axis=0)
+    # The direction of least scatter; a full SVD would build an N x N array.
+    normal = np.linalg.eigh((on - centre).T @ (on - centre))[1][:, 0]
+    return centre, normal * np.sign(normal @ normals[best])
+
+
+def load_on_board(
+    paths: Sequence[Path],
+    *,
+    scenario: Scenario,
+    transform: Sequence[float] | None,
+    stretch: float,
+    reading: ReadingOptions | None = None,
+    needs_board: bool = True,
+    surface: str | None = None,
+    extra: Sequence[str] = (),
+) -> tuple[list[Demonstration], list[str]]:
+    """Load demonstrations in the frame of the board, with remarks.
+
+    Without `needs_board`, those with neither positions nor a robot's joints are unchanged.
+    With a `surface`, "fitted" or one of the shapes, it is fitted to the demonstrations, and
+    becomes the scenario's board; `extra` is that of `place_on_fitted_surface`.
+    """
+    demonstrations: list[Demonstration] = []
+    remarks: list[str] = []
+    if surface is None and extra:
+        raise DemonstrationError(
+            f"{' and '.join(extra)} can be placed on a fitted surface only (--surface fitted)."
+        )
+    if surface is not None:
+        reading = replace(reading or ReadingOptions(), all_arrays=True)
+        demonstrations, remarks = load_as_recorded(
+            paths, stretch=stretch, reading=reading
+        )
+        demonstrations, notes = place_on_fitted_surface(
+            demonstrations,
+            scenario=scenario,
+            shape=None if surface == "fitted" else surface,
+            extra=extra,
+        )
+        return demonstrations, [*remarks, *notes]
+    for path in paths:
+        recordings, notes = load_as_recorded([path], stretch=stretch, reading=reading)
+        remarks += notes
+        for demonstration in recordings:
+            try:
+                demonstration, notes = lay_on_board(
+                    demonstration,
+                    scenario=scenario,
+                    transform=transform,
+                    needs_board=needs_board,
+                )
+            except DemonstrationError as error:
+                raise DemonstrationError(f"{path}: {error}") from None
+            demonstrations.append(demonstration)
+            remarks += [f"{path.name}: {note}" for note in notes]
+    return demonstrations, remarks
+
+
+def load_as_recorded(
+    paths: Sequence[Path], *, stretch: float, reading: ReadingOptions | None = None
+) -> tuple[list[Demonstration], list[str]]:
+    """Load demonstrations with all their channels, and remarks on what was recognised."""
+    check_number(stretch, "stretch", above=0, error=DemonstrationError)
+    demonstrations, remarks = read_demonstrations(paths, reading)
+    if stretch != 1.0:
+        demonstrations = [replace(d, time=d.time * stretch) for d in demonstrations]
+    return demonstrations, remarks
+
+
+def _played_channels(demonstration: Demonstration, *, is_placed: bool) -> list[str]:
+    """Return the channels that a robot plays.
+
+    Orientation and force are among them where a demonstration is in the board's frame
+    already. How a tool of another recording was held is not known.
+    """
+    names = list(POSITION_CHANNELS)
+    if not (is_placed and demonstration.frame == "board"):
+        return names
+    units = dict(zip(demonstration.channels, demonstration.units, strict=True))
+    if demonstration.rotation_reference is not None:
+        names += ROTATION_CHANNELS
+    if units.get(FORCE_CHANNEL) == "N":
+        names.append(FORCE_CHANNEL)
+    return names
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def lay_on_board(
+    demonstration: Demonstration,
+    *,
+    scenario: Scenario,
+    transform: Sequence[float] | None = None,
+    needs_board: bool = True,
+) -> tuple[Demonstration, list[str]]:
+    """Return a demonstration in the frame of the board, and remarks.
+
+    It has x, y and z, and orientation and force where it was in that frame already.
+
+    Raises
+    ------
+    DemonstrationError
+        Where there is no position, or none that makes sense on the board.
+    """
+    remarks = []
+    names = demonstration.channels
+    if not set(POSITION_CHANNELS) <= set(names):
+        listed = ", ".join(names)
+        robots = (scenario.robot, "panda")
+        if robot := next(
+            (r for r in robots if RobotJoints(demonstration, robot=r)), ""
+        ):
+            demonstration = EraserPath(
+                demonstration, eraser=scenario.eraser, robot=robot
+            )
+            whose = "Panda" if robot == "panda" else Path(robot).stem
+            remarks.append(
+                f"the eraser's path by a {whose}'s kinematics, from {listed}"
+            )
+        elif needs_board:
+            raise DemonstrationError(
+                f"the channels are {listed}; the board needs x, y and z. Say which "
+                "columns they are (--columns x=NAME,y=NAME,z=NAME)."
+            )
+        else:
+            return demonstration, ["as recorded: without x, y and z there is no board"]
+    elif len(names) > 3:
+        kept = _played_channels(demonstration, is_placed=transform is None)
+        others = ", ".join(name for name in names if name not in kept)
+        if others:
+            demonstration = demonstration.select(kept)
+            remarks.append(f"{others} left out: the board needs {_listed(kept)}")
+    check_width(demonstration)
+    if transform is not None:
+        placement = Placement(
+            rotation=Rotation.from_euler("xyz", transform[3:]).as_matrix(),
+            translation=np.array(transform[:3]),
+        )
+        return placement.apply(demonstration), remarks
+    if demonstration.frame == "board":
+        return demonstration, remarks
+    usable = np.array(scenario.board.size) - scenario.eraser.footprint - _BORDER
+    placement = fit_placement(demonstration, usable=usable)
+    touching = f"{100 * placement.touching:.0f} % of the time"
+    at_size = f"{100 * placement.scale:.0f} % of its size"
+    instead = "Give its pose (--transform), or learn it as it is (learn --as-recorded)."
+    if placement.touching < _LEAST_TOUCHING:
+        raise DemonstrationError(
+            f"laid onto the board it would touch it {touching}; at least "
+            f"{100 * _LEAST_TOUCHING:.0f} % make sense. {instead}"
+        )
+    if placement.scale < _LEAST_SCALE:
+        raise DemonstrationError(
+            f"it would fit onto the board at {at_size}; at least "
+            f"{100 * _LEAST_SCALE:.0f} % make sense. {instead}"
+        )
+    remarks.append(
+        f"laid onto the middle of the board by its plane, at {at_size}; it touches the "
+        f"board {touching}"
+    )
+    return placement.apply(demonstration), remarks

@@ -1,0 +1,222 @@
+"""Plane, cylinder or sphere fitted to the contact of a recording."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.systems.surface import surface as surfaces
+from fmp_drake.systems.surface.surface import Surface
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SHAPES = ("plane", "cylinder", "dome", "bowl")
+"""Shapes of a surface, the simpler first."""
+
+# Scale of the robust loss, m.
+_SCALE = 0.005
+# Standard deviation of a normal distribution, in medians of its absolute values.
+_TO_SIGMA = 1.4826
+# Ratio of residuals below which the less simple shape is taken.
+_BETTER = 0.8
+# Radii of cylinders, domes and bowls, m, and those that the search begins with.
+_RADII, _STARTS = (0.05, 5.0), (0.15, 0.5, 2.0)
+_SAMPLES, _LEAST_SAMPLES = 1000, 20
+# Largest residual relative to the extent of the contact.
+_MOST_RESIDUAL = 0.2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedSurface:
+    """Surface that a recording touches, in the frame D of the recording.
+
+    S is the frame of the surface: its origin is the middle of the contact, z the normal towards
+    the tool, and x of a cylinder its axis.
+
+    Attributes
+    ----------
+    shape : str
+        One of `SHAPES`.
+    radius : float
+        m; infinite for a plane.
+    rotation : ndarray, shape (3, 3)
+        R_DS.
+    origin : ndarray, shape (3,)
+        p_DS, m.
+    residuals : mapping from str to float
+        Robust standard deviation of the distance from every shape that was tried, m: 1.48 times
+        its median.
+    """
+
+    shape: str
+    radius: float
+    rotation: Array
+    origin: Array
+    residuals: Mapping[str, float]
+
+    @property
+    def residual(self) -> float:
+        """Robust standard deviation of the distance from the surface, m."""
+        return self.residuals[self.shape]
+
+    @property
+    def curvature(self) -> Surface:
+        """Curvatures along x and y of S, 1/m."""
+        return _surface(self.shape, 1 / self.radius)
+
+    def coordinates(self, points: Array) -> Array:
+        """Return (u, v, h) of points in D, shape (N, 3), m, in the order of time."""
+        surface, near = self.curvature, np.zeros(2)
+        out = np.empty((len(points), 3))
+        for i, p_S in enumerate((points - self.origin) @ self.rotation):
+            out[i] = surfaces.project(surface, p_S, near)
+            near = out[i, :2]
+        return out
+
+    def describe(self) -> str:
+        """Return the shape and the residuals in words."""
+        radius = "" if self.shape == "plane" else f" of radius {self.radius:.3f} m"
+        tried = ", ".join(f"{k} {1e3 * r:.1f}" for k, r in self.residuals.items())
+        return f"{self.shape}{radius} fitted to the contact (residuals in mm: {tried})"
+
+
+def fit_surface(
+    points: Sequence[Array], touching: Sequence[Mask], *, shape: str | None = None
+) -> FittedSurface:
+    """Fit a surface to the points of recordings that touch it.
+
+    A plane is taken unless a cylinder has a residual smaller by a fifth, and a cylinder unless
+    a sphere has. The loss is robust, so that a few of the points may be lifts.
+
+    Parameters
+    ----------
+    points : sequence of ndarray, shape (N, 3)
+        Of each recording, in one frame D, m.
+    touching : sequence of ndarray of bool, shape (N,)
+        Where the tool touches. The other points are on the side of the surface's normal; where
+        there are none it points up (z of D).
+    shape : str, optional
+        One of `SHAPES`, instead of the choice.
+
+    Raises
+    ------
+    DemonstrationError
+        Where fewer than 20 points touch, they lie on a line, or no surface fits.
+    """
+    if shape is not None and shape not in SHAPES:
+        raise DemonstrationError(
+            f"the surface is {shape!r}; choose one of: {', '.join(SHAPES)}."
+        )
+    contact = np.concatenate([p[on] for p, on in zip(points, touching, strict=True)])
+    others = np.concatenate([p[~on] for p, on in zip(points, touching, strict=True)])
+    if len(contact) < _LEAST_SAMPLES:
+        raise DemonstrationError(
+            f"the tool touches in {len(contact)} samples; at least {_LEAST_SAMPLES} are "
+            "needed to fit a surface."
+        )
+    extents = np.linalg.svd(contact - contact.mean(axis=0), compute_uv=False)
+    if extents[1] < 0.02 * extents[0]:
+        raise DemonstrationError(
+            "the contact is a point or a line, so its surface is not determined; give the "
+            "transform to the board instead."
+        )
+    sample = contact[:: len(contact) // _SAMPLES + 1]
+    up = _upwards(sample, others)
+    tried = [_fit(sample, s, up) for s in SHAPES if shape in (None, s) or s == "plane"]
+    residuals = {candidate.shape: candidate.residual for candidate in tried}
+    chosen = tried[0] if shape is None else tried[-1]
+    if shape is None:
+        for candidate in tried[1:]:
+            if candidate.residual < _BETTER * chosen.residual:
+                chosen = candidate
+    limit = _MOST_RESIDUAL * 2 * extents[1] / np.sqrt(len(contact))
+    if chosen.residual > limit:
+        raise DemonstrationError(
+            f"no surface fits: {chosen.shape}, the best, leaves {1e3 * chosen.residual:.1f} "
+            f"mm; {1e3 * limit:.1f} mm are allowed for a contact of this size. Cut "
+            "the recording to the part that touches one surface."
+        )
+    return _centred(chosen, contact, residuals)
+
+
+def _surface(shape: str, k: float) -> Surface:
+    """Return the curvatures of a shape; x of S is the axis of a cylinder."""
+    k = -k if shape == "bowl" else k
+    return Surface(kx=0.0 if shape in ("plane", "cylinder") else k, ky=k)
+
+
+def _upwards(contact: Array, others: Array) -> Array:
+    """Return a frame R_DS whose z is normal to a plane, on the side of the other points."""
+    centre = contact.mean(axis=0)
+    _, axes = np.linalg.eigh((contact - centre).T @ (contact - centre))
+    heights = (others - centre) @ axes[:, 0] if len(others) else axes[2:, 0]
+    z = axes[:, 0] * (1.0 if np.mean(heights) >= 0 else -1.0)
+    return np.column_stack([axes[:, 2], np.cross(z, axes[:, 2]), z])
+
+
+def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
+    """Fit one shape, from several radii and directions of a cylinder's axis."""
+    centre = points.mean(axis=0)
+    local = (points - centre) @ up
+    straight = np.array(
+        [shape != "cylinder" and shape != "plane", shape != "plane", 1.0]
+    )
+    sign = -1.0 if shape == "bowl" else 1.0
+
+    def heights(x: Array) -> Array:
+        # g is half the curvature times the height's quadratic equation: its stable root.
+        q = Rotation.from_rotvec(x[:3]).apply(local) - [0.0, 0.0, x[3]]
+        k = sign * x[4]
+        g = q[:, 2] + k / 2 * np.sum((straight * q) ** 2, axis=1)
+        root: Array = np.sqrt(np.maximum(1 + 2 * k * g, 0.0))
+        return 2 * g / (1 + root)
+
+    least, most = 1 / _RADII[1], 1 / _RADII[0]
+    yaws = np.arange(4) * np.pi / 4 if shape == "cylinder" else [0.0]
+    starts = [[0.0, 0.0, yaw, 0.0, 1 / r] for yaw in yaws for r in _STARTS]
+    bounds = np.array([[-1.2, -1.2, -4, -1, least], [1.2, 1.2, 4, 1, most]])
+    if shape == "plane":
+        starts, bounds[:, 4] = [[0.0, 0.0, 0.0, 0.0, 0.0]], (-1e-9, 1e-9)
+    fits = [
+        least_squares(heights, x, loss="cauchy", f_scale=_SCALE, bounds=bounds)
+        for x in starts
+    ]
+    best = min(fits, key=lambda fit: float(fit.cost))
+    R = Rotation.from_rotvec(best.x[:3]).as_matrix()
+    return FittedSurface(
+        shape=shape,
+        radius=np.inf if shape == "plane" else 1 / best.x[4],
+        rotation=up @ R.T,
+        origin=centre + up @ R.T @ [0.0, 0.0, best.x[3]],
+        residuals={shape: float(_TO_SIGMA * np.median(np.abs(heights(best.x))))},
+    )
+
+
+def _centred(
+    fit: FittedSurface, contact: Array, residuals: Mapping[str, float]
+) -> FittedSurface:
+    """Return a surface whose origin is the middle of the contact, and whose x points ahead.
+
+    x is the projection of x of D, or of y where x is nearly normal; of a cylinder its axis.
+    """
+    for _ in range(5):
+        uvh = fit.coordinates(contact)
+        u, v = (uvh[:, :2].min(axis=0) + uvh[:, :2].max(axis=0)) / 2
+        R_ST = surfaces.rotation(fit.curvature, u, v)
+        p_ST = surfaces.point(fit.curvature, u, v)
+        rotation, origin = fit.rotation @ R_ST, fit.origin + fit.rotation @ p_ST
+        z = rotation[:, 2]
+        ahead = np.eye(3)[1 if abs(z[0]) > 0.9 else 0]
+        x = ahead - (ahead @ z) * z
+        if fit.shape == "cylinder":
+            axis = rotation[:, 0]
+            x = axis * (1.0 if axis @ x + 1e-6 * axis[1] >= 0 else -1.0)
+        x /= np.linalg.norm(x)
+        rotation = np.column_stack([x, np.cross(z, x), z])
+        fit = replace(fit, rotation=rotation, origin=origin, residuals=residuals)
+    return fit

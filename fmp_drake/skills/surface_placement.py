@@ -1,0 +1,287 @@
+"""Placement of recordings with poses and forces on a surface fitted to them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.primitives import Demonstration, find_rhythm
+from fmp_drake.primitives.data.channels import (
+    FORCE_CHANNEL,
+    POSITION_CHANNELS,
+    ROTATION_CHANNELS,
+)
+from fmp_drake.primitives.data.orientation import (
+    mean_rotation,
+    rotation_vectors,
+    rotations_of,
+    unit_quaternion,
+)
+from fmp_drake.skills.surface_fit import FittedSurface, fit_surface
+from fmp_drake.station.models.eraser import FeltPressLimit
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.surface import surface as surfaces
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+EXTRA_CHANNELS = ("orientation", "force")
+"""Names of what is placed beside the position."""
+
+# Force above which the tool touches, relative to its 95 % quantile; height without a force, m.
+_PRESSED, _TOUCH = 0.3, 0.01
+_LEAST_FORCE = 1.0  # N; with a smaller quantile nothing was touched.
+# Free border around the eraser, and least scale of a placement that makes sense.
+_BORDER, _LEAST_SCALE = 0.02, 0.3
+_LEAST_SAMPLES = 4  # Of a bout.
+# Further height of a board on which the wrist tilts outwards, m.
+_RAISED = {"cylinder": 0.10, "dome": 0.25}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Contact:
+    """Samples that touch, those that are learned from, and the force (N, 1 or 3), if any."""
+
+    touching: Mask
+    in_bout: Mask
+    force: Array | None
+
+
+def place_on_fitted_surface(
+    demonstrations: Sequence[Demonstration],
+    *,
+    scenario: Scenario,
+    shape: str | None = None,
+    extra: Sequence[str] = (),
+) -> tuple[list[Demonstration], list[str]]:
+    """Fit a surface to recordings, make it the scenario's board, and place them on it.
+
+    The tool touches where its force says so, otherwise where it is near the surface, and only
+    in the bouts of the movement. There its height becomes 0, as the real surface differs from
+    the fitted one. A path too large for the board is scaled down, with the surface's radius.
+    Orientations are relative to the local normal; while the tool touches, their mean is that
+    of the eraser flat on the surface.
+
+    Parameters
+    ----------
+    demonstrations : sequence of Demonstration
+        Of one movement on one surface, in one frame D: x, y, z in m; optionally rx, ry, rz with
+        their reference, and `force` or the components `force_x`, `force_y`, `force_z` in N, of
+        the tool or of D.
+    scenario : Scenario
+        Its board is changed.
+    shape : str, optional
+        plane, cylinder, dome or bowl instead of the one that the residuals choose.
+    extra : sequence of str
+        `orientation` and `force`, to be placed with the position.
+
+    Returns
+    -------
+    demonstrations : list of Demonstration
+        One of each bout; x, y and z are (u, v, h) on the board.
+    remarks : list of str
+
+    Raises
+    ------
+    DemonstrationError
+        Where no surface fits, the path is too large for the board, or a channel is missing.
+    StationError
+        Where the board is not allowed.
+    """
+    for name in extra:
+        if name not in EXTRA_CHANNELS:
+            raise DemonstrationError(
+                f"{name!r} cannot be placed; choose of: {', '.join(EXTRA_CHANNELS)}."
+            )
+    points = [d.select(POSITION_CHANNELS).values for d in demonstrations]
+    contacts = [_contact(d) for d in demonstrations]
+    fit = fit_surface(points, [c.touching for c in contacts], shape=shape)
+    remarks = [fit.describe()]
+    coordinates = [fit.coordinates(p) for p in points]
+    contacts = [
+        c
+        if c.force is not None
+        else replace(c, touching=c.in_bout & (np.abs(uvh[:, 2]) <= _TOUCH))
+        for c, uvh in zip(contacts, coordinates, strict=True)
+    ]
+    scale, middle = _set_board(scenario, fit, coordinates, contacts)
+    fraction = np.mean(np.concatenate([c.touching[c.in_bout] for c in contacts]))
+    remarks.append(
+        f"placed on the {fit.shape} at {100 * scale:.0f} % of its size; the tool touches it "
+        f"{100 * fraction:.0f} % of the time"
+    )
+    placed = []
+    for demonstration, contact, uvh in zip(
+        demonstrations, contacts, coordinates, strict=True
+    ):
+        columns = [_on_board(demonstration.time, uvh - middle, contact, scale)]
+        channels, units = [*POSITION_CHANNELS], ["m"] * 3
+        reference = None
+        if "orientation" in extra:
+            columns.append(_orientation(demonstration, fit, uvh, contact))
+            channels += ROTATION_CHANNELS
+            units += ["rad"] * 3
+            nominal = scenario.eraser_orientation().matrix()
+            reference = unit_quaternion(Rotation.from_matrix(nominal))
+            tilt = np.degrees(
+                np.linalg.norm(columns[-1][contact.touching][:, :2], axis=1)
+            )
+            remarks.append(
+                f"the tool tilts by up to {np.percentile(tilt, 95):.0f} degrees while it "
+                "touches (95 % of the time)"
+            )
+        if "force" in extra:
+            force, note = _normal_force(demonstration, fit, uvh, contact, scenario)
+            columns.append(force[:, None])
+            channels.append(FORCE_CHANNEL)
+            units.append("N")
+            remarks.append(note)
+        whole = replace(
+            demonstration,
+            values=np.concatenate(columns, axis=1),
+            channels=tuple(channels),
+            units=tuple(units),
+            frame="board",
+            rotation_reference=reference,
+        )
+        placed += _bouts(whole, contact.in_bout)
+    return placed, remarks
+
+
+def _bouts(demonstration: Demonstration, in_bout: Mask) -> list[Demonstration]:
+    """Return the parts of a demonstration that are learned from."""
+    ends = np.flatnonzero(np.diff(in_bout)) + 1
+    parts = np.split(np.arange(len(in_bout)), ends)
+    return [
+        replace(
+            demonstration,
+            time=demonstration.time[part],
+            values=demonstration.values[part],
+        )
+        for part in parts
+        if in_bout[part[0]] and len(part) >= _LEAST_SAMPLES
+    ]
+
+
+def _contact(demonstration: Demonstration) -> _Contact:
+    """Find where the tool touches, by the force and by the bouts of the movement."""
+    path = demonstration.select(POSITION_CHANNELS)
+    in_bout = np.zeros(len(path.time), dtype=bool)
+    time = path.time - path.time[0]
+    try:
+        for part in find_rhythm(path).bouts:
+            in_bout |= (time >= part.start) & (time <= part.end)
+    except DemonstrationError:  # Too short for a rhythm.
+        in_bout[:] = True
+    names = [c for c in demonstration.channels if c.lower().startswith(FORCE_CHANNEL)]
+    if len(names) not in (1, 3):
+        return _Contact(touching=in_bout, in_bout=in_bout, force=None)
+    force = demonstration.select(names).values
+    magnitude = np.linalg.norm(force, axis=1)
+    pressed = float(np.percentile(magnitude, 95))
+    if pressed < _LEAST_FORCE:
+        raise DemonstrationError(
+            f"the force is at most {pressed:.2g} N, so the tool touches nothing; check its "
+            "column and unit (--columns)."
+        )
+    touching = in_bout & (magnitude > _PRESSED * pressed)
+    return _Contact(touching=touching, in_bout=in_bout, force=force)
+
+
+def _set_board(
+    scenario: Scenario,
+    fit: FittedSurface,
+    coordinates: Sequence[Array],
+    contacts: Sequence[_Contact],
+) -> tuple[float, Array]:
+    """Give a scenario the fitted board; return the scale and the path's middle (3,), m."""
+    learned = np.concatenate(
+        [uvh[c.in_bout, :2] for uvh, c in zip(coordinates, contacts, strict=True)]
+    )
+    low, high = learned.min(axis=0), learned.max(axis=0)
+    board, edges = scenario.board, np.array(scenario.eraser.footprint) + _BORDER
+    extent = np.maximum(high - low, 1e-9)
+    scale = float(min(1.0, np.min((np.array(board.size) - edges) / extent)))
+    if scale < _LEAST_SCALE:
+        raise DemonstrationError(
+            f"it would fit onto the board at {100 * scale:.0f} % of its size; at least "
+            f"{100 * _LEAST_SCALE:.0f} % make sense. Take a larger board, or check the unit "
+            "(--unit)."
+        )
+    board.shape, board.axis = fit.shape, "x"
+    x, y, z = board.translation
+    if fit.shape != "plane":
+        board.radius = scale * fit.radius
+        board.size = [float(size) for size in scale * extent + edges]
+        board.translation = [x, y, z + _RAISED.get(fit.shape, 0.0)]
+    scenario.check()
+    return scale, np.array([*(low + high) / 2, 0.0])
+
+
+def _on_board(time: Array, uvh: Array, contact: _Contact, scale: float) -> Array:
+    """Return (u, v, h) on the board, with height 0 where the tool touches."""
+    on = contact.touching
+    floor = np.interp(time, time[on], uvh[on, 2])
+    out = scale * uvh
+    out[:, 2] = np.where(on, 0.0, scale * np.maximum(uvh[:, 2] - floor, 0.0))
+    return out
+
+
+def _orientation(
+    demonstration: Demonstration, fit: FittedSurface, uvh: Array, contact: _Contact
+) -> Array:
+    """Return rotation vectors relative to the local normal, about their mean in contact."""
+    reference = demonstration.rotation_reference
+    if reference is None:
+        raise DemonstrationError(
+            f"the channels are {', '.join(demonstration.channels)}; an orientation needs a "
+            "quaternion (--columns qx=NAME,qy=NAME,qz=NAME,qw=NAME)."
+        )
+    recorded = rotations_of(demonstration.select(ROTATION_CHANNELS).values, reference)
+    R_DT = fit.rotation @ surfaces.rotations(fit.curvature, uvh)
+    relative = Rotation.from_matrix(R_DT).inv() * recorded
+    mean = mean_rotation(relative[contact.touching])
+    return rotation_vectors(relative, mean)
+
+
+def _normal_force(
+    demonstration: Demonstration,
+    fit: FittedSurface,
+    uvh: Array,
+    contact: _Contact,
+    scenario: Scenario,
+) -> tuple[Array, str]:
+    """Return the normal force, N, at most what the felt bears, with a remark.
+
+    Of three components it is that along their mean direction in contact, as in the tool's
+    frame, or along the surface's normal, as in the frame D, whichever explains more of them.
+    """
+    if contact.force is None:
+        raise DemonstrationError(
+            f"the channels are {', '.join(demonstration.channels)}; a force needs the channel "
+            "force, or force_x, force_y and force_z (--columns)."
+        )
+    force, on, how = contact.force, contact.touching, "as recorded"
+    normal = np.abs(force[:, 0])
+    if force.shape[1] == 3:
+        mean = np.mean(force[on], axis=0)
+        along_mean = force @ (mean / np.linalg.norm(mean))
+        R_DT = fit.rotation @ surfaces.rotations(fit.curvature, uvh)
+        along_normal = np.einsum("ij,ij->i", force, R_DT[:, :, 2])
+        along_normal *= np.sign(np.mean(along_normal[on]))
+        normal, how = along_mean, "along its mean direction in contact"
+        if np.sum(along_normal[on] ** 2) > np.sum(along_mean[on] ** 2):
+            normal, how = along_normal, "along the surface's normal"
+    x, y = scenario.eraser.footprint
+    limit = FeltPressLimit(
+        scenario.eraser, sagitta=scenario.board.curvature().sagitta((x, y))
+    )
+    above = f", limited to the felt's {limit:.0f} N" * bool(np.any(normal > limit))
+    remark = (
+        f"normal force {how}: {np.mean(normal[on]):.1f} N on average, "
+        f"{np.std(normal[on]):.1f} N standard deviation{above}"
+    )
+    return np.clip(normal, 0.0, limit), remark
