@@ -9,15 +9,18 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike
 from pydrake.common.yaml import yaml_load_typed
-from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from fmp_drake.errors import StationError
-from fmp_drake.settings import bounded, check_settings
+from fmp_drake.numeric import shown
+from fmp_drake.settings import bounded, check_settings, check_yaml
 from fmp_drake.station.models.eraser import FeltPressLimit
 from fmp_drake.station.models.model_files import models_dir
+from fmp_drake.station.robots.robot import LoadRobot
 from fmp_drake.station.scenario_parts import (
     BoardConfig,
     CameraConfig,
@@ -27,10 +30,11 @@ from fmp_drake.station.scenario_parts import (
     PressConfig,
     SensorConfig,
     ShowConfig,
+    SkillConfig,
 )
-from fmp_drake.station.skill_config import SkillConfig
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.friction import FrictionConfig
+from fmp_drake.systems.impedance.joints import FrictionConfig
+from fmp_drake.systems.surface.surface import place, rotation
 
 
 @dataclass(kw_only=True)
@@ -47,6 +51,11 @@ class Scenario:
         Drake's own; the integrator is used where ``plant.time_step`` is 0.
     board : BoardConfig
     eraser : EraserConfig
+    tool : str
+        `eraser`; in free space also `spoon`, or a model file (SDF or URDF) with the frames
+        `mount` and `tip`, relative to the scenario's.
+    scenery : str
+        What is only seen, at the origin of B: nothing or `pot`.
     impedance : ImpedanceConfig
         The controller.
     friction : FrictionConfig
@@ -56,8 +65,10 @@ class Scenario:
     ink : InkConfig
     skill : SkillConfig
     disturbances : list of Disturbance
-    posture : list of 7 floats
-        Joint angles that the redundant arm prefers, rad.
+    robot : str
+        Name of a robot of the package, or its YAML file, relative to the scenario's.
+    posture : list of floats
+        Joint angles that a redundant arm prefers, rad; empty for the robot's.
     start : list of 3 floats
         p_BE of the eraser at the start, in the frame of the board, m.
     camera : CameraConfig
@@ -87,6 +98,8 @@ class Scenario:
     )
     board: BoardConfig = field(default_factory=BoardConfig)
     eraser: EraserConfig = field(default_factory=EraserConfig)
+    tool: str = "eraser"
+    scenery: str = ""
     impedance: ImpedanceConfig = field(default_factory=ImpedanceConfig)
     friction: FrictionConfig = field(default_factory=FrictionConfig)
     sensors: SensorConfig = field(default_factory=SensorConfig)
@@ -94,13 +107,14 @@ class Scenario:
     ink: InkConfig = field(default_factory=InkConfig)
     skill: SkillConfig = field(default_factory=SkillConfig)
     disturbances: list[Disturbance] = field(default_factory=list)
-    posture: list[float] = bounded([0.0, 0.38, 0.0, -2.22, 0.0, 2.60, 0.785])
+    robot: str = "panda"
+    posture: list[float] = bounded([])
     start: list[float] = bounded([0.0, 0.0, 0.05])
     camera: CameraConfig = field(default_factory=CameraConfig)
     show: ShowConfig = field(default_factory=ShowConfig)
 
     def check(self) -> None:
-        """Check the values that are not checked by who uses them.
+        """Check every value.
 
         Raises
         ------
@@ -108,19 +122,46 @@ class Scenario:
             That names the value and what is allowed.
         """
         check_settings(self, StationError)
-        self.board.motion.check()
-        self.ink.check()
-        self.sensors.check()
-        self.camera.check()
-        self.skill.check()
-        if self.press.force > 1.000001 * (limit := FeltPressLimit(self.eraser)):
-            raise StationError(
+
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
+        x, y = self.eraser.footprint
+        sagitta = self.board.curvature().sagitta((x, y))
+        limit = FeltPressLimit(self.eraser, sagitta=sagitta)
+        if self.press.force > 1.000001 * limit:
+            return (
                 f"press.force is {self.press.force:g} N; the felt is squeezed to its "
                 f"core by {limit:.1f} N. Press less, or take an eraser with a larger "
                 "footprint or modulus."
             )
-        for disturbance in self.disturbances:
-            disturbance.check()
+        if self.tool != "eraser" and self.has_board:
+            return (
+                f"tool is {self.tool}; a board is wiped with the eraser. Set board.shape to "
+                "none for another tool."
+            )
+        if self.scenery not in ("", "pot"):
+            return f"scenery is {self.scenery}; expected nothing or pot."
+        n = len(LoadRobot(self.robot).posture)
+        if len(self.posture) not in (0, n):
+            return f"posture is {self.posture}; expected {n} numbers."
+        return ""
+
+    def preferred_posture(self) -> list[float]:
+        """Return the joint angles that the arm prefers, rad."""
+        return self.posture or LoadRobot(self.robot).posture
+
+    @property
+    def has_board(self) -> bool:
+        """Whether there is a board; False in free space."""
+        return self.board.shape != "none"
+
+    def held_tool(self) -> EraserConfig | str:
+        """Return the tool, as `AddRobot` takes it."""
+        return self.eraser if self.tool == "eraser" else self.tool
+
+    def nominal_force(self) -> float:
+        """Return the normal force of a skill without a force channel, N; 0 in free space."""
+        return self.press.force if self.has_board else 0.0
 
     def contact_friction(self) -> float:
         """Return the coefficient of friction between felt and board, as in Drake."""
@@ -128,8 +169,17 @@ class Scenario:
         return 2 * felt * board / (felt + board) if felt + board else 0.0
 
     def eraser_orientation(self) -> RotationMatrix:
-        """Return R_BE, how the eraser is held over the board."""
+        """Return R_TE, how the eraser is held over the board; T is B on a flat one."""
         return RotationMatrix(RollPitchYaw(np.array(self.impedance.orientation)))
+
+    def eraser_pose(self, position: ArrayLike) -> RigidTransform:
+        """Return X_BE over a point: its p_BE, or (u, v, h) of a curved board, m."""
+        uvh = np.asarray(position, dtype=float)
+        surface, R_TE = self.board.curvature(), self.eraser_orientation()
+        if surface.is_plane:
+            return RigidTransform(R_TE, uvh)
+        R_BT = RotationMatrix(rotation(surface, uvh[0], uvh[1]))
+        return RigidTransform(R_BT @ R_TE, place(surface, uvh[None])[0])
 
 
 def ListScenarios() -> list[str]:
@@ -137,11 +187,17 @@ def ListScenarios() -> list[str]:
     return sorted(path.stem for path in (models_dir() / "scenarios").glob("*.yaml"))
 
 
-def LoadScenario(path: str | Path) -> Scenario:
+def LoadScenario(path: str | Path, *, robot: str | None = None) -> Scenario:
     """Load a scenario from a YAML file, over the defaults of `Scenario`.
 
     A bare name, such as `table_top`, means a scenario that comes with the package.
     Files that a scenario names are looked for beside it.
+
+    Parameters
+    ----------
+    path : str or pathlib.Path
+    robot : str, optional
+        Another robot than the scenario's, with its own preferred posture.
 
     Raises
     ------
@@ -162,15 +218,7 @@ def LoadScenario(path: str | Path) -> Scenario:
             f"there is no scenario {path}; give a YAML file or one of: "
             f"{', '.join(ListScenarios())}."
         )
-    scenario = ParseScenario(file.read_bytes(), name=file.name)
-    skill, ink = scenario.skill, scenario.ink
-    if skill.demonstration.endswith((".csv", ".npz")):
-        skill.demonstration = str(file.parent / skill.demonstration)
-    if skill.file:
-        skill.file = str(file.parent / skill.file)
-    if ink.picture:
-        ink.picture = str(file.parent / ink.picture)
-    return scenario
+    return _Parse(file.read_bytes(), file.name, folder=file.parent, robot=robot)
 
 
 def ParseScenario(text: str | bytes, *, name: str = "this") -> Scenario:
@@ -194,12 +242,26 @@ def ParseScenario(text: str | bytes, *, name: str = "this") -> Scenario:
     >>> ParseScenario("press: {force: 8.0}").press.force
     8.0
     """
+    return _Parse(text, name)
+
+
+def _Parse(
+    text: str | bytes,
+    name: str,
+    folder: Path | None = None,
+    robot: str | None = None,
+) -> Scenario:
     try:
+        check_yaml(text, "it", StationError)
         _check_types(yaml.safe_load(text), Scenario())
         data = text.decode() if isinstance(text, bytes) else text
         scenario: Scenario = yaml_load_typed(  # type: ignore[no-untyped-call]
             schema=Scenario, data=data, defaults=Scenario()
         )
+        if folder is not None:
+            _Locate(scenario, folder)
+        if robot not in (None, scenario.robot):
+            scenario.robot, scenario.posture = str(robot), []
         scenario.check()
     except (
         RuntimeError,
@@ -209,9 +271,24 @@ def ParseScenario(text: str | bytes, *, name: str = "this") -> Scenario:
         AssertionError,  # Drake's loader, for a number in place of a mapping.
         yaml.YAMLError,
     ) as error:
-        reason = str(error).strip().splitlines()[0]
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise StationError(f"{name} is not a scenario: {reason}") from None
     return scenario
+
+
+def _Locate(scenario: Scenario, folder: Path) -> None:
+    """Make the files that a scenario names relative to where it is."""
+    skill, ink = scenario.skill, scenario.ink
+    if skill.demonstration.endswith((".csv", ".npz")):
+        skill.demonstration = str(folder / skill.demonstration)
+    if skill.file:
+        skill.file = str(folder / skill.file)
+    if ink.picture:
+        ink.picture = str(folder / ink.picture)
+    if scenario.tool.endswith((".sdf", ".urdf")):
+        scenario.tool = str(folder / scenario.tool)
+    if scenario.robot.endswith((".yaml", ".yml")):
+        scenario.robot = str(folder / scenario.robot)
 
 
 def _check_types(given: Any, default: Any, name: str = "") -> None:
@@ -221,22 +298,23 @@ def _check_types(given: Any, default: Any, name: str = "") -> None:
         place, allowed = name or "a scenario", ", ".join(fields)
         if not isinstance(given, Mapping):
             raise StationError(
-                f"{place} is {given!r} ({type(given).__name__}); expected a mapping "
+                f"{place} is {shown(given)} ({type(given).__name__}); expected a mapping "
                 f"with any of: {allowed}."
             )
         for key, value in given.items():
             if key not in fields:
                 raise StationError(
-                    f"{place} has no key {key!r}; allowed are: {allowed}."
+                    f"{place} has no key {shown(key)}; allowed are: {allowed}."
                 )
             _check_types(value, getattr(default, key), f"{name}.{key}".lstrip("."))
     elif default == [] and isinstance(given, list):
-        for i, each in enumerate(given):
-            _check_types(each, Disturbance(), f"{name}[{i}]")
+        example = Disturbance() if name == "disturbances" else 0.0
+        for i, item in enumerate(given):
+            _check_types(item, example, f"{name}[{i}]")
     elif not _fits(given, default):
         expected = f"a list like {default}" if isinstance(default, list) else "a number"
         expected = _EXPECTED.get(type(default), expected)
-        raise StationError(f"{name} is {given!r}; expected {expected}.")
+        raise StationError(f"{name} is {shown(given)}; expected {expected}.")
 
 
 _EXPECTED = {bool: "true or false", str: "text", type(None): "a number or null"}
@@ -244,7 +322,9 @@ _EXPECTED = {bool: "true or false", str: "text", type(None): "a number or null"}
 
 def _fits(given: Any, default: Any) -> bool:
     if isinstance(default, list):
-        return isinstance(given, list) and all(_fits(g, default[0]) for g in given)
+        return isinstance(given, list) and all(
+            _fits(item, default[0] if default else 0.0) for item in given
+        )
     if isinstance(default, bool | str):
         return isinstance(given, type(default))
     if given is None:
@@ -257,5 +337,5 @@ def _fits(given: Any, default: Any) -> bool:
 def field_names(value: Any) -> list[str]:
     """Return the names of a dataclass's fields, or of one of Drake's own configs."""
     if dataclasses.is_dataclass(value):
-        return [each.name for each in dataclasses.fields(value)]
-    return [each.name for each in getattr(type(value), "__fields__", ())]
+        return [field.name for field in dataclasses.fields(value)]
+    return [field.name for field in getattr(type(value), "__fields__", ())]

@@ -3,16 +3,28 @@
 `Scenario.check` checks their values, because loading YAML does not construct anew.
 """
 
+import math
 from dataclasses import dataclass, field
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from fmp_drake.errors import StationError
+from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.settings import bounded
+from fmp_drake.systems.surface.surface import Surface
 
 DISTURBANCES = ("push", "grasp")
+
+# Curvatures along x and y of B, of a radius of 1 m; a cylinder's are those along `axis`.
+_SHAPES = {
+    "plane": (0.0, 0.0),
+    "cylinder": (1.0, 1.0),
+    "dome": (1.0, 1.0),
+    "bowl": (-1.0, -1.0),
+    "none": (0.0, 0.0),
+}
 
 
 @dataclass(kw_only=True)
@@ -31,7 +43,7 @@ class BoardMotion:
     Examples
     --------
     >>> motion = BoardMotion(axis=[1.0, 1.0, 0.0], amplitude=0.05)
-    >>> BoardConfig(motion=motion).axis()
+    >>> BoardConfig(motion=motion).rail_axis()
     array([0.70710678, 0.70710678, 0.        ])
     """
 
@@ -39,15 +51,16 @@ class BoardMotion:
     amplitude: float = bounded(0.0, least=0)
     frequency: float = bounded(0.1, above=0)
 
-    def check(self) -> None:
-        """Check what the ranges do not say."""
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
         if not np.any(self.axis):
-            raise StationError("board.motion.axis is 0; expected a direction.")
+            return "board.motion.axis is 0; expected a direction."
+        return ""
 
 
 @dataclass(kw_only=True)
 class BoardError:
-    """How far the board is from where the controller takes it to be.
+    """Error of the assumed pose of the board.
 
     Attributes
     ----------
@@ -69,16 +82,22 @@ class BoardError:
 
 @dataclass(kw_only=True)
 class BoardConfig:
-    """The whiteboard.
+    """The whiteboard, or another surface to wipe.
 
     Attributes
     ----------
+    shape : str
+        `plane`, `cylinder`, `dome`, `bowl`, or `none` where there is no board at all.
+    radius : float
+        Of a cylinder, dome or bowl, m.
+    axis : str
+        Of a cylinder: `x` or `y` of B.
     translation : list of 3 floats
         p_WB, the centre of the surface in the frame of the robot's base, m.
     rpy : list of 3 floats
         Roll, pitch, yaw of R_WB, rad; z of B is the normal out of the surface.
     size : list of 2 floats
-        Along x and y of B, m.
+        Along x and y of B, m; on a curved board along the surface.
     friction : float
         Coefficient of friction of its surface.
     legs : bool
@@ -91,8 +110,13 @@ class BoardConfig:
     >>> board = BoardConfig(translation=[0.5, 0.1, 0.2], rpy=[0.0, -0.3, 0.0])
     >>> board.pose().translation()
     array([0.5, 0.1, 0.2])
+    >>> BoardConfig(shape="cylinder", radius=0.25, axis="x").curvature()
+    Surface(kx=0.0, ky=4.0)
     """
 
+    shape: str = "plane"
+    radius: float = bounded(0.30, above=0)
+    axis: str = "x"
     translation: list[float] = bounded([0.55, 0.0, 0.10])
     rpy: list[float] = bounded([0.0, 0.0, 0.0])
     size: list[float] = bounded([0.50, 0.70], least=0.1)
@@ -109,10 +133,40 @@ class BoardConfig:
         """Return X_WB, at the middle of the rail."""
         return self.assumed_pose() @ _pose(self.error.translation, self.error.rpy)
 
-    def axis(self) -> NDArray[np.float64]:
+    def rail_axis(self) -> NDArray[np.float64]:
         """Return the direction of the rail in B, a unit vector."""
         axis = np.array(self.motion.axis)
         return axis / np.linalg.norm(axis)
+
+    def curvature(self) -> Surface:
+        """Return the curvatures of the surface along x and y of B, 1/m."""
+        kx, ky = _SHAPES[self.shape]
+        if self.shape == "cylinder":
+            kx, ky = (0.0, ky) if self.axis == "x" else (kx, 0.0)
+        return Surface(kx=kx / self.radius, ky=ky / self.radius)
+
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
+        if self.shape not in _SHAPES:
+            return f"board.shape is {self.shape}; choose one of: {', '.join(_SHAPES)}."
+        if self.axis not in ("x", "y"):
+            return f"board.axis is {self.axis}; expected x or y."
+        if self.shape == "none" and self.motion.amplitude > 0:
+            return "board.shape is none, so nothing can move: set board.motion.amplitude to 0."
+        if self.curvature().is_plane:
+            return ""
+        if self.shape == "cylinder":
+            width = self.size[1 if self.axis == "x" else 0]
+            most, what = 2 * np.pi * self.radius, "its circumference"
+        else:
+            width = math.hypot(*self.size)
+            most, what = np.pi * self.radius, "a hemisphere across its corners"
+        if width > 1.000001 * most:
+            return (
+                f"board.size is {self.size} m, {width:.3f} m around a {self.shape} of "
+                f"{self.radius:g} m; expected {most:.3f} m or less, {what}."
+            )
+        return ""
 
 
 @dataclass(kw_only=True)
@@ -132,12 +186,9 @@ class EraserConfig:
 
     Examples
     --------
-    >>> from pydrake.multibody.plant import MultibodyPlant
-    >>> from fmp_drake.station import AddPandaWithEraser
-    >>> plant = MultibodyPlant(time_step=0.001)
-    >>> panda, eraser = AddPandaWithEraser(plant, eraser=EraserConfig(friction=0.3))
-    >>> plant.GetModelInstanceName(eraser)
-    'eraser'
+    >>> from fmp_drake.station import Scenario
+    >>> Scenario(eraser=EraserConfig(friction=0.3)).contact_friction()
+    0.375
     """
 
     footprint: list[float] = bounded([0.12, 0.05], above=0)
@@ -148,7 +199,7 @@ class EraserConfig:
 
 @dataclass(kw_only=True)
 class PressConfig:
-    """How the eraser is pressed on the board.
+    """Normal force of the eraser on the board.
 
     Attributes
     ----------
@@ -202,10 +253,11 @@ class InkConfig:
     picture: str = ""
     size: float | None = bounded(None, above=0)
 
-    def check(self) -> None:
-        """Check what the ranges do not say."""
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
         if self.words and self.picture:
-            raise StationError("ink has words and a picture; give one of them.")
+            return "ink has words and a picture; give one of them."
+        return ""
 
 
 @dataclass(kw_only=True)
@@ -247,23 +299,24 @@ class Disturbance:
     stiffness: float = bounded(1000.0, above=0)
     max_force: float = bounded(60.0, above=0)
 
-    def check(self) -> None:
-        """Check what the ranges do not say."""
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
         if self.kind not in DISTURBANCES:
-            raise StationError(
+            return (
                 f"a disturbance's kind is {self.kind}; choose one of: "
                 f"{', '.join(DISTURBANCES)}."
             )
         if 0 < self.every < self.duration:
-            raise StationError(
+            return (
                 f"a disturbance of {self.duration} s comes every {self.every} s; it "
                 "must end before it begins again."
             )
+        return ""
 
 
 @dataclass(kw_only=True)
 class SensorConfig:
-    """How the controller measures the arm's joints.
+    """Sensors of the arm's joints.
 
     Attributes
     ----------
@@ -291,18 +344,17 @@ class SensorConfig:
     velocity_noise: float = bounded(0.0, least=0)
     seed: int = bounded(0, least=0)
 
-    def check(self) -> None:
-        """Check what the ranges do not say."""
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
         for name in ("delay", "position_noise", "velocity_noise"):
             if self.rate == 0 and getattr(self, name) > 0:
-                raise StationError(
-                    f"sensors.{name} needs a sensors.rate, 1000 Hz for example."
-                )
+                return f"sensors.{name} needs a sensors.rate, 1000 Hz for example."
+        return ""
 
 
 @dataclass(kw_only=True)
 class CameraConfig:
-    """From where the page and films look, in the frame of the robot's base, m.
+    """Camera of the page and of films, in the frame of the robot's base, m.
 
     Examples
     --------
@@ -315,15 +367,16 @@ class CameraConfig:
     eye: list[float] = bounded([1.50, -0.98, 0.86])
     target: list[float] = bounded([0.37, 0.0, 0.20])
 
-    def check(self) -> None:
-        """Check what the ranges do not say."""
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
         if self.eye == self.target:
-            raise StationError("camera.eye and camera.target are the same point.")
+            return "camera.eye and camera.target are the same point."
+        return ""
 
 
 @dataclass(kw_only=True)
 class ShowConfig:
-    """What the page shows beside arm, eraser and board; each can be switched off.
+    """Items on the page beside arm, eraser and board; each can be switched off.
 
     Examples
     --------
@@ -346,3 +399,63 @@ class ShowConfig:
 
 def _pose(translation: list[float], rpy: list[float]) -> RigidTransform:
     return RigidTransform(RollPitchYaw(np.array(rpy)), np.array(translation))
+
+
+@dataclass(kw_only=True)
+class SkillConfig:
+    """Playback of the skill.
+
+    Attributes
+    ----------
+    demonstration : str
+        Bundled (eight, polishing, pulsing, stirring, wiping) or a file, relative to the scenario's, to
+        learn from.
+    file : str
+        A learned skill to play instead.
+    window, components
+        Of the learning: seconds and Gaussians; None for as many as the recordings allow.
+    model : str
+        What is learned: automatic, phase or mixture, as for `FourierMovementPrimitive`.
+    sample : bool
+        Whether to track samples of the components or their means.
+    candidates : int
+        How many samples are drawn at the start and at each re-mapping; the one that
+        passes over the most ink of the demonstrated area is tracked. 1 for any sample,
+        as in the paper.
+    margin : float
+        How far samples may leave the demonstrated paths, m.
+    seed : int
+        Of the samples.
+    tempo : float
+        1 is as demonstrated.
+    push_threshold : float or None
+        Distance from the path, m, from which on the movement waits for a pushed
+        robot; None for the periodic mode only.
+    push_dwell : float
+        Seconds until the motion of a pushed robot is mapped.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import Scenario
+    >>> scenario = Scenario(skill=SkillConfig(demonstration="eight", tempo=0.8))
+    >>> scenario.check()
+    """
+
+    demonstration: str = "wiping"
+    file: str = ""
+    window: float = bounded(6.0, above=0)
+    components: int | None = bounded(None, least=1)
+    model: str = "automatic"
+    sample: bool = True
+    candidates: int = bounded(48, least=1)
+    margin: float = bounded(0.02, above=0)
+    seed: int = bounded(0, least=0)
+    tempo: float = bounded(1.0, least=0, most=4)
+    push_threshold: float | None = bounded(None, above=0)
+    push_dwell: float = bounded(0.2, above=0)
+
+    def inconsistency(self) -> str:
+        """Return what is wrong beyond the ranges."""
+        if self.model not in (known := get_args(ModelChoice)):
+            return f"skill.model is {self.model}; choose one of: {', '.join(known)}."
+        return ""

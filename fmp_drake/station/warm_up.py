@@ -1,36 +1,104 @@
-"""Compiling in advance."""
+"""Compilation of what stations need, before it is needed."""
 
+import atexit
+import inspect
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
+from fmp_drake.compiled import announcer, function_counts
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.station.station import MakeWipingStation
+from fmp_drake.systems.impedance.step import impedance_step
 from fmp_drake.systems.ink.mesh import corner_shades, ink_mesh
-from fmp_drake.systems.viewer.swept_mesh import rod_mesh
+from fmp_drake.systems.page.paths import rod_mesh
+from fmp_drake.systems.surface.surface import PLANE, place
+
+_COMPILE = """
+from numba.core.sigutils import normalize_signature
+from fmp_drake.systems.impedance.step import STEP_TYPES, impedance_step
+impedance_step.compile(normalize_signature(STEP_TYPES)[0])
+"""
 
 
-def WarmUp() -> None:
+class LawCompilation:
+    """Compilation of the control law by another process, while this one does something else.
+
+    The process writes the law, and the functions that it calls, into the cache. It is not
+    started where the cache holds the law. Only one process at a time should compile the
+    functions of a folder. It optimizes at level 2, which takes a fifth less time than level
+    3; the results are the same to the last bit.
+    """
+
+    def __init__(self) -> None:
+        function: Any = impedance_step
+        self._cache, python = Path(function.stats.cache_path), function.py_func
+        self._count = function_counts[Path(inspect.getfile(python)).parent]
+        self._process: subprocess.Popen[bytes] | None = None
+        if any(self._cache.glob(f"*.{python.__name__}-*.nbc")):
+            return
+        announcer.on_start()
+        place = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _COMPILE],
+            env={**os.environ, "NUMBA_OPT": "2", "NUMBA_CACHE_DIR": place},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        atexit.register(self._process.kill)
+
+    def progress(self) -> Iterator[float]:
+        """Wait for the end of the process, and yield the compiled fraction meanwhile.
+
+        If the process fails, the law is compiled when it is called first.
+        """
+        while self._process is not None and self._process.poll() is None:
+            # The last function, into which the others are linked, takes a third of the time.
+            yield min(1.0, len([*self._cache.glob("*.nbi")]) / self._count) * 2 / 3
+            time.sleep(0.1)
+
+
+def WarmUp(report: Callable[[float], object] = lambda _: None) -> None:
     """Compile what a station of the Panda and its page compile when they first need it.
 
-    That takes half a minute, once for a computer. Later it is read from the cache, in about a
-    second, and nothing waits for it in the middle of a run.
+    That takes up to half a minute, once per machine, in two processes. Later it is read from
+    the cache, in about a second, and nothing waits for it in the middle of a run.
+
+    Parameters
+    ----------
+    report : callable, optional
+        Called with the compiled fraction of the control law while only that is missing.
 
     Examples
     --------
     >>> WarmUp()
     """
+    law = LawCompilation()
     t = np.arange(200) / 10
     circles = 0.1 * np.column_stack([np.cos(3 * t), np.sin(3 * t), 0 * t])
-    for model in ("phase", "mixture"):
-        skill = FourierMovementPrimitive(
+    skills = [
+        FourierMovementPrimitive(
             model=model, rate=10.0, n_steps=24, overlap=4, n_components=2
         ).fit(circles)
-        station = MakeWipingStation(Scenario(), skill)
-        Simulator(station).AdvanceTo(0.15)
+        for model in ("phase", "mixture")
+    ]
     # What a page draws.
     rod_mesh(circles, 0.01)
+    place(PLANE, circles)
+    for fraction in law.progress():
+        report(fraction)
+    for skill in skills:
+        station = MakeWipingStation(Scenario(), skill)
+        Simulator(station).AdvanceTo(0.15)
     board: Any = station.GetSubsystemByName("ink_board")
     ink_mesh(board.grid, corner_shades(board.initial_ink))

@@ -8,7 +8,7 @@ from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInert
 
 from fmp_drake.errors import StationError
 from fmp_drake.settings import check_settings
-from fmp_drake.station.models.sdf_text import (
+from fmp_drake.station.models.model_files import (
     AddModel,
     Box,
     Collision,
@@ -99,17 +99,20 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     )
 
 
-def FeltPressLimit(config: EraserConfig) -> float:
+def FeltPressLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
     """Return the normal force that squeezes a felt to its core, N.
 
     It is the felt's pressure at the depth of the core on the whole footprint,
     ``modulus * (0.012 m / 0.015 m) * x * y``: 60 N for the default eraser. The
     simulated felt, whose pressure is less at the edges, bears 42 N of these by itself.
-    Beyond it would be the core's hard edges that wipe, not the felt.
+    Beyond it would be the core's hard edges that wipe, not the felt. On a curved surface
+    the felt has less depth left where it is squeezed least.
 
     Parameters
     ----------
     config : EraserConfig
+    sagitta : float
+        How far the surface bends away under the felt, see `Surface.sagitta`, m.
 
     Examples
     --------
@@ -117,7 +120,8 @@ def FeltPressLimit(config: EraserConfig) -> float:
     40.0
     """
     x, y = config.footprint
-    return config.modulus * _BARE / (_THICK / 2) * x * y
+    depth = max(_BARE - sagitta, 0.0)
+    return config.modulus * depth / (_THICK / 2) * x * y
 
 
 def _Contacts(config: EraserConfig) -> list[str]:

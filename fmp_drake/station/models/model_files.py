@@ -1,17 +1,17 @@
-"""The package's models: where they are, and the arm with its eraser."""
+"""The package's models: where they are, and pieces of SDF text for sized ones."""
 
-import math
+from collections.abc import Sequence
 from pathlib import Path
 
-from pydrake.math import RigidTransform, RotationMatrix
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.models.eraser import AddEraser
-from fmp_drake.station.models.panda import AddPanda
-from fmp_drake.station.scenario_parts import EraserConfig
+
+Colour = tuple[float, float, float]
 
 
 def models_dir() -> Path:
@@ -54,46 +54,120 @@ def AddFmpDrakePackage(parser: Parser) -> None:
         packages.AddPackageXml(str(models_dir() / "package.xml"))
 
 
-def AddPandaWithEraser(
-    plant: MultibodyPlant,
-    *,
-    eraser: EraserConfig | None = None,
-    visuals: str = "own",
-) -> tuple[ModelInstanceIndex, ModelInstanceIndex]:
-    """Add the arm, welded to the world, with the eraser on its flange.
+def Numbers(values: Sequence[float] | NDArray[np.float64]) -> str:
+    """Write numbers with six digits, apart by spaces."""
+    return " ".join(f"{value:.6g}" for value in values)
 
-    This is the robot as its controller knows it; contact needs a plant that is
-    registered with a scene graph. The eraser is turned by -45 degrees about the
-    flange's z, as Franka mounts its hand, so that ``R_WE = diag(1, -1, -1)`` at the
-    start posture ``q = (0, -pi/4, 0, -3 pi/4, 0, pi/2, pi/4)``.
 
-    Parameters
-    ----------
-    plant : MultibodyPlant
-        A plant that is not finalized and has no model named ``panda`` or ``eraser``.
-    eraser : EraserConfig, optional
-        The default one where None.
-    visuals : {"own", "drake_models"}
-        The arm's meshes: our own, or the official ones that Drake downloads.
+def Box(*size: float) -> str:
+    """Return a box of size x, y, z, m."""
+    return f"<box><size>{Numbers(size)}</size></box>"
 
-    Returns
-    -------
-    panda, eraser : ModelInstanceIndex
-        The arm of 7 joints and the eraser.
 
-    Raises
-    ------
-    StationError
-        Where a value is not allowed, or the official meshes are not to be had.
-    """
-    parser = Parser(plant)
-    AddFmpDrakePackage(parser)
-    panda = AddPanda(plant, packages=parser.package_map(), visuals=visuals)
-    tool = AddEraser(plant, eraser or EraserConfig())
-    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("panda_link0", panda))
-    plant.WeldFrames(
-        plant.GetFrameByName("panda_link8", panda),
-        plant.GetFrameByName("mount", tool),
-        RigidTransform(RotationMatrix.MakeZRotation(-math.pi / 4)),
+def Cylinder(radius: float, length: float) -> str:
+    """Return a cylinder along z, m."""
+    return (
+        f"<cylinder><radius>{radius:.6g}</radius>"
+        f"<length>{length:.6g}</length></cylinder>"
     )
-    return panda, tool
+
+
+def Ellipsoid(*radii: float) -> str:
+    """Return an ellipsoid with radii along x, y, z, m."""
+    return f"<ellipsoid><radii>{Numbers(radii)}</radii></ellipsoid>"
+
+
+def Visual(
+    name: str, shape: str, *, at: Sequence[float], colour: Colour, yaw: float = 0.0
+) -> str:
+    """Return a shape at a place (m) of its link, turned by a yaw (rad), in an sRGB colour.
+
+    Once for the page, which takes colours as sRGB, and once for the renderer, which
+    takes them as linear beside the arm's glTF meshes; so both look the same.
+    """
+    pose = [*at, 0, 0, yaw]
+    return _Role(name, "perception", shape, pose, colour) + _Role(
+        f"{name}_rendered", "illustration", shape, pose, linear_colour(colour)
+    )
+
+
+def _Role(
+    name: str, without: str, shape: str, pose: Sequence[float], colour: Sequence[float]
+) -> str:
+    return (
+        f'<visual name="{name}"><pose>{Numbers(pose)}</pose>'
+        f"<geometry>{shape}</geometry>"
+        f"<material><diffuse>{Numbers([*colour, 1])}</diffuse></material>"
+        f'<drake:{without}_properties enabled="false"/></visual>\n'
+    )
+
+
+def linear_colour(colour: Sequence[float]) -> Colour:
+    """Undo sRGB's transfer curve (IEC 61966-2-1)."""
+    red, green, blue = (
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour
+    )
+    return red, green, blue
+
+
+def Collision(
+    name: str,
+    shape: str,
+    *,
+    at: Sequence[float],
+    friction: float,
+    modulus: float | None = None,
+    dissipation: float = 0,
+) -> str:
+    """Return a shape that touches: modulus in Pa, dissipation in s/m.
+
+    It is compliant and hydroelastic; without a modulus it touches with points.
+    """
+    hydroelastic = (
+        f"""<drake:compliant_hydroelastic/>
+    <drake:hydroelastic_modulus>{modulus:.10g}</drake:hydroelastic_modulus>
+    <drake:hunt_crossley_dissipation>{dissipation}</drake:hunt_crossley_dissipation>"""
+        if modulus is not None
+        else ""
+    )
+    return f"""<collision name="{name}"><pose>{Numbers([*at, 0, 0, 0])}</pose>
+  <geometry>{shape}</geometry>
+  <drake:proximity_properties>
+    {hydroelastic}
+    <drake:mu_dynamic>{friction:.10g}</drake:mu_dynamic>
+    <drake:mu_static>{friction:.10g}</drake:mu_static>
+  </drake:proximity_properties>
+</collision>
+"""
+
+
+def Inertial(inertia: SpatialInertia) -> str:
+    """Return a symmetric body's inertia; `inertia` is about the link's origin."""
+    central = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
+    moments = (
+        f"<i{axis}>{value:.6g}</i{axis}>"
+        for axis, value in zip(("xx", "yy", "zz"), central.get_moments(), strict=True)
+    )
+    products = "<ixy>0</ixy><ixz>0</ixz><iyz>0</iyz>"
+    return (
+        f"<inertial><pose>{Numbers([*inertia.get_com(), 0, 0, 0])}</pose>"
+        f"<mass>{inertia.get_mass():.6g}</mass>"
+        f"<inertia>{''.join(moments)}{products}</inertia></inertial>\n"
+    )
+
+
+def AddModel(
+    plant: MultibodyPlant, *, model: str, link: str, parts: str, frames: str
+) -> ModelInstanceIndex:
+    """Add a model of one link, made of inertia, visuals and collisions."""
+    text = f"""<?xml version="1.0"?>
+<sdf version="1.9" xmlns:drake="http://drake.mit.edu">
+<model name="{model}">
+<link name="{link}">
+{parts}</link>
+{frames}
+</model>
+</sdf>
+"""
+    (instance,) = Parser(plant).AddModelsFromString(text, "sdf")
+    return instance

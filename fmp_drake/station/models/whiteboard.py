@@ -16,13 +16,15 @@ from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInert
 
 from fmp_drake.errors import StationError
 from fmp_drake.settings import check_settings
-from fmp_drake.station.models.sdf_text import (
+from fmp_drake.station.models.curved_board import AddCurvedContact
+from fmp_drake.station.models.model_files import (
     AddModel,
     Box,
     Collision,
     Cylinder,
     Inertial,
     Visual,
+    linear_colour,
 )
 from fmp_drake.station.scenario_parts import BoardConfig
 
@@ -45,7 +47,8 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
     board is a uniform slab, 20 mm thick. It is compliant, although stiff beside the
     felt: under an eraser that slides at 0.1 m/s a rigid slab makes the normal force
     of 10 N ripple by 0.65 N peak to peak, this one by 0.0001 N (`lagged`, 1 ms). The
-    frame's bars, which stand 1.5 mm over the surface, touch like the slab.
+    frame's bars, which stand 1.5 mm over the surface, touch like the slab. A curved
+    board has no frame, and stands on a post instead of legs.
 
     Parameters
     ----------
@@ -94,13 +97,17 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
         _DENSITY * x * y * _THICK, np.zeros(3), UnitInertia.SolidBox(x, y, _THICK)
     ).Shift(np.array([0, 0, _THICK / 2]))
     middle, slab = (0.0, 0.0, -_THICK / 2), Box(x, y, _THICK)
-    parts = [
-        Inertial(inertia),
-        Visual("slab", slab, at=middle, colour=_WHITE),
-        *_Frame(x, y),
-        *_FrameContacts(x, y, config.friction),
-        *(_Legs(x, y) if config.legs else _Mount(x, y)),
-    ]
+    is_plane = config.curvature().is_plane
+    if is_plane:
+        parts = [
+            Inertial(inertia),
+            Visual("slab", slab, at=middle, colour=_WHITE),
+            *_Frame(x, y),
+            *_FrameContacts(x, y, config.friction),
+            *(_Legs(x, y) if config.legs else _Mount(x, y)),
+        ]
+    else:
+        parts = [Inertial(inertia), *(_Post(config) if config.legs else [])]
     whiteboard = AddModel(
         plant,
         model="whiteboard",
@@ -109,12 +116,28 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
         frames='<frame name="surface" attached_to="board"/>',
     )
     if plant.geometry_source_is_registered():
-        _AddSlabContact(plant, whiteboard, config)
+        if is_plane:
+            _AddSlabContact(plant, whiteboard, config)
+        else:
+            AddCurvedContact(
+                plant,
+                whiteboard,
+                config,
+                thickness=_THICK,
+                colour=_WHITE,
+                linear=linear_colour(_WHITE),
+            )
     return whiteboard
 
 
 def BoardBox(config: BoardConfig) -> NDArray[np.float64]:
-    """Return the lower and the upper corner, shape (2, 3), of slab and frame in B, m."""
+    """Return the lower and the upper corner, shape (2, 3), of slab and frame, m.
+
+    They are in B, or on a curved board (u, v, h), see `Surface`.
+    """
+    if not config.curvature().is_plane:
+        x, y = (edge / 2 for edge in config.size)
+        return np.array([[-x, -y, -min(_THICK, config.radius / 2)], [x, y, 0.0]])
     x, y = (edge / 2 + _EDGE for edge in config.size)
     return np.array([[-x, -y, _LOW - _BAR / 2], [x, y, _LOW + _BAR / 2]])
 
@@ -122,7 +145,7 @@ def BoardBox(config: BoardConfig) -> NDArray[np.float64]:
 def _AddSlabContact(
     plant: MultibodyPlant, whiteboard: ModelInstanceIndex, config: BoardConfig
 ) -> None:
-    """Let the slab touch, as the convex hull of its corners."""
+    """Add the contact of the slab, as the convex hull of its corners."""
     x, y = config.size
     sides = ((-x / 2, x / 2), (-y / 2, y / 2), (-_THICK, 0.0))
     corners = np.array(list(product(*sides))).T
@@ -188,6 +211,17 @@ def _Legs(x: float, y: float) -> list[str]:
         legs.append(Visual(f"leg_{i}", leg, at=(*corner, -0.056), colour=_METAL))
         legs.append(Visual(f"foot_{i}", foot, at=(*corner, -0.096), colour=_DARK))
     return legs
+
+
+def _Post(config: BoardConfig) -> list[str]:
+    """Draw a post from the slab down to the floor."""
+    length = max(config.translation[2] - _THICK, 0.02)
+    post, foot = Cylinder(0.020, length), Cylinder(0.060, 0.008)
+    bottom = -_THICK - length
+    return [
+        Visual("post", post, at=(0.0, 0.0, bottom + length / 2), colour=_METAL),
+        Visual("foot", foot, at=(0.0, 0.0, bottom + 0.004), colour=_DARK),
+    ]
 
 
 def _Mount(x: float, y: float) -> list[str]:

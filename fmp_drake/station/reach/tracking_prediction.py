@@ -1,4 +1,4 @@
-"""How the controller would hold the arm along paths of the eraser: kinematics only."""
+"""Prediction of the arm's motion along paths of the eraser, by kinematics only."""
 
 from typing import NamedTuple
 
@@ -8,32 +8,32 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 
 from fmp_drake.systems.impedance.algebra import rotation_vector
-from fmp_drake.systems.impedance.arm import ArmModel
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.interface.arm_model import ArmModel
 
 Array = NDArray[np.float64]
 
 # Damps the inverse where the arm is singular, as a multiple of the springs' compliance,
-# (rad/s)². Elsewhere the corrections come closer than 0.5 mm to what is wanted.
+# (rad/s)². Elsewhere the corrections leave an error of less than 0.5 mm.
 _DAMPING = 6.0
 _CORRECTIONS, _LONGEST_STEP = 5, 0.15  # rad
-# Samples of the way from where the arm is to where a path begins, and of waiting there.
+# Samples from the arm's posture to the beginning of a path, and of waiting there.
 _LEAD_IN, _SETTLE = 16, 12
 
 
-class HeldMotion(NamedTuple):
-    """How the arm moves along B paths of T samples.
+class PredictedMotion(NamedTuple):
+    """Predicted motion of the arm along B paths of T samples.
 
     Attributes
     ----------
     q, v : array, shape (B, T, n)
         rad and rad/s.
     torque : array, shape (B, T, n)
-        That moves and carries the arm with its eraser, Nm.
-    press_torque : array, shape (B, T, n)
-        For each newton with which the eraser presses on the board, m.
+        For motion and weight of the arm with its eraser, Nm.
+    force_torque : array, shape (B, T, n)
+        Joint torque per newton of normal force on the board, m.
     error : array, shape (B, T, 6)
-        What is left to the wanted pose, in the board's axes: rotation in rad, then
+        From the predicted to the desired pose, in the board's axes: rotation in rad, then
         translation in m.
     manipulability : array, shape (B, T)
         ``sqrt(det(J Jᵀ))``, m³.
@@ -42,18 +42,18 @@ class HeldMotion(NamedTuple):
     q: Array
     v: Array
     torque: Array
-    press_torque: Array
+    force_torque: Array
     error: Array
     manipulability: Array
 
 
-class HeldArm:
-    """The arm on a path of the eraser, as the impedance controller would hold it.
+class TrackingPredictor:
+    """Prediction of the arm's motion where its impedance controller tracks a path.
 
-    Differential inverse kinematics: the joints' way is that of least kinetic energy
-    (dynamically consistent), with the posture's spring and damper in the nullspace. An
-    error that cannot be removed is divided, nearly, by the springs' compliance. The joints
-    stay within their limits, and do not feel their walls.
+    Differential inverse kinematics: the dynamically consistent (minimum kinetic energy)
+    inverse resolves the joint motion, with the posture's spring and damper in the
+    nullspace. The springs' compliance distributes an error that cannot be removed. The
+    joints stay within their limits; the springs at the joint limits have no effect.
 
     Parameters
     ----------
@@ -79,17 +79,17 @@ class HeldArm:
         *,
         q_posture: Array,
         step: float,
-    ) -> HeldMotion:
-        """Move along paths, each from its posture, straight to where the path begins.
+    ) -> PredictedMotion:
+        """Predict the motion along paths, each from its posture straight to its beginning.
 
         Parameters
         ----------
         p_WE : array, shape (B, T, 3)
             Positions of the eraser in the world, m.
-        R_WE, R_WB : array, shape (B, 3, 3)
-            How it is held, and the board's axes.
+        R_WE, R_WB : array, shape (B, T, 3, 3) or (B, 1, 3, 3)
+            Orientation of the eraser, and of the board: z is its normal.
         q_posture : array, shape (B, n)
-            The controller's posture, in which the arm is at first, rad.
+            The controller's posture, in which the arm begins, rad.
         step : float
             Time from sample to sample, s.
         """
@@ -97,39 +97,40 @@ class HeldArm:
         upper = self._arm.GetPositionUpperLimits()
         pull = step * config.posture_frequency**2
         brake = 2 * step * config.posture_damping_ratio * config.posture_frequency
-        damping = np.zeros((len(p_WE), 6, 6))
+        damping = np.zeros((*R_WB.shape[:2], 6, 6))
         compliance = _DAMPING / np.diagonal(config.stiffness())
         for half in (slice(3), slice(3, 6)):
-            damping[:, half, half] = (R_WB * compliance[half]) @ R_WB.mT
+            damping[..., half, half] = (R_WB * compliance[half]) @ R_WB.mT
         q, u, v = q_posture, np.zeros_like(q_posture), np.zeros_like(q_posture)
         M, Cv, X, J = self._read(q, v)
         lead_in = np.linspace(X[..., 3], p_WE[:, 0], _LEAD_IN, axis=1)
         begin = np.repeat(p_WE[:, :1], _SETTLE, axis=1)
-        way = np.concatenate([lead_in, begin, p_WE], axis=1)
-        before, found = q, []
-        inverse = _inverse(M, J, damping)
-        for k in range(way.shape[1]):
-            off = _shortened(q_posture - q, config.max_posture_error)
-            u = (u + pull * off) / (1 + brake + step * pull)
+        path = np.concatenate([lead_in, begin, p_WE], axis=1)
+        before, samples = q, []
+        inverse = _inverse(M, J, damping[:, 0])
+        for k in range(path.shape[1]):
+            at = min(max(k - _LEAD_IN - _SETTLE, 0), R_WB.shape[1] - 1)
+            posture_error = _shortened(q_posture - q, config.max_posture_error)
+            u = (u + pull * posture_error) / (1 + brake + step * pull)
             u -= _times(inverse, _times(J, u))
             q = q + step * u
             for _ in range(_CORRECTIONS):
-                left = _errors(self._poses(q), way[:, k], R_WE)
-                dq = _shortened(_times(inverse, left), _LONGEST_STEP)
+                pose_error = _errors(self._poses(q), path[:, k], R_WE[:, at])
+                dq = _shortened(_times(inverse, pose_error), _LONGEST_STEP)
                 q = np.clip(q + dq, lower, upper)
             M, Cv, X, J = self._read(q, v)
-            inverse = _inverse(M, J, damping)
+            inverse = _inverse(M, J, damping[:, at])
             v, before = (q - before) / step, q
-            error = _errors(X, way[:, k], R_WE).reshape(-1, 2, 3) @ R_WB
-            press_torque = _times(J[:, 3:].mT, -R_WB[..., 2])
+            error = _errors(X, path[:, k], R_WE[:, at]).reshape(-1, 2, 3) @ R_WB[:, at]
+            force_torque = _times(J[:, 3:].mT, -R_WB[:, at, :, 2])
             squared = np.maximum(np.linalg.det(J @ J.mT), 0.0)
-            found.append((q, v, M, Cv, press_torque, error, np.sqrt(squared)))
-        parts = zip(*found[-p_WE.shape[1] :], strict=True)
-        q, v, M, Cv, press_torque, error, size = (np.stack(p, axis=1) for p in parts)
+            samples.append((q, v, M, Cv, force_torque, error, np.sqrt(squared)))
+        parts = zip(*samples[-p_WE.shape[1] :], strict=True)
+        q, v, M, Cv, force_torque, error, size = (np.stack(p, axis=1) for p in parts)
         v[:, :1] = v[:, 1:2]  # A window begins in the middle of a motion.
         torque = _times(M, np.diff(v, axis=1, prepend=v[:, :1]) / step) + Cv
         error = error.reshape(*error.shape[:2], 6)
-        return HeldMotion(q, v, torque, press_torque, error, size)
+        return PredictedMotion(q, v, torque, force_torque, error, size)
 
     def _read(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M (B, n, n), Cv - g (B, n), X_WE (B, 3, 4) and J (B, 6, n) in W."""
@@ -150,9 +151,9 @@ class HeldArm:
 
 
 def _errors(X_WE: Array, p_WE: Array, R_WE: Array) -> Array:
-    """Return what is left from poses (B, 3, 4) to wanted ones, in W, shape (B, 6)."""
-    turned = [rotation_vector(R) for R in R_WE @ X_WE[..., :3].mT]
-    return np.concatenate([turned, p_WE - X_WE[..., 3]], axis=1)
+    """Return the errors from poses (B, 3, 4) to desired ones, in W, shape (B, 6)."""
+    rotations = [rotation_vector(R) for R in R_WE @ X_WE[..., :3].mT]
+    return np.concatenate([rotations, p_WE - X_WE[..., 3]], axis=1)
 
 
 def _inverse(M: Array, J: Array, damping: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Background, lights and camera, for the page and for films alike."""
+"""Background, lights and camera of the page and of films."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +10,7 @@ from fmp_drake.numeric import finite_array
 FIELD_OF_VIEW = 40.0  # Of the page's camera, vertical, degrees.
 _SKY = (0.93, 0.945, 0.96)
 _GROUND = (0.80, 0.82, 0.85)
-# Where the key light goes, seen from the camera: right, down, away from it.
+# Direction of the key light in the camera's axes: right, down, away from it.
 _KEY = np.array([0.50, 0.75, 0.80]) / np.linalg.norm([0.50, 0.75, 0.80])
 _KEY_DISTANCE = 3.4  # From the robot's base, m.
 _ON = "/<object>"
@@ -19,20 +19,20 @@ _ON = "/<object>"
 def SetStage(meshcat: Meshcat, *, eye: ArrayLike, target: ArrayLike) -> None:
     """Light a page and place its camera.
 
-    A bright background without grid and axes, one lamp above the viewer's left
-    shoulder that casts soft shadows, and weak light from everywhere else. The lamp
-    stays where it is when somebody turns the view.
+    The background is bright, without grid and axes. One lamp above the viewer's left
+    shoulder casts soft shadows; the other light is weak and ambient. The lamp stays fixed
+    when a user rotates the view.
 
     Parameters
     ----------
     meshcat : Meshcat
     eye, target : array_like, shape (3,)
-        The camera's place and what it looks at, in the world, m.
+        Position of the camera, and point in the middle of its view, in the world, m.
 
     Raises
     ------
     StationError
-        Where the two do not say in which direction to look.
+        Where the direction of the view is undefined or vertical.
     """
     eye, target = (
         finite_array(point, f"the camera's {name}", (3,), error=StationError)
@@ -79,11 +79,11 @@ def SetStage(meshcat: Meshcat, *, eye: ArrayLike, target: ArrayLike) -> None:
 
 
 def RenderLights() -> RenderEngineVtkParams:
-    """Return what makes a VTK renderer's pictures look like the page.
+    """Return the parameters of a VTK renderer whose pictures look like the page.
 
-    The lamps are fixed to the camera, which should be 1 m to 3 m away. Two stand in
-    the key light's place and only one of them casts shadows: VTK's shadow maps darken
-    patches of round surfaces that face the lamp, and shared out that is faint. The
+    The lamps are fixed to the camera, which should be 1 m to 3 m away. Two replace the key
+    light, and only one of them casts shadows: VTK's shadow maps darken patches of round
+    surfaces that face the lamp, which is faint where one of two lamps causes it. The
     caller chooses the backend.
 
     Returns
@@ -120,7 +120,7 @@ def _Lamp(position: np.ndarray, intensity: float) -> LightParameter:
 
 
 def _CameraAxes(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return R_WC: the camera's right, down and forward axes in the world."""
+    """Return R_WC, with the right, down and forward axes of the camera as columns."""
     forward = target - eye
     right = np.cross(forward, [0.0, 0.0, 1.0])
     if np.linalg.norm(right) < 1e-6:

@@ -9,8 +9,9 @@ from pydrake.geometry import Box, Capsule, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex
 
-from fmp_drake.station.models.model_files import AddPandaWithEraser
-from fmp_drake.systems.surface_monitor import clearances, moved
+from fmp_drake.station.robots.robot import MakeRobotModel, RobotConfig
+from fmp_drake.systems.surface.surface import PLANE, Surface
+from fmp_drake.systems.surface_monitor import along, clearances, moved
 
 Array = NDArray[np.float64]
 
@@ -56,20 +57,26 @@ def CollectHardPoints(
 
 
 class ArmClearance:
-    """How near the links of the arm come to a board; the eraser is none of them."""
+    """Clearance of an arm's links, without its tool, from a board.
 
-    def __init__(self) -> None:
-        self._plant, self._graph = MultibodyPlant(time_step=0.0), SceneGraph()
-        self._plant.RegisterAsSourceForSceneGraph(self._graph)
-        panda, _ = AddPandaWithEraser(self._plant)
-        self._plant.Finalize()
-        hard = CollectHardPoints(self._plant, self._graph, panda)
+    Parameters
+    ----------
+    config : RobotConfig
+    """
+
+    def __init__(self, config: RobotConfig) -> None:
+        self._graph = SceneGraph()
+        robot = MakeRobotModel(config, scene_graph=self._graph)
+        self._plant = robot.plant
+        hard = CollectHardPoints(robot.plant, self._graph, robot.arm)
         indices, self._owner = np.unique(hard.bodies, return_inverse=True)
         self._links = [self._plant.get_body(BodyIndex(i)) for i in indices]
         self._points, self._radii = hard.points, hard.radii
         self._context = self._plant.CreateDefaultContext()
 
-    def nearest(self, q: Array, X_BW: Array, box: Array) -> tuple[Array, str]:
+    def nearest(
+        self, q: Array, X_BW: Array, box: Array, curvature: Surface = PLANE
+    ) -> tuple[Array, str]:
         """Return the distance to a board, and the link that comes nearest of all.
 
         Parameters
@@ -79,7 +86,9 @@ class ArmClearance:
         X_BW : array, shape (N, 3, 4)
             The world in the frame of the board.
         box : array, shape (2, 3)
-            The board's lower and upper corner in B, m.
+            The board's lower and upper corner in B, or in (u, v, h), m.
+        curvature : Surface
+            Of the board.
 
         Returns
         -------
@@ -96,7 +105,8 @@ class ArmClearance:
                     self._context, link
                 ).GetAsMatrix34()
         p_W = moved(X[:, self._owner], self._points)
-        distance = clearances(moved(X_BW[:, None], p_W), self._radii, box)
+        p = along(curvature, moved(X_BW[:, None], p_W))
+        distance = clearances(p, self._radii, box)
         ball = int(np.argmin(np.min(distance, axis=0)))
         return np.min(distance, axis=1), self._links[self._owner[ball]].name()
 

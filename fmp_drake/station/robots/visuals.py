@@ -1,4 +1,4 @@
-"""The arm, with our own visual meshes or with those that Drake downloads."""
+"""Visuals of arms: the meshes of their own models, or those that Drake downloads."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -9,27 +9,35 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from fmp_drake.errors import StationError
 
-# Written as in panda.urdf: Drake knows its own elements by this prefix.
+# Drake knows its own elements by this prefix.
 ET.register_namespace("drake", "http://drake.mit.edu")
 
 VISUALS = ("own", "drake_models")
-_OFFICIAL = "franka_description/urdf/panda_arm.urdf"  # In the package drake_models.
 
 
-def AddPanda(
-    plant: MultibodyPlant, *, packages: PackageMap, visuals: str
+def AddArm(
+    plant: MultibodyPlant,
+    model: Path,
+    *,
+    packages: PackageMap,
+    visuals: str = "own",
+    official: str = "",
 ) -> ModelInstanceIndex:
-    """Add the arm; its dynamics are ours whatever the visuals.
+    """Add an arm; its dynamics are those of its own model whatever the visuals.
 
     Parameters
     ----------
     plant : MultibodyPlant
-        Not finalized, without a model named ``panda``.
+        Not finalized, without a model of the same name.
+    model : Path
+        URDF or SDF file.
     packages : PackageMap
         Knows ``fmp_drake``, and ``drake_models`` where that is asked for.
     visuals : {"own", "drake_models"}
-        Meshes of our own, or the official ones, which Drake downloads when it first
+        Meshes of the model, or the official ones, which Drake downloads when it first
         needs them.
+    official : str
+        The official description in the package ``drake_models``.
 
     Returns
     -------
@@ -46,24 +54,27 @@ def AddPanda(
         )
     parser = Parser(plant)
     parser.package_map().AddMap(_Without(packages, "drake_models"))
-    own = Path(packages.GetPath("fmp_drake")) / "panda" / "panda.urdf"
     if visuals == "own":
-        (panda,) = parser.AddModels(str(own))
-        return panda
+        (arm,) = parser.AddModels(str(model))
+        return arm
+    if not official:
+        raise StationError(
+            f"{model.name} has no official meshes in drake_models. Take visuals: own."
+        )
     folder = _OfficialFolder(packages)
-    arm = ET.fromstring(own.read_text())
-    _Dress(arm, folder / _OFFICIAL)
+    description = ET.fromstring(model.read_text())
+    _Dress(description, folder / official)
     parser.package_map().Remove("drake_models")
     parser.package_map().Add("drake_models", folder)
-    text = ET.tostring(arm, encoding="unicode")
+    text = ET.tostring(description, encoding="unicode")
     try:
-        (panda,) = parser.AddModelsFromString(text, "urdf")
+        (arm,) = parser.AddModelsFromString(text, "urdf")
     except RuntimeError as error:
         raise StationError(
             f"the official meshes in {folder} cannot be used: {error}. "
             "Take visuals: own, which needs no download."
         ) from None
-    return panda
+    return arm
 
 
 def _Without(packages: PackageMap, name: str) -> PackageMap:

@@ -4,9 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import CollisionFilterDeclaration, SceneGraph
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import (
@@ -21,12 +20,21 @@ from pydrake.systems.primitives import Multiplexer, Sine
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import check_number, finite_array
-from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.station.models.curved_board import FilterHull
+from fmp_drake.station.models.pot import AddPot
 from fmp_drake.station.models.whiteboard import AddWhiteboard
-from fmp_drake.station.parts.posture import SolvePosture
+from fmp_drake.station.reach.posture import SolvePosture
+from fmp_drake.station.robots.robot import (
+    AddRobot,
+    FilterSelfContact,
+    LoadRobot,
+    MakeRobotModel,
+    Robot,
+)
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import BoardConfig
 from fmp_drake.systems.joint_friction import JointFriction
+from fmp_drake.systems.surface.surface import Surface
 
 # The servo of a moving board: its natural frequency, rad/s.
 _SERVO = 120.0
@@ -39,16 +47,20 @@ class BoardScene:
     Attributes
     ----------
     plant, scene_graph
-        What is simulated: arm, eraser and board. Arm and eraser have no weight, because
-        the real arm compensates it by itself.
-    panda, whiteboard : ModelInstanceIndex
+        Arm, eraser and board. If they are simulated, arm and eraser have no weight, because
+        the real arm compensates it by itself. Otherwise the board is where it is assumed,
+        and neither is in the diagram.
+    is_simulated : bool
+    robot : Robot
         In `plant`.
-    tip, surface : Frame
-        E and B in `plant`.
-    arm : MultibodyPlant
+    model : Robot
         What the controller knows: the arm and its eraser with their weight, no board.
-    arm_tip : Frame
-        E in `arm`.
+    whiteboard : ModelInstanceIndex or None
+        None in free space.
+    surface : Frame
+        B in `plant`.
+    curvature : Surface
+        Of the board.
     X_WB : RigidTransform
         The board in the world at time 0.
     X_WA : RigidTransform
@@ -61,18 +73,18 @@ class BoardScene:
     >>> from pydrake.systems.framework import DiagramBuilder
     >>> from fmp_drake.station import AddBoardScene, Scenario
     >>> scene = AddBoardScene(DiagramBuilder(), Scenario(), start=[0.0, 0.0, 0.05])
-    >>> scene.plant.num_positions(), scene.arm.num_positions()
+    >>> scene.plant.num_positions(), scene.model.plant.num_positions()
     (7, 7)
     """
 
     plant: MultibodyPlant
     scene_graph: SceneGraph
-    panda: ModelInstanceIndex
-    whiteboard: ModelInstanceIndex
-    tip: Frame
+    is_simulated: bool
+    robot: Robot
+    model: Robot
+    whiteboard: ModelInstanceIndex | None
     surface: Frame
-    arm: MultibodyPlant
-    arm_tip: Frame
+    curvature: Surface
     X_WB: RigidTransform
     X_WA: RigidTransform
     rail: Sine | None
@@ -85,6 +97,7 @@ def AddBoardScene(
     start: ArrayLike,
     q: ArrayLike | None = None,
     visuals: str = "own",
+    simulated: bool = True,
 ) -> BoardScene:
     """Add the plant with arm, eraser and board, the eraser held at a start.
 
@@ -94,10 +107,12 @@ def AddBoardScene(
     scenario : Scenario
     start : array_like, shape (3,)
         p_BE, m: where the board is assumed to be.
-    q : array_like, shape (7,), optional
+    q : array_like, shape (n,), optional
         Joint angles in which the arm begins instead, wherever the eraser then is, rad.
     visuals : str
         Of the arm: `own` or `drake_models`.
+    simulated : bool
+        Whether the plant is simulated, or only describes a real robot.
 
     Raises
     ------
@@ -105,34 +120,60 @@ def AddBoardScene(
         Where the scenario has values that do not fit, or the arm cannot reach the start.
     """
     scenario.check()
-    arm, arm_tip = MakeArm(scenario)
-    plant, scene_graph = _AddPlant(builder, scenario)
-    panda, eraser = AddPandaWithEraser(plant, eraser=scenario.eraser, visuals=visuals)
-    for carried in (panda, eraser):
-        plant.set_gravity_enabled(carried, False)
+    if not simulated and scenario.board.motion.amplitude > 0:
+        raise StationError(
+            f"board.motion.amplitude is {scenario.board.motion.amplitude} m; nothing "
+            "measures a real board's motion. Set it to 0."
+        )
+    config = LoadRobot(scenario.robot)
+    model = MakeRobotModel(config, scenario.held_tool())
+    if simulated:
+        plant, scene_graph = _AddPlant(builder, scenario)
+    else:
+        plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()
+        plant.RegisterAsSourceForSceneGraph(scene_graph)
+    robot = AddRobot(plant, config, scenario.held_tool(), visuals=visuals)
+    for weightless in (robot.arm, robot.tool):
+        plant.set_gravity_enabled(weightless, False)
     board = scenario.board
-    whiteboard = AddWhiteboard(plant, board)
-    _Mount(plant, whiteboard, board)
+    X_WB = board.pose() if simulated else board.assumed_pose()
+    whiteboard = None
+    if not scenario.has_board:
+        fixed = FixedOffsetFrame("surface", plant.world_frame(), X_WB, robot.tool)
+        surface = plant.AddFrame(fixed)
+        if scenario.scenery == "pot":
+            pot = plant.GetBodyByName("pot", AddPot(plant))
+            plant.WeldFrames(surface, pot.body_frame())
+    else:
+        whiteboard = AddWhiteboard(plant, board)
+        surface = plant.GetFrameByName("surface", whiteboard)
+        _Mount(plant, whiteboard, board, X_WB)
     plant.Finalize()
-    _FilterSelfContact(plant, scene_graph, panda, eraser)
+    FilterSelfContact(robot, scene_graph)
+    if whiteboard is not None and min(board.curvature()) < 0:
+        FilterHull(plant, scene_graph, whiteboard)
 
-    moved = RigidTransform(-board.motion.amplitude * board.axis())
-    X_WA = board.assumed_pose() @ moved
+    displacement = RigidTransform(-board.motion.amplitude * board.rail_axis())
+    X_WA = board.assumed_pose() @ displacement
     if q is None:
-        X_AE = RigidTransform(
-            scenario.eraser_orientation(), np.asarray(start, dtype=float)
-        )
         q = SolvePosture(
-            arm, frame=arm_tip, X_WE=X_WA @ X_AE, q_preferred=scenario.posture
+            model.plant,
+            frame=model.tip,
+            X_WE=X_WA @ scenario.eraser_pose(start),
+            q_preferred=scenario.preferred_posture(),
         )
-    posture = finite_array(q, "q", (len(scenario.posture),), error=StationError)
-    plant.SetDefaultPositions(panda, posture)
-    if scenario.friction.enabled:
+    posture = finite_array(q, "q", (len(config.posture),), error=StationError)
+    plant.SetDefaultPositions(robot.arm, posture)
+    if simulated and scenario.friction.enabled:
         friction = builder.AddSystem(
-            JointFriction(plant, arm=panda, config=scenario.friction)
+            JointFriction(
+                plant,
+                arm=robot.arm,
+                config=scenario.friction.completed(config.friction),
+            )
         )
         builder.Connect(
-            plant.get_state_output_port(panda), friction.GetInputPort("state")
+            plant.get_state_output_port(robot.arm), friction.GetInputPort("state")
         )
         builder.Connect(
             friction.get_output_port(),
@@ -141,59 +182,37 @@ def AddBoardScene(
     return BoardScene(
         plant=plant,
         scene_graph=scene_graph,
-        panda=panda,
+        is_simulated=simulated,
+        robot=robot,
+        model=model,
         whiteboard=whiteboard,
-        tip=plant.GetFrameByName("eraser_tip", eraser),
-        surface=plant.GetFrameByName("surface", whiteboard),
-        arm=arm,
-        arm_tip=arm_tip,
-        X_WB=board.pose() @ moved,
+        surface=surface,
+        curvature=board.curvature(),
+        X_WB=X_WB @ displacement,
         X_WA=X_WA,
-        rail=_AddRail(builder, plant, whiteboard, scenario),
+        rail=None
+        if whiteboard is None
+        else _AddRail(builder, plant, whiteboard, scenario),
     )
 
 
-def _FilterSelfContact(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    panda: ModelInstanceIndex,
-    eraser: ModelInstanceIndex,
-) -> None:
-    """Of the robot let only the first links and the last ones touch each other.
-
-    Neighbours overlap, and the others cannot meet within the joints' ranges.
-    """
-    links = [plant.GetBodyByName(f"panda_link{i}", panda) for i in range(8)]
-    tool = plant.GetBodyByName("eraser", eraser)
-    for bodies in (links[:5], [*links[3:], tool]):
-        scene_graph.collision_filter_manager().Apply(
-            CollisionFilterDeclaration().ExcludeWithin(
-                plant.CollectRegisteredGeometries(bodies)
-            )
-        )
-
-
-def MakeArm(scenario: Scenario) -> tuple[MultibodyPlant, Frame]:
-    """Make what the controller knows: a plant of the arm and its eraser, and E in it."""
-    arm = MultibodyPlant(time_step=0.0)
-    arm.set_name("arm")
-    _, eraser = AddPandaWithEraser(arm, eraser=scenario.eraser)
-    arm.Finalize()
-    return arm, arm.GetFrameByName("eraser_tip", eraser)
-
-
 def _Mount(
-    plant: MultibodyPlant, whiteboard: ModelInstanceIndex, board: BoardConfig
+    plant: MultibodyPlant,
+    whiteboard: ModelInstanceIndex,
+    board: BoardConfig,
+    X_WB: RigidTransform,
 ) -> None:
     """Weld a board to the world, or put it on the joint `rail` with a stiff servo."""
     surface = plant.GetFrameByName("surface", whiteboard)
     if board.motion.amplitude == 0:
-        plant.WeldFrames(plant.world_frame(), surface, board.pose())
+        plant.WeldFrames(plant.world_frame(), surface, X_WB)
         return
     middle = plant.AddFrame(
-        FixedOffsetFrame("rail", plant.world_frame(), board.pose(), whiteboard)
+        FixedOffsetFrame("rail", plant.world_frame(), X_WB, whiteboard)
     )
-    rail: Any = plant.AddJoint(PrismaticJoint("rail", middle, surface, board.axis()))
+    rail: Any = plant.AddJoint(
+        PrismaticJoint("rail", middle, surface, board.rail_axis())
+    )
     rail.set_default_translation(-board.motion.amplitude)
     mass = plant.GetBodyByName("board", whiteboard).default_mass()
     plant.AddJointActuator("rail", rail).set_controller_gains(

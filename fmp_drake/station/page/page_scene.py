@@ -1,7 +1,8 @@
-"""What a page shows of a station, added to its diagram."""
+"""Visualizers and controls of a station's page, added to its diagram."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,27 +12,25 @@ from pydrake.geometry import (
     MeshcatVisualizerParams,
     SceneGraph,
 )
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
-from fmp_drake.station.models.model_files import AddPandaWithEraser
-from fmp_drake.station.models.whiteboard import AddWhiteboard
-from fmp_drake.station.parts.board_scene import AddBoardScene, BoardScene
-from fmp_drake.station.parts.mouse import AddMousePull
-from fmp_drake.station.parts.stage import SetStage
+from fmp_drake.station.external_forces import AddMousePull
+from fmp_drake.station.page.stage import SetStage
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scene import AddBoardScene, BoardScene
+from fmp_drake.station.skill_motion import SkillRoles
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
 from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.page.force_arrow import ForceArrow
 from fmp_drake.systems.page.ink_visualizer import InkVisualizer
 from fmp_drake.systems.page.page_controls import PageControls
+from fmp_drake.systems.page.page_panel import PagePanel
 from fmp_drake.systems.page.page_status import PageStatus
+from fmp_drake.systems.page.paths import draw_demonstrations
 from fmp_drake.systems.page.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.page.trail_visualizer import TrailVisualizer
-from fmp_drake.systems.viewer.page_panel import PagePanel
-from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 
 # Everything on the page has a period of 2^n milliseconds: its events then fall on steps
 # of the controller to the last bit, and never cut a step of the integrator in two.
@@ -39,15 +38,15 @@ from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 # Every station's bodies are drawn under this path of Meshcat's tree.
 _BODIES = "bodies"
 BOARD = f"{_BODIES}/whiteboard/board"
-"""Where the board's body is in Meshcat's tree: what is drawn on the board is under
-it, and moves with it, on the page and in recordings."""
+"""Path of the board's body in Meshcat's tree. Drawings on the board are below this path
+and move with the board, on the page and in recordings."""
 INK = f"{BOARD}/ink"
-"""Where the ink is drawn."""
+"""Path of the ink in Meshcat's tree."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PagePorts:
-    """What comes from the page: None where it is switched off.
+    """Systems of the page that act on the station; None if switched off.
 
     Attributes
     ----------
@@ -88,7 +87,7 @@ def AddBodies(
 
 
 def ShowStill(scenario: Scenario, meshcat: Meshcat, *, visuals: str = "own") -> None:
-    """Show arm, eraser and board at rest, while there is no station yet.
+    """Show arm, eraser and board at rest, before there is a station.
 
     Parameters
     ----------
@@ -100,7 +99,11 @@ def ShowStill(scenario: Scenario, meshcat: Meshcat, *, visuals: str = "own") -> 
     """
     builder = DiagramBuilder()
     scene = AddBoardScene(
-        builder, scenario, start=scenario.start, q=scenario.posture, visuals=visuals
+        builder,
+        scenario,
+        start=scenario.start,
+        q=scenario.preferred_posture(),
+        visuals=visuals,
     )
     AddBodies(builder, scene.scene_graph, scenario, meshcat)
     diagram = builder.Build()
@@ -115,10 +118,10 @@ def AddPage(
     meshcat: Meshcat,
     primitive: FourierPrimitiveSystem,
     measured_position: OutputPort,
-    ink: InkBoard,
+    ink: InkBoard | None,
     demonstrated: Sequence[NDArray[np.float64]],
 ) -> PagePorts:
-    """Show a wiping station as far as the scenario's `show` says.
+    """Show a station as far as the scenario's `show` says.
 
     Systems: meshcat_visualizer, ink_visualizer, trail_visualizer, plan_visualizer,
     force_arrow, page_controls, and those of `AddMousePull`.
@@ -130,20 +133,20 @@ def AddPage(
     scenario : Scenario
     meshcat : Meshcat
     primitive : FourierPrimitiveSystem
-        It plays the skill that is shown.
+        Player of the skill.
     measured_position : OutputPort
         p_BE, m.
-    ink : InkBoard
-    demonstrated : sequence of ndarray, shape (N, 3)
-        Paths in B, m.
+    ink : InkBoard or None
+    demonstrated : sequence of ndarray, shape (N, D)
+        Channels of the demonstrations; positions in B, m.
     """
     show = scenario.show
     AddBodies(builder, scene.scene_graph, scenario, meshcat)
-    if show.ink:
-        shown = builder.AddSystem(
+    if show.ink and ink is not None:
+        visualizer = builder.AddSystem(
             InkVisualizer(meshcat=meshcat, grid=ink.grid, path=INK)
         )
-        builder.Connect(ink.GetOutputPort("ink"), shown.GetInputPort("ink"))
+        builder.Connect(ink.GetOutputPort("ink"), visualizer.GetInputPort("ink"))
     AddPaths(
         builder,
         scenario,
@@ -155,9 +158,9 @@ def AddPage(
     controls = None
     if show.controls:
         controls = AddPageControls(builder, scenario, primitive, meshcat)
-    if show.force:
+    if show.force and scene.whiteboard is not None:
         arrow = builder.AddSystem(
-            ForceArrow(scene.plant, body=scene.tip.body(), meshcat=meshcat)
+            ForceArrow(scene.plant, body=scene.robot.tip.body(), meshcat=meshcat)
         )
         builder.Connect(
             scene.plant.GetOutputPort("contact_results"),
@@ -175,14 +178,14 @@ def AddPageControls(
     primitive: FourierPrimitiveSystem,
     meshcat: Meshcat,
 ) -> PageControls:
-    """Let a page choose samples or means; its tempo and force are not connected here.
+    """Add the sliders of a page; only that for samples or means is connected here.
 
     System: page_controls.
     """
     controls = PageControls(
         meshcat,
         tempo=scenario.skill.tempo,
-        normal_force=scenario.press.force,
+        normal_force=scenario.press.force if scenario.has_board else None,
         sample=primitive.player.sample,
     )
     builder.AddSystem(controls)
@@ -192,52 +195,51 @@ def AddPageControls(
 
 def AddMeasuredArm(
     builder: DiagramBuilder,
+    scene: BoardScene,
     scenario: Scenario,
     *,
-    robot: System,
+    state: OutputPort,
+    measured_position: OutputPort,
     primitive: FourierPrimitiveSystem,
     meshcat: Meshcat,
     demonstrated: Sequence[NDArray[np.float64]] = (),
 ) -> None:
-    """Show an arm where it is measured, the board where it is assumed, and the plan.
+    """Show an arm at its measured state, the board at its assumed pose, and the plan.
 
-    Nothing on the page can be touched. Systems: scene_graph, geometry_pose,
+    The page cannot move anything. Systems: scene_graph, geometry_pose,
     meshcat_visualizer, trail_visualizer, plan_visualizer, as far as the scenario's `show`
     says.
 
     Parameters
     ----------
     builder : DiagramBuilder
+    scene : BoardScene
+        Not simulated.
     scenario : Scenario
-    robot : System
-        With the outputs state (14,) and measured_position (3,).
+    state : OutputPort
+        (2n,), rad and rad/s.
+    measured_position : OutputPort
+        p_BE, m.
     primitive : FourierPrimitiveSystem
     meshcat : Meshcat
     demonstrated : sequence of ndarray, shape (N, 3)
         Paths in B, m.
     """
-    plant = MultibodyPlant(time_step=0.0)
-    scene_graph = SceneGraph()
-    builder.AddNamedSystem("scene_graph", scene_graph)
-    source = plant.RegisterAsSourceForSceneGraph(scene_graph)
-    AddPandaWithEraser(plant, eraser=scenario.eraser)
-    whiteboard = AddWhiteboard(plant, scenario.board)
-    surface = plant.GetFrameByName("surface", whiteboard)
-    plant.WeldFrames(plant.world_frame(), surface, scenario.board.assumed_pose())
-    plant.Finalize()
+    scene_graph: Any = builder.AddNamedSystem("scene_graph", scene.scene_graph)
     poses = builder.AddNamedSystem(
         "geometry_pose",
-        MultibodyPositionToGeometryPose(plant, input_multibody_state=True),
+        MultibodyPositionToGeometryPose(scene.plant, input_multibody_state=True),
     )
-    builder.Connect(robot.GetOutputPort("state"), poses.get_input_port())
-    builder.Connect(poses.get_output_port(), scene_graph.get_source_pose_port(source))
-    AddBodies(builder, scene_graph, scenario, meshcat)
+    builder.Connect(state, poses.get_input_port())
+    source = scene_graph.get_source_pose_port(scene.plant.get_source_id())
+    builder.Connect(poses.get_output_port(), source)
+    AddBodies(builder, scene.scene_graph, scenario, meshcat)
     AddPaths(
         builder,
         scenario,
         meshcat=meshcat,
         primitive=primitive,
-        measured_position=robot.GetOutputPort("measured_position"),
+        measured_position=measured_position,
         demonstrated=demonstrated,
     )
 
@@ -256,18 +258,33 @@ def AddPaths(
     Systems: trail_visualizer, plan_visualizer.
     """
     show, skill = scenario.show, primitive.player.skill
+    roles = SkillRoles(skill)
+    position = list(roles.position)
+    if not scenario.has_board:
+        meshcat.SetTransform(BOARD, scenario.board.pose())
+    surface = scenario.board.curvature()
     if show.demonstrations:
-        draw_demonstrations(meshcat, f"{BOARD}/demonstrations", demonstrated)
+        paths = [path[:, position] for path in demonstrated]
+        draw_demonstrations(meshcat, f"{BOARD}/demonstrations", paths, surface=surface)
     if show.trail:
-        trail = builder.AddSystem(TrailVisualizer(meshcat, path=f"{BOARD}/trail"))
+        trail = builder.AddSystem(
+            TrailVisualizer(meshcat, path=f"{BOARD}/trail", surface=surface)
+        )
         builder.Connect(measured_position, trail.get_input_port())
     if show.plan or show.tube or show.component:
         plan = builder.AddSystem(
             PlanVisualizer(
                 meshcat,
-                points=primitive.GetOutputPort("plan").size() // 3,
-                component_paths=skill.synthesize([c.mean for c in skill.components_]),
+                points=primitive.GetOutputPort("plan").size() // skill.n_channels_,
+                component_paths=skill.synthesize([c.mean for c in skill.components_])[
+                    ..., position
+                ],
+                channels=skill.n_channels_,
+                position=position,
+                rotation=roles.rotation or (),
+                reference=roles.reference,
                 path=f"{BOARD}/plan",
+                surface=surface,
                 show_plan=show.plan,
                 show_tube=show.tube,
                 show_component=show.component,
@@ -284,10 +301,11 @@ def AddPageStatus(
     primitive: FourierPrimitiveSystem,
     status: OutputPort,
     period: float,
-    ink: InkBoard,
+    ink: InkBoard | None,
     area: NDArray[np.bool_] | None,
+    desired_normal_force: OutputPort,
 ) -> None:
-    """Show in a panel what a wiping station is doing: system page_status.
+    """Show the state of a station in a panel, by the system page_status.
 
     Parameters
     ----------
@@ -295,20 +313,27 @@ def AddPageStatus(
     panel : PagePanel
     primitive : FourierPrimitiveSystem
     status : OutputPort
-        Of the controller and what watches it.
+        Of the controller and the surface monitor.
     period : float
         Of the controller, s.
-    ink : InkBoard
+    ink : InkBoard or None
+        Also measures the normal force; None without a board.
     area : ndarray of bool, shape (ny, nx), optional
         The cells that should be cleaned where there is ink; all by default.
+    desired_normal_force : OutputPort
+        Of the scenario or the page, N.
     """
-    inked = ink.initial_ink >= CLEAN_BELOW
-    wanted = inked if area is None else inked & area
-    shown = builder.AddSystem(PageStatus(panel, area=wanted, status_period=period))
-    builder.Connect(status, shown.GetInputPort("status"))
-    for port in (
-        ink.GetOutputPort("normal_force"),
-        ink.GetOutputPort("ink"),
-        primitive.GetOutputPort("component"),
-    ):
-        builder.Connect(port, shown.GetInputPort(port.get_name()))
+    cells = None
+    if ink is not None:
+        inked = ink.initial_ink >= CLEAN_BELOW
+        cells = inked if area is None else inked & area
+    page_status = builder.AddSystem(PageStatus(panel, area=cells, status_period=period))
+    builder.Connect(status, page_status.GetInputPort("status"))
+    component = primitive.GetOutputPort("component")
+    builder.Connect(component, page_status.GetInputPort("component"))
+    if ink is not None:
+        builder.Connect(
+            desired_normal_force, page_status.GetInputPort("desired_normal_force")
+        )
+        for name in ("normal_force", "ink"):
+            builder.Connect(ink.GetOutputPort(name), page_status.GetInputPort(name))

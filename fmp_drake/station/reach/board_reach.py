@@ -1,4 +1,4 @@
-"""What of a board the arm can reach, as the controller would hold it."""
+"""Reachable part of a board, with the posture that the controller would keep."""
 
 from dataclasses import dataclass
 
@@ -6,13 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform
 
-from fmp_drake.station.models.hard_points import ArmClearance
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.parts.board_scene import MakeArm
-from fmp_drake.station.parts.held_arm import HeldArm, HeldMotion
-from fmp_drake.station.parts.posture import SolvePosture
+from fmp_drake.station.reach.clearance import ArmClearance
+from fmp_drake.station.reach.posture import SolvePosture
+from fmp_drake.station.reach.tracking_prediction import (
+    PredictedMotion,
+    TrackingPredictor,
+)
+from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.impedance.arm import joint_limits
+from fmp_drake.systems.interface.arm_model import joint_limits
+from fmp_drake.systems.surface.surface import place, rotations
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -20,12 +24,14 @@ Flags = NDArray[np.bool_]
 # Edge of a cell of the reachable board, m, and the most of them along an edge.
 _CELL, _MOST_CELLS = 0.02, 40
 # Moves of the board that are tried, m, on every so many-th sample of a few paths.
-_MOVES, _SPARSE = (0.05, 0.10, 0.15, 0.20, 0.30), 2
+_MOVES, _SPARSE = (0.05, 0.10, 0.15, 0.20, 0.30, 0.40), 2
+LONGEST_MOVE = _MOVES[-1]
+"""Longest move of the board that is tried, m."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FollowingBounds:
-    """What counts as followed.
+    """Bounds within which a skill counts as followed.
 
     Attributes
     ----------
@@ -36,8 +42,10 @@ class FollowingBounds:
         Of the eraser against the board, rad: its end then lifts by 6 mm, a fifth of the
         felt.
     joint_reserve : float
-        What the joints must keep to their walls, rad. Where nothing was limited, runs
-        came up to 0.03 from the angles that are foreseen here.
+        What the joints must keep to their walls but for `brief` of the samples, rad. Where
+        nothing was limited, runs came up to 0.03 from the angles that are foreseen here.
+    brief : float
+        Fraction of the samples in which a joint may be nearer to its wall.
     clearance : float
         Of the arm's links from the board, m.
     torque_fraction : float
@@ -57,6 +65,7 @@ class FollowingBounds:
     distance: float = 0.010
     tilt: float = 0.1
     joint_reserve: float = 0.03
+    brief: float = 0.02
     clearance: float = 0.02
     torque_fraction: float = 0.9
     drag: float = 0.010
@@ -81,12 +90,13 @@ class BoardReach:
 
     def __init__(self, scenario: Scenario, bounds: FollowingBounds) -> None:
         self._scenario, self._bounds = scenario, bounds
-        self._arm, self._tip = MakeArm(scenario)
-        self._held = HeldArm(self._arm, self._tip, scenario.impedance)
-        self._clearance = ArmClearance()
-        self.limits = joint_limits(self._arm)
-        self.rail = scenario.board.motion.amplitude * scenario.board.axis()
-        self._start = np.array(scenario.start) - self.rail
+        config = LoadRobot(scenario.robot)
+        self._model = model = MakeRobotModel(config, scenario.held_tool())
+        self._predictor = TrackingPredictor(model.plant, model.tip, scenario.impedance)
+        self._clearance = ArmClearance(config)
+        self.limits = joint_limits(model.plant)
+        self.rail = scenario.board.motion.amplitude * scenario.board.rail_axis()
+        self._surface = scenario.board.curvature()
 
     def start_posture(self) -> Array:
         """Return the posture at the start, as the station solves for it, shape (n,).
@@ -96,19 +106,23 @@ class BoardReach:
         StationError
             Where the arm cannot reach the start.
         """
-        X_BE = RigidTransform(self._scenario.eraser_orientation(), self._start)
+        moved = RigidTransform(-self.rail)
+        X_BE = self._scenario.eraser_pose(self._scenario.start)
         return SolvePosture(
-            self._arm,
-            frame=self._tip,
-            X_WE=self._scenario.board.assumed_pose() @ X_BE,
-            q_preferred=self._scenario.posture,
+            self._model.plant,
+            frame=self._model.tip,
+            X_WE=self._scenario.board.assumed_pose() @ moved @ X_BE,
+            q_preferred=self._scenario.preferred_posture(),
         )
 
     def near_postures(self, X_WB: list[RigidTransform]) -> Array:
         """Return postures near the preferred one at the start on boards, (boards, n)."""
-        preferred = np.tile(self._scenario.posture, (len(X_WB), 1))
-        there = np.tile(self._start, (1, 2, 1))
-        return self.follow(X_WB, there, step=1.0, postures=preferred).q[:, -1]
+        preferred = np.tile(self._scenario.preferred_posture(), (len(X_WB), 1))
+        there = np.tile(self._scenario.start, (1, 2, 1))
+        motion = self.follow(
+            X_WB, there, moved=-self.rail, step=1.0, postures=preferred
+        )
+        return motion.q[:, -1]
 
     def follow(
         self,
@@ -117,58 +131,81 @@ class BoardReach:
         *,
         step: float,
         postures: Array,
-    ) -> HeldMotion:
+        moved: Array | float = 0.0,
+        R_TE: Array | None = None,
+    ) -> PredictedMotion:
         """Follow the same paths on each of some boards, from a posture for each.
 
         Parameters
         ----------
         X_WB : list of RigidTransform
         paths : array, shape (B, T, 3)
-            Positions of the eraser in the frame of the board, m.
+            Positions of the eraser in the frame of the board, or (u, v, h) over a curved
+            one, whose normal the eraser follows, m.
         step : float
             Time from sample to sample, s.
         postures : array, shape (boards, n)
             rad.
+        moved : array, shape (B, T, 3)
+            How far the board is along its rail by then, in B, m.
+        R_TE : array, shape (B, T, 3, 3), optional
+            How the tool is held along the way, T being the frame of the local normal, which
+            is B on a flat board; as the scenario says by default.
 
         Returns
         -------
-        HeldMotion
+        PredictedMotion
             Of boards * B paths.
         """
-        R_WB = np.array([X.rotation().matrix() for X in X_WB])
+        R_WB = np.array([X.rotation().matrix() for X in X_WB])[:, None, None]
         origin = np.array([X.translation() for X in X_WB])[:, None, None]
-        p_WE = paths @ R_WB.mT[:, None] + origin
-        count = len(paths)
-        R_WB = np.repeat(R_WB, count, axis=0)
-        return self._held.follow(
+        p_BE, R_BT = paths, np.eye(3)[None, None]
+        if not self._surface.is_plane:
+            uvh = np.ascontiguousarray(paths).reshape(-1, 3)
+            p_BE = place(self._surface, uvh).reshape(paths.shape)
+            R_BT = rotations(self._surface, uvh).reshape(*paths.shape, 3)
+        if R_TE is None:
+            R_TE = self._scenario.eraser_orientation().matrix()[None, None]
+        else:
+            R_BT = np.broadcast_to(R_BT, R_TE.shape)
+        p_WE = (p_BE + moved) @ R_WB[:, 0].mT + origin
+        R_WT = np.broadcast_to(R_WB @ R_BT, (len(X_WB), len(paths), *R_BT.shape[1:]))
+        R_WT = R_WT.reshape(-1, *R_BT.shape[1:])
+        if len(R_TE) > 1:
+            R_TE = np.tile(R_TE, (len(X_WB), 1, 1, 1))
+        return self._predictor.follow(
             p_WE.reshape(-1, *paths.shape[1:]),
-            R_WB @ self._scenario.eraser_orientation().matrix(),
-            R_WB,
-            q_posture=np.repeat(postures, count, axis=0),
+            R_WT @ R_TE,
+            R_WT,
+            q_posture=np.repeat(postures, len(paths), axis=0),
             step=step,
         )
 
-    def missed(self, motion: HeldMotion) -> tuple[Flags, Flags, Array]:
+    def missed(
+        self, motion: PredictedMotion, *, has_rotation: bool = False
+    ) -> tuple[Flags, Flags, Array]:
         """Return which samples are out of reach or at a wall, (B, T), and the room.
 
-        The room of each joint to its limit is in rad, shape (B, T, n).
+        The room of each joint to its limit is in rad, shape (B, T, n). A skill without
+        rotation channels may be off about the normal.
         """
         bounds, error = self._bounds, motion.error
         out = np.linalg.norm(error[..., 3:], axis=-1) > bounds.distance
-        out |= np.linalg.norm(error[..., :2], axis=-1) > bounds.tilt
+        rotation = error[..., : 3 if has_rotation else 2]
+        out |= np.linalg.norm(rotation, axis=-1) > bounds.tilt
         room = self.limits.half_range - np.abs(motion.q - self.limits.middle)
         wall = self._scenario.impedance.walls.width + bounds.joint_reserve
         return out, np.min(room, axis=-1) < wall, room
 
     def clearance(
-        self, X_WB: list[RigidTransform], motion: HeldMotion, moved: Array
+        self, X_WB: list[RigidTransform], motion: PredictedMotion, moved: Array
     ) -> tuple[Array, str]:
         """Return how near the arm's links come to the board, and which comes nearest.
 
         Parameters
         ----------
         X_WB : list of RigidTransform
-        motion : HeldMotion
+        motion : PredictedMotion
             Of boards * B paths.
         moved : array, shape (B, T, 3)
             How far the board is along its rail by then, in B, m.
@@ -176,49 +213,70 @@ class BoardReach:
         Returns
         -------
         distance : array, shape (boards * B, T)
-            m; negative where a link would be in the board.
+            m; negative where a link would be in the board, infinite without a board.
         link : str
             Name of the body.
         """
+        if not self._scenario.has_board:
+            return np.full(motion.q.shape[:2], np.inf), ""
         n, shape = motion.q.shape[-1], motion.q.shape[:2]
         X_BW = np.array([X.inverse().GetAsMatrix34() for X in X_WB])
         X = np.repeat(X_BW, moved[..., 0].size, axis=0)
         X[..., 3] -= np.tile(moved.reshape(-1, 3), (len(X_WB), 1))
         box = BoardBox(self._scenario.board)
-        distance, link = self._clearance.nearest(motion.q.reshape(-1, n), X, box)
+        distance, link = self._clearance.nearest(
+            motion.q.reshape(-1, n), X, box, self._surface
+        )
         return distance.reshape(shape), link
 
-    def shortest_move(self, paths: Array, moved: Array, step: float) -> str:
-        """Return the shortest move of the board that brings paths into reach, in words.
+    def moves_into_reach(
+        self, paths: Array, moved: Array, step: float, R_TE: Array | None = None
+    ) -> list[tuple[str, Array]]:
+        """Return moves of the board that bring some of the paths into reach.
 
         Parameters
         ----------
-        paths, moved, step
+        paths, moved, step, R_TE
             As for `follow` and `clearance`.
+
+        Returns
+        -------
+        list of tuple of str and array, shape (3,)
+            In words and in W, m, the shortest first.
         """
         assumed = self._scenario.board.assumed_pose()
         away = assumed.translation() * np.array([1.0, 1.0, 0.0])
         away, up = away / max(np.linalg.norm(away), 1e-9), np.array([0.0, 0.0, 1.0])
+        left = np.cross(up, away)
         ways = {"towards the arm": -away, "away from the arm": away}
         ways |= {"up": up, "down": -up}
+        ways |= {"to the arm's left": left, "to the arm's right": -left}
         moves = [(far, *way) for far in _MOVES for way in ways.items()]
         X_WB = [RigidTransform(far * way) @ assumed for far, _, way in moves]
         # The paths that go farthest to each side, and the one from the start.
         sides = np.concatenate([paths[..., :2], -paths[..., :2]], axis=-1)
         farthest = np.argmax(np.max(sides, axis=1), axis=0)
-        some, moved = (each[[0, *farthest], ::_SPARSE] for each in (paths, moved))
+        few = np.s_[[0, *farthest], ::_SPARSE]
+        moved = moved[few]
         postures = self.near_postures(X_WB)
-        motion = self.follow(X_WB, some, step=step * _SPARSE, postures=postures)
-        out, at_wall, _ = self.missed(motion)
-        near = self.clearance(X_WB, motion, moved)[0] < self._bounds.clearance
-        fractions = np.mean((out | at_wall | near).reshape(len(moves), -1), axis=1)
-        for (far, way, _), fraction in zip(moves, fractions, strict=True):
-            if fraction <= self._bounds.exceptions:
-                return f"move the board {100 * far:.0f} cm {way}"
-        return (
-            f"no move of the board by up to {100 * _MOVES[-1]:.0f} cm towards or away "
-            "from the arm, up or down helps; turn it, or make the movement smaller"
+        motion = self.follow(
+            X_WB,
+            paths[few],
+            moved=moved,
+            step=step * _SPARSE,
+            postures=postures,
+            R_TE=None if R_TE is None else R_TE[few],
         )
+        out, at_wall, _ = self.missed(motion, has_rotation=R_TE is not None)
+        near = self.clearance(X_WB, motion, moved)[0] < self._bounds.clearance
+        is_free = not self._scenario.has_board
+        what = "the motion (board.translation)" if is_free else "the board"
+        fractions = np.mean((out | at_wall | near).reshape(len(moves), -1), axis=1)
+        return [
+            (f"move {what} {100 * far:.0f} cm {way}", far * direction)
+            for (far, way, direction), fraction in zip(moves, fractions, strict=True)
+            if fraction <= self._bounds.exceptions
+        ]
 
     def cells(self, posture: Array) -> tuple[Array, Array, Array]:
         """Return how far the joints are from their walls over the assumed board.

@@ -1,8 +1,10 @@
 """Postures of the arm for a wanted pose of the eraser."""
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.inverse_kinematics import InverseKinematics
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
@@ -10,10 +12,13 @@ from pydrake.solvers import Solve
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import finite_array
+from fmp_drake.station.robots.robot import Robot
 
 _POSITION_TOLERANCE = 1e-6
 _ROTATION_TOLERANCE = 1e-5
 _LIMIT_MARGIN = 0.03
+# Height of the felt in `FindLevelReach`, m.
+_LEVEL_HEIGHT = 0.10
 
 
 def SolvePosture(
@@ -72,3 +77,39 @@ def SolvePosture(
             "the middle of the board."
         )
     return result.GetSolution(ik.q())
+
+
+def FindLevelReach(robot: Robot) -> float:
+    """Find how far in front of the world's origin an arm holds the eraser level, m.
+
+    The eraser's felt is 0.1 m high.
+
+    Searches along x in steps of 1 cm.
+
+    Parameters
+    ----------
+    robot : Robot
+        Of `MakeRobotModel`.
+
+    Raises
+    ------
+    StationError
+        Where the arm reaches nothing from 0.2 to 2 m.
+    """
+    level = RotationMatrix(RollPitchYaw(np.array([np.pi, 0.0, 0.0])))
+    for x in np.arange(2.0, 0.2, -0.01):
+        X_WE = RigidTransform(level, np.array([x, 0.0, _LEVEL_HEIGHT]))
+        try:
+            SolvePosture(
+                robot.plant,
+                frame=robot.tip,
+                X_WE=X_WE,
+                q_preferred=robot.config.posture,
+            )
+        except StationError:
+            continue
+        return float(x)
+    raise StationError(
+        f"{Path(robot.config.model).stem} cannot hold the eraser level anywhere from "
+        f"0.2 to 2 m in front of it, {_LEVEL_HEIGHT:g} m high; check its mount and posture."
+    )

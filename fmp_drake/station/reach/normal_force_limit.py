@@ -1,22 +1,22 @@
-"""How hard an arm can press on a board."""
+"""Greatest normal force of an arm on a board."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.math import RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.multibody.tree import JacobianWrtVariable
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.parts.board_scene import BoardScene
+from fmp_drake.station.robots.robot import Robot
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scene import BoardScene
+from fmp_drake.systems.surface.surface import rotation
 
 _FRACTION = 0.8
 
 
 def ArmPressLimit(
-    arm: MultibodyPlant,
+    model: Robot,
     *,
-    frame: Frame,
     q: ArrayLike,
     R_WB: RotationMatrix,
     friction: float,
@@ -30,10 +30,8 @@ def ArmPressLimit(
 
     Parameters
     ----------
-    arm : MultibodyPlant
-        The arm with its eraser.
-    frame : Frame
-        E, where the force acts.
+    model : Robot
+        The arm with its eraser, where the force acts.
     q : array_like, shape (n,)
         rad.
     R_WB : RotationMatrix
@@ -47,27 +45,27 @@ def ArmPressLimit(
     >>> from fmp_drake.station import AddBoardScene
     >>> scene = AddBoardScene(DiagramBuilder(), Scenario(), start=[0.0, 0.0, 0.05])
     >>> limit = ArmPressLimit(
-    ...     scene.arm,
-    ...     frame=scene.arm_tip,
-    ...     q=scene.plant.GetDefaultPositions(scene.panda),
+    ...     scene.model,
+    ...     q=scene.robot.default_posture,
     ...     R_WB=scene.X_WB.rotation(),
     ...     friction=0.5,
     ... )
     >>> 55.0 < limit < 65.0
     True
     """
+    arm = model.plant
     context = arm.CreateDefaultContext()
     arm.SetPositions(context, np.asarray(q, dtype=float))
     world, wrt = arm.world_frame(), JacobianWrtVariable.kV
     J = arm.CalcJacobianTranslationalVelocity(
-        context, wrt, frame, np.zeros(3), world, world
+        context, wrt, model.tip, np.zeros(3), world, world
     )
     x, y, z = R_WB.matrix().T
     directions = np.array([-z + friction * t for t in (x, -x, y, -y)])
     per_newton = directions @ J
-    holds = -arm.CalcGravityGeneralizedForces(context) * np.sign(per_newton)
-    left = _FRACTION * arm.GetEffortUpperLimits() - holds
-    return float(max(0.0, np.min(left / np.maximum(np.abs(per_newton), 1e-9))))
+    holding_torque = -arm.CalcGravityGeneralizedForces(context) * np.sign(per_newton)
+    remaining = _FRACTION * arm.GetEffortUpperLimits() - holding_torque
+    return float(max(0.0, np.min(remaining / np.maximum(np.abs(per_newton), 1e-9))))
 
 
 def CheckPress(scenario: Scenario, scene: BoardScene) -> None:
@@ -77,11 +75,12 @@ def CheckPress(scenario: Scenario, scene: BoardScene) -> None:
     ------
     StationError
     """
+    u, v, _ = scenario.start
+    R_BT = RotationMatrix(rotation(scenario.board.curvature(), u, v))
     limit = ArmPressLimit(
-        scene.arm,
-        frame=scene.arm_tip,
-        q=scene.plant.GetDefaultPositions(scene.panda),
-        R_WB=scene.X_WA.rotation(),
+        scene.model,
+        q=scene.robot.default_posture,
+        R_WB=scene.X_WA.rotation() @ R_BT,
         friction=scenario.contact_friction(),
     )
     if scenario.press.force > limit:

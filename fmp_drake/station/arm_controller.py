@@ -1,17 +1,18 @@
 """The arm's controller and what it measures, added to a scene."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, MatrixGain
 
-from fmp_drake.station.panda_driver import MakePandaDriver, SimulatedPanda
-from fmp_drake.station.parts.board_scene import BoardScene
-from fmp_drake.station.scenario_parts import SensorConfig
+from fmp_drake.station.robots.driver import Driver, MakeDriver, SimulatedDriver
+from fmp_drake.station.robots.robot import Robot
+from fmp_drake.station.scenario_parts import PressConfig
+from fmp_drake.station.scene import BoardScene
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.normal_force_estimator import NormalForceEstimator
 from fmp_drake.systems.operational_space_impedance_controller import (
@@ -24,64 +25,85 @@ def AddArmController(
     scene: BoardScene,
     config: ImpedanceConfig,
     *,
-    engage_height: float = 0.01,
-    sensors: SensorConfig | None = None,
+    engage_height: float = PressConfig.engage_height,
+    driver: Driver | None = None,
+    lcm: DrakeLcmInterface | None = None,
 ) -> OperationalSpaceImpedanceController:
-    """Add the controller, and the driver between it and the simulated arm.
+    """Add the controller, and the driver between it and the arm.
 
-    The controller's torque drives the plant, in which the arm has no weight. Systems:
-    controller; panda_driver of `MakePandaDriver`, whose torque_measured has the weight of
+    The controller's torque drives the plant of a simulated arm, which has no weight there.
+    Systems: controller; driver of `MakeDriver`, whose torque_measured has the weight of
     arm and eraser; task_frame, task_frame_velocity and task_frame_acceleration where the
     board moves.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    scene : BoardScene
+    config : ImpedanceConfig
+        Where it has none, the robot's values are taken.
+    engage_height : float
+        As for `OperationalSpaceImpedanceController`, m.
+    driver : Driver, optional
+        A simulated arm with ideal sensors by default. Its period, if it asks for one, is
+        the controller's.
+    lcm : DrakeLcmInterface, optional
+        As for `MakeDriver`.
     """
-    plant = scene.plant
+    plant, driver = scene.plant, driver or SimulatedDriver()
+    driver.check_robot(scene.robot.config)
+    config = scene.robot.config.complete(config)
+    if driver.control_period is not None:
+        config = replace(config, control_period=driver.control_period)
     controller = OperationalSpaceImpedanceController(
-        scene.arm,
-        end_effector=scene.arm_tip,
+        scene.model.plant,
+        end_effector=scene.model.tip,
         X_WT=scene.X_WA,
         config=config,
-        q_posture=plant.GetDefaultPositions(scene.panda),
+        q_posture=scene.robot.default_posture,
         engage_height=engage_height,
     )
     builder.AddNamedSystem("controller", controller)
-    driver = builder.AddSystem(
-        MakePandaDriver(
-            SimulatedPanda(sensors=sensors or SensorConfig()),
-            arm=scene.arm,
-            initial=plant.GetDefaultPositions(scene.panda),
+    diagram = builder.AddSystem(
+        MakeDriver(
+            driver,
+            arm=scene.model.plant,
+            initial=scene.robot.default_posture,
+            lcm=lcm,
         )
     )
+    builder.Connect(controller.GetOutputPort("torque"), diagram.GetInputPort("torque"))
+    builder.Connect(diagram.GetOutputPort("state"), controller.GetInputPort("state"))
+    if not scene.is_simulated:
+        return controller
     for source, name in (
-        (controller.GetOutputPort("torque"), "torque"),
-        (plant.get_state_output_port(scene.panda), "plant_state"),
+        (plant.get_state_output_port(scene.robot.arm), "plant_state"),
         (
-            plant.get_generalized_contact_forces_output_port(scene.panda),
+            plant.get_generalized_contact_forces_output_port(scene.robot.arm),
             "plant_external",
         ),
     ):
-        builder.Connect(source, driver.GetInputPort(name))
+        builder.Connect(source, diagram.GetInputPort(name))
     builder.Connect(
-        driver.GetOutputPort("plant_actuation"),
-        plant.get_actuation_input_port(scene.panda),
+        diagram.GetOutputPort("plant_actuation"),
+        plant.get_actuation_input_port(scene.robot.arm),
     )
-    builder.Connect(driver.GetOutputPort("state"), controller.GetInputPort("state"))
     _AddBoardFrame(builder, scene, controller)
     return controller
 
 
 def AddNormalForceEstimator(
     builder: DiagramBuilder,
-    arm: MultibodyPlant,
-    tip: Frame,
+    model: Robot,
     R_WT: RotationMatrix,
     driver: System,
 ) -> OutputPort:
-    """Measure the normal force by the external torque of a `MakePandaDriver`.
+    """Measure the normal force by the external torque of a `MakeDriver`.
 
     System: normal_force_estimator.
     """
     estimator = builder.AddSystem(
-        NormalForceEstimator(arm, end_effector=tip, R_WT=R_WT)
+        NormalForceEstimator(model.plant, end_effector=model.tip, R_WT=R_WT)
     )
     for name in ("state", "torque_external"):
         builder.Connect(driver.GetOutputPort(name), estimator.GetInputPort(name))
@@ -93,9 +115,13 @@ def _AddBoardFrame(
     scene: BoardScene,
     controller: OperationalSpaceImpedanceController,
 ) -> None:
-    """Tell the controller how a board on a rail moves: measured, and as planned."""
-    if scene.rail is None:
+    """Connect the measured and planned motion of a board on a rail to the controller.
+
+    On a curved board the frame moves over it, too: `AddSkillMotion` connects it.
+    """
+    if scene.rail is None or scene.whiteboard is None:
         return
+    surface = scene.curvature
     plant = scene.plant
     joint: Any = plant.GetJointByName("rail", scene.whiteboard)
     axis_W = scene.X_WA.rotation() @ np.array(joint.translation_axis())
@@ -117,4 +143,5 @@ def _AddBoardFrame(
     ):
         builder.AddNamedSystem(name, system)
         builder.Connect(source, system.get_input_port())
-        builder.Connect(system.get_output_port(), controller.GetInputPort(name))
+        if surface.is_plane:
+            builder.Connect(system.get_output_port(), controller.GetInputPort(name))

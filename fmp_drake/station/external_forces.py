@@ -1,0 +1,206 @@
+"""Forces on the simulated arm from outside: disturbances, and the mouse on the page."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.geometry import Meshcat, SceneGraph
+from pydrake.lcm import DrakeLcm
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
+
+from fmp_drake.errors import StationError
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario_parts import Disturbance
+from fmp_drake.station.scene import BoardScene
+from fmp_drake.systems.mouse_hand import MouseHand
+from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
+from fmp_drake.systems.spatial_force_sum import SpatialForceSum
+from fmp_drake.systems.teaching.mouse_drag import GUIDING_DRAG, BoardSurface
+
+_PORT = "applied_spatial_force"
+# Of Drake's spring: its ratio of damping to stiffness is 1 / sqrt of this, 0.1 s.
+_SPECIFIC_STIFFNESS = 100.0
+
+
+def AddExternalForces(
+    builder: DiagramBuilder,
+    scene: BoardScene,
+    scenario: Scenario,
+    *,
+    others: Sequence[OutputPort] = (),
+) -> None:
+    """Export the plant's port for forces, and add the scenario's disturbances to it.
+
+    Systems: disturbances where the scenario has any, with their sum exported as
+    disturbance; spatial_force_sum where there is more than the exported port.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    scene : BoardScene
+    scenario : Scenario
+    others : sequence of OutputPort
+        More forces, such as the mouse's.
+    """
+    sources = list(others)
+    if scenario.disturbances:
+        script = [_scripted(config, scene.X_WB) for config in scenario.disturbances]
+        disturbances = builder.AddSystem(
+            ScriptedDisturbances(grip=scene.robot.tip, disturbances=script)
+        )
+        for port in ("body_poses", "body_spatial_velocities"):
+            builder.Connect(
+                scene.plant.GetOutputPort(port), disturbances.GetInputPort(port)
+            )
+        builder.ExportOutput(disturbances.GetOutputPort("force"), "disturbance")
+        sources.append(disturbances.GetOutputPort("spatial_forces"))
+    forces = scene.plant.GetInputPort(_PORT)
+    if not sources:
+        builder.ExportInput(forces, _PORT)
+        return
+    names = [f"source_{i}" for i in range(len(sources))]
+    total = builder.AddSystem(SpatialForceSum("outside", *names))
+    builder.ExportInput(total.GetInputPort("outside"), _PORT)
+    for name, source in zip(names, sources, strict=True):
+        builder.Connect(source, total.GetInputPort(name))
+    builder.Connect(total.get_output_port(), forces)
+
+
+def _scripted(config: Disturbance, X_WB: RigidTransform) -> Push:
+    if config.kind == "push":
+        return Push(
+            start=config.start,
+            duration=config.duration,
+            every=config.every,
+            force=X_WB.rotation() @ np.array(config.force),
+        )
+    return Grasp(
+        start=config.start,
+        duration=config.duration,
+        every=config.every,
+        force=np.zeros(3),
+        point=X_WB @ np.array(config.position),
+        stiffness=config.stiffness,
+        max_force=config.max_force,
+    )
+
+
+def AddMousePull(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    meshcat: Meshcat,
+) -> OutputPort:
+    """Add a spring between the mouse and the body that it drags in the page.
+
+    A drag begins with the left button or a finger on a body that Drake's
+    MeshcatVisualizer shows; on Meshcat's own page it needs the Ctrl key, too. The spring pulls at the point that was grabbed, towards
+    the mouse in the plane of the screen.
+
+    Systems: meshcat_mouse_spring (Drake's), mouse_hand.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    plant : MultibodyPlant
+        Finalized; its applied_spatial_force port is not connected yet.
+    scene_graph : SceneGraph
+    meshcat : Meshcat
+
+    Returns
+    -------
+    OutputPort
+        The forces, for the plant's applied_spatial_force port or a sum in front of
+        it; the caller connects it.
+
+    Raises
+    ------
+    StationError
+        Where the plant's port is connected already.
+    """
+    hand = MouseHand(plant, specific_stiffness=_SPECIFIC_STIFFNESS)
+    _Connect(builder, hand, plant, scene_graph, meshcat)
+    return hand.GetOutputPort("spatial_forces")
+
+
+def AddMouseHand(
+    builder: DiagramBuilder, scene: BoardScene, scenario: Scenario, meshcat: Meshcat
+) -> MouseHand:
+    """Add a mouse that guides the eraser over the board.
+
+    A drag of the eraser or of any link moves the eraser parallel to the board; after the
+    drag its position is held. On Meshcat's own page a drag needs the Ctrl key. Systems:
+    meshcat_mouse_spring (Drake's), mouse_hand.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    scene : BoardScene
+        Nothing is connected to its plant's applied_spatial_force port yet; the caller
+        connects the hand's port to it.
+    scenario : Scenario
+    meshcat : Meshcat
+        With ``?tracked_camera=on`` in its address it sends the pose of its camera; the
+        scenario's is assumed otherwise.
+    """
+    board, plant = scenario.board, scene.plant
+    size, footprint = np.array(board.size), np.array(scenario.eraser.footprint)
+    robot = scene.robot
+    hand = MouseHand(
+        plant,
+        meshcat=meshcat,
+        specific_stiffness=_SPECIFIC_STIFFNESS,
+        config=GUIDING_DRAG,
+        bodies=[i for m in (robot.arm, robot.tool) for i in plant.GetBodyIndices(m)],
+        tip=robot.tip,
+        board=BoardSurface(
+            scene.X_WB.GetAsMatrix34(), (size - footprint) / 2, board.curvature()
+        ),
+        eye=scenario.camera.eye,
+    )
+    _Connect(builder, hand, plant, scene.scene_graph, meshcat)
+    return hand
+
+
+def _Connect(
+    builder: DiagramBuilder,
+    hand: MouseHand,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    meshcat: Meshcat,
+) -> None:
+    """Connect a hand to Drake's mouse spring and to the plant."""
+    before = len(builder.GetSystems())
+    config = VisualizationConfig(
+        publish_illustration=False,
+        publish_proximity=False,
+        publish_inertia=False,
+        publish_contacts=False,
+        enable_meshcat_creation=False,
+        mouse_interaction_stiffness=_SPECIFIC_STIFFNESS,
+    )
+    ApplyVisualizationConfig(
+        config,
+        builder,
+        plant=plant,
+        scene_graph=scene_graph,
+        meshcat=meshcat,
+        lcm=DrakeLcm("memq://null"),
+    )
+    # Drake skips a plant whose port is connected.
+    if len(builder.GetSystems()) == before:
+        raise StationError(
+            "the plant's applied_spatial_force is connected already; add the mouse "
+            "first, and connect the sum of all forces then."
+        )
+    spring = builder.GetSystems()[-1]
+    # Drake gives it to the plant; here it goes through the hand.
+    builder.Disconnect(
+        spring.get_output_port(), plant.GetInputPort("applied_spatial_force")
+    )
+    builder.AddSystem(hand)
+    builder.Connect(spring.get_output_port(), hand.GetInputPort("spring"))
+    for port in ("body_poses", "body_spatial_velocities"):
+        builder.Connect(plant.GetOutputPort(port), hand.GetInputPort(port))

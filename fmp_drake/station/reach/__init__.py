@@ -1,0 +1,1 @@
+"""Feasibility of a skill: posture, margins, clearance, speed, normal force."""

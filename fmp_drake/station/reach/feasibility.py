@@ -1,0 +1,488 @@
+"""Feasibility of a skill on a board, before anything moves."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.yaml import yaml_dump_typed
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.blas import one_blas_thread
+from fmp_drake.errors import StationError
+from fmp_drake.primitives import FourierMovementPrimitive, Player
+from fmp_drake.primitives.data.channels import ChannelRoles
+from fmp_drake.primitives.data.orientation import rotation_vectors, rotations_of
+from fmp_drake.station.reach.board_reach import (
+    LONGEST_MOVE,
+    BoardReach,
+    FollowingBounds,
+)
+from fmp_drake.station.reach.tracking_prediction import PredictedMotion
+from fmp_drake.station.scenario import ParseScenario, Scenario
+from fmp_drake.station.skill_motion import SkillRoles
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+type Values = dict[str, np.floating | float]
+
+# Samples of all windows together, windows at the least and most; every other is used.
+_SAMPLES, _WINDOWS, _EVERY = 6000, (8, 48), 2
+# Windows that are played from the start, each with a seed of its own.
+_BEGINNINGS = 3
+# A slower tempo is checked as this one: the joints' way is the same, and slow enough.
+_SLOWEST = 0.25
+# Of so many times the windows the longest are taken, as a run takes what wipes most.
+_DRAWN = 16
+# What is tried to help: so many moves of the board, and tempo and normal force by these
+# factors of what the check has found possible.
+_TRIED, _LESS = 4, (1.0, 0.9, 0.75)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Feasibility:
+    """Feasibility of a skill on a board, with the reasons against it.
+
+    Attributes
+    ----------
+    is_feasible : bool
+    verdict : str
+        One line: the numbers that decide, and the smallest change with which the check
+        passes.
+    values : dict
+        ``reachable_fraction`` of the samples, ``largest_distance`` (m) that is left to
+        one, ``smallest_joint_margin`` to a limit (rad), ``wall_fraction`` of the samples
+        with a joint at its limit spring, ``smallest_manipulability`` (sqrt det J Jᵀ, m³),
+        ``smallest_clearance`` of the arm's links from the board (m),
+        ``largest_speed_ratio`` to the joints' limits, ``largest_torque_ratio``, ``drag``
+        by friction (m), and what would still do: ``largest_tempo``, ``largest_press`` (N).
+        Clearance, drag and press are left out in free space; ``largest_angle`` (rad) is what
+        is left to an orientation, where the skill has one. The
+        ratios are those that but `FollowingBounds.exceptions` of the samples keep.
+    start : array, shape (3,)
+        p_BE, m.
+    paths : array, shape (B, T, 3)
+        The samples of the skill, p_BE, m.
+    followed : array, shape (B, T)
+        Whether each can be followed.
+    posture : array, shape (n,)
+        Of the controller, rad.
+    scenario : str
+        As it was when it was checked, YAML.
+    bounds : FollowingBounds
+    suggested_tempo : float or None
+        Slower tempo at which the check passes, if speed is all that is missing.
+
+    Examples
+    --------
+    >>> list(Feasibility.__dataclass_fields__)[:3]
+    ['is_feasible', 'verdict', 'values']
+    """
+
+    is_feasible: bool
+    verdict: str
+    values: dict[str, float]
+    start: Array
+    paths: Array
+    followed: NDArray[np.bool_]
+    posture: Array
+    scenario: str
+    bounds: FollowingBounds
+    suggested_tempo: float | None = None
+
+    @cached_property
+    def cells(self) -> tuple[Array, Array, Array]:
+        """Joint-limit margins over the whole board; computed at the first access.
+
+        x (nx,) and y (ny,) of its cells in B, m, and the margin (nx, ny) with the eraser
+        there, rad; NaN where it is out of reach.
+        """
+        with one_blas_thread():
+            reach = BoardReach(ParseScenario(self.scenario), self.bounds)
+            return reach.cells(self.posture)
+
+
+@one_blas_thread()
+def CheckFeasibility(
+    scenario: Scenario,
+    skill: FourierMovementPrimitive,
+    *,
+    bounds: FollowingBounds | None = None,
+) -> Feasibility:
+    """Check whether the arm can follow a skill on a scenario's board.
+
+    Prediction of the arm's motion (`TrackingPredictor`) along windows
+    that are drawn from the skill and windows that are played from the start: where the
+    board is assumed to be, and where it is, and on its way along its rail.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    skill : FourierMovementPrimitive
+        Fitted, with the channels that `MakeStation` plays.
+    bounds : FollowingBounds, optional
+
+    Raises
+    ------
+    StationError
+        Where the scenario has values that do not fit, or a channel of the skill no role.
+
+    Examples
+    --------
+    >>> from fmp_drake.primitives import Demonstration
+    >>> from fmp_drake.station import LoadScenario, models_dir
+    >>> wiping = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+    >>> skill = FourierMovementPrimitive().fit(wiping)
+    >>> scenario = LoadScenario("table_top")
+    >>> CheckFeasibility(scenario, skill).is_feasible
+    True
+    >>> scenario.board.translation = [0.85, 0.0, 0.1]
+    >>> CheckFeasibility(scenario, skill).is_feasible
+    False
+    """
+    scenario.check()
+    bounds = bounds or FollowingBounds()
+    check = _Check(scenario, skill, bounds)
+    found = check.result()
+    if found.is_feasible:
+        return found
+    words, tempo = check.remedy()
+    verdict = f"{found.verdict} What would help: {words}."
+    return replace(found, verdict=verdict, suggested_tempo=tempo)
+
+
+class _Check:
+    """One check: the paths, what the arm makes of them, and how that is judged."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        skill: FourierMovementPrimitive,
+        bounds: FollowingBounds,
+    ) -> None:
+        self._scenario, self._skill, self._bounds = scenario, skill, bounds
+        self._reach = BoardReach(scenario, bounds)
+        plays, board = scenario.skill, scenario.board
+        roles = SkillRoles(skill)
+        self._tempo = max(plays.tempo, _SLOWEST)
+        self._step = _EVERY / (self._tempo * skill.rate)
+        values = skill_paths(
+            skill,
+            start=_start_channels(scenario, skill, roles),
+            position=roles.position,
+            tempo=self._tempo,
+            sample=plays.sample,
+            seed=plays.seed,
+            beginnings=_BEGINNINGS,
+            windows=int(np.clip(_SAMPLES // skill.n_steps, *_WINDOWS)),
+            every=_EVERY,
+        )
+        self._shown = values[..., list(roles.position)]
+        self._R_TE: Array | None = None
+        if roles.rotation is not None and roles.reference is not None:
+            vectors = values[..., list(roles.rotation)].reshape(-1, 3)
+            R_TE = rotations_of(vectors, roles.reference).as_matrix()
+            self._R_TE = R_TE.reshape(*self._shown.shape, 3)
+        # Pressed at each sample, N.
+        self._force: Array | float = scenario.nominal_force()
+        if roles.force is not None:
+            force = np.maximum(values[..., roles.force], 0.0)
+            X_WBs = 1 + bool(any([*board.error.translation, *board.error.rpy]))
+            self._force = np.tile(force, (X_WBs, 1))
+        # Each path meets the board elsewhere on its rail; the first one at its end.
+        count, length = self._shown.shape[:2]
+        omega, rail = 2 * math.pi * board.motion.frequency, self._reach.rail
+        phase = np.linspace(-0.5, 1.5, count, endpoint=False)[:, None] * math.pi
+        phase = (phase + omega * self._step * np.arange(length))[..., None]
+        self._moved = np.sin(phase) * rail
+        self._faults: list[str] = []
+        # What may help: a move of the board, a slower tempo, a smaller normal force (N).
+        self._is_far = False
+        self._slower: float | None = None
+        self._softer: float | None = None
+
+    def result(self) -> Feasibility:
+        """Follow the paths and judge."""
+        scenario, reach, board = self._scenario, self._reach, self._scenario.board
+        X_WB = [board.assumed_pose()]
+        if any([*board.error.translation, *board.error.rpy]):
+            X_WB.append(board.pose())
+        try:
+            posture = reach.start_posture()
+        except StationError:
+            self._faults.append("the start is out of reach")
+            posture = reach.near_postures(X_WB[:1])[0]
+        postures = np.tile(posture, (len(X_WB), 1))
+        motion = reach.follow(
+            X_WB,
+            self._shown,
+            moved=self._moved,
+            step=self._step,
+            postures=postures,
+            R_TE=self._R_TE,
+        )
+        near = reach.clearance(X_WB, motion, self._moved)
+        reached, missed = self._judge_reach(motion, *near)
+        values = reached | self._judge_speed(motion) | self._judge_force(motion)
+        ratios = [
+            f"{100 * values[name]:.0f} %"
+            for name in ("largest_speed_ratio", "largest_torque_ratio")
+        ]
+        verdict = (
+            "The arm can follow this skill: it stays "
+            f"{values['smallest_joint_margin']:.2f} rad from its joints' limits and "
+            f"needs up to {ratios[0]} of their speed and {ratios[1]} of their torque."
+        )
+        if self._faults:
+            verdict = f"The arm cannot follow this skill: {'; '.join(self._faults)}."
+        return Feasibility(
+            is_feasible=not self._faults,
+            verdict=verdict,
+            values={name: float(value) for name, value in values.items()},
+            start=np.array(scenario.start),
+            paths=self._shown,
+            followed=~np.any(missed.reshape(-1, *self._shown.shape[:2]), axis=0),
+            posture=posture,
+            scenario=yaml_dump_typed(scenario),  # type: ignore[no-untyped-call]
+            bounds=self._bounds,
+        )
+
+    def remedy(self) -> tuple[str, float | None]:
+        """Return the smallest change with which the check passes, in words.
+
+        Every change is checked as a scenario of its own. The second value is the tempo, where a
+        slower one is all that is missing.
+        """
+        if words := self._pace():
+            return words, self._slower
+        for words, changed in self._changes() if self._is_far else ():
+            check = _Check(changed, self._skill, self._bounds)
+            if check.result().is_feasible:
+                return words, None
+            if pace := check._pace():
+                return f"{words}, and {pace}", None
+        return (
+            "nothing that was tried, which is a slower tempo, a smaller normal force, "
+            "a start in the middle, and moves of the board by up to "
+            f"{100 * LONGEST_MOVE:.0f} cm; turn it, or make the movement smaller"
+        ), None
+
+    def _changes(self) -> Iterator[tuple[str, Scenario]]:
+        """Yield other starts and boards that may help, the smallest change first."""
+        changed = self._copy()
+        changed.start = [0.0, 0.0, changed.start[2]]
+        if changed.start != self._scenario.start:
+            yield f"start at 0 0 {changed.start[2]:g}", changed
+        moves = self._reach.moves_into_reach(
+            self._shown, self._moved, self._step, self._R_TE
+        )
+        for words, move in moves[:_TRIED]:
+            changed = self._copy()
+            changed.board.translation = [*(np.array(changed.board.translation) + move)]
+            yield words, changed
+
+    def _copy(self) -> Scenario:
+        return ParseScenario(yaml_dump_typed(self._scenario))  # type: ignore[no-untyped-call]
+
+    def _pace(self) -> str:
+        """Return the tempo and normal force with which the check passes, in words."""
+        if self._is_far or (self._slower is None and self._softer is None):
+            return ""
+        for factor in _LESS:
+            less, words = self._copy(), []
+            if self._slower is not None:
+                less.skill.tempo = max(
+                    math.floor(20 * factor * self._slower) / 20, 0.05
+                )
+                words.append(f"slow down to tempo {less.skill.tempo:.2f}")
+            if self._softer is not None:
+                less.press.force = float(math.floor(factor * self._softer))
+                words.append(f"press with at most {less.press.force:.0f} N")
+            if _Check(less, self._skill, self._bounds).result().is_feasible:
+                self._slower = self._slower and less.skill.tempo
+                return " and ".join(words)
+        return ""
+
+    def _often(self, missed: Flags) -> bool:
+        return float(np.mean(missed)) > self._bounds.exceptions
+
+    def _judge_reach(
+        self, motion: PredictedMotion, clearance: Array, link: str
+    ) -> tuple[Values, Flags]:
+        """Return the values, and the samples where the arm cannot or must not be."""
+        has_rotation = self._R_TE is not None
+        out, at_wall, room = self._reach.missed(motion, has_rotation=has_rotation)
+        near = clearance < self._bounds.clearance
+        distance = np.linalg.norm(motion.error[..., 3:], axis=-1)
+        angle = np.linalg.norm(motion.error[..., :3], axis=-1)
+        if self._often(out):
+            tilt = (
+                f" and {np.rad2deg(np.max(angle)):.0f} degrees" if has_rotation else ""
+            )
+            self._faults.append(
+                f"{100 * np.mean(out):.1f} % of the path is out of reach, by up to "
+                f"{1e3 * np.max(distance):.0f} mm{tilt}"
+            )
+        # Half-way into its spring, a joint needs all of its torque.
+        deep = np.min(room, axis=-1) < self._scenario.impedance.walls.width / 2
+        if self._often(deep) or np.mean(at_wall) > self._bounds.brief:
+            self._faults.append(
+                f"{100 * np.mean(at_wall):.1f} % of the path is at a joint-limit spring, "
+                f"and joint {_joint(-room)} comes within {max(np.min(room), 0.0):.2f} rad "
+                "of its limit"
+            )
+        if self._often(near):
+            self._faults.append(
+                f"on {100 * np.mean(near):.1f} % of the path {link} touches the board, or "
+                f"comes nearer than {1e3 * self._bounds.clearance:.0f} mm"
+            )
+        self._is_far = bool(self._faults)
+        values: Values = {}
+        if has_rotation:
+            values["largest_angle"] = np.max(angle)
+        if self._scenario.has_board:
+            values["smallest_clearance"] = np.min(clearance)
+        return {
+            **values,
+            "reachable_fraction": 1 - np.mean(out),
+            "largest_distance": np.max(distance),
+            "smallest_joint_margin": np.min(room),
+            "wall_fraction": np.mean(at_wall),
+            "smallest_manipulability": np.min(motion.manipulability),
+        }, out | at_wall | near
+
+    def _judge_speed(self, motion: PredictedMotion) -> Values:
+        speed = np.abs(motion.v) / self._reach.limits.speed
+        fastest = np.max(speed, axis=-1)
+        # Faster than the controller brakes, it would be beside its path, or too fast.
+        allowed = self._scenario.impedance.walls.speed_fraction
+        usual = np.quantile(fastest, 1 - self._bounds.exceptions)
+        tempo = self._tempo * allowed / usual
+        # Out of reach, and at a wall, the joints' speed says nothing.
+        if usual > allowed and not self._faults:
+            self._faults.append(
+                f"joint {_joint(speed)} needs {100 * usual:.0f} % of its greatest speed, "
+                f"and is braked from {100 * allowed:.0f} % on"
+            )
+            self._slower = tempo
+        return {
+            "largest_speed_ratio": usual,
+            "largest_tempo": tempo,
+        }
+
+    def _judge_force(self, motion: PredictedMotion) -> Values:
+        bounds, force = self._bounds, float(np.max(self._force))
+        effort, drag = self._reach.limits.upper_effort, self._drag()
+        torque, press = motion.torque / effort, motion.force_torque / effort
+        pressed = np.asarray(self._force)[..., None]
+        ratio = np.quantile(
+            np.max(np.abs(torque + pressed * press), axis=-1), 1 - bounds.exceptions
+        )
+        room = bounds.torque_fraction - np.sign(press) * torque
+        most = np.min(room / np.maximum(np.abs(press), 1e-9), axis=-1)
+        most = np.quantile(np.maximum(most, 0.0), bounds.exceptions)
+        limit = min(float(most), bounds.drag / max(drag, 1e-9))
+        if ratio > bounds.torque_fraction and not self._faults:
+            self._faults.append(f"a joint needs {100 * ratio:.0f} % of its torque")
+        if not self._scenario.has_board:
+            return {"largest_torque_ratio": ratio}
+        if drag * force > bounds.drag:
+            self._faults.append(
+                f"at a press of {force:g} N friction holds the eraser "
+                f"{1e3 * drag * force:.0f} mm behind its path"
+            )
+        if force > limit > 1:
+            self._softer = limit
+        return {
+            "largest_torque_ratio": ratio,
+            "drag": drag * force,
+            "largest_press": limit,
+        }
+
+    def _drag(self) -> float:
+        """Return how far friction holds the eraser back, per newton of press, m/N."""
+        config = self._scenario.impedance
+        stiffness = min(config.translational_stiffness[:2])
+        soft = config.covariance_stiffness
+        if soft.enabled:  # Somewhere between the two.
+            stiffness = math.sqrt(soft.min_stiffness * soft.max_stiffness)
+        return self._scenario.contact_friction() / stiffness
+
+
+def _joint(values: Array) -> int:
+    """Return the number, from 1, of the joint with the largest value."""
+    return int(np.unravel_index(np.argmax(values), values.shape)[-1]) + 1
+
+
+def _start_channels(
+    scenario: Scenario, skill: FourierMovementPrimitive, roles: ChannelRoles
+) -> Array:
+    """Return the channels of a skill as they are measured at the start, shape (D,).
+
+    A force channel starts at 0, before contact.
+    """
+    start = np.zeros(roles.count)
+    start[list(roles.position)] = scenario.start
+    if roles.rotation is not None and roles.reference is not None:
+        held = Rotation.from_matrix(scenario.eraser_orientation().matrix())
+        middle = np.mean(skill.extent_, axis=0)[list(roles.rotation)]
+        vector = rotation_vectors(held, roles.reference, near=middle)
+        start[list(roles.rotation)] = vector
+    return start
+
+
+def skill_paths(
+    skill: FourierMovementPrimitive,
+    *,
+    start: ArrayLike,
+    tempo: float,
+    sample: bool,
+    seed: int,
+    beginnings: int,
+    windows: int,
+    every: int,
+    position: Sequence[int] = (0, 1, 2),
+) -> Array:
+    """Play beginnings from a start, and draw windows from the whole mixture.
+
+    Half of the windows are any samples, half the longest of many: a run prefers samples
+    that wipe much, which are long and fast.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted.
+    start : array_like, shape (D,)
+        Channels of the skill; p_BE, m, among them.
+    tempo : float
+        1 is as demonstrated.
+    sample, seed
+        Of the beginnings, as for `Player`; the windows are always samples.
+    beginnings, windows : int
+        How many.
+    every : int
+        Samples of a window from one to the next that is returned.
+    position : sequence of 3 ints
+        Indices of x, y and z among the channels.
+
+    Returns
+    -------
+    array, shape (beginnings + windows, T, D)
+        Channels of the skill, positions in B, m, ``every / (tempo * skill.rate)`` seconds apart; beginnings
+        first.
+    """
+    begun = np.empty((beginnings, skill.n_steps, skill.n_channels_))
+    player = Player(skill, sample=sample, seed=seed)
+    for i in range(beginnings):
+        state = player.start(start, tempo=tempo, seed=seed + i)
+        for k in range(skill.n_steps):
+            begun[i, k] = player.motion(state)[0]
+            state = player.advance(state, player.tick_seconds / tempo)
+    drawn = skill.sample(_DRAWN * windows, seed=seed, with_noise=False)
+    steps = np.diff(drawn[..., list(position)], axis=1)
+    lengths = np.sum(np.linalg.norm(steps, axis=2), axis=1)
+    longest = np.argsort(lengths[windows // 2 :])[windows // 2 - windows :]
+    chosen = [*range(windows // 2), *(windows // 2 + longest)]
+    return np.concatenate([begun, drawn[chosen]])[:, ::every]

@@ -1,0 +1,1 @@
+"""Robots: their models, and the drivers between a robot and its controller."""

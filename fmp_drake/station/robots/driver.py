@@ -1,0 +1,254 @@
+"""The seam between an arm and its controller: simulated, or replayed from a log."""
+
+import json
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.controllers import InverseDynamics
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    PassThrough,
+    TrajectorySource,
+)
+from pydrake.trajectories import PiecewisePolynomial
+
+from fmp_drake.errors import StationError
+from fmp_drake.primitives.data.files import read_npz
+from fmp_drake.settings import check_settings
+from fmp_drake.station.robots.robot import RobotConfig
+from fmp_drake.station.scenario_parts import SensorConfig
+from fmp_drake.systems.panda.gate import GateMode
+from fmp_drake.systems.sensor_model import SensorModel
+
+
+class Driver(ABC):
+    """Base class of the drivers, one for each way to reach an arm.
+
+    A driver is a dataclass, so that YAML can describe it. `MakeDriver` makes its diagram.
+    """
+
+    @property
+    def control_period(self) -> float | None:
+        """Period of the controller that the driver asks for, s; None for any."""
+        return None
+
+    def check_robot(self, robot: RobotConfig) -> None:  # noqa: B027
+        """Refuse a robot that this driver is not for; a simulated arm may be any.
+
+        Raises
+        ------
+        StationError
+        """
+
+    @abstractmethod
+    def AddTo(
+        self,
+        builder: DiagramBuilder,
+        *,
+        arm: MultibodyPlant,
+        initial: NDArray[np.float64],
+        lcm: DrakeLcmInterface | None,
+    ) -> None:
+        """Add the driver's systems and export its ports.
+
+        Parameters
+        ----------
+        builder : DiagramBuilder
+            Of the driver's own diagram.
+        arm, initial, lcm
+            As for `MakeDriver`.
+        """
+
+
+@dataclass(kw_only=True)
+class SimulatedDriver(Driver):
+    """An arm in a MultibodyPlant without gravity.
+
+    Attributes
+    ----------
+    sensors : SensorConfig
+
+    Examples
+    --------
+    >>> SimulatedDriver().sensors.rate
+    0.0
+    """
+
+    sensors: SensorConfig = field(default_factory=SensorConfig)
+
+    def AddTo(
+        self,
+        builder: DiagramBuilder,
+        *,
+        arm: MultibodyPlant,
+        initial: NDArray[np.float64],
+        lcm: DrakeLcmInterface | None,  # noqa: ARG002
+    ) -> None:
+        """Add systems gravity_compensation and actuation, and sensors with a rate."""
+        n = arm.num_velocities()
+        inputs = {}
+        for name, size in (
+            ("torque", n),
+            ("plant_state", 2 * n),
+            ("plant_external", n),
+        ):
+            inputs[name] = builder.AddNamedSystem(name, PassThrough(size))
+            builder.ExportInput(inputs[name].get_input_port(), name)
+        torque, state, external = (
+            system.get_output_port() for system in inputs.values()
+        )
+        compensation = InverseDynamics(
+            arm, InverseDynamics.InverseDynamicsMode.kGravityCompensation
+        )
+        builder.AddNamedSystem("gravity_compensation", compensation)
+        total = builder.AddNamedSystem("actuation", Adder(2, n))
+        builder.Connect(state, compensation.get_input_port_estimated_state())
+        builder.Connect(torque, total.get_input_port(0))
+        builder.Connect(
+            compensation.get_output_port_generalized_force(), total.get_input_port(1)
+        )
+        measured, sensors = state, self.sensors
+        if sensors.rate > 0:
+            model = builder.AddSystem(
+                SensorModel(
+                    initial=np.concatenate([initial, np.zeros(n)]),
+                    rate=sensors.rate,
+                    delay=sensors.delay,
+                    position_noise=sensors.position_noise,
+                    velocity_noise=sensors.velocity_noise,
+                    seed=sensors.seed,
+                )
+            )
+            builder.Connect(state, model.get_input_port())
+            measured = model.get_output_port()
+        builder.ExportOutput(torque, "plant_actuation")
+        builder.ExportOutput(measured, "state")
+        builder.ExportOutput(total.get_output_port(), "torque_measured")
+        builder.ExportOutput(external, "torque_external")
+        _ExportConstant(builder, "mode", [float(GateMode.OPEN)])
+        _ExportConstant(builder, "age", [sensors.delay])
+
+
+@dataclass(kw_only=True)
+class ReplayDriver(Driver):
+    """The arm of a log: it repeats its recorded motion and ignores the torque.
+
+    Attributes
+    ----------
+    log : str
+        A file of `fmp-drake wipe --log`.
+
+    Examples
+    --------
+    >>> ReplayDriver(log="run.npz").log
+    'run.npz'
+    """
+
+    log: str = ""
+
+    def AddTo(
+        self,
+        builder: DiagramBuilder,
+        *,
+        arm: MultibodyPlant,
+        initial: NDArray[np.float64],  # noqa: ARG002
+        lcm: DrakeLcmInterface | None,  # noqa: ARG002
+    ) -> None:
+        """Add a source of the logged samples, each held until the next."""
+        n = arm.num_velocities()
+        logged: Any = read_npz(
+            Path(self.log), "give a file of `fmp-drake wipe --log`", StationError
+        )
+        torque = builder.AddNamedSystem("torque", PassThrough(n))
+        builder.ExportInput(torque.get_input_port(), "torque")
+        for signal, name, size in (
+            ("state", "state", 2 * n),
+            ("actuation", "torque_measured", n),
+        ):
+            try:
+                kind = json.loads(str(logged["metadata"]))["signals"][signal]
+                seconds, values = logged[kind["times"]], logged[signal]
+            except (KeyError, ValueError):
+                raise StationError(
+                    f"{self.log} has no signal {signal}; give a file that `fmp-drake "
+                    "wipe --log` wrote."
+                ) from None
+            if values.shape[1:] != (size,):
+                raise StationError(
+                    f"the signal {signal} of {self.log} has shape {values.shape}; an arm "
+                    f"of {n} joints needs {size} columns. Give the log of such an arm."
+                )
+            # The last sample is held, too.
+            times: Any = np.append(seconds, seconds[-1] + 1)
+            samples: Any = np.vstack([values, values[-1:]]).T
+            hold = PiecewisePolynomial.ZeroOrderHold(times, samples)
+            source = builder.AddNamedSystem(name, TrajectorySource(hold))
+            builder.ExportOutput(source.get_output_port(), name)
+        _ExportConstant(builder, "torque_external", np.zeros(n))
+        _ExportConstant(builder, "mode", [float(GateMode.OPEN)])
+        _ExportConstant(builder, "age", [0.0])
+
+
+def MakeDriver(
+    driver: Driver,
+    *,
+    arm: MultibodyPlant,
+    initial: ArrayLike | None = None,
+    lcm: DrakeLcmInterface | None = None,
+) -> Diagram:
+    """Make the diagram between an arm of n joints and its controller.
+
+    Every driver has the same ports. Input port: torque (n,), without gravity, Nm. Output
+    ports: state (2n,), angles and velocities, rad and rad/s; torque_measured (n,), with
+    gravity, and torque_external (n,), of the contacts on the arm, Nm; mode (1,), a
+    `GateMode`; age (1,), of the measurement, s.
+
+    A simulated arm also has the input ports plant_state and plant_external (its state and
+    its generalized contact forces) and the output port plant_actuation, for the plant that
+    it is a part of. An arm behind LCM also has the input ports wall_time and go and the
+    output ports torque_sent and faults of its `TorqueGate`.
+
+    Parameters
+    ----------
+    driver : Driver
+        `SimulatedDriver`, `ReplayDriver` or `LcmPanda`.
+    arm : MultibodyPlant
+        The arm and its tool, with their weight.
+    initial : array_like, shape (n,), optional
+        Angles that are shown before the first measurement, rad; the arm's default.
+    lcm : DrakeLcmInterface, optional
+        The bus instead of the driver's own; it must outlive the diagram.
+
+    Raises
+    ------
+    StationError
+        Where the driver's settings cannot be used.
+
+    Examples
+    --------
+    >>> from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
+    >>> arm = MakeRobotModel(LoadRobot("panda")).plant
+    >>> diagram = MakeDriver(SimulatedDriver(), arm=arm)
+    >>> diagram.GetInputPort("torque").size(), diagram.GetOutputPort("state").size()
+    (7, 14)
+    """
+    check_settings(driver, StationError)
+    angles = arm.GetDefaultPositions() if initial is None else initial
+    builder = DiagramBuilder()
+    driver.AddTo(builder, arm=arm, initial=np.asarray(angles, dtype=float), lcm=lcm)
+    diagram = builder.Build()
+    diagram.set_name("driver")
+    return diagram
+
+
+def _ExportConstant(builder: DiagramBuilder, name: str, value: ArrayLike) -> None:
+    source = builder.AddNamedSystem(name, ConstantVectorSource(np.array(value)))
+    builder.ExportOutput(source.get_output_port(), name)

@@ -1,0 +1,231 @@
+"""The driver of a Panda behind Drake's LCM messages, and the YAML file of `--arm`."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from drake import lcmt_panda_command, lcmt_panda_status
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.lcm import DrakeLcm, DrakeLcmInterface
+from pydrake.manipulation import PandaCommandSender
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import DiagramBuilder, TriggerType
+from pydrake.systems.lcm import (
+    LcmInterfaceSystem,
+    LcmPublisherSystem,
+    LcmSubscriberSystem,
+    SerializerInterface,
+)
+
+from fmp_drake.errors import StationError
+from fmp_drake.settings import bounded, check_yaml
+from fmp_drake.station.robots.driver import Driver, ReplayDriver, SimulatedDriver
+from fmp_drake.station.robots.robot import RobotConfig
+from fmp_drake.systems.interface.arm_model import joint_limits
+from fmp_drake.systems.panda.gate import GateConfig
+from fmp_drake.systems.panda.status import JOINTS
+from fmp_drake.systems.torque_gate import TorqueGate
+
+
+@dataclass(kw_only=True)
+class LcmPanda(Driver):
+    """A Panda behind Drake's LCM messages, real or simulated by another process.
+
+    Attributes
+    ----------
+    url : str
+        Of LCM; empty for its own default.
+    status_channel, command_channel : str
+    pace : float
+        Seconds of the messages' clock per second, for a simulated arm that is slower than
+        real time. Both sides need the same value; the statuses of a real arm are then
+        stale.
+    gate : GateConfig
+        Limits of the torque that is sent.
+
+    Examples
+    --------
+    >>> LcmPanda(gate=GateConfig(dry=True)).status_channel
+    'PANDA_STATUS'
+    """
+
+    url: str = ""
+    status_channel: str = "PANDA_STATUS"
+    command_channel: str = "PANDA_COMMAND"
+    pace: float = bounded(1.0, above=0, most=1)
+    gate: GateConfig = field(default_factory=GateConfig)
+
+    @property
+    def control_period(self) -> float:
+        """Period of the gate, s."""
+        return self.gate.period
+
+    def check_robot(self, robot: RobotConfig) -> None:
+        """Refuse any other robot than a Panda: its torques would move this one."""
+        if robot.driver != type(self).__name__:
+            raise StationError(
+                f"{Path(robot.model).stem} is simulated only; the arm behind LCM is a "
+                "Panda. Take the robot panda, or leave out the arm."
+            )
+
+    def AddTo(
+        self,
+        builder: DiagramBuilder,
+        *,
+        arm: MultibodyPlant,
+        initial: NDArray[np.float64],
+        lcm: DrakeLcmInterface | None,
+    ) -> None:
+        """Add systems bus, status, command and torque_gate."""
+        bus = OpenLcm(self.url) if lcm is None else lcm
+        pump = LcmInterfaceSystem(bus)
+        builder.AddNamedSystem("bus", pump)
+        gate = TorqueGate(
+            self.gate,
+            initial=initial,
+            limits=joint_limits(arm),
+            send=TorquePublisher(bus, self.command_channel),
+        )
+        builder.AddSystem(gate)
+        for name, channel in (
+            ("status", self.status_channel),
+            ("command", self.command_channel),
+        ):
+            subscriber = LcmSubscriberSystem(
+                channel=channel, serializer=RawSerializer(), lcm=pump
+            )
+            builder.AddNamedSystem(name, subscriber)
+            builder.Connect(subscriber.get_output_port(), gate.GetInputPort(name))
+        for name in ("torque", "wall_time", "go"):
+            builder.ExportInput(gate.GetInputPort(name), name)
+        for i in range(gate.num_output_ports()):
+            port = gate.get_output_port(i)
+            builder.ExportOutput(port, port.get_name())
+
+
+class TorquePublisher:
+    """Publisher of torque commands, stamped with a clock that is not a Context's.
+
+    Parameters
+    ----------
+    lcm : DrakeLcmInterface
+    channel : str
+
+    Examples
+    --------
+    >>> TorquePublisher(DrakeLcm("memq://"), "PANDA_COMMAND")(np.zeros(7), 1.7e9)
+    """
+
+    def __init__(self, lcm: DrakeLcmInterface, channel: str) -> None:
+        builder = DiagramBuilder()
+        sender = PandaCommandSender(JOINTS, lcmt_panda_status.CONTROL_MODE_TORQUE)
+        builder.AddSystem(sender)
+        publisher = builder.AddSystem(
+            LcmPublisherSystem.Make(
+                channel=channel,
+                lcm_type=lcmt_panda_command,
+                lcm=lcm,
+                publish_triggers={TriggerType.kForced},
+                use_cpp_serializer=True,
+            )
+        )
+        builder.Connect(sender.get_output_port(), publisher.get_input_port())
+        builder.ExportInput(sender.get_torque_input_port(), "torque")
+        self._diagram = builder.Build()
+        self._context = self._diagram.CreateDefaultContext()
+
+    def __call__(self, torque: NDArray[np.float64], stamp: float) -> None:
+        """Publish a torque (7,), Nm, stamped with a time of the wall clock, s."""
+        # Drake truncates the time of the Context to microseconds.
+        self._context.SetTime(stamp + 0.5e-6)
+        self._diagram.GetInputPort("torque").FixValue(self._context, torque)
+        self._diagram.ForcedPublish(self._context)
+
+
+# Tags of files written for earlier versions.
+_EARLIER_TAGS = {
+    "!SimulatedPanda": "!SimulatedDriver",
+    "!ReplayPanda": "!ReplayDriver",
+}
+
+
+@dataclass
+class _PandaFile:
+    panda: SimulatedDriver | LcmPanda | ReplayDriver = field(
+        default_factory=SimulatedDriver
+    )
+
+
+def LoadPanda(path: str | Path) -> Driver:
+    """Load the driver of a Panda from a YAML file.
+
+    Raises
+    ------
+    StationError
+        Where the file cannot be read; it says why.
+
+    Examples
+    --------
+    ::
+
+        panda: !LcmPanda
+          url: udpm://239.255.76.67:7667?ttl=0
+          gate: {expiry: 0.05, max_rate: 500.0}
+    """
+    try:
+        text = Path(path).read_text()
+        for earlier, tag in _EARLIER_TAGS.items():
+            text = text.replace(earlier, tag)
+        check_yaml(text, str(path), StationError)
+        loaded: _PandaFile = yaml_load_typed(  # type: ignore[no-untyped-call]
+            schema=_PandaFile, data=text, defaults=_PandaFile()
+        )
+    except (RuntimeError, TypeError, ValueError, KeyError, OSError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise StationError(
+            f"{path} does not say which arm: {reason}. Expected panda: with one of "
+            "!SimulatedDriver, !LcmPanda, !ReplayDriver."
+        ) from None
+    return loaded.panda
+
+
+def OpenLcm(url: str) -> DrakeLcm:
+    """Open an LCM bus.
+
+    Parameters
+    ----------
+    url : str
+        Empty for the default of LCM.
+
+    Raises
+    ------
+    StationError
+        Where the bus cannot be opened; it says why.
+    """
+    try:
+        return DrakeLcm(url)
+    except RuntimeError as error:
+        raise StationError(f"there is no bus {url!r}: {error}.") from None
+
+
+class RawSerializer(SerializerInterface):
+    """Serializer that passes the bytes of a message unread.
+
+    The deserializer of Drake's own messages ends the program (SystemExit) where the bytes
+    are not a message; these bytes are checked before anything decodes them.
+    """
+
+    def CreateDefaultValue(self) -> AbstractValue:
+        """Return no bytes."""
+        return AbstractValue.Make(b"")
+
+    def Deserialize(self, buffer: bytes, value: Any) -> None:
+        """Keep the bytes."""
+        value.set_value(bytes(buffer))
+
+    def Serialize(self, value: Any) -> bytes:
+        """Return the bytes."""
+        return bytes(value.get_value())

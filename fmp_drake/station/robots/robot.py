@@ -1,0 +1,324 @@
+"""Robots: their configuration, a YAML file beside a URDF, and their models in plants."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.yaml import yaml_load_typed
+from pydrake.geometry import CollisionFilterDeclaration, SceneGraph
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, ModelInstanceIndex
+
+from fmp_drake.errors import StationError
+from fmp_drake.settings import bounded, check_settings, check_yaml
+from fmp_drake.station.models.eraser import AddEraser
+from fmp_drake.station.models.model_files import AddFmpDrakePackage, models_dir
+from fmp_drake.station.models.spoon import AddSpoon
+from fmp_drake.station.robots.visuals import AddArm
+from fmp_drake.station.scenario_parts import EraserConfig
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.joints import FrictionConfig
+
+Tool = EraserConfig | str
+"""An eraser, `spoon`, or a model file (SDF or URDF) with the frames `mount` and `tip`."""
+
+_TOOL = "tool"  # Stands for the tool's bodies in a group of `contact_free`.
+
+
+@dataclass(kw_only=True)
+class PoseConfig:
+    """A pose.
+
+    Attributes
+    ----------
+    translation : list of 3 floats
+        m.
+    rpy : list of 3 floats
+        Roll, pitch, yaw, rad.
+
+    Examples
+    --------
+    >>> PoseConfig(translation=[0.0, 0.0, 0.1]).transform().translation()
+    array([0. , 0. , 0.1])
+    """
+
+    translation: list[float] = bounded([0.0, 0.0, 0.0])
+    rpy: list[float] = bounded([0.0, 0.0, 0.0])
+
+    def transform(self) -> RigidTransform:
+        """Return the pose."""
+        return RigidTransform(
+            RollPitchYaw(np.array(self.rpy)), np.array(self.translation)
+        )
+
+
+@dataclass(kw_only=True)
+class RobotConfig:
+    """An arm of n joints: everything that its model does not say.
+
+    Attributes
+    ----------
+    description : str
+        One sentence: the arm, and its command interfaces.
+    model : str
+        URDF or SDF file, relative to the YAML file.
+    base, flange : str
+        Frames of the model: the one that is welded to the world, and the one that
+        carries the tool.
+    base_pose : PoseConfig
+        Of the base in the world.
+    mount : PoseConfig
+        Of the tool on the flange.
+    posture : list of n floats
+        Joint angles that a redundant arm prefers, rad.
+    contact_free : list of lists of str
+        Groups of bodies that cannot touch each other; `tool` stands for the tool.
+    friction : FrictionConfig
+        Of its joints; lists of n, or empty where it is not known.
+    max_torque_rate : float
+        Fastest change of any joint torque that it accepts, Nm/s.
+    driver : str
+        Name of the real arm's `Driver`; empty where it has none.
+    official_visuals : str
+        A description in Drake's package drake_models, with visuals for the same links.
+
+    Examples
+    --------
+    >>> LoadRobot("panda").max_torque_rate
+    900.0
+    """
+
+    description: str = ""
+    model: str = ""
+    base: str = ""
+    flange: str = ""
+    base_pose: PoseConfig = field(default_factory=PoseConfig)
+    mount: PoseConfig = field(default_factory=PoseConfig)
+    posture: list[float] = bounded([])
+    contact_free: list[list[str]] = field(default_factory=list)
+    friction: FrictionConfig = field(default_factory=FrictionConfig)
+    max_torque_rate: float = bounded(1000.0, above=0)
+    driver: str = ""
+    official_visuals: str = ""
+
+    def complete(self, config: ImpedanceConfig) -> ImpedanceConfig:
+        """Return a controller's settings with this robot's where they have none."""
+        rate = config.max_torque_rate
+        return replace(
+            config,
+            max_torque_rate=self.max_torque_rate if rate is None else rate,
+            friction_compensation=config.friction_compensation.completed(self.friction),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robot:
+    """An arm with its tool in a plant.
+
+    Attributes
+    ----------
+    config : RobotConfig
+    plant : MultibodyPlant
+    arm, tool : ModelInstanceIndex
+    tip : Frame
+        E, of the tool.
+    """
+
+    config: RobotConfig
+    plant: MultibodyPlant
+    arm: ModelInstanceIndex
+    tool: ModelInstanceIndex
+    tip: Frame
+
+    @property
+    def default_posture(self) -> NDArray[np.float64]:
+        """Joint angles in the plant's default Context, shape (n,), rad."""
+        return self.plant.GetDefaultPositions(self.arm)
+
+
+def ListRobots() -> list[str]:
+    """Return the names of the robots that come with the package."""
+    files = models_dir().glob("*/*.yaml")
+    return sorted(file.stem for file in files if file.stem == file.parent.name)
+
+
+def LoadRobot(robot: str | Path) -> RobotConfig:
+    """Load a robot: the name of one that comes with the package, or a YAML file.
+
+    Raises
+    ------
+    StationError
+        Where there is no such robot, or its file has values that do not fit.
+
+    Examples
+    --------
+    >>> len(LoadRobot("panda").posture)
+    7
+    """
+    file = Path(robot)
+    if file.suffix not in (".yaml", ".yml"):
+        file = models_dir() / file / f"{file}.yaml"
+    if not file.is_file():
+        raise StationError(
+            f"there is no robot {robot}; give a YAML file or one of: "
+            f"{', '.join(ListRobots())}."
+        )
+    try:
+        text = file.read_text(encoding="utf-8")
+        check_yaml(text, "it", StationError)
+        config: RobotConfig = yaml_load_typed(  # type: ignore[no-untyped-call]
+            schema=RobotConfig, data=text, defaults=RobotConfig()
+        )
+        _CheckRobot(config)
+    except (RuntimeError, TypeError, ValueError, KeyError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise StationError(f"{file.name} is not a robot: {reason}") from None
+    config.model = str(file.parent / config.model)
+    return config
+
+
+def _CheckRobot(config: RobotConfig) -> None:
+    check_settings(config, StationError)
+    n = len(config.posture)
+    for name in ("model", "base", "flange", "posture"):
+        if not getattr(config, name):
+            raise StationError(f"{name} is empty; every robot needs it.")
+    for name in ("height", "slope", "shift"):
+        if len(values := getattr(config.friction, name)) not in (0, n):
+            raise StationError(
+                f"friction.{name} is {values}; expected {n} numbers, as in posture."
+            )
+
+
+def AddRobot(
+    plant: MultibodyPlant,
+    config: RobotConfig,
+    tool: Tool | None = None,
+    *,
+    visuals: str = "own",
+) -> Robot:
+    """Add an arm, welded to the world, with its tool on the flange.
+
+    Contact needs a plant that is registered with a scene graph.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Not finalized, without a model of the arm's or the tool's name.
+    config : RobotConfig
+    tool : EraserConfig or str, optional
+        An eraser, `spoon`, or a model file; the default eraser where None.
+    visuals : {"own", "drake_models"}
+        The arm's meshes: those of its model, or the official ones that Drake downloads.
+
+    Raises
+    ------
+    StationError
+        Where a value is not allowed, the model does not fit the configuration, or the
+        official meshes are not to be had.
+
+    Examples
+    --------
+    >>> plant = MultibodyPlant(time_step=0.001)
+    >>> robot = AddRobot(plant, LoadRobot("panda"), EraserConfig(friction=0.3))
+    >>> plant.GetModelInstanceName(robot.tool)
+    'eraser'
+    """
+    parser = Parser(plant)
+    AddFmpDrakePackage(parser)
+    arm = AddArm(
+        plant,
+        Path(config.model),
+        packages=parser.package_map(),
+        visuals=visuals,
+        official=config.official_visuals,
+    )
+    joints = (plant.get_joint(i) for i in plant.GetJointIndices(arm))
+    n = sum(joint.num_positions() for joint in joints)
+    if n != len(config.posture):
+        raise StationError(
+            f"the posture of {Path(config.model).stem} is {config.posture}; its model "
+            f"has {n} joints. Give {n} angles."
+        )
+    held, tip = AddTool(plant, tool or EraserConfig())
+    plant.WeldFrames(
+        plant.world_frame(),
+        plant.GetFrameByName(config.base, arm),
+        config.base_pose.transform(),
+    )
+    plant.WeldFrames(
+        plant.GetFrameByName(config.flange, arm),
+        plant.GetFrameByName("mount", held),
+        config.mount.transform(),
+    )
+    return Robot(config=config, plant=plant, arm=arm, tool=held, tip=tip)
+
+
+def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Frame]:
+    """Add a tool with its frame `mount`, and return it with its tip E.
+
+    Raises
+    ------
+    StationError
+        Where a model file is missing, or has not one model with both frames.
+    """
+    if isinstance(tool, EraserConfig):
+        eraser = AddEraser(plant, tool)
+        return eraser, plant.GetFrameByName("eraser_tip", eraser)
+    if tool == "spoon":
+        spoon = AddSpoon(plant)
+        return spoon, plant.GetFrameByName("tip", spoon)
+    if not Path(tool).is_file():
+        raise StationError(
+            f"there is no tool {tool}; choose eraser or spoon, or give a model file."
+        )
+    try:
+        (model,) = Parser(plant).AddModels(tool)
+        plant.GetFrameByName("mount", model)
+        return model, plant.GetFrameByName("tip", model)
+    except (RuntimeError, ValueError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise StationError(
+            f"{tool} is not a tool, one model with the frames mount and tip: {reason}"
+        ) from None
+
+
+def MakeRobotModel(
+    config: RobotConfig,
+    tool: Tool | None = None,
+    *,
+    scene_graph: SceneGraph | None = None,
+) -> Robot:
+    """Make what a controller knows: a plant of the arm and its tool, with their weight.
+
+    Parameters
+    ----------
+    config : RobotConfig
+    tool : EraserConfig or str, optional
+    scene_graph : SceneGraph, optional
+        Where to register the geometry, for those who ask about it.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    plant.set_name("arm")
+    if scene_graph is not None:
+        plant.RegisterAsSourceForSceneGraph(scene_graph)
+    robot = AddRobot(plant, config, tool)
+    plant.Finalize()
+    return robot
+
+
+def FilterSelfContact(robot: Robot, scene_graph: SceneGraph) -> None:
+    """Exclude contact within each group of bodies that cannot touch each other."""
+    plant, manager = robot.plant, scene_graph.collision_filter_manager()
+    tool = [plant.get_body(i) for i in plant.GetBodyIndices(robot.tool)]
+    for group in robot.config.contact_free:
+        bodies = [plant.GetBodyByName(b, robot.arm) for b in group if b != _TOOL]
+        bodies += tool if _TOOL in group else []
+        manager.Apply(
+            CollisionFilterDeclaration().ExcludeWithin(
+                plant.CollectRegisteredGeometries(bodies)
+            )
+        )

@@ -1,0 +1,1 @@
+"""Tasks: the surroundings of a robot, and the measurements of its work."""

@@ -1,0 +1,38 @@
+"""The task of following a motion."""
+
+from pydrake.systems.framework import DiagramBuilder, System
+
+from fmp_drake.station.arm_controller import AddNormalForceEstimator
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scene import BoardScene
+from fmp_drake.station.tasks.task import Measurements, Task
+
+
+class Following(Task):
+    """Nothing but tracking, with the force that the arm itself measures.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import LoadScenario, MakeStation
+    >>> station = MakeStation(LoadScenario("table_top"), None, task=Following())
+    >>> station.HasOutputPort("ink")
+    False
+    """
+
+    def AddTo(
+        self,
+        builder: DiagramBuilder,
+        scene: BoardScene,
+        scenario: Scenario,  # noqa: ARG002
+        *,
+        controller: System,
+        driver: System,
+    ) -> Measurements:
+        """Add and export normal_force, by the arm's external torque."""
+        force = AddNormalForceEstimator(
+            builder, scene.model, scene.X_WA.rotation(), driver
+        )
+        builder.ExportOutput(force, "normal_force")
+        status = controller.GetOutputPort("status")
+        builder.ExportOutput(status, "status")
+        return Measurements(status=status, normal_force=force)

@@ -1,0 +1,59 @@
+"""Base class of the tasks of a robot."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scene import BoardScene
+from fmp_drake.systems.ink_board import InkBoard
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measurements:
+    """Outputs of what a task measures.
+
+    Attributes
+    ----------
+    status : OutputPort
+        Of the controller, with the flags that the task adds.
+    normal_force : OutputPort or None
+        Of the tool on the surface, N.
+    ink : OutputPort or None
+        What is left on the surface, by which samples are chosen.
+    ink_board : InkBoard or None
+        The simulated ink.
+    """
+
+    status: OutputPort
+    normal_force: OutputPort | None = None
+    ink: OutputPort | None = None
+    ink_board: InkBoard | None = None
+
+
+class Task(ABC):
+    """Surroundings of a robot, and the measurements of its task."""
+
+    @abstractmethod
+    def AddTo(
+        self,
+        builder: DiagramBuilder,
+        scene: BoardScene,
+        scenario: Scenario,
+        *,
+        controller: System,
+        driver: System,
+    ) -> Measurements:
+        """Add the systems that measure the task, and export their outputs.
+
+        Parameters
+        ----------
+        builder : DiagramBuilder
+        scene : BoardScene
+        scenario : Scenario
+        controller : System
+            With the outputs measured_position and status.
+        driver : System
+            From `MakeDriver`.
+        """

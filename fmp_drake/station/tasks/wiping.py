@@ -1,0 +1,178 @@
+"""The task of wiping a board: its ink, its surface, and the normal force on it."""
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import Adder
+
+from fmp_drake.station.arm_controller import AddNormalForceEstimator
+from fmp_drake.station.models.whiteboard import BoardBox
+from fmp_drake.station.reach.clearance import CollectHardPoints
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario_parts import BoardConfig
+from fmp_drake.station.scene import BoardScene
+from fmp_drake.station.tasks.task import Measurements, Task
+from fmp_drake.systems.impedance.status import STATUS_SIZE
+from fmp_drake.systems.ink.drawing import draw_picture, draw_words, upright_turns
+from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink_board import InkBoard
+from fmp_drake.systems.surface_monitor import SurfaceMonitor
+from fmp_drake.systems.wiped_area import WipedArea
+
+
+class Wiping(Task):
+    """An eraser that wipes a board.
+
+    In simulation the ink, the contact force and the distance of hard points from the
+    surface are measured. Of a real arm, whose ink nobody sees, the normal force follows
+    from its external torque, and the ink from where it pressed.
+
+    Examples
+    --------
+    >>> from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+    >>> from fmp_drake.station import LoadScenario, MakeStation, models_dir
+    >>> wiping = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+    >>> skill = FourierMovementPrimitive().fit(wiping)
+    >>> station = MakeStation(LoadScenario("table_top"), skill, task=Wiping())
+    >>> station.GetOutputPort("normal_force").size()
+    1
+    """
+
+    def AddTo(
+        self,
+        builder: DiagramBuilder,
+        scene: BoardScene,
+        scenario: Scenario,
+        *,
+        controller: System,
+        driver: System,
+    ) -> Measurements:
+        """Add ink_board and surface_monitor, or wiped_area; export their outputs."""
+        status, R_WA = controller.GetOutputPort("status"), scene.X_WA.rotation()
+        if not scene.is_simulated:
+            force = AddNormalForceEstimator(builder, scene.model, R_WA, driver)
+            builder.ExportOutput(force, "normal_force")
+            builder.ExportOutput(status, "status")
+            wiped = None
+            if scenario.skill.candidates > 1:
+                x, y = scenario.eraser.footprint
+                system = builder.AddSystem(
+                    WipedArea(BoardGrid(scenario), footprint=(x, y))
+                )
+                position = controller.GetOutputPort("measured_position")
+                builder.Connect(position, system.GetInputPort("measured_position"))
+                builder.Connect(force, system.GetInputPort("normal_force"))
+                wiped = system.get_output_port()
+            return Measurements(status=status, normal_force=force, ink=wiped)
+        ink = AddInk(builder, scene, scenario)
+        for i in range(ink.num_output_ports()):
+            port = ink.get_output_port(i)
+            builder.ExportOutput(port, port.get_name())
+        force = ink.GetOutputPort("normal_force")
+        if scenario.press.by_torque:
+            force = AddNormalForceEstimator(builder, scene.model, R_WA, driver)
+        return Measurements(
+            status=AddSurfaceWatch(builder, scene, scenario.board, status=status),
+            normal_force=force,
+            ink=ink.GetOutputPort("ink"),
+            ink_board=ink,
+        )
+
+
+def BoardGrid(scenario: Scenario) -> InkGrid:
+    """Return the cells of a scenario's board."""
+    x, y = scenario.board.size
+    return InkGrid(
+        size=(x, y), cell=scenario.ink.cell, curvature=scenario.board.curvature()
+    )
+
+
+def AddInk(builder: DiagramBuilder, scene: BoardScene, scenario: Scenario) -> InkBoard:
+    """Add the ink that the eraser rubs off: system ink_board.
+
+    What is written or drawn is upright for the scenario's camera.
+
+    Raises
+    ------
+    StationError
+        Where a picture cannot be read, or nothing would be on the board.
+    """
+    grid = BoardGrid(scenario)
+    ink = InkBoard(
+        plant=scene.plant,
+        eraser=scene.robot.tip,
+        surface=scene.surface,
+        grid=grid,
+        initial_ink=_Drawing(grid, scene, scenario),
+        worn=scenario.eraser.worn,
+        period=scenario.ink.period,
+    )
+    builder.AddSystem(ink)
+    for name in ("contact_results", "body_poses", "body_spatial_velocities"):
+        builder.Connect(scene.plant.GetOutputPort(name), ink.GetInputPort(name))
+    return ink
+
+
+def _Drawing(
+    grid: InkGrid, scene: BoardScene, scenario: Scenario
+) -> NDArray[np.float64] | None:
+    """Return the ink at the start, None for a board that is full of it."""
+    ink = scenario.ink
+    if not (ink.words or ink.picture):
+        return None
+    turns = upright_turns(grid, X_WB=scene.X_WB, eye=scenario.camera.eye)
+    if ink.words:
+        return draw_words(grid, ink.words, height=ink.size, quarter_turns=turns)
+    return draw_picture(grid, ink.picture, size=ink.size, quarter_turns=turns)
+
+
+def AddSurfaceWatch(
+    builder: DiagramBuilder,
+    scene: BoardScene,
+    board: BoardConfig,
+    *,
+    status: OutputPort,
+) -> OutputPort:
+    """Watch all of arm and eraser that touches and is hard; report it in the status.
+
+    Systems: surface_monitor; status, the sum of the controller's status and the
+    monitor's. Output ports: penetration, status.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+    scene : BoardScene
+    board : BoardConfig
+    status : OutputPort
+        The controller's.
+
+    Returns
+    -------
+    OutputPort
+        The sum.
+    """
+    plant = scene.plant
+    arm, eraser = (
+        CollectHardPoints(plant, scene.scene_graph, model)
+        for model in (scene.robot.arm, scene.robot.tool)
+    )
+    monitor = builder.AddSystem(
+        SurfaceMonitor(
+            surface=scene.surface,
+            box=BoardBox(board),
+            curvature=board.curvature(),
+            bodies=np.concatenate([arm.bodies, eraser.bodies]),
+            points=np.concatenate([arm.points, eraser.points]),
+            radii=np.concatenate([arm.radii, eraser.radii]),
+            on_arm=np.arange(len(arm.radii) + len(eraser.radii)) < len(arm.radii),
+        )
+    )
+    builder.Connect(
+        plant.get_body_poses_output_port(), monitor.GetInputPort("body_poses")
+    )
+    total = builder.AddNamedSystem("status", Adder(2, STATUS_SIZE))
+    builder.Connect(status, total.get_input_port(0))
+    builder.Connect(monitor.GetOutputPort("status"), total.get_input_port(1))
+    builder.ExportOutput(total.get_output_port(), "status")
+    builder.ExportOutput(monitor.GetOutputPort("penetration"), "penetration")
+    return total.get_output_port()

@@ -1,0 +1,201 @@
+"""Hand guiding: hands that guide the arm, and the recording of the motion."""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import ConstantVectorSource
+
+from fmp_drake.errors import StationError
+from fmp_drake.primitives import Demonstration, add_orientation
+from fmp_drake.primitives.data.channels import FORCE_CHANNEL, POSITION_CHANNELS
+from fmp_drake.station.external_forces import AddMouseHand
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scene import BoardScene
+from fmp_drake.systems.human_hand import HumanHand
+from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.teaching.hand_motion import HandMotion
+
+# Compliant in translation and rotation, with a fixed posture of the elbow.
+TURNING = ImpedanceConfig(
+    translational_stiffness=[1e-3, 1e-3, 1e-3],
+    rotational_stiffness=[1e-3, 1e-3, 1e-3],
+)
+
+# Compliant in translation, with a level eraser and a fixed posture of the elbow.
+GUIDING = ImpedanceConfig(
+    translational_stiffness=[1e-3, 1e-3, 1e-3],
+    rotational_stiffness=[30.0, 30.0, 30.0],
+)
+
+
+class TeachingHand(Protocol):
+    """Hand that guides the arm: simulated, by the mouse, or a person's at a real arm.
+
+    Examples
+    --------
+    >>> hand: TeachingHand = SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
+    >>> from fmp_drake.station import LoadScenario, MakeStation
+    >>> station = MakeStation(LoadScenario("table_top"), hand)
+    """
+
+    @property
+    def start(self) -> list[float] | None:
+        """Initial p_BE of the eraser, m; the scenario's where None."""
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """Outputs to record beside the position: `measured_pose`, `normal_force` or none."""
+
+    def AddTo(
+        self, builder: DiagramBuilder, scene: BoardScene, scenario: Scenario
+    ) -> tuple[OutputPort, OutputPort]:
+        """Add the hand; return its forces, and a port (1,) that is 1 during guiding."""
+
+
+@dataclass(frozen=True)
+class SimulatedHand:
+    """A model of a person's hand, that leads all the time.
+
+    Attributes
+    ----------
+    motion : HandMotion
+
+    Examples
+    --------
+    >>> motion = HandMotion.make("eight", seconds=5.0, seed=0)
+    >>> len(SimulatedHand(motion).start)
+    3
+    """
+
+    motion: HandMotion
+
+    @property
+    def start(self) -> list[float]:
+        """Start of the motion; just above the board if the motion has no height."""
+        values, _ = self.motion.at(0.0)
+        x, y = (float(value) for value in values[:2])
+        has_height = "z" in self.motion.channels
+        z = float(values[self.motion.channels.index("z")]) if has_height else 0.005
+        return [x, y, z]
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """Outputs of the teaching station to record beside the position."""
+        names = {"rx": "measured_pose", "force": "normal_force"}
+        return tuple(port for c, port in names.items() if c in self.motion.channels)
+
+    def AddTo(
+        self, builder: DiagramBuilder, scene: BoardScene, scenario: Scenario
+    ) -> tuple[OutputPort, OutputPort]:
+        """Add human_hand, and leading, a constant."""
+        if scene.whiteboard is None and "z" not in self.motion.channels:
+            raise StationError(
+                f"the motion has {', '.join(self.motion.channels)}, and the scenario no board "
+                "to lead the tool over; take a motion with a height, such as stirring, or a "
+                "scenario with a board."
+            )
+        hand = builder.AddSystem(
+            HumanHand(
+                scene.plant,
+                grip=scene.robot.tip,
+                X_WB=scene.X_WB,
+                motion=self.motion,
+                R_BE=scenario.eraser_orientation(),
+                surface=scenario.board.curvature(),
+            )
+        )
+        for port in ("body_poses", "body_spatial_velocities"):
+            builder.Connect(scene.plant.GetOutputPort(port), hand.GetInputPort(port))
+        leading = builder.AddNamedSystem("leading", ConstantVectorSource(np.ones(1)))
+        return hand.GetOutputPort("spatial_forces"), leading.get_output_port()
+
+
+@dataclass(frozen=True)
+class MouseOnPage:
+    """Hand guiding by the mouse on a page.
+
+    Attributes
+    ----------
+    meshcat : Meshcat
+
+    Examples
+    --------
+    >>> from fmp_drake.station import LoadScenario, MakeStation
+    >>> hand = MouseOnPage(Meshcat())
+    >>> station = MakeStation(LoadScenario("table_top"), hand)
+    """
+
+    meshcat: Meshcat
+
+    @property
+    def start(self) -> None:
+        """None: the scenario's start is used."""
+        return
+
+    @property
+    def recorded(self) -> tuple[str, ...]:
+        """None beside the position: the eraser stays level."""
+        return ()
+
+    def AddTo(
+        self, builder: DiagramBuilder, scene: BoardScene, scenario: Scenario
+    ) -> tuple[OutputPort, OutputPort]:
+        """Add mouse_hand."""
+        hand = AddMouseHand(builder, scene, scenario, self.meshcat)
+        return hand.GetOutputPort("spatial_forces"), hand.GetOutputPort("leading")
+
+
+def DemonstrationFromRecorder(
+    diagram: Diagram, context: Context, *, skip: float, note: str
+) -> Demonstration:
+    """Return the recording of a teaching station, with and without guiding.
+
+    The channels are x, y and z, and orientation and force where the hand guides them.
+
+    Parameters
+    ----------
+    diagram : Diagram
+        From `MakeStation` with a hand.
+    context : Context
+        Of the diagram, after a simulation.
+    skip : float
+        Seconds to leave out at the beginning.
+    note : str
+    """
+    recorder: Any = diagram.GetSubsystemByName("recorder")
+    log = recorder.FindLog(context)
+    times = log.sample_times()
+    keep = times >= skip - 1e-9
+    values = log.data()[:, keep].T
+    channels: tuple[str, ...] = POSITION_CHANNELS
+    units: tuple[str, ...] = ("m",) * 3
+    recorded = {
+        name: _logged(diagram, context, f"record_{name}")[:, keep].T
+        for name in ("measured_pose", "normal_force")
+        if diagram.HasSubsystemNamed(f"record_{name}")
+    }
+    if "normal_force" in recorded:
+        values = np.column_stack([values, recorded["normal_force"]])
+        channels, units = (*channels, FORCE_CHANNEL), (*units, "N")
+    demonstration = Demonstration(
+        time=np.round(times[keep] - skip, 9),
+        values=np.array(values),
+        channels=channels,
+        units=units,
+        frame="board",
+        note=note,
+    )
+    if "measured_pose" in recorded:
+        quaternions = recorded["measured_pose"][:, :4]
+        demonstration = add_orientation(demonstration, quaternions, order="wxyz")
+    return demonstration
+
+
+def _logged(diagram: Diagram, context: Context, name: str) -> NDArray[np.float64]:
+    """Return what a log sink of a diagram has recorded, shape (size, N)."""
+    sink: Any = diagram.GetSubsystemByName(name)
+    return np.array(sink.FindLog(context).data())
