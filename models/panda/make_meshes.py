@@ -6,43 +6,16 @@ joint n's axis.
 """
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from gltf import write_gltf
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "shapes"))
+
+from housing import Parts, cover, flange, ring, shell, write_meshes
 from solid import bar, blend, block, carve, common, cone, drum, half_space
-from surface import Disc, Mesh, plate, skin, turned, without
-
-STEP = 0.0036
-Parts = list[tuple[str, Mesh]]
-
-
-def ring(centre, axis, radius, half=0.004):
-    """Return a closed ring, as seen in the gap between two links."""
-    profile = [(-half, 0), (-half, radius), (half, radius), (half, 0)]
-    return "dark", turned(centre, axis, profile)
-
-
-def cover(centre, axis, radius, *, edge=0.017, bulge=0.006):
-    """Return the round cover on the end of a drum, with a fine gap under it."""
-    angles = np.linspace(0, 1.32, 6)
-    height = 0.006 + edge * np.sin(angles)
-    rim = radius - edge + edge * np.cos(angles)
-    top = rim[-1] * np.array([0.66, 0.33, 0.0])
-    crown = height[-1] + bulge * (1 - (top / rim[-1]) ** 2)
-    profile = [(0.0, radius - 0.0035), (0.002, radius - 0.001), (0.0035, radius)]
-    profile += [*zip(height, rim, strict=True), *zip(crown, top, strict=True)]
-    groove = [(-0.004, radius - 0.0035), (0.001, radius - 0.0035)]
-    return [
-        ("white", turned(centre, axis, profile, smooth=50)),
-        ("seam", turned(centre, axis, groove)),
-    ]
-
-
-def shell(solid, low, high, *hidden: Disc):
-    """Return the white skin of a solid in a box, without what other parts hide."""
-    return "white", without(skin(solid, low, high, step=STEP), list(hidden))
+from surface import Disc, plate, turned
 
 
 def link0() -> Parts:
@@ -230,13 +203,6 @@ def link7() -> Parts:
     grip = bar((0.02 * s, 0.02 * s, 0.071), (0.052 * s, 0.052 * s, 0.073), 0.0165)
     body = blend(0.02, wrist, grip)
     body = common(0.008, body, half_space((0.060 * s, 0.060 * s, 0), (s, s, 0)))
-    flange = [
-        (0.089, 0.0),
-        (0.089, 0.0315),
-        (0.1062, 0.0315),
-        (0.107, 0.0307),
-        (0.107, 0),
-    ]
     return [
         shell(
             body,
@@ -244,36 +210,13 @@ def link7() -> Parts:
             (0.08, 0.08, 0.1),
             Disc((0, 0, 0.0505), (0, 0, 1), 0.038),
         ),
-        ("metal", turned((0, 0, 0), (0, 0, 1), flange)),
+        flange(0.089, 0.107),
         ring((0.0595 * s, 0.0595 * s, 0.0732), (s, s, 0), 0.0105, 0.0015),
     ]
 
 
-LINKS: list[Callable[[], Parts]] = [
-    link0,
-    link1,
-    link2,
-    link3,
-    link4,
-    link5,
-    link6,
-    link7,
-]
-
-
-def main(folder: Path) -> None:
-    """Write one file for each link, and say how large it is."""
-    folder.mkdir(parents=True, exist_ok=True)
-    total = 0
-    for make in LINKS:
-        path = folder / f"{make.__name__}.gltf"
-        count = write_gltf(path, make())
-        total += count
-        size = path.stat().st_size / 1e3
-        sys.stdout.write(f"{path.name}: {count} triangles, {size:.0f} kB\n")
-    sys.stdout.write(f"{total} triangles\n")
+LINKS = [link0, link1, link2, link3, link4, link5, link6, link7]
 
 
 if __name__ == "__main__":
-    here = Path(__file__).resolve().parent / "meshes"
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else here)
+    write_meshes(LINKS, Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "meshes")
