@@ -1,7 +1,7 @@
-"""Saved Contexts: everything a simulation needs to go on in another process.
+"""Files of Contexts, from which a simulation continues in another process.
 
-The file is an `.npz` without pickle: the time, the continuous state, and each group of
-discrete state and of numeric parameters as an array of its own.
+The file is an `.npz` without pickle: the time, the continuous state, and one array for
+each group of discrete state and of numeric parameters.
 """
 
 import re
@@ -12,7 +12,7 @@ from typing import Any
 from pydrake.systems.framework import Context
 
 from fmp_drake.errors import RunError
-from fmp_drake.primitives.data.file_format import FileFormat
+from fmp_drake.primitives.data.files import FileFormat
 
 FORMAT = FileFormat(
     name="fmp-drake-context",
@@ -26,20 +26,19 @@ FORMAT = FileFormat(
 def save_context(context: Context, path: str | Path) -> None:
     """Write time, state and numeric parameters of a Context to a file.
 
-    What is no state is not saved: abstract parameters, values that input ports were
-    fixed to, and caches.
+    Abstract parameters, fixed values of input ports and caches are not saved.
 
     Parameters
     ----------
     context : Context
-        Of a diagram without abstract state.
+        Context of a diagram without abstract state.
     path : path
         Ends in .npz; an existing file is replaced at the end.
 
     Raises
     ------
     RunError
-        Where the diagram has abstract state, or the file cannot be written.
+        If the diagram has abstract state, or the file cannot be written.
     """
     if context.num_abstract_states():
         raise RunError(
@@ -51,31 +50,31 @@ def save_context(context: Context, path: str | Path) -> None:
 
 
 def load_context(context: Context, path: str | Path) -> None:
-    """Set a Context to what `save_context` has written.
+    """Restore a Context from a file of `save_context`.
 
-    The systems of this package go on from it in a new Simulator. Others may act on
-    initialization: ``InitializeParams(suppress_initialization_events=True)``. The step
-    size of an integrator with error control belongs to the Simulator, and is not saved.
+    The systems of this package continue from it in a new Simulator. Other systems may have
+    initialization events: ``InitializeParams(suppress_initialization_events=True)``. The
+    step size of an integrator with error control belongs to the Simulator and is not saved.
 
     Parameters
     ----------
     context : Context
-        Of a diagram that was built as the saved one was; unchanged after an error.
+        Context of a diagram that was built like the saved one; unchanged after an error.
     path : path
 
     Raises
     ------
     RunError
-        Where the file is missing, broken, newer, or of another diagram.
+        If the file is missing, broken, newer, or of another diagram.
     """
     metadata, arrays = FORMAT.read(Path(path))
-    given = {name: values.shape for name, values in arrays.items()}
+    stored = {name: values.shape for name, values in arrays.items()}
     expected = {name: (vector.size(),) for name, vector in _vectors(context)}
-    for name in sorted(given.keys() | expected.keys()):
-        if given.get(name) != expected.get(name):
+    for name in sorted(stored.keys() | expected.keys()):
+        if stored.get(name) != expected.get(name):
             raise RunError(
                 f"{path} is of another diagram: its {name.replace('_', ' ')} has shape "
-                f"{given.get(name, 'none')}, this Context's {expected.get(name, 'none')}."
+                f"{stored.get(name, 'none')}, this Context's {expected.get(name, 'none')}."
             )
     time = metadata.get("time")
     if not isinstance(time, float) or any(v.dtype != float for v in arrays.values()):
@@ -86,7 +85,7 @@ def load_context(context: Context, path: str | Path) -> None:
 
 
 def _vectors(context: Any, *, mutable: bool = False) -> Iterator[tuple[str, Any]]:
-    """Yield the name and the vector of all state and parameters that are numbers."""
+    """Yield name and vector of all numeric state and parameters."""
     get = "get_mutable" if mutable else "get"
     yield "continuous_state", getattr(context, f"{get}_continuous_state_vector")()
     for i in range(context.num_discrete_state_groups()):
@@ -97,7 +96,7 @@ def _vectors(context: Any, *, mutable: bool = False) -> Iterator[tuple[str, Any]
 
 
 def _systems_with_abstract_state(context: Context) -> list[str]:
-    """Return the path names of systems, which only a Context's text tells."""
+    """Return the paths of systems with abstract state, from the Context's printed text."""
     blocks = re.split(r"^(::\S.*) Context\b.*\n-+$", str(context), flags=re.MULTILINE)
     return [
         name.removeprefix("::_::")

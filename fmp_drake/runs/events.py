@@ -1,66 +1,181 @@
-"""What went wrong in a run, in sentences that are made while it goes."""
+"""Events of a run: a fault, its times, and a sentence about it."""
+
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fmp_drake.runs.metrics import CONTACT_FORCE, Chunk
-from fmp_drake.runs.occurrences import Occurrences
-from fmp_drake.runs.run_event import RunEvent
-from fmp_drake.systems.impedance.status import STOP_REASONS, StatusFlag
+from fmp_drake.runs.signals import Chunk
+from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
+from fmp_drake.systems.impedance.status import CONDITIONS, STOP_REASONS, StatusFlag
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
-# A board is said to be elsewhere from this height on, and the most, mm.
+# Least and greatest reported error of the board's height, mm.
 _LEAST_HEIGHT, _MOST_HEIGHT = 3, 1000
-# Less than anything that is said, but more than 0.
+# A magnitude above 0 that rounds to 0 in texts.
 _TINY = 1e-9
 _STOPPED = int(StatusFlag.PROTECTIVE_STOP)
 _NO_TARGET = int(StatusFlag.PROTECTIVE_STOP | StatusFlag.RECOVER)
+ADVICE = {
+    CONDITIONS[flag].event: text
+    for flag, text in {
+        StatusFlag.PROTECTIVE_STOP: "The arm returns by itself. If it stops again, lower "
+        "the tempo, or check the pose of the board.",
+        StatusFlag.CONTACT_LOST: "The arm searches the board by itself.",
+        StatusFlag.ARM_TOUCHES: "Move the board away from the arm's base.",
+        StatusFlag.BELOW_SURFACE: "Lower the normal force.",
+        StatusFlag.OVERSPEED: "Lower the tempo, or the stiffness.",
+    }.items()
+}
+"""Advice to somebody who watches, by kinds of events."""
+
 _STOPS = {**STOP_REASONS, StatusFlag.JUMP: "the target was {:.0f} cm away"}
 
 
+class RunEvent(NamedTuple):
+    """A fault in a run, which occurred once or several times.
+
+    Attributes
+    ----------
+    start, end : float
+        Begin and end of its longest occurrence, s.
+    kind : str
+        Name of the fault.
+    text : str
+        Sentence about all occurrences.
+
+    Examples
+    --------
+    >>> event = RunEvent(12.3, 13.1, "contact lost", "contact lost from 12.3 to 13.1 s")
+    >>> round(event.end - event.start, 1)
+    0.8
+    """
+
+    start: float
+    end: float
+    kind: str
+    text: str
+
+
+class Occurrences:
+    """Occurrences of one fault, collected from samples that arrive in chunks.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the fault.
+    detail : str
+        Text to add, with ``{}`` for the largest magnitude.
+
+    Examples
+    --------
+    >>> below = Occurrences("a part below the board", "up to {:.1f} mm deep")
+    >>> below.update(np.arange(4.0), np.array([0.0, 2.0, 2.5, 0.0]))
+    >>> below.events()[0].text
+    'a part below the board from 1.0 to 3.0 s: up to 2.5 mm deep'
+    """
+
+    def __init__(self, kind: str, detail: str = "") -> None:
+        self._kind, self._detail = kind, detail
+        self._start: float | None = None
+        self._end = self._total = self._worst = 0.0
+        self._longest = (0.0, -1.0)
+        self._count = 0
+
+    def update(self, times: NDArray[np.float64], magnitude: NDArray[Any]) -> None:
+        """Add samples; the fault is present where the magnitude is above 0."""
+        if not len(times):
+            return
+        is_present = magnitude > 0
+        self._worst = float(np.max(magnitude, initial=self._worst))
+        edges = np.diff(is_present.astype(int), prepend=int(self._start is not None))
+        for i in np.flatnonzero(edges):
+            time = float(times[i])
+            if self._start is None:
+                self._start = time
+                self._count += 1
+            else:
+                self._total += time - self._start
+                self._longest = self._longer(time)
+                self._start = None
+        self._end = float(times[-1])
+
+    def _longer(self, time: float) -> tuple[float, float]:
+        """Return the longest occurrence if the present one ended at a time, s."""
+        start, end = self._longest
+        if self._start is None or time - self._start <= end - start:
+            return start, end
+        return self._start, time
+
+    def events(self) -> list[RunEvent]:
+        """Return one event if the fault has occurred, else none."""
+        if not self._count:
+            return []
+        total = self._total + (0 if self._start is None else self._end - self._start)
+        start, end = self._longer(self._end)
+        when = (
+            f"at {start:.1f} s"
+            if end - start < 0.1
+            else f"from {start:.1f} to {end:.1f} s"
+        )
+        text = f"{self._kind} {when}"
+        if self._count > 1:
+            text += f" ({self._count} times in all, {total:.1f} s)"
+        if self._detail:
+            text += f": {self._detail.format(self._worst)}"
+        return [RunEvent(start, end, self._kind, text)]
+
+
+def _occurrences(flag: StatusFlag, detail: str = "") -> Occurrences:
+    return Occurrences(CONDITIONS[flag].event, detail)
+
+
 class RunEvents:
-    """What went wrong in a run, by the controller's status and the positions."""
+    """Events of a run, from the controller's status and the positions."""
 
     def __init__(self) -> None:
         self._stops = {
-            int(flag): Occurrences("protective stop", why)
+            int(flag): _occurrences(StatusFlag.PROTECTIVE_STOP, why)
             for flag, why in _STOPS.items()
         }
-        self._lost = Occurrences("contact lost")
-        self._wall = Occurrences("a joint at its wall")
-        self._arm = Occurrences("the arm touches the board")
-        self._below = Occurrences("a hard part below the board", "up to {:.1f} mm deep")
+        self._lost = _occurrences(StatusFlag.CONTACT_LOST)
+        self._limit = Occurrences("a joint at its limit")
+        self._arm = _occurrences(StatusFlag.ARM_TOUCHES)
+        self._fast = _occurrences(StatusFlag.OVERSPEED)
+        self._below = _occurrences(StatusFlag.BELOW_SURFACE, "up to {:.1f} mm deep")
         self._cause = 0
         self._touch = self._contact = np.inf
         self._span = (np.inf, 0.0)
         self._heights = np.zeros(2 * _MOST_HEIGHT + 1, dtype=np.int64)
 
     def update(self, chunk: Chunk) -> None:
-        """Take the next samples of `METRIC_SIGNALS`."""
+        """Add samples of `METRIC_SIGNALS`."""
         times, status = chunk["status"]
         flags = status[:, 0].astype(int)
         lost, stopped = flags & int(StatusFlag.CONTACT_LOST), flags & _STOPPED
-        self._wall.update(times, flags & int(StatusFlag.JOINT_WALL))
+        self._limit.update(times, flags & int(StatusFlag.JOINT_WALL))
         self._arm.update(times, flags & int(StatusFlag.ARM_TOUCHES))
+        self._fast.update(times, flags & int(StatusFlag.OVERSPEED))
 
         depth = chunk["penetration"]
         millimetres = 1e3 * depth.values[:, 0]
         self._below.update(depth.times, millimetres * (depth.values[:, 0] > TOLERANCE))
 
-        # Contact can be lost after it has been made, and seen: not by a controller before
-        # its first update, whose status is all zeros.
+        # Contact can be lost only after the controller has reported it. Before the first
+        # update of the controller its status is all zeros.
         force = chunk["normal_force"]
         touching = force.times[force.values[:, 0] > CONTACT_FORCE]
         self._touch = min([self._touch, *touching[:1]])
-        seen = times[(times >= self._touch) & (lost == 0) & (status[:, 2] > 0)]
-        self._contact = min([self._contact, *seen[:1]])
+        reported = times[(times >= self._touch) & (lost == 0) & (status[:, 2] > 0)]
+        self._contact = min([self._contact, *reported[:1]])
         self._lost.update(times, lost * (times >= self._contact))
 
-        # The cause of a stop is the fault at which it began.
-        at, desired = chunk["desired_position"]
-        way = chunk["measured_position"].values - desired
-        rows = np.searchsorted(times, at - 1e-6)
+        # The cause of a stop is the fault at its begin.
+        position_times, desired = chunk["desired_position"]
+        error = chunk["measured_position"].values - desired
+        rows = np.searchsorted(times, position_times - 1e-6)
         centimetres = np.full(len(times), _TINY)
-        centimetres[rows] += 100 * np.linalg.norm(way, axis=1)
+        centimetres[rows] += 100 * np.linalg.norm(error, axis=1)
         faults = np.concatenate([[self._cause], flags & sum(self._stops)])
         latest = np.maximum.accumulate(np.where(faults > 0, np.arange(len(faults)), 0))
         cause = faults[latest][1:]
@@ -68,27 +183,27 @@ class RunEvents:
         for flag, stop in self._stops.items():
             stop.update(times, centimetres * ((stopped > 0) & (cause & flag > 0)))
 
-        # How high the board is shows where it is touched.
+        # In contact, the tracking error along the normal is the error of the board's height.
         pressed = (flags[rows] & (int(StatusFlag.CONTACT_LOST) | _NO_TARGET)) == 0
-        pressed &= (at >= self._contact) & (status[rows, 4] != 0)
+        pressed &= (position_times >= self._contact) & (status[rows, 4] != 0)
         if np.any(pressed):
             self._span = (
-                min(self._span[0], float(at[pressed][0])),
-                float(at[pressed][-1]),
+                min(self._span[0], float(position_times[pressed][0])),
+                float(position_times[pressed][-1]),
             )
             heights = np.clip(
-                np.rint(1e3 * way[pressed, 2]), -_MOST_HEIGHT, _MOST_HEIGHT
+                np.rint(1e3 * error[pressed, 2]), -_MOST_HEIGHT, _MOST_HEIGHT
             )
             np.add.at(self._heights, heights.astype(int) + _MOST_HEIGHT, 1)
 
     def result(self) -> list[RunEvent]:
         """Return the events so far, in the order of time."""
-        others = (self._lost, self._wall, self._arm, self._below)
+        others = (self._lost, self._limit, self._arm, self._fast, self._below)
         collected = (*self._stops.values(), *others)
-        events = [event for each in collected for event in each.events()]
-        until = np.cumsum(self._heights)
-        height = int(np.searchsorted(until, until[-1] / 2)) - _MOST_HEIGHT
-        if until[-1] and abs(height) >= _LEAST_HEIGHT:
+        events = [event for fault in collected for event in fault.events()]
+        counts = np.cumsum(self._heights)
+        height = int(np.searchsorted(counts, counts[-1] / 2)) - _MOST_HEIGHT
+        if counts[-1] and abs(height) >= _LEAST_HEIGHT:
             side = "higher" if height > 0 else "lower"
             kind = f"board found {side} than assumed"
             text = f"board found {abs(height)} mm {side} than assumed"

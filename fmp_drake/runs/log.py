@@ -1,32 +1,34 @@
-"""Logs of a run: all its signals in one `.npz`, without pickle.
+"""Logs of runs: all signals of a run in one `.npz`, without pickle.
 
-An array of the file is a signal, named as in `runs.signals.SIGNALS`, (N, columns); its
-times (N,) are in the array that the metadata name, shared by signals that were sampled
-together:
+Each signal is an array (N, columns), named as in `runs.signals.SIGNALS`. The metadata name
+the array of its times (N,), which signals that were sampled together share:
 
     with np.load("run.npz") as file:
         about = json.loads(str(file["metadata"]))
         force = file["normal_force"]
         time = file[about["signals"]["normal_force"]["times"]]
 
-`RunLog.load` does that, and checks it.
+`RunLog.load` reads and checks a log.
 """
 
+import math
+import os
 import platform
-from collections.abc import Mapping
+import tempfile
+import weakref
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from fmp_drake import __version__
 from fmp_drake.errors import RunError
-from fmp_drake.primitives.data.file_format import FileFormat
-from fmp_drake.primitives.data.files import Blocks, check_writable
-from fmp_drake.runs.signals import signal_kind
+from fmp_drake.primitives.data.files import Blocks, FileFormat, check_writable
+from fmp_drake.runs.signals import SIGNALS, SignalKind
 
 FORMAT = FileFormat(
     name="fmp-drake-run",
@@ -35,6 +37,9 @@ FORMAT = FileFormat(
     source="written by `fmp-drake wipe --log`",
     error=RunError,
 )
+
+# Size of a block that is read at once.
+_BLOCK_BYTES = 1 << 20
 
 type Rows = NDArray[np.float64] | Blocks
 
@@ -86,7 +91,7 @@ class Signal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunLog:
-    """The signals of a run, and what it was a run of.
+    """Signals of a run, with its scenario and metrics.
 
     Attributes
     ----------
@@ -95,13 +100,13 @@ class RunLog:
         YAML.
     seed : int
     versions : mapping from str to str
-        Of the packages that made it.
+        Versions of the packages that wrote it.
     metrics : mapping from str to number, str or None
-        What the run reported, if anything.
+        Metrics that the run reported, if any.
 
     Examples
     --------
-    >>> from fmp_drake.runs import Signal
+    >>> from fmp_drake.runs.log import Signal
     >>> time, values = np.array([0.0, 0.1]), np.array([[0.05], [0.04]])
     >>> height = Signal(times=time, values=values, unit="m")
     >>> log = RunLog(signals={"height": height}, scenario="table_top")
@@ -131,7 +136,7 @@ class RunLog:
         Raises
         ------
         RunError
-            Where the file is missing, broken, foreign or from a newer version.
+            If the file is missing, broken, not a log or from a newer version.
         """
         metadata, arrays = FORMAT.read(Path(path))
         try:
@@ -156,8 +161,9 @@ def write_log(
     scenario: str,
     seed: int,
     metrics: Mapping[str, Any],
+    kinds: Mapping[str, SignalKind] = SIGNALS,
 ) -> None:
-    """Write a log that `RunLog.load` reads, whole or not at all.
+    """Write a log for `RunLog.load`; the file appears complete or not at all.
 
     Parameters
     ----------
@@ -169,18 +175,23 @@ def write_log(
         YAML.
     seed : int
     metrics : mapping from str to number, str or None
+    kinds : mapping from str to SignalKind
+        Descriptions of the signals, from `skill_signals`.
 
     Raises
     ------
     RunError
-        Where it cannot be written; an existing file is then as before.
+        If it cannot be written; an existing file then stays unchanged.
     """
     clocks = {id(times): times for times, _ in signals.values()}
     names = {number: f"time_{i}" for i, number in enumerate(clocks)}
     metadata = {
         "signals": {
-            name: {"times": names[id(times)], **signal_kind(name).described()}
-            for name, (times, _) in signals.items()
+            name: {
+                "times": names[id(times)],
+                **kinds[name].described(values.shape[1]),
+            }
+            for name, (times, values) in signals.items()
         },
         "scenario": scenario,
         "seed": seed,
@@ -193,27 +204,27 @@ def write_log(
 
 
 def check_log(path: Path | None) -> None:
-    """Refuse a log that cannot be written, before any work is done."""
+    """Check that a log can be written, before any work is done."""
     check_writable(path)
     if path is not None and path.suffix.lower() != ".npz":
-        raise RunError(f"{path} is no log; let its name end in .npz.")
+        raise RunError(f"{path} is not a log; its name must end in .npz.")
 
 
 def current_versions() -> dict[str, str]:
-    """Return the versions of what a run depends on."""
-    found = {"python": platform.python_version(), "fmp_drake": __version__}
+    """Return the versions of the packages that a run depends on."""
+    versions = {"python": platform.python_version(), "fmp_drake": __version__}
     for package in ("drake", "numpy", "scipy"):
         try:
-            found[package] = version(package)
+            versions[package] = version(package)
         except PackageNotFoundError:
-            found[package] = "unknown"
-    return found
+            versions[package] = "unknown"
+    return versions
 
 
 def _read_signal(
     values: NDArray[Any], times: NDArray[Any], about: Mapping[str, Any]
 ) -> Signal:
-    """Return a signal of a file."""
+    """Return a signal from its arrays and metadata."""
     if values.dtype.kind != "f" or times.dtype.kind != "f":
         raise RunError("a signal holds something other than numbers")
     return Signal(
@@ -224,3 +235,54 @@ def _read_signal(
         meaning=str(about["meaning"]),
         columns=tuple(str(column) for column in about["columns"]),
     )
+
+
+class Spill:
+    """Growing array in a temporary file without a name.
+
+    It takes no memory, and the file disappears with the process, even if that is killed.
+    It is in the system's folder for temporary files (`TMPDIR`).
+
+    Parameters
+    ----------
+    row : tuple of int
+        Shape of a row; () for a number.
+    dtype : data type
+    """
+
+    def __init__(
+        self, row: tuple[int, ...] = (), dtype: DTypeLike = np.float64
+    ) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115
+        weakref.finalize(self, self._file.close)
+        self._dtype = np.dtype(dtype)
+        self._row = row
+        self._rows = 0
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the rows so far."""
+        return self._rows, *self._row
+
+    def append(self, rows: ArrayLike) -> None:
+        """Append rows, shape (n, ...)."""
+        added = np.asarray(rows, dtype=self._dtype).reshape(-1, *self._row)
+        self._file.write(added.tobytes())
+        self._rows += len(added)
+
+    def array(self) -> NDArray[Any]:
+        """Return all rows so far, a read-only memory map of the file."""
+        if not self._rows:
+            return np.zeros(self.shape, dtype=self._dtype)
+        self._file.flush()
+        return np.asarray(np.memmap(self._file, self._dtype, "r", shape=self.shape))
+
+    def blocks(self) -> Iterator[NDArray[Any]]:
+        """Yield all rows so far in blocks of about a megabyte."""
+        self._file.flush()
+        size = math.prod(self._row) * self._dtype.itemsize
+        step = max(1, _BLOCK_BYTES // size) * size
+        for start in range(0, self._rows * size, step):
+            count = min(step, self._rows * size - start)
+            data = os.pread(self._file.fileno(), count, start)
+            yield np.frombuffer(data, self._dtype).reshape(-1, *self._row)

@@ -1,1 +1,1 @@
-"""A skill on an arm behind LCM messages, and a simulated arm to try it on."""
+"""Runs of an arm behind LCM messages, and a simulated arm to test them with."""

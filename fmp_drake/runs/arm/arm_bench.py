@@ -1,4 +1,4 @@
-"""A simulated arm that speaks a real one's messages: a test bench, not a robot."""
+"""Test bench: a simulated Panda behind the LCM messages of a real one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,15 +13,15 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 
 from fmp_drake.errors import RunError
-from fmp_drake.runs.arm.real_time import WallClock, age_metrics, undisturbed
-from fmp_drake.runs.ink_metrics import ink_metrics
-from fmp_drake.runs.metrics import ForceMetrics, Metrics, Samples
+from fmp_drake.runs.arm.real_time import WallClock, age_metrics, uninterrupted
+from fmp_drake.runs.metrics import ForceMetrics, Metrics, ink_metrics
+from fmp_drake.runs.signals import Samples
 from fmp_drake.settings import bounded, check_settings
-from fmp_drake.station.panda_driver import LcmPanda, RawSerializer
-from fmp_drake.station.parts.board_ink import AddInk
-from fmp_drake.station.parts.board_scene import AddBoardScene
-from fmp_drake.station.parts.hands import TeachingHand
+from fmp_drake.station.robots.panda_lcm import LcmPanda, RawSerializer
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scene import AddBoardScene, BoardScene
+from fmp_drake.station.tasks.wiping import AddInk
+from fmp_drake.station.teaching_hands import TeachingHand
 from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.panda.firmware import (
     FirmwareConfig,
@@ -29,10 +29,10 @@ from fmp_drake.systems.panda.firmware import (
     Obeyed,
     firmware_step,
 )
-from fmp_drake.systems.panda.reading import JOINTS, decode
+from fmp_drake.systems.panda.status import JOINTS, decode
 
 PERIOD = 0.001
-# Of each joint of an arm that somebody guides, Nm s/rad.
+# Damping of each joint during hand guiding, Nm s/rad.
 _GUIDED_DAMPING = 1.0
 # Steps between two samples of the normal force.
 _SELDOM = 10
@@ -40,14 +40,14 @@ _SELDOM = 10
 
 @dataclass(kw_only=True)
 class NetworkFaults:
-    """What happens to the messages that the arm sends.
+    """Faults of the network that carries the arm's messages.
 
     Attributes
     ----------
     drop, reorder, corrupt : float
-        Fractions of the messages.
+        Fractions of the messages that are lost, overtaken, and changed by one bit.
     jitter : float
-        Greatest delay, s; messages keep their order.
+        Largest delay, s; messages keep their order.
     seed : int
 
     Examples
@@ -64,7 +64,7 @@ class NetworkFaults:
 
 
 class ArmBench:
-    """A Panda at a whiteboard that is simulated, and driven by LCM messages.
+    """Simulated Panda, at a whiteboard or in free space, that follows LCM commands.
 
     Parameters
     ----------
@@ -72,24 +72,27 @@ class ArmBench:
     lcm : DrakeLcmInterface
         The bus; it must outlive the bench.
     arm : LcmPanda, optional
-        What it is taken for: its channels, and the pace of its clock.
+        Channels, and the pace of the clock.
     faults : NetworkFaults, optional
     firmware : FirmwareConfig, optional
     hand : TeachingHand, optional
-        Somebody who guides it: then no torque moves it.
+        A person who guides the arm; it then follows no commands.
     demonstrated : sequence of ndarray, shape (N, 3)
-        Paths in B over what should be cleaned, m; all of the board by default.
+        Paths in B over the area to be cleaned, m; the whole board by default.
 
     Attributes
     ----------
     obeyed : dict
-        How many milliseconds each `Obeyed` lasted.
+        Duration of each `Obeyed`, ms.
     commanded : ndarray, shape (7,)
-        The last torque that was followed, Nm.
-    greatest_step : float
-        Greatest change of a commanded torque per millisecond of the commands' stamps, Nm.
+        Last torque that was followed, Nm.
+    torque_rate : float
+        Largest rate of a commanded torque, over the time between the commands' stamps,
+        Nm/s.
     ages : list of float
-        Of each command when it was first seen, s.
+        Age of each command at its arrival, s.
+    plant : MultibodyPlant
+        Of the simulated arm; `arm` is its model instance.
 
     Examples
     --------
@@ -117,17 +120,59 @@ class ArmBench:
         self._firmware = firmware or FirmwareConfig()
         check_settings(self._firmware, RunError)
         self.set_faults(faults or NetworkFaults())
-        self._line: list[tuple[float, bytes]] = []
+        self._queue: list[tuple[float, bytes]] = []
         builder = DiagramBuilder()
         start = scenario.start
         if hand is not None and hand.start is not None:
             start = hand.start
         scene = AddBoardScene(builder, scenario, start=start)
-        plant = scene.plant
+        self._channels.check_robot(scene.robot.config)
+        self.plant, self.arm = scene.plant, scene.robot.arm
+        plant = self.plant
         if hand is not None:
             forces, _ = hand.AddTo(builder, scene, scenario)
             builder.Connect(forces, plant.GetInputPort("applied_spatial_force"))
         self._is_guided = hand is not None
+        self._has_board = scene.whiteboard is not None
+        if self._has_board:
+            self._add_ink(builder, scene, scenario, demonstrated)
+        bus = LcmInterfaceSystem(lcm)
+        builder.AddSystem(bus)
+        command = LcmSubscriberSystem(
+            channel=self._channels.command_channel,
+            serializer=RawSerializer(),
+            lcm=bus,
+        )
+        builder.AddNamedSystem("command", command)
+        builder.ExportInput(plant.get_actuation_input_port(scene.robot.arm), "torque")
+        for port, name in (
+            (plant.get_state_output_port(scene.robot.arm), "state"),
+            (
+                plant.get_generalized_contact_forces_output_port(scene.robot.arm),
+                "external",
+            ),
+            (command.get_output_port(), "command"),
+        ):
+            builder.ExportOutput(port, name)
+        self._diagram = builder.Build()
+        self._arm = scene.model.plant
+        self._arm_context = scene.model.plant.CreateDefaultContext()
+        self.simulator = Simulator(self._diagram)
+        self.simulator.Initialize()
+        self._state = FirmwareState(np.zeros(JOINTS), np.zeros(JOINTS))
+        self.commanded, self._stamp = np.zeros(JOINTS), 0
+        self._ticks = 0
+        self.obeyed = dict.fromkeys(Obeyed, 0)
+        self.torque_rate = self._largest_speed = 0.0
+        self.ages: list[float] = []
+
+    def _add_ink(
+        self,
+        builder: DiagramBuilder,
+        scene: BoardScene,
+        scenario: Scenario,
+        demonstrated: Sequence[NDArray[np.float64]],
+    ) -> None:
         ink = AddInk(builder, scene, scenario)
         self._grid, self._initial_ink = ink.grid, ink.initial_ink
         x, y = scenario.eraser.footprint
@@ -139,44 +184,18 @@ class ArmBench:
             EraseTimes(initial_ink=ink.initial_ink, period=scenario.ink.period)
         )
         builder.Connect(ink.GetOutputPort("ink"), erased.GetInputPort("ink"))
-        bus = LcmInterfaceSystem(lcm)
-        builder.AddSystem(bus)
-        command = LcmSubscriberSystem(
-            channel=self._channels.command_channel,
-            serializer=RawSerializer(),
-            lcm=bus,
-        )
-        builder.AddNamedSystem("command", command)
-        builder.ExportInput(plant.get_actuation_input_port(scene.panda), "torque")
-        for port, name in (
-            (plant.get_state_output_port(scene.panda), "state"),
-            (plant.get_generalized_contact_forces_output_port(scene.panda), "external"),
-            (command.get_output_port(), "command"),
-            (ink.GetOutputPort("ink"), "ink"),
-            (erased.GetOutputPort("erase_time"), "erase_time"),
-            (ink.GetOutputPort("normal_force"), "normal_force"),
-        ):
-            builder.ExportOutput(port, name)
-        self._diagram = builder.Build()
-        self._arm = scene.arm
-        self._arm_context = scene.arm.CreateDefaultContext()
-        self.simulator = Simulator(self._diagram)
-        self.simulator.Initialize()
-        self._state = FirmwareState(np.zeros(JOINTS), np.zeros(JOINTS))
-        self.commanded, self._stamp = np.zeros(JOINTS), 0
-        self._ticks = 0
-        self.obeyed = dict.fromkeys(Obeyed, 0)
-        self.greatest_step = self._greatest_speed = 0.0
-        self.ages: list[float] = []
+        builder.ExportOutput(ink.GetOutputPort("ink"), "ink")
+        builder.ExportOutput(erased.GetOutputPort("erase_time"), "erase_time")
+        builder.ExportOutput(ink.GetOutputPort("normal_force"), "normal_force")
 
     def set_faults(self, faults: NetworkFaults) -> None:
-        """Change what happens to the messages."""
+        """Change the faults of the network."""
         check_settings(faults, RunError)
         self._faults = faults
         self._random = np.random.default_rng(faults.seed)
 
     def output(self, name: str) -> Any:
-        """Return what state, external, ink, erase_time or normal_force are now."""
+        """Return the present state or external; at a board ink, erase_time or normal_force."""
         return self._diagram.GetOutputPort(name).Eval(self.simulator.get_context())
 
     def step(self, wall_time: float) -> None:
@@ -189,20 +208,21 @@ class ArmBench:
             self._obey(decode(lcmt_panda_command, self.output("command")), wall_time)
         context = self.simulator.get_mutable_context()
         self._diagram.GetInputPort("torque").FixValue(context, self._state.torque)
-        # Of the contact that the step solves anyway.
+        # The step solves this contact in any case.
         external = self.output("external").copy()
         if self._ticks % _SELDOM == 0:
-            force = self.output("normal_force").copy()
-            now = np.array([self._ticks * PERIOD])
-            self._force.update({"normal_force": Samples(now, force[None])})
+            if self._has_board:
+                force = self.output("normal_force").copy()
+                now = np.array([self._ticks * PERIOD])
+                self._force.update({"normal_force": Samples(now, force[None])})
             speed = float(np.max(np.abs(state[JOINTS:])))
-            self._greatest_speed = max(self._greatest_speed, speed)
+            self._largest_speed = max(self._largest_speed, speed)
         self._ticks += 1
         self.simulator.AdvanceTo(self._ticks * PERIOD)
         self._send(self._status(external, wall_time).encode(), wall_time)
 
     def _obey(self, command: Any, wall_time: float) -> None:
-        """Find the torque of the motors for the last command."""
+        """Compute the torque of the motors for the last command."""
         self._state = firmware_step(
             self._firmware,
             self._state,
@@ -216,40 +236,46 @@ class ArmBench:
             self.commanded = np.zeros(JOINTS)
         elif command.utime != self._stamp:
             commanded = np.array(command.joint_torque)
-            # Several may have come since the last step.
-            elapsed = max(1e-3 * (command.utime - self._stamp), 1.0)
-            change = float(np.max(np.abs(commanded - self.commanded))) / elapsed
-            self.greatest_step = max(self.greatest_step, change)
+            # Several commands may have arrived since the last step.
+            elapsed = max(1e-6 * (command.utime - self._stamp), PERIOD)
+            rate = float(np.max(np.abs(commanded - self.commanded))) / elapsed
+            self.torque_rate = max(self.torque_rate, rate)
             self.commanded, self._stamp = commanded, command.utime
             self.ages.append(wall_time - 1e-6 * command.utime)
 
     def play(self, duration: float) -> None:
-        """Step in the time of the wall clock for some seconds; give up what is missed."""
+        """Step in real time for a duration, s; long delays are not made up for."""
         clock = WallClock(self._channels.pace)
-        with undisturbed():
+        with uninterrupted():
             for now, _ in clock.ticks(PERIOD, duration):
                 self.step(now)
 
     def metrics(self) -> dict[str, Any]:
-        """Return what was measured, which only the arm's side knows."""
-        shape = self._grid.shape
-        ink: Metrics = ink_metrics(
-            ink=self.output("ink").reshape(shape),
-            initial_ink=self._initial_ink,
-            erase_time=self.output("erase_time").reshape(shape),
-            area=self._area,
-            grid=self._grid,
-            seconds=self._ticks * PERIOD,
-        )
+        """Return the metrics of the arm's side: of its commands, and of ink and contact."""
+        of_board: Metrics = {}
+        if self._has_board:
+            shape = self._grid.shape
+            of_board = (
+                ink_metrics(
+                    ink=self.output("ink").reshape(shape),
+                    initial_ink=self._initial_ink,
+                    erase_time=self.output("erase_time").reshape(shape),
+                    area=self._area,
+                    grid=self._grid,
+                    seconds=self._ticks * PERIOD,
+                )
+                | self._force.result()
+            )
         return {
             "seconds": self._ticks * PERIOD,
-            **{f"{each.name.lower()}_ms": n for each, n in self.obeyed.items()},
+            **{f"{key.name.lower()}_ms": n for key, n in self.obeyed.items()},
             **age_metrics("command_age", self.ages),
-            "greatest_step": self.greatest_step,
-            "greatest_speed": self._greatest_speed,
-            "last_speed": float(np.max(np.abs(self.output("state")[JOINTS:]))),
-            **ink,
-            **self._force.result(),
+            "torque_rate_max_nm_per_s": self.torque_rate,
+            "joint_speed_max_rad_per_s": self._largest_speed,
+            "joint_speed_end_rad_per_s": float(
+                np.max(np.abs(self.output("state")[JOINTS:]))
+            ),
+            **of_board,
         }
 
     def _status(self, external: Any, wall_time: float) -> Any:
@@ -266,7 +292,7 @@ class ArmBench:
         message.joint_velocity = state[JOINTS:].tolist()
         message.joint_torque = (self._state.torque + weight).tolist()
         message.joint_torque_desired = self.commanded.tolist()
-        # Theirs is the torque of the arm on what it touches.
+        # The message has the torque of the arm on its contacts.
         message.joint_torque_external = (-external).tolist()
         message.robot_mode = message.kMove
         if self._is_guided:
@@ -284,11 +310,11 @@ class ArmBench:
             message = bytes(broken)
         if random.random() >= faults.drop:
             due = now + faults.jitter * random.random()
-            if self._line:
-                due = max(due, self._line[-1][0])
-            self._line.append((due, message))
-        if len(self._line) > 1 and random.random() < faults.reorder:
-            (a, first), (b, second) = self._line[-2:]
-            self._line[-2:] = [(a, second), (b, first)]
-        while self._line and self._line[0][0] <= now:
-            self._lcm.Publish(self._channels.status_channel, self._line.pop(0)[1])
+            if self._queue:
+                due = max(due, self._queue[-1][0])
+            self._queue.append((due, message))
+        if len(self._queue) > 1 and random.random() < faults.reorder:
+            (a, first), (b, second) = self._queue[-2:]
+            self._queue[-2:] = [(a, second), (b, first)]
+        while self._queue and self._queue[0][0] <= now:
+            self._lcm.Publish(self._channels.status_channel, self._queue.pop(0)[1])

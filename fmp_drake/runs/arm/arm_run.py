@@ -1,4 +1,4 @@
-"""A skill on an arm behind LCM messages, in the time of the wall clock."""
+"""Run of a skill on an arm behind LCM messages, in real time."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -8,34 +8,43 @@ from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
 
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.runs.arm.real_time import (
-    MOST_REPLAYED,
+    MAX_REPLAYED,
     WallClock,
     age_metrics,
-    undisturbed,
+    uninterrupted,
 )
-from fmp_drake.runs.metrics import ForceMetrics, Samples
-from fmp_drake.station.board_station import MakeSkillStation
-from fmp_drake.station.panda_driver import LcmPanda, OpenLcm
+from fmp_drake.runs.events import RunEvent
+from fmp_drake.runs.metrics import ArmLimits, RunMetrics, metric_signals
+from fmp_drake.runs.signals import MILLISECOND, Samples, pop_samples, signal_kind
+from fmp_drake.station.robots.panda_lcm import LcmPanda, OpenLcm, TorquePublisher
+from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.panda.firmware import torque_command
-from fmp_drake.systems.panda.gating import (
+from fmp_drake.station.skill_motion import SkillRoles
+from fmp_drake.station.station import MakeStation
+from fmp_drake.systems.panda.gate import (
+    EXPIRED_AGE,
     GateMode,
-    greatest_change,
+    largest_change,
     limited_change,
 )
-from fmp_drake.systems.panda.reading import GateFault
+from fmp_drake.systems.panda.status import GateFault
 
-# Until the controller has settled on the start, before the gate opens, s.
+# Time for the controller to settle on the start before the gate opens, s.
 _SETTLE = 0.3
-# Steps between two samples of what costs as much as a step.
-_SELDOM = 20
+# Steps between two looks at the page's controls, and between two moves of the logged
+# samples into the metrics.
+_SELDOM, _CHUNK = 20, 250
+# Output ports of the station, by the names of the signals that they are logged as.
+_LOGGED = {"actuation": "torque_measured", "torque": "torque_sent", "mode": "mode"}
 
 
 class ArmRun:
-    """Plays a skill on an arm behind LCM, with its safety, until the end or a stop.
+    """Run of a skill on an arm behind LCM, with its metrics and events.
 
     Parameters
     ----------
@@ -46,21 +55,24 @@ class ArmRun:
     lcm : DrakeLcmInterface, optional
         The bus instead of one of `config.url`.
     meshcat : Meshcat, optional
-        Where to show the measured arm. Only where the scenario shows controls they say tempo
+        Where to show the measured arm. Where the scenario shows controls, they set tempo
         and normal force.
     demonstrated : sequence of ndarray, shape (N, 3)
         Paths in B to show, m.
 
     Attributes
     ----------
+    station : Diagram
+    has_board : bool
+        Whether there is a surface to press on.
+    simulator : Simulator
+        Of the station and its loggers.
     ages : list of float
-        Of the status at each step with an open gate, s.
-    errors : list of float
-        Distances to the path, every 20 steps with an open gate, m.
+        Age of the status at each step with an open gate, s.
     late, skipped : float
-        Greatest lateness of a step, and the sum of what was not made up for, s.
+        Largest delay of a step, and the sum of the delays that were not made up for, s.
     stops : list of (float, GateFault)
-        When the arm was stopped, s of the run, and why.
+        Times of the arm's stops, s of the run, and their reasons.
 
     Examples
     --------
@@ -80,21 +92,42 @@ class ArmRun:
         self._lcm = OpenLcm(config.url) if lcm is None else lcm
         self._config = config
         self.period = config.gate.period
-        self._tempo, self._force = scenario.skill.tempo, scenario.press.force
-        self.station = MakeSkillStation(
+        self._tempo, self._force = scenario.skill.tempo, scenario.nominal_force()
+        self.station = MakeStation(
             scenario,
             skill,
-            config,
+            driver=config,
             lcm=self._lcm,
             meshcat=meshcat,
             demonstrated=demonstrated,
         )
+        self.has_board = scenario.has_board
         self._has_controls = self.station.HasOutputPort("page_tempo")
-        self.simulator = Simulator(self.station)
-        self._ticks, self._go, self._settled = 0, 0, np.inf
+        builder = DiagramBuilder()
+        builder.AddSystem(self.station)
+        roles = SkillRoles(skill)
+        ports = {name: name for name in metric_signals(roles)} | _LOGGED
+        self._sinks = {
+            name: LogVectorOutput(
+                self.station.GetOutputPort(port),
+                builder,
+                MILLISECOND if name == "mode" else signal_kind(name).period,
+            )
+            for name, port in ports.items()
+            if self.station.HasOutputPort(port)
+        }
+        self.simulator = Simulator(builder.Build())
+        arm = MakeRobotModel(LoadRobot(scenario.robot), scenario.held_tool()).plant
+        primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
+        self._metrics = RunMetrics(
+            scenario,
+            primitive.player.region,
+            ArmLimits.of(arm, arm.num_positions()),
+            control_period=self.period,
+            roles=roles,
+        )
+        self._ticks, self._go, self._enable_time = 0, 0, np.inf
         self.ages: list[float] = []
-        self.errors: list[float] = []
-        self._forces = ForceMetrics(scenario.press.force)
         self.stops: list[tuple[float, GateFault]] = []
         self.late = self.skipped = 0.0
         self._last_mode = GateMode.WAITING
@@ -104,45 +137,52 @@ class ArmRun:
         self._fix("wall_time", 0.0)
 
     def _fix(self, name: str, value: float) -> None:
-        context = self.simulator.get_mutable_context()
+        root = self.simulator.get_mutable_context()
+        context = self.station.GetMyMutableContextFromRoot(root)
         self.station.GetInputPort(name).FixValue(context, np.array([value]))
 
     def output(self, name: str) -> NDArray[np.float64]:
-        """Return what an output port of the station says now."""
-        value: Any = self.station.GetOutputPort(name).Eval(self.simulator.get_context())
+        """Return the present value of an output port of the station."""
+        context = self.station.GetMyContextFromRoot(self.simulator.get_context())
+        value: Any = self.station.GetOutputPort(name).Eval(context)
         return np.array(value)
 
     @property
     def seconds(self) -> float:
-        """Since the begin, without what was missed."""
+        """Time of the run, without long delays, s."""
         return self._ticks * self.period
 
     @property
     def mode(self) -> GateMode:
-        """Whether torque goes to the arm."""
+        """Mode of the gate."""
         return GateMode(int(self.output("mode")[0]))
 
     @property
+    def desired_force(self) -> float:
+        """Desired normal force while the skill is played, N."""
+        return self._force
+
+    @property
     def faults(self) -> GateFault:
-        """Why it does not."""
+        """Reasons of the gate's last stop."""
         return GateFault(int(self.output("faults")[0]))
 
     def go(self) -> None:
-        """Say go: the skill begins anew from where the arm is."""
+        """Enable the arm: the skill starts anew from the arm's present position."""
         self.simulator.Initialize()
-        self._settled = self.seconds + _SETTLE
+        self._enable_time = self.seconds + _SETTLE
 
     def stop(self) -> None:
-        """Let the torque go to zero."""
-        self._settled = np.inf
+        """Stop the arm: its torque goes to zero."""
+        self._enable_time = np.inf
         self._fix("go", -1.0)
 
     def step(self, wall_time: float) -> None:
         """Advance by one period at a wall time, s."""
         time_now = self.seconds
         self._fix("wall_time", wall_time)
-        if time_now >= self._settled:
-            self._settled = np.inf
+        if time_now >= self._enable_time:
+            self._enable_time = np.inf
             self._go += 1
             self._fix("go", float(self._go))
         self._ticks += 1
@@ -151,7 +191,8 @@ class ArmRun:
         is_open = mode is GateMode.OPEN
         if seldom and self._has_controls:
             self._tempo = float(self.output("page_tempo")[0])
-            self._force = float(self.output("page_normal_force")[0])
+            if self.station.HasOutputPort("page_normal_force"):
+                self._force = float(self.output("page_normal_force")[0])
         if mode is not self._last_mode or (seldom and self._has_controls):
             self._fix("tempo", self._tempo if is_open else 0.0)
             self._fix("desired_normal_force", self._force if is_open else 0.0)
@@ -160,12 +201,24 @@ class ArmRun:
         self._last_mode = mode
         if is_open:
             self.ages.append(float(self.output("age")[0]))
-            if seldom:
-                error = self.output("tracking_error")[3:]
-                self.errors.append(float(np.linalg.norm(error)))
-                force = self.output("normal_force")[None]
-                sample = Samples(np.array([time_now]), force)
-                self._forces.update({"normal_force": sample})
+        if self._ticks % _CHUNK == 0:
+            self._collect()
+
+    def _collect(self) -> None:
+        """Move samples from the log sinks into the metrics and events.
+
+        Samples with a closed gate count for the limits only.
+        """
+        chunk = pop_samples(self._sinks, self.simulator.get_mutable_context())
+        mode = chunk["mode"]
+        is_open = mode.values[:, 0] == GateMode.OPEN
+        played = {}
+        for name, (times, values) in chunk.items():
+            rows = is_open[np.searchsorted(mode.times, times + 1e-6) - 1]
+            played[name] = Samples(times[rows], values[rows])
+
+        always = {name: chunk[name] for name in ("state", "actuation", "torque")}
+        self._metrics.update(played | always, played=played)
 
     def play(
         self,
@@ -174,23 +227,23 @@ class ArmRun:
         *,
         clock: WallClock | None = None,
     ) -> None:
-        """Run in real time, and end with a ramp of the torque to zero, whatever ends it.
+        """Run in real time; any end is followed by a ramp of the torque to zero.
 
         Parameters
         ----------
         duration : float
             s.
         operator : callable
-            Called after each step; it may say `go` and `stop`.
+            Called after each step; it may call `go` and `stop`.
         clock : WallClock, optional
-            That of the configuration where None.
+            A clock with the pace of `config` where None.
         """
         clock = clock or WallClock(self._config.pace)
-        with undisturbed():
+        with uninterrupted():
             try:
                 for now, late in clock.ticks(self.period, duration):
                     self.late = max(self.late, late)
-                    if late > MOST_REPLAYED:
+                    if late > MAX_REPLAYED:
                         self.skipped += late
                     self.step(now)
                     operator(self)
@@ -198,27 +251,41 @@ class ArmRun:
                 self.ramp_down(clock)
 
     def ramp_down(self, clock: WallClock) -> None:
-        """Send less and less torque until it is zero, without the diagram."""
+        """Reduce the torque to zero at its rate, without the diagram; see `GateState`."""
         gate = self._config.gate
         torque = self.output("torque_sent")
-        limit, most = np.array(gate.max_torque), greatest_change(gate, gate.period)
+        limit, most = np.abs(torque), largest_change(gate, gate.period)
+        publish = TorquePublisher(self._lcm, self._config.command_channel)
         while np.any(torque):
             clock.sleep(gate.period)
             torque = limited_change(torque, np.zeros_like(torque), most, limit)
-            message = torque_command(torque, clock.now())
-            self._lcm.Publish(self._config.command_channel, message.encode())
+            publish(torque, clock.now() - EXPIRED_AGE * (not np.any(torque)))
 
     def metrics(self) -> dict[str, Any]:
-        """Return what was measured: s, m, N; the force is what the arm feels of it."""
-        rms = float(np.sqrt(np.mean(np.square(self.errors)))) if self.errors else None
-        expired = [fault for _, fault in self.stops if fault & GateFault.STALE]
+        """Return the metrics of the run so far: those of a simulated run, and of messages.
+
+        The normal force is the one that the arm estimates. The penetration of the board
+        is not measured, and the desired position jumps whenever the arm is enabled.
+        """
+        self._collect()
+        result = self._metrics.result()
+        for name in ("penetration_max_m", "desired_position_jump_max_m"):
+            result.pop(name, None)
         return {
             "open_seconds": len(self.ages) * self.period,
             **age_metrics("status_age", self.ages),
             "latest_step": self.late,
             "missed_ticks": round(self.skipped / self.period),
-            "expiries": len(expired),
+            "expiries": sum(bool(fault & GateFault.STALE) for _, fault in self.stops),
             "stops": [(at, fault.name) for at, fault in self.stops],
-            "tracking_rms": rms,
-            **self._forces.result(),
+            **result,
         }
+
+    def events(self) -> list[RunEvent]:
+        """Return what went wrong in the run so far, in the order of time."""
+        self._collect()
+        stops = [
+            RunEvent(at, at, "arm stopped", f"arm stopped at {at:.1f} s: {fault.name}")
+            for at, fault in self.stops
+        ]
+        return sorted([*self._metrics.events(), *stops])

@@ -1,4 +1,4 @@
-"""The time of the wall clock, as well as a program of Python keeps it."""
+"""Timing of a run in real time, as far as Python allows."""
 
 import ctypes
 import gc
@@ -12,15 +12,15 @@ from types import FrameType
 
 import numpy as np
 
-# What is made up for after a pause, at most, s.
-MOST_REPLAYED = 0.01
-# Of threads that run before all others, and what may be locked: all that is and will be.
+# Longest delay after which the missed ticks are replayed, s.
+MAX_REPLAYED = 0.01
+# Real-time priority of the threads, and flags that lock present and future memory.
 _PRIORITY, _LOCK_ALL = 20, 3
 
 
 @dataclass
 class WallClock:
-    """The wall clock, or one that both sides of a test bench let run slower.
+    """Wall clock, or a slower clock that both sides of a test bench share.
 
     Attributes
     ----------
@@ -36,18 +36,18 @@ class WallClock:
     pace: float = 1.0
 
     def now(self) -> float:
-        """Return the time, s: two processes agree on it."""
+        """Return the time, s; it is the same in all processes."""
         return self.pace * time.time()
 
     def sleep(self, seconds: float) -> None:
-        """Wait for so many seconds of this clock."""
+        """Wait for a time of this clock, s."""
         time.sleep(seconds / self.pace)
 
     def ticks(self, period: float, duration: float) -> Iterator[tuple[float, float]]:
-        """Yield the time at which each tick begins, and how late that is, s.
+        """Yield the time of each tick and its delay, s.
 
-        What was missed is made up for as far as `MOST_REPLAYED`; a tick that is later
-        than that begins a new count.
+        Missed ticks are replayed up to a delay of `MAX_REPLAYED`; after a longer delay
+        the count starts anew.
 
         Parameters
         ----------
@@ -60,13 +60,13 @@ class WallClock:
                 self.sleep(due - now)
                 continue
             late = now - due
-            due = (now if late > MOST_REPLAYED else due) + period
+            due = (now if late > MAX_REPLAYED else due) + period
             yield now, late
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
-    """Collect no garbage meanwhile, and let SIGTERM end a block as SIGINT does."""
+def uninterrupted() -> Iterator[None]:
+    """Run a block without garbage collection; SIGTERM ends it as SIGINT does."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
@@ -82,7 +82,7 @@ def undisturbed() -> Iterator[None]:
 
 
 def age_metrics(name: str, ages: Sequence[float]) -> dict[str, float | None]:
-    """Return median, 99th percentile and maximum of ages, s; None where there is none.
+    """Return median, 99th percentile and maximum of ages, s; None without ages.
 
     Examples
     --------
@@ -90,38 +90,38 @@ def age_metrics(name: str, ages: Sequence[float]) -> dict[str, float | None]:
     0.001
     """
     kinds = {"median": 0.5, "99": 0.99, "max": 1.0}
-    found = np.quantile(ages, list(kinds.values())).tolist() if ages else [None] * 3
-    return {f"{name}_{kind}": age for kind, age in zip(kinds, found, strict=True)}
+    values = np.quantile(ages, list(kinds.values())).tolist() if ages else [None] * 3
+    return {f"{name}_{kind}": age for kind, age in zip(kinds, values, strict=True)}
 
 
-def take_precedence() -> list[str]:
-    """Ask to run before all other programs and to stay in memory; say what was refused.
+def request_priority() -> list[str]:
+    """Request real-time priority and locked memory; return the refusals.
 
-    Threads that are begun later do as well, such as those that receive messages: call it
-    after what shows the page, and before what opens a bus.
+    Threads that start later inherit both, such as those that receive messages. Call it
+    after the page is open and before a bus is opened.
 
     Examples
     --------
     ::
 
-        for refused in take_precedence():
-            print(refused)
+        for refusal in request_priority():
+            print(refusal)
     """
-    refused = []
+    refusals = []
     if not hasattr(os, "sched_setscheduler"):
         return ["SCHED_FIFO and memory locking are Linux's only"]
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     except OSError as error:
-        refused.append(
+        refusals.append(
             f"no SCHED_FIFO ({error.strerror}): other programs may delay a step. Allow "
             f"it with `rtprio {_PRIORITY}` in /etc/security/limits.conf."
         )
     library = ctypes.CDLL(None, use_errno=True)
     if library.mlockall(_LOCK_ALL) != 0:
         reason = os.strerror(ctypes.get_errno())
-        refused.append(
+        refusals.append(
             f"no locked memory ({reason}): a step may wait for the disk. Allow it with "
             "`memlock unlimited` in /etc/security/limits.conf."
         )
-    return refused
+    return refusals

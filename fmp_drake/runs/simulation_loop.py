@@ -1,4 +1,4 @@
-"""Advancing a simulation that a page may pause and reset."""
+"""Loop that advances a simulation, with a page that may pause and reset it."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -12,19 +12,19 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
 from fmp_drake.runs.signals import MILLISECOND
-from fmp_drake.systems.viewer.page_panel import PagePanel
+from fmp_drake.systems.page.page_panel import PagePanel
 
-# Simulated milliseconds between two looks at the buttons, and real seconds between
-# those of a pause.
-_STRETCH = 100
+# Simulated milliseconds between two polls of the buttons, and real seconds between two
+# polls during a pause.
+_STEP = 100
 _POLL = 0.02
 
 
 class RunButtons:
-    """The page's buttons to pause and to reset a run; a context manager.
+    """Buttons of the page to pause, to reset and to stop a run; a context manager.
 
-    The buttons are in the page while the context is entered. A panel says what the next
-    click on them does.
+    The page has the buttons while the context is entered. A panel labels them with the
+    effect of the next click.
 
     Parameters
     ----------
@@ -41,28 +41,30 @@ class RunButtons:
 
     PAUSE = "pause / resume"
     RESET = "reset"
+    STOP = "stop"
 
     def __init__(self, meshcat: Meshcat, panel: PagePanel | None = None) -> None:
         self._meshcat, self._panel = meshcat, panel
-        self._resets = 0
+        self._clicks: dict[str, int] = {}
         self._shown: bool | None = None
 
     def __enter__(self) -> Self:
         """Add the buttons."""
         self._meshcat.AddButton(self.PAUSE, "KeyP")
         self._meshcat.AddButton(self.RESET, "KeyR")
-        self._resets = 0
+        self._meshcat.AddButton(self.STOP, "")
+        self._clicks = {self.RESET: 0, self.STOP: 0}
         return self
 
     def __exit__(self, *_: object) -> None:
         """Remove the buttons."""
-        for name in (self.PAUSE, self.RESET):
+        for name in (self.PAUSE, self.RESET, self.STOP):
             self._meshcat.DeleteButton(name, strict=False)
         self._show(False)
 
     @property
     def paused(self) -> bool:
-        """Whether the pause button was clicked an odd number of times."""
+        """Return whether the pause button was clicked an odd number of times."""
         paused = self._meshcat.GetButtonClicks(self.PAUSE) % 2 == 1
         self._show(paused)
         return paused
@@ -73,17 +75,28 @@ class RunButtons:
             self._panel.show(
                 paused=paused,
                 buttons={
-                    self.PAUSE: {"label": label},
-                    self.RESET: {"label": "reset (R)"},
+                    self.PAUSE: {"label": label, "hint": "the key P does the same"},
+                    self.RESET: {
+                        "label": "reset (R)",
+                        "hint": "clean the board of results and start again",
+                    },
+                    self.STOP: {"hint": "end the run and show its results"},
                 },
             )
             self._shown = paused
 
     def take_reset(self) -> bool:
-        """Return whether the reset button was clicked since the last question."""
-        clicks = self._meshcat.GetButtonClicks(self.RESET)
-        clicked, self._resets = clicks != self._resets, clicks
-        return clicked
+        """Return whether the reset button was clicked since the last call."""
+        return self._take(self.RESET)
+
+    def take_stop(self) -> bool:
+        """Return whether the stop button was clicked since the last call."""
+        return self._take(self.STOP)
+
+    def _take(self, name: str) -> bool:
+        clicks = self._meshcat.GetButtonClicks(name)
+        was_clicked, self._clicks[name] = clicks != self._clicks[name], clicks
+        return was_clicked
 
 
 def advance(
@@ -94,26 +107,29 @@ def advance(
     panel: PagePanel | None = None,
     advance_to: Callable[[float], object] | None = None,
     on_reset: Callable[[], None] | None = None,
+    goes_on: Callable[[], bool] | None = None,
 ) -> Iterator[float]:
-    """Advance a simulation in stretches of 0.1 s; yield its time after each.
+    """Advance a simulation in intervals of 0.1 s; yield its time after each.
 
-    The stretches end at multiples of a millisecond, with a page and without, so that
+    The intervals end at multiples of a millisecond, with a page and without, so that
     an integrator with error control takes the same steps.
 
     Parameters
     ----------
     simulator : Simulator
-        Its system's default context is where a run begins.
+        A run begins at the default Context of its system.
     until : float
-        When to end, s of simulated time.
+        Simulated time of the end, s.
     meshcat : Meshcat, optional
         Its page gets buttons to pause and to reset the run.
     panel : PagePanel, optional
-        Of the page, to say whether the run is paused.
+        Panel of the page; it shows whether the run is paused.
     advance_to : callable, optional
-        Called with a time to advance to; the simulator's own by default.
+        Called with the time to advance to; by default ``simulator.AdvanceTo``.
     on_reset : callable, optional
-        Called after a reset, for what is not in the context.
+        Called after a reset, to restore state outside the Context.
+    goes_on : callable, optional
+        Returns whether the simulation continues after `until`; it does not by default.
     """
     with ExitStack() as stack:
         buttons = None
@@ -122,8 +138,10 @@ def advance(
         context = simulator.get_context()
         simulator.Initialize()
         waited = False
-        while context.get_time() < until:
+        while context.get_time() < until or (goes_on is not None and goes_on()):
             if buttons is not None:
+                if buttons.take_stop():
+                    return
                 if buttons.take_reset():
                     reset(simulator)
                     simulator.Initialize()
@@ -134,19 +152,21 @@ def advance(
                     time.sleep(_POLL)
                     continue
             if waited:
-                # Drake would make up for the pause.
+                # Otherwise Drake would run faster to make up for the pause.
                 simulator.ResetStatistics()
                 waited = False
-            done = floor(context.get_time() / (_STRETCH * MILLISECOND) + 1e-6)
-            end = min(_STRETCH * (done + 1) * MILLISECOND, until)
+            count = floor(context.get_time() / (_STEP * MILLISECOND) + 1e-6)
+            end = _STEP * (count + 1) * MILLISECOND
+            if context.get_time() < until:
+                end = min(end, until)
             (advance_to or simulator.AdvanceTo)(end)
             yield context.get_time()
 
 
 def reset(simulator: Simulator) -> None:
-    """Go back to the default context, with empty logs.
+    """Reset a simulation to the default Context, with empty logs.
 
-    After its initialisation the next run is the same as the first.
+    After an initialisation, the next run is identical to the first.
     """
     context = simulator.get_mutable_context()
     system = simulator.get_system()
@@ -157,7 +177,7 @@ def reset(simulator: Simulator) -> None:
 
 
 def _logs(system: System) -> list[VectorLogSink]:
-    """Return the sinks in a system and in the diagrams within it."""
+    """Return the log sinks in a system and its subdiagrams."""
     if isinstance(system, Diagram):
         return [log for part in system.GetSystems() for log in _logs(part)]
     return [system] if isinstance(system, VectorLogSink) else []

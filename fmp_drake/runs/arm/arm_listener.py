@@ -1,0 +1,244 @@
+"""Check of an arm behind LCM, and recording of its hand guiding; nothing is sent."""
+
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import numpy as np
+from drake import lcmt_panda_status
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.systems.lcm import LcmSubscriberSystem
+
+import fmp_drake
+from fmp_drake.errors import RunError
+from fmp_drake.primitives import Demonstration
+from fmp_drake.runs.arm.real_time import WallClock
+from fmp_drake.runs.guided_demonstrations import guided_demonstrations
+from fmp_drake.station.robots.panda_lcm import LcmPanda, OpenLcm, RawSerializer
+from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.interface.arm_model import ArmModel
+from fmp_drake.systems.panda.status import (
+    JOINTS,
+    ArmReading,
+    GateFault,
+    decode,
+    read_status,
+)
+
+# Duration of a check, s, and its smallest rate of messages, 1/s.
+_CHECK_SECONDS, _MIN_RATE = 1.0, 900.0
+# Largest distance to the start, m; smallest joint-limit margin, rad; largest speed at
+# rest, rad/s.
+_NEAR, _MARGIN, _STILL = 0.15, 0.05, 0.02
+# Largest external torque of an arm without contact, Nm.
+_MAX_EXTERNAL = 3.0
+# Longest wait for a message that was handled, s; 0 would wait for ever.
+_WAIT = 1e-4
+# Shortest time between two samples of a recording, s.
+_SAMPLE_PERIOD = 0.01
+
+
+class ReceivedStatus(NamedTuple):
+    """A status: arrival time (s), sequence number, message, decoded reading."""
+
+    time: float
+    number: int
+    message: Any
+    reading: ArmReading
+
+
+class CheckResult(NamedTuple):
+    """Result of one check of an arm: whether it passed, and a sentence about it."""
+
+    is_good: bool
+    text: str
+
+
+def listen(
+    config: LcmPanda,
+    *,
+    lcm: DrakeLcmInterface | None = None,
+    until: Callable[[float], bool],
+) -> Iterator[ReceivedStatus]:
+    """Yield the statuses of an arm; of several that wait, the last. Send nothing.
+
+    Parameters
+    ----------
+    config : LcmPanda
+    lcm : DrakeLcmInterface, optional
+        The bus instead of one of `config.url`.
+    until : callable
+        Called with the time since the start, s; the iteration ends when it is true.
+    """
+    bus = OpenLcm(config.url) if lcm is None else lcm
+    # A Python callback would crash the interpreter where a Simulator pumps the bus.
+    subscriber = LcmSubscriberSystem(
+        channel=config.status_channel, serializer=RawSerializer(), lcm=bus
+    )
+    clock, data, number = WallClock(config.pace), AbstractValue.Make(b""), 0
+    start = clock.now()
+    while not until((now := clock.now()) - start):
+        bus.HandleSubscriptions(10)
+        before, number = number, subscriber.WaitForMessage(number, data, _WAIT)
+        if number > before:
+            message = decode(lcmt_panda_status, data.get_value())
+            yield ReceivedStatus(now, number, message, read_status(message))
+
+
+def check_arm(
+    scenario: Scenario, config: LcmPanda, *, lcm: DrakeLcmInterface | None = None
+) -> list[CheckResult]:
+    """Listen to an arm for a second, and check whether it may be enabled.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With the board, and the start of the eraser on it.
+    config, lcm
+        As for `listen`.
+    """
+    config.check_robot(LoadRobot(scenario.robot))
+    versions = f"fmp_drake {fmp_drake.__version__}, Drake {version('drake')}"
+    results = [CheckResult(True, f"{versions}, and the messages of that Drake")]
+    received = list(
+        listen(config, lcm=lcm, until=lambda seconds: seconds >= _CHECK_SECONDS)
+    )
+    valid = [status for status in received if status.reading.is_finite]
+    if not valid:
+        results.append(
+            CheckResult(
+                False,
+                f"{len(received)} messages on {config.status_channel}, none of them a "
+                "status of seven joints: does the robot's driver run, on this bus, with the "
+                "messages of this Drake?",
+            )
+        )
+        return results
+    rate = received[-1].number / _CHECK_SECONDS
+    results.append(
+        CheckResult(
+            rate >= _MIN_RATE and len(valid) == len(received),
+            f"{rate:.0f} statuses in a second (1000 wanted), {len(received) - len(valid)} of "
+            f"{len(received)} that were read are broken",
+        )
+    )
+    ages = np.array([status.time - status.reading.time for status in valid])
+    late = float(np.max(np.abs(ages)))
+    results.append(
+        CheckResult(
+            late <= config.gate.expiry,
+            f"stamps are {1e3 * np.median(ages):.1f} ms old (median), {1e3 * late:.1f} ms at "
+            f"most (allowed: {1e3 * config.gate.expiry:g}): clocks and network",
+        )
+    )
+    last = valid[-1]
+    mode = _robot_mode(last.message.robot_mode)
+    if last.reading.faults & GateFault.WRONG_MODE:
+        text = f"the robot's mode is {mode}; it must be kMove, controlled by torque"
+        results.append(CheckResult(False, text))
+    else:
+        results.append(
+            CheckResult(True, f"the robot's mode is {mode}, controlled by torque")
+        )
+    results += _check_pose(scenario, last.reading)
+    return results
+
+
+def _robot_mode(number: int) -> str:
+    for name, value in vars(lcmt_panda_status).items():
+        if name.startswith("k") and name[1].isupper() and value == number:
+            return name
+    return str(number)
+
+
+def _check_pose(scenario: Scenario, reading: ArmReading) -> list[CheckResult]:
+    """Check posture, speed, position and external torque of an arm."""
+    robot = MakeRobotModel(LoadRobot(scenario.robot), scenario.held_tool())
+    arm, context = robot.plant, robot.plant.CreateDefaultContext()
+    q, v = reading.state[:JOINTS], reading.state[JOINTS:]
+    margins = np.minimum(
+        q - arm.GetPositionLowerLimits(), arm.GetPositionUpperLimits() - q
+    )
+    joint = int(np.argmin(margins))
+    p_WE: Any = ArmModel(arm, robot.tip).motion(context, reading.state)[0][3]
+    p_BE = scenario.board.assumed_pose().inverse().multiply(p_WE)
+    distance = float(np.linalg.norm(p_BE - scenario.start))
+    speed, external = (float(np.max(np.abs(x))) for x in (v, reading.torque_external))
+    x, y, z = p_BE
+    return [
+        CheckResult(
+            bool(margins[joint] >= _MARGIN),
+            f"joint {joint + 1} is {margins[joint]:.2f} rad from its limit, the others are "
+            f"farther (at least {_MARGIN:g})",
+        ),
+        CheckResult(speed <= _STILL, f"the fastest joint moves with {speed:.3f} rad/s"),
+        CheckResult(
+            distance <= _NEAR and z > 0,
+            f"the eraser is at {x:.3f} {y:.3f} {z:.3f} m on the board, {distance:.3f} m from the "
+            f"start (at most {_NEAR:g}, and above the board)",
+        ),
+        CheckResult(
+            external <= _MAX_EXTERNAL,
+            f"it feels at most {external:.1f} Nm (at most {_MAX_EXTERNAL:g}, touching nothing): the "
+            "eraser's mass that the robot was told",
+        ),
+    ]
+
+
+def record_arm(
+    scenario: Scenario,
+    config: LcmPanda,
+    *,
+    lcm: DrakeLcmInterface | None = None,
+    until: Callable[[float], bool],
+    note: str = "",
+) -> Demonstration:
+    """Record the hand guiding of an arm; return the longest part without a gap.
+
+    The arm's kinematics give the eraser's position in the frame of the assumed board, at
+    20 Hz. The robot compensates its own weight; nothing is sent to it.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With the eraser and the board.
+    config, lcm, until
+        As for `listen`.
+    note : str
+
+    Raises
+    ------
+    RunError
+        Where no status was received, or nothing moved.
+    """
+    robot_config = LoadRobot(scenario.robot)
+    config.check_robot(robot_config)
+    times: list[float] = []
+    angles: list[NDArray[np.float64]] = []
+    for *_, reading in listen(config, lcm=lcm, until=until):
+        if reading.is_finite and (
+            not times or reading.time >= times[-1] + _SAMPLE_PERIOD
+        ):
+            times.append(reading.time)
+            angles.append(reading.state)
+    if not times:
+        raise RunError(
+            f"nothing was heard on {config.status_channel}; see fmp-drake check --arm."
+        )
+    robot = MakeRobotModel(robot_config, scenario.held_tool())
+    model = ArmModel(robot.plant, robot.tip)
+    context = robot.plant.CreateDefaultContext()
+    X_BW = scenario.board.assumed_pose().inverse()
+    p_WE: Any = np.array([model.motion(context, q)[0][3] for q in angles]).T
+    demonstrations = guided_demonstrations(
+        np.subtract(times, times[0]),
+        X_BW.multiply(p_WE).T,
+        np.ones(len(times)),
+        note=note,
+    )
+    if not demonstrations:
+        raise RunError(f"in {times[-1] - times[0]:.1f} s nothing moved.")
+    return max(demonstrations, key=lambda part: part.duration)

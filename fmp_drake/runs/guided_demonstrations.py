@@ -1,0 +1,125 @@
+"""Demonstrations from the recorded path of a hand, with the rhythm of the hand."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from fmp_drake.numeric import as_floats
+from fmp_drake.primitives import Demonstration
+from fmp_drake.primitives.data.windows import DEFAULT_RATE
+
+Array = NDArray[np.float64]
+
+# Speed below which a hand is at rest, m/s, and samples on both sides for its average.
+_REST_SPEED, _REST_SAMPLES = 0.02, 2
+# Tolerated difference of two clocks, and longest gap between samples, s.
+_JITTER, _LONGEST_GAP = 0.02, 0.25
+
+
+def hand_time(simulated: ArrayLike, clock: ArrayLike) -> Array:
+    """Return the wall-clock time of samples that a simulation recorded, shape (N,), s.
+
+    A simulation that falls behind shows a hand's movement slower than it was. Simulated
+    time has no jitter, so it is shifted by no more than it takes to stay within 20 ms of
+    the clock.
+
+    Parameters
+    ----------
+    simulated : array_like, shape (N,)
+        Simulated time of each sample, s.
+    clock : array_like, shape (N,)
+        Wall-clock time at which it was simulated, s.
+
+    Examples
+    --------
+    >>> hand_time([0.0, 0.1, 0.2, 0.3], [5.0, 5.1, 5.6, 5.7]).round(2)
+    array([5.  , 5.1 , 5.58, 5.68])
+    """
+    time = as_floats(simulated, "the simulated time")
+    delays = as_floats(clock, "the clock") - time
+    shift = delays[0] if len(delays) else 0.0
+    for i, delay in enumerate(delays):
+        shift = min(max(shift, delay - _JITTER), delay + _JITTER)
+        delays[i] = shift
+    return time + delays
+
+
+def guided_demonstrations(
+    time: ArrayLike,
+    position: ArrayLike,
+    is_guided: ArrayLike,
+    *,
+    frame_seconds: float = 0.0,
+    note: str = "",
+) -> list[Demonstration]:
+    """Return one demonstration, at 20 Hz, for each interval of hand guiding.
+
+    Rest at the beginning and at the end is cut off. A gap in the samples ends one
+    demonstration and begins the next.
+
+    Parameters
+    ----------
+    time : array_like, shape (N,)
+        s.
+    position : array_like, shape (N, 3)
+        In the frame of the board, m.
+    is_guided : array_like, shape (N,)
+        Whether the hand guided the tool.
+    frame_seconds : float
+        Time between two frames of the page with the mouse, s. Where it is longer than a
+        sample the path has steps, and is averaged over this time.
+    note : str
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 10.0, 0.05)
+    >>> x = np.sin(np.maximum(time - 4.0, 0.0))  # At rest for 4 s.
+    >>> path = np.column_stack([x, x, 0 * x])
+    >>> [shown] = guided_demonstrations(time, path, np.ones(200))
+    >>> bool(abs(shown.duration - 6.0) < 0.2)
+    True
+    """
+    t, p = as_floats(time, "the time"), as_floats(position, "the position")
+    guided = np.flatnonzero(np.asarray(is_guided, dtype=bool))
+    ends = (
+        np.flatnonzero((np.diff(guided) > 1) | (np.diff(t[guided]) > _LONGEST_GAP)) + 1
+    )
+    demonstrations = []
+    for interval in np.split(guided, ends):
+        samples = interval[_moving(t[interval], p[interval])]
+        if len(samples) < 8:
+            continue
+        demonstration = Demonstration(
+            time=t[samples] - t[samples[0]],
+            values=p[samples],
+            frame="board",
+            note=note,
+        ).resample(DEFAULT_RATE)
+        demonstrations.append(_averaged(demonstration, frame_seconds))
+    return demonstrations
+
+
+def _moving(time: Array, position: Array) -> slice:
+    """Return the samples between the rest at the beginning and that at the end."""
+    n = len(time)
+    if n <= 2 * _REST_SAMPLES:
+        return slice(0, 0)
+    low = np.maximum(np.arange(n) - _REST_SAMPLES, 0)
+    high = np.minimum(np.arange(n) + _REST_SAMPLES, n - 1)
+    distance = np.linalg.norm(position[high] - position[low], axis=1)
+    moving = np.flatnonzero(distance > _REST_SPEED * (time[high] - time[low]))
+    return slice(int(moving[0]), int(moving[-1]) + 1) if len(moving) else slice(0, 0)
+
+
+def _averaged(demonstration: Demonstration, seconds: float) -> Demonstration:
+    """Return the moving average over an interval around each sample."""
+    if seconds * DEFAULT_RATE <= 1:
+        return demonstration
+    time = demonstration.time
+    half = np.minimum(seconds / 2, np.minimum(time - time[0], time[-1] - time))
+    half = np.maximum(half, 1e-6)
+    integral = CubicSpline(time, demonstration.values).antiderivative()
+    mean = (integral(time + half) - integral(time - half)) / (2 * half)[:, None]
+    return replace(demonstration, values=mean)

@@ -1,0 +1,325 @@
+"""A run of a station, with its metrics, events and log."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import floor, isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.yaml import yaml_dump_typed
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
+
+from fmp_drake.errors import RunError
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.runs.events import RunEvent
+from fmp_drake.runs.log import Rows, Spill, write_log
+from fmp_drake.runs.metrics import ArmLimits, Metrics, RunMetrics, metric_signals
+from fmp_drake.runs.page_text import describe_page
+from fmp_drake.runs.signals import (
+    SIGNALS,
+    pop_samples,
+    signal_kind,
+    skill_signals,
+)
+from fmp_drake.station.page.page_scene import BOARD
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.skill_motion import SkillRoles
+from fmp_drake.station.station import MakeStation
+from fmp_drake.systems.page.page_panel import PagePanel, add_panel
+from fmp_drake.systems.page.paths import AddPathToRecording
+from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
+
+# Longest simulated time for which samples stay in Drake's log sinks, s.
+_CHUNK = 1.0
+# Greatest number of points of the path of a recording.
+_PATH_POINTS = 20_000
+
+
+class StationRun:
+    """A station that plays a skill, with loggers and a simulator.
+
+    It follows a motion in free space; `WipingRun` wipes a board, too. Logged samples are
+    collected during the run: they update the metrics, and those of kept signals go to
+    temporary files. Memory does not grow with the run.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    skill : FourierMovementPrimitive
+        Fitted.
+    demonstrations : sequence of Demonstration
+        Recordings that the skill was learned from, in the frame of the board; may be
+        empty.
+    start, q, sample, seed, visuals, meshcat, panel
+        As for `MakeStation`.
+    recording : bool
+        Record the run for `html`.
+    keep : iterable of str
+        Names, out of `SIGNALS`, of signals to keep for `log` and `save_log`; names that
+        the station does not have are ignored.
+
+    Attributes
+    ----------
+    station : Diagram
+    diagram : Diagram
+        The station with its loggers: the simulator's system.
+    simulator : Simulator
+    roles : ChannelRoles
+        Of the skill.
+    kept : set of str
+        Names of the kept signals.
+    demonstrated : list of ndarray, shape (N, D)
+        The demonstrated paths in B, or those of the skill's components.
+
+    Examples
+    --------
+    >>> from fmp_drake.skills import scenario_skill
+    >>> from fmp_drake.station import LoadScenario
+    >>> scenario = LoadScenario("table_top")
+    >>> scenario.board.shape = "none"
+    >>> skill, demonstrations, _ = scenario_skill(scenario)
+    >>> run = StationRun(scenario, skill, demonstrations=demonstrations)
+    >>> run.advance_to(0.2)
+    >>> "normal_force_mean_n" in run.metrics()
+    False
+    """
+
+    _replayed: tuple[str, ...] = ("measured_position",)
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        skill: FourierMovementPrimitive,
+        *,
+        demonstrations: Sequence[Demonstration] = (),
+        start: ArrayLike | None = None,
+        q: ArrayLike | None = None,
+        sample: bool | None = None,
+        seed: int | None = None,
+        visuals: str = "own",
+        meshcat: Meshcat | None = None,
+        panel: PagePanel | None = None,
+        recording: bool = False,
+        keep: Iterable[str] = (),
+    ) -> None:
+        self.scenario = scenario
+        self.skill = skill
+        self.meshcat, self.panel = meshcat, panel
+        self.seed = scenario.skill.seed if seed is None else seed
+        if panel is not None:
+            panel.show(**describe_page(scenario))
+        paths = [d.values for d in demonstrations] or list(skill.paths_)
+        self.demonstrated = paths or [
+            skill.synthesize(c.mean) for c in skill.components_
+        ]
+        self.station = MakeStation(
+            scenario,
+            skill,
+            start=start,
+            q=q,
+            sample=sample,
+            seed=self.seed,
+            visuals=visuals,
+            meshcat=meshcat,
+            panel=panel,
+            demonstrated=paths,
+        )
+        self.roles = SkillRoles(skill)
+        primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
+        self._region = primitive.player.region
+        builder = DiagramBuilder()
+        builder.AddSystem(self.station)
+        self._add_systems(builder)
+        self._recording = recording and meshcat is not None
+        self.kept = {
+            name
+            for name in {*keep, *(self._replayed if self._recording else ())}
+            if isfinite(signal_kind(name).period) and self.station.HasOutputPort(name)
+        }
+        if self.roles.rotation is None:  # Equivalent to the measured position.
+            self.kept.discard("measured_pose")
+        measured = [
+            n for n in metric_signals(self.roles) if self.station.HasOutputPort(n)
+        ]
+        self._sinks: dict[str, VectorLogSink] = {}
+        for name in sorted({*measured, *self.kept}):
+            port = self.station.GetOutputPort(name)
+            sink = LogVectorOutput(port, builder, signal_kind(name).period)
+            sink.set_name(f"log_{name}")
+            self._sinks[name] = sink
+        self.diagram = builder.Build()
+        self.simulator = Simulator(self.diagram)
+        if scenario.plant.time_step == 0:
+            ApplySimulatorConfig(scenario.simulator, self.simulator)
+        self.restart()
+
+    def _add_systems(self, builder: DiagramBuilder) -> None:
+        """Add systems that observe the task."""
+
+    def restart(self) -> None:
+        """Discard all collected samples after a reset of the simulation; record anew."""
+        joints = self.station.GetOutputPort("state").size() // 2
+        self._metrics = RunMetrics(
+            self.scenario,
+            self._region,
+            ArmLimits.of(self.station.GetSubsystemByName("plant"), joints),
+            control_period=self.scenario.impedance.control_period,
+            roles=self.roles,
+        )
+        self._values = {
+            name: Spill((self.station.GetOutputPort(name).size(),))
+            for name in self.kept
+        }
+        self._times = {signal_kind(name).period: Spill() for name in self.kept}
+        if self.meshcat is not None and self._recording:
+            self.meshcat.DeleteRecording()
+            self.meshcat.StartRecording(frames_per_second=30.0)
+
+    def remove_controls(self) -> None:
+        """Remove the sliders from the page: after a run they have no effect."""
+        if self.station.HasSubsystemNamed("page_controls"):
+            controls: Any = self.station.GetSubsystemByName("page_controls")
+            controls.Delete()
+
+    def advance_to(self, time: float) -> None:
+        """Advance the simulation to a time, s, and collect the logged samples."""
+        while (now := self.simulator.get_context().get_time()) < time:
+            chunk_end = (floor(now / _CHUNK) + 1) * _CHUNK
+            self.simulator.AdvanceTo(min(chunk_end, time))
+            self._collect()
+
+    def _collect(self) -> None:
+        """Move samples from the log sinks into metrics and kept signals."""
+        context = self.simulator.get_mutable_context()
+        chunk = pop_samples(self._sinks, context)
+        self._metrics.update(chunk)
+        times = {}
+        for name, spill in self._values.items():
+            times[signal_kind(name).period], values = chunk[name]
+            spill.append(values)
+        for period, added in times.items():
+            self._times[period].append(added)
+
+    def log(self, name: str) -> NDArray[np.float64]:
+        """Return the values of a kept signal, shape (samples, size), read only."""
+        self._collect()
+        try:
+            return self._values[name].array()
+        except KeyError:
+            raise RunError(
+                f"the signal {name} was not kept; the run keeps "
+                f"{', '.join(sorted(self.kept)) or 'none'}."
+            ) from None
+
+    def log_times(self, name: str) -> NDArray[np.float64]:
+        """Return the times of the values of a kept signal, shape (samples,), s."""
+        self.log(name)  # Refuses a signal that was not kept.
+        return self._times[signal_kind(name).period].array()
+
+    def metrics(self) -> Metrics:
+        """Return the metrics of the run so far; a value that was never reached is None."""
+        self._collect()
+        remaps, reactive = self.output("remaps")
+        return {
+            **self._metrics.result(),
+            "remap_count": int(remaps),
+            "reactive_remap_count": int(reactive),
+        }
+
+    def events(self) -> list[RunEvent]:
+        """Return the events of the run so far, in the order of time."""
+        self._collect()
+        return self._metrics.events()
+
+    def recent_events(self) -> list[RunEvent]:
+        """Return the events up to the last whole second, without new samples."""
+        return self._metrics.events()
+
+    def output(self, name: str) -> NDArray[np.float64]:
+        """Return the current value of an output port of the station."""
+        context = self.station.GetMyContextFromRoot(self.simulator.get_context())
+        value: Any = self.station.GetOutputPort(name).Eval(context)
+        return np.array(value)
+
+    def save_log(self, path: Path, metrics: Mapping[str, Any]) -> None:
+        """Write the kept signals to a file for `RunLog.load`.
+
+        Raises
+        ------
+        RunError
+            If it cannot be written; an existing file then stays unchanged.
+        """
+        self._collect()
+        skill = self.skill
+        signals: dict[str, tuple[Rows, Rows]] = {
+            name: (self._times[kind.period], self._values[name])
+            for name, kind in SIGNALS.items()
+            if name in self.kept
+        }
+        now = np.array([self.simulator.get_context().get_time()])
+        for name, cells in self._final_signals().items():
+            signals[name] = (now, cells.reshape(1, -1))
+        write_log(
+            path,
+            signals,
+            scenario=yaml_dump_typed(self.scenario),  # type: ignore[no-untyped-call]
+            seed=self.seed,
+            metrics=metrics,
+            kinds=skill_signals(
+                skill.channels_,
+                skill.units_,
+                weights=self.station.GetOutputPort("weights").size()
+                // skill.n_channels_,
+            ),
+        )
+
+    def _final_signals(self) -> dict[str, NDArray[np.float64]]:
+        """Return the signals of a log that are known at the end of the run."""
+        return {}
+
+    def html(self, *, title: str = "A motion is followed") -> str:
+        """Return a stand-alone page that replays the arm and its task.
+
+        Call it once, after the run; it needs `recording` and a Meshcat. The title appears
+        in the tab and above the legend.
+        """
+        meshcat = self.meshcat
+        if meshcat is None or not self._recording:
+            raise RunError(
+                "nothing was recorded; give the run a Meshcat and recording."
+            )
+        meshcat.StopRecording()
+        self._finish_recording(meshcat)
+        # Meshcat records transforms only: objects that change their shape cannot be replayed.
+        for name in ("plan", "trail"):
+            meshcat.Delete(f"{BOARD}/{name}")
+        if self.scenario.show.trail:
+            path = self.log("measured_position")
+            rows = np.s_[:: max(4, -(-len(path) // _PATH_POINTS))]
+            AddPathToRecording(
+                meshcat,
+                f"{BOARD}/measured",
+                times=self.log_times("measured_position")[rows],
+                points=path[rows],
+                color=TRAIL_COLOR,
+                surface=self.scenario.board.curvature(),
+            )
+        meshcat.PublishRecording()
+        text = describe_page(self.scenario, replay=True)
+        text["title"] = title
+        seconds = self.simulator.get_context().get_time()
+        text["mode"], text["detail"] = "replay", f"of a run of {seconds:g} s"
+        series = self._replay_series()
+        text["replay"] = {k: np.round(v, 3).tolist() for k, v in series.items()}
+        return add_panel(meshcat.StaticHtml(), text)
+
+    def _finish_recording(self, meshcat: Meshcat) -> None:
+        """Add to a recording the drawings that Meshcat does not record."""
+
+    def _replay_series(self) -> dict[str, NDArray[np.float64]]:
+        """Return the numbers of the panel over time: `time`, s, and others."""
+        return {"time": self.log_times("measured_position")[::20]}

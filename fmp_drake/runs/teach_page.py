@@ -1,0 +1,150 @@
+"""Page of a teaching session: its buttons and its panel."""
+
+from typing import Any
+
+from fmp_drake.runs.page_text import VIEW_HELP, describe_page
+from fmp_drake.runs.teaching_session import TeachingSession
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.page.page_controls import set_tempo
+from fmp_drake.systems.page.page_panel import Level, PagePanel
+from fmp_drake.systems.page.paths import DEMONSTRATION_COLOR, css_color
+from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
+
+SLOWER = "slower"
+"""Name of the button that sets a tempo at which the arm can follow."""
+
+_HELP = {
+    "teach": [
+        (
+            "Drag the eraser, or any part of the arm: it stays on the board, and is held "
+            "where you let it go."
+        ),
+        "Show the same movement again and again for 12 s or more, then press learn.",
+        VIEW_HELP,
+    ],
+    "play": [
+        "Drag the arm to pull it while it plays.",
+        (
+            "teach: show something new; more: show it again, or learn also from what you "
+            "have just shown by pulling."
+        ),
+        VIEW_HELP,
+    ],
+}
+_LEGEND = [
+    {"name": "shown now", "color": css_color(TRAIL_COLOR), "kind": "line"},
+    {"name": "shown before", "color": css_color(DEMONSTRATION_COLOR), "kind": "line"},
+]
+
+
+class TeachPage:
+    """Buttons of a teaching session, and the fields of its panel.
+
+    Parameters
+    ----------
+    panel : PagePanel
+    scenario : Scenario
+
+    Examples
+    --------
+    >>> from pydrake.geometry import Meshcat
+    >>> panel = PagePanel(Meshcat())
+    >>> page = TeachPage(panel, Scenario())
+    >>> panel.close()
+    """
+
+    def __init__(self, panel: PagePanel, scenario: Scenario) -> None:
+        self._panel, self._scenario = panel, scenario
+        self._clicks: dict[str, int] = {}
+
+    def show(self, session: TeachingSession, *, busy: str = "") -> None:
+        """Show the state of a session, and the buttons that may be pressed.
+
+        Parameters
+        ----------
+        session : TeachingSession
+        busy : str
+            Action that is about to begin.
+        """
+        mode, meshcat = session.mode, self._panel.meshcat
+        names = [*session.buttons]
+        if mode == "play" and session.suggested_tempo is not None:
+            names.insert(0, SLOWER)
+        if [*self._clicks] != names:
+            for name in self._clicks:
+                meshcat.DeleteButton(name, strict=False)
+            for name in names:
+                meshcat.AddButton(name)
+            self._clicks = dict.fromkeys(names, 0)
+        missing, has_skill = session.missing, session.skill is not None
+        has_shown = bool(session.shown)
+        first = f"show {missing:.0f} s more first" if missing else ""
+        buttons: Any = {
+            "learn": {
+                "enabled": not missing,
+                "hint": first or "learn a skill from what was shown, and play it",
+            },
+            "again": {
+                "enabled": has_shown,
+                "hint": "discard what was shown since the last learning"
+                if has_shown
+                else "nothing was shown yet",
+            },
+            "undo": {"hint": "bring back what 'again' has discarded"},
+            "play": {
+                "enabled": has_skill,
+                "hint": "play the last skill" if has_skill else "learn a skill first",
+            },
+            "save": {
+                "enabled": has_skill or bool(session.demonstrations),
+                "hint": f"write {session.file_names}; earlier files are kept",
+            },
+            "teach": {"hint": "show a new movement"},
+            "more": {"hint": "show more of the same movement, and learn it together"},
+            SLOWER: {
+                "label": f"set tempo to {session.suggested_tempo or 1:.2f}",
+                "hint": "the fastest tempo at which the arm can follow",
+            },
+        }
+        fields: Any = {
+            "buttons": buttons,
+            "help": _HELP[mode],
+            "subtitle": self._scenario.description,
+            "grab": "you are guiding" if mode == "teach" else "you are pulling",
+        }
+        if mode == "teach":
+            unused = dict.fromkeys(("time", "cleaned", "force", "component"))
+            fields |= {
+                "mode": busy or "teaching",
+                "level": "good" if session.is_guided else "idle",
+                "detail": session.status,
+                "legend": _LEGEND,
+                "progress": session.progress,
+                **unused,
+            }
+        else:
+            fields["legend"] = describe_page(self._scenario)["legend"]
+            fields["progress"] = None
+        if busy:
+            fields |= {"mode": busy, "level": "busy"}
+        self._panel.show(**fields)
+
+    def attend(self, session: TeachingSession) -> str | None:
+        """Press the button that was clicked since the last call, and return its name."""
+        for name, clicks_before in self._clicks.items():
+            clicks = self._panel.meshcat.GetButtonClicks(name)
+            if clicks != clicks_before:
+                self._clicks[name] = clicks
+                self.show(session, busy=f"{name} ...")
+                if name == SLOWER:
+                    set_tempo(self._panel.meshcat, session.suggested_tempo or 1.0)
+                    session.suggested_tempo = None
+                    session.remark = "the arm can follow at this tempo"
+                else:
+                    session.press(name)
+                if session.remark:
+                    level: Level = "good" if session.is_done else "busy"
+                    self._panel.say(f"{name}: {session.remark}", level=level)
+                self.show(session)
+                return name
+        return None

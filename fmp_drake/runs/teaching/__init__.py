@@ -1,1 +1,0 @@
-"""Sessions of teaching, and their page."""

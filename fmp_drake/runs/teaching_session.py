@@ -1,0 +1,434 @@
+"""Teaching session: demonstrate, learn, play, and demonstrate again."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+
+from fmp_drake.errors import FmpError, RunError
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, save_skill
+from fmp_drake.primitives.data.files import keep_earlier_files, numbered
+from fmp_drake.primitives.data.windows import DEFAULT_RATE
+from fmp_drake.runs.guided_demonstrations import (
+    guided_demonstrations,
+    hand_time,
+)
+from fmp_drake.runs.station_run import StationRun
+from fmp_drake.runs.wiping_run import MakeRun, WipingRun
+from fmp_drake.skills.learning import learn_skill
+from fmp_drake.station.page.page_scene import BOARD
+from fmp_drake.station.reach.feasibility import CheckFeasibility
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.station import MakeStation
+from fmp_drake.station.teaching_hands import TeachingHand
+from fmp_drake.systems.ink.grid import cleaned_fraction
+from fmp_drake.systems.page.page_panel import PagePanel
+from fmp_drake.systems.page.paths import draw_demonstrations, draw_rod
+from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
+
+Mode = Literal["teach", "play"]
+
+BUTTONS: dict[Mode, tuple[str, ...]] = {
+    "teach": ("learn", "again", "play", "save"),
+    "play": ("teach", "more", "save"),
+}
+"""Buttons of each mode."""
+
+# Length of the least recording to learn from, windows.
+_WINDOWS = 2
+# A simulation that falls behind the clock by more than this does not catch up, s.
+_BEHIND = 0.2
+# Real-time rate below which a machine counts as slow, and the time to measure it over, s.
+_SLOW, _RATE_TIME = 0.9, 3.0
+# Samples that are drawn at once.
+_CHUNK = 20
+
+
+class TeachingSession:
+    """Session of kinesthetic teaching: a hand guides an arm, which learns and plays a skill.
+
+    A page or a program presses the buttons of the session. In the mode `teach` a hand
+    guides the arm, and its motion is recorded. In the mode `play` the arm wipes with the
+    learned skill from its current pose, and may be pulled. The arm does not jump between
+    the modes.
+
+    Buttons:
+
+    - *learn*: learn from the recorded motion, and play the skill;
+    - *again*: discard the motion recorded since the last learning;
+    - *undo*: bring back the motion that *again* has discarded;
+    - *play*: play the last skill;
+    - *teach*: start a new skill;
+    - *more*: learn also from the motion of the arm that was pulled during play; if it was
+      not pulled, record another demonstration, to be learned together with the others;
+    - *save*: write the demonstrations and the skill to files. Earlier files of these names
+      are kept under other names.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    hand : TeachingHand
+        A `MouseOnPage`, for example.
+    panel : PagePanel, optional
+        Page of the session.
+    clock : callable, optional
+        Returns the time, s. The simulation is synchronised with it, and the recording has
+        its times. None to simulate as fast as possible.
+    out, skill_file : Path
+        Files for *save*: the demonstrations (the second and later ones get a number) and
+        the skill.
+
+    Attributes
+    ----------
+    mode : {'teach', 'play'}
+    skill : FourierMovementPrimitive or None
+        The last learned skill.
+    remark : str
+        Result of the last button.
+    is_done : bool
+        Whether the last button had its effect, without a warning.
+    suggested_tempo : float or None
+        Slower tempo at which the arm can follow the skill, if it cannot.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import LoadScenario, SimulatedHand
+    >>> from fmp_drake.systems import HandMotion
+    >>> hand = SimulatedHand(HandMotion.make("eight", seconds=20.0, seed=0))
+    >>> session = TeachingSession(LoadScenario("table_top"), hand, clock=None)
+    >>> session.advance(0.2)
+    >>> session.press("learn")
+    >>> session.mode, session.remark
+    ('teach', 'show 12 s more: two windows of 6 s are the least to learn from')
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        hand: TeachingHand,
+        *,
+        panel: PagePanel | None = None,
+        clock: Callable[[], float] | None = time.monotonic,
+        out: Path = Path("taught.npz"),
+        skill_file: Path = Path("taught_skill.npz"),
+    ) -> None:
+        self._scenario, self._hand, self._panel = scenario, hand, panel
+        self._meshcat = None if panel is None else panel.meshcat
+        self._clock = clock
+        self._out, self._skill_file = out, skill_file
+        self.skill: FourierMovementPrimitive | None = None
+        self.remark, self.is_done = "", True
+        self.suggested_tempo: float | None = None
+        self._kept: list[Demonstration] = []
+        self._learned: list[Demonstration] = []
+        self._discarded: list[tuple[Any, ...]] = []
+        self._saved: tuple[Any, ...] = ()
+        self._run: StationRun | None = None
+        self._samples: list[tuple[Any, ...]] = []
+        self._lag, self._drawn = 0.0, 0
+        self._teach(None)
+
+    @property
+    def mode(self) -> Mode:
+        """Mode of the arm: `teach` while it is guided, `play` while it plays."""
+        return "teach" if self._run is None else "play"
+
+    @property
+    def buttons(self) -> tuple[str, ...]:
+        """Buttons that may be pressed now."""
+        undo = ("undo",) if self._discarded else ()
+        return (*BUTTONS[self.mode], *undo)
+
+    @property
+    def is_guided(self) -> bool:
+        """Whether the arm is guided or pulled at present."""
+        return bool(self._output("leading")[0])
+
+    @property
+    def missing(self) -> float:
+        """Seconds of motion that are missing to learn; 0 if none."""
+        return self._missing(self.demonstrations)
+
+    @property
+    def progress(self) -> float:
+        """Fraction of the motion that is needed to learn, from 0 to 1."""
+        return 1 - self.missing / (_WINDOWS * self._scenario.skill.window)
+
+    @property
+    def simulator(self) -> Simulator:
+        """Simulator of the station of this mode."""
+        return self._simulator
+
+    @property
+    def demonstrations(self) -> list[Demonstration]:
+        """All demonstrations that were not discarded, in the frame of the board."""
+        return [*self._kept, *self.shown]
+
+    @property
+    def shown(self) -> list[Demonstration]:
+        """Demonstrations of this mode, since it began or since the last *again*."""
+        if not self._samples:
+            return []
+        samples = np.array(self._samples, dtype=float)
+        station: Any = self._station
+        interval = 0.0
+        if station.HasSubsystemNamed("mouse_hand"):
+            mouse = station.GetSubsystemByName("mouse_hand")
+            context = mouse.GetMyContextFromRoot(self._simulator.get_context())
+            interval = float(mouse.GetOutputPort("cursor_interval").Eval(context)[0])
+        return guided_demonstrations(
+            hand_time(samples[:, 0], samples[:, 1]),
+            samples[:, 2:5],
+            samples[:, 5],
+            frame_seconds=interval,
+            note=f"shown by hand: {type(self._hand).__name__}; simulated arm",
+        )
+
+    @property
+    def file_names(self) -> str:
+        """Names of the files that *save* writes."""
+        return f"{self._out.name} and {self._skill_file.name}"
+
+    # Time -----------------------------------------------------------------------------
+
+    def advance(self, seconds: float) -> None:
+        """Simulate for a time, s, and record."""
+        context = self._simulator.get_context()
+        end = context.get_time() + seconds
+        while (now := context.get_time()) < end - 1e-9:
+            sample_time = (np.floor(now * DEFAULT_RATE + 1e-6) + 1) / DEFAULT_RATE
+            until = float(min(sample_time, end))
+            if self._run is None:
+                self._simulator.AdvanceTo(until)
+            else:
+                self._run.advance_to(until)
+            if until > sample_time - 1e-6 / DEFAULT_RATE:
+                self._record()
+
+    def _record(self) -> None:
+        now = self._simulator.get_context().get_time()
+        clock = now if self._clock is None else self._clock()
+        position = self._output(self._position)
+        self._samples.append((now, clock, *position, self.is_guided))
+        lag = (clock - self._samples[0][1]) - (now - self._samples[0][0])
+        if self._clock is not None and lag - self._lag > _BEHIND:
+            self._simulator.ResetStatistics()
+            self._lag = lag
+        if self._run is None:
+            self._draw()
+
+    @property
+    def realtime_rate(self) -> float:
+        """Simulated seconds per second of the clock, over the last 3 s."""
+        last = self._samples[-1:]
+        recent = [s for s in self._samples[-200:] if s[1] > last[0][1] - _RATE_TIME]
+        if len(recent) < _CHUNK or recent[-1][1] <= recent[0][1]:
+            return 1.0
+        return (recent[-1][0] - recent[0][0]) / (recent[-1][1] - recent[0][1])
+
+    # Buttons --------------------------------------------------------------------------
+
+    def press(self, button: str) -> None:
+        """Press a button; a refusal is in `remark`.
+
+        Raises
+        ------
+        RunError
+            If there is no such button in this mode.
+        """
+        if button not in self.buttons:
+            raise RunError(
+                f"there is no button {button!r} in the mode {self.mode}; press one of: "
+                f"{', '.join(self.buttons)}."
+            )
+        self.remark, self.is_done = "", True
+        try:
+            getattr(self, f"_press_{button}")()
+        except FmpError as error:
+            self.remark, self.is_done = str(error), False
+
+    def _press_learn(self) -> None:
+        self._learn(self.demonstrations)
+
+    def _press_again(self) -> None:
+        if not self.shown:
+            raise RunError("nothing was shown yet: there is nothing to discard")
+        discarded = self._samples
+        self._forget()
+        self._discarded = discarded
+        self.remark = "discarded; undo brings it back"
+
+    def _press_undo(self) -> None:
+        discarded = self._discarded
+        samples = [*discarded, *self._samples]
+        self._forget()
+        self._samples, self._drawn = samples, len(samples) - 1
+        for i, demonstration in enumerate(self.shown):
+            self._draw_path(f"undone_{i}", demonstration.values)
+        self.remark = "brought back"
+
+    def _press_play(self) -> None:
+        if self.skill is None:
+            raise RunError("there is no skill yet: learn first")
+        self._play(self.skill, self._learned)
+
+    def _press_teach(self) -> None:
+        self._kept = []
+        self._teach(self._q())
+
+    def _press_more(self) -> None:
+        window = self._scenario.skill.window
+        recordings = [d for d in self.shown if d.duration >= window]
+        if recordings:
+            self._learn([*self._kept, *recordings])
+        else:
+            self._teach(self._q())
+            self.remark = "show more: it is learned together with the first"
+
+    def _press_save(self) -> None:
+        demonstrations = self.demonstrations if self._run is None else self._kept
+        # Without a new movement those of the skill are written beside it.
+        demonstrations = demonstrations or self._learned
+        content = (self.skill, [shown.values.tobytes() for shown in demonstrations])
+        if self.skill is None and not demonstrations:
+            raise RunError("there is nothing to save yet: show a movement first")
+        if content == self._saved:
+            self.remark = f"saved already: {self.file_names}"
+            return
+        earlier = keep_earlier_files(self._out, self._skill_file)
+        paths = numbered(self._out, len(demonstrations))
+        for path, demonstration in zip(paths, demonstrations, strict=True):
+            demonstration.save(path)
+        if self.skill is not None:
+            save_skill(self.skill, self._skill_file)
+            paths.append(self._skill_file)
+        self._saved = content
+        self.remark = f"wrote {', '.join(path.name for path in paths)}"
+        if earlier:
+            self.remark += f"; the earlier files are {', '.join(earlier)} now"
+
+    # Modes ----------------------------------------------------------------------------
+
+    def _learn(self, demonstrations: list[Demonstration]) -> None:
+        """Learn a skill, and play it; nothing changes if that fails."""
+        window = self._scenario.skill.window
+        if (missing := self._missing(demonstrations)) > 0:
+            raise RunError(
+                f"show {np.ceil(missing):.0f} s more: two windows of {window:g} s are the "
+                "least to learn from"
+            )
+        started = time.perf_counter()
+        skill = learn_skill(
+            demonstrations,
+            window=window,
+            components=self._scenario.skill.components,
+        )
+        self._play(skill, demonstrations)
+        self.remark = f"learned in {time.perf_counter() - started:.1f} s"
+        feasibility = CheckFeasibility(self._scenario, skill)
+        self.suggested_tempo = feasibility.suggested_tempo
+        if not feasibility.is_feasible:
+            self.remark += f"; {feasibility.verdict}"
+            self.is_done = False
+
+    def _missing(self, demonstrations: Sequence[Demonstration]) -> float:
+        """Return the seconds of motion that are missing to learn; 0 if none."""
+        window = self._scenario.skill.window
+        lengths = [d.duration + 1 / DEFAULT_RATE for d in demonstrations]
+        long = sum(length for length in lengths if length >= window)
+        return max(0.0, _WINDOWS * window - max([long, *lengths]))
+
+    def _teach(self, q: NDArray[np.float64] | None) -> None:
+        if self._run is not None:
+            self._run.remove_controls()
+        station = MakeStation(self._scenario, self._hand, q=q, meshcat=self._meshcat)
+        if self._meshcat is not None:
+            self._meshcat.Delete("/force")  # The arrow of the wiping station.
+        self._run, self._simulator = None, Simulator(station)
+        self._station, self._position = station, "position"
+        self._begin()
+
+    def _play(
+        self, skill: FourierMovementPrimitive, demonstrations: list[Demonstration]
+    ) -> None:
+        run = MakeRun(
+            self._scenario,
+            skill,
+            demonstrations=demonstrations,
+            q=self._q(),
+            meshcat=self._meshcat,
+            panel=self._panel,
+        )
+        if self._run is not None:
+            self._run.remove_controls()
+        self.skill, self._kept, self._learned = skill, demonstrations, demonstrations
+        self._run, self._simulator = run, run.simulator
+        self._station, self._position = run.station, "measured_position"
+        self._begin()
+
+    def _begin(self) -> None:
+        self._forget()
+        self._simulator.set_target_realtime_rate(0.0 if self._clock is None else 1.0)
+        self._simulator.Initialize()
+
+    def _forget(self) -> None:
+        self._samples, self._lag, self._drawn, self._discarded = [], 0.0, 0, []
+        if self._meshcat is not None:
+            self._meshcat.Delete(f"{BOARD}/taught")
+            if self._run is None:
+                paths = [d.values for d in self._kept]
+                draw_demonstrations(self._meshcat, f"{BOARD}/taught/kept", paths)
+
+    # Outputs --------------------------------------------------------------------------
+
+    def _output(self, name: str) -> NDArray[np.float64]:
+        """Return the value of an output port of the station, or of its mouse."""
+        root = self._simulator.get_context()
+        station: Any = self._station
+        if name == "leading" and not station.HasOutputPort(name):
+            if not station.HasSubsystemNamed("mouse_hand"):
+                return np.zeros(1)
+            station = station.GetSubsystemByName("mouse_hand")
+        context = station.GetMyContextFromRoot(root)
+        return np.array(station.GetOutputPort(name).Eval(context))
+
+    def _q(self) -> NDArray[np.float64]:
+        state = self._output("state")
+        return state[: len(state) // 2]
+
+    def _draw(self) -> None:
+        """Draw the samples since the last drawing."""
+        part = self._samples[self._drawn :]
+        guided = [s for s in part if s[5]]
+        if self._meshcat is not None and len(guided) == len(part) > 1:
+            self._draw_path(str(self._drawn), np.array([s[2:5] for s in part]))
+        if len(part) > _CHUNK or len(guided) < len(part):
+            self._drawn = len(self._samples) - 1
+
+    def _draw_path(self, name: str, points: NDArray[np.float64]) -> None:
+        if self._meshcat is not None:
+            path = f"{BOARD}/taught/{name}"
+            draw_rod(self._meshcat, path, points, radius=0.0025, color=TRAIL_COLOR)
+
+    @property
+    def status(self) -> str:
+        """State of the session, and what is missing to learn; a sentence."""
+        if isinstance(self._run, WipingRun):
+            cleaned = cleaned_fraction(self._run.ink(), self._run.demonstrated_area)
+            status = f"wiping: {100 * cleaned:.0f} % of what was shown is clean"
+        elif self._run is not None:
+            status = "following what was shown"
+        elif missing := self.missing:
+            status = f"show at least {missing:.0f} s more"
+        else:
+            status = "enough to learn; more is better"
+        if self.realtime_rate < _SLOW:
+            status += (
+                f"; this machine is too slow to teach on "
+                f"({100 * self.realtime_rate:.0f} % of real time)"
+            )
+        return status
