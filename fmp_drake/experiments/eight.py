@@ -6,12 +6,6 @@ from numpy.typing import NDArray
 
 from fmp_drake.experiments.baselines.replay import Replay
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.experiments.finding import (
-    Closeness,
-    Finding,
-    millimetres,
-    roughness,
-)
 from fmp_drake.experiments.methods import (
     FMP,
     FMP_PAPER,
@@ -35,12 +29,15 @@ from fmp_drake.experiments.metrics import (
     FLOOR,
     SENSITIVITY_BINS,
     SENSITIVITY_FLOORS,
+    Closeness,
     divergences,
     draw_grids,
+    draw_paths,
     grid_extent,
+    millimetres,
+    roughness,
 )
-from fmp_drake.experiments.paths import draw_paths
-from fmp_drake.experiments.profile import Profile
+from fmp_drake.experiments.report import Finding, Profile
 from fmp_drake.plots import draw_demonstrations_in_plane
 from fmp_drake.plots.style import SAMPLED, same_limits, set_title
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
@@ -122,7 +119,7 @@ def _samples(samples: Samples, recorded: Demonstration, near: Closeness) -> Find
         ax.locator_params(nbins=6)
     same_limits(axes)
     rough = {name: roughness(samples[name][:500], RATE) for name in (MULT, FMP_PAPER)}
-    shown = roughness(recorded.values, RATE)
+    recorded_roughness = roughness(recorded.values, RATE)
     far = {
         name: float(np.mean(near.distances(samples[name][:200])))
         for name in (MULT, FMP_PAPER)
@@ -132,7 +129,7 @@ def _samples(samples: Samples, recorded: Demonstration, near: Closeness) -> Find
         title="Fig. 7: samples of the learned 8-shape distribution",
         shows=f"Mean distance to the demonstrated path: {MULT} {millimetres(far[MULT])}, "
         f"FMP {millimetres(far[FMP_PAPER])}. Rms jerk: {MULT} {rough[MULT]:.1f}, FMP "
-        f"{rough[FMP_PAPER]:.1f}, demonstrated {shown:.1f} m/s^3.",
+        f"{rough[FMP_PAPER]:.1f}, demonstrated {recorded_roughness:.1f} m/s^3.",
         claim="FMP's samples are smoother and closer to the demonstrations.",
         agrees=far[FMP_PAPER] < far[MULT] and rough[FMP_PAPER] < rough[MULT],
         figure=figure,

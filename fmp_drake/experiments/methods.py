@@ -1,4 +1,4 @@
-"""The methods that are compared, with the windows each learns from."""
+"""Compared methods, and the windows that they learn from."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,9 +18,9 @@ from fmp_drake.primitives import (
     FourierMovementPrimitive,
     Player,
 )
-from fmp_drake.primitives.data.windows import as_windows
+from fmp_drake.primitives.data.windows import DEFAULT_RATE, as_windows
 
-RATE = 20.0
+RATE = DEFAULT_RATE
 N_STEPS = 120
 FMP_STRIDE = FourierMovementPrimitive(n_steps=N_STEPS).window_stride
 PAPER_STRIDE = int(PAPER_SETTINGS["stride"])
@@ -33,22 +33,22 @@ PHASE = "FMP, phase model"
 MULT_OWN = f"{MULT}, own frequency, M = 80"
 REPLAY = "replay"
 GP, DMP = "periodic GP", "periodic DMP"
-# Learned once, because there is no chance in them.
+# Learned once: they have no randomness.
 SEEDLESS = (PHASE, REPLAY, GP, DMP)
 
 
 def fmp(seed: int = 0) -> FourierModel:
-    """Return FMP with the estimator's defaults of the mixture."""
+    """Return FMP with the mixture and the defaults of the estimator."""
     return FourierModel(settings={"model": "mixture", "random_state": seed})
 
 
 def phase(_: int = 0) -> FourierModel:
-    """Return FMP with the phase model, where the movement has a phase."""
+    """Return FMP with the phase model where the movement is periodic."""
     return FourierModel(settings={"model": "automatic"})
 
 
 def fmp_paper(seed: int = 0) -> FourierModel:
-    """Return FMP as the paper sets it; its stride is that of the windows."""
+    """Return FMP with the settings of the paper; windows set the stride."""
     return FourierModel(settings={**PAPER_SETTINGS, "random_state": seed}, maps=True)
 
 
@@ -62,12 +62,12 @@ def promp_mult(seed: int = 0) -> ProMP:
 
 
 def promp_own(seed: int = 0) -> ProMP:
-    """Return ProMP-VM-Mult at its best: f = k T / P, and as many Gaussians as FMP."""
+    """Return the best ProMP-VM-Mult: f = k T / P, and as many Gaussians as FMP."""
     return ProMP(frequencies=5, n_components=80, random_state=seed)
 
 
 def aligned_promp(seed: int = 0) -> AlignedProMP:
-    """Return ProMP-VM over one aligned period, 10 Gaussians, bases that fit to all."""
+    """Return ProMP-VM over one aligned period: 10 Gaussians, narrow bases."""
     model = ProMP(
         frequencies=(1.0,), width=0.3, ridge=1e-4, n_components=10, random_state=seed
     )
@@ -78,7 +78,7 @@ Maker = Callable[[int], TrajectoryModel]
 
 
 def compared() -> dict[str, tuple[Maker, int]]:
-    """Return every method of the held-out table with the stride of its windows."""
+    """Return all methods of the held-out table, with the strides of their windows."""
     return {
         PHASE: (phase, FMP_STRIDE),
         FMP: (fmp, FMP_STRIDE),
@@ -102,5 +102,5 @@ def cut(
 def play(
     skill: FourierMovementPrimitive, starts: ArrayLike, seconds: float
 ) -> NDArray[np.float64]:
-    """Return what Algorithm 2 plays from starts (S, D), (S, ticks, D)."""
+    """Return the paths that Algorithm 2 plays from starts (S, D), (S, ticks, D)."""
     return Player(skill).rollout(np.atleast_2d(starts), seconds)[:, :, 0]

@@ -1,14 +1,25 @@
-"""How close a learned distribution is to the demonstrated one: heatmaps, divergences."""
+"""Measures of trajectories, and pictures of them: heatmaps, divergences, distances."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+from scipy.stats import chi2
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.numeric import check_number, finite_array
-from fmp_drake.plots.style import set_title, shape_of
+from fmp_drake.plots import draw_demonstrations_in_plane
+from fmp_drake.plots.style import (
+    DEMONSTRATED,
+    PLAYED,
+    same_limits,
+    set_title,
+    shape_of,
+)
+from fmp_drake.primitives import Demonstration
 
 # The grid of Table I here; the paper does not state its own. The sensitivity study
 # varies both.
@@ -29,7 +40,7 @@ def heatmap(
     Parameters
     ----------
     trajectories : array_like, shape (..., D)
-        Of which the first two channels are counted.
+        The first two channels are counted.
     bins : int
         Cells along each of the two axes.
     extent : array_like, shape (2, 2)
@@ -65,7 +76,7 @@ def kl_divergence(p: ArrayLike, q: ArrayLike, *, floor: float) -> float:
     p, q : array_like
         Of the same shape, each summing to 1.
     floor : float
-        Added to every cell of both before they are normalised anew, positive: an empty
+        Positive number added to every cell before both are normalised again; an empty
         cell would make the divergence infinite.
     """
     check_number(floor, "floor", above=0.0, error=ExperimentError)
@@ -119,3 +130,78 @@ def draw_grids(
     shown = list(axes[: len(samples)])
     figure.colorbar(image, ax=shown, label="fraction of the samples", extend="max")
     return figure
+
+
+def draw_paths(
+    recorded: Demonstration, paths: Mapping[str, NDArray[np.float64]], *, rows: int = 1
+) -> Figure:
+    """Draw paths (ticks, D) side by side, each over the demonstration in grey.
+
+    Parameters
+    ----------
+    recorded : Demonstration
+    paths : mapping of str to ndarray, shape (ticks, D)
+        Keys are titles; a ring marks each start.
+    rows : int
+        Number of rows of the pictures.
+    """
+    columns = len(paths) // rows
+    points = np.concatenate([recorded.values, *paths.values()])[:, :2]
+    height = 0.9 + 3.8 * shape_of(*np.ptp(points, axis=0))
+    figure = Figure(figsize=(5 * columns, 0.4 + height * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for ax, (title, path) in zip(axes, paths.items(), strict=True):
+        draw_demonstrations_in_plane([recorded], ax=ax)
+        ax.lines[-1].set(color=DEMONSTRATED, label="demonstrated")
+        x, y = path[:, 0], path[:, 1]
+        ax.plot(y, x, color=PLAYED, linewidth=1.2, label="played")
+        ax.plot(y[0], x[0], "o", color=PLAYED, fillstyle="none", label="start")
+        set_title(ax, title)
+    same_limits(list(axes))
+    figure.legend(
+        handles=axes[0].lines, loc="outside upper right", ncols=3, frameon=False
+    )
+    return figure
+
+
+class Closeness:
+    """Distances from trajectories to a demonstrated path.
+
+    Parameters
+    ----------
+    demonstrated : ndarray, shape (..., D)
+        Samples of the path.
+    """
+
+    def __init__(self, demonstrated: NDArray[np.float64]) -> None:
+        self._tree = cKDTree(demonstrated.reshape(-1, demonstrated.shape[-1]))
+
+    def distances(self, trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distance of each sample (..., D) to the nearest one, (...)."""
+        flat = trajectories.reshape(-1, trajectories.shape[-1])
+        return self._tree.query(flat)[0].reshape(trajectories.shape[:-1])
+
+
+def roughness(trajectories: NDArray[np.float64], rate: float) -> float:
+    """Return the rms jerk of trajectories (..., ticks, D), in units per s^3."""
+    third = np.diff(trajectories, n=3, axis=-2) * rate**3
+    return float(np.sqrt(np.mean(np.sum(third**2, axis=-1))))
+
+
+def millimetres(value: Any) -> str:
+    """Return a length in metres as text in millimetres."""
+    return f"{1e3 * float(value):.1f} mm"
+
+
+def inside_ellipsoids(
+    errors: NDArray[np.float64],
+    covariances: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Return which errors (n, D) are in the ellipsoids of covariances (n, D, D), (n,).
+
+    An ellipsoid contains 95 % of its Gaussian.
+    """
+    solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
+    squared = np.sum(errors * solved, axis=1)
+    out: NDArray[np.bool_] = squared <= chi2.ppf(0.95, errors.shape[1])
+    return out

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
 from fmp_drake.experiments.baselines.promp import ProMP
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.experiments.finding import Closeness, Finding, millimetres
 from fmp_drake.experiments.methods import (
     FMP_STRIDE,
     N_STEPS,
@@ -17,10 +16,16 @@ from fmp_drake.experiments.methods import (
     fmp,
     play,
 )
-from fmp_drake.experiments.metrics import divergences, draw_grids, grid_extent
-from fmp_drake.experiments.paths import draw_paths
-from fmp_drake.experiments.profile import Profile
-from fmp_drake.plots import (
+from fmp_drake.experiments.metrics import (
+    Closeness,
+    divergences,
+    draw_grids,
+    draw_paths,
+    grid_extent,
+    millimetres,
+)
+from fmp_drake.experiments.report import Finding, Profile
+from fmp_drake.plots.demonstrations import (
     draw_demonstrations_over_time,
     draw_windows_in_plane,
 )
@@ -56,8 +61,8 @@ def _demonstrations(
     figure = Figure(figsize=(10, 4.5), layout="constrained")
     left, right = np.asarray(figure.subfigures(1, 2), dtype=object)
     first = Demonstration(time=recorded.time[:400], values=recorded.values[:400])
-    draw_demonstrations_over_time(first, axes=left.subplots(3, 1, sharex=True))
-    draw_windows_in_plane(skill, [recorded], ax=right.subplots(), colorbar=False)
+    draw_demonstrations_over_time(first, left.subplots(3, 1, sharex=True))
+    draw_windows_in_plane(skill, [recorded], right.subplots())
     return Finding(
         name="fig3",
         title="Fig. 3: demonstrations of polishing",

@@ -1,4 +1,4 @@
-"""Reports: one HTML file with every figure inside, or Markdown with figures beside it."""
+"""Results of experiments, and reports: one HTML file, or Markdown with figures beside it."""
 
 import base64
 import html
@@ -6,13 +6,13 @@ import io
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.finding import Finding
 from fmp_drake.primitives.data.files import replaced, write_text
 
 _STYLE = """
@@ -30,10 +30,105 @@ code { font-size: .8em; background: #f2f2f0; padding: .1rem .3rem; border-radius
 .yes { background: #d8f0dc; } .no { background: #f8dcd8; }
 """
 
-# Characters; longer cells are read as words.
+# Characters; longer cells wrap as text.
 _MOST_OF_A_NUMBER = 30
 
-Section = tuple[str, Sequence[Finding]]
+type Section = tuple[str, Sequence[Finding]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """Sizes of the experiments: samples, repetitions and simulated time.
+
+    Attributes
+    ----------
+    samples : int
+        Trajectories drawn for a heatmap (the paper: 10,000).
+    seeds : int
+        Repetitions with other seeds of the held-out evaluation.
+    folds : int
+        Parts of a demonstration that are held out in turn.
+    tasks : tuple of str
+        Demonstrations of the held-out evaluation.
+    predictions : int
+        Instants at which the next second is predicted.
+    instants : int
+        Instants of each split of the benchmark.
+    robot_seconds : float
+        Simulated time of wiping by the Panda, s.
+
+    Examples
+    --------
+    >>> from fmp_drake.experiments import QUICK
+    >>> from dataclasses import replace
+    >>> replace(QUICK, samples=100).samples
+    100
+    """
+
+    samples: int
+    seeds: int
+    folds: int
+    tasks: tuple[str, ...]
+    predictions: int
+    instants: int
+    robot_seconds: float
+
+
+FULL = Profile(
+    samples=10_000,
+    seeds=2,
+    folds=3,
+    tasks=("polishing", "eight", "wiping"),
+    predictions=100,
+    instants=60,
+    robot_seconds=20.0,
+)
+QUICK = Profile(
+    samples=1_000,
+    seeds=1,
+    folds=1,
+    tasks=("eight",),
+    predictions=20,
+    instants=15,
+    robot_seconds=3.0,
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Finding:
+    """Figure or table with its description, and whether the claim about it holds.
+
+    Attributes
+    ----------
+    name : str
+        File name of the picture, such as "fig4".
+    title : str
+    shows : str
+        One sentence, with the numbers.
+    claim : str
+        Claim of the paper or of this package; "" where there is none.
+    agrees : bool or None
+        Whether it holds in this run; None where there is no claim.
+    figure : Figure or None
+    table : list of rows of str, or None
+        The first row is the header.
+
+    Examples
+    --------
+    >>> finding = Finding(
+    ...     name="table_1", title="Table I", shows="Divergences.", agrees=True
+    ... )
+    >>> finding.agrees
+    True
+    """
+
+    name: str
+    title: str
+    shows: str
+    claim: str = ""
+    agrees: bool | None = None
+    figure: Figure | None = None
+    table: list[list[str]] | None = None
 
 
 def write_report(
@@ -46,9 +141,9 @@ def write_report(
 ) -> None:
     """Write `report.html`, a PNG for each figure, and `results.json`.
 
-    In texts and cells, what stands between backticks is shown as code.
+    Text between backticks is shown as code; no text is read as HTML.
     """
-    parts = [f"<h1>{html.escape(title)}</h1><p>{introduction}</p>"]
+    parts = [f"<h1>{html.escape(title)}</h1><p>{_inline(introduction)}</p>"]
     parts.append(_verdicts(sections))
     for heading, findings in sections:
         parts.append(f"<h2>{html.escape(heading)}</h2>")
@@ -83,8 +178,8 @@ def write_page(
                 lines.append("\n".join(f"| {' | '.join(row)} |" for row in rows))
             lines.append(finding.shows)
             if finding.claim:
-                holds = "holds" if finding.agrees else "does not hold"
-                lines.append(f"Claim: {finding.claim} **It {holds}.**")
+                verdict = "holds" if finding.agrees else "does not hold"
+                lines.append(f"Claim: {finding.claim} **It {verdict}.**")
     write_text(path, "\n\n".join(lines) + "\n", ExperimentError)
 
 
@@ -101,7 +196,7 @@ def _verdict(finding: Finding) -> str:
 
 
 def _table(rows: Iterable[Iterable[str]], tag: str = "td") -> str:
-    """Return a table of cells that are HTML already; the tag is that of row 1."""
+    """Return an HTML table; cells contain HTML, and the tag is that of row 1."""
     lines = []
     for row in rows:
         line = ""
@@ -128,7 +223,7 @@ def _finding(folder: Path, finding: Finding) -> str:
 
 
 def _inline(text: str) -> str:
-    """Return a text as HTML, with code where backticks are."""
+    """Return a text as HTML, with text between backticks as code."""
     return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(text))
 
 

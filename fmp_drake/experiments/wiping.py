@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.experiments.finding import Finding, millimetres
-from fmp_drake.experiments.paths import draw_paths
-from fmp_drake.experiments.profile import Profile
+from fmp_drake.experiments.metrics import draw_paths, millimetres
+from fmp_drake.experiments.report import Finding, Profile
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.station.scenario import Scenario
@@ -15,7 +14,7 @@ _START = (0.05, 0.20, 0.05)
 
 
 def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
-    """Play wiping for 400 samples, mean and sample, and with the robot."""
+    """Play wiping for 400 samples, tracking mean and samples, also with the robot."""
     skill = FourierMovementPrimitive().fit(demonstration)
     played, visited = {}, {}
     for sample, title in ((False, "tracking the mean"), (True, "tracking a sample")):
@@ -62,7 +61,7 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
 
 
 def _visited(path: NDArray[np.float64]) -> int:
-    """Count the cells of 5 mm in the plane that a path (ticks, D) passes."""
+    """Return the number of 5 mm cells in the plane that a path (ticks, D) visits."""
     ticks = np.arange(len(path))
     fine = np.linspace(0, len(path) - 1, 20 * len(path))
     points = np.stack([np.interp(fine, ticks, path[:, i]) for i in (0, 1)], axis=1)

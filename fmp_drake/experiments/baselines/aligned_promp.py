@@ -5,11 +5,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import softmax
 from sklearn.base import clone
 
-from fmp_drake.experiments.baselines.alignment import align_periods
+from fmp_drake.experiments.baselines.alignment import align_periods, movement_period
 from fmp_drake.experiments.baselines.promp import ProMP
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.primitives.data.joining import joined_recordings
-from fmp_drake.primitives.model.phase.period import fundamental_period
+from fmp_drake.primitives.data.windows import joined_recordings
 
 # Narrow bases: near the best on held-out data of all bundled demonstrations. Of the
 # paper's cosines (width 100, ridge 3e-7) only polishing has few enough harmonics.
@@ -17,7 +16,7 @@ _ONE_PERIOD = ProMP(frequencies=(1.0,), width=0.3, ridge=1e-4)
 
 
 class AlignedProMP(TrajectoryModel):
-    """ProMP-VM as it is meant to be used: one period, f = 1, aligned.
+    """ProMP-VM in its intended use: one aligned period, f = 1.
 
     The windows are joined to recordings, their fundamental period is estimated, and they
     are cut into aligned periods of equal length. T is a period, so samples and
@@ -30,8 +29,8 @@ class AlignedProMP(TrajectoryModel):
     Parameters
     ----------
     model : ProMP, optional
-        What is learned from the aligned periods, of frequency 1; with narrow bases (width
-        0.3, ridge 1e-4) where None. It stays as it is.
+        Model of the aligned periods, of frequency 1; with narrow bases (width 0.3, ridge
+        1e-4) where None. It is not changed.
 
     Attributes
     ----------
@@ -56,7 +55,7 @@ class AlignedProMP(TrajectoryModel):
 
     def _learn(self, windows: NDArray[np.float64]) -> None:
         recordings = joined_recordings(windows)
-        period = fundamental_period(recordings)
+        period = movement_period(recordings)
         self.n_steps_ = round(period)
         self.aligned_ = align_periods(recordings, period=period, n_steps=self.n_steps_)
         self.period_ = float(self.aligned_.durations.mean())

@@ -1,4 +1,4 @@
-"""Cutting recordings into aligned periods: what ProMP needs and FMP does not."""
+"""Alignment: recordings cut into periods of equal phase, as ProMP needs them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,12 +7,46 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from fmp_drake.errors import ExperimentError
-from fmp_drake.primitives.model.phase.period import parabola_top
+from fmp_drake.errors import DemonstrationError, ExperimentError
+from fmp_drake.primitives.model.phase.period import (
+    autocorrelation,
+    fundamental_period,
+    parabola_top,
+)
 
 # A period may be this much shorter or longer than the mean one.
 _TEMPO = 0.3
 _CANDIDATES = 41
+# Where the usual search refuses: greatest lag relative to the longest recording, least
+# correlation, and the fraction of the highest peak that an earlier one must reach.
+_LONGEST_LAG, _CORRELATED, _ALMOST = 0.78, 0.4, 0.8
+
+
+def movement_period(recordings: Sequence[NDArray[np.float64]]) -> float:
+    """Return the period of recordings (n, D), samples, also of only 1.4 cycles.
+
+    Where `fundamental_period` refuses, it is the first high peak of the autocorrelation
+    after its first zero crossing.
+
+    Raises
+    ------
+    DemonstrationError
+        Where nothing repeats.
+    """
+    try:
+        return fundamental_period(recordings)
+    except DemonstrationError:
+        r = autocorrelation(
+            recordings, longest=int(_LONGEST_LAG * max(map(len, recordings)))
+        )
+        lags = np.arange(1, len(r) - 1)
+        peaks = lags[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:])]
+        below = np.flatnonzero(r <= 0)
+        peaks = peaks[peaks > below[0]] if len(below) else peaks[:0]
+        if not len(peaks) or r[peaks].max() < _CORRELATED:
+            raise
+        first = peaks[np.argmax(r[peaks] >= _ALMOST * r[peaks].max())]
+        return float(parabola_top(r, int(first)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +96,7 @@ def align_periods(
     n_steps : int
         T, samples of an aligned period.
     rounds : int
-        How often the template is made anew.
+        Number of updates of the template.
     """
     long_enough = [y for y in recordings if len(y) >= 1.5 * period]
     if not long_enough:
@@ -99,16 +133,16 @@ def align_periods(
 def _starts(
     spline: CubicSpline, end: int, template: NDArray[np.float64], period: float
 ) -> NDArray[np.float64]:
-    """Return where periods start in a recording, samples, rising."""
+    """Return the starts of the periods in a recording, samples, ascending."""
     first = np.linspace(0, period, 2 * _CANDIDATES, endpoint=False)
     starts = [_best(spline, end, template, period, first)]
     while True:
-        around = starts[-1] + period * np.linspace(1 - _TEMPO, 1 + _TEMPO, _CANDIDATES)
-        around = around[around <= end]
-        # One that could still lie beyond the end is not looked for.
-        if len(around) < _CANDIDATES // 2:
+        times = starts[-1] + period * np.linspace(1 - _TEMPO, 1 + _TEMPO, _CANDIDATES)
+        times = times[times <= end]
+        # A start that could lie beyond the end is not searched for.
+        if len(times) < _CANDIDATES // 2:
             return np.array(starts)
-        starts.append(_best(spline, end, template, period, around))
+        starts.append(_best(spline, end, template, period, times))
 
 
 def _best(
@@ -120,10 +154,10 @@ def _best(
 ) -> float:
     """Return the candidate around which the template fits best, between samples."""
     n = len(template)
-    around = np.arange(n) - n // 2
-    at = candidates[:, None] + around * period / n
+    offsets = np.arange(n) - n // 2
+    at = candidates[:, None] + offsets * period / n
     inside = (at >= 0) & (at <= end)
-    error = spline(np.clip(at, 0, end)) - template[around % n]
+    error = spline(np.clip(at, 0, end)) - template[offsets % n]
     squares = np.sum(error**2, axis=2) * inside
     cost = squares.sum(axis=1) / inside.sum(axis=1)
     best = parabola_top(-cost, int(np.argmin(cost)))

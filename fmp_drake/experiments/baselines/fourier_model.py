@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
-from fmp_drake.primitives.model.prediction import Prediction, PredictionPlan
+from fmp_drake.primitives.model.prediction import Prediction
+from fmp_drake.primitives.model.trajectory_mixture import PredictionPlan
 
 
 class FourierModel(TrajectoryModel):

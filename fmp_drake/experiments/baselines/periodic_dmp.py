@@ -6,11 +6,10 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import StateSpace, lsim, savgol_filter
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.baselines.alignment import align_periods
+from fmp_drake.experiments.baselines.alignment import align_periods, movement_period
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.numeric import finite_array
-from fmp_drake.primitives.data.joining import joined_recordings
-from fmp_drake.primitives.model.phase.period import fundamental_period
+from fmp_drake.primitives.data.windows import joined_recordings
 
 _SUBSTEPS = 12  # Points of the integration for each sample.
 _POINTS = 400  # Of a period.
@@ -83,11 +82,8 @@ class PeriodicDMP(TrajectoryModel):
     def _learn(self, windows: NDArray[np.float64]) -> None:
         self._check_parameters(n_bases=3, alpha=0, beta=0, ridge=0)
         recordings = joined_recordings(windows)
-        aligned = align_periods(
-            recordings, period=fundamental_period(recordings), n_steps=_POINTS
-        )
-        self.frequency_ = 2 * np.pi / float(aligned.durations.mean())
-        mean = aligned.values.mean(axis=0)
+        period, mean = _mean_period(recordings)
+        self.frequency_ = 2 * np.pi / period
         self.goal_ = mean.mean(axis=0)
         phases = 2 * np.pi * np.arange(_POINTS + 1) / _POINTS
         y, dy, ddy = (
@@ -112,6 +108,7 @@ class PeriodicDMP(TrajectoryModel):
         *,
         phase: float = 0.0,
         velocity: ArrayLike | None = None,
+        frequency: float | None = None,
     ) -> NDArray[np.float64]:
         """Integrate from a start (D,) at a phase: shape (n_steps, D).
 
@@ -124,14 +121,17 @@ class PeriodicDMP(TrajectoryModel):
             rad.
         velocity : array_like, shape (D,), optional
             Per sample; zero where None.
+        frequency : float, optional
+            rad per sample; that of the recordings where None.
         """
         self.check_fitted()
         shape = (self.n_channels_,)
         y = finite_array(start, "the start", shape, error=ExperimentError)
         z = np.zeros(shape) if velocity is None else np.asarray(velocity)
-        step = self.frequency_ / _SUBSTEPS
+        frequency = frequency or self.frequency_
+        step = frequency / _SUBSTEPS
         phases = phase + step * np.arange((n_steps - 1.0) * _SUBSTEPS + 1)
-        return self._integrate(y, z / self.frequency_, phases)[::_SUBSTEPS]
+        return self._integrate(y, z / frequency, phases)[::_SUBSTEPS]
 
     def cycle(self, phases: ArrayLike) -> NDArray[np.float64]:
         """Return the limit cycle at phases (...,) in rad, shape (..., D)."""
@@ -146,15 +146,35 @@ class PeriodicDMP(TrajectoryModel):
     def _continue(
         self, prefix: NDArray[np.float64], horizon: int
     ) -> NDArray[np.float64]:
-        """Go on from the last sample, its velocity and the phase of all of them."""
-        steps = self.frequency_ * np.arange(len(prefix))
+        return self.continued(prefix, horizon, frequency=self.frequency_)
+
+    def continued(
+        self, prefix: NDArray[np.float64], horizon: int, *, frequency: float
+    ) -> NDArray[np.float64]:
+        """Continue samples (K, D) from the last one, its velocity and their phase.
+
+        Parameters
+        ----------
+        prefix : ndarray, shape (K, D)
+        horizon : int
+            Samples to return.
+        frequency : float
+            rad per sample.
+        """
+        steps = frequency * np.arange(len(prefix))
         grid = 2 * np.pi * np.arange(_POINTS) / _POINTS
         error = self.cycle(grid[:, None] + steps) - prefix
         phase = grid[np.argmin(np.sum(error**2, axis=(1, 2)))] + steps[-1]
-        velocity = self.frequency_ * self._cycle(phase, 1)
+        velocity = frequency * self._cycle(phase, 1)
         if len(prefix) > 1:
             velocity = prefix[-1] - prefix[-2]
-        path = self.rollout(prefix[-1], horizon + 1, phase=phase, velocity=velocity)
+        path = self.rollout(
+            prefix[-1],
+            horizon + 1,
+            phase=phase,
+            velocity=velocity,
+            frequency=frequency,
+        )
         return path[1:]
 
     def _kernels(self, phases: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -180,3 +200,23 @@ class PeriodicDMP(TrajectoryModel):
             for force, e, speed in zip(forces.T, error, z, strict=True)
         ]
         return self.goal_ + np.stack(out, axis=1)
+
+
+def _mean_period(
+    recordings: list[NDArray[np.float64]],
+) -> tuple[float, NDArray[np.float64]]:
+    """Return the mean duration, samples, and the mean period, (_POINTS, D).
+
+    Of less than two aligned periods it is the last one, closed by a linear correction.
+    """
+    period = movement_period(recordings)
+    try:
+        aligned = align_periods(recordings, period=period, n_steps=_POINTS)
+    except ExperimentError:
+        longest = max(recordings, key=len)
+        first = len(longest) - 1 - period
+        ticks = first + period * np.arange(_POINTS + 1) / _POINTS
+        cycle = CubicSpline(np.arange(len(longest)), longest)(ticks)
+        ramp = np.linspace(0, 1, _POINTS + 1)[:, None]
+        return period, (cycle - ramp * (cycle[-1] - cycle[0]))[:-1]
+    return float(aligned.durations.mean()), aligned.values.mean(axis=0)

@@ -5,9 +5,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from fmp_drake.experiments.baselines.alignment import movement_period
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.primitives.data.joining import joined_recordings
-from fmp_drake.primitives.model.phase.period import fundamental_period
+from fmp_drake.primitives.data.windows import joined_recordings
 from fmp_drake.primitives.model.prediction import Prediction
 
 # Ranges of s, l, r in periods, s_2, r_2 in periods, the noise and p in estimated periods;
@@ -28,7 +28,7 @@ _STARTS = (
 
 
 class PeriodicGP(TrajectoryModel):
-    """A stationary Gaussian process: periodic, slowly decaying, and what is not periodic.
+    """A stationary Gaussian process with a slowly decaying periodic part.
 
     For each channel, in its own standard deviations (section 5.4.3 of Rasmussen and
     Williams, 2006)::
@@ -66,9 +66,9 @@ class PeriodicGP(TrajectoryModel):
 
     def _learn(self, windows: NDArray[np.float64]) -> None:
         recordings = joined_recordings(windows)
-        self.period_ = fundamental_period(recordings)
-        every = np.concatenate(recordings)
-        self.mean_, spread = every.mean(axis=0), every.std(axis=0)
+        self.period_ = movement_period(recordings)
+        samples = np.concatenate(recordings)
+        self.mean_, spread = samples.mean(axis=0), samples.std(axis=0)
         self.scale_ = np.where(spread > 1e-12, spread, 1.0)
         size = windows.shape[1]
         apart = np.concatenate(

@@ -1,24 +1,145 @@
 """Probabilistic movement primitives with von Mises bases, as the paper runs them."""
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
 
 from fmp_drake.errors import ExperimentError, SkillError
-from fmp_drake.experiments.baselines.mixture_posterior import (
-    MixturePosterior,
-    condition_mixture,
-)
+from fmp_drake.experiments.baselines.alignment import movement_period
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.experiments.baselines.von_mises_basis import VonMisesBasis
 from fmp_drake.numeric import check_number, finite_array
-from fmp_drake.primitives.data.joining import joined_recordings
-from fmp_drake.primitives.model.conditioning import Conditioning
-from fmp_drake.primitives.model.em import fit_gaussians
-from fmp_drake.primitives.model.phase.period import fundamental_period
-from fmp_drake.primitives.model.prediction import Prediction
+from fmp_drake.primitives.data.windows import joined_recordings
+from fmp_drake.primitives.model.mixture import fit_gaussians
+from fmp_drake.primitives.model.prediction import Conditioning, Prediction
 
 # Least variance of the observation noise: 0.1 mm where the values are metres.
 _LEAST_NOISE = 1e-8
+
+
+@dataclass(frozen=True, kw_only=True)
+class VonMisesBasis:
+    """Normalised von Mises bases of one or several frequencies.
+
+    (21) is read so: z_t = t / T is the time in windows, f is in cycles per window, and
+    the n centres of a frequency are c_i = i / (n f), i = 0 to n - 1. So the angles
+    2 pi f c_i are uniform over [0, 2 pi), the end left out, where it would repeat the
+    first ("uniformly placed between 0 and 2 pi"; in the time of z_t itself they would
+    lie anywhere). The sum in the denominator is over the bases of the same frequency;
+    with several frequencies (ProMP-VM-Mult) the bases of each sum to one.
+
+    For a large width h a basis is a cosine: b_i ~ 1 + cos(.) / h, and
+    Phi_i ~ (1 + cos(.) / h) / n. What remains of harmonic k falls like h^-k.
+
+    Attributes
+    ----------
+    frequencies : tuple of float
+        f, cycles per window.
+    n_bases : int
+        n, of each frequency.
+    width : float
+        h of (21).
+
+    Examples
+    --------
+    >>> basis = VonMisesBasis(frequencies=(1.0, 2.0), n_bases=5)
+    >>> basis.rows([0.0, 0.25, 0.5]).shape
+    (3, 10)
+
+    References
+    ----------
+    A. Paraschos et al., "Probabilistic movement primitives", NIPS 2013; "Using
+    probabilistic movement primitives in robotics", Autonomous Robots 42(3), 2018.
+    """
+
+    frequencies: tuple[float, ...]
+    n_bases: int = 20
+    width: float = 100.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        for frequency in self.frequencies:
+            check_number(frequency, "a frequency", above=0.0, error=ExperimentError)
+        if not self.frequencies:
+            raise ExperimentError("there are no frequencies; give at least one.")
+        check_number(
+            self.n_bases, "n_bases", least=3, whole=True, error=ExperimentError
+        )
+        check_number(self.width, "width", above=0.0, error=ExperimentError)
+
+    def rows(self, z: ArrayLike) -> NDArray[np.float64]:
+        """Return all B bases (21) at times z (K,), in windows, shape (K, B)."""
+        f = np.asarray(self.frequencies, dtype=float)
+        centres = np.arange(self.n_bases) / self.n_bases  # f c_i, in periods
+        periods = np.multiply.outer(np.asarray(z, dtype=float), f)[..., None]
+        # Divided by exp(1 / h), which the normalisation cancels.
+        b = np.exp((np.cos(2 * np.pi * (periods - centres)) - 1) / self.width)
+        b /= b.sum(axis=-1, keepdims=True)
+        return b.reshape(len(b), -1)
+
+
+class MixturePosterior(NamedTuple):
+    """The posterior of a mixture of M Gaussians in n dimensions.
+
+    Leading axes (...) are those of the observations.
+
+    Attributes
+    ----------
+    log_evidence : ndarray, shape (...)
+        Log density of the observation under the mixture.
+    probabilities : ndarray, shape (M, ...)
+        Of the components, given the observation.
+    means : ndarray, shape (M, ..., n)
+        Of the components, given the observation.
+    """
+
+    log_evidence: NDArray[np.float64]
+    probabilities: NDArray[np.float64]
+    means: NDArray[np.float64]
+
+
+def condition_mixture(
+    proportions: NDArray[np.float64],
+    means: NDArray[np.float64],
+    covariances: NDArray[np.float64],
+    *,
+    rows: NDArray[np.float64],
+    values: NDArray[np.float64],
+    noise: ArrayLike,
+) -> MixturePosterior:
+    """Condition a mixture (M,), (M, n), (M, n, n) on rows @ w = values + noise.
+
+    Every component is conditioned as Paraschos et al. (2018) do with their one
+    Gaussian; the probabilities of the components follow from Bayes' rule.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (m, n)
+    values : ndarray, shape (..., m)
+        One observation, or several that are each conditioned on alone.
+    noise : array_like, shape () or (m,)
+        Variance of each observation's noise, positive.
+    """
+    m = len(rows)
+    posteriors, log_joint = [], []
+    for proportion, mean, covariance in zip(
+        proportions, means, covariances, strict=True
+    ):
+        cross = rows @ covariance
+        observed = cross @ rows.T
+        observed[np.diag_indices(m)] += noise
+        factor = cho_factor(observed, lower=True)
+        error = values - rows @ mean
+        solved = cho_solve(factor, error.T).T
+        posteriors.append(mean + solved @ cross)
+        log_root = np.sum(np.log(np.diag(factor[0])))
+        squares = np.sum(error * solved, axis=-1) + m * np.log(2 * np.pi)
+        log_joint.append(np.log(proportion) - 0.5 * squares - log_root)
+    total = logsumexp(log_joint, axis=0)
+    return MixturePosterior(total, np.exp(log_joint - total), np.stack(posteriors))
 
 
 class ProMP(TrajectoryModel):
@@ -118,7 +239,7 @@ class ProMP(TrajectoryModel):
         self._check_parameters(ridge=0, n_components=1, reg_covar=0, tolerance=0)
         n = len(windows)
         if isinstance(self.frequencies, int):
-            period = fundamental_period(joined_recordings(windows))
+            period = movement_period(joined_recordings(windows))
             own = self.n_steps_ / period
             self.frequencies_ = tuple(own * k for k in range(1, self.frequencies + 1))
         else:
@@ -228,10 +349,10 @@ class ProMP(TrajectoryModel):
             noise = np.diag(np.tile(self.noise_, k + horizon))
             conditioning = Conditioning(
                 self.proportions_,
-                (self.means_ @ rows.T).reshape(len(self.means_), -1, d),
+                self.means_ @ rows.T,
                 rows @ self.covariances_ @ rows.T + noise,
-                seen=k,
                 noise=np.zeros(k * d),
+                channels=d,
             )
             self._conditioning = (k, horizon), conditioning
         values, covariances = self._conditioning[1].predict(y)

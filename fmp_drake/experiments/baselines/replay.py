@@ -1,23 +1,23 @@
-"""Replaying what was demonstrated: the simplest rival."""
+"""Replay of the demonstrations: the simplest baseline."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.primitives.data.joining import joined_recordings
+from fmp_drake.primitives.data.windows import joined_recordings
 
 
 class Replay(TrajectoryModel):
-    """No model at all: samples are demonstrated windows, predictions are memories.
+    """Nearest neighbours in the demonstrations, without a model.
 
-    The places of the demonstrations that were most like what has been seen are looked
-    up; the median of what followed there is the prediction, moved so that it begins at
-    the present value. The move decays.
+    Samples are demonstrated windows. The prediction is the median continuation of the
+    parts most similar to the observed samples, offset so that it begins at the present
+    value. The offset decays.
 
     Parameters
     ----------
     neighbours : int
-        Places that are looked up.
+        Number of similar parts.
     anchor_time : float
         Time constant of the decay, in samples.
 
@@ -45,8 +45,8 @@ class Replay(TrajectoryModel):
         self._windows = windows
 
     def _draw(self, n: int, seed: int) -> NDArray[np.float64]:
-        chosen = np.random.default_rng(seed).integers(len(self._windows), size=n)
-        return self._windows[chosen]
+        index = np.random.default_rng(seed).integers(len(self._windows), size=n)
+        return self._windows[index]
 
     def _continue(
         self, prefix: NDArray[np.float64], horizon: int
@@ -57,9 +57,33 @@ class Replay(TrajectoryModel):
         places = np.concatenate(
             [np.swapaxes(view(y, size, axis=0), 1, 2) for y in parts]
         )
-        apart = np.sum((places[:, : len(prefix)] - prefix) ** 2, axis=(1, 2))
-        best = np.argsort(apart, kind="stable")[: self.neighbours]
-        offsets = prefix[-1] - places[best, len(prefix) - 1]
-        left = np.exp(-np.arange(1, horizon + 1) / self.anchor_time)
-        futures = places[best, len(prefix) :] + left[:, None] * offsets[:, None]
-        return np.median(futures, axis=0)
+        return continuation(
+            places, prefix, neighbours=self.neighbours, anchor_time=self.anchor_time
+        )
+
+
+def continuation(
+    windows: NDArray[np.float64],
+    past: NDArray[np.float64],
+    *,
+    neighbours: int = 5,
+    anchor_time: float,
+) -> NDArray[np.float64]:
+    """Return the median end (H, D) of the windows that begin most like a past.
+
+    Parameters
+    ----------
+    windows : ndarray, shape (N, K + H, D)
+    past : ndarray, shape (K, D)
+    neighbours, anchor_time
+        As of `Replay`.
+    """
+    known = len(past)
+    distances = np.sum((windows[:, :known] - past) ** 2, axis=(1, 2))
+    best = windows[np.argsort(distances, kind="stable")[:neighbours]]
+    offsets = past[-1] - best[:, known - 1]
+    left = np.exp(-np.arange(1, windows.shape[1] - known + 1) / anchor_time)
+    out: NDArray[np.float64] = np.median(
+        best[:, known:] + left[:, None] * offsets[:, None], axis=0
+    )
+    return out

@@ -1,4 +1,4 @@
-"""The interface of all movement primitives that the experiments compare."""
+"""Interface of all movement primitives that the experiments compare."""
 
 from abc import ABC, abstractmethod
 from typing import Self
@@ -16,15 +16,14 @@ from fmp_drake.primitives.model.prediction import Prediction
 class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
     """A movement primitive that learns from windows of T samples of D channels.
 
-    The base class of all methods of the comparison. It checks what it is given, so that
-    a method only fills in `_learn`, `_draw`, `_continue` and, where it has a density,
-    `log_density`. Time is counted in samples, values are in the units of the windows.
+    The base class of all methods of the comparison. It checks all arguments; a method
+    implements `_learn`, `_draw`, `_continue` and, where it has a density, `log_density`. Time is counted in samples, values are in the units of the windows.
 
     Attributes
     ----------
     n_steps_ : int
-        T of the trajectories that the fitted model gives: that of the windows, or the
-        samples of one period where the model knows only a period.
+        T of the trajectories of the fitted model: the length of the windows, or of one
+        period where the model only represents a period.
     n_channels_ : int
         D.
 
@@ -104,7 +103,7 @@ class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
         check_is_fitted(self)
 
     def _check_parameters(self, **least: float) -> None:
-        """Check that parameters are at least so great, or positive where that is 0."""
+        """Check the least values of parameters; 0 stands for positive."""
         for name, bound in least.items():
             check_number(
                 getattr(self, name),
@@ -115,7 +114,7 @@ class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
             )
 
     def _checked_windows(self, windows: ArrayLike) -> NDArray[np.float64]:
-        """Return windows to be scored, (N, T, D)."""
+        """Return checked windows (N, T, D)."""
         self.check_fitted()
         shape = ("N", self.n_steps_, self.n_channels_)
         return finite_array(windows, "the windows", shape, error=ExperimentError)

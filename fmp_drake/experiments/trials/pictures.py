@@ -1,4 +1,4 @@
-"""Pictures of how many worlds went well, and where the others are."""
+"""Pictures of success rates and of tracking and force errors."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil, sqrt
@@ -15,93 +15,112 @@ from fmp_drake.plots.style import DEMONSTRATED, PLAYED, SAMPLED, legend_above
 # Standard deviations of a 95 % interval, and bins of a parameter.
 _Z, _BINS = 1.96, 6
 _COLUMNS = 4
+# Fewer trials than this are one bin, which shows no influence of a parameter.
+_LEAST_TRIALS = 16
 # A parameter that spans more is drawn on a logarithmic axis.
 _DECADE = 10.0
 _TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 
-def interval(good: int, of: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of a fraction, from how often it was so.
+def interval(passed: int, total: int) -> tuple[float, float]:
+    """Return Wilson's 95 % interval of a fraction, from counts.
 
     Source: E. B. Wilson, J. Am. Stat. Assoc. 22 (1927).
     """
-    if of == 0:
+    if total == 0:
         return 0.0, 1.0
-    p, z2 = good / of, _Z**2
-    middle = (p + z2 / (2 * of)) / (1 + z2 / of)
-    half = _Z / (1 + z2 / of) * sqrt(p * (1 - p) / of + z2 / (4 * of**2))
+    p, z2 = passed / total, _Z**2
+    middle = (p + z2 / (2 * total)) / (1 + z2 / total)
+    half = _Z / (1 + z2 / total) * sqrt(p * (1 - p) / total + z2 / (4 * total**2))
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def draw_success(
-    parameters: Mapping[str, Sequence[Any]], good: Sequence[bool]
+    parameters: Mapping[str, Sequence[Any]], passed: Sequence[bool]
 ) -> Figure:
-    """Draw the fraction of good worlds against each parameter, with 95 % intervals.
+    """Draw the success rate against each parameter, with 95 % intervals.
 
-    Numbers are in bins of as many worlds each, with a tick for every world that went
-    wrong.
+    Numbers are in bins of equal counts, with a tick for every failed trial. A parameter
+    with the same value in all trials is left out; for fewer than 16 trials a sentence says
+    that they are too few.
 
     Parameters
     ----------
     parameters : mapping of str to sequence
-        The values of each parameter in all worlds.
-    good : sequence of bool
-        Of each world.
+        Values of each parameter in all trials.
+    passed : sequence of bool
+        For each trial.
     """
+    parameters = {
+        name: values
+        for name, values in parameters.items()
+        if len({str(value) for value in values}) > 1
+    }
+    if len(passed) < _LEAST_TRIALS or not parameters:
+        figure = Figure(figsize=(12, 0.6))
+        words = (
+            f"{len(passed)} trials are too few to show the influence of a parameter; "
+        )
+        figure.text(0.01, 0.4, f"{words}run at least {_LEAST_TRIALS}.")
+        return figure
     rows = ceil(len(parameters) / _COLUMNS)
     figure = Figure(figsize=(12, 0.4 + 2.0 * rows), layout="constrained")
     axes = figure.subplots(rows, _COLUMNS, sharey=True, squeeze=False)
     for ax in axes.flat[len(parameters) :]:
         ax.set_visible(False)
     for ax, (name, values) in zip(axes.flat, parameters.items(), strict=False):
-        if good:
-            ax.axhline(100 * float(np.mean(good)), color=DEMONSTRATED, linewidth=0.8)
+        ax.axhline(100 * float(np.mean(passed)), color=DEMONSTRATED, linewidth=0.8)
         if all(map(is_number, values)) and len(set(values)) > _BINS:
-            _draw_numbers(ax, np.array(values, dtype=float), np.array(good))
+            _draw_numbers(ax, np.array(values, dtype=float), np.array(passed))
         else:
-            _draw_choices(ax, values, good)
+            _draw_choices(ax, values, passed)
         ax.set_ylim(-5, 104)
         ax.set_title(name, loc="left", fontsize="small")
         ax.tick_params(labelsize="small")
         ax.spines[["top", "right"]].set_visible(False)
     for ax in axes[:, 0]:
-        ax.set_ylabel("good (%)", fontsize="small")
+        ax.set_ylabel("passed (%)", fontsize="small")
     return figure
 
 
-def _draw_numbers(ax: Axes, values: Any, good: Any) -> None:
+def _draw_numbers(ax: Axes, values: Any, passed: Any) -> None:
     for part in np.array_split(np.argsort(values), min(_BINS, 1 + len(values) // 8)):
-        _draw_fraction(ax, float(np.median(values[part])), good[part])
-    ax.plot(values[~good], np.full(np.sum(~good), -2.0), "|", color=PLAYED)
+        _draw_fraction(ax, float(np.median(values[part])), passed[part])
+    ax.plot(values[~passed], np.full(np.sum(~passed), -2.0), "|", color=PLAYED)
     ax.locator_params(axis="x", nbins=4)
     if np.min(values) > 0 and np.max(values) > _DECADE * np.min(values):
         ax.set_xscale("log")
         ax.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _draw_choices(ax: Axes, values: Sequence[Any], good: Sequence[bool]) -> None:
+def _draw_choices(ax: Axes, values: Sequence[Any], passed: Sequence[bool]) -> None:
     choices = sorted({str(value) for value in values})
     for i, choice in enumerate(choices):
-        pairs = zip(values, good, strict=True)
+        pairs = zip(values, passed, strict=True)
         _draw_fraction(ax, i, [g for value, g in pairs if str(value) == choice])
-    ax.set_xticks(range(len(choices)), choices)
+    labels = [f"{float(c):.3g}" if _is_decimal(c) else c for c in choices]
+    ax.set_xticks(range(len(choices)), labels)
     ax.set_xlim(-0.5, max(len(choices), 1) - 0.5)
 
 
-def _draw_fraction(ax: Axes, at: float, good: Sequence[bool]) -> None:
-    low, high = interval(int(np.sum(good)), len(good))
+def _is_decimal(text: str) -> bool:
+    return text.replace(".", "", 1).removeprefix("-").isdecimal()
+
+
+def _draw_fraction(ax: Axes, at: float, passed: Sequence[bool]) -> None:
+    low, high = interval(int(np.sum(passed)), len(passed))
     ax.plot([at, at], [100 * low, 100 * high], color=SAMPLED, linewidth=1.2, alpha=0.5)
-    ax.plot(at, 100 * float(np.mean(good)), "o", color=SAMPLED, markersize=4)
+    ax.plot(at, 100 * float(np.mean(passed)), "o", color=SAMPLED, markersize=4)
 
 
 def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
-    """Draw how far off their path worlds were, and how long they pressed as wanted.
+    """Draw distributions of the path error and of the time with the desired force.
 
     Parameters
     ----------
     groups : mapping of str to sequence of pairs
-        Path error, m rms, and fraction of the time in contact within 5 N of the wanted
-        force, of each world.
+        Path error, m rms, and fraction of the time in contact within 5 N of the desired
+        force, of each trial.
     """
     figure = Figure(figsize=(12, 3.6), layout="constrained")
     path, press = figure.subplots(1, 2, sharey=True)
@@ -119,8 +138,8 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
     path.xaxis.set_minor_formatter(NullFormatter())
     path.set_xlim(1, farthest)
     path.set_xlabel("off the path (mm rms)")
-    path.set_ylabel("worlds at least as good (%)")
-    press.set_xlabel("time in contact within 5 N of the wanted (%)")
+    path.set_ylabel("trials at least as good (%)")
+    press.set_xlabel("time in contact within 5 N of the desired (%)")
     for ax, limit in ((path, 10), (press, 95)):
         ax.axvline(limit, color="0.3", linestyle=":", label="limit")
         ax.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,130 @@
+"""Interface of the methods of the benchmark."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.errors import ExperimentError
+from fmp_drake.primitives.model.prediction import Prediction
+
+RATE = 20.0
+"""Samples per second of all recordings, Hz."""
+PAST = 10
+"""Samples that a method observes before it predicts."""
+HORIZON = 20
+"""Samples that it predicts: one second."""
+ENTRY_POINTS = "fmp_drake.methods"
+"""Group of entry points that name classes of further methods."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Forecast:
+    """Predicted samples.
+
+    Attributes
+    ----------
+    values : ndarray, shape (H, D)
+        Expected samples.
+    covariances : ndarray, shape (H, D, D), or None
+        None where a method has no uncertainty.
+
+    degrees : float, optional
+        Degrees of freedom where the distributions are t distributions of these
+        covariances; None for Gaussians.
+
+    Examples
+    --------
+    >>> forecast = Forecast(
+    ...     values=np.zeros((1, 2)), covariances=np.eye(2)[None]
+    ... )
+    >>> forecast.log_densities(np.zeros((1, 2))).round(3)
+    array([-1.838])
+    """
+
+    values: Array
+    covariances: Array | None = None
+    degrees: float | None = None
+
+    def log_densities(self, truth: Array) -> Array:
+        """Return the log density of the true samples (H, D), nats, shape (H,)."""
+        if self.covariances is None:
+            raise ExperimentError("this forecast has no covariances.")
+        return Prediction(
+            values=self.values, covariances=self.covariances, degrees=self.degrees
+        ).log_density(truth)
+
+
+class Method(ABC):
+    """A method that learns a rhythmic movement, predicts it and plays it.
+
+    Another one is a subclass of this in a package of its own, with an entry point of the
+    group `fmp_drake.methods`. A method is made without arguments for every fit.
+
+    Attributes
+    ----------
+    name : str
+        Its row in the tables.
+
+    Examples
+    --------
+    >>> class Still(Method):
+    ...     name = "still"
+    ...
+    ...     def fit(self, recordings):
+    ...         pass
+    ...
+    ...     def predict(self, past, horizon):
+    ...         return Forecast(values=np.repeat(past[-1:], horizon, axis=0))
+    >>> method = Still()
+    >>> method.fit([np.zeros((40, 3))])
+    >>> method.play(np.ones((10, 3)), 50, seed=0).shape
+    (50, 3)
+    """
+
+    name: str
+
+    @abstractmethod
+    def fit(self, recordings: Sequence[Array]) -> None:
+        """Learn from parts of one movement, each (n, D) at `RATE`, in m.
+
+        Raises
+        ------
+        FmpError
+            Where it cannot learn from them.
+        """
+
+    @abstractmethod
+    def predict(self, past: Array, horizon: int) -> Forecast:
+        """Predict the samples after `past`, shape (PAST, D)."""
+
+    def play(self, past: Array, count: int, *, seed: int) -> Array | None:  # noqa: ARG002
+        """Return a movement (count, D) that continues `past`, or None.
+
+        Unless a method overrides it, each second is the prediction from the last samples
+        of the one before.
+        """
+        path = past
+        while len(path) < len(past) + count:
+            ahead = self.predict(path[-len(past) :], HORIZON).values
+            path = np.concatenate([path, ahead])
+        return path[len(past) : len(past) + count]
+
+
+def further_methods() -> list[type[Method]]:
+    """Return the methods that installed packages offer as entry points."""
+    methods = []
+    for entry in entry_points(group=ENTRY_POINTS):
+        method = entry.load()
+        if not (isinstance(method, type) and issubclass(method, Method)):
+            raise ExperimentError(
+                f"the entry point {entry.name} of {ENTRY_POINTS} is {entry.value}; "
+                "expected a subclass of fmp_drake.experiments.benchmark.Method."
+            )
+        methods.append(method)
+    return methods

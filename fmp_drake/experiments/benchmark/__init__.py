@@ -1,0 +1,12 @@
+"""Benchmark of methods that learn, predict and play rhythmic movements.
+
+`run_benchmark` scores methods on a folder of recordings, and `write_benchmark` writes
+the report. Another method is a subclass of `Method`, named by an entry point of the
+group `fmp_drake.methods`.
+"""
+
+from fmp_drake.experiments.baselines.method import Forecast, Method
+from fmp_drake.experiments.benchmark.report import write_benchmark
+from fmp_drake.experiments.benchmark.run import all_methods, run_benchmark
+
+__all__ = ["Forecast", "Method", "all_methods", "run_benchmark", "write_benchmark"]

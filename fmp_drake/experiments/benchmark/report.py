@@ -1,0 +1,450 @@
+"""Report of the benchmark: tables and pictures of all methods."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import wilcoxon
+
+from fmp_drake.experiments.baselines.delay_gp import DelayGP
+from fmp_drake.experiments.benchmark.built_in import FMP, PeriodicGPMethod, ReplayMethod
+from fmp_drake.experiments.benchmark.run import MethodScores
+from fmp_drake.experiments.benchmark.scores import STEPS
+from fmp_drake.experiments.benchmark.splits import ALL, CYCLES
+from fmp_drake.experiments.report import Finding, write_report
+from fmp_drake.plots.style import PLAYED, SAMPLED, component_color
+
+_COLUMNS = (*(f"{cycles:g}" for cycles in CYCLES), ALL)
+_GUARANTEED = (85, 99)  # Per cent of the true samples in the tubes.
+
+# Cycles to movement to a value.
+_ByMovement = dict[str, dict[str, float]]
+_Scores = Mapping[str, MethodScores]
+
+
+def benchmark_findings(scores: _Scores) -> list[Finding]:
+    """Return the tables and pictures of all methods."""
+    return [
+        _errors(scores),
+        _densities(scores),
+        _coverage(scores),
+        _playback(scores),
+        *([_cleaning(scores)] if any(m.cleaning for m in scores.values()) else []),
+        _movements(scores),
+    ]
+
+
+def _values(scores: MethodScores, measure: str) -> _ByMovement:
+    """Return a measure by cycles and movement, the mean over the learned parts."""
+    gathered: dict[str, dict[str, list[float]]] = {}
+    for row in scores.predictions:
+        value = row.get(measure)
+        if value is not None:
+            by_movement = gathered.setdefault(row["cycles"], {})
+            by_movement.setdefault(row["movement"], []).append(value)
+    return {
+        cycles: {name: float(np.mean(v)) for name, v in by_movement.items()}
+        for cycles, by_movement in gathered.items()
+    }
+
+
+def _compared(
+    scores: _Scores,
+    measure: str,
+    reference: str,
+    compare: Callable[[float, float], float],
+) -> dict[str, dict[str, list[float]]]:
+    """Return method to cycles to comparisons with a reference, one for each movement."""
+    base = _values(scores[reference], measure) if reference in scores else {}
+    compared: dict[str, dict[str, list[float]]] = {}
+    for name, method in scores.items():
+        values = _values(method, measure)
+        compared[name] = {
+            cycles: [
+                compare(value, base[cycles][movement])
+                for movement, value in values.get(cycles, {}).items()
+                if movement in base.get(cycles, {})
+            ]
+            for cycles in _COLUMNS
+        }
+    return compared
+
+
+def _table(
+    scores: _Scores,
+    compared: Mapping[str, Mapping[str, Sequence[float]]],
+    show: Callable[[Sequence[float]], str],
+) -> list[list[str]]:
+    """Return a table of methods and cycles; the header counts the movements."""
+    counts = {
+        cycles: len(
+            {
+                row["movement"]
+                for method in scores.values()
+                for row in method.predictions
+                if row["cycles"] == cycles
+            }
+        )
+        for cycles in _COLUMNS
+    }
+    rows = [
+        [
+            "cycles learned from (movements)",
+            *(f"{c} ({n})" for c, n in counts.items()),
+        ]
+    ]
+    for name in scores:
+        cells = []
+        for cycles in _COLUMNS:
+            values = compared[name].get(cycles, [])
+            text = show(values) if values else "-"
+            if values and len(values) < counts[cycles]:
+                text += f" [{len(values)}]"
+            cells.append(text)
+        rows.append([name, *cells])
+    return rows
+
+
+def _errors(scores: _Scores) -> Finding:
+    compared = _compared(scores, "error_mm", ReplayMethod.name, lambda a, b: a / b)
+
+    def show(ratios: Sequence[float]) -> str:
+        logs = np.log(ratios)
+        return f"{np.exp(logs.mean()):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
+
+    mine = [r for values in compared.get(FMP.name, {}).values() for r in values]
+    text = ""
+    if mine:
+        text = (
+            f"{FMP.name}: {np.exp(np.mean(np.log(mine))):.2f} of replay's error in the "
+            f"geometric mean of all {len(mine)} cases, at most replay's in "
+            f"{sum(r <= 1 for r in mine)}. {_against_the_best(scores, 'error_mm', min)}"
+        )
+    return Finding(
+        name="benchmark_error",
+        title="Error of the next second, relative to replay",
+        shows=f"{text}Geometric mean over movements, and the range. In square brackets: "
+        "movements that the method can learn from, where it cannot learn from all. "
+        f"{_significance(scores)}",
+        figure=_lines(
+            compared,
+            "error / error of replay",
+            lambda values: float(np.exp(np.mean(np.log(values)))),
+            log=True,
+        ),
+        table=_table(scores, compared, show),
+    )
+
+
+def _against_the_best(
+    scores: _Scores,
+    measure: str,
+    best: Callable[[Iterable[float]], float],
+) -> str:
+    """Return a sentence that counts the cases no worse than the best simple method."""
+    mine = _values(scores[FMP.name], measure) if FMP.name in scores else {}
+    names = [DelayGP.name, PeriodicGPMethod.name]
+    if measure != "log_density":
+        names = [ReplayMethod.name, *names]
+    rivals = [_values(scores[name], measure) for name in names if name in scores]
+    wins = [
+        best((value, *theirs)) == value
+        for cycles, by_movement in mine.items()
+        for movement, value in by_movement.items()
+        if (
+            theirs := [
+                r[cycles][movement] for r in rivals if movement in r.get(cycles, ())
+            ]
+        )
+    ]
+    best_of = ", ".join(n for n in names if n in scores)
+    text = f"No worse than the best of {best_of} in {sum(wins)} of {len(wins)} cases. "
+    return text if wins else ""
+
+
+def _significance(scores: _Scores) -> str:
+    """Return a sentence about paired tests over all cases."""
+    if FMP.name not in scores:
+        return ""
+    mine = _values(scores[FMP.name], "error_mm")
+    parts = []
+    for name, method in scores.items():
+        theirs = _values(method, "error_mm")
+        # The mean over cycles of each movement: cases of one movement are not independent.
+        logs: dict[str, list[float]] = {}
+        for cycles, by_movement in theirs.items():
+            for movement, value in by_movement.items():
+                if movement in mine.get(cycles, {}):
+                    ratio = np.log(mine[cycles][movement] / value)
+                    logs.setdefault(movement, []).append(float(ratio))
+        means = [float(np.mean(values)) for values in logs.values()]
+        if name != FMP.name and len(means) > 4 and np.any(means):
+            p = float(wilcoxon(means).pvalue)
+            parts.append(f"{name} {np.exp(np.mean(means)):.2f} (p = {p:.2g})")
+    if not parts:
+        return ""
+    return (
+        f"Error of {FMP.name} relative to each method, over movements, with the p-value of "
+        f"Wilcoxon's signed-rank test: {', '.join(parts)}."
+    )
+
+
+def _densities(scores: _Scores) -> Finding:
+    compared = _compared(
+        scores, "log_density", PeriodicGPMethod.name, lambda a, b: a - b
+    )
+
+    def show(differences: Sequence[float]) -> str:
+        return f"{np.mean(differences):+.1f} (least {min(differences):+.1f})"
+
+    return Finding(
+        name="benchmark_density",
+        title="Log score: density of the true next second",
+        shows=f"Nats per sample, mean over the second, minus those of {PeriodicGPMethod.name}: "
+        "mean over movements, and the least. Methods without a row of numbers have no "
+        f"uncertainty. {_against_the_best(scores, 'log_density', max)}",
+        figure=_lines(
+            compared,
+            f"nats per sample more than {PeriodicGPMethod.name}",
+            lambda values: float(np.mean(values)),
+            limits=(-12.0, 8.0),
+        ),
+        table=_table(scores, compared, show),
+    )
+
+
+def _coverage(scores: _Scores) -> Finding:
+    inside = {
+        name: [_values(method, f"inside_{step}") for step in STEPS]
+        for name, method in scores.items()
+    }
+    compared = {
+        name: {c: [100 * v for v in values[-1].get(c, {}).values()] for c in _COLUMNS}
+        for name, values in inside.items()
+    }
+    rows = _table(scores, compared, lambda _: "")
+    for row, name in zip(rows[1:], scores, strict=True):
+        for i, cycles in enumerate(_COLUMNS, start=1):
+            means = [
+                f"{100 * np.mean(list(values[cycles].values())):.0f}"
+                for values in inside[name]
+                if values.get(cycles)
+            ]
+            row[i] = " / ".join(means) or "-"
+    return Finding(
+        name="benchmark_coverage",
+        title="Coverage of the 95 % tubes",
+        shows="Per cent of the true samples inside after 0.25 / 0.5 / 1 s, mean over "
+        "movements; 95 is ideal. The picture shows 1 s.",
+        figure=_lines(
+            compared,
+            "inside after 1 s (%)",
+            lambda values: float(np.mean(values)),
+            band=_GUARANTEED,
+        ),
+        table=rows,
+    )
+
+
+def _playback(scores: _Scores) -> Finding:
+    measures = ("stays", "size", "tempo", "variety")
+    titles = ("stays near (%)", "size", "tempo", "variety")
+    rows = [["", "minutes", *titles]]
+    figure = Figure(figsize=(12, 0.9 + 0.3 * len(scores)), layout="constrained")
+    axes = figure.subplots(1, 4, sharey=True)
+    names = [name for name, method in scores.items() if method.playbacks]
+    for row, name in enumerate(names):
+        playbacks = scores[name].playbacks
+        cells = []
+        for ax, measure in zip(axes, measures, strict=True):
+            values = [p[measure] for p in playbacks if p[measure] is not None]
+            percent = 100 if measure == "stays" else 1
+            scaled = percent * np.array(values, dtype=float)
+            color = SAMPLED if name == FMP.name else "0.5"
+            ax.plot(scaled, np.full(len(scaled), row), "|", color=color, alpha=0.6)
+            if not len(scaled):
+                cells.append("-")
+                continue
+            middle = float(np.median(scaled))
+            ax.plot(middle, row, "o", color=PLAYED, markersize=4)
+            low, high = np.quantile(scaled, [0.1, 0.9])
+            places = 0 if measure == "stays" else 2
+            text = f"{middle:.{places}f} ({low:.{places}f} to {high:.{places}f})"
+            lost = len(playbacks) - len(scaled)
+            cells.append(f"{text}, none in {lost}" if lost else text)
+        rows.append([name, str(len(playbacks)), *cells])
+    for ax, title in zip(axes, titles, strict=True):
+        ax.set_title(title, loc="left", fontsize="medium")
+        ax.axvline(100 if title.endswith("(%)") else 1, color="0.8", zorder=0)
+        ax.spines[["top", "right"]].set_visible(False)
+    for ax in axes[1:]:
+        ax.set_xlim(0, 2)
+    axes[0].set_yticks(range(len(names)), names)
+    axes[0].invert_yaxis()
+    return Finding(
+        name="benchmark_playback",
+        title="Playback of a minute",
+        shows="From a held-out second; the first 10 s are not judged. Stays: samples within "
+        "15 % of the movement's size of the demonstrated path. Size and tempo relative to "
+        "the demonstration. Variety: difference of successive cycles, relative to that of "
+        "the demonstration; 0 repeats itself exactly. Median, and the range of 80 %; "
+        "'none' counts playbacks in which no cycle repeats.",
+        figure=figure,
+        table=rows,
+    )
+
+
+def _cleaning(scores: _Scores) -> Finding:
+    """Return the table and picture of the task metric."""
+    measures = {
+        "seconds_to_50": ("to 50 % (s)", 1.0, ".1f"),
+        "seconds_to_90": ("to 90 % (s)", 1.0, ".1f"),
+        "seconds_to_99": ("to 99 % (s)", 1.0, ".1f"),
+        "cleaned": ("cleaned (%)", 100.0, ".1f"),
+        "tracking_rms_m": ("tracking error (mm rms)", 1e3, ".1f"),
+        "force_mean_n": ("normal force (N)", 1.0, ".1f"),
+        "force_near": ("within 5 N (%)", 100.0, ".0f"),
+    }
+    rows = [["", "runs", *(title for title, _, _ in measures.values())]]
+    figure = Figure(figsize=(12, 0.9 + 0.3 * len(scores)), layout="constrained")
+    axes = figure.subplots(1, 4, sharey=True)
+    names = [name for name, method in scores.items() if method.cleaning]
+    for row, name in enumerate(names):
+        runs = [run for run in scores[name].cleaning if "error" not in run]
+        cells = [f"{len(runs)} of {len(scores[name].cleaning)}"]
+        for i, (measure, (_, factor, form)) in enumerate(measures.items()):
+            values = [factor * run[measure] for run in runs if run[measure] is not None]
+            if i < len(axes):
+                color = SAMPLED if name == FMP.name else "0.4"
+                axes[i].plot(values, [row] * len(values), "|", color=color)
+            if not values:
+                cells.append("-")
+                continue
+            text = f"{np.mean(values):{form}} ± {np.std(values):{form}}"
+            lost = len(runs) - len(values)
+            cells.append(f"{text}, {lost} never" if lost else text)
+        rows.append([name, *cells])
+    for ax, (title, _, _) in zip(axes, measures.values(), strict=False):
+        ax.set_title(title, loc="left", fontsize="medium")
+        ax.spines[["top", "right"]].set_visible(False)
+    axes[0].set_yticks(range(len(names)), names)
+    axes[0].invert_yaxis()
+    every = [run for method in scores.values() for run in method.cleaning]
+    recordings = ", ".join(sorted({run["movement"] for run in every}))
+    cycles = ", ".join(sorted({run["cycles"] for run in every}))
+    return Finding(
+        name="benchmark_cleaning",
+        title="Task: how soon a minute of each method cleans the board",
+        shows=f"Learned from {cycles} cycles of {recordings}; the same station follows the "
+        "path that each method plays, from other samples of the recording with each seed. "
+        "Times until that part of the area is clean which the whole recording sweeps. "
+        "Mean and standard deviation over runs; 'never' counts runs that do not get there.",
+        figure=figure,
+        table=rows,
+    )
+
+
+def _movements(scores: _Scores) -> Finding:
+    values = {
+        name: _values(method, "error_mm").get(ALL, {})
+        for name, method in scores.items()
+    }
+    movements = sorted({m for by_movement in values.values() for m in by_movement})
+    rows = [["", *scores]]
+    for movement in movements:
+        cells = [
+            f"{values[name][movement]:.1f}" if movement in values[name] else "-"
+            for name in scores
+        ]
+        rows.append([movement, *cells])
+    return Finding(
+        name="benchmark_movements",
+        title="Error of the next second of each movement, mm",
+        shows="Learned from two thirds, or from all recordings but one.",
+        table=rows,
+    )
+
+
+def _lines(
+    compared: Mapping[str, Mapping[str, Sequence[float]]],
+    label: str,
+    mean: Callable[[Sequence[float]], float],
+    *,
+    log: bool = False,
+    limits: tuple[float, float] | None = None,
+    band: tuple[float, float] | None = None,
+) -> Figure:
+    """Draw a measure over the cycles, one line for each method."""
+    figure = Figure(figsize=(10, 4.6), layout="constrained")
+    ax: Axes = figure.subplots()
+    if band is not None:
+        ax.axhspan(*band, color="0.93", zorder=0)
+    others = [name for name in compared if name != FMP.name]
+    for name, by_cycles in compared.items():
+        at = [i for i, c in enumerate(_COLUMNS) if by_cycles.get(c)]
+        if not at:
+            continue
+        is_ours = name == FMP.name
+        style: dict[str, Any] = {"linewidth": 2.6, "color": SAMPLED, "zorder": 4}
+        style |= {"marker": "o", "linestyle": "-"}
+        if not is_ours:
+            color = component_color(others.index(name))
+            style = {"linewidth": 1.1, "color": color, "marker": "."}
+            style["linestyle"] = "--" if others.index(name) >= 10 else "-"
+        ax.plot(
+            at,
+            [mean(by_cycles[_COLUMNS[i]]) for i in at],
+            label=name,
+            **style,
+        )
+        if is_ours:
+            for i in at:
+                values = by_cycles[_COLUMNS[i]]
+                ax.plot([i] * len(values), values, "_", color=SAMPLED, alpha=0.5)
+    ax.set_xticks(range(len(_COLUMNS)), _COLUMNS)
+    ax.set_xlabel("cycles learned from")
+    ax.set_ylabel(label)
+    if log:
+        ax.set_yscale("log")
+        ax.axhline(1.0, color="0.6", linewidth=1, zorder=0)
+    if limits is not None:
+        ax.set_ylim(*limits)
+    ax.spines[["top", "right"]].set_visible(False)
+    if ax.get_legend_handles_labels()[0]:
+        figure.legend(loc="outside right upper", frameon=False, fontsize="small")
+    return figure
+
+
+def failures(scores: Iterable[MethodScores]) -> list[str]:
+    """Return a sentence about every method that could not learn from some splits."""
+    sentences = []
+    for method in scores:
+        failed = [row for row in method.predictions if "error" in row]
+        if failed:
+            sentences.append(
+                f"{method.method} could not learn from {len(failed)} of "
+                f"{len(method.predictions)} splits: {failed[0]['error']}"
+            )
+    return sentences
+
+
+def write_benchmark(out: Path, scores: _Scores, *, folder: Path) -> None:
+    """Write report.html of all methods into a folder."""
+    count = len({row["movement"] for m in scores.values() for row in m.predictions})
+    introduction = (
+        f"{len(scores)} methods on {count} movements in `{folder.name}`, 20 "
+        "samples per second. Each method learns from some cycles, observes half a second "
+        "of what it has not learned from, and predicts the next second. "
+        + " ".join(failures(scores.values()))
+    )
+    write_report(
+        out,
+        sections=[("All methods", benchmark_findings(scores))],
+        introduction=introduction,
+        results={name: asdict(method) for name, method in scores.items()},
+        title=f"Benchmark: {folder.name}",
+    )

@@ -1,0 +1,229 @@
+"""Runs of the benchmark: one JSON file for each method."""
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from threadpoolctl import threadpool_limits
+
+from fmp_drake.errors import ExperimentError, FmpError
+from fmp_drake.experiments.baselines.method import Method, further_methods
+from fmp_drake.experiments.benchmark.built_in import METHODS
+from fmp_drake.experiments.benchmark.scores import score_playback, score_predictions
+from fmp_drake.experiments.benchmark.splits import Movement, load_movements, splits
+from fmp_drake.primitives.data.files import write_text
+from fmp_drake.processes import Workers, run_tasks
+
+Progress = Callable[[str], None]
+# Splits of which a playback is scored.
+_PLAYED = ("2", "4", "all")
+
+
+class _Job(Protocol):
+    """A task of one method."""
+
+    @property
+    def method(self) -> str: ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One method on one movement: the task of a process.
+
+    Attributes
+    ----------
+    folder : str
+    method, movement : str
+        Names.
+    instants : int
+        Predictions of each split, at most.
+    """
+
+    folder: str
+    method: str
+    movement: str
+    instants: int
+
+
+@dataclass(kw_only=True)
+class MethodScores:
+    """Scores of one method: the content of its JSON file.
+
+    Attributes
+    ----------
+    method : str
+    predictions : list of dict
+        Movement, cycles, place, and what `score_predictions` returns; or `error`, why
+        the method could not learn.
+    playbacks : list of dict
+        Movement, cycles, place, and what `score_playback` returns.
+    cleaning : list of dict
+        Movement, cycles, seed, and what `score_cleaning` returns.
+    seconds : float
+        Processor time.
+    """
+
+    method: str
+    predictions: list[dict[str, Any]] = field(default_factory=list)
+    playbacks: list[dict[str, Any]] = field(default_factory=list)
+    cleaning: list[dict[str, Any]] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def add(self, other: "MethodScores") -> None:
+        """Add other scores of the method."""
+        self.predictions += other.predictions
+        self.playbacks += other.playbacks
+        self.cleaning += other.cleaning
+        self.seconds += other.seconds
+
+
+def all_methods() -> dict[str, type[Method]]:
+    """Return the methods by their names: the built-in ones, then those of packages."""
+    return {method.name: method for method in (*METHODS, *further_methods())}
+
+
+def run_benchmark(
+    folder: Path,
+    out: Path,
+    workers: Workers,
+    *,
+    methods: Sequence[str] = (),
+    instants: int = 60,
+    progress: Progress = lambda _: None,
+) -> dict[str, MethodScores]:
+    """Score methods on the recordings of a folder; write a JSON file for each.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Of recordings.
+    out : pathlib.Path
+        Existing folder for the JSON files.
+    workers : Workers
+    methods : sequence of str
+        Names; all methods where empty.
+    instants : int
+        Predictions of each split, at most.
+    progress : callable
+        Called with a sentence about each step.
+
+    Returns
+    -------
+    dict of str to MethodScores
+        Also of methods that an earlier run has written.
+    """
+    names = chosen_methods(methods)
+    movements = load_movements(folder, progress)
+    for movement in movements:
+        progress(
+            f"{movement.name}: {movement.cycles:.1f} cycles in {len(movement.parts)} "
+            "parts"
+        )
+    jobs = [
+        Job(folder=str(folder), method=name, movement=movement.name, instants=instants)
+        for name in names
+        for movement in movements
+    ]
+    return collect_scores(out, jobs, run_job, workers, progress)
+
+
+def chosen_methods(names: Sequence[str]) -> list[str]:
+    """Return the names of the methods to run, all where none is given."""
+    available = all_methods()
+    for name in names:
+        if name not in available:
+            raise ExperimentError(
+                f"there is no method {name!r}; the methods are {', '.join(available)}."
+            )
+    return list(names or available)
+
+
+def collect_scores[J: _Job](
+    out: Path,
+    jobs: Sequence[J],
+    run: Callable[[J], MethodScores],
+    workers: Workers,
+    progress: Progress,
+) -> dict[str, MethodScores]:
+    """Run jobs, write the file of each method when its jobs are done; read all files."""
+    scores = {job.method: MethodScores(method=job.method) for job in jobs}
+    left = Counter(job.method for job in jobs)
+    for done in run_tasks(run, jobs, workers):
+        if isinstance(done.result, Exception):
+            raise done.result
+        name = done.task.method
+        scores[name].add(done.result)
+        left[name] -= 1
+        if not left[name]:
+            write_scores(out, scores[name])
+            progress(f"{name}: {scores[name].seconds:.0f} s of a core")
+    return read_scores(out)
+
+
+def run_job(job: Job) -> MethodScores:
+    """Score a method on a movement."""
+    method = all_methods()[job.method]
+    (movement,) = (
+        m for m in load_movements(Path(job.folder)) if m.name == job.movement
+    )
+    with threadpool_limits(limits=1):
+        return score_method(method, movement, instants=job.instants)
+
+
+def score_method(
+    method: type[Method], movement: Movement, *, instants: int
+) -> MethodScores:
+    """Score a method on all splits of a movement."""
+    begin = time.process_time()
+    scores = MethodScores(method=method.name)
+    for split in splits(movement):
+        where = {
+            "movement": movement.name,
+            "cycles": split.cycles,
+            "place": split.place,
+        }
+        learner = method()
+        try:
+            learner.fit(split.learned)
+            predicted = score_predictions(learner, split, most=instants)
+        except FmpError as error:
+            scores.predictions.append({**where, "error": str(error)})
+            continue
+        scores.predictions.append({**where, **predicted})
+        if split.cycles in _PLAYED:
+            played = score_playback(learner, movement, split, seed=split.place)
+            if played is not None:
+                scores.playbacks.append({**where, **played})
+    scores.seconds = time.process_time() - begin
+    return scores
+
+
+def write_scores(out: Path, scores: MethodScores) -> None:
+    """Write the JSON file of a method; keep the scores that were not measured again."""
+    before = read_scores(out).get(scores.method)
+    if before is not None:
+        scores = replace(
+            scores,
+            predictions=scores.predictions or before.predictions,
+            playbacks=scores.playbacks or before.playbacks,
+            cleaning=scores.cleaning or before.cleaning,
+        )
+    words = "".join(c if c.isalnum() else "_" for c in scores.method.lower())
+    path = out / f"method_{'_'.join(filter(None, words.split('_')))}.json"
+    write_text(path, json.dumps(asdict(scores), indent=1) + "\n", ExperimentError)
+
+
+def read_scores(out: Path) -> dict[str, MethodScores]:
+    """Read all JSON files of methods in a folder, the built-in methods first."""
+    scores: dict[str, MethodScores] = {}
+    for path in sorted(out.glob("method_*.json")):
+        content: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        scores[content["method"]] = MethodScores(**content)
+    order = [name for name in all_methods() if name in scores]
+    return {
+        name: scores[name] for name in [*order, *(n for n in scores if n not in order)]
+    }

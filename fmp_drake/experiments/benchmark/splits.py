@@ -1,0 +1,254 @@
+"""Movements of a folder of recordings, and their fixed splits by cycles seen."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.errors import DemonstrationError, FmpError
+from fmp_drake.experiments.baselines.method import HORIZON, PAST, RATE, Array
+from fmp_drake.primitives import read_demonstrations
+from fmp_drake.primitives.data.channels import channel_scales
+from fmp_drake.primitives.model.phase.search import search_rhythm
+
+CYCLES = (1.5, 2.0, 3.0, 4.0, 8.0)
+"""Cycles that methods learn from; beside them all but a held-out third."""
+ALL = "all"
+
+# A recording with so many cycles is a movement of its own.
+_ALONE = 2.3
+# Cycles that must remain for scoring, and places of the learned part.
+_LEAST_LEFT = 0.4
+_PLACES = 3
+_FOLDS = 3
+# Files of a folder that are not read as recordings.
+_OTHER_FILES = {".md", ".json", ".yaml", ".yml", ".html", ".png", ".pdf", ".svg"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Movement:
+    """One movement: the rhythmic parts of one or several recordings.
+
+    Attributes
+    ----------
+    name : str
+    parts : tuple of ndarray, shape (n, D)
+        At `RATE`, m.
+    period : float
+        Samples.
+    """
+
+    name: str
+    parts: tuple[Array, ...]
+    period: float
+
+    @property
+    def cycles(self) -> float:
+        """Number of cycles in all parts."""
+        return sum(map(len, self.parts)) / self.period
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Split:
+    """A part of a movement to learn from, and parts to score on.
+
+    Attributes
+    ----------
+    cycles : str
+        Number of cycles to learn from, or "all".
+    place : int
+        Number of the place of the learned part.
+    learned, held : tuple of ndarray, shape (n, D)
+    """
+
+    cycles: str
+    place: int
+    learned: tuple[Array, ...]
+    held: tuple[Array, ...]
+
+
+def load_movements(
+    folder: Path, progress: Callable[[str], None] = lambda _: None
+) -> list[Movement]:
+    """Load the movements of a folder of recordings.
+
+    The first three channels in metres count. A recording of at least 2.3 cycles is a
+    movement; shorter ones whose names differ only in a number at the end are one
+    movement together. Others are reported and left out.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Its files are of any kind that `read_demonstrations` reads.
+    progress : callable
+        Called with a sentence about every recording that is left out.
+
+    Raises
+    ------
+    FmpError
+        Where there is no movement.
+    """
+    alone: list[Movement] = []
+    groups: dict[str, dict[str, Array]] = {}
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or path.suffix.lower() in _OTHER_FILES:
+            continue
+        for values in _positions(path, progress):
+            name = path.stem
+            try:
+                movement = _movement(name, [values])
+                if movement.cycles >= _ALONE:
+                    alone.append(movement)
+                    continue
+            except DemonstrationError:
+                pass
+            group = name.rstrip("0123456789").rstrip("_-") or name
+            members = groups.setdefault(group, {})
+            members[f"{name}, part {len(members)}" if name in members else name] = (
+                values
+            )
+    for group, members in groups.items():
+        name = group if len(members) > 1 else next(iter(members))
+        try:
+            alone.append(_movement(name, list(members.values())))
+        except DemonstrationError as error:
+            progress(f"{name} is left out: {error}")
+    if not alone:
+        raise FmpError(f"{folder} has no recording in which a movement repeats.")
+    return sorted(alone, key=lambda movement: movement.name)
+
+
+def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
+    """Yield the first three channels in metres of the demonstrations of a file."""
+    try:
+        demonstrations, _ = read_demonstrations([path])
+    except FmpError as error:
+        progress(f"{path.name} is left out: {error}")
+        return
+    for demonstration in demonstrations:
+        in_metres = [
+            name
+            for name, unit in zip(
+                demonstration.channels, demonstration.units, strict=True
+            )
+            if unit == "m"
+        ]
+        if not in_metres:
+            progress(f"{path.name} is left out: no channel is in metres.")
+            continue
+        yield demonstration.select(in_metres[:3]).resample(RATE).values
+
+
+def _movement(name: str, recordings: Sequence[Array]) -> Movement:
+    """Return a movement of recordings, without what is not rhythmic."""
+    period, parts = rhythmic_parts(recordings)
+    return Movement(name=name, parts=tuple(parts), period=period)
+
+
+def rhythmic_parts(recordings: Sequence[Array]) -> tuple[float, list[Array]]:
+    """Return the period, samples, and the rhythmic parts of recordings (n, D).
+
+    All methods get the same parts: approach, retreat and pauses are found on the whole
+    recordings, as `fmp-drake inspect` finds them.
+
+    Raises
+    ------
+    DemonstrationError
+        Where nothing repeats.
+    """
+    samples = np.concatenate(list(recordings))
+    scales = channel_scales("units", samples, ("m",) * samples.shape[1])
+    rhythm = search_rhythm([y / scales for y in recordings], rate=RATE).rhythm
+    parts = []
+    for bout in rhythm.bouts:
+        first, last = round(bout.start * RATE), round(bout.end * RATE)
+        parts.append(recordings[bout.recording][first:last])
+    return rhythm.period * RATE, parts
+
+
+def splits(movement: Movement) -> Iterator[Split]:
+    """Yield the fixed splits of a movement.
+
+    Of each number of cycles up to three learned parts, evenly spaced; the rest is scored.
+    "all" learns from two thirds of one part, or from all parts but one, in turn.
+    """
+    parts = movement.parts
+    for cycles in CYCLES:
+        if cycles + _LEAST_LEFT > movement.cycles:
+            continue
+        size = round(cycles * movement.period)
+        seen = set()
+        for place in range(_PLACES):
+            learned, held = _cut(parts, size, place)
+            if not _is_scorable(learned, held):
+                continue
+            first = learned[0][0].tobytes()
+            if first not in seen:
+                seen.add(first)
+                yield Split(
+                    cycles=f"{cycles:g}", place=place, learned=learned, held=held
+                )
+    for place in range(_FOLDS):
+        learned, held = _fold(parts, place)
+        enough = sum(map(len, learned)) >= CYCLES[0] * movement.period
+        if enough and _is_scorable(learned, held):
+            yield Split(cycles=ALL, place=place, learned=learned, held=held)
+
+
+def instants(held: Sequence[Array], most: int) -> list[tuple[Array, Array]]:
+    """Return pairs of observed (PAST, D) and following samples (HORIZON, D)."""
+    size = PAST + HORIZON
+    starts = [
+        (i, first) for i, y in enumerate(held) for first in range(len(y) - size + 1)
+    ]
+    chosen = np.linspace(0, len(starts) - 1, min(most, len(starts))).astype(int)
+    pairs = []
+    for index in np.unique(chosen):
+        i, first = starts[index]
+        window = held[i][first : first + size]
+        pairs.append((window[:PAST], window[PAST:]))
+    return pairs
+
+
+def _cut(
+    parts: Sequence[Array], size: int, place: int
+) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Cut a learned part of so many samples out of parts, at one of several places."""
+    if len(parts) == 1:
+        (y,) = parts
+        first = round(place / (_PLACES - 1) * (len(y) - size))
+        return (y[first : first + size],), _long_enough([y[:first], y[first + size :]])
+    order = np.roll(np.arange(len(parts)), -place * max(1, len(parts) // _PLACES))
+    learned, held, left = [], [], size
+    for i in order.tolist():
+        taken = min(left, len(parts[i]))
+        # A remainder that is too short to be learned is not worth a part.
+        if taken >= PAST + HORIZON:
+            learned.append(parts[i][:taken])
+            held.append(parts[i][taken:])
+            left -= taken
+        else:
+            held.append(parts[i])
+    return tuple(learned), _long_enough(held)
+
+
+def _fold(
+    parts: Sequence[Array], place: int
+) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Hold out a third of one part, or one of several parts."""
+    if len(parts) == 1:
+        (y,) = parts
+        a, b = (len(y) * place // _FOLDS, len(y) * (place + 1) // _FOLDS)
+        return _long_enough([y[:a], y[b:]]), _long_enough([y[a:b]])
+    held = place * max(1, len(parts) // _FOLDS) % len(parts)
+    return tuple(parts[:held]) + tuple(parts[held + 1 :]), _long_enough([parts[held]])
+
+
+def _long_enough(parts: Sequence[NDArray[np.float64]]) -> tuple[Array, ...]:
+    return tuple(y for y in parts if len(y) >= PAST + HORIZON)
+
+
+def _is_scorable(learned: Sequence[Array], held: Sequence[Array]) -> bool:
+    return bool(learned) and sum(len(y) - PAST - HORIZON + 1 for y in held) >= 5

@@ -1,0 +1,296 @@
+"""Report of the trials of a store: success rates, faults and refusals."""
+
+import math
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+
+from fmp_drake.errors import ExperimentError
+from fmp_drake.experiments.report import Finding, Section, write_page, write_report
+from fmp_drake.experiments.trials.pictures import (
+    draw_figures,
+    draw_success,
+    interval,
+)
+from fmp_drake.experiments.trials.store import TrialStore
+from fmp_drake.experiments.trials.trial import (
+    LEAST_PRESSED,
+    MOST_RMS,
+    Trial,
+    faults,
+    is_pushed,
+    largest_push,
+    misses_by_height,
+    on_board_rms,
+)
+
+# Kinds of faults that must never occur, and all kinds.
+_NEVER = {
+    "through": "bodies through another",
+    "nan": "NaN",
+    "limit": "limits broken",
+    "exception": "exceptions",
+}
+_KINDS = {
+    **_NEVER,
+    "path": "path missed",
+    "press": "press missed",
+    "force": "excess force",
+    "stop": "protective stop",
+    "touch": "arm on the board",
+}
+_CLEAN = "no body through another, no NaN, no limit broken, no exception"
+_UNKNOWN = " How deep bodies were in others was not measured."
+# Required success rate, and rows of the tables of trials.
+_REQUIRED, _ROWS = 0.99, 20
+
+
+class TrialsReport:
+    """Report of the trials of a store.
+
+    A trial passes where it is feasible and its run has no fault.
+
+    Parameters
+    ----------
+    store : TrialStore
+        With at least one trial.
+
+    Examples
+    --------
+    >>> TrialsReport(TrialStore(Path("out"), {"seconds": "9.0", "seed": "0"}))
+    Traceback (most recent call last):
+    fmp_drake.errors.ExperimentError: there are no trials in out yet.
+    """
+
+    def __init__(self, store: TrialStore) -> None:
+        self._folder, self._plan = store.folder, store.plan
+        self._trials = store.trials()
+        if not self._trials:
+            raise ExperimentError(f"there are no trials in {store.folder} yet.")
+        self._faults = {t.number: faults(t) for t in self._trials if t.was_run}
+        self._run = [t for t in self._trials if t.is_feasible and t.was_run]
+        self._refused = [t for t in self._trials if not t.is_feasible]
+        self._failed = [t for t in self._run if self._faults[t.number]]
+        measured = all("penetration_max_m" in t.metrics for t in self._run if t.metrics)
+        self._unknown = "" if measured else _UNKNOWN
+        self._failed.sort(key=lambda t: -self._faults[t.number][0].severity)
+
+    def write(self, page: Path | None = None) -> None:
+        """Write report.html into the folder of the store, and optionally a Markdown page."""
+        title = f"{len(self._trials)} trials of {float(self._plan['seconds']):g} s"
+        sections: list[Section] = [
+            ("The verdict", [self._violations(), self._followed()]),
+            ("Where trials fail", [self._success(), self._worst()]),
+            ("Refused by the feasibility check", [self._refusals()]),
+        ]
+        text = self.verdict()
+        results = {
+            "trials": len(self._trials),
+            "refused": len(self._refused),
+            "faults": self._count(self._run),
+            "worst": [trial.number for trial in self._failed[:_ROWS]],
+            "cpu_seconds": sum(trial.cpu_seconds for trial in self._trials),
+        }
+        write_report(
+            self._folder,
+            sections=sections,
+            introduction=text,
+            results=results,
+            title=title,
+        )
+        if page is not None:
+            write_page(page, sections=sections, introduction=text, title=title)
+
+    def verdict(self) -> str:
+        """Return a summary of the trials in a few sentences."""
+        n, passed = len(self._run), len(self._run) - len(self._failed)
+        counts = self._count(self._run)
+        violations = [
+            f"{counts[kind]} with {what}"
+            for kind, what in _NEVER.items()
+            if counts[kind]
+        ]
+        hours = sum(trial.cpu_seconds for trial in self._trials) / 3600
+        return (
+            f"Of {len(self._trials)} trials, drawn with seed {self._plan['seed']}, the "
+            f"feasibility check refuses {len(self._refused)}. Of the {n} others {passed} "
+            f"passed ({_percent(passed, n)}), {', '.join(violations) or _CLEAN}. They took "
+            f"{hours:.2f} hours of one core, with the code "
+            f"{', '.join(sorted({trial.code for trial in self._trials}))}.{self._unknown}"
+        )
+
+    def _count(self, trials: Sequence[Trial]) -> dict[str, int]:
+        """Return the number of trials with each kind of fault."""
+        kinds = [{fault.kind for fault in self._faults[t.number]} for t in trials]
+        return {kind: sum(kind in faulty for faulty in kinds) for kind in _KINDS}
+
+    def _by_push(self) -> dict[str, list[Trial]]:
+        seconds = float(self._plan["seconds"])
+        pushed = {t.number for t in self._run if is_pushed(t, seconds)}
+        return {
+            "without disturbances": [t for t in self._run if t.number not in pushed],
+            "with disturbances": [t for t in self._run if t.number in pushed],
+        }
+
+    def _violations(self) -> Finding:
+        groups = {"all feasible trials": self._run, **self._by_push()}
+        for name in ("base", "skill.demonstration"):
+            for trial in sorted(self._run, key=lambda t: str(t.parameters.get(name))):
+                if name in trial.parameters:
+                    groups.setdefault(str(trial.parameters[name]), []).append(trial)
+        groups["run although infeasible"] = [t for t in self._refused if t.was_run]
+        columns = ["", "trials", "passed", "95 % interval", *_KINDS.values()]
+        columns += ["off the path, median", "cleaned, median"]
+        counts = self._count(self._run)
+        numbers = [f"{counts[kind]} {what}" for kind, what in _NEVER.items()]
+        return Finding(
+            name="impossible",
+            title="Faults that must never occur",
+            shows=f"{', '.join(numbers)}, in {len(self._run)} trials.{self._unknown}",
+            claim=f"N{_CLEAN[1:]}.",
+            agrees=not self._unknown and not any(counts[kind] for kind in _NEVER),
+            table=[columns, *(self._row(k, v) for k, v in groups.items() if v)],
+        )
+
+    def _row(self, name: str, trials: Sequence[Trial]) -> list[str]:
+        n, passed = len(trials), sum(not self._faults[t.number] for t in trials)
+        low, high = interval(passed, n)
+        fraction = "cleaned_fraction_of_demonstrated_area"
+        measured = [t.metrics for t in trials if t.metrics]
+        cleaned = [100 * m[fraction] for m in measured if fraction in m]
+        rms = [1e3 * on_board_rms(t) for t in trials if t.metrics]
+        return [
+            *(
+                name,
+                str(n),
+                _percent(passed, n),
+                f"{100 * low:.0f} to {100 * high:.0f} %",
+            ),
+            *map(str, self._count(trials).values()),
+            _median(rms, "{:.1f} mm"),
+            _median(cleaned, "{:.0f} %"),
+        ]
+
+    def _followed(self) -> Finding:
+        n, missed = len(self._run), {"path", "press", "exception"}
+        kinds = [{fault.kind for fault in self._faults[t.number]} for t in self._run]
+        followed = sum(not faulty & missed for faulty in kinds)
+        high = [t.number for t in self._run if misses_by_height(t)]
+        why = (
+            " The distance is measured on the actual board. From the assumed board, "
+            f"with rigid felt, it is also too large in these: {_listed(high)}."
+        )
+        return Finding(
+            name="followed",
+            title="Path and normal force",
+            shows=f"{followed} of {n} trials, {_percent(followed, n)}. Trials with disturbances "
+            f"are judged by their greatest normal force only.{why if high else ''}",
+            claim=f"Of the feasible trials at least {100 * _REQUIRED:.0f} % stay "
+            f"below {1e3 * MOST_RMS:.0f} mm rms off their path and, without disturbances, "
+            f"within 5 N of the desired force for {100 * LEAST_PRESSED:.0f} % of the time "
+            "in contact.",
+            agrees=n > 0 and followed >= _REQUIRED * n,
+            figure=draw_figures(
+                {
+                    name: [
+                        (
+                            on_board_rms(trial),
+                            # NaN in free space, where nothing presses.
+                            m.get("normal_force_wanted_fraction", math.nan),
+                        )
+                        for trial in trials
+                        if (m := trial.metrics)
+                    ]
+                    for name, trials in self._by_push().items()
+                }
+            ),
+        )
+
+    def _success(self) -> Finding:
+        drawn = {
+            name: [t.parameters[name] for t in self._run]
+            for name in (self._run[0].parameters if self._run else ())
+            if not name.endswith("seed")
+            and all(name in t.parameters for t in self._run)
+        }
+        drawn["largest push (N)"] = [largest_push(t) for t in self._run]
+        return Finding(
+            name="success",
+            title="Success rate against each parameter",
+            shows="Points are success rates with their 95 % intervals, the grey line is the "
+            "rate of all trials, and an orange tick is a failed trial.",
+            figure=draw_success(drawn, [not self._faults[t.number] for t in self._run]),
+        )
+
+    def _worst(self) -> Finding:
+        rows = [
+            [str(t.number), self._words(t), _about(t), self._command(t)]
+            for t in self._failed[:_ROWS]
+        ]
+        return Finding(
+            name="worst",
+            title="The worst trials",
+            shows=f"{len(self._failed)} failed; the {len(rows)} worst are shown.",
+            table=[["trial", "faults", "scenario", "replay"], *rows] if rows else None,
+        )
+
+    def _refusals(self) -> Finding:
+        n, forced = len(self._trials), [t for t in self._refused if t.was_run]
+        well = sum(not self._faults[t.number] for t in forced)
+        rows = [
+            [str(t.number), t.verdict, self._words(t), self._command(t)]
+            for t in (forced or self._refused)[:_ROWS]
+        ]
+        return Finding(
+            name="refused",
+            title="Reasons of refusal, and runs although infeasible",
+            shows=f"{len(self._refused)} are refused, {_percent(len(self._refused), n)}. "
+            f"{len(forced)} were run although infeasible, of which {well} passed.",
+            table=[["trial", "reason", "run although infeasible", "replay"], *rows]
+            if rows
+            else None,
+        )
+
+    def _words(self, trial: Trial) -> str:
+        violations = self._faults.get(trial.number)
+        if violations is None:
+            return "not run"
+        words = "; ".join(fault.words for fault in violations) or "passed"
+        return f"{words}. The run reports: {trial.events}." if trial.events else words
+
+    def _command(self, trial: Trial) -> str:
+        page = f"trial_{trial.number}.html"
+        return (
+            f"`fmp-drake worlds {self._folder} --replay {trial.number} --html {page}`"
+        )
+
+
+def _about(trial: Trial) -> str:
+    """Describe the scenario of a trial."""
+    board, skill = trial.fields["board"], trial.fields["skill"]
+    height = board["error"]["translation"][2]
+    place = ", ".join(f"{value:.2f}" for value in board["translation"])
+    parts = [
+        f"{trial.parameters.get('base', '')} {skill['demonstration']}".strip(),
+        f"board at ({place}) m",
+        f"{1e3 * abs(height):.1f} mm {'lower' if height < 0 else 'higher'} than assumed",
+        f"felt of {trial.fields['eraser']['modulus'] / 1e3:.0f} kPa",
+        f"tempo {skill['tempo']:.2f}",
+        f"{trial.fields['press']['force']:.1f} N",
+    ]
+    push = largest_push(trial)
+    return ", ".join([*parts, f"pushed with {push:.0f} N"] if push else parts)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    text = ", ".join(map(str, numbers[:_ROWS]))
+    return f"{text} and {len(numbers) - _ROWS} others" if numbers[_ROWS:] else text
+
+
+def _percent(part: int, whole: int) -> str:
+    return f"{100 * part / whole:.1f} %" if whole else "-"
+
+
+def _median(values: Sequence[float], shown: str) -> str:
+    """Return the median as text; it is NaN where a value is."""
+    return shown.format(statistics.median(values)) if values else "-"

@@ -1,0 +1,191 @@
+"""Storage of trials in a folder."""
+
+import fcntl
+import hashlib
+import importlib.util
+import json
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+
+from fmp_drake.errors import ExperimentError
+from fmp_drake.experiments.trials.trial import Trial
+
+_NAME = "worlds.sqlite"
+_TABLES = """
+CREATE TABLE IF NOT EXISTS plan (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS worlds (
+    key TEXT PRIMARY KEY, number INTEGER NOT NULL, code TEXT NOT NULL,
+    scenario TEXT NOT NULL, parameters TEXT NOT NULL, is_feasible INTEGER NOT NULL,
+    verdict TEXT NOT NULL, checked TEXT NOT NULL, metrics TEXT NOT NULL,
+    events TEXT NOT NULL, error TEXT NOT NULL, attempts INTEGER NOT NULL, cpu_seconds REAL NOT NULL);
+"""
+# Kept as JSON, which knows NaN; a number of SQLite does not.
+_JSON = ("parameters", "checked", "metrics")
+
+
+def check_parquet() -> None:
+    """Raise an ExperimentError where pyarrow is not installed."""
+    if importlib.util.find_spec("pyarrow") is None:
+        raise ExperimentError(
+            "Parquet files need pyarrow: pip install fmp-drake[parquet]."
+        )
+
+
+class TrialStore:
+    """Trials in a SQLite file of a folder, one row each, readable at any moment.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    plan : dict of str to str, optional
+        Specification, seed and simulated time. A new folder needs one; that of an
+        existing folder must be the same.
+
+    Raises
+    ------
+    ExperimentError
+        Where there is no store, or one of another plan.
+
+    Examples
+    --------
+    >>> store = TrialStore(Path("out"), {"spec": "", "seed": "0", "seconds": "14.0"})
+    >>> store.trials()
+    []
+    """
+
+    def __init__(self, folder: Path, plan: dict[str, str] | None = None) -> None:
+        self.folder = folder
+        file = folder / _NAME
+        if plan is None and not file.is_file():
+            raise ExperimentError(f"there are no trials in {folder}.")
+        with self._reported():
+            folder.mkdir(parents=True, exist_ok=True)
+            self._base = sqlite3.connect(file, isolation_level=None)
+            self._base.execute("PRAGMA journal_mode=WAL")
+            self._base.executescript(_TABLES)
+            self.plan: dict[str, str] = self._planned(plan or {})
+        for name, value in (plan or {}).items():
+            stored = self.plan.get(name)
+            if stored != value:
+                difference = f" ({stored}, not {value})" if len(value) < 40 else ""
+                raise ExperimentError(
+                    f"{folder} has trials of another {name}{difference}; give another "
+                    "folder."
+                )
+
+    @contextmanager
+    def _reported(self) -> Iterator[None]:
+        """Report a failure of the file system or of SQLite as an ExperimentError."""
+        try:
+            yield
+        except (OSError, sqlite3.Error) as error:
+            raise ExperimentError(
+                f"cannot store trials in {self.folder}: {error}. What was stored is kept: "
+                "the same command goes on with the missing trials."
+            ) from None
+
+    def _planned(self, plan: dict[str, str]) -> dict[str, str]:
+        """Return the stored plan; write the given one where there is none.
+
+        It is written in one transaction. A part of a plan, without trials, is what was
+        left by an earlier version that was killed while it wrote; it is replaced.
+        """
+        self._base.execute("BEGIN IMMEDIATE" if plan else "BEGIN")
+        stored = dict(self._base.execute("SELECT name, value FROM plan"))
+        (count,) = self._base.execute("SELECT count(*) FROM worlds").fetchone()
+        if set(stored) < set(plan) and count == 0:
+            stored = plan
+            self._base.executemany(
+                "INSERT OR REPLACE INTO plan VALUES (?, ?)", list(plan.items())
+            )
+        self._base.execute("COMMIT")
+        return stored
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Lock the folder: other processes must not run the same trials."""
+        lock = os.open(self.folder, os.O_RDONLY)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+        except BlockingIOError:
+            raise ExperimentError(
+                f"trials are being run in {self.folder} by another process; wait for it."
+            ) from None
+        finally:
+            os.close(lock)
+
+    def key(self, trial: Trial) -> str:
+        """Return a hash of scenario, simulated time and code: the key of a row."""
+        seconds = float(self.plan["seconds"])
+        parts = (trial.scenario, seconds.hex(), trial.code)
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
+
+    def keep(self, trial: Trial) -> None:
+        """Write a trial, in place of an earlier row of the same key."""
+        row = {"key": self.key(trial)} | asdict(trial)
+        row |= {name: json.dumps(row[name]) for name in _JSON}
+        names = ", ".join(row)
+        marks = ", ".join(f":{name}" for name in row)
+        with self._reported():
+            self._base.execute(
+                f"INSERT OR REPLACE INTO worlds ({names}) VALUES ({marks})", row
+            )
+
+    def finished(self, *, force: bool) -> set[str]:
+        """Return the keys of the trials that need not run, with `force` or without."""
+        rows = self._base.execute("SELECT key, metrics, error FROM worlds")
+        return {
+            k for k, metrics, error in rows if not force or metrics != "null" or error
+        }
+
+    def trial(self, number: int) -> Trial:
+        """Return a trial by its number.
+
+        Raises
+        ------
+        ExperimentError
+            Where there is none of that number.
+        """
+        trials = {trial.number: trial for trial in self.trials()}
+        if number not in trials:
+            available = f"{min(trials)} to {max(trials)}" if trials else "none yet"
+            raise ExperimentError(
+                f"{self.folder} has no trial {number}; its trials are {available}."
+            )
+        return trials[number]
+
+    def trials(self) -> list[Trial]:
+        """Return the trials by their numbers, the last row of each."""
+        cursor = self._base.execute("SELECT * FROM worlds ORDER BY rowid")
+        names = [column[0] for column in cursor.description]
+        trials = {}
+        for values in cursor:
+            row = dict(zip(names, values, strict=True))
+            row |= {name: json.loads(row[name]) for name in _JSON}
+            row["is_feasible"] = bool(row["is_feasible"])
+            del row["key"]
+            trials[row["number"]] = Trial(**row)
+        return [trials[number] for number in sorted(trials)]
+
+    def export(self, path: Path) -> None:
+        """Write the trials to a Parquet file, one column for each parameter and metric.
+
+        It needs what `check_parquet` checks.
+        """
+        import pyarrow
+        import pyarrow.parquet
+
+        rows = []
+        for trial in self.trials():
+            row = asdict(trial)
+            for name in _JSON:
+                row |= {f"{name}.{k}": v for k, v in (row.pop(name) or {}).items()}
+            rows.append(row)
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        columns = {name: [row.get(name) for row in rows] for name in names}
+        pyarrow.parquet.write_table(pyarrow.table(columns), path)
