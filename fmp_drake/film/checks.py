@@ -12,7 +12,7 @@ from fmp_drake.primitives.data.files import check_writable
 
 _GREATEST_FPS = {".mp4": 120.0, ".gif": 50.0}
 
-# VTK ends the process where there is no EGL, so another one tries.
+# VTK ends the process without EGL, so a process of its own tries it.
 _PROBE = """
 from pydrake.geometry import (ClippingRange, ColorRenderCamera, MakeRenderEngineVtk,
     RenderCameraCore, RenderEngineVtkParams, SceneGraph)
@@ -35,7 +35,7 @@ def check_film(
     speed: float = 1.0,
     size: tuple[int, int] = (640, 480),
 ) -> None:
-    """Refuse a film that cannot be made, before any work is done.
+    """Raise an error where a film cannot be made, before any work is done.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def check_film(
     check_writable(path)
     suffix = path.suffix.lower()
     if suffix not in _GREATEST_FPS:
-        raise RunError(f"{path} is no film; let its name end in .mp4 or .gif.")
+        raise RunError(f"{path} is not a film; its name must end in .mp4 or .gif.")
     check_number(fps, "fps", above=0.0, most=_GREATEST_FPS[suffix], error=RunError)
     check_number(speed, "speed", above=0.0, error=RunError)
     if any(edge < 16 or edge > 4096 or edge % 2 for edge in size):
@@ -72,7 +72,7 @@ def check_film(
 
 
 def check_renderer() -> None:
-    """Refuse to render where EGL does not work."""
+    """Raise an error where EGL does not work."""
     if not renders():
         raise RunError(
             "films are rendered through EGL, which does not work here; install it "

@@ -1,7 +1,8 @@
-"""Films from frames: .gif through Pillow, everything else through ffmpeg."""
+"""Encoding of films: .gif by Pillow, everything else by ffmpeg."""
 
 import contextlib
 import subprocess
+import tarfile
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
@@ -13,6 +14,7 @@ from PIL import Image
 
 from fmp_drake.errors import RunError
 from fmp_drake.film.checks import ffmpeg_program
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import replaced
 
 type Frame = NDArray[np.uint8]
@@ -70,15 +72,67 @@ def write_film(
     """
     with replaced(path, RunError) as part:
         if path.suffix.lower() == ".gif":
-            chosen = np.linspace(0, count - 1, min(_SAMPLES, count)).round()
-            palette = _palette([frame(int(i)) for i in chosen])
+            sampled = np.linspace(0, count - 1, min(_SAMPLES, count)).round()
+            palette = _palette([frame(int(i)) for i in sampled])
             _write_gif(part, map(frame, track(range(count))), fps, palette)
         else:
             _write_video(part, map(frame, track(range(count))), fps)
 
 
+def convert_frames(
+    frames: Path,
+    out: Path,
+    *,
+    fps: float,
+    track: Callable[[Sequence[int]], Iterable[int]] = iter,
+) -> None:
+    """Make a film from an archive of numbered pictures: the recording of a Meshcat page.
+
+    Parameters
+    ----------
+    frames : pathlib.Path
+        A .tar of .png; all are made as large as the first.
+    out : pathlib.Path
+        A .gif, or any film that ffmpeg stores H.264 in; an existing one is replaced at
+        the end.
+    fps : float
+        Frames per second.
+    track : callable
+        Goes through the numbers of the frames, and may show how far it is.
+
+    Raises
+    ------
+    RunError
+        Where the film cannot be made, or the packages for films are missing.
+    """
+    ffmpeg_program()
+    check_number(fps, "fps", above=0.0, error=RunError)
+    if not frames.is_file():
+        raise RunError(f"there is no frame archive {frames}.")
+    with tempfile.TemporaryDirectory() as folder:
+        with (
+            contextlib.suppress(tarfile.TarError, EOFError),
+            tarfile.open(frames) as archive,
+        ):
+            archive.extractall(folder, filter="data")
+        pictures = sorted(Path(folder).rglob("*.png"))
+        if not pictures:
+            raise RunError(
+                f"{frames} is not a .tar of numbered .png frames; save one from the "
+                "page: Open Controls, Animations, default, recording, record."
+            )
+        with Image.open(pictures[0]) as first:
+            size = first.size
+
+        def frame(i: int) -> NDArray[np.uint8]:
+            # The window may have been resized while it was recorded.
+            return np.asarray(Image.open(pictures[i]).convert("RGB").resize(size))
+
+        write_film(out, frame, len(pictures), fps=fps, track=track)
+
+
 def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
-    """Encode frames by ffmpeg; what it says of a failure becomes an OSError."""
+    """Encode frames by ffmpeg; raise an OSError with its message where it fails."""
     first = next(frames)
     height, width, _ = first.shape
     command = [
@@ -98,8 +152,10 @@ def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
                 process.stdin.write(frame.tobytes())
         if process.returncode:
             log.seek(0)
-            said = log.read().decode(errors="replace").strip().splitlines()
-            raise OSError(f"ffmpeg says {said[-1] if said else process.returncode}")
+            message = log.read().decode(errors="replace").strip().splitlines()
+            raise OSError(
+                f"ffmpeg says {message[-1] if message else process.returncode}"
+            )
 
 
 def _write_gif(
@@ -129,9 +185,9 @@ def _palette(samples: Sequence[Frame]) -> Image.Image:
     colors = np.concatenate([sample.reshape(-1, 3) for sample in samples]) // 4
     numbers = colors @ np.array([1 << 12, 1 << 6, 1])
     counts = np.bincount(numbers, minlength=1 << 18)
-    kept = np.flatnonzero(counts)
-    repeats = np.ceil(counts[kept] ** _RARE).astype(int)
-    shades = np.stack([kept >> 12, kept >> 6 & 63, kept & 63], axis=-1)
+    used = np.flatnonzero(counts)
+    repeats = np.ceil(counts[used] ** _RARE).astype(int)
+    shades = np.stack([used >> 12, used >> 6 & 63, used & 63], axis=-1)
     palette = (4 * shades + 2).astype(np.uint8)
     together = Image.fromarray(np.repeat(palette, repeats, axis=0)[None])
     return together.quantize(colors=_COLORS, method=Image.Quantize.MEDIANCUT)

@@ -1,4 +1,4 @@
-"""What is drawn over a frame: the trail of the eraser and a caption."""
+"""Overlays of a frame: the trail of the eraser, gauges and a caption."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +12,16 @@ from pydrake.math import RigidTransform
 
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import check_number
+from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 
-_TRAIL_COLOR = (217, 95, 2)
+# Colours of the page: of the eraser's path, and of its panel.
+_TRAIL_COLOR = tuple(
+    255 * c for c in (TRAIL_COLOR.r(), TRAIL_COLOR.g(), TRAIL_COLOR.b())
+)
 _TRAIL_SEGMENTS = 12
 _MOST_ALPHA = 0.85
-_CAPTION_COLOR = (70, 76, 84)
+_CAPTION_COLOR = (29, 39, 51)
+_TEXT, _EMPTY, _FULL, _BAND = "#1D2733", "#D5DAE1", "#3B7DD8", "#A9DCBB"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +33,7 @@ class Trail:
     times : array_like, shape (M,)
         Ascending, s.
     positions : array_like, shape (M, 3)
-        p_BE, m; the trail is drawn at their projection onto the board.
+        p_BE, m; the trail is drawn at their projection onto the board, if there is one.
     seconds : float
         Length of the trail.
 
@@ -55,14 +60,17 @@ class Trail:
             self.seconds, "the length of a trail", above=0.0, unit="s", error=RunError
         )
 
-    def points(self, time: float) -> NDArray[np.float64]:
-        """Return the points p_B of the trail at a time, every 20 ms, shape (k, 3), m."""
+    def points(self, time: float, *, on_board: bool = True) -> NDArray[np.float64]:
+        """Return the points p_B of the trail at a time, every 20 ms, shape (k, 3), m.
+
+        They are projected onto the board, or stay where they are.
+        """
         times = np.asarray(self.times, dtype=float)
         path = np.asarray(self.positions, dtype=float)
         first = max(time - self.seconds, float(times[0]))
         at = np.arange(first, time, 0.02)
-        x, y = (np.interp(at, times, path[:, i]) for i in (0, 1))
-        return np.column_stack([x, y, np.zeros_like(x)])
+        x, y, z = (np.interp(at, times, path[:, i]) for i in range(3))
+        return np.column_stack([x, y, 0 * z if on_board else z])
 
 
 def paint_trail(
@@ -132,3 +140,63 @@ def draw_caption(picture: Image.Image, text: str, *, font: Any) -> None:
         font=font,
         fill=_CAPTION_COLOR,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Gauge:
+    """A number that changes in a film, drawn as a bar with its value as text.
+
+    Attributes
+    ----------
+    text : str
+        Text above the bar, with a field for the value, as "force {:.1f} N".
+    values : array_like, shape (N,)
+        For each frame.
+    most : float
+        The value at the end of the bar.
+    band : tuple of 2 floats, optional
+        Desired range of the value.
+
+    Examples
+    --------
+    >>> Gauge(text="cleaned {:.0f} %", values=[0.0, 43.6], most=100.0).text_of(1)
+    'cleaned 44 %'
+    """
+
+    text: str
+    values: ArrayLike
+    most: float
+    band: tuple[float, float] | None = None
+
+    def text_of(self, frame: int) -> str:
+        """Return the words of a frame."""
+        return self.text.format(np.asarray(self.values)[frame])
+
+    def draw(self, picture: Image.Image, frame: int, *, row: int, font: Any) -> None:
+        """Draw the gauge of a frame into a picture, at its upper left.
+
+        Parameters
+        ----------
+        picture : Image
+        frame : int
+        row : int
+            0 for the uppermost gauge.
+        font : Pillow font
+        """
+        high = font.size
+        left = max(4, picture.height // 40)
+        top = left + round(2.2 * high * row)
+        width, bar = 9 * high, top + round(1.3 * high)
+        draw = ImageDraw.Draw(picture)
+
+        def box(start: float, end: float, color: str, inset: int) -> None:
+            a, b = (left + width * min(max(x / self.most, 0), 1) for x in (start, end))
+            draw.rectangle((a, bar + inset, b, bar + high // 2 - inset), fill=color)
+
+        box(0.0, self.most, _EMPTY, 0)
+        if self.band is not None:
+            box(*self.band, _BAND, 0)
+        value = float(np.asarray(self.values)[frame])
+        if value > 0:
+            box(0.0, value, _FULL, max(1, high // 8))
+        draw.text((left, top), self.text_of(frame), font=font, fill=_TEXT)

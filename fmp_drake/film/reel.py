@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import check_number
-from fmp_drake.runs.spill import Spill
+from fmp_drake.runs.log import Spill
 
 
 class FilmReel:
@@ -22,7 +22,7 @@ class FilmReel:
     Parameters
     ----------
     station : Diagram
-        With a subsystem plant and an output port ink.
+        With a subsystem plant, and an output port ink where there is a board.
     fps : float
         Frames per second of the film.
     speed : float
@@ -30,7 +30,7 @@ class FilmReel:
 
     Examples
     --------
-    >>> from fmp_drake.runs import scenario_skill
+    >>> from fmp_drake.skills import scenario_skill
     >>> from fmp_drake.station import LoadScenario, MakeWipingStation
     >>> from pydrake.systems.analysis import Simulator
     >>> scenario = LoadScenario("table_top")
@@ -50,13 +50,16 @@ class FilmReel:
         self.speed = float(speed)
         self._station = station
         self._plant: Any = station.GetSubsystemByName("plant")
-        self._ink: Any = station.GetOutputPort("ink")
+        self._ink: Any = None
+        if station.HasOutputPort("ink"):
+            self._ink = station.GetOutputPort("ink")
         self._clear()
 
     def _clear(self) -> None:
         self._times: list[float] = []
         self._positions: list[NDArray[np.float64]] = []
-        self._inks = Spill((self._ink.size(),), np.uint8)
+        cells = 0 if self._ink is None else self._ink.size()
+        self._inks = Spill((cells,), np.uint8)
 
     def watch(self, simulator: Simulator) -> None:
         """Set `observe` as the monitor of a simulator of the station or a diagram with it."""
@@ -71,12 +74,13 @@ class FilmReel:
         if time < start + len(self._times) * self.speed / self.fps - 1e-9:
             return
         context = self._station.GetMyContextFromRoot(root)
-        ink = self._ink.Eval(context)
         self._times.append(time)
         self._positions.append(
             np.array(self._plant.GetPositions(self._plant.GetMyContextFromRoot(root)))
         )
-        self._inks.append(np.rint(255 * np.clip(ink, 0, 1)).astype(np.uint8))
+        if self._ink is not None:
+            ink = self._ink.Eval(context)
+            self._inks.append(np.rint(255 * np.clip(ink, 0, 1)).astype(np.uint8))
 
     @property
     def times(self) -> NDArray[np.float64]:
@@ -90,5 +94,10 @@ class FilmReel:
 
     @property
     def ink(self) -> NDArray[np.uint8]:
-        """Ink that was left in each cell, 0 for none to 255 for all, shape (N, ny nx)."""
+        """Ink that was left in each cell, 0 for none to 255 for all, shape (N, ny nx).
+
+        Empty where there is no board.
+        """
+        if self._ink is None:
+            return np.zeros((len(self._times), 0), np.uint8)
         return self._inks.array()

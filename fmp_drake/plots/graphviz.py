@@ -44,7 +44,7 @@ def check_graph(path: Path | None) -> None:
     suffix = path.suffix.lower()
     if suffix not in _FORMATS:
         raise RunError(
-            f"{path} is no picture of a diagram; let its name end in "
+            f"{path} is not a picture of a diagram; its name must end in "
             f"{', '.join(_FORMATS[:-1])} or {_FORMATS[-1]}."
         )
     if suffix != ".dot" and shutil.which("dot") is None:

@@ -11,21 +11,13 @@ from scipy.stats import chi2
 
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import check_number
-from fmp_drake.plots.channels import Channels, Demonstrations
-from fmp_drake.plots.panels import PlanePanel, TimePanels
+from fmp_drake.plots.panels import Channels, Demonstrations, PlanePanel, TimePanels
 from fmp_drake.plots.style import SAMPLED, component_color, lighten
 from fmp_drake.primitives import FourierMovementPrimitive
 
+_CONFIDENCE = 0.95
 _ANGLES = np.linspace(0, 2 * np.pi, 48, endpoint=False)
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
-
-
-def sample_windows(
-    skill: FourierMovementPrimitive, n: int, seed: int
-) -> NDArray[np.float64]:
-    """Return windows sampled from a skill without the isotropic noise, (n, T, D)."""
-    check_number(n, "n", least=1, whole=True, error=RunError)
-    return skill.sample(n, seed=seed, with_noise=False)
 
 
 def draw_samples_in_plane(
@@ -34,7 +26,6 @@ def draw_samples_in_plane(
     n: int = 20,
     seed: int = 0,
     demonstrations: Demonstrations = (),
-    plane: Sequence[str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw windows sampled from a skill, over its demonstrations (Fig. 7).
@@ -44,26 +35,22 @@ def draw_samples_in_plane(
     skill : FourierMovementPrimitive
         Fitted.
     n, seed : int
-        How many samples, and of which seed; without the isotropic noise.
+        Number of samples, without the isotropic noise, and their seed.
     demonstrations : Demonstration or sequence of Demonstration
         Drawn in grey behind.
-    plane : sequence of two str, optional
-        The upward channel and the one to the left; the first two where None.
     ax : Axes, optional
+        That of a new figure where None.
     """
-    panel = PlanePanel(Channels.of_skill(skill), plane, ax)
+    check_number(n, "n", least=1, whole=True, error=RunError)
+    panel = PlanePanel(Channels.of_skill(skill), ax)
     panel.background(demonstrations)
-    for sample in sample_windows(skill, n, seed):
+    for sample in skill.sample(n, seed=seed, with_noise=False):
         panel.path(sample, color=SAMPLED, linewidth=0.8, alpha=0.8)
     return panel.finish(f"{n} samples of {skill.n_steps / skill.rate:g} s")
 
 
 def draw_component_over_time(
-    skill: FourierMovementPrimitive,
-    *,
-    component: int = 0,
-    channels: Sequence[str] | None = None,
-    axes: Axes | Sequence[Axes] | None = None,
+    skill: FourierMovementPrimitive, component: int, axes: Sequence[Axes]
 ) -> tuple[Axes, ...]:
     """Draw the mean of a component, and 2 standard deviations about it, over time.
 
@@ -73,16 +60,10 @@ def draw_component_over_time(
         Fitted.
     component : int
         Components are sorted: 0 is the most frequent one.
-    channels : sequence of str, optional
-        The channels to draw; all where None.
-    axes : sequence of Axes, optional
+    axes : sequence of Axes
         One for each channel.
-
-    Returns
-    -------
-    tuple of Axes
     """
-    panels = TimePanels(Channels.of_skill(skill), channels, axes)
+    panels = TimePanels(Channels.of_skill(skill), axes)
     mean, covariances = _moments(skill, component)
     color = component_color(component)
     time = np.arange(skill.n_steps) / skill.rate
@@ -115,17 +96,15 @@ def draw_band(
 
 def draw_component_in_plane(
     skill: FourierMovementPrimitive,
+    component: int,
+    ax: Axes,
     *,
-    component: int = 0,
-    confidence: float = 0.95,
     demonstrations: Demonstrations = (),
-    plane: Sequence[str] | None = None,
-    ax: Axes | None = None,
 ) -> Axes:
     """Draw the mean of a component and the tube that its ellipses sweep.
 
-    At every step of the window the tube contains `confidence` of the component; the
-    outlines are ellipses at twelve steps, the dot is the start.
+    At every step of the window the tube contains 95 % of the component; the outlines
+    are ellipses at twelve steps, the dot is the start.
 
     Parameters
     ----------
@@ -133,21 +112,15 @@ def draw_component_in_plane(
         Fitted.
     component : int
         Components are sorted: 0 is the most frequent one.
-    confidence : float
-        In (0, 1).
+    ax : Axes
     demonstrations : Demonstration or sequence of Demonstration
         Drawn in grey.
-    plane : sequence of two str, optional
-        The upward channel and the one to the left; the first two where None.
-    ax : Axes, optional
     """
-    check_number(confidence, "confidence", above=0.0, below=1.0, error=RunError)
-    panel = PlanePanel(Channels.of_skill(skill), plane, ax)
-    up, left = panel.plane
+    panel = PlanePanel(Channels.of_skill(skill), ax)
     mean, covariances = _moments(skill, component)
-    centres = mean[:, [left, up]]
-    roots = np.linalg.cholesky(covariances[:, [[left], [up]], [left, up]])
-    roots *= np.sqrt(chi2.ppf(confidence, 2))
+    centres = mean[:, [1, 0]]
+    roots = np.linalg.cholesky(covariances[:, [[1], [0]], [1, 0]])
+    roots *= np.sqrt(chi2.ppf(_CONFIDENCE, 2))
     ellipses = centres[:, None] + _CIRCLE @ np.swapaxes(roots, 1, 2)
     pairs = np.concatenate([ellipses[:-1], ellipses[1:]], axis=1)
     color = component_color(component)
@@ -158,7 +131,7 @@ def draw_component_in_plane(
         edgecolor=light,
         linewidth=0.5,
         zorder=1.0,
-        label=f"{100 * confidence:g} %",
+        label=f"{100 * _CONFIDENCE:g} %",
     )
     panel.ax.add_collection(tube)
     panel.background(demonstrations)
@@ -174,7 +147,7 @@ def draw_component_in_plane(
     panel.ax.plot(*centres[:1].T, "o", color=color, markersize=5, zorder=3.0)
     percent = 100 * skill.proportions_[component]
     return panel.finish(
-        f"component {component} ({percent:.0f} %): mean, {100 * confidence:g} % tube"
+        f"component {component} ({percent:.0f} %): mean, {100 * _CONFIDENCE:g} % tube"
     )
 
 
@@ -182,10 +155,6 @@ def _moments(
     skill: FourierMovementPrimitive, component: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return mean (T, D) and covariance (T, D, D) of a component at every step."""
-    m = len(skill.components_)
-    check_number(
-        component, "component", least=0, most=m - 1, whole=True, error=RunError
-    )
     mean = skill.synthesize(skill.components_[component].mean)
     covariances = [skill.covariance(component, t) for t in range(skill.n_steps)]
     return mean, np.stack(covariances)

@@ -1,7 +1,8 @@
-"""The axes of a picture: one in the plane of two channels, or a stack over time."""
+"""Channels of a picture, and its axes: in the plane, or a stack over time."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal, Self
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,7 +10,6 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from fmp_drake.errors import RunError
-from fmp_drake.plots.channels import Channels, Demonstrations, as_list
 from fmp_drake.plots.style import (
     DEMONSTRATED,
     finish_times,
@@ -17,34 +17,86 @@ from fmp_drake.plots.style import (
     set_title,
     shape_of,
 )
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 
-# Of a picture with axes of equal scale: the shorter side beside the longer.
+type Demonstrations = Demonstration | Sequence[Demonstration]
+
+# Least ratio of the shorter to the longer side of axes of equal scale.
 _NARROWEST = 0.4
-_PLANE_WIDTH = 5.5  # inches, of a figure of its own
+_PLANE_WIDTH = 5.5  # Inches, of a figure that is made for one picture.
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Names and units of the channels of a skill or of demonstrations.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @classmethod
+    def of_skill(cls, skill: FourierMovementPrimitive) -> Self:
+        """Return the channels of a fitted skill."""
+        skill.check_fitted()
+        return cls(skill.channels_, skill.units_)
+
+    @classmethod
+    def of_demonstrations(cls, demonstrations: Sequence[Demonstration]) -> Self:
+        """Return the channels that all the demonstrations have."""
+        if not demonstrations:
+            raise RunError("there is no demonstration; give at least one.")
+        out = cls(demonstrations[0].channels, demonstrations[0].units)
+        out.check(demonstrations)
+        return out
+
+    def check(self, demonstrations: Sequence[Demonstration]) -> None:
+        """Raise a RunError where a demonstration has other channels."""
+        for number, demonstration in enumerate(demonstrations):
+            if demonstration.channels != self.names:
+                raise RunError(
+                    f"demonstration {number} has the channels "
+                    f"{', '.join(demonstration.channels)}; the others and the skill "
+                    f"in this picture have {', '.join(self.names)}. Select the same "
+                    "ones (Demonstration.select)."
+                )
+
+    def label(self, index: int) -> str:
+        """Return a channel's name with its unit."""
+        return f"{self.names[index]} ({self.units[index]})"
+
+
+def as_list(demonstrations: Demonstrations) -> list[Demonstration]:
+    """Return one or several demonstrations as a list."""
+    if isinstance(demonstrations, Demonstration):
+        return [demonstrations]
+    return list(demonstrations)
 
 
 class PlanePanel:
-    """One picture in the plane: given axes, or those of a new figure.
+    """A picture in the plane of the first two channels: x upwards, y to the left.
 
     Parameters
     ----------
     channels : Channels
-    plane : sequence of two str, optional
-        The upward channel and the one to the left; the first two where None.
+        At least two.
     ax : Axes, optional
-        A new figure is made, and fitted to what is drawn, where None.
+        Where None, a new figure is made, and fitted to what is drawn.
 
     Attributes
     ----------
     ax : Axes
-    plane : tuple of int
-        Indices of the two channels.
     """
 
-    def __init__(
-        self, channels: Channels, plane: Sequence[str] | None, ax: Axes | None
-    ) -> None:
-        self.plane = channels.plane(plane)
+    def __init__(self, channels: Channels, ax: Axes | None) -> None:
+        if len(channels.names) < 2:
+            raise RunError(
+                f"there is only the channel {channels.names[0]}; a picture in the "
+                "plane needs two. Draw it over time."
+            )
         self._channels = channels
         self._figure: Figure | None = None
         if ax is None:
@@ -54,42 +106,51 @@ class PlanePanel:
 
     def path(self, values: ArrayLike, **style: Any) -> None:
         """Draw values (N, D) as one line."""
-        up, left = np.asarray(values, dtype=float)[:, self.plane].T
-        self.ax.plot(left, up, **style)
+        self.ax.plot(*np.asarray(values, dtype=float)[:, [1, 0]].T, **style)
 
     def background(self, demonstrations: Demonstrations) -> None:
         """Draw demonstrations of the same channels in grey."""
-        recorded = as_list(demonstrations)
-        self._channels.check(recorded)
-        for one in recorded:
-            self.grey_path(one.values)
+        recordings = as_list(demonstrations)
+        self._channels.check(recordings)
+        for recording in recordings:
+            self.grey_path(recording.values)
 
     def grey_path(self, values: ArrayLike) -> None:
-        """Draw demonstrated values (N, D) as the background of what else is drawn."""
+        """Draw demonstrated values (N, D) behind everything else."""
         style = {"color": DEMONSTRATED, "linewidth": 0.4, "zorder": 1.5}
         self.path(values, label="demonstrated", **style)
 
     def finish(self, title: str) -> Axes:
         """Set title and labels, orient the plane, and return the axes."""
-        up, left = self.plane
         ax = self.ax
         set_title(ax, title)
         ax.autoscale_view()
         ax.xaxis.set_inverted(True)
-        ax.set_xlabel(self._channels.label(left))
-        ax.set_ylabel(self._channels.label(up))
+        ax.set_xlabel(self._channels.label(1))
+        ax.set_ylabel(self._channels.label(0))
         ax.locator_params(nbins=6)
-        if self._channels.units[up] == self._channels.units[left]:
+        if self._channels.units[0] == self._channels.units[1]:
             ax.set_aspect("equal")
             _widen(ax)
             if self._figure is not None:
                 ratio = shape_of(np.ptp(ax.get_ylim()), np.ptp(ax.get_xlim()))
                 self._figure.set_figheight(1.0 + (_PLANE_WIDTH - 1.2) * ratio)
+            else:
+                _thin_out_ticks(ax)
         return ax
 
 
+def _thin_out_ticks(ax: Axes) -> None:
+    """Put fewer ticks on the shorter side of a small picture: labels would overlap."""
+    ratio = abs(np.ptp(ax.get_xlim()) / np.ptp(ax.get_ylim()))
+    short: Literal["x", "y"] = "x" if ratio < 1 else "y"
+    if (ratio := min(ratio, 1 / ratio)) < 0.8:
+        bins = max(2, int(4 * ratio))
+        ax.locator_params(axis=short, nbins=bins, min_n_ticks=1)
+
+
 def _widen(ax: Axes) -> None:
-    """Let no side be so short beside the other that the labels of its ticks overlap."""
+    """Limit the aspect ratio so that the labels of ticks do not overlap."""
     low, high = np.reshape(ax.dataLim.extents, (2, 2))
     if np.all(np.isfinite([low, high])):
         middle, half = (low + high) / 2, 0.5 * _NARROWEST * np.max(high - low)
@@ -98,64 +159,32 @@ def _widen(ax: Axes) -> None:
 
 
 class TimePanels:
-    """A stack of axes over time, one for each of some channels, with an optional strip.
+    """A stack of axes over time, one for each channel, with an optional strip below.
 
     Iterating gives the axes and the index of each channel.
 
     Parameters
     ----------
     channels : Channels
-    names : sequence of str, optional
-        The channels to draw; all where None.
-    axes : Axes or sequence of Axes, optional
-        Those of a new figure where None.
-    strip : bool
-        Whether a low one without a channel is added at the bottom.
-
-    Attributes
-    ----------
-    axes : tuple of Axes
+    axes : sequence of Axes
+        One for each channel, then one for the strip where there is one.
     """
 
-    def __init__(
-        self,
-        channels: Channels,
-        names: Sequence[str] | None,
-        axes: Axes | Sequence[Axes] | None,
-        *,
-        strip: bool = False,
-    ) -> None:
-        self._indices = channels.indices(names)
-        self._labels = [channels.label(i) for i in self._indices]
-        count = len(self._indices)
-        if axes is None:
-            figure = Figure(figsize=(9, 1 + 1.5 * count + strip), layout="constrained")
-            ratios = [1.0] * count + [0.25] * strip
-            rows = figure.subplots(
-                count + strip, sharex=True, squeeze=False, height_ratios=ratios
-            )
-            self.axes = tuple(rows[:, 0])
-        else:
-            self.axes = (axes,) if isinstance(axes, Axes) else tuple(axes)
-        if len(self.axes) != count + strip:
-            raise RunError(
-                f"{len(self.axes)} axes are given; this picture needs {count + strip}: "
-                f"one for each of its {count} channels"
-                f"{' and one for the strip' if strip else ''}."
-            )
+    def __init__(self, channels: Channels, axes: Sequence[Axes]) -> None:
+        self._channels = channels
+        self._axes = tuple(axes)
 
     def __iter__(self) -> Iterator[tuple[Axes, int]]:
         """Iterate over axes and indices of the channels."""
-        return iter(zip(self.axes, self._indices, strict=False))
+        indices = range(len(self._channels.names))
+        return iter(zip(self._axes, indices, strict=False))
 
     def finish(
-        self, title: str, *, xlabel: str = "time (s)", last: str = ""
+        self, title: str, *, xlabel: str = "time (s)", strip: str = ""
     ) -> tuple[Axes, ...]:
-        """Set title, legend and labels, and return the axes; `last` names the strip."""
-        first = self.axes[0]
-        set_title(first, title)
-        legend_above(first)
-        finish_times(
-            self.axes, [*self._labels, *([last] if last else [])], xlabel=xlabel
-        )
-        return self.axes
+        """Set title, legend and labels, and return the axes; `strip` labels the strip."""
+        labels = [self._channels.label(i) for _, i in self]
+        set_title(self._axes[0], title)
+        legend_above(self._axes[0])
+        finish_times(self._axes, [*labels, *([strip] if strip else [])], xlabel=xlabel)
+        return self._axes

@@ -1,4 +1,4 @@
-"""Pictures of what is played: the way back to the skill, and a rollout over time."""
+"""Pictures of what a player plays: from a start in the plane, and over time."""
 
 from collections.abc import Sequence
 
@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import check_number
-from fmp_drake.plots.channels import Channels, Demonstrations
 from fmp_drake.plots.learned import draw_band
-from fmp_drake.plots.panels import PlanePanel, TimePanels
+from fmp_drake.plots.panels import Channels, Demonstrations, PlanePanel, TimePanels
 from fmp_drake.plots.style import (
     PLAYED,
     TIME_MAP,
@@ -32,7 +31,6 @@ def draw_way_back(
     *,
     duration: float = 10.0,
     demonstrations: Demonstrations = (),
-    plane: Sequence[str] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw what is played from a start, coloured by time (Figs. 4, 9 and 10).
@@ -46,14 +44,12 @@ def draw_way_back(
         Seconds.
     demonstrations : Demonstration or sequence of Demonstration
         Drawn in grey behind.
-    plane : sequence of two str, optional
-        The upward channel and the one to the left; the first two where None.
     ax : Axes, optional
+        That of a new figure where None.
     """
-    panel = PlanePanel(Channels.of_skill(player.skill), plane, ax)
+    panel = PlanePanel(Channels.of_skill(player.skill), ax)
     _check_duration(player, duration)
-    up, left = panel.plane
-    points = player.rollout(start, duration)[..., 0, [left, up]]
+    points = player.rollout(start, duration)[..., 0, [1, 0]]
     points = points.reshape(-1, *points.shape[-2:])
     panel.background(demonstrations)
     segments = np.stack([points[:, :-1], points[:, 1:]], axis=2)
@@ -78,12 +74,11 @@ def draw_way_back(
 def draw_rollout_over_time(
     player: Player,
     start: ArrayLike,
+    axes: Sequence[Axes],
     *,
     duration: float = 30.0,
-    channels: Sequence[str] | None = None,
-    axes: Sequence[Axes] | None = None,
 ) -> tuple[Axes, ...]:
-    """Draw what is played over time, and the component it tracks as a strip below.
+    """Draw what is played over time, and the tracked component as a strip below.
 
     Dotted lines are the re-mapping instants; the band is 2 standard deviations of
     the tracked component (18).
@@ -92,19 +87,12 @@ def draw_rollout_over_time(
     ----------
     player : Player
     start : array_like, shape (D,)
+    axes : sequence of Axes
+        One for each channel, then one for the strip.
     duration : float
         Seconds.
-    channels : sequence of str, optional
-        The channels to draw; all where None.
-    axes : sequence of Axes, optional
-        One for each channel, then one for the strip.
-
-    Returns
-    -------
-    tuple of Axes
-        The strip is the last.
     """
-    panels = TimePanels(Channels.of_skill(player.skill), channels, axes, strip=True)
+    panels = TimePanels(Channels.of_skill(player.skill), axes)
     _check_duration(player, duration)
     states = _play(player, start, duration)
     time = player.tick_seconds * np.arange(len(states), dtype=np.float64)
@@ -116,12 +104,12 @@ def draw_rollout_over_time(
         ax.plot(time, values[:, i], color=PLAYED, linewidth=1.2, label="played")
         for at in instants:
             ax.axvline(at, color="0.3", linewidth=0.8, linestyle=":", label="re-mapped")
-    strip = panels.axes[-1]
+    strip = axes[-1]
     _draw_strip(strip, states, np.concatenate([[0.0], instants, time[-1:]]))
-    panels.axes[0].set_xlim(0, time[-1])
-    panels.finish("played", last="component")
+    axes[0].set_xlim(0, time[-1])
+    panels.finish("played", strip="component")
     strip.yaxis.label.set(rotation=0, ha="right", va="center", size="small")
-    return panels.axes
+    return tuple(axes)
 
 
 def _play(player: Player, start: ArrayLike, duration: float) -> list[PlaybackState]:

@@ -1,4 +1,4 @@
-"""What of a board the arm can reach, and the skill in it."""
+"""Picture of the part of a board that the arm can reach, and of the skill in it."""
 
 from pathlib import Path
 from textwrap import fill
@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.patches import Rectangle
 
-from fmp_drake.plots.channels import Channels
-from fmp_drake.plots.panels import PlanePanel
+from fmp_drake.plots.panels import Channels, PlanePanel
 from fmp_drake.plots.style import (
     PLAYED,
     REFUSED,
@@ -21,11 +20,12 @@ from fmp_drake.plots.style import (
 )
 
 if TYPE_CHECKING:
-    from fmp_drake.station import Feasibility
+    from fmp_drake.station.reach.feasibility import Feasibility
 
 _MARGIN_MAP: Colormap = LinearSegmentedColormap.from_list(
     "fmp_margin", ["#FFF7D6", "#B9DDB0", "#5FB08A"]
 )
+_AT_SPRING = "#F0C9CD"
 _WIDEST = 0.8  # Of the scale of margins, rad.
 _UNREACHED: dict[str, Any] = {
     "facecolor": "0.93",
@@ -35,28 +35,27 @@ _UNREACHED: dict[str, Any] = {
 }
 
 
-def plot_reach(feasibility: "Feasibility", path: Path) -> None:
+def plot_reach(feasibility: "Feasibility", path: str | Path) -> None:
     """Write the picture that `draw_reach` draws to a file (.png, .pdf, .svg)."""
     save(draw_reach(feasibility).figure.get_figure(root=True), path)
 
 
-def draw_reach(feasibility: "Feasibility", *, ax: Axes | None = None) -> Axes:
+def draw_reach(feasibility: "Feasibility") -> Axes:
     """Draw the board from above: where the arm can hold the eraser, and the skill.
 
-    The reachable part is shaded by how far the joints are from their walls; what of the
-    skill's samples cannot be followed is red.
+    The reachable part is shaded by the joint-limit margin; the parts of the skill's
+    samples that cannot be followed are red.
 
     Parameters
     ----------
     feasibility : Feasibility
         From `CheckFeasibility`.
-    ax : Axes, optional
     """
     x, y, margin = feasibility.cells
-    panel = PlanePanel(Channels(("x", "y"), ("m", "m")), None, ax)
+    panel = PlanePanel(Channels(("x", "y"), ("m", "m")), None)
     board = Rectangle((y[0], x[0]), float(np.ptp(y)), float(np.ptp(x)), **_UNREACHED)
     panel.ax.add_patch(board).set_label("out of reach")
-    shades = _MARGIN_MAP.with_extremes(under="#F0C9CD")
+    shades = _MARGIN_MAP.with_extremes(under=_AT_SPRING)
     mesh = panel.ax.pcolormesh(
         y,
         x,
@@ -67,6 +66,10 @@ def draw_reach(feasibility: "Feasibility", *, ax: Axes | None = None) -> Axes:
         shading="nearest",
         rasterized=True,
     )
+    if np.any(margin[np.isfinite(margin)] < 0):
+        panel.ax.add_patch(Rectangle((y[0], x[0]), 0, 0, color=_AT_SPRING)).set_label(
+            "at a joint-limit spring"
+        )
     for path in feasibility.paths:
         panel.path(path[:, :2], label="samples", color=SAMPLED, linewidth=0.3)
     missed = feasibility.paths[~feasibility.followed]
@@ -82,7 +85,7 @@ def draw_reach(feasibility: "Feasibility", *, ax: Axes | None = None) -> Axes:
     panel.ax.plot(
         *feasibility.start[1::-1], "o", markeredgewidth=2.0, label="start", **ring
     )
-    add_colorbar(panel.ax, mesh, "nearest joint's way to its wall (rad)")
+    add_colorbar(panel.ax, mesh, "joint-limit margin (rad)")
     axes = panel.finish("")
     legend_above(axes)
     axes.set_title(fill(feasibility.verdict, 70), loc="left", fontsize="small", pad=22)

@@ -1,15 +1,14 @@
-"""A page about one run of the wiping station."""
+"""A page about one run of a station."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fmp_drake.plots.channels import Channels
-from fmp_drake.plots.panels import PlanePanel
-from fmp_drake.plots.run_events import draw_events
+from fmp_drake.plots.panels import Channels, PlanePanel
 from fmp_drake.plots.style import (
     DEMONSTRATED,
     PLAYED,
@@ -20,72 +19,88 @@ from fmp_drake.plots.style import (
     save,
     set_title,
 )
+from fmp_drake.primitives.data.channels import POSITION_CHANNELS, ROTATION_CHANNELS
 
 if TYPE_CHECKING:
+    from fmp_drake.runs.station_run import StationRun
     from fmp_drake.runs.wiping_run import WipingRun
 
+_POSITION = Channels(POSITION_CHANNELS, ("m",) * 3)
 _AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")
 _MILESTONES = (0.5, 0.9, 0.99)
+_LEAST_FORCE = 1e-3  # N, of a disturbance.
+_DISTURBED = "#CC79A7"
+_WRONG = "#D55E00"
 
 RUN_PAGE_SIGNALS = (
     *("measured_position", "desired_position", "normal_force"),
     *("cleaned_fraction", "remaps", "disturbance"),
+    *("tracking_error", "desired_normal_force"),
 )
 """Names of the signals that a run must keep for its page."""
 
 
-def plot_run(run: "WipingRun", path: Path) -> None:
+def plot_run(run: "StationRun", path: str | Path) -> None:
     """Write the page `draw_run` draws to a file (.png, .pdf, .svg)."""
     save(draw_run(run), path)
 
 
-def draw_run(run: "WipingRun") -> Figure:
+def draw_run(run: "StationRun") -> Figure:
     """Return a page: path, ink left; cleaned area, force and tracking error over time.
 
-    Dotted lines are re-mappings, dashed ones those after a push, and shaded times are
-    those of a disturbance, or of what went wrong; above is said what.
+    In free space there is neither ink nor force. The error of the orientation is there
+    where the skill has one. Dotted lines are scheduled re-mappings, dashed ones those after
+    a push. Disturbances and faults are shaded; the text above names the faults.
 
     Parameters
     ----------
-    run : WipingRun
+    run : StationRun
         Which has kept `RUN_PAGE_SIGNALS`.
     """
+    rows: dict[str, Callable[[Axes, Any], None]] = {
+        "measured - desired (mm)": _draw_error
+    }
+    if run.roles.rotation is not None:
+        rows["measured - desired (degrees)"] = _draw_orientation_error
     figure = Figure(figsize=(11, 10.5), layout="constrained")
-    grid = figure.add_gridspec(4, 2, height_ratios=[2.1, 1, 1, 1])
-    _draw_path(figure.add_subplot(grid[0, 0]), run)
-    _draw_ink(figure.add_subplot(grid[0, 1]), run)
-    cleaned = figure.add_subplot(grid[1, :])
-    force = figure.add_subplot(grid[2, :], sharex=cleaned)
-    error = figure.add_subplot(grid[3, :], sharex=cleaned)
-    _draw_cleaned(cleaned, run)
-    _draw_force(force, run)
-    _draw_error(error, run)
-    finish_times(
-        [cleaned, force, error],
-        ["clean (%)", "normal force (N)", "measured - desired (mm)"],
-    )
-    cleaned.set_xlim(0, run.log_times("measured_position")[-1])
-    for ax in (cleaned, force, error):
-        draw_events(ax, run)
+    if _has_board(run):
+        rows = {"clean (%)": _draw_cleaned, "normal force (N)": _draw_force} | rows
+        ratios = [2.1] + [1.0] * len(rows)
+        grid = figure.add_gridspec(len(ratios), 2, height_ratios=ratios)
+        _draw_path(figure.add_subplot(grid[0, 0]), run)
+        _draw_ink(figure.add_subplot(grid[0, 1]), run)
+    else:
+        ratios = [2.1] + [1.0] * len(rows)
+        grid = figure.add_gridspec(len(ratios), 2, height_ratios=ratios)
+        _draw_path(figure.add_subplot(grid[0, :]), run)
+    axes: list[Axes] = []
+    for row, draw in enumerate(rows.values(), 1):
+        axes.append(figure.add_subplot(grid[row, :], sharex=axes[0] if axes else None))
+        draw(axes[-1], run)
+    finish_times(axes, list(rows))
+    axes[0].set_xlim(0, run.log_times("measured_position")[-1])
+    for ax in axes:
+        _draw_events(ax, run)
         legend_above(ax)
-    figure.align_ylabels([cleaned, force, error])
+    figure.align_ylabels(axes)
     sentences = "\n".join(event.text for event in run.events())
     if sentences:
         figure.suptitle(sentences, fontsize="medium", x=0.01, ha="left")
     return figure
 
 
-def _draw_path(ax: Axes, run: "WipingRun") -> None:
-    panel = PlanePanel(Channels.of_skill(run.skill), None, ax)
+def _draw_path(ax: Axes, run: "StationRun") -> None:
+    panel = PlanePanel(_POSITION, ax)
     for path in run.demonstrated:
-        panel.grey_path(path)
+        panel.grey_path(path[:, run.roles.position])
     measured = run.log("measured_position")[::4]  # 50 Hz.
     panel.path(measured, color=PLAYED, linewidth=0.7, label="measured")
-    _finish_board(panel, run, "path of the eraser")
+    tool = "eraser" if _has_board(run) else "tool"
+    _finish_board(panel, run, f"path of the {tool}")
 
 
 def _draw_ink(ax: Axes, run: "WipingRun") -> None:
-    panel = PlanePanel(Channels.of_skill(run.skill), None, ax)
+    panel = PlanePanel(_POSITION, ax)
     nx, ny = run.grid.size
     ink = run.ink().T
     x_edges = np.linspace(-nx / 2, nx / 2, ink.shape[0] + 1)
@@ -106,18 +121,23 @@ def _draw_ink(ax: Axes, run: "WipingRun") -> None:
     _finish_board(panel, run, "ink left")
 
 
-def _finish_board(panel: PlanePanel, run: "WipingRun", title: str) -> None:
-    """Let a picture in the plane show the whole board, and no more."""
+def _finish_board(panel: PlanePanel, run: "StationRun", title: str) -> None:
+    """Set the limits of a picture in the plane to the edges of the board, if there is one."""
     ax = panel.finish(title)
     legend_above(ax)
-    nx, ny = run.grid.size
-    ax.set_xlim(ny / 2, -ny / 2)
-    ax.set_ylim(-nx / 2, nx / 2)
+    if _has_board(run):
+        nx, ny = run.grid.size
+        ax.set_xlim(ny / 2, -ny / 2)
+        ax.set_ylim(-nx / 2, nx / 2)
+
+
+def _has_board(run: "StationRun") -> "TypeGuard[WipingRun]":
+    return hasattr(run, "grid")
 
 
 def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
-    """Draw how much of the ink is gone, with the times to 50, 90 and 99 %."""
-    # Where the run is made Drake is there; the other pictures need none.
+    """Draw the clean fraction over time, with the times to 50, 90 and 99 %."""
+    # This module needs Drake; the other pictures do not.
     from fmp_drake.systems.ink.grid import CLEAN_BELOW
 
     inked = run.initial_ink.reshape(run.grid.shape) >= CLEAN_BELOW
@@ -167,25 +187,73 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
 def _draw_force(ax: Axes, run: "WipingRun") -> None:
     from fmp_drake.runs.metrics import NEAR_FORCE
 
-    wanted = run.scenario.press.force
-    low, high = max(0.0, wanted - NEAR_FORCE), wanted + NEAR_FORCE
-    ax.axhspan(
-        low,
-        high,
-        color="#009E73",
-        alpha=0.12,
-        linewidth=0,
-        label=f"wanted, {low:g} to {high:g} N",
-    )
-    force = run.log("normal_force")[:, 0]
-    ax.plot(run.log_times("normal_force"), force, color=SAMPLED, linewidth=0.8)
-    ax.set_ylim(0, max(1.2 * high, 1.05 * float(np.max(force, initial=0.0))))
+    times, force = run.log_times("normal_force"), run.log("normal_force")[:, 0]
+    wanted = np.full(len(force), run.scenario.press.force)
+    if run.roles.force is not None:
+        wanted = run.log("desired_normal_force")[:, 0]
+    low, high = np.maximum(wanted - NEAR_FORCE, 0.0), wanted + NEAR_FORCE
+    style: dict[str, Any] = {"color": "#009E73", "alpha": 0.12, "linewidth": 0}
+    if run.roles.force is None:
+        label = f"wanted, {low[0]:g} to {high[0]:g} N"
+        ax.axhspan(low[0], high[0], label=label, **style)
+    else:
+        ax.fill_between(times, low, high, label="wanted", **style)
+    ax.plot(times, force, color=SAMPLED, linewidth=0.8)
+    ax.set_ylim(0, max(1.2 * np.max(high), 1.05 * float(np.max(force, initial=0.0))))
     set_title(ax, "force on the board")
 
 
-def _draw_error(ax: Axes, run: "WipingRun") -> None:
+def _draw_error(ax: Axes, run: "StationRun") -> None:
     error = 1e3 * (run.log("measured_position") - run.log("desired_position"))
     times = run.log_times("measured_position")
     for i, (name, color) in enumerate(zip("xyz", _AXIS_COLORS, strict=True)):
         ax.plot(times[::10], error[::10, i], color=color, linewidth=0.8, label=name)
     set_title(ax, "tracking error")
+
+
+def _draw_orientation_error(ax: Axes, run: "StationRun") -> None:
+    # The controller's error is desired - measured.
+    error = -np.rad2deg(run.log("tracking_error")[:, :3])
+    times = run.log_times("tracking_error")
+    for i, (name, color) in enumerate(
+        zip(ROTATION_CHANNELS, _AXIS_COLORS, strict=True)
+    ):
+        ax.plot(times[::10], error[::10, i], color=color, linewidth=0.8, label=name)
+    set_title(ax, "error of the orientation")
+
+
+def _draw_events(ax: Axes, run: "StationRun") -> None:
+    """Mark the re-mappings, disturbances and faults of a run in axes over time."""
+    time, counts = run.log_times("remaps"), run.log("remaps")
+    total, after_push = (time[1:][risen] for risen in np.diff(counts, axis=0).T > 0)
+    for times, style, label in (
+        (np.setdiff1d(total, after_push), ":", "re-mapped"),
+        (after_push, "--", "re-mapped after a push"),
+    ):
+        for at in times:
+            ax.axvline(
+                at,
+                color="0.45",
+                linewidth=0.7,
+                linestyle=style,
+                zorder=0.9,
+                label=label,
+            )
+    for start, end, kind, _ in run.events():
+        if not kind.startswith("board"):
+            ax.axvspan(start, end, color=_WRONG, alpha=0.15, linewidth=1, label=kind)
+    if "disturbance" not in run.kept:
+        return
+    disturbed = np.linalg.norm(run.log("disturbance"), axis=1) > _LEAST_FORCE
+    if np.any(disturbed):
+        ax.fill_between(
+            run.log_times("disturbance"),
+            0,
+            1,
+            where=disturbed,
+            transform=ax.get_xaxis_transform(),
+            color=_DISTURBED,
+            alpha=0.25,
+            linewidth=0,
+            label="disturbed",
+        )

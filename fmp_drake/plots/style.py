@@ -1,4 +1,4 @@
-"""Colours, line widths and axes that all pictures share."""
+"""Colours, axes, legends and files that all pictures share."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap, to_rgb
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from fmp_drake.errors import RunError
-from fmp_drake.primitives.data.files import replaced
+from fmp_drake.primitives.data.files import check_writable, replaced
 
 # Of the palette of Okabe and Ito, which stays apart for colour-blind people.
 DEMONSTRATED = "0.65"
@@ -147,8 +148,32 @@ def set_title(ax: Axes, title: str) -> None:
     ax.set_title(title, loc="left", fontsize="medium")
 
 
-def save(figure: Figure, path: Path) -> None:
+def check_picture(path: Path | None) -> None:
+    """Check that a picture can be written to a file, before any work is done.
+
+    Parameters
+    ----------
+    path : pathlib.Path, optional
+        Nothing is checked where None.
+
+    Raises
+    ------
+    RunError
+        Where Matplotlib does not write files of its ending.
+    FmpError
+        Where its folder does not exist, or it is a folder.
+    """
+    check_writable(path)
+    kinds = FigureCanvasAgg.get_supported_filetypes()
+    if path is not None and path.suffix.lower().removeprefix(".") not in kinds:
+        raise RunError(
+            f"{path} is not a picture; its name must end in .png, .svg or .pdf."
+        )
+
+
+def save(figure: Figure, path: str | Path) -> None:
     """Write a figure; the ending of the name says in which format."""
+    path = Path(path)
     # Text stays text in a PDF.
     with (
         replaced(path, RunError) as part,

@@ -1,0 +1,235 @@
+"""Pictures of demonstrations: paths, windows and spectra (Fig. 3)."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from fmp_drake.plots.panels import (
+    Channels,
+    Demonstrations,
+    PlanePanel,
+    TimePanels,
+    as_list,
+)
+from fmp_drake.plots.style import (
+    DEMONSTRATED,
+    add_colorbar,
+    add_lines,
+    component_color,
+    save,
+)
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives.data.windows import as_windows
+from fmp_drake.primitives.editing.spectrum import polar
+
+_MOST_WINDOWS = 60  # More could not be told apart.
+# Harmonics are drawn up to this fraction of the power, and at least so many.
+_SHOWN_ENERGY = 0.99
+_FEWEST_HARMONICS = 12
+
+
+def plot_demonstrations(demonstrations: Demonstrations, path: str | Path) -> None:
+    """Write a picture of recordings, over time and in the plane (.png, .pdf, .svg)."""
+    recordings = as_list(demonstrations)
+    count = len(Channels.of_demonstrations(recordings).names)
+    figure = Figure(figsize=(12, max(4.0, 1 + 1.3 * count)), layout="constrained")
+    left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=[2, 1])[0]
+    axes = left.subplots(count, squeeze=False, sharex=True)[:, 0]
+    draw_demonstrations_over_time(recordings, axes)
+    if count > 1:
+        draw_demonstrations_in_plane(recordings, ax=right.subplots())
+    save(figure, path)
+
+
+def draw_demonstrations_over_time(
+    demonstrations: Demonstrations, axes: Sequence[Axes]
+) -> tuple[Axes, ...]:
+    """Draw every channel of recordings over time (Fig. 3a), into one Axes for each."""
+    recordings = as_list(demonstrations)
+    panels = TimePanels(Channels.of_demonstrations(recordings), axes)
+    for ax, i in panels:
+        for recording, grey in zip(recordings, _greys(len(recordings)), strict=True):
+            ax.plot(recording.time, recording.values[:, i], color=grey, linewidth=0.8)
+    return panels.finish(_title(recordings))
+
+
+def draw_demonstrations_in_plane(
+    demonstrations: Demonstrations, *, ax: Axes | None = None
+) -> Axes:
+    """Draw the paths of recordings in the plane of their first two channels (Fig. 3b).
+
+    Parameters
+    ----------
+    demonstrations : Demonstration or sequence of Demonstration
+    ax : Axes, optional
+        That of a new figure where None.
+    """
+    recordings = as_list(demonstrations)
+    panel = PlanePanel(Channels.of_demonstrations(recordings), ax)
+    for recording, grey in zip(recordings, _greys(len(recordings)), strict=True):
+        panel.path(recording.values, color=grey, linewidth=0.6)
+    return panel.finish(_title(recordings))
+
+
+def _greys(count: int) -> list[str]:
+    """Return a grey for each of several recordings."""
+    if count == 1:
+        return ["0.45"]
+    return [f"{grey:.2f}" for grey in np.linspace(0.3, 0.75, count)]
+
+
+def _title(demonstrations: Sequence[Demonstration]) -> str:
+    seconds = sum(d.duration for d in demonstrations)
+    if len(demonstrations) == 1:
+        return f"demonstrated: {seconds:.0f} s"
+    return f"demonstrated: {len(demonstrations)} recordings, {seconds:.0f} s"
+
+
+def draw_windows_over_time(
+    skill: FourierMovementPrimitive,
+    demonstrations: Demonstrations,
+    axes: Sequence[Axes],
+) -> tuple[Axes, ...]:
+    """Draw the windows that a skill learns from, one over the other.
+
+    At most 60, evenly chosen, each in the colour of its most probable component.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted: its parameters are those of the windows.
+    demonstrations : Demonstration or sequence of Demonstration
+    axes : sequence of Axes
+        One for each channel.
+    """
+    panels = TimePanels(Channels.of_skill(skill), axes)
+    windows, title = _shown_windows(skill, demonstrations)
+    time = np.arange(skill.n_steps) / skill.rate
+    _draw_windows(
+        skill,
+        windows,
+        (
+            (ax, np.stack(np.broadcast_arrays(time, windows[..., i]), -1))
+            for ax, i in panels
+        ),
+    )
+    m = len(skill.components_)
+    cmap, norm = _component_colors(skill)
+    add_colorbar(
+        list(axes) if len(axes) > 1 else axes[0],
+        ScalarMappable(cmap=cmap, norm=norm),
+        "component",
+        ticks=range(0, m, max(1, m // 10)),
+    )
+    return panels.finish(title, xlabel="time in the window (s)")
+
+
+def draw_windows_in_plane(
+    skill: FourierMovementPrimitive, demonstrations: Demonstrations, ax: Axes
+) -> Axes:
+    """Draw the windows of `draw_windows_over_time` in the plane (Fig. 3b)."""
+    panel = PlanePanel(Channels.of_skill(skill), ax)
+    windows, title = _shown_windows(skill, demonstrations)
+    _draw_windows(skill, windows, [(panel.ax, windows[:, :, [1, 0]])])
+    return panel.finish(title)
+
+
+def _windows(
+    skill: FourierMovementPrimitive, demonstrations: Demonstrations
+) -> NDArray[np.float64]:
+    """Return the windows (N, T, D) that a skill would learn from demonstrations."""
+    recordings = as_list(demonstrations)
+    Channels.of_skill(skill).check(recordings)
+    return as_windows(
+        recordings,
+        n_steps=skill.n_steps,
+        stride=skill.window_stride,
+        rate=skill.rate,
+        at_least=1,
+    ).values
+
+
+def _shown_windows(
+    skill: FourierMovementPrimitive, demonstrations: Demonstrations
+) -> tuple[NDArray[np.float64], str]:
+    """Return the windows to draw and the title."""
+    windows = _windows(skill, demonstrations)
+    count, seconds = len(windows), skill.n_steps / skill.rate
+    title = f"{count} windows of {seconds:g} s"
+    if count > _MOST_WINDOWS:
+        title = f"{_MOST_WINDOWS} of {title}"
+        windows = windows[np.linspace(0, count - 1, _MOST_WINDOWS).round().astype(int)]
+    return windows, title
+
+
+def _component_colors(
+    skill: FourierMovementPrimitive,
+) -> tuple[ListedColormap, BoundaryNorm]:
+    """Return the colours of the numbers of a skill's components."""
+    m = len(skill.components_)
+    cmap = ListedColormap([component_color(j) for j in range(m)])
+    return cmap, BoundaryNorm(np.arange(m + 1) - 0.5, m)
+
+
+def _draw_windows(
+    skill: FourierMovementPrimitive,
+    windows: NDArray[np.float64],
+    pictures: Iterable[tuple[Axes, ArrayLike]],
+) -> None:
+    """Draw lines (N, T, 2) for windows (N, T, D) into each of several axes."""
+    weights = skill.analyze(windows)
+    densities = np.stack([c.log_density(weights) for c in skill.components_], axis=-1)
+    numbers = np.argmax(densities + np.log(skill.proportions_), axis=-1)
+    cmap, norm = _component_colors(skill)
+    style = {"cmap": cmap, "norm": norm, "linewidths": 0.7, "alpha": 0.8}
+    for ax, lines in pictures:
+        add_lines(ax, lines, numbers, **style)
+
+
+def draw_spectra(
+    skill: FourierMovementPrimitive,
+    demonstrations: Demonstrations,
+    axes: Sequence[Axes],
+) -> tuple[Axes, ...]:
+    """Draw the amplitude of every harmonic of the windows, with its spread.
+
+    A point is the median over the windows, its bar contains 90 % of them. The constant
+    part is left out, and so are frequencies above which there is hardly any power.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted: its parameters are those of the windows.
+    demonstrations : Demonstration or sequence of Demonstration
+    axes : sequence of Axes
+        One for each channel.
+    """
+    panels = TimePanels(Channels.of_skill(skill), axes)
+    windows = _windows(skill, demonstrations)
+    amplitudes = polar(windows)[0][:, 1:]  # (N, harmonics, D), the constant left out
+    count = _harmonics_with_energy(amplitudes)
+    frequencies = np.arange(1, count + 1) * skill.rate / skill.n_steps
+    for ax, i in panels:
+        low, middle, high = np.percentile(amplitudes[:, :count, i], [5, 50, 95], axis=0)
+        bars = ax.vlines(frequencies, low, high, color=DEMONSTRATED, linewidth=3.0)
+        bars.set_label("5 to 95 %")
+        ax.plot(frequencies, middle, "o", color="0.15", markersize=3.5, label="median")
+        ax.set_ylim(bottom=0)
+        ax.set_xlim(left=0)
+    title = f"harmonics of {len(windows)} windows"
+    return panels.finish(title, xlabel="frequency (Hz)")
+
+
+def _harmonics_with_energy(amplitudes: NDArray[np.float64]) -> int:
+    """Return how many harmonics contain nearly all the power of every channel."""
+    power = np.mean(amplitudes**2, axis=0)
+    total = np.maximum(np.sum(power, axis=0), 1e-300)
+    fraction = np.cumsum(power, axis=0) / total
+    needed = 1 + int(np.max(np.argmax(fraction >= _SHOWN_ENERGY, axis=0)))
+    return min(max(needed, _FEWEST_HARMONICS), amplitudes.shape[1])
