@@ -2,9 +2,9 @@
 Learn a rhythmic skill from one recording
 =========================================
 
-One long recording of a person who draws the figure 8 is all there is: it is not aligned, not
-cut into periods, and nobody has to say what its period is. It is learned, looked at, saved,
-and played from where nobody has begun.
+The only input is one long recording of a person who draws the figure 8. It is not aligned or
+cut into periods, and the period is not given. The script learns the skill, plots it, saves it,
+and plays it from a start that was never demonstrated.
 """
 
 from pathlib import Path

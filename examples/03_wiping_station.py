@@ -2,10 +2,12 @@
 The wiping station in Python: move the board, push the arm
 ==========================================================
 
-A scenario is data, a station is made of it, and its exported ports are its interface. The board
-is moved and turned here; the skill lives in the frame of the board, so it comes along without
-new learning. A push of 15 N disturbs the arm after 6 s.
+A scenario is data. A station is built from it, and its exported ports are its interface. Here the
+board is moved and rotated. The skill is expressed in the frame of the board, so it needs no new
+learning. A push of 15 N disturbs the arm after 6 s.
 """
+
+# sphinx_gallery_thumbnail_path = '../../models/scenarios/table_top.png'
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -1,31 +1,32 @@
 """
-Teach it by hand: lead the arm, learn, and let it wipe on
-=========================================================
+Teach by hand guiding: show, learn, and let the arm continue
+============================================================
 
-The parts of ``fmp-drake teach``. A hand leads the arm, whose weight is compensated; what it shows
-is recorded and learned, and the arm plays it from where it is. Here a simulated hand leads, so that
-nobody has to; with ``--page`` it is you: hold Ctrl and drag the eraser with the left mouse button,
-the same movement again and again. After 20 s it learns by itself. ::
+The parts of ``fmp-drake teach``. A hand guides the arm, whose weight is compensated. Its motion is
+recorded and learned, and the arm plays the skill from its current pose. Without options a simulated
+hand guides the arm. With ``--page`` you do: drag the eraser with the mouse or a finger, the same
+movement again and again. After 20 s the script learns by itself. ::
 
-    python examples/04_teach_by_mouse.py          # fast, led by a simulated hand
-    python examples/04_teach_by_mouse.py --page   # led by your mouse
+    python examples/04_teach_by_mouse.py          # fast, guided by a simulated hand
+    python examples/04_teach_by_mouse.py --page   # guided by your mouse
 """
+
+# sphinx_gallery_thumbnail_path = '../page.png'
 
 import sys
 import time
 
 import matplotlib.pyplot as plt
-from pydrake.geometry import Meshcat, MeshcatParams
 
 from fmp_drake.runs import TeachingSession
 from fmp_drake.station import LoadScenario, MouseOnPage, SimulatedHand
-from fmp_drake.systems import HandMotion, PagePanel
+from fmp_drake.systems import HandMotion, PagePanel, hidden_meshcat
 
 page = "--page" in sys.argv
 scenario = LoadScenario("table_top")
 
 if page:
-    panel = PagePanel(Meshcat(MeshcatParams(host="localhost")))
+    panel = PagePanel(hidden_meshcat())
     hand = MouseOnPage(panel.meshcat)
     session = TeachingSession(scenario, hand, panel=panel, clock=time.monotonic)
     print(f"lead it at {panel.url}")
@@ -46,7 +47,7 @@ demonstrations = session.demonstrations
 # %%
 # Learn, and wipe on
 # ------------------
-# The session has the buttons of the page: learn, again, play, teach, more and save.
+# The session has the buttons of the page: learn, again, undo, play, teach, more and save.
 
 session.press("learn")
 print(session.remark)

@@ -2,9 +2,9 @@
 An arm of your own
 ==================
 
-The primitive and the controller know nothing of a Panda. Here they move an arm of six joints, whose
-URDF this script writes: give yours instead. Each joint needs its limits and a motor, each link its
-mass and inertia; the controller reads everything else from them.
+The primitive and the controller do not depend on the Panda. Here they move an arm of six joints,
+whose URDF this script writes; replace it by yours. Each joint needs limits and an actuator, each
+link a mass and an inertia. The controller reads everything else from the model.
 """
 
 import matplotlib.pyplot as plt

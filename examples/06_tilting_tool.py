@@ -3,9 +3,11 @@ Tilt the tool while it moves, with a stiffness that changes
 ===========================================================
 
 The impedance controller follows signals of your own: `desired_orientation` and its derivatives
-rotate the tool, `stiffness` makes the arm softer and stiffer. Without the angular velocity the
-damping would drag the tool 10 degrees behind.
+rotate the tool, `stiffness` makes the arm softer and stiffer. Without the desired angular velocity
+the damping would cause a lag of 10 degrees.
 """
+
+# sphinx_gallery_thumbnail_path = '../../models/scenarios/tilted.png'
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -2,9 +2,9 @@
 Keypoints: through here, at that time, this fast
 ================================================
 
-A learned movement is a distribution over whole windows, so it can be conditioned on
-anything that is linear in a window: where it begins, where it is at some time, how fast.
-That is equation (13) of the paper, and it takes some tens of microseconds.
+A learned movement is a distribution over whole windows. It can be conditioned on any linear
+function of a window: its start, a position at some time, a velocity. This is equation (13) of
+the paper, and it takes some tens of microseconds.
 """
 
 import matplotlib.pyplot as plt

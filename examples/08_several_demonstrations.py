@@ -2,8 +2,8 @@
 Several demonstrations, some better than others
 ===============================================
 
-Recordings are learned together: a list instead of one. Weights say how much each counts,
-and there is nothing to align, because every window may start anywhere.
+A list of recordings is learned together. Each recording may have a weight. Nothing needs to be
+aligned, because a window may start anywhere.
 """
 
 import matplotlib.pyplot as plt
@@ -45,8 +45,11 @@ people = [ellipse(0.10, 3.0, 0.0), ellipse(0.12, 3.4, 0.0), ellipse(0.20, 4.5, 0
 # With equal weights the large ellipses are a third of what is learned. The third person
 # was hurried; counting a tenth as much, they hardly shape the samples.
 
-together = FourierMovementPrimitive(n_components=30).fit(people)
-trusted = FourierMovementPrimitive(n_components=30).fit(people, weights=[1, 1, 0.1])
+# A mixture keeps all of them; a phase model would learn the movement that most show.
+together = FourierMovementPrimitive(n_components=30, model="mixture").fit(people)
+trusted = FourierMovementPrimitive(n_components=30, model="mixture").fit(
+    people, weights=[1, 1, 0.1]
+)
 print(f"{together.n_windows_} windows from {len(people)} recordings")
 
 

@@ -3,8 +3,8 @@ A tool that tilts: orientation channels
 =======================================
 
 Orientations are learned as rotation vectors at a reference, unwrapped: three more channels
-beside the position. Quaternions of either order and with any signs come in; rotations come
-out.
+beside the position. The input may be quaternions of either order and with any signs; the output
+is rotations.
 """
 
 import matplotlib.pyplot as plt

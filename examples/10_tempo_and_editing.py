@@ -2,8 +2,8 @@
 Faster, larger, elsewhere, with another rhythm
 ==============================================
 
-A learned skill can be edited without learning it again, exactly: every edit is a linear map
-of the windows, which maps the Gaussians of the mixture.
+A learned skill can be edited exactly, without learning it again. Every edit is a linear map
+of the windows, and so it maps the Gaussians of the mixture.
 """
 
 import matplotlib.pyplot as plt

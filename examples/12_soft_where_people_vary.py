@@ -2,10 +2,12 @@
 Stiff where people agree, soft where they vary
 ==============================================
 
-The covariance of what was shown tells where precision matters. With it at the controller's
-port `covariance` the arm is stiff only there; an energy tank keeps a varying stiffness from
-bringing energy into the motion.
+The covariance of the demonstrations shows where precision matters. Connected to the controller's
+port `covariance`, it makes the arm stiff only there. An energy tank prevents the varying stiffness
+from adding energy to the motion.
 """
+
+# sphinx_gallery_thumbnail_path = '../../models/scenarios/gentle.png'
 
 import matplotlib.pyplot as plt
 import numpy as np

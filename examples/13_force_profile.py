@@ -2,10 +2,12 @@
 A force that follows the movement
 =================================
 
-The wanted normal force is a port like any other. Here it is a function of where the tool is:
-hard on the right half of the board, light on the left. The same port can be fed with a
-trajectory, or with a fourth channel that was learned.
+The desired normal force is an input port like any other. Here it is a function of the position of
+the tool: large on the right half of the board, small on the left. A trajectory or a fourth learned
+channel can drive the same port.
 """
+
+# sphinx_gallery_thumbnail_path = '../../models/scenarios/polish_pipe.png'
 
 import matplotlib.pyplot as plt
 import numpy as np

@@ -2,8 +2,8 @@
 Which model suits my data?
 ==========================
 
-All movement primitives that the paper compares with, and a few more, speak one language here.
-Score them on data that they have not seen: how far off the next second is predicted.
+All movement primitives of the paper's comparison, and a few more, have the same interface here.
+Their score is the prediction error of the next second on held-out data.
 """
 
 import matplotlib.pyplot as plt

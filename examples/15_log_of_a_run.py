@@ -2,9 +2,11 @@
 The log of a run
 ================
 
-`fmp-drake wipe --log run.npz` writes every signal of a run, with units and meaning, in one
-file that NumPy alone can read. The same from Python:
+`fmp-drake wipe --log run.npz` writes every signal of a run, with its unit and meaning, to one file
+that NumPy can read. The same from Python:
 """
+
+# sphinx_gallery_thumbnail_path = '../../models/scenarios/pushed.png'
 
 import tempfile
 from pathlib import Path
@@ -12,7 +14,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fmp_drake.runs import RunLog, WipingRun, scenario_skill
+from fmp_drake.runs import RunLog, WipingRun
+from fmp_drake.skills import scenario_skill
 from fmp_drake.station import LoadScenario
 
 # %%

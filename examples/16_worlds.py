@@ -1,16 +1,19 @@
 """
-Many worlds
-===========
+Randomised scenarios
+====================
 
-Ten scenarios that somebody has tuned prove little. Draw them at random, over any field of a
-scenario, and look at which went wrong. `fmp-drake worlds` does this from the command line
-for thousands, on all cores or on a cluster, goes on where it was stopped, and writes a report.
+Ten tuned scenarios prove little. Randomise any field of a scenario, and look at the failed ones.
+`fmp-drake worlds` does this from the command line for thousands, on all cores or on a cluster. It
+continues where it was stopped, and writes a report.
 """
+
+# sphinx_gallery_thumbnail_path = '../../models/scenarios/wipe_dome.png'
 
 import matplotlib.pyplot as plt
 
-from fmp_drake.experiments.worlds import WorldSpec
-from fmp_drake.runs import WipingRun, scenario_skill
+from fmp_drake.experiments.trials import TrialSpec
+from fmp_drake.runs import WipingRun
+from fmp_drake.skills import scenario_skill
 from fmp_drake.station import CheckFeasibility, ParseScenario
 
 # %%
@@ -18,7 +21,7 @@ from fmp_drake.station import CheckFeasibility, ParseScenario
 # -------------
 # A specification names scenarios to begin with, and what is drawn of which field.
 
-spec = WorldSpec(
+spec = TrialSpec(
     """
 description: A table that is shoved about, and somebody who wants it more or less firmly.
 base: table_top
@@ -31,11 +34,11 @@ fields:
 )
 
 # %%
-# A world depends on the specification, a seed and its number, and on nothing else: world 3
-# is the same one tomorrow, on another machine, and without worlds 0 to 2.
+# A trial depends only on the specification, a seed and its number: trial 3 is the same one
+# tomorrow, on another machine, and without trials 0 to 2.
 
-worlds = [spec.draw(seed=1, number=number) for number in range(5)]
-assert spec.draw(seed=1, number=3) == worlds[3]
+trials = [spec.draw(seed=1, number=number) for number in range(5)]
+assert spec.draw(seed=1, number=3) == trials[3]
 
 # %%
 # Checked in advance, and run
@@ -43,12 +46,12 @@ assert spec.draw(seed=1, number=3) == worlds[3]
 # Where the check says that the arm cannot follow, nothing is run.
 
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
-for number, world in enumerate(worlds):
-    scenario = ParseScenario(world.scenario)
+for number, trial in enumerate(trials):
+    scenario = ParseScenario(trial.scenario)
     skill, demonstrations, _ = scenario_skill(scenario)
     check = CheckFeasibility(scenario, skill)
     x, force = scenario.board.translation[0], scenario.press.force
-    print(f"world {number}, board {x:.2f} m away, {force:.1f} N: {check.verdict}")
+    print(f"trial {number}, board {x:.2f} m away, {force:.1f} N: {check.verdict}")
     if check.is_feasible:
         run = WipingRun(scenario, skill, demonstrations=demonstrations)
         run.advance_to(3.0)

@@ -2,9 +2,9 @@
 A movement that knows its phase
 ===============================
 
-Where a recording has four cycles or more, the movement is learned as a cycle, a phase that
-runs along it with a varying tempo, and what is left. That tells the period, where in its cycle
-a movement is, and what comes next with a covariance that means what it says.
+From a recording of four cycles or more, the phase model learns a mean cycle, a phase of varying
+velocity, and a residual. It gives the period, the phase of a movement, and a prediction with a
+calibrated covariance.
 """
 
 import matplotlib.pyplot as plt

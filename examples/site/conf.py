@@ -20,13 +20,26 @@ GENERATED = HERE / "generated"
 FRONT_DOORS = {
     "fmp_drake.primitives": "The skill: learned, mapped, played, edited. No Drake.",
     "fmp_drake.systems": "Drake systems: the primitive, the controller, ink, people.",
-    "fmp_drake.station": "The Panda at a whiteboard, wired from a scenario.",
+    "fmp_drake.station": "A robot at a whiteboard, wired from a scenario.",
+    "fmp_drake.skills": "A skill for a station: found, learned, placed on a surface.",
     "fmp_drake.runs": "A station with its metrics and its log.",
     "fmp_drake.plots": "Pictures of recordings, skills and runs.",
     "fmp_drake.film": "Films of a run, without a screen.",
     "fmp_drake.experiments": "The paper's experiments, and scores on unseen data.",
-    "fmp_drake.experiments.worlds": "Scenarios drawn at random, run and judged.",
+    "fmp_drake.experiments.trials": "Randomised scenarios, run and judged.",
+    "fmp_drake.experiments.benchmark": "Methods compared on any recordings.",
     "fmp_drake.experiments.baselines": "Other movement primitives, to compare with.",
+}
+# What a user wants to do, and the modules whose public names do it.
+TASKS = {
+    "Read and learn": ("primitives.data", "primitives.model", "primitives.discrete"),
+    "Play and edit": ("primitives",),
+    "Place a skill on a surface": ("skills",),
+    "Build a station": ("station",),
+    "Systems for a diagram of your own": ("systems",),
+    "Run, log, teach": ("runs",),
+    "Draw and film": ("plots", "film"),
+    "Judge and compare": ("experiments",),
 }
 # Seconds of each replay.
 REPLAYED = 8.0
@@ -49,7 +62,12 @@ html_css_files = ["site.css"]
 html_static_path = ["static"]
 html_show_sourcelink = False
 # Pages with nothing beside them.
-html_sidebars = {name: [] for name in ("mathematics", "limits", "generated/scenarios")}
+_ALONE = (
+    *("start", "faq", "mathematics", "results", "limits"),
+    *("generated/scenarios", "generated/changelog"),
+)
+html_sidebars = {name: [] for name in _ALONE}
+html_favicon = "static/favicon.svg"
 html_theme_options = {
     "show_prev_next": False,
     "navigation_with_keys": False,
@@ -80,9 +98,13 @@ sphinx_gallery_conf = {
 def write_api(folder: Path) -> None:
     """Write a page for each front door, with every public name."""
     folder.mkdir(parents=True, exist_ok=True)
-    lines = ["API", "===", ""]
+    lines = ["API", "===", "", "By task; by package at the end.", ""]
+    by_task: dict[str, list[str]] = {task: [] for task in TASKS}
     for name, purpose in FRONT_DOORS.items():
         public = import_module(name).__all__
+        for each in public:
+            home = getattr(getattr(import_module(name), each), "__module__", None)
+            by_task[task_of(str(home or name))].append(f"{name}.{each}")
         classes = [n for n in public if n[0].isupper() and not n.isupper()]
         others = [n for n in public if n not in classes]
         page = [
@@ -99,15 +121,53 @@ def write_api(folder: Path) -> None:
                 page += [".. autosummary::", "   :toctree: ../api", ""]
                 page += [*(f"   {each}" for each in group), ""]
         (folder / f"{name}.rst").write_text("\n".join(page), encoding="utf-8")
-    lines += [".. toctree::", "   :maxdepth: 1", ""]
+    for task, names in by_task.items():
+        lines += [
+            task,
+            "-" * len(task),
+            "",
+            ".. autosummary::",
+            "   :nosignatures:",
+            "",
+        ]
+        lines += [*(f"   ~{each}" for each in names), ""]
+    lines += ["By package", "----------", "", ".. toctree::", "   :maxdepth: 1", ""]
     lines += [f"   {name}" for name in FRONT_DOORS]
     (folder / "index.rst").write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def task_of(module: str) -> str:
+    """Return the first task whose modules contain a module."""
+    inner = module.removeprefix("fmp_drake.") + "."
+    return next(
+        task
+        for task, homes in TASKS.items()
+        if any(inner.startswith(f"{home}.") for home in homes)
+    )
+
+
+def write_changelog(folder: Path) -> None:
+    """Write the changelog, which is in Markdown, as a page."""
+    lines: list[str] = []
+    for line in (HERE.parents[1] / "CHANGELOG.md").read_text("utf-8").splitlines():
+        line = line.replace("`", "``").replace("*.md", r"\*.md")
+        marks, _, title = line.partition(" ")
+        if title and set(marks) == {"#"}:
+            lines += ["", title, {1: "=", 2: "-", 3: "~"}[len(marks)] * len(title), ""]
+        elif not line.startswith("|"):
+            lines.append(line)
+        elif not line.startswith("|---"):
+            cells = [cell.strip() for cell in line.strip("|").split("|")]
+            lines.append(f"- {' -> '.join(cells)}")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "changelog.rst").write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 def write_scenarios(folder: Path, replays: Path) -> None:
     """Run every scenario, write its replay, and a page that embeds them."""
     from fmp_drake.apps.page import open_page
-    from fmp_drake.runs import WipingRun, scenario_skill
+    from fmp_drake.runs import MakeRun
+    from fmp_drake.skills import scenario_skill
     from fmp_drake.station import ListScenarios, LoadScenario
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -127,7 +187,7 @@ def write_scenarios(folder: Path, replays: Path) -> None:
         if not file.exists():
             skill, demonstrations, _ = scenario_skill(scenario)
             panel = open_page()
-            run = WipingRun(
+            run = MakeRun(
                 scenario,
                 skill,
                 demonstrations=demonstrations,
@@ -175,6 +235,7 @@ def setup(app: Sphinx) -> None:
     from idea import draw_idea
 
     write_api(GENERATED)
+    write_changelog(GENERATED)
     draw_idea(GENERATED / "idea.png")
     write_scenarios(GENERATED, Path(app.outdir) / "replays")
     app.connect("autodoc-process-docstring", show_ports, priority=100)

@@ -1,67 +1,61 @@
 """`fmp-drake arm`."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from fmp_drake.apps.arm_console import arm_config
-from fmp_drake.apps.options import PATH, arm_option, real_time_option
+from fmp_drake.apps.options import arm_option, option, options, real_time_option
 from fmp_drake.apps.page import make_console
 from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.files import check_writable, write_text
-from fmp_drake.runs import (
-    ArmBench,
-    NetworkFaults,
-    default_demonstration,
-    load_on_board,
-)
-from fmp_drake.runs.arm.real_time import take_precedence
+from fmp_drake.runs.arm.arm_bench import ArmBench, NetworkFaults
+from fmp_drake.runs.arm.real_time import request_priority
+from fmp_drake.skills import default_demonstration, load_on_board
 from fmp_drake.station import LcmPanda, LoadScenario
-from fmp_drake.station.panda_driver import OpenLcm
-from fmp_drake.station.parts.hands import SimulatedHand
-from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion, Task
+from fmp_drake.station.robots.panda_lcm import OpenLcm
+from fmp_drake.station.teaching_hands import SimulatedHand
+from fmp_drake.systems.teaching.hand_motion import HandMotion, Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchOptions:
+    """The simulated arm, and the faults of its messages."""
+
+    scenario: str = option("table_top", "Name of a scenario, or a YAML file.")
+    arm: str | None = arm_option("Bus and channels.")
+    hand: Task | None = option(None, "Let a simulated person guide the arm.")
+    duration: float = option(600.0, "End after this time, s.")
+    drop: float = option(0.0, "Fraction of messages that are lost.")
+    reorder: float = option(0.0, "Fraction of messages that overtake earlier ones.")
+    corrupt: float = option(0.0, "Fraction of messages with a wrong bit.")
+    jitter: float = option(0.0, "Largest delay of a message, s.")
+    seed: int = option(0, "Seed of these faults.")
+    real_time: bool = real_time_option()
+    report: Path | None = option(None, "Write the metrics (.json).")
 
 
 @click.command()
-@click.option("--scenario", default="table_top", show_default=True, help="As for wipe.")
-@arm_option("What to be taken for.")
-@click.option("--hand", type=click.Choice(TASKS), help="A simulated person guides it.")
-@click.option("--duration", type=float, default=600.0, help="Seconds.")
-@click.option("--drop", type=float, default=0.0, help="Fraction of lost messages.")
-@click.option("--reorder", type=float, default=0.0, help="Of messages that overtake.")
-@click.option(
-    "--corrupt", type=float, default=0.0, help="Of messages with a wrong bit."
-)
-@click.option("--jitter", type=float, default=0.0, help="Greatest delay, s.")
-@click.option("--seed", type=int, default=0, help="Of these faults.")
-@real_time_option
-@click.option("--report", type=PATH, help="Write what was measured (.json).")
-def arm(
-    scenario: str,
-    arm: str | None,
-    hand: Task | None,
-    duration: float,
-    drop: float,
-    reorder: float,
-    corrupt: float,
-    jitter: float,
-    seed: int,
-    real_time: bool,
-    report: Path | None,
-) -> None:
-    """Simulate an arm that speaks a real one's LCM messages, to try against.
+@options(to=BenchOptions)
+def arm(to: BenchOptions) -> None:
+    """Simulate an arm behind a real one's LCM messages, for tests.
 
-    It is a test bench, not a robot: nothing here was ever tried on a real arm.
+    It stands in for a robot: nothing here has ever been tried on a real arm.
     """
     console = make_console()
-    check_writable(report)
-    config = LcmPanda() if arm is None else arm_config(arm)
-    for refused in take_precedence() if real_time else ():
-        console.print(refused)
-    bus, scene = OpenLcm(config.url), LoadScenario(scenario)
+    check_writable(to.report)
+    config = LcmPanda() if to.arm is None else arm_config(to.arm)
+    for refusal in request_priority() if to.real_time else ():
+        console.print(refusal)
+    bus, scene = OpenLcm(config.url), LoadScenario(to.scenario)
     faults = NetworkFaults(
-        drop=drop, reorder=reorder, corrupt=corrupt, jitter=jitter, seed=seed
+        drop=to.drop,
+        reorder=to.reorder,
+        corrupt=to.corrupt,
+        jitter=to.jitter,
+        seed=to.seed,
     )
     demonstrations, _ = load_on_board(
         [default_demonstration(scene.skill.demonstration)],
@@ -70,22 +64,23 @@ def arm(
         stretch=1.0,
     )
     guide = None
-    if hand is not None:
-        guide = SimulatedHand(HandMotion.make(hand, seconds=duration + 1, seed=seed))
+    if to.hand is not None:
+        motion = HandMotion.make(to.hand, seconds=to.duration + 1, seed=to.seed)
+        guide = SimulatedHand(motion)
     bench = ArmBench(
         scene,
         bus,
         arm=config,
         faults=faults,
         hand=guide,
-        demonstrated=[each.values for each in demonstrations],
+        demonstrated=[demonstration.values for demonstration in demonstrations],
     )
     console.print("a simulated arm sends PANDA_STATUS; Ctrl-C ends it")
     try:
-        bench.play(duration)
+        bench.play(to.duration)
     finally:
         metrics = bench.metrics()
         for name, value in metrics.items():
             console.print(f"{name}: {value}")
-        if report is not None:
-            write_text(report, json.dumps(metrics, indent=2) + "\n", RunError)
+        if to.report is not None:
+            write_text(to.report, json.dumps(metrics, indent=2) + "\n", RunError)

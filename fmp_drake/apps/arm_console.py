@@ -1,34 +1,34 @@
-"""What an operator sees and says at an arm that is not simulated here."""
+"""Operator console of an arm behind LCM."""
 
 import json
-import select
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
+from fmp_drake.apps.terminal import can_ask, is_entered
 from fmp_drake.errors import RunError, StationError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.data.files import write_text
-from fmp_drake.primitives.model.parameters import ModelChoice
+from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.runs import ArmRun, record_arm
 from fmp_drake.runs.page_text import describe_page
-from fmp_drake.station import LcmPanda, LoadPanda, Scenario
+from fmp_drake.station import LcmPanda, Scenario
+from fmp_drake.station.robots.panda_lcm import LoadPanda
 from fmp_drake.systems import GateMode, PagePanel
+from fmp_drake.systems.page.page_panel import PanelFields
 from fmp_drake.systems.page.page_status import mode_in_words
-from fmp_drake.systems.viewer.panel_fields import PanelFields
 
 ARM_MODEL: ModelChoice = "mixture"
-"""What an arm plays that does not wait: with its choice of samples re-mapped in 11 ms, a
-phase model in 36."""
+"""Model of the skills of an arm, which does not wait: with its choice of samples it is
+re-mapped in 11 ms, a phase model in 36."""
 
-# Steps between two looks at the keyboard, and until the arm may have answered.
+# Steps between two looks at the keyboard, and between two requests of --go.
 _LOOK, _ANSWER = 100, 500
 
 
 def arm_config(arm: str, *, dry: bool = False) -> LcmPanda:
-    """Return what `--arm` names: `lcm`, `lcm:URL` or a YAML file."""
+    """Return the driver that `--arm` names: `lcm`, `lcm:URL` or a YAML file."""
     if arm.endswith((".yaml", ".yml")):
         config = LoadPanda(arm)
         if not isinstance(config, LcmPanda):
@@ -41,37 +41,24 @@ def arm_config(arm: str, *, dry: bool = False) -> LcmPanda:
     return config
 
 
-def can_ask() -> bool:
-    """Tell whether there is somebody who can press Enter."""
-    return sys.stdin is not None and sys.stdin.isatty()
-
-
-def is_entered() -> bool:
-    """Tell whether somebody has pressed Enter since the last time."""
-    if not (can_ask() and select.select([sys.stdin], [], [], 0)[0]):
-        return False
-    sys.stdin.readline()
-    return True
-
-
 def guide_arm(
     console: Console, scenario: Scenario, config: LcmPanda, seconds: float
 ) -> Demonstration:
-    """Record how a person guides an arm, until Enter or for some seconds."""
+    """Record the hand guiding of an arm, until Enter or for a duration, s."""
     ends = "Enter ends it" if can_ask() else f"for {seconds:g} s"
     console.print(f"nothing is sent: guide the arm now, pressing lightly; {ends}")
-    shown = record_arm(
+    demonstration = record_arm(
         scenario,
         config,
         until=lambda elapsed: elapsed >= seconds or is_entered(),
         note="guided by hand, on an arm behind LCM",
     )
-    low, high = shown.values.min(axis=0), shown.values.max(axis=0)
+    low, high = demonstration.values.min(axis=0), demonstration.values.max(axis=0)
     console.print(
-        f"recorded {shown.duration:.1f} s at 20 Hz: x {low[0]:.3f} to {high[0]:.3f} m, "
+        f"recorded {demonstration.duration:.1f} s at 20 Hz: x {low[0]:.3f} to {high[0]:.3f} m, "
         f"y {low[1]:.3f} to {high[1]:.3f} m, z {low[2]:.3f} to {high[2]:.3f} m on the board"
     )
-    return shown
+    return demonstration
 
 
 def wipe_with_arm(
@@ -86,7 +73,7 @@ def wipe_with_arm(
     demonstrations: Sequence[Demonstration] = (),
     report: Path | None = None,
 ) -> None:
-    """Play a skill on an arm; Enter lets it go and stops it."""
+    """Play a skill on an arm; Enter enables and stops it."""
     if not (go or can_ask()):
         raise RunError(
             "nobody can say go: run it in a terminal, or, only where the arm is a "
@@ -97,29 +84,28 @@ def wipe_with_arm(
         skill,
         config,
         meshcat=None if panel is None else panel.meshcat,
-        demonstrated=[each.values for each in demonstrations],
+        demonstrated=[demonstration.values for demonstration in demonstrations],
     )
     if panel is not None:
         panel.show(**describe_page(scenario))
     if can_ask():
         console.print("Enter lets the arm go, and stops it; Ctrl-C ends it")
-    shown = None
+    last = None
     steps = 0
 
     def operate(run: ArmRun) -> None:
-        nonlocal shown, steps
+        nonlocal last, steps
         steps += 1
         if steps % _LOOK:
             return
-        if (now := (run.mode, run.faults)) != shown:
-            shown = now
+        if (now := (run.mode, run.faults)) != last:
+            last = now
             reason = f" ({run.faults.name})" if run.faults else ""
             console.print(f"{run.mode.name.lower()}{reason}")
         if panel is not None:
             panel.show(**arm_in_words(run))
-        is_open = run.mode is GateMode.OPEN
         if is_entered():
-            (run.stop if is_open else run.go)()
+            (run.stop if run.mode.is_enabled else run.go)()
         elif go and steps % _ANSWER == 0 and run.mode is GateMode.WAITING:
             run.go()
 
@@ -129,6 +115,10 @@ def wipe_with_arm(
         metrics = run.metrics()
         for name, value in metrics.items():
             console.print(f"{name.replace('_', ' ')}: {value}")
+        events = run.events()
+        console.print("what went wrong: ", end="")
+        console.print("; ".join(event.text for event in events) or "nothing")
+        metrics["events"] = [event._asdict() for event in events]
         if panel is not None:
             panel.show(mode="ended", level="idle", detail="nothing is sent")
         if report is not None:
@@ -136,14 +126,20 @@ def wipe_with_arm(
 
 
 def arm_in_words(run: ArmRun) -> PanelFields:
-    """Return what the panel of a page says of an arm."""
-    force = max(float(run.output("normal_force")[0]), 0.0)
-    fields: PanelFields = {"time": run.seconds, "force": force}
+    """Return the fields of a page's panel for an arm."""
+    fields: PanelFields = {"time": run.seconds}
+    force = None
+    if run.has_board:
+        force = fields["force"] = max(float(run.output("normal_force")[0]), 0.0)
     faults = run.faults.name or ""
     if run.mode is GateMode.OPEN:
         flags = int(run.output("status")[0])
-        level, mode, detail = mode_in_words(flags, flags, force)
+        level, mode, detail = mode_in_words(
+            flags, flags, force, desired=run.desired_force
+        )
         return {**fields, "level": level, "mode": mode, "detail": detail}
+    if run.mode is GateMode.RETURNING:
+        return {**fields, "level": "good", "mode": "coming back slowly", "detail": ""}
     if run.mode is GateMode.STOPPED:
         return {**fields, "level": "bad", "mode": "stopped", "detail": faults}
     return {**fields, "level": "idle", "mode": "waiting", "detail": faults}

@@ -2,69 +2,94 @@
 
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
 from fmp_drake.apps.arm_console import arm_config
-from fmp_drake.apps.options import PATH, arm_option, scene_options, skill_options
-from fmp_drake.apps.page import make_console
+from fmp_drake.apps.options import (
+    Command,
+    LearningOptions,
+    RecordingOptions,
+    SceneOptions,
+    arm_option,
+    option,
+    options,
+)
+from fmp_drake.apps.page import advice, make_console, print_next
 from fmp_drake.errors import RunError
 from fmp_drake.plots import plot_reach
-from fmp_drake.plots.outputs import check_picture
+from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.runs import check_arm
-from fmp_drake.runs.skills import scenario_skill
-from fmp_drake.station import CheckFeasibility, LoadScenario
+from fmp_drake.skills.learning import scenario_skill
+from fmp_drake.station import CheckFeasibility
 
 
-@click.command()
-@scene_options
-@click.option("--plot", type=PATH, help="Write a picture of what the arm can reach.")
-@click.option("--report", type=PATH, help="Write the figures (.json).")
-@arm_option("Before anything moves, listen to an arm, too.")
-@skill_options
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions:
+    """Further checks, and files to write."""
+
+    plot: Path | None = option(None, "Picture of the reach of the arm.")
+    report: Path | None = option(None, "Values of the check (.json).")
+    arm: str | None = arm_option("Also listen to an arm, without moving it.")
+
+
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake check --scenario vertical": "a bundled board",
+        "fmp-drake check --demo mine.csv --plot reach.png": "a recording of yours",
+    },
+)
+@options(
+    scene=SceneOptions,
+    checks=CheckOptions,
+    learning=LearningOptions,
+    recording=RecordingOptions,
+)
 def check(
-    scenario: str,
-    demos: tuple[Path, ...],
-    skill_file: Path | None,
-    start: tuple[float, float, float] | None,
-    plot: Path | None,
-    report: Path | None,
-    arm: str | None,
-    **learning: Any,
+    scene: SceneOptions,
+    checks: CheckOptions,
+    learning: LearningOptions,
+    recording: RecordingOptions,
 ) -> None:
-    """Tell whether the arm can follow a skill on a board, and what would help."""
+    """Check whether the arm can follow a skill on a board, and what would help."""
     console = make_console()
+    plot, report, arm = checks.plot, checks.report, checks.arm
     check_writable(report)
     check_picture(plot)
-    scene = LoadScenario(scenario)
-    if start is not None:
-        scene.start = list(start)
+    scenario = scene.load()
     skill, _, remarks = scenario_skill(
-        scene,
-        demos=demos,
-        skill_file=skill_file,
-        **learning,
+        scenario,
+        demos=scene.demos,
+        skill_file=scene.skill_file,
+        reading=recording.reading(),
+        **vars(learning),
     )
-    found = CheckFeasibility(scene, skill)
-    for line in (*remarks, found.verdict):
+    feasibility = CheckFeasibility(scenario, skill)
+    for line in (*remarks, feasibility.verdict):
         console.print(line)
-    heard = [] if arm is None else check_arm(scene, arm_config(arm))
-    for is_good, said in heard:
-        console.print(f"{'good' if is_good else 'BAD '}  {said}")
+    findings = [] if arm is None else check_arm(scenario, arm_config(arm))
+    for is_good, text in findings:
+        console.print(f"{'good' if is_good else 'BAD '}  {text}")
     if plot is not None:
-        plot_reach(found, plot)
+        plot_reach(feasibility, plot)
         console.print(f"wrote {plot}")
     if report is not None:
-        figures: dict[str, Any] = {
-            "is_feasible": found.is_feasible,
-            "verdict": found.verdict,
-            "arm": [each._asdict() for each in heard],
+        metrics: dict[str, Any] = {
+            "is_feasible": feasibility.is_feasible,
+            "verdict": feasibility.verdict,
+            "arm": [finding._asdict() for finding in findings],
         }
-        text = json.dumps(figures | found.values, indent=2) + "\n"
+        text = json.dumps(metrics | feasibility.values, indent=2) + "\n"
         write_text(report, text, RunError)
         console.print(f"wrote {report}")
-    if not (found.is_feasible and all(each.is_good for each in heard)):
+    if feasibility.is_feasible:
+        print_next(console, "wipe", *scene.arguments())
+    else:
+        console.print(advice(feasibility, scene))
+    if not (feasibility.is_feasible and all(finding.is_good for finding in findings)):
         sys.exit(1)

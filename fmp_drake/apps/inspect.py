@@ -4,33 +4,53 @@ from pathlib import Path
 
 import click
 
-from fmp_drake.apps.options import PATH, reading_options
+from fmp_drake.apps.options import (
+    PATH,
+    Command,
+    RecordingOptions,
+    RhythmOptions,
+    options,
+)
 from fmp_drake.apps.page import make_console
-from fmp_drake.plots.outputs import check_picture
-from fmp_drake.plots.recorded import plot_demonstrations
-from fmp_drake.primitives import ReadingOptions, read_demonstrations
-from fmp_drake.runs.inspection import describe_recording
+from fmp_drake.plots import plot_demonstrations
+from fmp_drake.plots.style import check_picture
+from fmp_drake.primitives import read_demonstrations
+from fmp_drake.skills.description import describe_recording
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake inspect mine.csv --plot mine.png": "look at a recording",
+        'fmp-drake inspect log.csv --columns "time=stamp [ms],x=px,y=py,z=pz"': (
+            "name its columns"
+        ),
+    },
+)
 @click.argument("files", nargs=-1, required=True, type=PATH)
 @click.option("--plot", type=PATH, help="Picture of the recordings to write.")
-@reading_options
+@options(rhythm=RhythmOptions, recording=RecordingOptions)
 def inspect(
-    files: tuple[Path, ...], plot: Path | None, reading: ReadingOptions
+    files: tuple[Path, ...],
+    plot: Path | None,
+    rhythm: RhythmOptions,
+    recording: RecordingOptions,
 ) -> None:
-    """Tell what is in recordings, and whether they can be learned."""
+    """Report what recordings contain, and whether they can be learned."""
     console = make_console()
     check_picture(plot)
-    shown = []
+    recordings = []
     for file in files:
-        demonstrations, _ = read_demonstrations([file], reading)
+        demonstrations, _ = read_demonstrations([file], recording.reading())
         for demonstration in demonstrations:
             about = demonstration.note or "as it is"
             console.print(f"{file}: {about}", markup=False, soft_wrap=True)
-            for line in describe_recording(demonstration):
+            lines = describe_recording(
+                demonstration, start=rhythm.start, end=rhythm.end, period=rhythm.period
+            )
+            for line in lines:
                 console.print(f"  {line}", markup=False, soft_wrap=True)
-        shown += demonstrations
+        recordings += demonstrations
     if plot is not None:
-        plot_demonstrations(shown, plot)
+        plot_demonstrations(recordings, plot)
         console.print(f"wrote {plot}")

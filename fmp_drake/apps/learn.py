@@ -1,90 +1,146 @@
 """`fmp-drake learn`."""
 
+import os
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
+from pydrake.common.yaml import yaml_dump_typed
 
-from fmp_drake.apps.options import PATH, skill_options
-from fmp_drake.apps.page import make_console
+from fmp_drake.apps.options import (
+    PATH,
+    Command,
+    LearningOptions,
+    RecordingOptions,
+    RhythmOptions,
+    option,
+    options,
+)
+from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.plots import plot_skill
-from fmp_drake.plots.outputs import check_picture
+from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives import (
     FourierMovementPrimitive,
-    ReadingOptions,
     save_skill,
 )
-from fmp_drake.primitives.data.files import check_writable
-from fmp_drake.primitives.model.parameters import ModelChoice
-from fmp_drake.runs.skill_words import skill_in_words
-from fmp_drake.runs.skills import learn_skill, load_as_recorded, load_on_board
+from fmp_drake.primitives.data.files import check_writable, write_text
+from fmp_drake.primitives.model.movement_primitive import ModelChoice
+from fmp_drake.skills.description import skill_in_words
+from fmp_drake.skills.learning import learn_skill
+from fmp_drake.skills.placement import load_as_recorded, load_on_board
 from fmp_drake.station.scenario import Scenario
 
 
-@click.command()
+@dataclass(frozen=True, kw_only=True)
+class LearnOptions:
+    """Model, and files to write."""
+
+    out: Path = option(help="Skill file (.npz) to write.")
+    plot: Path | None = option(None, "Picture of the skill.")
+    board: Path | None = option(
+        None,
+        "Scenario (.yaml) to write, with the skill and the board that --surface fits.",
+        basic=False,
+    )
+    model: ModelChoice | None = option(
+        None,
+        "How to learn: by Gaussians over windows, by the phase of the movement, or by "
+        "the phase where it can be tracked [default: "
+        f"{FourierMovementPrimitive().model}].",
+    )
+    robot: str | None = option(
+        None,
+        "Robot of recorded joint angles: its name (see `fmp-drake robots`), or a YAML file "
+        "[default: panda].",
+        basic=False,
+    )
+    as_recorded: bool = option(
+        False,
+        "Learn all channels as they are, instead of x, y and z on the board.",
+    )
+
+
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake learn mine.csv --out skill.npz": "learn a movement on the board",
+        "fmp-drake learn a.csv b.csv --out skill.npz": "two recordings of one movement",
+        "fmp-drake learn car.npz --surface fitted --with orientation --out skill.npz "
+        "--board car.yaml": "poses on a surface fitted to the recording",
+    },
+)
 @click.argument("demonstrations", nargs=-1, required=True, type=PATH)
-@click.option("--out", type=PATH, required=True, help="Skill file (.npz) to write.")
-@click.option("--plot", type=PATH, help="Picture of the skill to write.")
-@click.option(
-    "--model",
-    type=click.Choice(["mixture", "phase", "automatic"]),
-    help="How to learn: by Gaussians over windows, by the phase of the movement, or by "
-    f"the phase where it can be tracked [default: {FourierMovementPrimitive().model}].",
+@options(
+    skill=LearnOptions,
+    learning=LearningOptions,
+    rhythm=RhythmOptions,
+    recording=RecordingOptions,
 )
-@click.option(
-    "--as-recorded",
-    is_flag=True,
-    help="Learn all channels as they are, instead of x, y and z on the board.",
-)
-@skill_options
 def learn(
     demonstrations: tuple[Path, ...],
-    out: Path,
-    plot: Path | None,
-    model: ModelChoice | None,
-    as_recorded: bool,
-    reading: ReadingOptions,
-    transform: tuple[float, ...] | None,
-    stretch: float,
-    window: float | None,
-    components: int | None,
+    skill: LearnOptions,
+    learning: LearningOptions,
+    rhythm: RhythmOptions,
+    recording: RecordingOptions,
 ) -> None:
     """Learn a skill from DEMONSTRATIONS (tables, bags ...) and write it to a file."""
     console = make_console()
-    check_writable(out)
-    check_picture(plot)
-    if as_recorded:
+    check_writable(skill.out)
+    check_picture(skill.plot)
+    check_writable(skill.board)
+    scenario = Scenario()
+    if skill.robot is not None:
+        is_file = Path(skill.robot).is_file()
+        scenario.robot = str(Path(skill.robot).resolve()) if is_file else skill.robot
+        scenario.check()
+    if skill.as_recorded:
         loaded, remarks = load_as_recorded(
-            demonstrations, stretch=stretch, reading=reading
+            demonstrations, stretch=learning.stretch, reading=recording.reading()
         )
     else:
         loaded, remarks = load_on_board(
             demonstrations,
-            scenario=Scenario(),
-            transform=transform,
-            stretch=stretch,
-            reading=reading,
+            scenario=scenario,
+            transform=learning.transform,
+            stretch=learning.stretch,
+            reading=recording.reading(),
             needs_board=False,
+            surface=learning.surface,
+            extra=learning.extra,
         )
     for remark in remarks:
         console.print(remark, markup=False, soft_wrap=True)
     started = time.perf_counter()
     with console.status("learning") as status:
-        skill = learn_skill(
+        learned = learn_skill(
             loaded,
-            window=window,
-            components=components,
-            model=model,
+            window=learning.window,
+            components=learning.components,
+            model=skill.model,
+            start=rhythm.start,
+            end=rhythm.end,
+            period=rhythm.period,
+            by_position=learning.surface is not None,
             progress=status.update,
         )
     console.print(
-        f"learned {len(skill.components_)} components from {skill.n_windows_} windows "
-        f"of {skill.n_steps / skill.rate:g} s in {time.perf_counter() - started:.2f} s"
+        f"learned {len(learned.components_)} components from {learned.n_windows_} "
+        f"windows of {learned.n_steps / learned.rate:g} s in "
+        f"{time.perf_counter() - started:.2f} s"
     )
-    for sentence in skill_in_words(skill):
+    for sentence in skill_in_words(learned):
         console.print(sentence)
-    save_skill(skill, out)
-    console.print(f"wrote {out}")
-    if plot is not None:
-        plot_skill(skill, loaded, plot)
-        console.print(f"wrote {plot}")
+    save_skill(learned, skill.out)
+    console.print(f"wrote {skill.out}")
+    if skill.plot is not None:
+        plot_skill(learned, loaded, skill.plot)
+        console.print(f"wrote {skill.plot}")
+    if skill.board is not None:
+        scenario.skill.file = os.path.relpath(skill.out, skill.board.parent)
+        text = yaml_dump_typed(scenario, defaults=Scenario())  # type: ignore[no-untyped-call]
+        write_text(skill.board, text)
+        console.print(f"wrote {skill.board}")
+        print_next(console, "wipe", "--scenario", str(skill.board))
+    elif not skill.as_recorded:
+        print_next(console, "wipe", "--skill", str(skill.out))

@@ -1,140 +1,370 @@
-"""Options that several commands share."""
+"""Options of commands, declared as the fields of dataclasses.
 
-from collections.abc import Callable
+A command takes one argument for each group of options::
+
+    @click.command(cls=Command)
+    @options(play=PlayOptions, page=PageOptions)
+    def wipe(play: PlayOptions, page: PageOptions) -> None: ...
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 
+from fmp_drake.errors import FmpError
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives import ReadingOptions
+from fmp_drake.skills.surface_fit import SHAPES
+from fmp_drake.skills.surface_placement import EXTRA_CHANNELS
+from fmp_drake.station.scenario import LoadScenario, Scenario
 
 PATH = click.Path(path_type=Path)
+"""Type of an argument that is a path."""
 
 
-host_option = click.option(
-    "--host",
-    default="localhost",
-    show_default=True,
-    help="Address that the page is served at. With another one than localhost (0.0.0.0 for "
-    "all of this machine's) everybody in the network can watch, and pull the arm.",
-)
+# Most options in the help of a command; with more it shows the basic ones.
+_MOST_OPTIONS = 12
 
 
-real_time_option = click.option(
-    "--real-time",
-    is_flag=True,
-    help="At an arm: run before all other programs (SCHED_FIFO, locked memory).",
-)
+class GroupedOption(click.Option):
+    """Option in a group of the help.
+
+    Parameters
+    ----------
+    group : str
+        Title of the group.
+    basic : bool
+        Whether ``--help`` shows it in a long list, too.
+    """
+
+    def __init__(
+        self, *args: Any, group: str = "", basic: bool = True, **kwargs: Any
+    ) -> None:
+        super().__init__(*args, **kwargs)
+        self.group, self.is_basic = group, basic
 
 
-def arm_option(text: str) -> Callable[..., Any]:
-    """Return the option that names an arm which is not simulated here."""
-    return click.option(
-        "--arm",
-        metavar="lcm[:URL]",
-        help=f"{text} The arm that speaks LCM messages, or that of a YAML file.",
+class Command(click.Command):
+    """Command whose help has examples, and its options in groups.
+
+    With more than 12 options, ``--help`` shows the basic ones and ``--help-all`` all.
+
+    Parameters
+    ----------
+    examples : mapping from str to str
+        Command lines, each with its purpose.
+    """
+
+    def __init__(
+        self, *args: Any, examples: Mapping[str, str] | None = None, **kwargs: Any
+    ) -> None:
+        super().__init__(*args, **kwargs)
+        self._examples = examples or {}
+        count = sum(isinstance(each, GroupedOption) for each in self.params)
+        self._has_more = count > _MOST_OPTIONS
+        if self._has_more:
+            show_all = click.Option(
+                ["--help-all"],
+                is_flag=True,
+                is_eager=True,
+                expose_value=False,
+                callback=_show_all,
+                help=f"Show all {count} options.",
+            )
+            self.params.append(show_all)
+
+    def format_options(
+        self, ctx: click.Context, formatter: click.HelpFormatter
+    ) -> None:
+        """Write the options in their groups."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        others = []
+        is_short = self._has_more and not ctx.meta.get(_SHOW_ALL)
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is None or isinstance(parameter, click.Argument):
+                continue
+            if not isinstance(parameter, GroupedOption):
+                others.append(record)
+            elif parameter.is_basic or not is_short:
+                groups.setdefault(parameter.group, []).append(record)
+        for title, records in [*groups.items(), ("Help", others)]:
+            with formatter.section(title or "Options"):
+                formatter.write_dl(records)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the examples."""
+        super().format_epilog(ctx, formatter)
+        if self._examples:
+            with formatter.section("Examples"):
+                for line, purpose in self._examples.items():
+                    formatter.write(f"  # {purpose}\n  {line}\n")
+
+
+_SHOW_ALL = "fmp_drake.show_all"
+
+
+def _show_all(context: click.Context, _parameter: click.Parameter, value: bool) -> None:
+    """Print the help with all options, and exit."""
+    if value:
+        context.meta[_SHOW_ALL] = True
+        click.echo(context.get_help())
+        context.exit()
+
+
+def option(default: Any = MISSING, help: str | None = None, **details: Any) -> Any:
+    """Return a field of a dataclass that is an option of a command.
+
+    The annotation of the field is the type of the value: a `Literal` for a choice, a tuple
+    of some numbers, or ``tuple[type, ...]`` for an option that may be repeated.
+
+    Parameters
+    ----------
+    default : object
+        Without it the option is required.
+    help : str
+        Text of ``--help``.
+    details
+        Other arguments of `GroupedOption`; ``flag`` is the name on the command line if it
+        differs from the name of the field.
+    """
+    return field(default=default, metadata={"help": help, **details})
+
+
+def options(**groups: type) -> Callable[..., Any]:
+    """Return a decorator that adds the options of dataclasses to a command.
+
+    Parameters
+    ----------
+    groups : type
+        Dataclass of each argument of the command.
+    """
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(command)
+        def run(**values: Any) -> None:
+            for name, group in groups.items():
+                given = {each.name: values.pop(each.name) for each in fields(group)}
+                values[name] = group(**given)
+            command(**values)
+
+        for group in reversed(groups.values()):
+            hints = get_type_hints(group)
+            title = (group.__doc__ or "").partition(".\n")[0].strip().rstrip(".")
+            for each in reversed(fields(group)):
+                run = _click_option(each, hints[each.name], title)(run)
+        return run
+
+    return decorate
+
+
+def _click_option(each: Field[Any], hint: Any, group: str) -> Callable[..., Any]:
+    """Return click's option for a field of a dataclass."""
+    details = {"flag": "--" + each.name.replace("_", "-"), **each.metadata}
+    flag = details.pop("flag")
+    is_optional = NoneType in get_args(hint)
+    kind = get_args(hint)[0] if is_optional else hint
+    parts = get_args(kind) or (kind,)
+    if get_origin(kind) is Literal:
+        details["type"] = click.Choice(parts)
+    elif kind is bool:
+        details["is_flag"] = True
+    else:
+        details.setdefault("type", PATH if parts[0] is Path else parts[0])
+        if Ellipsis in parts:
+            details["multiple"] = True
+        else:
+            details["nargs"] = len(parts)
+    if each.default is MISSING:
+        details["required"] = True
+    else:
+        details["default"] = each.default
+        is_shown = each.default not in (None, "", ()) and each.default is not False
+        details["show_default"] = is_shown
+    return click.option(flag, each.name, cls=GroupedOption, group=group, **details)
+
+
+def host_option() -> Any:
+    """Return the field for the address of the page."""
+    return option(
+        "localhost",
+        "Address of this machine at which the page is served; 0.0.0.0 for all of them. "
+        "Everybody who can reach it can watch. The printed address can also control.",
+        basic=False,
     )
 
 
-def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that say what files do not: the command gets them as `reading`."""
+def arm_option(text: str) -> Any:
+    """Return the field for an arm that another process drives or simulates."""
+    return option(
+        None,
+        f"{text} LCM messages (lcm, lcm:URL), or a YAML file.",
+        metavar="ARM",
+    )
 
-    @wraps(command)
-    def reads(
-        *,
-        columns: str,
-        unit: str,
-        sample_rate: float | None,
-        topic: str,
-        **others: Any,
-    ) -> None:
-        reading = ReadingOptions.parse(
-            columns, unit=unit, rate=sample_rate, topic=topic
+
+def real_time_option() -> Any:
+    """Return the field that requests real-time scheduling."""
+    return option(
+        False,
+        "With an arm: real-time scheduling (SCHED_FIFO, locked memory).",
+        basic=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenarioOptions:
+    """Scene and robot."""
+
+    scenario: str = option(
+        "table_top",
+        "Name of a scenario (see `fmp-drake scenarios`), or a YAML file.",
+    )
+    robot: str | None = option(
+        None,
+        "Another robot than the scenario's: its name (see `fmp-drake robots`), or a YAML "
+        "file.",
+        basic=False,
+    )
+
+    def load(self) -> Scenario:
+        """Return the scenario."""
+        return LoadScenario(self.scenario, robot=self.robot)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions(ScenarioOptions):
+    """Skill and scene."""
+
+    demos: tuple[Path, ...] = option(
+        (),
+        "Learn from this recording instead of the scenario's; may be repeated.",
+        flag="--demo",
+    )
+    skill_file: Path | None = option(
+        None, "Play this skill file (.npz) instead.", flag="--skill"
+    )
+    tempo: float | None = option(
+        None,
+        "Tempo of the movement, 1 as demonstrated [default: the scenario's].",
+    )
+    start: tuple[float, float, float] | None = option(
+        None,
+        "Start of the eraser in the frame of the board, m; z is the height above it.",
+        metavar="X Y Z",
+        basic=False,
+    )
+
+    def load(self) -> Scenario:
+        """Return the scenario, with the given start and tempo."""
+        scenario = super().load()
+        if self.start is not None:
+            scenario.start = list(self.start)
+        if self.tempo is not None:
+            check_number(self.tempo, "tempo", least=0, error=FmpError)
+            scenario.skill.tempo = self.tempo
+        return scenario
+
+    def arguments(self) -> list[str]:
+        """Return the options of the command line for the same skill and scene."""
+        arguments = ["--scenario", self.scenario]
+        if self.robot is not None:
+            arguments += ["--robot", self.robot]
+        for demo in self.demos:
+            arguments += ["--demo", str(demo)]
+        if self.skill_file is not None:
+            arguments += ["--skill", str(self.skill_file)]
+        if self.start is not None:
+            arguments += ["--start", *(f"{x:g}" for x in self.start)]
+        return arguments
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearningOptions:
+    """Learning."""
+
+    components: int | None = option(
+        None,
+        "Gaussians in the mixture [default: 80, fewer for short recordings].",
+        basic=False,
+    )
+    window: float | None = option(
+        None,
+        "Length of a window, s: one or more periods [default: follows the period, at most 6].",
+        basic=False,
+    )
+    stretch: float = option(
+        1.0,
+        "Slow a recording down by this factor before it is learned; --tempo changes the "
+        "playback instead.",
+        basic=False,
+    )
+    transform: tuple[float, float, float, float, float, float] | None = option(
+        None,
+        "Pose of the demonstration's frame in the board's (m, rad), instead of fitting "
+        "its plane and laying it on the middle of the board.",
+        metavar="X Y Z ROLL PITCH YAW",
+        basic=False,
+    )
+    surface: str | None = option(
+        None,
+        "Surface to fit to the recordings' contact, which becomes the board: the one that "
+        "fits, or a given shape.",
+        basic=False,
+        type=click.Choice(["fitted", *SHAPES]),
+    )
+    extra: tuple[str, ...] = option(
+        (),
+        "Channels to learn beside x, y and z, relative to the surface; may be repeated.",
+        flag="--with",
+        basic=False,
+        type=click.Choice(EXTRA_CHANNELS),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RhythmOptions:
+    """Part and period of recordings, where they are known better than found."""
+
+    start: float | None = option(
+        None, "Part to learn from: seconds at which it begins.", flag="--from"
+    )
+    end: float | None = option(
+        None, "Part to learn from: seconds at which it ends.", flag="--to"
+    )
+    period: float | None = option(None, "Seconds that a cycle lasts [default: found].")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingOptions:
+    """Files of recordings: information that they lack."""
+
+    columns: str = option(
+        "",
+        "Which columns are read, by name or number: time=stamp [ms],x=2,y=3.",
+        metavar="NAME=COLUMN,...",
+        basic=False,
+    )
+    unit: str = option("", "Unit of positions: m, cm, mm ...", basic=False)
+    sample_rate: float | None = option(
+        None, "Samples per second (Hz) of a recording without times.", basic=False
+    )
+    topic: str = option("", "Topic of a bag, or feature of a dataset.", basic=False)
+    quaternions: Literal["xyzw", "wxyz"] = option(
+        "xyzw", "Order of quaternions whose numbers have no names.", basic=False
+    )
+
+    def reading(self) -> ReadingOptions:
+        """Return the options for the readers of recordings."""
+        return ReadingOptions.parse(
+            self.columns,
+            unit=self.unit,
+            rate=self.sample_rate,
+            topic=self.topic,
+            quaternions=self.quaternions,
         )
-        command(reading=reading, **others)
-
-    for option in (
-        click.option(
-            "--topic", default="", help="Topic of a bag, or feature of a dataset."
-        ),
-        click.option(
-            "--sample-rate",
-            type=float,
-            help="Samples per second (Hz) of a recording without times.",
-        ),
-        click.option("--unit", default="", help="Of positions: m, cm, mm ..."),
-        click.option(
-            "--columns",
-            default="",
-            metavar="NAME=COLUMN,...",
-            help="Which columns are read, by name or number: time=stamp [ms],x=2,y=3.",
-        ),
-    ):
-        reads = option(reads)
-    return reads
-
-
-def skill_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that say how a skill is read and learned."""
-    command = reading_options(command)
-    for option in (
-        click.option(
-            "--transform",
-            type=float,
-            nargs=6,
-            metavar="X Y Z ROLL PITCH YAW",
-            help="Pose of the demonstration's frame in the board's (m, rad), instead of "
-            "fitting its plane and laying it on the middle of the board.",
-        ),
-        click.option(
-            "--stretch",
-            type=float,
-            default=1.0,
-            show_default=True,
-            help="Slow a demonstration down by this factor.",
-        ),
-        click.option(
-            "--window",
-            type=float,
-            help="Seconds in a window: one or more periods [default: 6].",
-        ),
-        click.option(
-            "--components",
-            type=int,
-            help="Gaussians in the mixture [default: 80, fewer for short recordings].",
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-def scene_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that say what is played, and where."""
-    for option in (
-        click.option(
-            "--start",
-            type=float,
-            nargs=3,
-            metavar="X Y Z",
-            help="Where the eraser starts, m: in the frame of the board, z above it.",
-        ),
-        click.option(
-            "--skill", "skill_file", type=PATH, help="Play this skill instead."
-        ),
-        click.option(
-            "--demo",
-            "demos",
-            type=PATH,
-            multiple=True,
-            help="Learn from this file (again), not from the scenario's.",
-        ),
-        click.option(
-            "--scenario",
-            default="table_top",
-            show_default=True,
-            help="Name of a scenario (see `fmp-drake scenarios`), or a YAML file.",
-        ),
-    ):
-        command = option(command)
-    return command

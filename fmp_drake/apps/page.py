@@ -1,25 +1,34 @@
-"""The console, the Meshcat page, and the progress of a simulation."""
+"""The console, the page, and progress bars."""
 
 import logging
-from collections.abc import Iterable, Sequence
+import shlex
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 
 from pydrake.common import use_native_cpp_logging
-from pydrake.geometry import Meshcat, MeshcatParams
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn, track
 
-from fmp_drake.errors import FmpError
-from fmp_drake.station.parts.page_scene import ShowStill
+from fmp_drake.apps.options import SceneOptions
+from fmp_drake.apps.terminal import can_ask, is_entered
+from fmp_drake.errors import FmpError, SystemsError
+from fmp_drake.station.page.page_scene import ShowStill
+from fmp_drake.station.reach.feasibility import Feasibility
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.viewer.page_panel import PagePanel
+from fmp_drake.station.warm_up import LawCompilation
+from fmp_drake.systems.page.page_panel import PagePanel, hidden_meshcat
+
+# Seconds between two polls of the buttons.
+_POLL = 0.05
 
 LOCAL = "localhost"
-"""Where a page is open for this machine only."""
+"""Address of a page that only this machine can open."""
 
 
 def make_console() -> Console:
-    """Return a console that does not wrap what goes to a file or a pipe."""
+    """Return a console that does not wrap lines in a file or a pipe."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=160)
 
@@ -28,8 +37,8 @@ def make_console() -> Console:
 def log_natively() -> None:
     """Let Drake write its warnings itself, without Python's logging.
 
-    The threads of Meshcat warn, too, of a wrong address for example. In them Python may
-    collect garbage, and what must not end in another thread than the first ends the process.
+    Threads of Meshcat warn, too, for example of a wrong address. If Python collected garbage
+    in such a thread, objects that must be freed in the main thread would end the process.
     """
     logging.getLogger("drake").setLevel(logging.WARNING)
     use_native_cpp_logging()  # type: ignore[no-untyped-call]
@@ -47,23 +56,22 @@ def open_page(
     title : str
         Of the panel and the tab.
     host : str
-        At which address of this machine the page is served. Whoever reaches it can pull
-        the arm and move the sliders.
+        At which address of this machine the page is served. Whoever has the printed
+        address with its token can pull the arm and move the sliders; others can watch.
 
     Raises
     ------
     FmpError
-        Where the page cannot be served there.
+        If the page cannot be served there.
     """
     log_natively()
     try:
-        meshcat = Meshcat(MeshcatParams(host=host, show_stats_plot=False))
-    except RuntimeError as error:
+        panel = PagePanel(hidden_meshcat(), host=host)
+    except SystemsError as error:
         raise FmpError(
             f"the page cannot be served at {host}; give one of this machine's addresses, "
             f"0.0.0.0 for all of them, or {LOCAL} for this machine only."
         ) from error
-    panel = PagePanel(meshcat, host=host)
     panel.show(title=title)
     if console is not None:
         console.print(f"watch it at {panel.url}")
@@ -71,29 +79,103 @@ def open_page(
 
 
 def get_ready(panel: PagePanel, scenario: Scenario, *, visuals: str = "own") -> None:
-    """Show a scenario at rest, while it is learned and compiled."""
+    """Show a scenario at rest during learning and compilation."""
     panel.show(
         mode="getting ready",
         level="idle",
-        detail="a few seconds; half a minute the first time on a computer, to compile",
+        detail="a few seconds; up to half a minute the first time on a machine",
+        progress=0.1,
     )
     ShowStill(scenario, panel.meshcat, visuals=visuals)
+
+
+def wait_for_law(
+    console: Console, panel: PagePanel | None, law: LawCompilation
+) -> None:
+    """Wait until the control law is compiled, and show how far it is."""
+    text = "compiling the control law, once per machine"
+    with console.status(text):
+        for fraction in law.progress():
+            if panel is not None:
+                panel.show(detail=text, progress=fraction)
+
+
+def say(console: Console, panel: PagePanel | None, text: str) -> None:
+    """Print a message in the terminal, and show it on the page."""
+    console.print(text)
+    if panel is not None:
+        panel.say(text)
+
+
+def is_watched(panel: PagePanel | None) -> bool:
+    """Return whether a browser has the page open."""
+    return panel is not None and panel.meshcat.GetNumActiveConnections() > 0
+
+
+@contextmanager
+def ended_page(panel: PagePanel | None) -> Iterator[None]:
+    """Let the page say, at the end of a block, that the program ends, and why."""
+    if panel is None:
+        yield
+        return
+    try:
+        yield
+    except FmpError as error:
+        panel.show(mode="refused", level="bad", detail=str(error))
+        raise
+    except KeyboardInterrupt:
+        panel.show(mode="stopped", level="idle", detail="")
+        raise
+    finally:
+        panel.show(ended=True, progress=None)
+
+
+def wait_for_click(panel: PagePanel | None, names: Mapping[str, str]) -> str | None:
+    """Wait for a click on a button of the page, and return the name of the button.
+
+    It returns None after Enter in the terminal, or, without a terminal, when nobody
+    watches the page.
+
+    Parameters
+    ----------
+    panel : PagePanel, optional
+    names : mapping from str to str
+        Names of the buttons, with their hints.
+    """
+    meshcat = None if panel is None else panel.meshcat
+    if panel is not None and meshcat is not None:
+        panel.show(buttons={name: {"hint": hint} for name, hint in names.items()})
+        for name in names:
+            meshcat.AddButton(name)
+    try:
+        while can_ask() or is_watched(panel):
+            if is_entered():
+                return None
+            for name in names if meshcat is not None else ():
+                if meshcat is not None and meshcat.GetButtonClicks(name):
+                    return name
+            time.sleep(_POLL)
+        return None
+    finally:
+        for name in names if meshcat is not None else ():
+            if meshcat is not None:
+                meshcat.DeleteButton(name, strict=False)
 
 
 def show_progress(
     console: Console, times: Iterable[float], *, until: float, label: str
 ) -> None:
-    """Let a simulation run to its end, with a bar that shows how far it is.
+    """Run a simulation to its end, with a progress bar.
 
     Parameters
     ----------
     console : Console
     times : iterable of float
-        As `advance` yields them, s.
+        Simulated times from `advance`, s.
     until : float
-        When it ends, s of simulated time.
+        Simulated time of the end, s.
     label : str
-        Before the progress bar.
+        Text before the bar.
     """
     with Progress(
         TextColumn("{task.description}"),
@@ -105,12 +187,12 @@ def show_progress(
         disable=not console.is_terminal,
     ) as progress:
         bar = progress.add_task(label, total=until)
-        for time in times:
-            progress.update(bar, completed=time)
+        for now in times:
+            progress.update(bar, completed=now, total=max(until, now))
 
 
 def track_frames(console: Console, frames: Sequence[int]) -> Iterable[int]:
-    """Go through the frames of a film, with a bar that shows how far it is rendered."""
+    """Iterate over the frames of a film, with a progress bar."""
     return track(
         frames,
         "rendering",
@@ -118,3 +200,18 @@ def track_frames(console: Console, frames: Sequence[int]) -> Iterable[int]:
         transient=not console.is_terminal,
         disable=not console.is_terminal,
     )
+
+
+def print_next(console: Console, *arguments: str) -> None:
+    """Print the command that comes next."""
+    line = shlex.join(["fmp-drake", *arguments])
+    console.print(f"next: {line}", markup=False, soft_wrap=True)
+
+
+def advice(feasibility: Feasibility, scene: SceneOptions) -> str:
+    """Return the command line that may make a skill feasible."""
+    if feasibility.suggested_tempo is None:
+        return "--start, the scenario's board or another skill may help."
+    tempo = f"{feasibility.suggested_tempo:.2f}"
+    line = shlex.join(["fmp-drake", "wipe", *scene.arguments(), "--tempo", tempo])
+    return f"Try: {line}."

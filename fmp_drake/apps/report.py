@@ -1,60 +1,199 @@
-"""The readable report of a run."""
+"""Results of a run: a table in the terminal, and files."""
 
+import json
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
+from fmp_drake.apps.options import option
+from fmp_drake.apps.page import track_frames
+from fmp_drake.errors import RunError
+from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
+from fmp_drake.plots import plot_run
+from fmp_drake.plots.graphviz import check_graph, write_graph
+from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
+from fmp_drake.plots.style import check_picture
+from fmp_drake.primitives.data.files import check_writable, write_text
+from fmp_drake.runs.log import check_log
+from fmp_drake.runs.signals import SIGNALS
+from fmp_drake.runs.station_run import StationRun
 
-def print_report(console: Console, metrics: Mapping[str, Any]) -> None:
-    """Print the metrics of a wiping run as a table."""
-    m = metrics
-    reached = [
-        f"{percent} % after {m[f'seconds_to_{percent}_percent']:.0f} s"
-        for percent in (50, 90, 99)
-        if m[f"seconds_to_{percent}_percent"] is not None
-    ]
-    spots = f"{m['missed_spots']} spots of {m['missed_area_cm2']:.0f} cm2 left"
-    pushed = m["reactive_remap_count"]
-    after_pushes = f", {pushed} of them after pushes" if pushed else ""
+
+@dataclass(frozen=True, kw_only=True)
+class RunFiles:
+    """Files to write."""
+
+    html: Path | None = option(None, "Page that replays the run.")
+    video: Path | None = option(None, "Film of the run (.mp4, .gif).")
+    video_fps: float = option(20.0, "Frames per second of the film.", basic=False)
+    video_speed: float = option(
+        1.0, "Simulated seconds per second of the film.", basic=False
+    )
+    video_width: int = option(640, "Width of the film, pixels (4 to 3).", basic=False)
+    plot: Path | None = option(None, "Picture of the run (.png, .svg, .pdf).")
+    log: Path | None = option(None, "All signals of the run (.npz).", basic=False)
+    report: Path | None = option(None, "Metrics of the run (.json).")
+    graphviz: Path | None = option(
+        None, "Block diagram of the station (.svg, .png, .dot).", basic=False
+    )
+
+    def check(self, *, of_arm: bool) -> None:
+        """Check that the files can be written, before any work is done."""
+        for target in (self.html, self.report):
+            check_writable(target)
+        check_picture(self.plot)
+        check_film(
+            self.video,
+            fps=self.video_fps,
+            speed=self.video_speed,
+            size=film_size(self.video_width),
+        )
+        check_log(self.log)
+        check_graph(self.graphviz)
+        others = (self.html, self.video, self.plot, self.log, self.graphviz)
+        if of_arm and any(others):
+            raise RunError(
+                "of an arm there is only a --report; leave out --html, --video, --plot, "
+                "--log and --graphviz."
+            )
+
+    def signals(self) -> set[str]:
+        """Return the names of the signals that these files need."""
+        return {
+            *(SIGNALS if self.log is not None else ()),
+            *(RUN_PAGE_SIGNALS if self.plot is not None else ()),
+            *(FILM_SIGNALS if self.video is not None else ()),
+        }
+
+    def begin(self, console: Console, run: StationRun) -> FilmReel | None:
+        """Write the picture of the diagram; return the collector of the film's frames."""
+        if self.graphviz is not None:
+            write_graph(run.station, self.graphviz)
+            console.print(f"wrote {self.graphviz}")
+        if self.video is None:
+            return None
+        reel = FilmReel(run.station, fps=self.video_fps, speed=self.video_speed)
+        reel.watch(run.simulator)
+        return reel
+
+    def write(
+        self,
+        console: Console,
+        run: StationRun,
+        metrics: Mapping[str, Any],
+        *,
+        reel: FilmReel | None,
+        title: str,
+    ) -> None:
+        """Write the files at the end of a run."""
+        if self.report is not None:
+            text = json.dumps(metrics, indent=2) + "\n"
+            write_text(self.report, text, RunError)
+            console.print(f"wrote {self.report}")
+        if self.log is not None:
+            run.save_log(self.log, metrics)
+            console.print(f"wrote {self.log}")
+        if self.plot is not None:
+            plot_run(run, self.plot)
+            console.print(f"wrote {self.plot}")
+        if self.html is not None:
+            write_text(self.html, run.html(title=title), RunError)
+            console.print(f"wrote {self.html}")
+        if self.video is not None and reel is not None:
+            track = partial(track_frames, console)
+            film_run(run, reel, self.video, width=self.video_width, track=track)
+            console.print(f"wrote {self.video}")
+
+
+def print_report(console: Console, rows: Mapping[str, str]) -> None:
+    """Print the table of `report_rows`."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    rows = {
-        "simulated": f"{m['simulated_seconds']:.1f} s in {m['wall_seconds']:.1f} s "
-        f"({m['real_time_factor']:.2f} times real time)",
-        "cleaned": f"{100 * m['cleaned_fraction']:.1f} % of the board, "
-        f"{100 * m['cleaned_fraction_of_demonstrated_area']:.1f} % of the "
-        "demonstrated area",
-        "it took": ", ".join([*reached, spots]),
-        "normal force": f"{m['normal_force_mean_n']:.1f} N (90 % between "
-        f"{m['normal_force_p05_n']:.1f} and {m['normal_force_p95_n']:.1f} N), "
-        f"{100 * m['normal_force_wanted_fraction']:.1f} % within 5 N of "
-        "the wanted, "
-        f"in contact {100 * m['contact_fraction']:.1f} % of the time",
-        "followed": f"to {1e3 * m['tracking_rms_m']:.1f} mm rms",
-        "stayed": _stayed(m),
-        "re-mapped": f"{m['remap_count']} times{after_pushes}, jumps up to "
-        f"{1e3 * m['desired_position_jump_max_m']:.4f} mm",
-        "limits": f"torque {100 * m['torque_ratio_max']:.0f} %, torque rate "
-        f"{m['torque_rate_max_nm_per_s']:.0f} Nm/s, joint speed "
-        f"{100 * m['joint_speed_ratio_max']:.0f} %, nearest joint limit "
-        f"{m['joint_limit_margin_min_rad']:.2f} rad",
-        "surface": f"up to {1e3 * m['penetration_max_m']:.1f} mm of core, handle or "
-        "arm below it"
-        if m["penetration_max_m"] > 0
-        else "nothing hard below it",
-    }
-    events = [event["text"] for event in m["events"]]
-    rows["what went wrong"] = "\n".join(events) or "nothing"
     for name, text in rows.items():
         table.add_row(f"[bold]{name}[/bold]", text)
     console.print(table)
 
 
+def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
+    """Return the names and texts of a table about a run.
+
+    Ink, normal force and surface are there where there is a board, degrees and newtons of
+    error where the skill has such channels.
+    """
+    m = metrics
+    rows = {
+        "simulated": f"{m['simulated_seconds']:.1f} s in {m['wall_seconds']:.1f} s "
+        f"({m['real_time_factor']:.2f} times real time)",
+    }
+    if "cleaned_fraction" in m:
+        rows |= _board_rows(m)
+    followed = f"to {1e3 * m['tracking_rms_m']:.1f} mm rms"
+    if "orientation_rms_deg" in m:
+        followed += (
+            f" and {m['orientation_rms_deg']:.2f} degrees rms, at most "
+            f"{1e3 * m['tracking_max_m']:.1f} mm and {m['orientation_max_deg']:.2f} degrees"
+        )
+    if "normal_force_error_rms_n" in m:
+        followed += f", the desired force to {m['normal_force_error_rms_n']:.2f} N rms"
+    pushed = m["reactive_remap_count"]
+    after_pushes = f", {pushed} of them after pushes" if pushed else ""
+    rows |= {
+        "followed": followed,
+        "stayed": _stayed(m),
+        "re-mapped": f"{_counted(m['remap_count'], 'time')}{after_pushes}, jumps up to "
+        f"{1e3 * m['desired_position_jump_max_m']:.4f} mm",
+        "limits": f"torque {100 * m['torque_ratio_max']:.0f} %, torque rate "
+        f"{m['torque_rate_max_nm_per_s']:.0f} Nm/s, joint speed "
+        f"{100 * m['joint_speed_ratio_max']:.0f} %, nearest joint limit "
+        f"{m['joint_limit_margin_min_rad']:.2f} rad",
+    }
+    if "penetration_max_m" in m:
+        rows["surface"] = (
+            f"up to {1e3 * m['penetration_max_m']:.1f} mm of core, handle or "
+            "arm below it"
+            if m["penetration_max_m"] > 0
+            else "nothing hard below it"
+        )
+    events = [event["text"] for event in m["events"]]
+    rows["what went wrong"] = "\n".join(events) or "nothing"
+    return rows
+
+
+def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
+    """Return the rows about the ink and the normal force."""
+    reached = [
+        f"{percent} % after {m[f'seconds_to_{percent}_percent']:.0f} s"
+        for percent in (50, 90, 99)
+        if m[f"seconds_to_{percent}_percent"] is not None
+    ]
+    left = (
+        f"{_counted(m['missed_spots'], 'spot')} of {m['missed_area_cm2']:.0f} cm² left"
+    )
+    return {
+        "cleaned": f"{100 * m['cleaned_fraction']:.1f} % of the board, "
+        f"{100 * m['cleaned_fraction_of_demonstrated_area']:.1f} % of the "
+        "demonstrated area",
+        "it took": ", ".join([*reached, left]),
+        "normal force": f"{m['normal_force_mean_n']:.1f} N (90 % between "
+        f"{m['normal_force_p05_n']:.1f} and {m['normal_force_p95_n']:.1f} N), "
+        f"{100 * m['normal_force_wanted_fraction']:.1f} % within 5 N of "
+        "the desired force, "
+        f"in contact {100 * m['contact_fraction']:.1f} % of the time",
+    }
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def _stayed(m: Mapping[str, Any]) -> str:
-    """Say how near the eraser and its target stayed to what was demonstrated."""
-    ways = m["measured_off_paths_max_m"], m["desired_off_paths_max_m"]
-    if None in ways:
+    """Return a sentence about the distances to the demonstrated paths."""
+    distances = m["measured_off_paths_max_m"], m["desired_off_paths_max_m"]
+    if None in distances:
         return "never near the demonstrated paths, or they are not known"
-    measured, desired = (f"{1e3 * way:.0f} mm" for way in ways)
-    return f"within {measured} of the demonstrated paths; wanted within {desired}"
+    measured, desired = (f"{1e3 * distance:.0f} mm" for distance in distances)
+    return f"within {measured} of the demonstrated paths; desired within {desired}"

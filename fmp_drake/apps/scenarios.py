@@ -8,7 +8,7 @@ from rich.table import Table
 from fmp_drake.apps.options import PATH
 from fmp_drake.apps.page import make_console
 from fmp_drake.errors import FmpError, RunError
-from fmp_drake.film.scenario_page import measure_scenarios, scenario_page
+from fmp_drake.experiments.scenario_page import measure_scenarios, scenario_page
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
@@ -26,14 +26,14 @@ from fmp_drake.station.scenario import ListScenarios, LoadScenario
     type=float,
     default=60.0,
     show_default=True,
-    help="Of each run, s.",
+    help="Simulated time of each run, s.",
 )
 def scenarios(page: Path | None, duration: float) -> None:
     """List the scenarios that come with the package."""
     console = make_console()
     check_writable(page)
     if page is not None and page.suffix != ".md":
-        raise FmpError(f"{page} is no page; let its name end in .md.")
+        raise FmpError(f"{page} is not a page; its name must end in .md.")
     check_number(duration, "duration", above=0, unit="s", error=FmpError)
     names = ListScenarios()
     if page is None:

@@ -1,5 +1,6 @@
 """`fmp-drake teach`."""
 
+from dataclasses import dataclass
 from itertools import count
 from math import inf
 from pathlib import Path
@@ -12,69 +13,72 @@ from fmp_drake.apps.arm_console import (
     guide_arm,
     wipe_with_arm,
 )
-from fmp_drake.apps.options import PATH, arm_option, host_option
+from fmp_drake.apps.options import (
+    Command,
+    ScenarioOptions,
+    arm_option,
+    host_option,
+    option,
+    options,
+)
 from fmp_drake.apps.page import get_ready, make_console, open_page
 from fmp_drake.errors import FmpError, StationError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives import save_skill
 from fmp_drake.primitives.data.files import check_writable
-from fmp_drake.runs.skills import learn_skill
-from fmp_drake.runs.teaching.teach_page import TeachPage
-from fmp_drake.runs.teaching.teaching_session import TeachingSession
+from fmp_drake.runs.teach_page import TeachPage
+from fmp_drake.runs.teaching_session import TeachingSession
+from fmp_drake.skills.learning import learn_skill
 from fmp_drake.station import CheckFeasibility
-from fmp_drake.station.parts.hands import MouseOnPage
-from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.teaching_hands import MouseOnPage
 from fmp_drake.station.warm_up import WarmUp
 
-# Simulated seconds between two looks at the buttons, and between two lines of text.
-_STRETCH, _TEXT = 0.1, 1.0
+# Simulated seconds between two polls of the buttons, and between two updates of the text.
+_STEP, _TEXT = 0.1, 1.0
 
 
-@click.command()
-@click.option(
-    "--scenario",
-    default="table_top",
-    show_default=True,
-    help="Name of a scenario (see `fmp-drake scenarios`), or a YAML file.",
+@dataclass(frozen=True, kw_only=True)
+class TeachOptions(ScenarioOptions):
+    """Scene, and files to write."""
+
+    out: Path = option(
+        Path("taught.npz"),
+        "Demonstration (.npz or .csv) to write with the button save.",
+    )
+    skill_file: Path = option(
+        Path("taught_skill.npz"),
+        "Skill (.npz) to write with the button save.",
+        flag="--skill",
+    )
+    duration: float | None = option(None, "End after this time, s.")
+    arm: str | None = arm_option(
+        "Guide an arm, for --duration or until Enter; then it learns, and continues by itself."
+    )
+    host: str = host_option()
+
+
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake teach": "guide the arm with the mouse on a page",
+        "fmp-drake teach --scenario vertical --skill mine.npz": "on another board",
+    },
 )
-@click.option(
-    "--out",
-    type=PATH,
-    default=Path("taught.npz"),
-    show_default=True,
-    help="Demonstration (.npz or .csv) to write with the button save.",
-)
-@click.option(
-    "--skill",
-    "skill_file",
-    type=PATH,
-    default=Path("taught_skill.npz"),
-    show_default=True,
-    help="Skill (.npz) to write with the button save.",
-)
-@click.option("--duration", type=float, help="End after so many seconds.")
-@arm_option("Guide an arm, for --duration or until Enter; it learns, and wipes on.")
-@host_option
-def teach(
-    scenario: str,
-    out: Path,
-    skill_file: Path,
-    duration: float | None,
-    arm: str | None,
-    host: str,
-) -> None:
-    """Teach the arm with the mouse: drag it on the page, press learn, and it wipes on.
+@options(to=TeachOptions)
+def teach(to: TeachOptions) -> None:
+    """Teach the arm with the mouse: drag it on the page, press learn, and it continues.
 
     Or, with --arm, a real one by hand.
     """
     console = make_console()
+    out, skill_file, duration = to.out, to.skill_file, to.duration
     for target in (out, skill_file):
         check_writable(target)
     if duration is not None:
         check_number(duration, "duration", above=0, unit="s", error=FmpError)
-    scene = LoadScenario(scenario)
-    if arm is not None:
-        config = arm_config(arm)
+    scene = to.load()
+    if to.arm is not None:
+        config = arm_config(to.arm)
         shown = guide_arm(console, scene, config, duration or inf)
         shown.save(out)
         skill = learn_skill(
@@ -85,24 +89,24 @@ def teach(
         )
         save_skill(skill, skill_file)
         console.print(f"wrote {out} and {skill_file}")
-        found = CheckFeasibility(scene, skill)
-        if not found.is_feasible:
-            raise StationError(found.verdict)
+        feasibility = CheckFeasibility(scene, skill)
+        if not feasibility.is_feasible:
+            raise StationError(feasibility.verdict)
         wipe_with_arm(console, scene, skill, config, inf)
         return
-    panel = open_page(title=f"teach: {Path(scenario).stem}", host=host)
+    panel = open_page(title=f"teach: {Path(to.scenario).stem}", host=to.host)
     get_ready(panel, scene)
     console.print(f"teach it at {panel.url}; Ctrl-C ends")
     with console.status("getting ready"):
-        WarmUp()
+        WarmUp(lambda fraction: panel.show(progress=fraction))
     session = TeachingSession(
         scene, MouseOnPage(panel.meshcat), panel=panel, out=out, skill_file=skill_file
     )
     page = TeachPage(panel, scene)
-    stretches = count() if duration is None else range(round(duration / _STRETCH))
-    for stretch in stretches:
-        session.advance(_STRETCH)
+    steps = count() if duration is None else range(round(duration / _STEP))
+    for step in steps:
+        session.advance(_STEP)
         if button := page.attend(session):
             console.print(f"{button}: {session.remark or session.status}")
-        elif stretch % round(_TEXT / _STRETCH) == 0:
+        elif step % round(_TEXT / _STEP) == 0:
             page.show(session)

@@ -8,7 +8,7 @@ import click
 from fmp_drake.apps.options import PATH
 from fmp_drake.apps.page import make_console, track_frames
 from fmp_drake.errors import FmpError
-from fmp_drake.film.page_frames import convert_frames
+from fmp_drake.film.encode import convert_frames
 from fmp_drake.primitives.data.files import check_writable
 
 

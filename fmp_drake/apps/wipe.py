@@ -1,301 +1,376 @@
-"""`fmp-drake wipe`: the main job."""
+"""`fmp-drake wipe`: learn a skill and wipe the board with it."""
 
-import json
-import sys
 import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
+from rich.console import Console
 
 from fmp_drake.apps.arm_console import ARM_MODEL, arm_config, wipe_with_arm
 from fmp_drake.apps.options import (
-    PATH,
+    Command,
+    LearningOptions,
+    RecordingOptions,
+    SceneOptions,
     arm_option,
     host_option,
+    option,
+    options,
     real_time_option,
-    scene_options,
-    skill_options,
 )
 from fmp_drake.apps.page import (
+    advice,
+    ended_page,
     get_ready,
+    is_watched,
     make_console,
     open_page,
+    say,
     show_progress,
-    track_frames,
+    wait_for_click,
+    wait_for_law,
 )
-from fmp_drake.apps.report import print_report
+from fmp_drake.apps.report import RunFiles, print_report, report_rows
+from fmp_drake.apps.terminal import can_ask
 from fmp_drake.errors import FmpError, RunError, StationError
-from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
 from fmp_drake.numeric import check_number
-from fmp_drake.plots import plot_run
-from fmp_drake.plots.graphviz import check_graph, write_graph
-from fmp_drake.plots.outputs import check_picture
-from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
-from fmp_drake.primitives.data.files import check_writable, write_text
-from fmp_drake.runs.advancing import advance
-from fmp_drake.runs.arm.real_time import take_precedence
-from fmp_drake.runs.log import check_log
-from fmp_drake.runs.signals import SIGNALS
-from fmp_drake.runs.skill_words import model_in_words
-from fmp_drake.runs.skills import scenario_skill
-from fmp_drake.runs.wiping_run import WipingRun
-from fmp_drake.station.feasibility import CheckFeasibility
-from fmp_drake.station.models.panda import VISUALS
-from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.runs.arm.real_time import request_priority
+from fmp_drake.runs.events import ADVICE
+from fmp_drake.runs.simulation_loop import advance, reset
+from fmp_drake.runs.station_run import StationRun
+from fmp_drake.runs.wiping_run import MakeRun
+from fmp_drake.skills.description import model_in_words
+from fmp_drake.skills.learning import scenario_skill
+from fmp_drake.station.reach.feasibility import CheckFeasibility, Feasibility
+from fmp_drake.station.robots.visuals import VISUALS
+from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import ShowConfig
+from fmp_drake.station.warm_up import LawCompilation
+from fmp_drake.systems.page.page_panel import Level, PagePanel
 
-_PARTS = list(vars(ShowConfig()))
+# Simulated time of a run that nobody watches, and between two updates of the page, s.
+_SECONDS, _TEXT = 60.0, 1.0
+# Simulated time between two polls of the page, s.
+_STEP = 0.0999
+_AFTERWARDS = {
+    "run on": "continue the run from here",
+    "again": "start again, as at the beginning",
+}
 
 
-@click.command()
-@scene_options
-@click.option(
-    "--duration", type=float, default=60.0, show_default=True, help="Seconds."
+@dataclass(frozen=True, kw_only=True)
+class PlayOptions:
+    """Playback."""
+
+    duration: float | None = option(
+        None,
+        "Simulated time, s [default: 60, and on as long as somebody watches the page].",
+    )
+    sample: bool | None = option(
+        None,
+        "Track samples of the components, or always their means [default: the "
+        "scenario's, samples].",
+        flag="--sample/--mean",
+        basic=False,
+    )
+    seed: int | None = option(
+        None, "Seed of the samples [default: the scenario's, 0].", basic=False
+    )
+    rate: float | None = option(
+        None,
+        "Simulated seconds per second, 0 for as fast as possible [default: 1; headless: "
+        "0].",
+        basic=False,
+    )
+    force: bool = option(False, "Run even if the arm cannot follow the skill.")
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time after which a run ends if nobody watches it, s."""
+        return _SECONDS if self.duration is None else self.duration
+
+    def check(self) -> None:
+        """Check the numbers."""
+        check_number(self.seconds, "duration", above=0, unit="s", error=FmpError)
+        for name, value in {"rate": self.rate, "seed": self.seed}.items():
+            if value is not None:
+                check_number(value, name, least=0, error=FmpError)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PageOptions:
+    """Page."""
+
+    headless: bool = option(False, "Run without a page, as fast as possible.")
+    hide: tuple[str, ...] = option(
+        (),
+        "Do not show this part on the page; may be repeated.",
+        basic=False,
+        type=click.Choice(list(vars(ShowConfig()))),
+    )
+    visuals: str = option(
+        VISUALS[0],
+        "Meshes of the arm: our own, or the official ones, which Drake downloads.",
+        basic=False,
+        type=click.Choice(VISUALS),
+    )
+    host: str = host_option()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmOptions:
+    """Arm behind LCM, in place of the simulated one."""
+
+    arm: str | None = arm_option("Move a real arm, or that of `fmp-drake arm`.")
+    no_torque: bool = option(False, "With --arm: send zero torques only.", basic=False)
+    go: bool = option(
+        False, "With --arm: begin without asking; never with a real arm.", basic=False
+    )
+    controls: bool = option(
+        False,
+        "With --arm: let the page change tempo and normal force.",
+        basic=False,
+    )
+    real_time: bool = real_time_option()
+
+    def check(self) -> None:
+        """Check that options of an arm come with an arm."""
+        options = (self.no_torque, self.go, self.controls, self.real_time)
+        if self.arm is None and any(options):
+            raise RunError(
+                "--no-torque, --go, --controls and --real-time are for an arm; name it "
+                "with --arm."
+            )
+
+
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake wipe": "wipe a table top, with a page to watch and pull the arm",
+        "fmp-drake wipe --scenario vertical --tempo 0.8": "another board, slower",
+        "fmp-drake wipe --demo mine.csv": "learn from a recording of yours",
+        "fmp-drake wipe --headless --plot run.png": "no page, a picture of the run",
+    },
 )
-@click.option(
-    "--sample/--mean",
-    default=None,
-    help="Track samples of the components, or always their means "
-    "[default: the scenario's, samples].",
+@options(
+    scene=SceneOptions,
+    play=PlayOptions,
+    page=PageOptions,
+    files=RunFiles,
+    arm=ArmOptions,
+    learning=LearningOptions,
+    recording=RecordingOptions,
 )
-@click.option("--seed", type=int, help="Of the samples [default: the scenario's, 0].")
-@click.option(
-    "--rate",
-    type=float,
-    help="Speed relative to real time, 0 for the fastest [default: 1; headless: 0].",
-)
-@click.option("--headless", is_flag=True, help="No page.")
-@click.option("--force", is_flag=True, help="Run even where the arm cannot follow.")
-@click.option(
-    "--hide",
-    type=click.Choice(_PARTS),
-    multiple=True,
-    help="Do not show this on the page (again).",
-)
-@click.option(
-    "--visuals",
-    type=click.Choice(VISUALS),
-    default=VISUALS[0],
-    show_default=True,
-    help="The arm's meshes: ours, or the official ones, which Drake downloads.",
-)
-@click.option("--html", type=PATH, help="Write a page that replays the run.")
-@click.option("--video", type=PATH, help="Render a film of the run (.mp4, .gif).")
-@click.option(
-    "--video-fps",
-    type=float,
-    default=20.0,
-    show_default=True,
-    help="Frames per second.",
-)
-@click.option(
-    "--video-speed",
-    type=float,
-    default=1.0,
-    show_default=True,
-    help="Simulated seconds per second of the film.",
-)
-@click.option(
-    "--video-width", type=int, default=640, show_default=True, help="Pixels; 4 to 3."
-)
-@click.option("--plot", type=PATH, help="Write a picture of the run.")
-@click.option("--log", type=PATH, help="Write all signals of the run (.npz).")
-@click.option("--report", type=PATH, help="Write the metrics of the run (.json).")
-@click.option(
-    "--graphviz", type=PATH, help="Write a picture of the diagram (.svg, .png, .dot)."
-)
-@arm_option("Move a real arm, or `fmp-drake arm`.")
-@click.option("--no-torque", is_flag=True, help="With --arm: send zeros only.")
-@click.option(
-    "--go", is_flag=True, help="With --arm: begin without asking; never at a real arm."
-)
-@click.option(
-    "--controls",
-    is_flag=True,
-    help="With --arm: let the page change tempo and normal force.",
-)
-@real_time_option
-@host_option
-@skill_options
 def wipe(
-    scenario: str,
-    demos: tuple[Path, ...],
-    skill_file: Path | None,
-    duration: float,
-    start: tuple[float, float, float] | None,
-    sample: bool | None,
-    seed: int | None,
-    rate: float | None,
-    headless: bool,
-    force: bool,
-    hide: tuple[str, ...],
-    visuals: str,
-    html: Path | None,
-    video: Path | None,
-    video_fps: float,
-    video_speed: float,
-    video_width: int,
-    plot: Path | None,
-    log: Path | None,
-    report: Path | None,
-    graphviz: Path | None,
-    arm: str | None,
-    no_torque: bool,
-    go: bool,
-    controls: bool,
-    real_time: bool,
-    host: str,
-    **learning: Any,
+    scene: SceneOptions,
+    play: PlayOptions,
+    page: PageOptions,
+    files: RunFiles,
+    arm: ArmOptions,
+    learning: LearningOptions,
+    recording: RecordingOptions,
 ) -> None:
-    """Learn whiteboard wiping from a demonstration and wipe the board."""
+    """Learn a skill from a demonstration and play it: wipe a board, or follow a motion."""
     console = make_console()
-    for target in (html, report):
-        check_writable(target)
-    check_picture(plot)
-    check_film(video, fps=video_fps, speed=video_speed, size=film_size(video_width))
-    check_log(log)
-    check_graph(graphviz)
-    check_number(duration, "duration", above=0, unit="s", error=FmpError)
-    if rate is None:
-        rate = 0.0 if headless else 1.0
-    check_number(rate, "rate", least=0, error=FmpError)
-    if seed is not None:
-        check_number(seed, "seed", least=0, error=FmpError)
-    if arm is None and any((no_torque, go, controls, real_time)):
-        raise RunError(
-            "--no-torque, --go, --controls and --real-time are for an arm; name it with "
-            "--arm."
+    files.check(of_arm=arm.arm is not None)
+    play.check()
+    arm.check()
+    scenario = scene.load()
+    for part in page.hide:
+        setattr(scenario.show, part, False)
+    config = None if arm.arm is None else arm_config(arm.arm, dry=arm.no_torque)
+    title = Path(scene.scenario).stem
+    panel = None
+    if files.html or not page.headless:
+        announce = None if page.headless else console
+        panel = open_page(announce, title=title, host=page.host)
+    with ended_page(panel):
+        if panel is not None and config is None and not page.headless:
+            get_ready(panel, scenario, visuals=page.visuals)
+        law = LawCompilation()
+        started = time.perf_counter()
+        skill, demonstrations, remarks = scenario_skill(
+            scenario,
+            demos=scene.demos,
+            skill_file=scene.skill_file,
+            model=None if config is None else ARM_MODEL,
+            reading=recording.reading(),
+            **vars(learning),
         )
-    if arm is not None and any((html, video, plot, log, graphviz)):
-        raise RunError(
-            "of an arm there is only a --report; leave out --html, --video, --plot, "
-            "--log and --graphviz."
-        )
-    scene = LoadScenario(scenario)
-    for part in hide:
-        setattr(scene.show, part, False)
-    if start is not None:
-        scene.start = list(start)
+        learn_seconds = time.perf_counter() - started
+        for text in (
+            *remarks,
+            (
+                f"skill of {len(skill.components_)} components from {skill.n_windows_} windows "
+                f"of {skill.n_steps / skill.rate:g} s, ready after {learn_seconds:.2f} s"
+            ),
+            model_in_words(skill),
+        ):
+            say(console, panel, text)
+        feasibility = CheckFeasibility(scenario, skill)
+        if not (
+            feasibility.is_feasible
+            or play.force
+            or _is_run_anyway(panel, feasibility, scenario)
+        ):
+            raise StationError(
+                f"{feasibility.verdict} {advice(feasibility, scene)} --force runs it all the "
+                "same."
+            )
+        say(console, panel, feasibility.verdict)
+        wait_for_law(console, panel, law)
 
-    config = None if arm is None else arm_config(arm, dry=no_torque)
-    title = Path(scenario).stem
-    panel = meshcat = None
-    if html or not headless:
-        panel = open_page(None if headless else console, title=title, host=host)
-        meshcat = panel.meshcat
-        if config is None and not headless:
-            get_ready(panel, scene, visuals=visuals)
-
-    learn_started = time.perf_counter()
-    skill, demonstrations, remarks = scenario_skill(
-        scene,
-        demos=demos,
-        skill_file=skill_file,
-        model=None if arm is None else ARM_MODEL,
-        **learning,
-    )
-    learn_seconds = time.perf_counter() - learn_started
-    for remark in remarks:
-        console.print(remark)
-    console.print(
-        f"skill of {len(skill.components_)} components from {skill.n_windows_} windows "
-        f"of {skill.n_steps / skill.rate:g} s, ready after {learn_seconds:.2f} s"
-    )
-    console.print(model_in_words(skill))
-
-    found = CheckFeasibility(scene, skill)
-    if not (found.is_feasible or force):
-        raise StationError(
-            f"{found.verdict} --stretch slows a demonstration down; --force runs it all "
-            "the same."
-        )
-    console.print(found.verdict)
-
-    if config is not None:
-        # A real arm's page shows, and touches only what it is told to.
-        scene.show.ink = scene.show.force = scene.show.mouse = False
-        scene.show.controls = controls
-        for refused in take_precedence() if real_time else ():
-            console.print(refused)
-        wipe_with_arm(
-            console,
-            scene,
+        if config is not None:
+            # The page of a real arm shows it, and moves it only with --controls.
+            scenario.show.ink = scenario.show.force = scenario.show.mouse = False
+            scenario.show.controls = arm.controls
+            for refusal in request_priority() if arm.real_time else ():
+                console.print(refusal)
+            wipe_with_arm(
+                console,
+                scenario,
+                skill,
+                config,
+                play.seconds,
+                go=arm.go,
+                panel=panel,
+                demonstrations=demonstrations,
+                report=files.report,
+            )
+            return
+        run = MakeRun(
+            scenario,
             skill,
-            config,
-            duration,
-            go=go,
-            panel=panel,
             demonstrations=demonstrations,
-            report=report,
+            sample=play.sample,
+            seed=play.seed,
+            visuals=page.visuals,
+            meshcat=None if panel is None else panel.meshcat,
+            panel=panel,
+            recording=files.html is not None,
+            keep=files.signals(),
         )
-        return
+        about = {"scenario": scene.scenario, "learn_seconds": learn_seconds}
+        _simulate(console, run, play, page, files, about=about, title=title)
 
-    run = WipingRun(
-        scene,
-        skill,
-        demonstrations=demonstrations,
-        sample=sample,
-        seed=seed,
-        visuals=visuals,
-        meshcat=meshcat,
-        panel=panel,
-        recording=html is not None,
-        keep={
-            *(SIGNALS if log is not None else ()),
-            *(RUN_PAGE_SIGNALS if plot is not None else ()),
-            *(FILM_SIGNALS if video is not None else ()),
-        },
+
+def _is_run_anyway(
+    panel: PagePanel | None, feasibility: Feasibility, scenario: Scenario
+) -> bool:
+    """Return whether somebody on the page runs a skill that the arm cannot follow.
+
+    Where a slower tempo helps, a button sets it.
+    """
+    if panel is None or not is_watched(panel):
+        return False
+    buttons, tempo = (
+        {"run all the same": "as --force does"},
+        feasibility.suggested_tempo,
     )
-    if graphviz is not None:
-        write_graph(run.station, graphviz)
-        console.print(f"wrote {graphviz}")
-    reel = None
-    if video is not None:
-        reel = FilmReel(run.station, fps=video_fps, speed=video_speed)
-        reel.watch(run.simulator)
+    if tempo is not None:
+        hint = "the fastest tempo at which the arm can follow"
+        buttons = {f"set tempo to {tempo:.2f}": hint, **buttons}
+    panel.show(
+        mode="not feasible", level="busy", detail=feasibility.verdict, progress=None
+    )
+    choice = wait_for_click(panel, buttons)
+    if tempo is not None and choice == f"set tempo to {tempo:.2f}":
+        scenario.skill.tempo = tempo
+    return choice is not None
+
+
+def _simulate(
+    console: Console,
+    run: StationRun,
+    play: PlayOptions,
+    page: PageOptions,
+    files: RunFiles,
+    *,
+    about: dict[str, Any],
+    title: str,
+) -> None:
+    """Simulate a run to its end, report its metrics, and again as long as it is wanted."""
+    panel = None if page.headless else run.panel
+    reel = files.begin(console, run)
+    rate = play.rate
+    if rate is None:
+        rate = 0.0 if page.headless else 1.0
     run.simulator.set_target_realtime_rate(rate)
-    started = time.perf_counter()
-    times = advance(
-        run.simulator,
-        duration,
-        meshcat=None if headless else meshcat,
-        panel=panel,
-        advance_to=run.advance_to,
-        on_reset=run.begin_again,
-    )
-    show_progress(console, times, until=duration, label="wiping")
-    wall_seconds = time.perf_counter() - started
-    run.remove_controls()
-    if panel is not None:
-        panel.show(mode="finished", level="idle", detail=f"after {duration:g} s")
+    until, is_first, wanted = play.seconds, True, None
+    while True:
+        if panel is not None:
+            panel.show(summary=[], progress=None)
+        started, begin = time.perf_counter(), run.simulator.get_context().get_time()
+        times = advance(
+            run.simulator,
+            until,
+            meshcat=None if page.headless else run.meshcat,
+            panel=run.panel,
+            advance_to=run.advance_to,
+            on_reset=run.restart,
+            goes_on=partial(_goes_on, panel, play, wanted),
+        )
+        if panel is not None:
+            times = _told(times, run, panel, rate)
+        show_progress(console, times, until=until, label="running")
+        wall_seconds = time.perf_counter() - started
+        seconds = run.simulator.get_context().get_time()
+        run.remove_controls()
+        metrics = {
+            "scenario": about["scenario"],
+            "simulated_seconds": seconds,
+            "wall_seconds": wall_seconds,
+            "real_time_factor": (seconds - begin) / wall_seconds,
+            "learn_seconds": about["learn_seconds"],
+            **run.metrics(),
+            "events": [event._asdict() for event in run.events()],
+        }
+        rows = report_rows(metrics)
+        print_report(console, rows)
+        if run.panel is not None:
+            run.panel.show(mode="finished", level="idle", detail="", rate=1.0)
+            run.panel.show(summary=[*rows.items()])
+            faults = rows["what went wrong"]
+            level: Level = "good" if faults == "nothing" else "busy"
+            run.panel.say(f"what went wrong: {faults}", level=level)
+        if is_first:
+            files.write(console, run, metrics, reel=reel, title=title)
+        is_first = False
+        if page.headless:
+            return
+        if can_ask():
+            console.print("the page stays open; press Enter to quit ", end="")
+        wanted = wait_for_click(panel, _AFTERWARDS)
+        if wanted is None:
+            return
+        if wanted == "again":
+            reset(run.simulator)
+            run.restart()
+        until = play.seconds if wanted == "again" else seconds
 
-    metrics: dict[str, Any] = {
-        "scenario": scenario,
-        "simulated_seconds": duration,
-        "wall_seconds": wall_seconds,
-        "real_time_factor": duration / wall_seconds,
-        "learn_seconds": learn_seconds,
-        **run.metrics(),
-        "events": [event._asdict() for event in run.events()],
-    }
-    print_report(console, metrics)
-    if report is not None:
-        write_text(report, json.dumps(metrics, indent=2) + "\n", RunError)
-        console.print(f"wrote {report}")
-    if log is not None:
-        run.save_log(log, metrics)
-        console.print(f"wrote {log}")
-    if plot is not None:
-        plot_run(run, plot)
-        console.print(f"wrote {plot}")
-    if html is not None:
-        write_text(html, run.html(title=title), RunError)
-        console.print(f"wrote {html}")
-    if video is not None and reel is not None:
-        track = partial(track_frames, console)
-        film_run(run, reel, video, width=video_width, track=track)
-        console.print(f"wrote {video}")
-    if not headless and sys.stdin is not None and sys.stdin.isatty():
-        console.input("the page stays open; press Enter to quit ")
+
+def _goes_on(panel: PagePanel | None, play: PlayOptions, wanted: str | None) -> bool:
+    """Return whether a run continues after its duration."""
+    return (play.duration is None or wanted is not None) and is_watched(panel)
+
+
+def _told(
+    times: Iterable[float], run: StationRun, panel: PagePanel, rate: float
+) -> Iterator[float]:
+    """Yield the times of a run, and show its events and its speed on the page."""
+    shown: set[str] = set()
+    for now in times:
+        if now < _TEXT:
+            shown = set()
+        if now % _TEXT < _STEP:
+            if rate > 0:
+                panel.show(rate=run.simulator.get_actual_realtime_rate() / rate)
+            for event in run.recent_events():
+                if event.kind in ADVICE and event.kind not in shown:
+                    shown.add(event.kind)
+                    panel.say(f"{event.text}. {ADVICE[event.kind]}", level="busy")
+        yield now

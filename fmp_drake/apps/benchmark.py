@@ -1,0 +1,89 @@
+"""`fmp-drake benchmark`."""
+
+from pathlib import Path
+
+import click
+
+from fmp_drake.apps.options import PATH
+from fmp_drake.apps.page import make_console
+from fmp_drake.errors import FmpError
+from fmp_drake.experiments.benchmark import all_methods, run_benchmark, write_benchmark
+from fmp_drake.experiments.benchmark.cleaning import run_cleaning
+from fmp_drake.numeric import check_number
+from fmp_drake.processes import LocalWorkers
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option("--out", type=PATH, required=True, help="Folder for results and report.")
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    help="Only run this method (again); the report shows all that have been run.",
+)
+@click.option("--quick", is_flag=True, help="Fewer predictions of each split.")
+@click.option(
+    "--jobs",
+    type=int,
+    default=1,
+    show_default=True,
+    help="Number of processes on this machine.",
+)
+@click.option(
+    "--clean",
+    type=PATH,
+    help="Instead let the methods clean the board with the movement of this recording.",
+)
+@click.option("--list", "lists", is_flag=True, help="List the methods, and end.")
+def benchmark(
+    folder: Path,
+    out: Path,
+    methods: tuple[str, ...],
+    quick: bool,
+    jobs: int,
+    clean: Path | None,
+    lists: bool,
+) -> None:
+    """Compare methods on the recordings in FOLDER: prediction and playback.
+
+    Methods learn from 1.5, 2, 3, 4 and 8 cycles and from all but a held-out part of each
+    movement. With --clean they also drive the station for a minute, with five seeds.
+    Writes one JSON file for each method, and report.html. An installed package
+    adds a method by an entry point of the group fmp_drake.methods.
+    """
+    console = make_console()
+    if lists:
+        for name in all_methods():
+            console.print(name)
+        return
+    check_number(jobs, "jobs", least=1, whole=True, error=FmpError)
+    if not folder.is_dir():
+        raise FmpError(f"there is no folder {folder}.")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FmpError(f"cannot write into {out}: {error.strerror}.") from None
+    workers = LocalWorkers(jobs)
+
+    def progress(text: str) -> None:
+        console.print(text, markup=False)
+
+    if clean is None:
+        instants = 15 if quick else 60
+        scores = run_benchmark(
+            folder, out, workers, methods=methods, instants=instants, progress=progress
+        )
+    else:
+        seconds, seeds = (5.0, 2) if quick else (60.0, 5)
+        scores = run_cleaning(
+            clean,
+            out,
+            workers,
+            methods=methods,
+            seconds=seconds,
+            seeds=seeds,
+            progress=progress,
+        )
+    write_benchmark(out, scores, folder=folder)
+    console.print(f"wrote {out / 'report.html'}")

@@ -1,0 +1,98 @@
+"""The commands of `fmp-drake`, each imported only when it runs."""
+
+import importlib
+import logging
+import sys
+
+import click
+
+from fmp_drake import __version__
+from fmp_drake.apps import terminal
+
+# The module `fmp_drake.apps.wipe` has the command `wipe`, and so on.
+_COMMANDS = {
+    "arm": "Simulate an arm behind a real one's LCM messages, for tests.",
+    "benchmark": "Compare methods on the recordings in FOLDER: prediction and playback.",
+    "check": "Check whether the arm can follow a skill on a board, and what would help.",
+    "inspect": "Report what recordings contain, and whether they can be learned.",
+    "learn": "Learn a skill from DEMONSTRATIONS (tables, bags ...) and write it to a "
+    "file.",
+    "record": "Record a demonstration: a simulated person guides the arm over the "
+    "board.",
+    "reproduce": "Rerun the paper's experiments and write a report with figures and "
+    "tables.",
+    "robots": "List the robots that come with the package, or those of YAML FILES.",
+    "scenarios": "List the scenarios that come with the package.",
+    "teach": "Teach the arm with the mouse: drag it on the page, press learn, and it "
+    "continues.",
+    "video": "Turn FRAMES, the .tar that the page's recorder saves, into the film OUT.",
+    "worlds": "Run randomised scenarios from SOURCE, and report which failed and why.",
+    "wipe": "Learn a skill from a demonstration and play it: wipe a board, or follow a motion.",
+}
+
+
+class _LazyGroup(click.Group):
+    """Group that imports a command only when it runs, because an import takes seconds."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Return the commands' names."""
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command, and limit BLAS to one thread."""
+        if cmd_name not in _COMMANDS:
+            return None
+        module = importlib.import_module(f"fmp_drake.apps.{cmd_name}")
+        from threadpoolctl import threadpool_limits
+
+        # The matrices of a control step are small: more threads would only wait.
+        ctx.with_resource(threadpool_limits(limits=1))
+        command: click.Command = getattr(module, cmd_name)
+        terminal.begin_command()
+        return command
+
+    def format_commands(
+        self,
+        ctx: click.Context,  # noqa: ARG002
+        formatter: click.HelpFormatter,
+    ) -> None:
+        """Write one line about each command, without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+        with formatter.section("Start with"):
+            formatter.write_text("fmp-drake wipe       watch a simulated arm")
+            formatter.write_text("fmp-drake teach      guide it yourself")
+            formatter.write_text("fmp-drake wipe -h    examples and options")
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="fmp-drake")
+def app() -> None:
+    """Fourier movement primitives for Drake: teach rhythmic skills, play them."""
+
+
+class _StderrHandler(logging.Handler):
+    """Handler that writes each record as one plain line to stderr."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record."""
+        print(f"fmp-drake: {record.getMessage()}", file=sys.stderr)
+
+
+_HANDLER = _StderrHandler()
+
+
+def log_to_stderr() -> None:
+    """Write what the package logs, and what Drake warns of, to stderr."""
+    # Drake logs Meshcat's address, which the commands print themselves. A filter, because
+    # Drake resets the level of its logger when it is imported.
+    logging.getLogger("drake").addFilter(_is_warning)
+    logger = logging.getLogger("fmp_drake")
+    logger.setLevel(logging.INFO)
+    logger.addHandler(_HANDLER)
+    # Drake adds a handler to the root logger, which would repeat each message.
+    logger.propagate = False
+
+
+def _is_warning(record: logging.LogRecord) -> bool:
+    return record.levelno >= logging.WARNING

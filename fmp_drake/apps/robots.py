@@ -1,0 +1,37 @@
+"""`fmp-drake robots`."""
+
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from fmp_drake.apps.page import make_console
+from fmp_drake.station.reach.posture import FindLevelReach
+from fmp_drake.station.robots.robot import ListRobots, LoadRobot, MakeRobotModel
+
+
+@click.command()
+@click.argument("files", nargs=-1)
+def robots(files: tuple[str, ...]) -> None:
+    """List the robots that come with the package, or those of YAML FILES."""
+    console = make_console()
+    table = Table(show_header=True, box=None, padding=(0, 2, 0, 0))
+    for column in ("robot", "joints", "mass", "reach", ""):
+        table.add_column(column, overflow="fold")
+    for name in files or ListRobots():
+        config = LoadRobot(name)
+        robot = MakeRobotModel(config)
+        context = robot.plant.CreateDefaultContext()
+        mass = robot.plant.CalcTotalMass(context, [robot.arm])
+        table.add_row(
+            f"[bold]{Path(name).stem}[/bold]",
+            str(len(config.posture)),
+            f"{mass:.1f} kg",
+            f"{FindLevelReach(robot):.2f} m",
+            config.description,
+        )
+    console.print(table)
+    console.print(
+        "reach: as far in front of its base the eraser lies level on a table; play on one "
+        "of them: fmp-drake wipe --robot NAME"
+    )

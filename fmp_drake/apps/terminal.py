@@ -1,0 +1,102 @@
+"""The terminal: its keyboard, and Ctrl-C, which ends a command in one line."""
+
+import atexit
+import os
+import select
+import signal
+import sys
+import threading
+from _thread import interrupt_main
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+
+MESSAGE = "fmp-drake: stopped."
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# Seconds until an interrupt is repeated that Python could not raise.
+_AGAIN = 0.01
+_received: list[int] = []
+_has_begun = False
+
+
+@contextmanager
+def interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt at SIGINT and SIGTERM; before `begin_command`, end the process.
+
+    An interrupt that is raised where Python only prints exceptions, such as in a callback
+    of the garbage collector, is raised again.
+    """
+    global _has_begun
+    _received.clear()
+    _has_begun = False
+    if not _is_main():
+        yield
+        return
+    hook = sys.unraisablehook
+
+    def repeat(unraisable: "sys.UnraisableHookArgs") -> None:
+        if _received:
+            threading.Timer(_AGAIN, interrupt_main).start()
+        else:
+            hook(unraisable)
+
+    previous = {number: signal.signal(number, _interrupt) for number in _SIGNALS}
+    sys.unraisablehook = repeat
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        # The end of Python would print the traceback of an interrupt, and ignore it.
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
+
+
+def begin_command() -> None:
+    """Say that a command begins, which has to be ended by an exception."""
+    global _has_begun
+    _has_begun = True
+
+
+def exit_code(error: BaseException | None) -> int | None:
+    """Return the exit code of an interrupted command, None where it was not interrupted.
+
+    After a signal every error is an interrupt: compiled code, and the compilation itself,
+    turn it into another one. Further signals are ignored from then on.
+    """
+    while isinstance(error, SystemError):
+        error = error.__cause__ or error.__context__
+    if not _received and not isinstance(error, KeyboardInterrupt):
+        return None
+    if _is_main():
+        for number in _SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+    return 128 + (_received or [signal.SIGINT])[0]
+
+
+def _is_main() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
+def _interrupt(number: int, _frame: FrameType | None) -> None:
+    if not _has_begun:
+        # Modules are being imported, some of which print errors and go on. Nothing has to
+        # be cleaned up yet.
+        with suppress(OSError):
+            os.write(2, f"{MESSAGE}\n".encode())
+        os._exit(128 + number)
+    _received.append(number)
+    raise KeyboardInterrupt
+
+
+def can_ask() -> bool:
+    """Return whether there is a terminal on which Enter can be pressed."""
+    return sys.stdin is not None and sys.stdin.isatty()
+
+
+def is_entered() -> bool:
+    """Return whether Enter was pressed since the last call."""
+    if not (can_ask() and select.select([sys.stdin], [], [], 0)[0]):
+        return False
+    sys.stdin.readline()
+    return True
