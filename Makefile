@@ -6,15 +6,16 @@ STAMP := $(VENV)/.installed
 DOCS := $(VENV)/.docs
 PYTHON ?= $(shell command -v python3.12 || command -v python3)
 
-.PHONY: help wipe teach test test-quick lint bench readme docs clean
+.PHONY: help wipe teach test test-quick lint bench readme wheel docs clean
 
 help:
 	@echo "make wipe   learn from the bundled demonstration and wipe a board"
 	@echo "            (options: make wipe ARGS='--duration 30')"
-	@echo "make teach  drag the arm on a page in the browser, press learn, and it wipes on"
+	@echo "make teach  guide the arm on a page in the browser, press learn, and it continues"
 	@echo "make test   run the tests          make lint   check style and types"
 	@echo "make bench  measure speed          make docs   build the site in out/site"
 	@echo "make readme do what the README says, with the wheel in an empty folder"
+	@echo "make wheel  build the wheel, here"
 	@echo "make clean  remove the environment"
 
 # uv can bring its own Python 3.12; without it, a Python 3.12 must be there.
@@ -46,7 +47,7 @@ teach: $(STAMP)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder \
-	    --max-worker-restart 0 $(ARGS)
+	    --max-worker-restart 0 --reruns 1 $(ARGS)
 
 test-quick: override ARGS += -m 'not slow and not browser' \
     tests/primitives tests/systems tests/test_layers.py
@@ -65,6 +66,9 @@ bench: $(STAMP)
 	    --benchmark-columns=min,median,iqr,rounds \
 	    --benchmark-json=out/benchmark.json $(ARGS)
 	@echo "The figures are in out/benchmark.md, out/growth.png and out/benchmark.json."
+
+wheel: $(STAMP)
+	$(BIN)/python -m build --wheel --outdir .
 
 readme: $(STAMP)
 	$(BIN)/python tests/try_readme.py

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from pydrake.lcm import DrakeLcm
 
-from fmp_drake.runs import ArmBench
+from fmp_drake.runs.arm.arm_bench import ArmBench
 from fmp_drake.station import LoadScenario
 
 
@@ -34,7 +34,7 @@ class Bus:
         clock = SimpleNamespace(time=self.now, sleep=lambda _: None)
         monkeypatch.setattr("fmp_drake.runs.arm.real_time.time", clock)
         monkeypatch.setattr(
-            "fmp_drake.station.panda_driver.DrakeLcm", lambda _: self.lcm
+            "fmp_drake.station.robots.panda_lcm.DrakeLcm", lambda _: self.lcm
         )
 
     def now(self):

@@ -12,12 +12,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
-from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.station import AddRobot, LoadRobot
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
 
+PANDA = LoadRobot("panda")
+PANDA_FRICTION = PANDA.friction
 Q_START = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 X_WT_FLAT = RigidTransform([0.5, 0, 0.1])
 X_WT_TILTED = RigidTransform(RollPitchYaw(0.3, -0.4, 0.5), [0.45, 0.05, 0.2])
@@ -34,11 +36,11 @@ Signal = Callable[[float], np.ndarray]
 def make_arm(*, gravity: bool = True, stops: bool = True) -> MultibodyPlant:
     """The arm and its eraser; without stops the joints may leave their ranges."""
     plant = MultibodyPlant(time_step=0.001)
-    panda, eraser = AddPandaWithEraser(plant)
-    for instance in (panda, eraser):
+    robot = AddRobot(plant, PANDA)
+    for instance in (robot.arm, robot.tool):
         plant.set_gravity_enabled(instance, gravity)
     if not stops:
-        for index in plant.GetJointIndices(panda):
+        for index in plant.GetJointIndices(robot.arm):
             joint = plant.get_joint(index)
             if joint.num_positions():
                 joint.set_position_limits([-np.inf], [np.inf])
@@ -159,8 +161,7 @@ class ArmLoop:
         signals = dict(signals or {})
         self.q = np.array(q, dtype=float)
         self.X_TE = pose_in_task(make_arm(), q, X_WT)
-        if config is None:
-            config = ImpedanceConfig()
+        config = PANDA.complete(config or ImpedanceConfig())
         if "desired_orientation" not in signals:
             wxyz = quaternion(self.X_TE.rotation())
             signals["desired_orientation"] = lambda _t: wxyz

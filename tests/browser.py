@@ -3,6 +3,7 @@
 import base64
 import fcntl
 import io
+import itertools
 import json
 import os
 import select
@@ -14,6 +15,7 @@ import time
 import matplotlib.image
 import numpy as np
 import pytest
+from pydrake.math import RigidTransform
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
@@ -55,6 +57,38 @@ _DRAW_SELDOM = """(() => {
     return get.call(this, kind, {...options, antialias: false});
   };
 })()"""
+
+# A saved page fetches each of its messages by itself, and they arrive in any order.
+_COUNT_FETCHES = """(() => {
+  const fetch = window.fetch.bind(window);
+  window.fetchesLeft = 0;
+  window.fetch = async (...what) => {
+    window.fetchesLeft += 1;
+    try {
+      const answer = await fetch(...what);
+      return new Response(await answer.arrayBuffer(), answer);
+    } finally { setTimeout(() => { window.fetchesLeft -= 1; }); }
+  };
+})()"""
+
+# Meshes are loaded after their message was read, and have properties pending until then.
+_SCENE_IS_COMPLETE = """(() => {
+  const loads = (node) =>
+    node.pending_properties !== null || Object.values(node.children).some(loads);
+  return fetchesLeft === 0 && !viewer.animator.playing && !loads(viewer.scene_tree);
+})()"""
+
+# A frame that is finished when the promise is kept, also where drawing lags behind.
+_DRAW = """new Promise((done) => requestAnimationFrame(() => {
+  if (typeof viewer !== "undefined") {
+    viewer.render();
+    const gl = viewer.renderer.getContext();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+  }
+  done();
+}))"""
+
+_marks = itertools.count()
 
 _OPTIONS = (
     "--headless",
@@ -128,10 +162,24 @@ class Page:
         Width and height of the picture.
     timeout : float
         Longest wait for an answer, s.
+    seldom : bool
+        Draw at most 5 frames per second.
+    has_touch : bool
+        A phone or tablet, with fingers instead of a mouse.
     """
 
-    def __init__(self, url, folder, *options, size=(800, 500), timeout=60.0):
-        self._timeout = timeout
+    def __init__(
+        self,
+        url,
+        folder,
+        *options,
+        size=(800, 500),
+        timeout=60.0,
+        seldom=True,
+        has_touch=False,
+    ):
+        self._timeout, self._has_touch = timeout, has_touch
+        self._scripts = [_DRAW_SELDOM, _COUNT_FETCHES][0 if seldom else 1 :]
         self._number = 0
         self._unread = b""
         ours_in, theirs_out = os.pipe()
@@ -194,10 +242,12 @@ class Page:
             width=self._size[0],
             height=self._size[1],
             deviceScaleFactor=1,
-            mobile=False,
+            mobile=self._has_touch,
         )
+        self.call("Emulation.setTouchEmulationEnabled", enabled=self._has_touch)
         self.call("Page.enable")
-        self.call("Page.addScriptToEvaluateOnNewDocument", source=_DRAW_SELDOM)
+        for script in self._scripts:
+            self.call("Page.addScriptToEvaluateOnNewDocument", source=script)
         self.call("Page.navigate", url=url)
 
     def close(self):
@@ -264,6 +314,23 @@ class Page:
             "viewer.connection.readyState === WebSocket.OPEN"
         )
 
+    def wait_for_scene(self, meshcat=None):
+        """Wait until all that was sent is loaded, and a recording has been replayed.
+
+        Parameters
+        ----------
+        meshcat : Meshcat or None
+            Whose page this is; None for a saved page.
+        """
+        if meshcat is not None:
+            # Messages keep their order: what was sent before the mark has been read.
+            self.wait_for_meshcat()
+            mark = f"mark_{next(_marks)}"
+            meshcat.SetTransform(f"/{mark}", RigidTransform())
+            self.wait_for(f"!!viewer.scene_tree.children['{mark}']")
+            meshcat.Delete(f"/{mark}")
+        self.wait_for(_SCENE_IS_COMPLETE)
+
     def centre(self, *names):
         """Return the pixel of the middle of what is drawn at a path, come to rest."""
         last, deadline = None, time.monotonic() + self._timeout
@@ -304,6 +371,16 @@ class Page:
             time.sleep(0.5)
         raise TimeoutError(f"{names} cannot be grabbed")
 
+    def touch(self, kind, *at):
+        """Send an event of one finger: Start, Move or End, the last without a pixel."""
+        points = [{"x": at[0], "y": at[1]}] if at else []
+        self.call("Input.dispatchTouchEvent", type=f"touch{kind}", touchPoints=points)
+
+    def tap(self, x, y):
+        """Tap with a finger at a pixel."""
+        self.touch("Start", x, y)
+        self.touch("End")
+
     def drag(self, start, end, *, modifiers=0, steps=5):
         """Move from a pixel to another with the button pressed, without a release."""
         for i in range(1, steps + 1):
@@ -325,7 +402,7 @@ class Page:
         """Return a picture, as `picture` does, when a frame was drawn without a change."""
         last, deadline = None, time.monotonic() + self._timeout
         while time.monotonic() < deadline:
-            self.run("new Promise(requestAnimationFrame)")
+            self.run(_DRAW)
             new = self.picture()
             if last is not None and np.array_equal(new, last):
                 return new

@@ -32,7 +32,7 @@ from hypothesis import settings
 
 from fmp_drake.apps.page import log_natively
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.runs import skills
+from fmp_drake.skills import learning as skills
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 # The same examples in every run: a red test means a changed package.

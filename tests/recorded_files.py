@@ -3,6 +3,7 @@
 Each gets a folder and returns the file, and the options that it needs.
 """
 
+import gzip
 import json
 import pickle
 import zipfile
@@ -58,6 +59,11 @@ def plain(folder):
 
 def units_in_brackets(folder):
     return write(folder, xyz(path=1e3 * PATH, header="Time [s],x [mm],y [mm],z [mm]"))
+
+
+def units_in_full(folder):
+    header = "Time (Seconds),X (Millimeters),Y (Millimeters),Z (Millimeters)"
+    return write(folder, xyz(path=1e3 * PATH, header=header))
 
 
 def pandas_index(folder):
@@ -539,6 +545,261 @@ def excel(folder):
 def windows(folder):
     np.save(folder / "d.npy", np.zeros((5, 120, 3)))
     return Written(folder / "d.npy", {"sample-rate": RATE})
+
+
+# Motion capture -------------------------------------------------------------
+
+
+OPTITRACK = (
+    "Format Version,1.23,Take Name,wipe,Capture Frame Rate,50.000000,Export Frame Rate,"
+    "50.000000,Total Frames in Take,400,Rotation Type,Quaternion"
+)
+
+
+def optitrack_rows(units="Meters", scale=1.0, bodies=("Eraser",), start=0.0):
+    """Return the header and the cells of each frame, as Motive exports them."""
+    path = scale * PATH
+    axes = ["X", "Y", "Z", "W", "X", "Y", "Z", ""]
+    kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
+    marker = ["X", "Y", "Z"], ["Position"] * 3
+    names = [name for name in bodies for _ in axes] + ["Eraser:Marker1"] * 3
+    types = ["Rigid Body"] * len(bodies) * len(axes) + ["Rigid Body Marker"] * 3
+    head = [
+        f"{OPTITRACK},Length Units,{units},Coordinate Space,Global",
+        "",
+        ",".join(["", "Type", *types]),
+        ",".join(["", "Name", *names]),
+        ",".join(["", "ID", *["12"] * len(names)]),
+        ",".join(["", "", *kinds * len(bodies), *marker[1]]),
+        ",".join(["Frame", "Time (Seconds)", *axes * len(bodies), *marker[0]]),
+    ]
+    body = [
+        [k, start + t, *([*q, *p, 0.0003] * len(bodies)), *(p + 0.01)]
+        for k, (t, q, p) in enumerate(zip(TIME, QUATERNIONS, path, strict=True))
+    ]
+    return head, [
+        [repr(v) if k == 0 else str(v) for k, v in enumerate(r)] for r in body
+    ]
+
+
+def optitrack(folder, **options):
+    head, body = optitrack_rows(**options)
+    return write(folder, "\n".join([*head, *map(",".join, body)]) + "\n", "take.csv")
+
+
+def optitrack_in_millimetres(folder):
+    return optitrack(folder, units="Millimeters", scale=1e3)
+
+
+def optitrack_two_bodies(folder):
+    file = optitrack(folder, bodies=("Eraser", "Board"))
+    columns = ",".join(f"{a}=Eraser Position {a.upper()}" for a in "xyz")
+    return Written(file.path, {"columns": columns})
+
+
+def optitrack_without_header(folder):
+    return write(folder, "Format Version,1.23\n\n1,2,3\n", "take.csv")
+
+
+def vicon_section(title, subject, axes, units, columns):
+    width = len(axes)
+    rows = [
+        ",".join([str(k + 1), "0", *(repr(float(v)) for v in row)])
+        for k, row in enumerate(columns)
+    ]
+    return "\n".join(
+        [
+            title,
+            str(RATE),
+            ",".join(["", "", subject, *[""] * (width - 1)]),
+            ",".join(["Frame", "Sub Frame", *axes]),
+            ",".join(["", "", *units]),
+            *rows,
+            "",
+        ]
+    )
+
+
+def vicon_trajectories(folder):
+    devices = vicon_section("Devices", "Plate", ["Fx"], ["N"], np.ones((4000, 1)))
+    markers = vicon_section(
+        "Trajectories", "Wand:Tip", ["X", "Y", "Z"], ["mm"] * 3, 1e3 * PATH
+    )
+    return write(folder, f"{devices}\n{markers}\n")
+
+
+def vicon_objects(folder):
+    angles = np.rad2deg(TURNS.as_euler("xyz"))
+    text = vicon_section(
+        "Objects",
+        "Global Angle Wand:Wand",
+        ["RX", "RY", "RZ", "TX", "TY", "TZ"],
+        ["deg"] * 3 + ["mm"] * 3,
+        np.column_stack([angles, 1e3 * PATH]),
+    )
+    name = "Global Angle Wand:Wand Position"
+    columns = ",".join(f"{a}={name} {a.upper()}" for a in "xyz")
+    return write(folder, text, encoding="utf-8-sig", columns=columns)
+
+
+def vicon_without_positions(folder):
+    text = vicon_section("Devices", "Plate", ["Fx"], ["N"], np.ones((40, 1)))
+    return write(folder, text)
+
+
+# HDF5, MATLAB, JSON, Excel --------------------------------------------------
+
+
+def hdf5(path, arrays, attributes=()):
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, array in arrays.items():
+            file[name] = array
+        for name, value in attributes:
+            file[name].attrs["env_args"] = value
+    return Written(path)
+
+
+def robomimic(folder):
+    """Two episodes, the second 0.1 m higher."""
+    arrays = {}
+    for k in (2, 10):
+        here = f"data/demo_{k}"
+        arrays |= {
+            f"{here}/obs/robot0_eef_pos": PATH + (0.1 if k == 10 else 0),
+            f"{here}/obs/robot0_eef_quat": QUATERNIONS,
+            f"{here}/obs/agentview_image": np.zeros((400, 2, 2, 3), np.uint8),
+            f"{here}/actions": np.zeros((400, 7)),
+            f"{here}/rewards": np.zeros(400),
+        }
+    settings = json.dumps({"env_kwargs": {"control_freq": RATE}})
+    return hdf5(folder / "demo.hdf5", arrays, [("data", settings)])
+
+
+def aloha(folder):
+    arrays = {
+        "observations/qpos": JOINTS,
+        "observations/qvel": JOINTS,
+        "observations/images/top": np.zeros((400, 2, 2, 3), np.uint8),
+        "action": JOINTS,
+    }
+    return hdf5(folder / "episode_0.hdf5", arrays)
+
+
+def hdf5_of_someone(folder):
+    arrays = {"time": TIME, "position": PATH, "gains": np.ones(3)}
+    return hdf5(folder / "d.h5", arrays)
+
+
+def hdf5_of_matlab(folder):
+    arrays = {"log/time": TIME[None], "log/position": PATH.T}
+    return hdf5(folder / "d.mat", arrays)
+
+
+def hdf5_of_links(folder):
+    """A file whose numbers are in other files."""
+    import h5py
+
+    other = hdf5_of_someone(folder).path
+    with h5py.File(folder / "links.h5", "w") as file:
+        file["data/demo_0"] = h5py.ExternalLink(other, "/")
+        file["position"] = h5py.ExternalLink(other, "/position")
+        raw = [(str(other), 0, 1600)]
+        file.create_dataset("raw", (200,), np.float64, external=raw)
+    return Written(folder / "links.h5")
+
+
+def matlab_too_large(folder):
+    from scipy.io import savemat
+
+    zeros = np.zeros(40_000_000)
+    savemat(folder / "d.mat", {"x": zeros}, do_compression=True)
+    return Written(folder / "d.mat")
+
+
+def matlab(folder):
+    from scipy.io import savemat
+
+    savemat(folder / "d.mat", {"log": {"time": TIME[:, None], "position": PATH.T}})
+    return Written(folder / "d.mat")
+
+
+def json_lines(folder):
+    rows = [
+        {"time": t, "pose": {"position": dict(zip("xyz", p, strict=True))}, "who": "me"}
+        for t, p in zip(TIME, PATH.tolist(), strict=True)
+    ]
+    return write(folder, "\n".join(map(json.dumps, rows)) + "\n", "d.jsonl")
+
+
+def json_list(folder):
+    rows = [
+        {"timestamp": int(s), "position": p}
+        for s, p in zip(STAMPS, PATH.tolist(), strict=True)
+    ]
+    return write(folder, json.dumps(rows, indent=1), "d.json")
+
+
+def json_columns(folder):
+    columns = {"time": TIME.tolist(), "xyz": PATH.tolist()}
+    return write(folder, json.dumps(columns), "d.json")
+
+
+def excel_sheet(folder):
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.append(["Wiping by hand"])
+    book.active.append(["time [s]", "x [mm]", "y [mm]", "z [mm]"])
+    for t, p in zip(TIME, 1e3 * PATH, strict=True):
+        book.active.append([t, *p])
+    book.save(folder / "d.xlsx")
+    return Written(folder / "d.xlsx")
+
+
+# Compressed -----------------------------------------------------------------
+
+
+def table_by_gzip(folder):
+    path = folder / "d.csv.gz"
+    path.write_bytes(gzip.compress(xyz(header="time,x,y,z").encode()))
+    return Written(path)
+
+
+def array_by_gzip(folder):
+    np.save(folder / "d.npy", np.column_stack([TIME, PATH]))
+    path = folder / "d.npy.gz"
+    path.write_bytes(gzip.compress((folder / "d.npy").read_bytes()))
+    return Written(path)
+
+
+def table_in_zip(folder):
+    with zipfile.ZipFile(folder / "d.zip", "w") as archive:
+        archive.writestr("run/d.csv", xyz(header="time,x,y,z"))
+    return Written(folder / "d.zip")
+
+
+def tables_in_zip(folder):
+    with zipfile.ZipFile(folder / "d.zip", "w") as archive:
+        archive.writestr("a.csv", xyz(header="time,x,y,z"))
+        archive.writestr("b.csv", xyz(header="time,x,y,z"))
+    return Written(folder / "d.zip")
+
+
+def letter_by_gzip(folder):
+    path = folder / "d.txt.gz"
+    path.write_bytes(gzip.compress(b"Dear Sir,\nhere is\nmy motion.\n"))
+    return Written(path)
+
+
+def bomb_by_gzip(folder):
+    path = folder / "d.csv.gz"
+    path.write_bytes(gzip.compress(bytes(300 * 2**20), 1))
+    return Written(path)
+
+
+# Refused --------------------------------------------------------------------
 
 
 def no_time(folder):

@@ -1,6 +1,7 @@
-"""Makes the film at the top of the README: teach, learn, wipe, on the real page.
+"""Makes the film and the picture at the top of the README, on the real pages.
 
-    python tests/teach_film.py examples/teaching.webp
+    python tests/teach_film.py examples/teaching.webp   # teach, learn, wipe
+    python tests/teach_film.py examples/page.png        # the page of `wipe`
 
 A synthetic mouse drags and clicks in headless Chromium. Simulation and page wait for each
 other at every frame, so that a slow renderer changes nothing; how much faster than
@@ -15,23 +16,28 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from browser import CTRL, Page
+from browser import Page
 from PIL import Image
 
 from fmp_drake.apps.page import open_page
-from fmp_drake.runs import TeachingSession, TeachPage
+from fmp_drake.runs import TeachingSession, WipingRun
+from fmp_drake.runs.simulation_loop import RunButtons
+from fmp_drake.runs.teach_page import TeachPage
+from fmp_drake.skills.learning import scenario_skill
 from fmp_drake.station import LoadScenario, MouseOnPage
 
-SIZE, FPS = (850, 520), 12
-# Of the dragged movement: seconds of a cycle, and half of its extent over x and y, m.
-PERIOD, EXTENT = 8.0, (0.10, 0.19)
+SIZE, FPS = (760, 475), 10
+QUALITY = 30
+# Of the dragged movement: seconds of a cycle, half of its extent over x and y, and how
+# far in front of the grasp its middle is, m.
+PERIOD, EXTENT, AHEAD = 8.0, (0.07, 0.15), 0.05
 SHOWN, PLAYED = 26.0, 17.0
 # Pictures of the page in a simulated second of dragging.
 LOOKS = 20
-# Where the arm hides little of the board.
-EYE, TARGET = [1.38, 0.36, 1.0], [0.52, 0.01, 0.13]
+# The whole arm, which hides little of the board.
+EYE, TARGET = [1.55, 0.42, 1.05], [0.45, 0.0, 0.26]
 # Pixels at which the mouse begins, and where it hides nothing.
-BEGIN, ASIDE = (600, 420), (236, 500)
+BEGIN, ASIDE = (570, 400), (236, 455)
 
 # The mouse's cursor, which a screenshot leaves out, and a line of words.
 OVERLAY = """
@@ -47,13 +53,8 @@ const speed = add(`right: 16px; bottom: 20px; color: #1d2733;
 const cursor = add("left: 0; top: 0;");
 cursor.innerHTML = `<svg width="26" height="34" viewBox="0 0 13 17"><path fill="#111"
   stroke="#fff" d="M1 1v12l3-3 2.2 5 2.2-1-2.2-5H10z"/></svg>`;
-const key = cursor.appendChild(document.createElement("b"));
-key.textContent = "Ctrl";
-key.style = `position: absolute; left: 24px; top: 22px; padding: 1px 7px; background: #fff;
-  border: 1px solid #8a94a0; border-radius: 5px; font: 600 12px system-ui, "DejaVu Sans";`;
 window.film = (x, y, isHeld, text, times) => {
   cursor.style.transform = `translate(${x}px, ${y}px) scale(${isHeld ? 0.85 : 1})`;
-  key.hidden = !isHeld;
   words.textContent = text;
   speed.textContent = times > 1 ? `${times} times as fast` : "";
 };
@@ -106,7 +107,7 @@ class Film:
         self.buttons = TeachPage(self.panel, scenario)
         self.session.advance(0.5)
         self.buttons.show(self.session)
-        self.page = Page(self.panel.url, folder, size=SIZE)
+        self.page = Page(self.panel.url, folder, size=SIZE, seldom=False)
         self.page.wait_for_meshcat()
         self.page.settled_picture()
         self.page.run(f"(() => {{ {OVERLAY} {QUIET} }})()")
@@ -129,9 +130,7 @@ class Film:
     def move(self, to):
         """Move the mouse to a pixel."""
         self.at = np.array(to, dtype=float)
-        self.page.mouse(
-            "moved", *self.at, pressed=self.is_held, modifiers=CTRL * self.is_held
-        )
+        self.page.mouse("moved", *self.at, pressed=self.is_held)
 
     def shoot(self, words, *, times=1, seconds=None):
         """Simulate for as long as a picture stands, and take one."""
@@ -182,26 +181,56 @@ class Film:
             append_images=others,
             duration=[*[round(1000 / FPS)] * len(others), 2000],
             loop=0,
-            quality=70,
+            quality=QUALITY,
+            method=6,
         )
 
 
+def photograph_page(path):
+    """Write a picture of the page of a run."""
+    scenario = LoadScenario("table_top")
+    skill, demonstrations, _ = scenario_skill(scenario)
+    panel = open_page(title="table_top")
+    run = WipingRun(
+        scenario,
+        skill,
+        demonstrations=demonstrations,
+        panel=panel,
+        meshcat=panel.meshcat,
+    )
+    run.advance_to(4.0)
+    with (
+        RunButtons(panel.meshcat, panel) as buttons,
+        tempfile.TemporaryDirectory() as folder,
+        Page(panel.url, Path(folder), size=(1200, 800)) as page,
+    ):
+        assert not buttons.paused
+        page.wait_for_scene(panel.meshcat)
+        picture = page.settled_picture()
+    panel.close()
+    Image.fromarray(np.uint8(255 * picture)).save(path, optimize=True)
+
+
 def main():
+    if sys.argv[1].endswith(".png"):
+        photograph_page(sys.argv[1])
+        return
     scenario = LoadScenario("table_top")
     scenario.camera.eye, scenario.camera.target = EYE, TARGET
     with tempfile.TemporaryDirectory() as folder:
         film = Film(scenario, Path(folder))
-        words = "1  teach: hold Ctrl and drag the eraser"
+        words = "1  teach: drag the eraser"
         for _ in range(4):
             film.shoot(words)
         film.glide(film.page.centre("drake", "bodies", "eraser", "eraser"), words)
         film.is_held = True
-        film.page.mouse("pressed", *film.at, modifiers=CTRL)
+        film.page.mouse("pressed", *film.at)
         grip = film.page.run(GRABBED)
 
         def path(time):
             phase = 2 * np.pi * time / PERIOD
-            way = np.array([EXTENT[0] * np.sin(phase), EXTENT[1] * np.sin(3 * phase)])
+            way = np.multiply(EXTENT, [np.sin(phase), np.sin(3 * phase)])
+            way[0] += AHEAD
             return [*(grip[:2] + (1 - np.exp(-time / 0.5)) * way), grip[2]]
 
         film.drag(path, words, seconds=SHOWN, times=4)

@@ -4,12 +4,14 @@ import importlib
 import pkgutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
+import pytest
 from numba.core.dispatcher import Dispatcher
 
 import fmp_drake
-from fmp_drake.primitives.playback.segment import decayed_offset
+from fmp_drake.primitives.playback.motion import decayed_offset
 
 # Nothing can be written but below the folder for temporary files.
 READ_ONLY = """
@@ -28,7 +30,7 @@ USE = """
 import logging, sys
 logging.basicConfig(level=logging.INFO)
 import numpy as np
-from fmp_drake.primitives.playback.segment import decayed_offset
+from fmp_drake.primitives.playback.motion import decayed_offset
 print(decayed_offset(np.ones((2, 3)), 0.4, 0.1)[0, 0])
 print(decayed_offset.stats.cache_path)
 """
@@ -91,3 +93,33 @@ def test_it_works_where_neither_the_package_nor_the_home_can_be_written():
 def test_nothing_is_announced_where_the_cache_holds_it():
     decayed_offset(np.ones((2, 3)), 0.4, 0.1)
     assert "compiling" not in run(USE).stderr
+
+
+CONTROLLER = """
+import logging, sys
+logging.basicConfig(level=logging.INFO)
+from fmp_drake.station.warm_up import LawCompilation
+from fmp_drake.systems.impedance.step import impedance_step as step
+print(*LawCompilation().progress())
+print(step.stats.cache_path)
+from fmp_drake.station import LoadScenario, MakeStation
+MakeStation(LoadScenario("table_top"), None)
+print(sum(step.stats.cache_hits.values()), sum(step.stats.cache_misses.values()))
+"""
+
+
+@pytest.mark.slow
+def test_control_law_is_compiled_beside_and_then_found_as_it_is_called(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    progress, place, counts = run(CONTROLLER).stdout.splitlines()
+    fractions = [float(fraction) for fraction in progress.split()]
+    assert fractions == sorted(fractions)
+    assert 0.6 < fractions[-1] <= 2 / 3
+    assert Path(place).is_relative_to(tmp_path)
+    assert counts == "1 0"
+    # The second time there is nothing to wait for.
+    again = run(CONTROLLER)
+    assert again.stdout.splitlines() == ["", place, "1 0"]
+    assert "compiling" not in again.stderr

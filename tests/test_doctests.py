@@ -15,7 +15,8 @@ FRONT_DOORS = (
     "film",
     "experiments",
     "experiments.baselines",
-    "experiments.worlds",
+    "experiments.benchmark",
+    "experiments.trials",
 )
 
 

@@ -3,8 +3,11 @@
 import ast
 import importlib
 import inspect
+import io
 import subprocess
 import sys
+import tokenize
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -17,6 +20,7 @@ LAYERS = (
     "primitives",
     "systems",
     "station",
+    "skills",
     "runs",
     "plots",
     "film",
@@ -32,15 +36,38 @@ BASE = {
     "compiled",
     "processes",
     "__init__",
+    "__main__",
 }
 FRONT_DOORS = (
     "fmp_drake",
     *(f"fmp_drake.{layer}" for layer in LAYERS[:-1]),
     "fmp_drake.experiments.baselines",
-    "fmp_drake.experiments.worlds",
+    "fmp_drake.experiments.benchmark",
+    "fmp_drake.experiments.trials",
 )
-MOST_MODULES = 16
+MOST_MODULES = 20
+# Lines of code: no docstrings, comments and blank lines.
 MOST_LINES = 400
+LEAST_LINES = 40
+MOST_LINES_OF_A_FUNCTION = 100
+SMALL_MODULES = 0
+PUBLIC_NAMES = 130
+# Folders whose modules are alternatives beside a base, of any size.
+ALTERNATIVES = (
+    "apps",
+    "experiments/baselines",
+    "primitives/data/reading",
+    "station/robots",
+    "station/tasks",
+)
+NO_CODE = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENDMARKER,
+}
 
 
 def imported(source, module):
@@ -73,6 +100,8 @@ def broken_rules(name, layer, source):
     """Return what a module imports and must not."""
     if layer == "__init__":
         allowed = {*BASE, "primitives"}  # The front door opens into the skill layer.
+    elif layer == "__main__":
+        allowed = {"apps"}
     elif layer in BASE:
         allowed = BASE
     else:
@@ -172,27 +201,62 @@ assert not heavy & set(sys.modules)
 # What is in the rooms.
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        f"{folder}.{path.stem}"
-        for folder in ("systems", "systems.page")
-        for path in (PACKAGE / folder.replace(".", "/")).glob("*.py")
-        if path.stem != "__init__"
-    ],
-)
-def test_every_module_of_systems_is_one_leaf_system_of_its_name(name):
-    module = importlib.import_module(f"fmp_drake.{name}")
-    systems = [
-        each.__name__
-        for _, each in inspect.getmembers(module, inspect.isclass)
-        if issubclass(each, LeafSystem) and each.__module__ == module.__name__
+def leaf_systems(name):
+    """Return the names of the LeafSystems that a module defines."""
+    module = importlib.import_module(name)
+    return [
+        system.__name__
+        for _, system in inspect.getmembers(module, inspect.isclass)
+        if issubclass(system, LeafSystem) and system.__module__ == module.__name__
     ]
-    words = name.split(".")[-1].split("_")
-    assert systems == ["".join(word.capitalize() for word in words)]
 
 
-def test_no_folder_is_crowded():
+def class_name(name):
+    """Return the name of the class that a module is named after."""
+    return "".join(word.capitalize() for word in name.split(".")[-1].split("_"))
+
+
+SYSTEMS = [n for n, layer, _ in modules() if layer == "systems"]
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_leaf_system_has_a_module_of_its_name(name):
+    if name.endswith("__init__"):
+        return
+    is_at_the_top = name.count(".") == 2
+    expected = [class_name(name)] if is_at_the_top or leaf_systems(name) else []
+    assert leaf_systems(name) == expected
+
+
+def code_lines(source):
+    """Return the numbers of the lines without docstrings, comments and blank lines."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    docstrings = {
+        line
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, documented) and ast.get_docstring(node) is not None
+        for line in range(node.body[0].lineno, node.body[0].end_lineno + 1)
+    }
+    code = {
+        line
+        for token in tokenize.generate_tokens(io.StringIO(source).readline)
+        if token.type not in NO_CODE
+        for line in range(token.start[0], token.end[0] + 1)
+    }
+    return code - docstrings
+
+
+def lines_of_code(source):
+    """Return the number of lines without docstrings, comments and blank lines."""
+    return len(code_lines(source))
+
+
+def test_lines_of_code_leave_out_text():
+    source = '"""Text.\n\nMore.\n"""\n\nX = [\n    1,  # One.\n]\n# No code.\n'
+    assert lines_of_code(source) == 3
+
+
+def test_no_folder_has_more_than_20_modules():
     folders = {path.parent for path in PACKAGE.rglob("*.py")}
     crowded = {}
     for folder in folders:
@@ -202,12 +266,76 @@ def test_no_folder_is_crowded():
     assert crowded == {}
 
 
-def test_no_file_is_long():
-    lengths = {
-        str(path.relative_to(PACKAGE)): len(path.read_text("utf-8").splitlines())
-        for path in PACKAGE.rglob("*.py")
-    }
-    assert {p: n for p, n in lengths.items() if n > MOST_LINES} == {}
+def test_no_module_has_more_than_400_lines_of_code():
+    lengths = {name: lines_of_code(source) for name, _, source in modules()}
+    assert {n: length for n, length in lengths.items() if length > MOST_LINES} == {}
+
+
+def test_no_function_has_more_than_100_lines_of_code():
+    long = {}
+    for name, _, source in modules():
+        code = code_lines(source)
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.FunctionDef):
+                length = len(code & {*range(node.lineno, node.end_lineno + 1)})
+                if length > MOST_LINES_OF_A_FUNCTION:
+                    long[f"{name}.{node.name}"] = length
+    assert long == {}
+
+
+def test_few_modules_have_less_than_40_lines_of_code():
+    # This number may only fall.
+    small = {}
+    for name, layer, source in modules():
+        folder = "/".join(name.split(".")[1:-1])
+        if layer in BASE or name.endswith("__init__") or folder in ALTERNATIVES:
+            continue
+        length = lines_of_code(source)
+        if length < LEAST_LINES and not (layer == "systems" and leaf_systems(name)):
+            small[name] = length
+    assert len(small) <= SMALL_MODULES, small
+
+
+def import_graph(sources):
+    """Return which of some modules each of them imports.
+
+    A name that a front door offers is the front door's.
+    """
+    graph = {}
+    for name, source in sources.items():
+        targets = set()
+        for node in ast.walk(ast.parse(source)):
+            line = (
+                ast.unparse(node)
+                if isinstance(node, ast.Import | ast.ImportFrom)
+                else ""
+            )
+            found = [t for t in imported(line, name) if line]
+            own = [t for t in found[1:] if t in sources]
+            doors = [f"{t}.__init__" for t in found if f"{t}.__init__" in sources]
+            targets |= {*own} if own else {t for t in found if t in sources} | {*doors}
+        graph[name] = targets - {name}
+    return graph
+
+
+def circle(graph):
+    """Return the modules of a circle of imports, or none."""
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
+def test_no_modules_import_each_other():
+    graph = import_graph({name: source for name, _, source in modules()})
+    assert circle(graph) == []
+
+
+def test_circle_of_imports_is_found():
+    sources = {"a.x": "from a import y", "a.y": "import a.x", "a.z": "import a.y"}
+    assert set(circle(import_graph(sources))) == {"a.x", "a.y"}
+    assert circle(import_graph({"a.x": "from a import y", "a.y": ""})) == []
 
 
 # What the front doors offer.
@@ -220,6 +348,12 @@ def test_front_door_offers_names_that_exist(door):
     for name in module.__all__:
         assert getattr(module, name) is not None
         assert name in dir(module)
+
+
+def test_front_doors_offer_few_names():
+    # This number may only fall: a name is public because others use it.
+    offered = [n for door in FRONT_DOORS for n in importlib.import_module(door).__all__]
+    assert len(offered) <= PUBLIC_NAMES
 
 
 def exported_classes():

@@ -118,7 +118,7 @@ print(models_dir())
     assert Path(package).parent == installed.site / "fmp_drake"
     assert Path(models) == installed.site / "fmp_drake" / "models"
     assert "fmp_drake.apps.main" in imported
-    assert "fmp_drake.station.wiping_station" in imported
+    assert "fmp_drake.station.station" in imported
     assert len(imported) > 30
 
 

@@ -10,14 +10,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from worlds_stub import AtOnce, square
+from trials_stub import AtOnce, square
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.processes import ATTEMPTS, ClusterWorkers, LocalWorkers, run_tasks
 
 DRIVER = """
 import sys
-from worlds_stub import AtOnce, square
+from trials_stub import AtOnce, square
 from fmp_drake.processes import LocalWorkers, run_tasks
 if __name__ == "__main__":
     for _ in run_tasks(square, [(sys.argv[1], i, 60, "") for i in range(4)], LocalWorkers(2)):

@@ -1,11 +1,12 @@
 """Facts about dataclasses of settings whose numbers say their ranges."""
 
+import time
 from dataclasses import dataclass, field
 
 import pytest
 
 from fmp_drake.errors import StationError
-from fmp_drake.settings import bounded, check_settings
+from fmp_drake.settings import bounded, check_settings, check_yaml
 
 
 @dataclass
@@ -14,6 +15,7 @@ class Felt:
     size: list[float] = bounded([0.1, 0.2], above=0)
     wear: float | None = bounded(None, above=0)
     seed: int = 0
+    joints: list[float] = bounded([], least=0, hint="as many as the arm has")
     colour: str = "grey"
 
 
@@ -22,9 +24,13 @@ class Tool:
     felt: Felt = field(default_factory=Felt)
     spares: list[Felt] = field(default_factory=list)
 
+    def inconsistency(self):
+        return "a tool has 3 spares." if len(self.spares) == 3 else ""
+
 
 def test_settings_in_their_ranges_pass():
-    check_settings(Tool(spares=[Felt(0, [1, 1e-9], 3.0), Felt(1)]), StationError)
+    felts = [Felt(0, [1, 1e-9], 3.0), Felt(1, joints=[0, 1, 2])]
+    check_settings(Tool(spares=felts), StationError)
 
 
 @pytest.mark.parametrize(
@@ -40,6 +46,9 @@ def test_settings_in_their_ranges_pass():
         (Tool(Felt(wear=0)), "tool.felt.wear is 0; it must be positive"),
         (Tool(Felt(seed=None)), "tool.felt.seed is None; it must be a finite number"),
         (Tool(spares=[Felt(), Felt(2)]), r"tool.spares\[1\].friction is 2"),
+        (Tool(Felt(joints=[1, -1])), r"joints\[1\] is -1; .* 0 \(as many as the arm"),
+        (Tool(Felt(joints=1)), "tool.felt.joints is 1; expected a list"),
+        (Tool(spares=[Felt()] * 3), "a tool has 3 spares"),
     ],
 )
 def test_setting_out_of_its_range_is_named(tool, message):
@@ -51,3 +60,39 @@ def test_no_two_settings_share_a_list():
     one, two = Felt(), Felt()
     one.size[0] = 9.0
     assert two.size == Felt().size == [0.1, 0.2]
+
+
+TEN = ", ".join(["*{0}"] * 10)
+MILLIONS = "\n".join(
+    ["a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    + [f"{b}: &{b} [{TEN.format(a)}]" for a, b in zip("abcdef", "bcdefg", strict=True)]
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("tempo: " + "1" * 400, "holds 11111.*, an integer of 400 digits"),
+        ("tempo: -0x" + "f" * 9000, "an integer of 9003 digits"),
+        ("a: " + "[" * 1000 + "]" * 1000, "nested deeper than 50 levels"),
+        (MILLIONS, "more than 20000 values, its aliases in full"),
+        ("a: [" + "1, " * 20_000 + "]", "more than 20000 values"),
+        ("a: &a [*a]", r"it holds itself, by its alias \*a"),
+        ("a: " + "x" * 2**20, "it is 1048579 bytes long; at most 1048576"),
+        ("a: {", "it cannot be read as YAML: .*line"),
+        ("a: \0", "it cannot be read as YAML"),
+        (b"a: \xff\xfe", "it cannot be read as YAML"),
+    ],
+)
+def test_yaml_without_bounds_is_refused_at_once(text, message):
+    start = time.monotonic()
+    with pytest.raises(StationError, match=message) as refusal:
+        check_yaml(text, "it", StationError)
+    assert len(str(refusal.value)) < 300
+    assert time.monotonic() - start < 2
+
+
+def test_yaml_of_common_size_passes_with_its_aliases():
+    check_yaml("a: &a [1, 2]\nb: [*a, *a]\nc: {d: *a}", "it", StationError)
+    check_yaml("a: " + "[" * 49 + "]" * 49, "it", StationError)
+    check_yaml("n: 1234567890123456789012345678901234567890", "it", StationError)

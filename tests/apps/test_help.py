@@ -1,6 +1,8 @@
 """Facts about the command line before a command runs."""
 
 import logging
+import re
+import shlex
 import subprocess
 import sys
 
@@ -8,7 +10,11 @@ import pytest
 from click import Context
 from threadpoolctl import threadpool_info
 
-from fmp_drake.apps.main import app
+from fmp_drake.apps.commands import app
+from fmp_drake.apps.options import SceneOptions
+from fmp_drake.errors import FmpError
+from fmp_drake.skills import scenario_skill
+from fmp_drake.station import CheckFeasibility, LoadScenario
 
 # Imported by the commands, and slow.
 HEAVY = "{'numpy', 'pydrake', 'matplotlib', 'sklearn', 'numba', 'rich'}"
@@ -52,3 +58,51 @@ def test_what_the_package_logs_is_one_line_on_stderr(command, capsys):
     command("--help")
     logging.getLogger("fmp_drake").info("compiling")
     assert capsys.readouterr().err == "fmp-drake: compiling\n"
+
+
+def options_in(text):
+    return set(re.findall(r"^  (?:-\w, )?(--[\w-]+)", text, flags=re.MULTILINE))
+
+
+def test_short_help_has_twelve_options_and_the_long_one_all(command):
+    short = options_in(command("wipe", "--help").out) - {"--help", "--help-all"}
+    complete = options_in(command("wipe", "--help-all").out)
+    assert 6 <= len(short) <= 12
+    assert short < complete
+    assert {"--tempo", "--scenario", "--demo", "--skill"} <= short
+    assert {"--video-fps", "--host", "--transform", "--seed"} <= complete - short
+
+
+def test_command_with_few_options_shows_all_of_them(command):
+    text = command("inspect", "--help").out
+    assert "--help-all" not in text
+    assert {"--columns", "--unit", "--sample-rate", "--topic"} <= options_in(text)
+
+
+@pytest.mark.parametrize("name", ["wipe", "check", "learn", "inspect", "teach"])
+def test_examples_of_the_help_are_command_lines_that_parse(name):
+    with Context(app) as context:
+        command = app.get_command(context, name)
+        text = command.get_help(Context(command, info_name=name))
+        lines = re.findall(r"^  fmp-drake (.*)$", text, flags=re.MULTILINE)
+        assert lines
+        for line in lines:
+            _, *arguments = shlex.split(line)
+            command.make_context(name, arguments)
+
+
+def test_tempo_is_that_of_the_scenario_unless_it_is_given():
+    assert SceneOptions().load().skill.tempo == LoadScenario("table_top").skill.tempo
+    assert SceneOptions(tempo=0.7).load().skill.tempo == 0.7
+    with pytest.raises(FmpError, match="tempo is -1"):
+        SceneOptions(tempo=-1.0).load()
+
+
+def test_a_skill_that_is_too_fast_is_refused_with_a_command_that_works(refused):
+    message = refused("wipe", "--headless", "--tempo", 1.5)
+    line = re.search(r"Try: fmp-drake (wipe .*--tempo [\d.]+)\. --force", message)[1]
+    assert 0 < float(line.split()[-1]) < 1.5
+    options = SceneOptions(tempo=float(line.split()[-1]))
+    scenario = options.load()
+    skill, _, _ = scenario_skill(scenario)
+    assert CheckFeasibility(scenario, skill).is_feasible

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import fmp_drake
-from fmp_drake.apps import main as main_module
+from fmp_drake.apps import commands
 from fmp_drake.station.models.model_files import models_dir
 
 SCRIPT = Path(sys.executable).parent / "fmp-drake"
@@ -87,7 +87,7 @@ def test_picture_of_an_unknown_kind_is_refused_before_the_work(
         ("wipe", "--headless", "--duration", 3600, "--report", report),
         ("learn", make_npz(), "--out", skill),
     ):
-        assert "is no picture" in refused(*arguments, "--plot", plot)
+        assert "is not a picture" in refused(*arguments, "--plot", plot)
     assert list(outputs.iterdir()) == []
 
 
@@ -164,7 +164,7 @@ def test_demonstration_is_no_skill_and_a_skill_no_demonstration(
 ):
     demo, skill = make_npz(), outputs / "skill.npz"
     assert command("learn", demo, "--out", skill).code == 0
-    assert "is no skill file" in refused("wipe", "--headless", "--skill", demo)
+    assert "is not a skill file" in refused("wipe", "--headless", "--skill", demo)
     assert skill.name in refused("wipe", "--headless", "--demo", skill)
 
 
@@ -210,7 +210,7 @@ def test_interruption_ends_without_a_traceback(command, monkeypatch):
     def interrupted(**_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(main_module.app, "main", interrupted)
+    monkeypatch.setattr(commands.app, "main", interrupted)
     result = command("wipe")
     assert result.code == 130
     assert result.err == "fmp-drake: stopped.\n"
@@ -223,7 +223,7 @@ def test_interrupt_while_compiled_code_is_fetched_is_one(command, monkeypatch):
         except KeyboardInterrupt as stop:
             raise SystemError("returned a result with an exception set") from stop
 
-    monkeypatch.setattr(main_module.app, "main", interrupted)
+    monkeypatch.setattr(commands.app, "main", interrupted)
     assert command("wipe").err == "fmp-drake: stopped.\n"
 
 
@@ -231,7 +231,7 @@ def test_other_errors_of_the_interpreter_are_shown(command, monkeypatch):
     def broken(**_):
         raise SystemError("broken")
 
-    monkeypatch.setattr(main_module.app, "main", broken)
+    monkeypatch.setattr(commands.app, "main", broken)
     with pytest.raises(SystemError, match="broken"):
         command("wipe")
 
@@ -248,7 +248,7 @@ def test_full_disk_ends_without_a_traceback(refused, monkeypatch):
     def full(**_):
         raise OSError(28, "No space left on device", "report.json")
 
-    monkeypatch.setattr(main_module.app, "main", full)
+    monkeypatch.setattr(commands.app, "main", full)
     assert refused("wipe") == "fmp-drake: report.json: No space left on device\n"
 
 
@@ -280,6 +280,16 @@ def test_installed_script_wipes(script, tmp_path):
     assert "Traceback" not in done.stderr
     figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert figures["simulated_seconds"] == 0.5
+
+
+def test_package_runs_as_a_module():
+    done = subprocess.run(
+        [sys.executable, "-m", "fmp_drake", "--version"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert fmp_drake.__version__ in done.stdout
 
 
 def test_installed_script_refuses_like_the_function(script):

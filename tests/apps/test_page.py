@@ -13,8 +13,9 @@ from browser import CTRL, OFFLINE, PANEL, Page, needs_chromium
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import open_page
 from fmp_drake.errors import FmpError
-from fmp_drake.runs.skills import default_demonstration, learn_skill, load_on_board
 from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.skills.learning import default_demonstration, learn_skill
+from fmp_drake.skills.placement import load_on_board
 from fmp_drake.station.scenario import LoadScenario
 
 # Share of the picture that is inked board.
@@ -187,8 +188,8 @@ def test_a_drag_in_the_page_pulls_the_wiping_arm_off_its_path(run, panel, browse
             simulator.AdvanceTo(simulator.get_context().get_time() + 0.02)
             time.sleep(0.01)
 
-    undisturbed = error()
-    assert undisturbed < 0.01
+    uninterrupted = error()
+    assert uninterrupted < 0.01
     page = opened(browser, panel.url)
     at = page.grab("drake", "bodies", "eraser", "eraser")
     to = [at[0] + 150, at[1] - 50]
@@ -211,10 +212,13 @@ def test_replay_page_needs_no_network(command, tmp_path):
 def test_page_is_for_this_machine_only_unless_it_is_opened():
     for options, is_refused in (({}, True), ({"host": "0.0.0.0"}, False)):
         panel = open_page(**options)
-        for port in (panel.meshcat.port(), urlsplit(panel.url).port):
+        # Of this machine, too, but not the address that is called localhost.
+        for port, refused in (
+            (urlsplit(panel.url).port, is_refused),
+            (panel.meshcat.port(), True),
+        ):
             with socket.socket() as visitor:
-                # Of this machine, too, but not the address that is called localhost.
-                assert (visitor.connect_ex(("127.0.0.2", port)) > 0) == is_refused
+                assert (visitor.connect_ex(("127.0.0.2", port)) > 0) == refused
 
 
 def test_page_at_an_address_of_another_machine_is_refused():

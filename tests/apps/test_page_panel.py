@@ -7,11 +7,11 @@ import pytest
 from browser import OFFLINE, Page, needs_chromium
 
 from fmp_drake.apps.page import open_page
-from fmp_drake.runs.advancing import RunButtons
 from fmp_drake.runs.page_text import describe_page
+from fmp_drake.runs.simulation_loop import RunButtons
 from fmp_drake.station import LoadScenario
 from fmp_drake.systems.page.page_controls import PageControls
-from fmp_drake.systems.viewer.page_panel import add_panel
+from fmp_drake.systems.page.page_panel import add_panel
 
 pytestmark = [pytest.mark.browser, needs_chromium]
 
@@ -78,7 +78,7 @@ def test_the_page_says_what_is_seen_and_how_to_drag(page):
             "path of the eraser",
             "plan of the next seconds",
         ),
-        *("mean of the component", "force on the eraser", "Ctrl + left button"),
+        *("mean of the component", "force on the eraser", "Drag the arm"),
     ):
         assert said in text, said
 
@@ -137,6 +137,7 @@ def test_the_sliders_of_the_panel_are_those_of_the_diagram(page, panel):
     page.wait_for(f"{tempo} && {tempo}.value === '0.8'")
     page.run(f"{tempo}.value = 1.5; {tempo}.dispatchEvent(new Event('input'))")
     wait_until(lambda: panel.meshcat.GetSliderValue("tempo") == 1.5)
+    page.wait_for(f"!!{samples}")
     page.run(f"{samples}.click()")
     wait_until(lambda: panel.meshcat.GetSliderValue("play samples") == 1.0)
     # And back, as an initialisation does.
@@ -196,4 +197,4 @@ def test_a_saved_page_has_title_legend_and_explanation_without_network(panel, tm
         assert "path of the eraser" in said
         # There is no plan in a replay, and nothing to pull.
         assert "plan" not in said
-        assert "Ctrl" not in said
+        assert "Drag the arm" not in said

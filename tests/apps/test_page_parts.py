@@ -9,9 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
+from fmp_drake.systems.page.paths import draw_demonstrations
 from fmp_drake.systems.page.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.page.trail_visualizer import TrailVisualizer
-from fmp_drake.systems.viewer.path_drawing import draw_demonstrations
 
 pytestmark = [pytest.mark.browser, needs_chromium]
 

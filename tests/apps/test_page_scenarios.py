@@ -5,8 +5,9 @@ import pytest
 from browser import OFFLINE, PANEL, Page, needs_chromium
 
 from fmp_drake.apps.page import open_page
-from fmp_drake.runs.skills import scenario_skill
-from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.runs.wiping_run import MakeRun, WipingRun
+from fmp_drake.skills.learning import scenario_skill
+from fmp_drake.station.page.page_scene import BOARD
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 REPLAYED = "moving_board"
@@ -36,7 +37,7 @@ def run_of():
         if name not in runs:
             scenario = LoadScenario(name)
             skill, demonstrations, _ = scenario_skill(scenario)
-            runs[name] = WipingRun(
+            runs[name] = MakeRun(
                 scenario,
                 skill,
                 demonstrations=demonstrations,
@@ -55,24 +56,15 @@ def page(tmp_path_factory):
         yield page
 
 
-def drawn(run, page):
-    """Return what the page of a run shows once it has its ink, or else in the end."""
-    run.meshcat.Flush()
-    for _ in range(20):
-        picture = page.settled_picture()
-        if np.mean(blue_ink(picture)) > 0.001:
-            break
-    return picture
-
-
 def pictures(run, page):
     """Return what the page shows, and what it shows without the arm."""
-    arm = "/drake/bodies/panda"
+    arm = f"/drake/bodies/{run.scenario.robot}"
     page.go(run.meshcat.web_url())
-    page.wait_for_meshcat()
-    whole = drawn(run, page)
+    page.wait_for_scene(run.meshcat)
+    whole = page.settled_picture()
     run.meshcat.SetProperty(arm, "visible", False)
-    bare = drawn(run, page)
+    page.wait_for_scene(run.meshcat)
+    bare = page.settled_picture()
     run.meshcat.SetProperty(arm, "visible", True)
     return whole, bare
 
@@ -96,13 +88,17 @@ def assert_shows_the_scene(whole, bare):
 
 
 def looks():
-    """Return one scenario of each camera, ink, and place and kind of board."""
+    """Return one scenario of each robot, camera, ink, and place and kind of board."""
     found = {}
     for name in ListScenarios():
         scenario = LoadScenario(name)
         board = scenario.board
+        if board.shape == "none":
+            continue
         stands = (board.translation, board.rpy, board.legs, board.motion)
-        found.setdefault(str((scenario.camera, scenario.ink, *stands)), name)
+        found.setdefault(
+            str((scenario.robot, scenario.camera, scenario.ink, *stands)), name
+        )
     return list(found.values())
 
 
@@ -114,6 +110,16 @@ def test_page_shows_arm_board_and_ink_of_a_scenario(run_of, page, name):
     assert_shows_the_scene(whole, bare)
 
 
+def test_page_of_free_space_has_neither_ink_nor_force(run_of, page):
+    run = run_of("stir")
+    assert not isinstance(run, WipingRun)
+    whole, bare = pictures(run, page)
+    assert np.mean(blue_ink(bare)) < 0.0005
+    assert np.mean(np.abs(whole - bare).max(axis=-1) > 0.1) > 0.01
+    assert run.meshcat.HasPath(f"{BOARD}/plan/axes/z")
+    assert not run.meshcat.HasPath("/force")
+
+
 def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
     run_of, page, tmp_path
 ):
@@ -123,12 +129,12 @@ def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
     html.write_text(run.html(), encoding="utf-8")
     size = (SIZE[0] + PANEL, SIZE[1])
     with Page(html.as_uri(), tmp_path, *OFFLINE, size=size) as offline:
-        offline.wait_for("typeof viewer !== 'undefined'")
         offline.wait_for(f"{PAUSE} === 'play'")  # The replay has ended.
+        offline.wait_for_scene()
         said = offline.run("document.body.innerText")
         assert f"{SECONDS:.1f} s" in said
         assert f"{100 * run.cleaned_by([SECONDS])[0]:.0f} %" in said
-        picture = drawn(run, offline)[:, PANEL:]
+        picture = offline.settled_picture()[:, PANEL:]
         offline.run("document.getElementById('fmp-again').click()")
         offline.wait_for(f"{PAUSE} === 'pause'")
         assert offline.run("viewer.animator.time") < SECONDS

@@ -12,11 +12,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
-from fmp_drake.runs.advancing import RunButtons, advance
-from fmp_drake.station.parts.arm_controller import AddArmController
-from fmp_drake.station.parts.board_scene import AddBoardScene
-from fmp_drake.station.parts.mouse import AddMousePull
+from fmp_drake.runs.simulation_loop import RunButtons, advance
+from fmp_drake.station.arm_controller import AddArmController
+from fmp_drake.station.external_forces import AddMousePull
 from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.scene import AddBoardScene
 from fmp_drake.systems.page.page_controls import PageControls
 
 pytestmark = [pytest.mark.browser, needs_chromium]
@@ -76,7 +76,7 @@ class Holding:
     def eraser(self):
         """Return p_WE, m."""
         context = self.plant.GetMyContextFromRoot(self.simulator.get_context())
-        return self.scene.tip.CalcPoseInWorld(context).translation()
+        return self.scene.robot.tip.CalcPoseInWorld(context).translation()
 
     def force(self):
         """Return the force of the mouse on the plant, N, and its body's name."""

@@ -1,4 +1,6 @@
-"""What `fmp-drake reproduce` refuses."""
+"""What `fmp-drake reproduce` refuses, and says about claims that fail."""
+
+from fmp_drake.experiments.report import Finding
 
 
 def test_recording_that_is_too_short_is_refused(refused, make_npz, tmp_path):
@@ -20,3 +22,18 @@ def test_folder_that_cannot_be_made_is_refused(refused, tmp_path):
     file.touch()
     for out in (file, file / "x"):
         assert f"cannot write into {out}: " in refused("reproduce", "--out", out)
+
+
+def test_claim_that_fails_is_printed_with_what_was_found(
+    command, monkeypatch, tmp_path
+):
+    findings = [
+        Finding(name=name, title=name, claim=f"{name} > 1.", shows=shows, agrees=agrees)
+        for name, shows, agrees in (("a", "a = 0.5.", False), ("b", "b = 2.", True))
+    ]
+    monkeypatch.setattr(
+        "fmp_drake.apps.reproduce.run_experiments", lambda *_: ([("A", findings)], {})
+    )
+    printed = command("reproduce", "--quick", "--out", tmp_path / "x").out
+    assert "    claim: a > 1.\n    found: a = 0.5.\n" in printed
+    assert "found: b" not in printed

@@ -5,18 +5,18 @@ import re
 import matplotlib.image
 import numpy as np
 import pytest
-from worlds_stub import Here
+from trials_stub import Here
 
 from fmp_drake.apps import scenarios as scenarios_module
 from fmp_drake.errors import RunError, StationError
-from fmp_drake.film import checks
-from fmp_drake.film import scenario_page as page_module
-from fmp_drake.film.scenario_page import (
-    Measured,
+from fmp_drake.experiments import scenario_page as page_module
+from fmp_drake.experiments.scenario_page import (
+    ScenarioRun,
     measure_scenario,
     measure_scenarios,
     scenario_page,
 )
+from fmp_drake.film import checks
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 METRICS = {
@@ -95,7 +95,7 @@ def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
 
 
 def test_page_says_what_was_measured():
-    measured = {"table_top": Measured(METRICS, True)}
+    measured = {"table_top": ScenarioRun(METRICS, True)}
     page = scenario_page(measured, duration=60.0)
     (row,) = rows(page)[2:]
     assert row == [
@@ -113,10 +113,26 @@ def test_page_says_what_was_measured():
     assert "Stopped" not in page
 
 
+def test_page_has_no_ink_and_no_force_in_free_space():
+    free = {
+        k: v for k, v in METRICS.items() if "force" not in k and "_percent" not in k
+    }
+    del free["cleaned_fraction_of_demonstrated_area"]
+    free["orientation_rms_deg"] = 0.234
+    pressed = METRICS | {"normal_force_error_rms_n": 0.187}
+    runs = {
+        "stir": ScenarioRun(free, True),
+        "table_top": ScenarioRun(pressed, True),
+    }
+    stir, pulsing = rows(scenario_page(runs, duration=60.0))[2:]
+    assert stir[1:6] == ["-", "-", "-", "-", "3.5 mm, 0.23 degrees"]
+    assert pulsing[5] == "3.5 mm, 0.19 N"
+
+
 def test_page_names_faults_and_leaves_out_pictures_that_are_not_there():
     faulty = METRICS | {"fault_fraction": 0.123}
-    page = scenario_page({"pushed": Measured(faulty, False)}, duration=10.0)
-    assert "Stopped, at a wall or below the surface 12.3 % of the time." in page
+    page = scenario_page({"pushed": ScenarioRun(faulty, False)}, duration=10.0)
+    assert "Stopped, at a joint limit or below the surface 12.3 % of the time." in page
     assert "![" not in page
 
 
@@ -148,7 +164,7 @@ def test_scenario_that_cannot_be_measured_is_an_error(monkeypatch, outputs):
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (("--page", "page.txt"), "name end in .md"),
+        (("--page", "page.txt"), "name must end in .md"),
         (("--page", "missing/page.md"), "there is no folder"),
         (("--page", "."), "is a folder"),
         (("--page", "page.md", "--duration", 0), "duration is 0"),

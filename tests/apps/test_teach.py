@@ -9,12 +9,19 @@ from browser import CTRL, Page, needs_chromium
 
 from fmp_drake.apps.page import open_page
 from fmp_drake.primitives import Demonstration, load_skill
-from fmp_drake.runs import TeachingSession, TeachPage
+from fmp_drake.runs import TeachingSession
+from fmp_drake.runs.teach_page import TeachPage
 from fmp_drake.station import LoadScenario, MouseOnPage
 
 STUB = (
     "viewer.renderer.kept = viewer.renderer.render; viewer.renderer.render = () => {};"
 )
+MIDDLE = """(() => {
+  const button = document.querySelector("[data-name=%s]");
+  button.scrollIntoView({block: "center"});
+  const r = button.getBoundingClientRect();
+  return [(r.left + r.right) / 2, (r.top + r.bottom) / 2];
+})()"""
 DRAW = "viewer.renderer.render = viewer.renderer.kept; viewer.set_dirty();"
 
 
@@ -64,9 +71,57 @@ def test_what_cannot_be_done_is_refused_in_one_line(refused, options, reason):
     assert reason in refused("teach", *options)
 
 
+class Mouse:
+    """A person with a mouse."""
+
+    size, has_touch, extent = (1000, 600), False, (50, 18)
+
+    def __init__(self, page):
+        self.page = page
+
+    def grab(self):
+        return self.page.grab("drake", "bodies", "eraser", "eraser")
+
+    def move(self, x, y):
+        self.page.mouse("moved", x, y, modifiers=CTRL)
+
+    def release(self, x, y):
+        self.page.mouse("released", x, y, modifiers=CTRL)
+
+    def press(self, x, y):
+        self.page.click(x, y)
+
+
+class Finger(Mouse):
+    """A person with a phone, who has neither Ctrl nor a cursor."""
+
+    size, has_touch, extent = (390, 844), True, (40, 15)
+
+    def grab(self):
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            at = self.page.centre("drake", "bodies", "eraser", "eraser")
+            self.page.touch("Start", *at)
+            if "/eraser" in (self.page.run("mouseDrag.path") or ""):
+                return at
+            self.page.touch("End")
+            time.sleep(0.5)
+        raise TimeoutError("the eraser cannot be grabbed with a finger")
+
+    def move(self, x, y):
+        self.page.touch("Move", x, y)
+
+    def release(self, *_):
+        self.page.touch("End")
+
+    def press(self, x, y):
+        self.page.tap(x, y)
+
+
 @pytest.mark.browser
 @needs_chromium
-def test_dragged_in_the_page_learned_with_its_button_it_wipes_on(tmp_path):
+@pytest.mark.parametrize("person", [Mouse, Finger])
+def test_dragged_in_the_page_learned_with_its_button_it_wipes_on(tmp_path, person):
     scenario = LoadScenario("table_top")
     scenario.skill.window, scenario.skill.candidates = 2.0, 4
     panel = open_page(title="teach")
@@ -83,36 +138,50 @@ def test_dragged_in_the_page_learned_with_its_button_it_wipes_on(tmp_path):
     session.advance(1.0)
 
     def press(name):
-        page.wait_for(f"document.querySelector('[data-name={name}]') !== null")
-        page.run(f"document.querySelector('[data-name={name}]').click()")
+        """Press a button until it is pressed: a page that still changes moves it away."""
+        page.wait_for(f"document.querySelector('[data-name={name}]:enabled') !== null")
         deadline = time.monotonic() + 60
-        while buttons.attend(session) != name:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        pressed = None
+        while pressed is None:
+            assert time.monotonic() < deadline, f"{name} cannot be pressed"
+            hand.press(*page.wait_for(MIDDLE % name))
+            patience = time.monotonic() + 5
+            while pressed is None and time.monotonic() < patience:
+                pressed = buttons.attend(session)
+                time.sleep(0.05)
+        assert pressed == name
 
-    with Page(panel.url, tmp_path, size=(1000, 600)) as page:
+    with Page(
+        panel.url, tmp_path, size=person.size, has_touch=person.has_touch
+    ) as page:
+        hand = person(page)
         page.wait_for_meshcat()
-        press("learn")
-        assert session.mode == "teach"
-        assert "show 4 s more" in session.remark
-        at = page.grab("drake", "bodies", "eraser", "eraser")
+        learn = page.wait_for(
+            "(b => b && [b.disabled, b.textContent])"
+            "(document.querySelector('[data-name=learn]'))"
+        )
+        assert learn == [True, "learn"]
+        at = hand.grab()
+        grasp = page.run("document.getElementById('fmp-grasp').textContent")
+        assert grasp == "you are guiding the eraser" or person is Mouse
         # In software a picture takes a second, in which the page would say nothing.
         page.run(STUB)
         session.advance(0.05)
         for i in range(100):
             t = i / 20
             way = (1 - np.exp(-2 * t)) * np.sin([0.5 * np.pi * t, np.pi * t])
-            page.mouse("moved", *(at + way * [50, 18]), modifiers=CTRL)
+            hand.move(*(at + way * person.extent))
             session.advance(0.05)
-        assert session.is_led
-        page.mouse("released", *at, modifiers=CTRL)
+        assert session.is_guided
+        hand.release(*at)
         session.advance(0.2)
-        assert not session.is_led
+        assert not session.is_guided
         page.run(DRAW)
         (shown,) = session.demonstrations
         low, high = shown.values.min(axis=0), shown.values.max(axis=0)
         assert np.all((high - low)[:2] > 0.08)
         assert high[2] < 0.02
+        buttons.show(session)
         press("learn")
         assert session.mode == "play"
         session.advance(2.0)

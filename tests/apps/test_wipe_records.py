@@ -14,17 +14,20 @@ from fmp_drake.errors import FmpError, RunError
 from fmp_drake.film import checks
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.primitives import Demonstration
+from fmp_drake.runs import wiping_run
 from fmp_drake.runs.log import RunLog
 from fmp_drake.runs.signals import SIGNALS
-from fmp_drake.runs.skills import bundled_demonstrations, default_demonstration
 from fmp_drake.runs.wiping_run import WipingRun
-from fmp_drake.station.models.panda import VISUALS
-from fmp_drake.station.parts.page_scene import BOARD, INK
+from fmp_drake.skills.learning import bundled_demonstrations, default_demonstration
+from fmp_drake.station.page.page_scene import BOARD, INK
+from fmp_drake.station.robots.visuals import VISUALS
 from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
 from fmp_drake.station.scenario_parts import ShowConfig
 
 SHORT = ("--headless", "--duration", 0.1)
 PARTS = list(vars(ShowConfig()))
+# Signals that only skills with orientation or force have.
+OF_POSES_AND_FORCES = {"measured_pose", "desired_orientation", "desired_normal_force"}
 
 
 @pytest.fixture
@@ -37,7 +40,7 @@ def runs(monkeypatch):
             super().__init__(*arguments, **options)
             made.append(self)
 
-    monkeypatch.setattr(wipe_module, "WipingRun", Collected)
+    monkeypatch.setattr(wiping_run, "WipingRun", Collected)
     return made
 
 
@@ -225,7 +228,7 @@ def test_visuals_are_passed_on(refused, monkeypatch, visuals):
         raise FmpError(f"the arm looks like {visuals}.")
 
     # What Drake downloads is not there in a test.
-    monkeypatch.setattr(wipe_module, "WipingRun", build)
+    monkeypatch.setattr(wipe_module, "MakeRun", build)
     options = () if visuals == "own" else ("--visuals", visuals)
     assert f"the arm looks like {visuals}." in refused("wipe", *SHORT, *options)
 
@@ -252,7 +255,7 @@ def test_log_has_all_signals_and_the_metrics(command, runs, outputs, write):
     assert result.code == 0, result
     assert f"wrote {path}" in result.out
     log = RunLog.load(path)
-    assert set(log.signals) == set(SIGNALS)
+    assert set(log.signals) == set(SIGNALS) - OF_POSES_AND_FORCES
     (run,) = runs
     for name in ("ink", "erase_time"):
         assert log[name].values.shape == (1, run.grid.num_cells)
@@ -275,7 +278,7 @@ def test_run_keeps_what_its_files_need_and_no_more(command, runs, outputs):
     wiped(command)
     wiped(command, "--plot", outputs / "run.png")
     assert runs[0].kept == set()
-    assert runs[1].kept == set(RUN_PAGE_SIGNALS) - {"disturbance"}
+    assert runs[1].kept == set(RUN_PAGE_SIGNALS) - {"disturbance"} - OF_POSES_AND_FORCES
     with pytest.raises(RunError, match=r"the signal state was not kept; .*keeps none"):
         runs[0].log("state")
 
@@ -327,7 +330,7 @@ def test_picture_of_the_diagram_names_every_system(command, runs, outputs, name)
         (("--video", "run.gif", "--video-width", 8), "from 16 to 4096"),
         (("--graphviz", "diagram.jpg"), ".svg, .png"),
         (("--graphviz", "missing/diagram.dot"), "there is no folder"),
-        (("--plot", "run.xyz"), "no picture"),
+        (("--plot", "run.xyz"), "not a picture"),
         (("--html", "missing/run.html"), "there is no folder"),
         (("--report", "."), "is a folder"),
         (("--seed", -1), "seed is -1"),
@@ -341,7 +344,7 @@ def test_wrong_option_is_refused_before_the_work(
         raise AssertionError("it began to work")
 
     monkeypatch.setattr(wipe_module, "scenario_skill", work)
-    monkeypatch.setattr(wipe_module, "WipingRun", work)
+    monkeypatch.setattr(wipe_module, "MakeRun", work)
     monkeypatch.chdir(outputs)
     assert reason in refused("wipe", *SHORT, *options)
     assert list(outputs.iterdir()) == []

@@ -24,7 +24,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from scipy.stats import chi2
 
-from fmp_drake.runs import scenario_skill
+from fmp_drake.skills import scenario_skill
 from fmp_drake.station import LoadScenario, MakeWipingStation
 from fmp_drake.systems import ImpedanceStatus, StatusFlag
 

@@ -21,8 +21,8 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.parts.board_scene import AddBoardScene
-from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.station.scene import AddBoardScene
+from fmp_drake.station.station import MakeWipingStation
 
 TICK = 0.001
 
@@ -73,7 +73,7 @@ def make_bare(scenario, times, torques):
         hold = builder.AddSystem(ZeroOrderHold(TICK, len(torques)))
         builder.Connect(torque, hold.get_input_port())
         torque = hold.get_output_port()
-    builder.Connect(torque, scene.plant.get_actuation_input_port(scene.panda))
+    builder.Connect(torque, scene.plant.get_actuation_input_port(scene.robot.arm))
     return builder.Build()
 
 

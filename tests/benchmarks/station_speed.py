@@ -13,7 +13,7 @@ from pydrake.geometry import Meshcat
 from station_replay import make_bare, make_simulator, make_station, record, take_turns
 
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.systems.viewer.page_panel import PagePanel
+from fmp_drake.systems.page.page_panel import PagePanel
 
 
 def main():

@@ -49,7 +49,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from page_mouse import SHAPES, TaughtSession
 
 from fmp_drake.station import LoadScenario
-from fmp_drake.systems import cleaned_fraction
+from fmp_drake.systems.ink.grid import cleaned_fraction
 
 
 def other_side(scenario):

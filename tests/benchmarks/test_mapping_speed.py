@@ -10,7 +10,7 @@ from tube import bundled
 
 from fmp_drake.primitives import FourierMovementPrimitive, Keypoint, Player
 from fmp_drake.primitives.model.movement_primitive import PAPER_SETTINGS
-from fmp_drake.primitives.playback.segment import segment_motion
+from fmp_drake.primitives.playback.motion import segment_motion
 
 SECTION = "One mapping and one evaluation (T = 120, D = 3, K = 10, bundled 8)"
 

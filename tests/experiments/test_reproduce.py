@@ -5,25 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from trials_stub import Here
 
 from fmp_drake.apps import reproduce as reproduce_module
-from fmp_drake.apps.reproduce import compare_recordings
-from fmp_drake.errors import ExperimentError, FmpError
-from fmp_drake.experiments.finding import Closeness, Finding, roughness
+from fmp_drake.errors import ExperimentError
+from fmp_drake.experiments.benchmark.built_in import ReplayMethod
 from fmp_drake.experiments.held_out import evaluate, held_out_finding, summary
 from fmp_drake.experiments.methods import (
     FMP,
     FMP_PAPER,
-    GP,
     MULT,
     MULT_OWN,
     PHASE,
     REPLAY,
     compared,
 )
-from fmp_drake.experiments.metrics import divergences, grid_extent
-from fmp_drake.experiments.profile import QUICK
-from fmp_drake.experiments.report import write_report
+from fmp_drake.experiments.metrics import (
+    Closeness,
+    divergences,
+    grid_extent,
+    roughness,
+)
+from fmp_drake.experiments.report import QUICK, Finding, write_report
 from fmp_drake.primitives import Demonstration
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
@@ -60,7 +63,7 @@ def reproduced(tmp_path_factory, own_recording):
     """The folder that a quick run writes, and what it prints."""
     from click.testing import CliRunner
 
-    from fmp_drake.apps.main import app
+    from fmp_drake.apps.commands import app
 
     out = tmp_path_factory.mktemp("reproduced") / "made" / "here"
     call = ["reproduce", "--quick", "--out", str(out), "--demo", str(own_recording)]
@@ -181,31 +184,6 @@ def test_short_recordings_get_no_heatmap():
     assert held_out_finding("polishing", scores).table
 
 
-def write_recordings(folder, **counts):
-    """Write recordings of polishing, each of so many samples at 20 Hz."""
-    for i, (name, count) in enumerate(counts.items()):
-        path = HandMotion.make("polishing", seconds=11, seed=i).position[:2000:10]
-        np.savez(
-            folder / f"{name}.npz",
-            time=np.arange(count) / 20,
-            position=np.column_stack([path, 1e-4 * np.sin(np.arange(200))])[:count],
-        )
-
-
-def test_recordings_of_one_movement_are_held_out_in_turn(tmp_path, monkeypatch):
-    write_recordings(tmp_path, loop_1=200, loop_2=200, loop_3=200, short=100)
-    few = {name: compared()[name] for name in (PHASE, FMP, FMP_PAPER, REPLAY, GP)}
-    monkeypatch.setattr("fmp_drake.experiments.held_out.compared", lambda: few)
-    told = []
-    small = replace(QUICK, samples=50, predictions=5)
-    (_, findings), results = compare_recordings(tmp_path, small, told.append)
-    assert [f.name for f in findings] == ["held_out_loop"]
-    assert any("short lasts" in each for each in told)
-    scores = results["loop"]
-    assert scores[PHASE]["prediction_rms"]["mean"] < 0.03 * 1e3
-    assert "tube_10" in scores[GP]
-
-
 class Shy:
     """A method that learns from nothing."""
 
@@ -213,56 +191,45 @@ class Shy:
         raise ExperimentError("there are no periods")
 
 
-@pytest.fixture
-def quick_and_shy(monkeypatch):
-    """Let two methods be compared only: one that is quick, and one that never learns."""
+def test_method_that_cannot_learn_has_no_scores(monkeypatch):
     few = {MULT: compared()[MULT], "shy": (lambda _: Shy(), 2)}
     monkeypatch.setattr("fmp_drake.experiments.held_out.compared", lambda: few)
-
-
-@pytest.mark.usefixtures("quick_and_shy")
-def test_what_is_too_short_or_cannot_be_learned_has_no_scores(tmp_path):
-    write_recordings(tmp_path, loop_1=200, loop_2=200, loop_3=30)
-    recordings = [Demonstration.load(path) for path in sorted(tmp_path.iterdir())]
-    told = []
-    small = replace(QUICK, folds=3, samples=50, predictions=3)
-    scores = evaluate(recordings, small, told.append)
+    path = HandMotion.make("polishing", seconds=31, seed=1).position[:6000:10]
+    values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])
+    demonstration = Demonstration(time=np.arange(len(path)) / 20, values=values)
+    messages = []
+    small = replace(QUICK, folds=2, samples=50, predictions=3)
+    scores = evaluate(demonstration, small, messages.append)
     assert set(scores) == {MULT}
     assert len(scores[MULT]["prediction_rms"]) == 2 * QUICK.seeds
-    said = "shy cannot learn from the rest: there are no periods"
-    assert told.count(said) == 2
+    message = "shy cannot learn from the rest: there are no periods"
+    assert messages.count(message) == 2
 
 
-@pytest.mark.usefixtures("quick_and_shy")
 @pytest.mark.parametrize("terminal", [False, True])
-def test_a_folder_of_recordings_is_a_section_of_the_report(
+def test_benchmark_of_a_folder_is_a_section_of_the_report(
     command, tmp_path, monkeypatch, terminal
 ):
-    if terminal:  # One that shows no bar either.
+    if terminal:  # One without a progress bar.
         monkeypatch.setenv("FORCE_COLOR", "1")
         monkeypatch.setenv("TERM", "dumb")
-    # Stands in for a minute of the paper's experiments.
+    # Replaces a minute of the paper's experiments, and most methods.
     monkeypatch.setattr(
         reproduce_module, "run_experiments", lambda *_: ([], {"held_out": {}})
     )
+    monkeypatch.setattr(reproduce_module, "LocalWorkers", lambda _: Here())
+    monkeypatch.setattr("fmp_drake.experiments.benchmark.run.METHODS", (ReplayMethod,))
     folder, out = tmp_path / "mine", tmp_path / "out"
     folder.mkdir()
-    write_recordings(folder, loop_1=200, loop_2=200)
+    phase = np.arange(300) / 6
+    ring = 0.1 * np.column_stack([np.cos(phase), np.sin(phase), 0 * phase])
+    np.savez(folder / "ring.npz", time=np.arange(300) / 20, position=ring)
     result = command("reproduce", "--quick", "--demos", folder, "--out", out)
     assert result.code == 0, result
-    results = json.loads((out / "results.json").read_text())
-    assert set(results["held_out"]["loop"]) == {MULT}
-    assert "Held out: recordings in mine" in (out / "report.html").read_text()
-    assert ("shy cannot learn" in result.out) != terminal
+    assert "Benchmark: recordings in mine" in (out / "report.html").read_text()
+    assert json.loads((out / "method_replay.json").read_text())["predictions"]
+    assert ("8.0 cycles" in result.out) != terminal
     assert f"wrote {out / 'report.html'}" in result.out.replace("\n", "")
-
-
-def test_recordings_that_are_all_too_short_are_said_and_refused(tmp_path):
-    write_recordings(tmp_path, loop_1=30, loop_2=30)
-    told = []
-    with pytest.raises(FmpError, match=r"has no \.npz recording of"):
-        compare_recordings(tmp_path, QUICK, told.append)
-    assert any("loop lasts 1.4 s: too short to learn from" in each for each in told)
 
 
 @pytest.mark.parametrize("densities", [[-15.0, -9.0], [12.0, 14.0], [np.nan] * 2])
@@ -279,11 +246,6 @@ def test_every_bar_of_the_held_out_scores_is_seen(densities):
     low, high = axes.get_xlim()
     for density in filter(np.isfinite, densities):
         assert low < density < high
-
-
-def test_a_folder_without_recordings_is_refused(tmp_path):
-    with pytest.raises(FmpError, match=r"has no \.npz recording of 7\.5 s"):
-        compare_recordings(tmp_path, QUICK, lambda _: None)
 
 
 def test_report_escapes_what_it_prints(tmp_path):

@@ -15,28 +15,29 @@ from matplotlib.patches import Rectangle
 
 from fmp_drake.errors import DemonstrationError, RunError, SkillError
 from fmp_drake.plots import (
-    draw_component_in_plane,
-    draw_component_over_time,
     draw_demonstrations_in_plane,
-    draw_demonstrations_over_time,
-    draw_heatmap,
-    draw_heatmaps,
-    draw_phase,
-    draw_rollout_over_time,
     draw_samples_in_plane,
-    draw_skill,
-    draw_spectra,
     draw_way_back,
-    draw_windows_in_plane,
-    draw_windows_over_time,
+    plot_demonstrations,
     plot_run,
     plot_skill,
     run_page,
 )
-from fmp_drake.plots.recorded import plot_demonstrations
+from fmp_drake.plots.demonstrations import (
+    draw_demonstrations_over_time,
+    draw_spectra,
+    draw_windows_in_plane,
+    draw_windows_over_time,
+)
+from fmp_drake.plots.heatmaps import density, draw_heatmaps, grid_edges
+from fmp_drake.plots.learned import draw_component_in_plane, draw_component_over_time
+from fmp_drake.plots.phase import draw_phase
+from fmp_drake.plots.played import draw_rollout_over_time
+from fmp_drake.plots.skill_page import draw_skill
 from fmp_drake.plots.style import component_color
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
-from fmp_drake.runs import RunEvent
+from fmp_drake.primitives.data.channels import ChannelRoles
+from fmp_drake.runs.events import RunEvent
 
 SIX = ("x", "y", "z", "force", "roll", "pitch")
 UNITS = ("m", "m", "m", "N", "rad", "rad")
@@ -82,48 +83,71 @@ def start_outside(skill):
     return high + 0.5 * (high - low)
 
 
-# Every function, as called with a skill and a demonstration.
+def stack(count):
+    """Return axes of a new figure, one below the other."""
+    return list(Figure().subplots(count, 1, squeeze=False)[:, 0])
+
+
+def single():
+    return Figure(figsize=(3, 2)).subplots()
+
+
+# Every function, as called with a skill, a demonstration and axes.
 OVER_TIME = {
-    "demonstrations": lambda _, d, **o: draw_demonstrations_over_time(d, **o),
+    "demonstrations": lambda _, d, axes: draw_demonstrations_over_time(d, axes),
     "windows": draw_windows_over_time,
     "spectra": draw_spectra,
-    "component": lambda s, _, **o: draw_component_over_time(s, **o),
-    "rollout": lambda s, _, **o: draw_rollout_over_time(
-        Player(s), start_outside(s), duration=5.0, **o
+    "component": lambda s, _, axes: draw_component_over_time(s, 0, axes),
+    "rollout": lambda s, _, axes: draw_rollout_over_time(
+        Player(s), start_outside(s), axes, duration=5.0
     ),
 }
 IN_PLANE = {
-    "demonstrations": lambda _, d, **o: draw_demonstrations_in_plane(d, **o),
+    "demonstrations": lambda _, d, ax: draw_demonstrations_in_plane(d, ax=ax),
     "windows": draw_windows_in_plane,
-    "samples": lambda s, d, **o: draw_samples_in_plane(s, demonstrations=d, **o),
-    "component": lambda s, d, **o: draw_component_in_plane(s, demonstrations=d, **o),
-    "heatmap of a skill": lambda s, _, **o: draw_heatmap(s, n=20, **o),
-    "heatmap": lambda _, d, **o: draw_heatmap(d, **o),
-    "way back": lambda s, d, **o: draw_way_back(
-        Player(s), start_outside(s), duration=5.0, demonstrations=d, **o
+    "samples": lambda s, d, ax: draw_samples_in_plane(s, demonstrations=d, ax=ax),
+    "component": lambda s, d, ax: draw_component_in_plane(s, 0, ax, demonstrations=d),
+    "way back": lambda s, d, ax: draw_way_back(
+        Player(s), start_outside(s), duration=5.0, demonstrations=d, ax=ax
     ),
 }
 over_time = pytest.mark.parametrize("draw", OVER_TIME.values(), ids=OVER_TIME)
 in_plane = pytest.mark.parametrize("draw", IN_PLANE.values(), ids=IN_PLANE)
-everything = pytest.mark.parametrize(
-    "draw",
-    [*OVER_TIME.values(), *IN_PLANE.values()],
-    ids=[*(f"{n} over time" for n in OVER_TIME), *IN_PLANE],
-)
 
 
-def strips(draw):
-    return draw is OVER_TIME["rollout"]
+def draw_over_time(draw, skill, demonstration):
+    """Draw into axes of a new figure, with one more where there is a strip."""
+    count = len(skill.channels_) + (draw is OVER_TIME["rollout"])
+    return draw(skill, demonstration, stack(count))
+
+
+EVERYTHING = [
+    *(
+        pytest.param(
+            lambda s, d, draw=draw: draw_over_time(draw, s, d), id=f"{name} over time"
+        )
+        for name, draw in OVER_TIME.items()
+    ),
+    *(
+        pytest.param(lambda s, d, draw=draw: draw(s, d, single()), id=name)
+        for name, draw in IN_PLANE.items()
+    ),
+    pytest.param(
+        lambda s, d: draw_heatmaps(s, d, Figure().subplots(1, 2)), id="heatmaps"
+    ),
+]
+everything = pytest.mark.parametrize("draw", EVERYTHING)
 
 
 class TestEveryPicture:
     @pytest.mark.parametrize("channels", [1, 6])
     @over_time
-    def test_over_time_has_one_axes_for_each_channel(
+    def test_over_time_draws_each_channel_into_its_axes(
         self, draw, channels, skills, shown
     ):
-        axes = draw(skills[channels], shown[channels])
-        assert len(axes) == channels + strips(draw)
+        axes = draw_over_time(draw, skills[channels], shown[channels])
+        assert len(axes) == channels + (draw is OVER_TIME["rollout"])
+        assert all(ax.has_data() for ax in axes)
         labels = [f"{n} ({u})" for n, u in zip(SIX, UNITS, strict=True)][:channels]
         assert [ax.get_ylabel() for ax in axes[:channels]] == labels
         assert axes[-1].get_xlabel().endswith(("(s)", "(Hz)"))
@@ -133,7 +157,10 @@ class TestEveryPicture:
     @pytest.mark.parametrize("channels", [2, 6])
     @in_plane
     def test_in_plane_x_is_up_and_y_to_the_left(self, draw, channels, skills, shown):
-        ax = draw(skills[channels], shown[channels])
+        ax = single()
+        assert draw(skills[channels], shown[channels], ax) is ax
+        assert ax.has_data()
+        assert tuple(ax.figure.get_size_inches()) == (3, 2)
         assert (ax.get_ylabel(), ax.get_xlabel()) == ("x (m)", "y (m)")
         assert ax.get_aspect() == 1.0
         assert ax.xaxis_inverted()
@@ -141,41 +168,16 @@ class TestEveryPicture:
         assert ax.get_title(loc="left")
         ax.figure.canvas.draw()
 
-    @over_time
-    def test_over_time_draws_into_given_axes(self, draw, two):
-        figure = Figure()
-        given = figure.subplots(2 + strips(draw), 1)
-        assert draw(*two, axes=given) == tuple(given)
-        assert all(ax.has_data() for ax in given)
+    @pytest.mark.parametrize("name", ["demonstrations", "samples", "way back"])
+    def test_public_pictures_make_a_figure_of_their_own(self, name, two):
+        ax = IN_PLANE[name](*two, None)
+        width, height = ax.figure.get_size_inches()
+        assert 1.0 < height < 1.6 * width
 
     @in_plane
-    def test_in_plane_draws_into_given_axes(self, draw, two):
-        figure = Figure(figsize=(3, 2))
-        given = figure.subplots()
-        assert draw(*two, ax=given) is given
-        assert given.has_data()
-        assert tuple(figure.get_size_inches()) == (3, 2)
-
-    @over_time
-    def test_over_time_draws_the_named_channels_in_their_order(
-        self, draw, skills, shown
-    ):
-        axes = draw(skills[3], shown[3], channels=["z", "x"])
-        assert [ax.get_ylabel() for ax in axes[:2]] == ["z (m)", "x (m)"]
-        low, high = shown[3].values[:, 2].min(), shown[3].values[:, 2].max()
-        bottom, top = axes[0].get_ylim()
-        assert top - bottom < 10 * (high - low)
-
-    @in_plane
-    def test_in_plane_draws_the_named_channels(self, draw, skills, shown):
-        ax = draw(skills[3], shown[3], plane=["z", "y"])
-        assert (ax.get_ylabel(), ax.get_xlabel()) == ("z (m)", "y (m)")
-
-    @in_plane
-    def test_channels_of_different_units_are_not_drawn_to_one_scale(
-        self, draw, skills, shown
-    ):
-        ax = draw(skills[6], shown[6], plane=["x", "force"])
+    def test_channels_of_different_units_are_not_drawn_to_one_scale(self, draw):
+        recording = waves(6).select(["x", "force"])
+        ax = draw(learn(recording), recording, single())
         assert ax.get_aspect() == "auto"
         assert ax.get_xlabel() == "force (N)"
         ax.figure.canvas.draw()
@@ -213,34 +215,15 @@ class TestEveryPicture:
         finally:
             plt.close(mine)
 
-    @over_time
-    def test_a_wrong_number_of_axes_is_an_error(self, draw, two):
-        axes = Figure().subplots(4)
-        with pytest.raises(RunError, match=r"4 axes are given; .* needs [23]"):
-            draw(*two, axes=axes)
-
-    @over_time
-    def test_an_unknown_channel_is_an_error(self, draw, two):
-        with pytest.raises(RunError, match="no channel 'w'; the channels are x, y"):
-            draw(*two, channels=["w"])
-        with pytest.raises(RunError, match="no channel is named"):
-            draw(*two, channels=[])
-
     @in_plane
     def test_one_channel_has_no_plane(self, draw, skills, shown):
         with pytest.raises(RunError, match=r"only the channel x; .* needs two"):
-            draw(skills[1], shown[1])
-
-    @pytest.mark.parametrize("plane", [["x"], ["x", "x"], ["x", "y", "x"], ["x", "w"]])
-    @in_plane
-    def test_a_plane_is_two_different_channels(self, draw, plane, two):
-        with pytest.raises(RunError, match=r"two different channels|no channel 'w'"):
-            draw(*two, plane=plane)
+            draw(skills[1], shown[1], single())
 
     @pytest.mark.parametrize("name", ["samples", "component", "windows", "way back"])
     def test_a_demonstration_of_other_channels_is_an_error(self, name, skills, shown):
         with pytest.raises(RunError, match=r"channels x, y, z; .* have x, y"):
-            IN_PLANE[name](skills[2], shown[3])
+            IN_PLANE[name](skills[2], shown[3], single())
 
 
 class TestDemonstrations:
@@ -264,7 +247,7 @@ class TestDemonstrations:
     def test_every_recording_is_a_line(self):
         recordings = [waves(2, seed=i) for i in range(3)]
         for ax, i in zip(
-            draw_demonstrations_over_time(recordings), (0, 1), strict=True
+            draw_demonstrations_over_time(recordings, stack(2)), (0, 1), strict=True
         ):
             for line, recording in zip(ax.lines, recordings, strict=True):
                 np.testing.assert_array_equal(line.get_xdata(), recording.time)
@@ -285,7 +268,11 @@ class TestDemonstrations:
         assert path.read_text().count("<!-- demonstrated: 20 s -->") == titled
 
     @pytest.mark.parametrize(
-        "draw", [draw_demonstrations_over_time, draw_demonstrations_in_plane]
+        "draw",
+        [
+            draw_demonstrations_in_plane,
+            lambda d: draw_demonstrations_over_time(d, stack(2)),
+        ],
     )
     def test_none_or_unlike_recordings_are_an_error(self, draw, shown):
         with pytest.raises(RunError, match="no demonstration"):
@@ -297,7 +284,7 @@ class TestDemonstrations:
 class TestWindows:
     def test_every_window_is_a_line(self, two):
         skill, demonstration = two
-        for i, ax in enumerate(draw_windows_over_time(skill, demonstration)):
+        for i, ax in enumerate(draw_windows_over_time(skill, demonstration, stack(2))):
             (lines,) = ax.collections
             assert isinstance(lines, LineCollection)
             assert len(lines.get_segments()) == skill.n_windows_
@@ -313,25 +300,20 @@ class TestWindows:
         for j, component in enumerate(skill.components_):
             window = skill.synthesize(component.mean)
             one = Demonstration(time=np.arange(24) / 10, values=window)
-            lines = draw_windows_in_plane(skill, one).collections[0]
+            lines = draw_windows_in_plane(skill, one, single()).collections[0]
             lines.update_scalarmappable()
             np.testing.assert_allclose(
                 lines.get_edgecolor()[0, :3], to_rgb(component_color(j))
             )
 
     def test_many_windows_are_thinned_and_the_title_says_so(self, skills):
-        ax = draw_windows_in_plane(skills[2], waves(2, seconds=30.0))
+        ax = draw_windows_in_plane(skills[2], waves(2, seconds=30.0), single())
         assert len(ax.collections[0].get_segments()) == 60
         assert "60 of 93 windows" in ax.get_title(loc="left")
 
-    def test_without_colour_bar_there_are_no_other_axes(self, two):
-        ax = draw_windows_in_plane(*two, colorbar=False)
-        assert ax.figure.axes == [ax]
-        assert not ax.child_axes
-
     def test_a_recording_shorter_than_a_window_is_an_error(self, two):
         with pytest.raises(DemonstrationError, match="give 0 windows"):
-            draw_windows_over_time(two[0], waves(2, seconds=2.0))
+            draw_windows_over_time(two[0], waves(2, seconds=2.0), stack(2))
 
 
 class TestSpectra:
@@ -345,7 +327,7 @@ class TestSpectra:
             ]
         )
         steady = Demonstration(time=time, values=values)
-        axes = draw_spectra(learn(steady), steady)
+        axes = draw_spectra(learn(steady), steady, stack(2))
         for ax, k, amplitude in zip(axes, (2, 5), (0.1, 0.02), strict=True):
             frequency, height = ax.lines[0].get_data()
             np.testing.assert_allclose(frequency, np.arange(1, 13) / 2.4)
@@ -357,14 +339,14 @@ class TestSpectra:
         values = 0.1 * (-1.0) ** np.arange(100)
         values = np.column_stack([values, np.sin(time)])
         steady = Demonstration(time=time, values=values)
-        ax, _ = draw_spectra(learn(steady), steady)
+        ax, _ = draw_spectra(learn(steady), steady, stack(2))
         frequency, height = ax.lines[0].get_data()
         assert frequency[-1] == pytest.approx(5.0)
         assert height[-1] == pytest.approx(0.1)
 
     def test_bars_hold_nine_of_ten_windows(self, two):
         skill, demonstration = two
-        ax = draw_spectra(skill, demonstration)[0]
+        ax = draw_spectra(skill, demonstration, stack(2))[0]
         (bars,) = ax.collections
         heights = np.array([bar[:, 1] for bar in bars.get_segments()])
         middle = ax.lines[0].get_ydata()
@@ -398,7 +380,7 @@ class TestLearned:
         gaussian = skill.components_[1]
         weights = gaussian.sample(np.random.default_rng(0), 4000)
         samples = skill.synthesize(weights)
-        for i, ax in enumerate(draw_component_over_time(skill, component=1)):
+        for i, ax in enumerate(draw_component_over_time(skill, 1, stack(channels))):
             mean = ax.lines[0].get_ydata()
             np.testing.assert_allclose(mean, skill.synthesize(gaussian.mean)[:, i])
             (band,) = ax.collections
@@ -410,77 +392,53 @@ class TestLearned:
             assert to_rgb(ax.lines[0].get_color()) == to_rgb(component_color(1))
 
     @pytest.mark.parametrize("plane", [("x", "y"), ("x", "force")])
-    @pytest.mark.parametrize("confidence", [0.5, 0.95])
-    def test_an_ellipse_holds_its_fraction_of_the_component(
-        self, plane, confidence, skills
-    ):
-        skill = skills[6]
-        ax = draw_component_in_plane(skill, plane=plane, confidence=confidence)
+    def test_an_ellipse_holds_its_fraction_of_the_component(self, plane):
+        skill = learn(waves(6).select(plane))
+        ax = draw_component_in_plane(skill, 0, single())
         tube, outlines = ax.collections
         assert isinstance(tube, PolyCollection)
         assert len(tube.get_paths()) == skill.n_steps - 1
         assert len(outlines.get_paths()) == 12
         weights = skill.components_[0].sample(np.random.default_rng(1), 4000)
-        indices = [SIX.index(plane[1]), SIX.index(plane[0])]
-        samples = skill.synthesize(weights)[:, :, indices]
+        samples = skill.synthesize(weights)[:, :, [1, 0]]
         for k, t in enumerate(range(0, 24, 2)):
             inside = outlines.get_paths()[k].contains_points(samples[:, t])
-            assert inside.mean() == pytest.approx(confidence, abs=0.03)
-            # The tube holds the ellipses of both of its ends.
+            assert inside.mean() == pytest.approx(0.95, abs=0.03)
+            # The tube contains the ellipses of both of its ends.
             for end in (t, t + 1):
-                piece = tube.get_paths()[t].contains_points(samples[:, end])
-                assert piece.mean() >= confidence - 0.03
+                part = tube.get_paths()[t].contains_points(samples[:, end])
+                assert part.mean() >= 0.92
         np.testing.assert_allclose(
             ax.lines[0].get_xydata(),
-            skill.synthesize(skill.components_[0].mean)[:, indices],
+            skill.synthesize(skill.components_[0].mean)[:, [1, 0]],
         )
-
-    @pytest.mark.parametrize(
-        "draw", [draw_component_over_time, draw_component_in_plane]
-    )
-    def test_an_unknown_component_is_an_error(self, draw, two):
-        for component in (-1, 3):
-            with pytest.raises(RunError, match=rf"component is {component}; .* most 2"):
-                draw(two[0], component=component)
-
-    def test_confidence_is_a_fraction(self, two):
-        for confidence in (0.0, 1.0):
-            with pytest.raises(RunError, match="confidence is"):
-                draw_component_in_plane(two[0], confidence=confidence)
 
 
 class TestHeatmaps:
     def test_the_density_of_all_positions_is_one(self, two):
-        ax = draw_heatmap(two[1], cells=25)
-        (mesh,) = ax.collections
-        assert isinstance(mesh, QuadMesh)
-        corners = mesh.get_coordinates()
-        width, height = corners[1, 1] - corners[0, 0]
-        assert width == pytest.approx(height)
-        assert np.sum(mesh.get_array()) * width * height == pytest.approx(1.0)
-        bar = ax.child_axes[0]
-        assert bar.get_ylabel() == "density (1/m²)"
+        recording = two[1]
+        edges = grid_edges(recording.values, square=True)
+        cells = [np.diff(edge) for edge in edges]
+        assert cells[0][0] == pytest.approx(cells[1][0])
+        values = density([recording.values], [np.diff(recording.time)], edges)
+        area = cells[0][0] * cells[1][0]
+        assert np.sum(values) * area == pytest.approx(1.0)
 
     def test_density_counts_time_not_samples(self):
         # One second at x = 0 and three at x = 1, recorded ten times as often at 0.
         time = np.concatenate([np.linspace(0, 0.99, 100), 1 + np.linspace(0, 3, 31)])
         x = (time >= 1).astype(float)
-        ax = draw_heatmap(
-            Demonstration(time=time, values=np.column_stack([x, 0.1 * x])),
-            cells=2,
-            bounds=[[-0.5, 1.5], [-1, 1]],
-        )
-        density = ax.collections[0].get_array().filled(0).sum(axis=1)
-        assert density[1] / density[0] == pytest.approx(3.0, rel=0.05)
+        edges = [np.array([-0.5, 0.5, 1.5]), np.array([-1.0, 0.0, 1.0])]
+        values = density([np.column_stack([x, 0.1 * x])], [np.diff(time)], edges)
+        here, there = values.sum(axis=1)
+        assert there / here == pytest.approx(3.0, rel=0.05)
 
-    def test_a_visited_place_is_drawn_where_it_is(self):
+    def test_a_visited_place_is_drawn_where_it_is(self, skills):
         time = np.arange(50) / 10
         still = np.column_stack([np.full(50, 0.35), np.full(50, -0.15)])
-        ax = draw_heatmap(
-            Demonstration(time=time, values=still),
-            cells=10,
-            bounds=[[0, 1], [-1, 0]],
-        )
+        recording = Demonstration(time=time, values=still)
+        ax, other = Figure().subplots(1, 2)
+        draw_heatmaps(skills[2], recording, [ax, other])
         mesh = ax.collections[0]
         ((row, column),) = np.argwhere(mesh.get_array().filled(0) > 0)
         (x0, y0), (x1, y1) = (
@@ -490,35 +448,29 @@ class TestHeatmaps:
         assert x0 <= -0.15 <= x1
         assert y0 <= 0.35 <= y1
 
-    def test_cells_of_different_units_are_as_many_both_ways(self, shown):
-        ax = draw_heatmap(shown[6], plane=["x", "force"], cells=20)
-        assert ax.collections[0].get_array().shape == (20, 20)
-        assert ax.child_axes[0].get_ylabel() == "density (1/(m N))"
+    def test_cells_of_different_units_are_as_many_both_ways(self):
+        recording = waves(6).select(["x", "force"])
+        axes = Figure().subplots(1, 2)
+        draw_heatmaps(learn(recording), recording, axes)
+        assert axes[0].collections[0].get_array().shape == (60, 60)
+        assert axes[1].child_axes[0].get_ylabel() == "density (1/(m N))"
 
     def test_both_heatmaps_can_be_compared(self, two):
-        axes = draw_heatmaps(*two, n=50)
+        axes = Figure().subplots(1, 2)
+        draw_heatmaps(*two, axes)
         a, b = (ax.collections[0] for ax in axes)
+        assert isinstance(a, QuadMesh)
         np.testing.assert_array_equal(a.get_coordinates(), b.get_coordinates())
         assert a.get_clim() == b.get_clim()
         ends = [np.percentile(m.get_array().compressed(), 99) for m in (a, b)]
         assert a.get_clim() == (0, pytest.approx(max(ends)))
-        given = Figure().subplots(1, 2)
-        assert draw_heatmaps(*two, n=5, axes=given) == tuple(given)
+        assert axes[1].child_axes[0].get_ylabel() == "density (1/m²)"
+        for ax in axes:
+            assert (ax.get_ylabel(), ax.get_xlabel()) == ("x (m)", "y (m)")
 
-    def test_bad_wishes_are_errors(self, two):
-        skill, demonstration = two
-        with pytest.raises(RunError, match="cells is 0"):
-            draw_heatmap(skill, cells=0)
-        with pytest.raises(RunError, match="bounds are"):
-            draw_heatmap(demonstration, bounds=[[1, 0], [0, 1]])
-        with pytest.raises(RunError, match="n is 0"):
-            draw_heatmap(skill, n=0)
-        with pytest.raises(RunError, match="two heatmaps need 2"):
-            draw_heatmaps(skill, demonstration, axes=Figure().subplots(1, 3))
+    def test_no_demonstration_is_an_error(self, two):
         with pytest.raises(RunError, match="no demonstration"):
-            draw_heatmaps(skill, [])
-        with pytest.raises(RunError, match="no demonstration"):
-            draw_heatmap([])
+            draw_heatmaps(two[0], [], Figure().subplots(1, 2))
 
 
 class TestPlayed:
@@ -549,7 +501,7 @@ class TestPlayed:
         skill = skills[3]
         player = Player(skill, sample=sample, seed=4)
         start = start_outside(skill)
-        *axes, _ = draw_rollout_over_time(player, start, duration=9.0)
+        *axes, _ = draw_rollout_over_time(player, start, stack(4), duration=9.0)
         played = player.rollout(start, 9.0)[:, 0]
         for i, ax in enumerate(axes):
             time, value = ax.lines[0].get_data()
@@ -559,7 +511,7 @@ class TestPlayed:
     def test_remap_instants_and_components_are_those_of_the_player(self, two):
         skill, _ = two
         player, start = Player(skill), start_outside(skill)
-        ax, _, strip = draw_rollout_over_time(player, start, duration=9.0)
+        ax, _, strip = draw_rollout_over_time(player, start, stack(3), duration=9.0)
         # Every T - K = 20 ticks of 0.1 s.
         instants = [line.get_xdata()[0] for line in ax.lines[1:]]
         np.testing.assert_allclose(instants, [2.0, 4.0, 6.0, 8.0])
@@ -579,7 +531,7 @@ class TestPlayed:
     def test_the_band_is_that_of_the_tracked_component(self, two):
         skill, _ = two
         player, start = Player(skill), start_outside(skill)
-        ax, *_ = draw_rollout_over_time(player, start, duration=1.0)
+        ax, *_ = draw_rollout_over_time(player, start, stack(3), duration=1.0)
         edge = ax.collections[0].get_paths()[0].vertices
         width = np.ptp(edge[np.isclose(edge[:, 0], 0.0), 1])
         variance = player.covariance(player.start(start))[0, 0]
@@ -587,7 +539,11 @@ class TestPlayed:
 
     def test_bad_starts_and_durations_are_errors(self, two):
         player = Player(two[0])
-        for draw in (draw_way_back, draw_rollout_over_time):
+
+        def over_time(player, start, **duration):
+            draw_rollout_over_time(player, start, stack(3), **duration)
+
+        for draw in (draw_way_back, over_time):
             with pytest.raises(SkillError):
                 draw(player, [0.0, 0.0, 0.0])
             with pytest.raises(SkillError):
@@ -603,13 +559,15 @@ class TestPhase:
             model="mixture", n_steps=24, rate=10.0, overlap=4, n_components=2
         ).fit(shown[1])
         with pytest.raises(RunError, match="no phase model: it was asked for"):
-            draw_phase(mixture)
+            draw_phase(mixture, Figure().subplots(1, 3))
 
     def test_the_cycle_of_one_channel_is_drawn_over_its_phase(self, shown):
         skill = FourierMovementPrimitive(
             model="phase", n_steps=24, rate=10.0, overlap=4
         ).fit(shown[1])
-        cycle, _, spread = draw_phase(skill)
+        axes = Figure().subplots(1, 3)
+        draw_phase(skill, axes)
+        cycle, _, spread = axes
         assert cycle.get_xlabel() == spread.get_xlabel() == "phase (rad)"
         assert cycle.get_ylabel() == "x (m)"
         (line,) = cycle.lines
@@ -638,7 +596,7 @@ class TestPages:
     @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
     def test_a_page_is_written_by_its_ending(self, ending, two, tmp_path):
         path = tmp_path / f"page.{ending}"
-        plot_skill(*two, path)
+        plot_skill(*two, str(path))
         start = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}[ending]
         assert path.read_bytes().startswith(start)
         assert path.stat().st_size < 3_000_000
@@ -791,6 +749,7 @@ def fake_run(skill, *, clean=(), events=(), **more):
         events=lambda: list(events),
         scenario=SimpleNamespace(press=SimpleNamespace(force=10.0)),
         demonstrated_area=area,
+        roles=ChannelRoles(position=(0, 1, 2)),
     )
 
 

@@ -185,6 +185,9 @@ def test_a_gap_is_refused_with_its_place():
     gap = Demonstration(time=time, values=np.zeros(len(time)))
     with pytest.raises(DemonstrationError, match=r"gap of 2\.26 s after 4\.99 s"):
         gap.resample(20)
+    parts = gap.split_at_gaps(20)
+    assert [len(part.resample(20).time) for part in parts] == [100, 35]
+    assert parts[1].time[0] == 7.25
 
 
 @pytest.mark.parametrize("rate", [0.0, -20.0, np.nan, np.inf])
@@ -346,7 +349,7 @@ def test_newer_version_is_refused(tmp_path):
 )
 def test_foreign_metadata_is_refused(tmp_path, metadata):
     path = with_metadata(tmp_path / "d.npz", metadata)
-    with pytest.raises(SkillFileError, match="no demonstration of fmp_drake"):
+    with pytest.raises(SkillFileError, match="not a demonstration of fmp_drake"):
         Demonstration.load(path)
 
 
@@ -412,7 +415,7 @@ def test_csv_of_a_spreadsheet_may_start_with_a_byte_order_mark(tmp_path):
         ("time,x,y\n0,1,2\n0.1,1\n", "line 3 has 2 cells; line 2 has 3"),
         (
             "time,x,y\n0,1,2\n\n0.1,one,2\n",
-            "line 4: 'one' in the column x is no number",
+            "line 4: 'one' in the column x is not a number",
         ),
         ("time,x\n" + FIVE, "line 2 has 3 cells; the header has 2"),
     ],

@@ -9,12 +9,11 @@ from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
 from fmp_drake.errors import DemonstrationError, SkillError
-from fmp_drake.primitives import Demonstration
+from fmp_drake.primitives import Demonstration, add_orientation, skill_rotations
 from fmp_drake.primitives.discrete.discrete_movement_primitive import (
     DiscreteMovementPrimitive,
+    ViaPoint,
 )
-from fmp_drake.primitives.discrete.via_points import ViaPoint
-from fmp_drake.primitives.editing.orientation import add_orientation, skill_rotations
 
 
 def reach(start, goal, bow, duration, rate=50.0):

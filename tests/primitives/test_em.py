@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from sklearn.mixture import GaussianMixture
 
-from fmp_drake.primitives.model.em import fit_gaussians, log_gaussians
+from fmp_drake.primitives.model.mixture import fit_gaussians, log_gaussians
 
 
 def blobs(count=240, r=4, centres=3, apart=3.0, seed=0):

@@ -52,9 +52,11 @@ def test_a_writer_that_is_killed_leaves_the_older_file_or_none(kind, older, tmp_
         assert writer.stdout.readline() == b"half\n"
         writer.send_signal(signal.SIGKILL)
     assert (path.read_bytes() if path.exists() else None) == older
-    # Afterwards it is written as if nothing had happened.
+    # Afterwards it is written as if nothing had happened, and nothing is left over.
+    assert len(list(tmp_path.glob(".out.*.part*"))) == 1
     write_text(path, "new")
     assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_writer_that_fails_leaves_the_older_file_and_nothing_else(tmp_path):
@@ -78,6 +80,15 @@ def test_a_full_disk_is_an_error_of_the_layer_that_writes(tmp_path, monkeypatch)
         write_text(path, "new", RunError)
     assert path.read_text() == "precious"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_temporary_file_of_another_process_is_kept(tmp_path):
+    others = [tmp_path / f".out.{n}.part.txt" for n in (os.getppid(), "mine")]
+    others.append(tmp_path / f".outer.{2**22 + 1}.part.txt")
+    for other in others:
+        other.touch()
+    write_text(tmp_path / "out.txt", "new")
+    assert set(tmp_path.iterdir()) == {tmp_path / "out.txt", *others}
 
 
 def test_a_folder_that_is_missing_is_an_error(tmp_path):

@@ -9,7 +9,7 @@ from sklearn.base import clone
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import Keypoint
-from fmp_drake.primitives.model.keypoint import channel_indices
+from fmp_drake.primitives.data.channels import channel_indices
 
 NAMES = ("x", "y", "fz")
 
@@ -265,8 +265,8 @@ def test_no_keypoint_is_refused(small_skill, points):
 
 
 @pytest.mark.parametrize("points", [None, 3, [[0.0, 0.0]], "xy"])
-def test_what_is_no_list_of_keypoints_is_refused(small_skill, points):
-    with pytest.raises(SkillError, match="no list of Keypoint"):
+def test_what_is_not_a_list_of_keypoints_is_refused(small_skill, points):
+    with pytest.raises(SkillError, match="is not a list of Keypoint"):
         small_skill.map_keypoints(points)
 
 

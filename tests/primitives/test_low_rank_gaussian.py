@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives import LowRankGaussian
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 
 @st.composite

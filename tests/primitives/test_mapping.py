@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives import (
-    FourierMovementPrimitive,
-    LowRankGaussian,
-    MappingPlan,
-)
+from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.mapping import MappingPlan
 
 
 def observations(skill, k, count=6, spread=0.02):

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from sklearn.exceptions import NotFittedError
+from synthetic_recordings import waves
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import FourierMovementPrimitive, Player
@@ -13,16 +14,6 @@ from fmp_drake.primitives.editing.modulation import modulate_skill, modulate_win
 from fmp_drake.primitives.editing.spectrum import skill_spectrum
 
 T = 60
-
-
-def waves(harmonics, magnitudes, phases, t=T):
-    """Return one channel: a sum of cosines of a window."""
-    n = np.arange(t)[:, None]
-    return np.sum(
-        np.asarray(magnitudes)
-        * np.cos(2 * np.pi * np.asarray(harmonics) * n / t + np.asarray(phases)),
-        axis=1,
-    )
 
 
 @pytest.mark.parametrize("t", [24, 25])

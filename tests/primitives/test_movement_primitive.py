@@ -1,6 +1,7 @@
 """Facts about the estimator."""
 
 import pickle
+import re
 
 import dense_paper
 import numpy as np
@@ -17,7 +18,7 @@ from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 PARAMETERS = {
     "model": "automatic",
-    "n_steps": 120,
+    "n_steps": None,
     "stride": None,
     "rate": 20.0,
     "n_components": "automatic",
@@ -65,7 +66,7 @@ def test_default_stride_is_a_sixtieth_of_a_window(n_steps, stride):
 def test_a_mixture_has_a_component_for_seven_windows(seconds, count):
     rng = np.random.default_rng(0)
     values = np.cumsum(rng.standard_normal((round(20 * seconds), 2)), axis=0)
-    skill = FourierMovementPrimitive(model="mixture").fit(values)
+    skill = FourierMovementPrimitive(model="mixture", rate=20).fit(values)
     assert len(skill.components_) == count
 
 
@@ -73,7 +74,9 @@ def test_few_components_foretell_more_of_a_short_recording(polishing_demonstrati
     values = polishing_demonstration.resample(20).values
     learned, unseen = values[:400], values[400:1600]
     likelihood = [
-        FourierMovementPrimitive(model="mixture", **settings).fit(learned).score(unseen)
+        FourierMovementPrimitive(model="mixture", rate=20, **settings)
+        .fit(learned)
+        .score(unseen)
         for settings in ({}, {"n_components": 80})
     ]
     assert likelihood[0] > likelihood[1] + 2
@@ -248,7 +251,62 @@ def test_windows_and_demonstrations_teach_the_same(polishing_demonstration):
 )
 def test_what_cannot_be_learned_from_is_refused(x, message):
     with pytest.raises(DemonstrationError, match=message):
-        tiny().fit(x)
+        tiny(rate=20.0).fit(x)
+
+
+@pytest.mark.parametrize("x", [np.zeros((90, 2)), [np.zeros(90)]])
+def test_array_without_a_stated_rate_is_refused(x):
+    for skill in (tiny(), clone(tiny())):
+        with pytest.raises(DemonstrationError, match=r"no times.*\(rate=50\), or its"):
+            skill.fit(x)
+
+
+@pytest.mark.parametrize(
+    ("options", "samples", "overlap"),
+    [
+        ({}, 120, 10),
+        ({"window": 6.0}, 120, 10),
+        ({"rate": 50}, 300, 25),
+        ({"rate": 5}, 120, 10),
+        ({"window": 6.0, "rate": 50}, 300, 25),
+        ({"window": 6.0, "rate": 50, "overlap": 8}, 300, 8),
+        ({"window": 1.0}, 20, 5),
+    ],
+)
+def test_window_is_given_in_seconds(options, samples, overlap):
+    skill = FourierMovementPrimitive(**options)
+    assert (skill.n_steps, skill.overlap) == (samples, overlap)
+    assert skill.window == samples / skill.rate
+    assert clone(skill).get_params() == skill.get_params()
+
+
+@pytest.mark.parametrize("model", ["phase", "mixture"])
+def test_window_and_overlap_last_as_long_at_another_rate(
+    polishing_demonstration, model
+):
+    slow, fast = (
+        FourierMovementPrimitive(model=model, n_components=30, rate=rate).fit(
+            polishing_demonstration.resample(rate).values
+        )
+        for rate in (20.0, 50.0)
+    )
+    assert fast.window == pytest.approx(slow.window, rel=0.05)
+    assert fast.overlap / fast.rate == slow.overlap / slow.rate == 0.5
+
+
+@pytest.mark.parametrize("window", [0.0, -1.0, np.nan, "long", 0.1])
+def test_window_without_samples_is_refused(window):
+    with pytest.raises(SkillError, match="window is"):
+        FourierMovementPrimitive(window=window)
+
+
+def test_fitted_skill_shows_what_was_learned(polishing_demonstration):
+    assert repr(tiny()).startswith("FourierMovementPrimitive(")
+    mixture = tiny(n_components=2).fit(polishing_demonstration)
+    assert "mixture of 2 components; x (m), y (m)" in repr(mixture)
+    phase = FourierMovementPrimitive(model="phase").fit(polishing_demonstration)
+    assert re.search(r"phase model of \d+ cycles of \d\.\d\d s; x", repr(phase))
+    assert "windows of 6 s at 20 Hz" in repr(phase)
 
 
 def test_arrays_are_recordings_at_the_rate_of_the_skill(polishing_demonstration):
@@ -265,7 +323,7 @@ def test_arrays_are_recordings_at_the_rate_of_the_skill(polishing_demonstration)
         (halves, [y[:300], y[300:600]]),
         (one, y[:, 0]),
     ):
-        skill = tiny().fit(x)
+        skill = tiny(rate=20).fit(x)
         assert np.array_equal(skill.components_[0].mean, expected.components_[0].mean)
         assert skill.paths_
     assert whole.score(y) == whole.score(Demonstration(time=time, values=y))
@@ -275,6 +333,16 @@ def test_short_demonstration_says_how_long_it_must_be():
     short = Demonstration(time=np.arange(8) / 20, values=np.zeros((8, 3)))
     with pytest.raises(DemonstrationError, match=r"Record at least 0\.4 s"):
         tiny().fit(short)
+
+
+def test_short_demonstration_is_told_a_window_that_fits():
+    time = np.arange(0, 3, 0.05)
+    short = Demonstration(time=time, values=np.sin(3 * time))
+    with pytest.raises(DemonstrationError, match="for example window=") as refusal:
+        FourierMovementPrimitive(n_components=1, window=6.0).fit(short)
+    window = float(re.search(r"window=([\d.]+)", str(refusal.value))[1].rstrip("."))
+    assert window > 1.5
+    FourierMovementPrimitive(n_components=1, window=window).fit(short)
 
 
 def test_one_component_has_the_sample_covariance_of_the_samples():
@@ -609,7 +677,6 @@ def test_two_windows_are_a_skill(n_components):
     ("name", "value"),
     [
         ("n_steps", 8.5),
-        ("n_steps", None),
         ("stride", 1.5),
         ("rate", 1e9),
         ("n_components", 2.0),

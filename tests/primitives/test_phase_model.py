@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_t
 
 from fmp_drake.errors import DemonstrationError, SkillError, SkillFileError
 from fmp_drake.primitives import (
@@ -20,10 +21,10 @@ from fmp_drake.primitives import (
     transform_space,
 )
 from fmp_drake.primitives.model.phase.cycle import Cycle
-from fmp_drake.primitives.model.phase.fit import tracked
-from fmp_drake.primitives.model.phase.path import best_path, phase_path
-from fmp_drake.primitives.model.prediction import PredictionPlan
-from fmp_drake.primitives.playback.place import phase_of
+from fmp_drake.primitives.model.phase.search import search_rhythm
+from fmp_drake.primitives.model.phase.tracking import best_path, phase_path
+from fmp_drake.primitives.model.prediction import Extrapolation, Prediction, Replay
+from fmp_drake.primitives.model.trajectory_mixture import PredictionPlan
 
 RATE = 20.0
 EIGHT = Path(__file__).resolve().parents[2] / "models/demonstrations/eight.npz"
@@ -86,7 +87,7 @@ def test_the_cheapest_path_is_the_one_that_trying_all_finds():
 
 def test_phase_is_tracked_through_a_wavering_tempo():
     phase = wavering(900, spread=0.12)
-    track = tracked([recorded(phase).values], n_steps=60)
+    track = search_rhythm([recorded(phase).values], rate=RATE).track
     off = track.phases[0] - phase
     assert track.cycles == pytest.approx((phase[-1] - phase[0]) / (2 * np.pi), abs=0.1)
     # The zero of the phase is anywhere.
@@ -97,14 +98,14 @@ def test_slow_shifts_of_the_centre_do_not_bend_the_phase():
     phase = wavering(900)
     moved = recorded(phase).values.copy()
     moved[:, 0] += 0.03 * np.sin(np.linspace(0, 6, 900))
-    track = tracked([moved], n_steps=60)
+    track = search_rhythm([moved], rate=RATE).track
     assert np.std(track.phases[0] - phase) < 0.15
     assert track.shifts[0][:, 0].std() > 0.01
 
 
 def test_phase_is_tracked_where_the_tempo_changes_by_a_third():
     phase = np.cumsum(2 * np.pi / 50 * (1 + 0.35 * np.sin(np.arange(1800) / 90)))
-    track = tracked([recorded(phase).values], n_steps=60)
+    track = search_rhythm([recorded(phase).values], rate=RATE).track
     assert track.cycles == pytest.approx((phase[-1] - phase[0]) / (2 * np.pi), abs=0.1)
     assert np.std(track.phases[0] - phase) < 0.1
 
@@ -112,10 +113,11 @@ def test_phase_is_tracked_where_the_tempo_changes_by_a_third():
 def test_a_pause_is_cut_out():
     phase = wavering(900)
     phase = np.concatenate([phase[:400], np.full(100, phase[400]), phase[400:]])
-    track = tracked([recorded(phase).values], n_steps=60)
-    assert len(track.recordings) == 2
-    assert 60 <= track.paused <= 140
-    assert len(track.recordings[0]) == pytest.approx(400, abs=25)
+    found = search_rhythm([recorded(phase).values], rate=RATE)
+    assert len(found.track.recordings) == 2
+    (pause,) = found.rhythm.left_out
+    assert pause.kind == "pause"
+    assert (pause.start, pause.end) == pytest.approx((20, 25), abs=0.3)
 
 
 def test_phase_of_seen_samples_is_that_of_the_cycle():
@@ -123,7 +125,7 @@ def test_phase_of_seen_samples_is_that_of_the_cycle():
         np.linspace(0, 6.2, 200), curve(np.linspace(0, 6.2, 200)), harmonics=5
     )
     phase = 1.0 + 0.13 * np.arange(30)
-    found = phase_path(curve(phase), cycle, tempo=0.12)
+    found = phase_path(curve(phase), cycle, velocity=0.12)
     np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * phase), atol=0.02)
 
 
@@ -139,28 +141,37 @@ def test_automatic_takes_the_phase_where_there_are_cycles(small):
     )
 
 
-def test_automatic_takes_the_mixture_where_there_are_few_cycles_and_says_why():
-    demonstration = recorded(wavering(170))
+def test_many_channels_are_learned_by_the_mixture_or_refused_with_what_to_do():
+    angle = np.arange(400)[:, None] * 2 * np.pi / 40
+    values = np.cos(angle + np.arange(30))
+    skill = FourierMovementPrimitive(n_steps=60, rate=20, n_components=40, overlap=6)
+    assert skill.fit(values).model_ == "mixture"
+    assert "60 samples of 30 channels has 1800 values" in skill.model_reason_
+    skill.set_params(model="phase")
+    with pytest.raises(DemonstrationError, match=r"at most 1500.*Choose fewer chan"):
+        skill.fit(values)
+
+
+def test_automatic_takes_the_mixture_where_no_cycle_comes_again_and_says_why():
+    demonstration = recorded(wavering(62, period=55))
     skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="automatic")
     skill.fit(demonstration)
     assert skill.model_ == "mixture"
-    assert "3.4 cycles" in skill.model_reason_
+    assert "the phase cannot be tracked" in skill.model_reason_
     with pytest.raises(SkillError, match="knows no phase"):
         skill.phase(demonstration.values)
     skill.set_params(model="phase")
-    with pytest.raises(
-        DemonstrationError, match=r"3\.4 cycles; the phase model needs 4"
-    ):
+    with pytest.raises(DemonstrationError, match="no phase that could be learned"):
         skill.fit(demonstration)
 
 
 def test_a_centre_that_wanders_farther_than_the_movement_is_refused():
-    values = recorded(wavering(300)).values
-    ramp = np.linspace(0, 0.4, 300)[:, None] * [1.0, 0.0]
+    values = recorded(wavering(700)).values
+    ramp = np.linspace(0, 0.6, 700)[:, None] * [1.0, 0.0]
     with pytest.raises(
         DemonstrationError, match=r"its centre wanders: .* at most 50 %"
     ):
-        tracked([values + ramp], n_steps=60)
+        search_rhythm([values + ramp], rate=RATE)
 
 
 @pytest.mark.parametrize(("apart", "noise"), [(0.035, 0.0), (0.017, 0.011)])
@@ -169,20 +180,20 @@ def test_two_strokes_that_differ_are_one_cycle(apart, noise):
     values = curve(2 * phase)
     values[:, 0] += apart * np.cos(phase)
     values += noise * np.random.default_rng(5).standard_normal(values.shape)
-    assert tracked([values], n_steps=60).cycles == pytest.approx(6, abs=0.1)
+    assert search_rhythm([values], rate=RATE).track.cycles == pytest.approx(6, abs=0.1)
 
 
 def test_phase_of_samples_on_the_cycle_is_exact():
     phase = 2 * np.pi * np.arange(100) / 50
     cycle = Cycle.fit(phase, curve(phase), harmonics=6)
-    found = phase_path(cycle.values(phase), cycle, tempo=phase[1])
+    found = phase_path(cycle.values(phase), cycle, velocity=phase[1])
     np.testing.assert_allclose(found, phase, atol=1e-9)
 
 
 def test_two_samples_are_enough_to_find_the_phase():
     shown = 2 * np.pi * np.arange(50) / 50
     cycle = Cycle.fit(shown, curve(shown), harmonics=6)
-    found = phase_path(cycle.values([1.0, 1.2]), cycle, tempo=0.2)
+    found = phase_path(cycle.values([1.0, 1.2]), cycle, velocity=0.2)
     np.testing.assert_allclose(found, [1.0, 1.2], atol=0.1)
 
 
@@ -243,21 +254,205 @@ def test_of_what_twenty_seconds_teach_the_covariances_hold_too(eight):
     _, known, held = eight
     demonstration = Demonstration(time=np.arange(400) / RATE, values=known[:400])
     skill = FourierMovementPrimitive(model="phase").fit(demonstration)
-    plan, inside = PredictionPlan(skill, 20), []
+    plan, inside, narrow = PredictionPlan(skill, 20), [], []
+    skill.memory_ = ()
+    alone = PredictionPlan(skill, 20)
+    calibration = skill.calibration_.at(20)
     for first in range(0, len(held) - 30, 11):
         prediction = plan.predict(held[first : first + 10])
-        error = held[first + 10 : first + 30] - prediction.values
-        solved = np.linalg.solve(prediction.covariances, error[..., None])[..., 0]
-        inside.append(np.sum(error * solved, axis=1) < chi2.ppf(0.95, 3))
+        model = alone.predict(held[first : first + 10])
+        own = (model.covariances - calibration.errors) / calibration.factors[
+            :, None, None
+        ]
+        for values, covariances, out in (
+            (prediction.values, prediction.covariances, inside),
+            (model.values, own, narrow),
+        ):
+            error = held[first + 10 : first + 30] - values
+            solved = np.linalg.solve(covariances, error[..., None])[..., 0]
+            out.append(np.sum(error * solved, axis=1) < chi2.ppf(0.95, 3))
     assert np.mean(inside) > 0.93
-    # They are too wide here; without the factors they would be too narrow.
-    assert np.all(skill.phase_model_.widening(20)[9:] > 1.3)
+    # Those of the model alone hold less.
+    assert np.mean(narrow) < np.mean(inside) - 0.02
 
 
-def test_covariances_are_those_of_the_model_where_nothing_can_be_left_out():
-    made = FourierMovementPrimitive(n_steps=60, overlap=6, model="phase")
-    skill = made.fit(recorded(wavering(215)))
-    assert np.array_equal(skill.phase_model_.widening(40), np.ones(40))
+@pytest.mark.parametrize("cycles", [1.6, 3.0, 4.5])
+def test_covariances_hold_of_what_follows_few_cycles(cycles):
+    coverage = []
+    for seed in range(6):
+        y = recorded(wavering(600, seed=seed), seed=seed + 100).values
+        count = round(50 * cycles)
+        skill = FourierMovementPrimitive(rate=RATE, model="phase").fit(y[:count])
+        plan, inside = PredictionPlan(skill, 20), []
+        for first in range(count - 10, count + 150, 3):
+            prediction = plan.predict(y[first : first + 10])
+            error = y[first + 10 : first + 30] - prediction.values
+            solved = np.linalg.solve(prediction.covariances, error[..., None])[..., 0]
+            inside.append(np.sum(error * solved, axis=1) < chi2.ppf(0.95, 2))
+        coverage.append(np.mean(inside))
+    assert np.mean(coverage) > 0.9
+    assert np.min(coverage) > 0.75
+
+
+def test_a_density_has_long_tails_where_little_was_seen():
+    y = recorded(wavering(600)).values
+    densities = {}
+    for count in (80, 500):
+        skill = FourierMovementPrimitive(rate=RATE, model="phase").fit(y[:count])
+        prediction = skill.predict(y[count - 10 : count], 20)
+        far = prediction.values + 20 * np.sqrt(
+            np.diagonal(prediction.covariances, axis1=1, axis2=2)
+        )
+        at = prediction.log_density(prediction.values) - prediction.log_density(far)
+        densities[count] = float(at.max())
+    # A Gaussian loses 400.
+    assert densities[80] < 25
+    assert densities[80] < densities[500] < 100
+
+
+def test_a_density_is_that_of_a_t_distribution_with_the_covariance():
+    covariance = np.array([[2.0, 0.5], [0.5, 1.0]])
+    prediction = Prediction(
+        values=np.zeros((1, 2)), covariances=covariance[None], degrees=5.0
+    )
+    expected = multivariate_t.logpdf([1.0, -2.0], shape=covariance * 3 / 5, df=5)
+    assert prediction.log_density([[1.0, -2.0]])[0] == pytest.approx(expected)
+
+
+def two_tones(count):
+    """A smooth movement of two channels, as nothing but its next samples is foreseen."""
+    t = np.arange(count) / 20
+    return np.stack([np.sin(3 * t) + np.sin(4.2 * t), 0.01 * np.cos(3.7 * t)], axis=1)
+
+
+def test_the_next_samples_of_a_smooth_movement_are_extrapolated():
+    y = two_tones(130)
+    learned, past, truth = [y[:80]], y[90:100], y[100:120]
+    replayed = Replay(learned, 10, 20).predict(past)
+    wide = replayed.spread + 0.01 * np.diag([1, 1e-4])
+    values, covariances = Extrapolation(learned, 10, 20).blended(
+        past, replayed.values, wide
+    )
+    before, after = (
+        np.abs(truth - v)[:2].max(axis=0) for v in (replayed.values, values)
+    )
+    assert np.all(after < 0.2 * before)
+    assert np.all(np.trace(covariances[:2], axis1=1, axis2=2) < 0.05 * 0.01)
+    assert np.all(np.linalg.eigvalsh(covariances) > 0)
+
+
+def test_a_prediction_that_is_certain_is_not_extrapolated():
+    y = two_tones(60) + np.random.default_rng(0).normal(0, 0.1, (60, 2))
+    exact, certain = np.zeros((20, 2)), np.broadcast_to(1e-9 * np.eye(2), (20, 2, 2))
+    values, covariances = Extrapolation([y], 10, 20).blended(y[:10], exact, certain)
+    assert_allclose(values, exact, atol=1e-6)
+    assert_allclose(covariances, certain, rtol=0.01, atol=1e-11)
+
+
+def test_two_predictions_of_equal_variance_are_no_more_certain_than_one():
+    # Their errors may be the same: the mean of both has the variance of each.
+    y = np.random.default_rng(1).normal(0, 1, (400, 1)).cumsum(axis=0)
+    alone = Extrapolation([y], 10, 3)
+    wide = np.full((3, 1, 1), 1e12)
+    own, variances = alone.blended(y[:10], np.zeros((3, 1)), wide)
+    values, covariances = alone.blended(y[:10], own + 2.0, variances)
+    assert_allclose(values, own + 1.0, rtol=1e-4)
+    assert_allclose(covariances, variances, rtol=1e-4)
+
+
+def test_what_is_too_short_to_extrapolate_keeps_its_prediction():
+    y = two_tones(18)
+    values, covariances = np.ones((20, 2)), np.broadcast_to(np.eye(2), (20, 2, 2))
+    after = Extrapolation([y], 10, 20).blended(y[:10], values, covariances)
+    assert after[0][0, 0] != 1
+    assert_allclose(after[0][10:], 1)
+    assert_allclose(after[1][10:], covariances[10:])
+
+
+@pytest.mark.parametrize("count", [24, 40, 70])
+def test_what_nothing_repeats_in_is_predicted_with_covariances_too(count):
+    rng = np.random.default_rng(3)
+    path = np.cumsum(np.cumsum(rng.normal(0, 1e-3, (400, 2)), axis=0), axis=0)
+    skill = FourierMovementPrimitive(rate=RATE, n_steps=20, overlap=5).fit(path[:count])
+    assert skill.model_ == "mixture"
+    densities, inside = [], []
+    for first in range(count, 390 - 10, 5):
+        prediction = skill.predict(path[first : first + 5], 10)
+        truth = path[first + 5 : first + 15]
+        densities.append(prediction.log_density(truth))
+        error = truth - prediction.values
+        solved = np.linalg.solve(prediction.covariances, error[..., None])[..., 0]
+        inside.append(np.sum(error * solved, axis=1) < chi2.ppf(0.95, 2))
+    assert np.min(densities) > -20
+    assert np.mean(inside) > 0.6
+
+
+def three_channels(cycles, *, seed=0):
+    """Return samples of 60 mm, and of 5 mm at twice the frequency."""
+    rng = np.random.default_rng(seed)
+    phase = wavering(50 * cycles, seed=seed)
+    kernel = np.ones(9) / 3
+    white = rng.standard_normal((3, len(phase) + 8))
+    noise = [np.convolve(channel, kernel, "valid") for channel in white]
+    values = np.stack([np.cos(phase), np.sin(phase), np.sin(2 * phase + 0.5)], axis=1)
+    sizes = np.array([0.06, 0.06, 0.005])
+    return sizes * (values + 0.015 * np.stack(noise, axis=1))
+
+
+@pytest.mark.parametrize("cycles", [3, 12])
+def test_a_small_channel_is_learned_beside_large_ones(cycles):
+    y = three_channels(cycles + 6)
+    skill = FourierMovementPrimitive(rate=RATE).fit(y[: 50 * cycles])
+    for sample in (False, True):
+        path = Player(skill, sample=sample).rollout(y[0], 30.0)[100:, 0]
+        assert_allclose(path.std(axis=0), y.std(axis=0), rtol=0.1)
+    errors = []
+    for first in range(50 * cycles, len(y) - 30, 7):
+        prediction = skill.predict(y[first : first + 10], 20)
+        errors.append(y[first + 10 : first + 30] - prediction.values)
+    relative = np.sqrt(np.mean(np.square(errors), axis=(0, 1))) / y.std(axis=0)
+    # An error of the phase counts twice where the frequency is double.
+    assert relative[2] < 2.5 * relative[:2].max()
+
+
+@pytest.mark.parametrize("noise", [0.0005, 0.002])
+def test_samples_are_as_precise_as_the_movement_was(noise):
+    rng = np.random.default_rng(1)
+    phase = 2 * np.pi * np.arange(1500) / 50
+    white = rng.standard_normal((2, 1508))
+    smooth = [np.convolve(channel, np.ones(9) / 3, "valid") for channel in white]
+    ellipse = np.stack([0.1 * np.cos(phase), 0.15 * np.sin(phase)], axis=1)
+    y = ellipse + noise * np.stack(smooth, axis=1)
+    skill = FourierMovementPrimitive(rate=RATE).fit(y)
+    fine = 2 * np.pi * np.arange(5000) / 5000
+    exact = cKDTree(np.stack([0.1 * np.cos(fine), 0.15 * np.sin(fine)], axis=1))
+
+    def deviation(values):
+        return np.sqrt(np.mean(exact.query(values)[0] ** 2))
+
+    played = Player(skill, sample=True).rollout(y[0], 60.0)[100:, 0]
+    assert 0.8 < deviation(skill.sample(100).reshape(-1, 2)) / deviation(y) < 1.25
+    assert 0.8 < deviation(played) / deviation(y) < 1.4
+
+
+@pytest.mark.parametrize("cycles", [3, 15])
+def test_longer_observations_infer_other_channels_no_worse(cycles):
+    y = three_channels(cycles + 20)
+    skill = FourierMovementPrimitive(rate=RATE).fit(y[: 50 * cycles])
+    held = y[50 * cycles :]
+    errors, inside = [], []
+    for length in (10, 40, 200, len(held)):
+        whole = len(held) // length * length
+        parts = held[:whole].reshape(-1, length, 3)
+        inferred = [skill.infer(part[:, :1], ["x"]) for part in parts]
+        error = held[:whole, 1:] - np.concatenate([p.values for p in inferred])
+        covariances = np.concatenate([p.covariances for p in inferred])
+        solved = np.linalg.solve(covariances, error[..., None])[..., 0]
+        inside.append(np.mean(np.sum(error * solved, axis=1) < chi2.ppf(0.95, 2)))
+        errors.append(np.sqrt(np.mean(error**2, axis=0)) / held[:, 1:].std(axis=0))
+    assert np.all(errors[1:] <= 1.05 * errors[0])
+    assert np.all(errors[-1] < 0.35)
+    assert np.min(inside) > 0.85
 
 
 def test_a_prediction_needs_as_many_samples_as_the_overlap(small):
@@ -353,7 +548,7 @@ def test_a_file_whose_predictions_have_no_width_is_refused(small, tmp_path):
     save_skill(skill, tmp_path / "s.npz")
     with np.load(tmp_path / "s.npz") as file:
         arrays = dict(file)
-    arrays["phase_calibration"][0, 1] = 0.0
+    arrays["calibration_factors"][0] = 0.0
     np.savez(tmp_path / "s.npz", **arrays)
     with pytest.raises(SkillFileError, match="no covariances"):
         load_skill(tmp_path / "s.npz")
@@ -407,7 +602,9 @@ def test_ways_to_and_from_a_movement_are_left_out():
     back = eased(movement[-1], [-0.4, 0.0], 40)
     skill = learned(np.concatenate([to, movement, back]))
     assert skill.model_ == "phase"
-    assert 80 <= skill.phase_model_.approach <= 95
+    approach, retreat = skill.rhythm_.left_out
+    assert (approach.kind, retreat.kind) == ("approach", "retreat")
+    assert (approach.end, retreat.start) == pytest.approx((2.5, 32.5), abs=0.3)
     assert np.all(np.abs(skill.extent_ - learned(movement).extent_) < 0.01)
     assert len(np.concatenate(skill.paths_)) < 615
     assert off_the_curve(skill) < 0.012
@@ -417,7 +614,9 @@ def test_a_pause_is_not_played():
     phase = wavering(600)
     phase = np.concatenate([phase[:300], np.full(80, phase[300]), phase[300:]])
     skill = learned(recorded(phase).values)
-    assert 50 <= skill.phase_model_.paused <= 110
+    (pause,) = skill.rhythm_.left_out
+    assert pause.kind == "pause"
+    assert pause.duration == pytest.approx(4.0, abs=0.5)
     path = Player(skill, sample=True).rollout(curve(phase[:1])[0], 30.0)[100:, 0]
     ahead = np.diff(skill.phase(path))
     assert ahead.min() > 0.3 * ahead.mean()
@@ -482,7 +681,7 @@ def test_the_phase_of_a_playback_runs_on_from_cycle_to_cycle(small):
         phases = []
         for _ in range(300):
             state = player.advance(state, 0.04)
-            phases.append(phase_of(player, state))
+            phases.append(player.phase(state))
         steps = np.angle(np.exp(1j * np.diff(phases[50:])))
         assert np.all(steps > 0)
         assert steps.mean() * 25 * skill.period_ == pytest.approx(2 * np.pi, rel=0.1)
@@ -493,4 +692,4 @@ def test_the_phase_of_a_playback_runs_on_from_cycle_to_cycle(small):
 def test_a_mixture_knows_no_phase_of_a_playback(small_skill):
     player = Player(small_skill)
     with pytest.raises(SkillError, match="a mixture, which knows no phase"):
-        phase_of(player, player.start([0.1, 0.0]))
+        player.phase(player.start([0.1, 0.0]))

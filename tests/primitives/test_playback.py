@@ -448,6 +448,16 @@ def test_rollout_of_many_starts_is_that_of_each(small_skill, options):
         assert_allclose(many[i], one, rtol=1e-9, atol=1e-8)
 
 
+def test_rollout_has_the_times_of_its_samples(small_skill):
+    player = Player(small_skill)
+    for starts in ([0.3, 0.1], [[0.3, 0.1], [0.0, 0.0]]):
+        motion = player.rollout(starts, 2.01)
+        assert_allclose(motion.time, np.arange(len(motion.time)) / small_skill.rate)
+        assert len(motion.time) == motion.position.shape[-2]
+        assert motion.copy().time is motion.time
+    assert player.motion(player.start([0.3, 0.1])).time is None
+
+
 def test_own_target_is_reached(small_skill):
     window = small_skill.sample(1, seed=8, with_noise=False)[0]
     target = small_skill.analyze(window)
@@ -648,3 +658,23 @@ def test_other_target_and_observation_make_no_jump(player, tempo):
     assert_allclose(
         player.motion(player.remap(state, observed=observed))[:2], before, atol=1e-12
     )
+
+
+def test_the_force_at_the_start_does_not_change_the_path():
+    t = np.arange(0, 60, 0.05)
+    turning = 0.1 * np.column_stack([np.cos(2 * t), np.sin(2 * t)])
+    size = 1 + 0.1 * np.sin(0.3 * t)
+    recording = Demonstration(
+        time=t,
+        values=np.column_stack([turning * size[:, None], 20 * size]),
+        channels=["x", "y", "force"],
+        units=["m", "m", "N"],
+    )
+    player = Player(FourierMovementPrimitive().fit(recording))
+    pressing, free = (player.start([0.1, 0.0, force]) for force in (20.0, 0.0))
+    paths = [player.rollout([0.1, 0.0, force], 5.0).position for force in (20.0, 0.0)]
+    np.testing.assert_allclose(paths[1][:, :2], paths[0][:, :2], atol=1e-5)
+    # The force begins where it was measured, and never exceeds what was shown.
+    assert player.motion(pressing)[0, 2] == pytest.approx(20.0)
+    assert player.motion(free)[0, 2] == pytest.approx(0.0, abs=1e-9)
+    assert np.max(paths[1][:, 2]) < 24.0

@@ -11,21 +11,19 @@ import recorded_files as files
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import FmpError
-from fmp_drake.primitives import (
-    Demonstration,
-    ReadingOptions,
-    read_demonstrations,
-    rotations_of,
-)
+from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
+from fmp_drake.primitives.data.orientation import rotations_of
 
 NEEDS = {"bag": "rosbags", "ros": "rosbags", "mcap": "rosbags"} | dict.fromkeys(
     ("lerobot", "parquet", "half"), "pyarrow"
 )
+NEEDS |= {"hdf5": "h5py", "robomimic": "h5py", "aloha": "h5py", "excel_": "openpyxl"}
 
 # Read as x, y and z.
 POSITIONS = (
     files.plain,
     files.units_in_brackets,
+    files.units_in_full,
     files.pandas_index,
     files.pandas_time_index,
     files.pandas_dates,
@@ -60,6 +58,19 @@ POSITIONS = (
     files.npy_with_times,
     files.npy_with_fields,
     files.parquet,
+    files.optitrack_two_bodies,
+    files.vicon_trajectories,
+    files.vicon_objects,
+    files.hdf5_of_someone,
+    files.hdf5_of_matlab,
+    files.matlab,
+    files.json_lines,
+    files.json_list,
+    files.json_columns,
+    files.excel_sheet,
+    files.table_by_gzip,
+    files.array_by_gzip,
+    files.table_in_zip,
 )
 # Read as x, y, z and an orientation.
 POSES = (
@@ -73,6 +84,8 @@ POSES = (
     files.ros2_without_stamps,
     files.ros1_robot_states,
     files.ros1_out_of_order,
+    files.optitrack,
+    files.optitrack_in_millimetres,
 )
 REFUSED = {
     files.no_time: r"no column tells the time; .* x, y, z\. .*--sample-rate",
@@ -82,21 +95,32 @@ REFUSED = {
     files.missing_value: r"values holds 1 NaN .* sample 7",
     files.unknown_column: r"no column 'px' for x; the columns are time, x, y, z",
     files.repeated_names: r"names of columns repeat: .* time, a, a, a",
-    files.no_quaternions: r"no unit quaternions \(lengths from 5 to 5\)",
+    files.no_quaternions: r"not unit quaternions \(lengths from 5 to 5\)",
     files.letter: r"no line of numbers .* header such as `time,x,y,z`",
     files.windows: r"the array \(5, 120, 3\).* expected .* \(N, D\)",
     files.objects: r"Python objects, which may run code; save an array",
     files.pickled: r"a Python pickle, which may run code; a demonstration is",
-    files.excel: r"an Excel or other office file; .* Export it",
+    files.excel: r"not a readable Excel file .*; save it as \.csv",
     files.hollow_archive: r"unpacked it takes 288 MB, allowed are 256",
     files.boasting_archive: r"shorter than its shape",
-    files.bytes_of(
-        "d.h5", b"\x89HDF\r\n\x1a\n"
-    ): r"an HDF5 file .*; a demonstration is",
-    files.bytes_of("d.mat", b"MATLAB 5.0 MAT-file"): "a MATLAB file",
-    files.bytes_of("d.csv.gz", b"\x1f\x8b\x08"): "compressed by gzip",
-    files.bytes_of("d.json", b'{"x": [1, 2]}'): "a JSON file",
-    files.bytes_of("d.csv", b"1,2\0\0\0,3"): "no text file",
+    files.bytes_of("d.h5", b"\x89HDF\r\n\x1a\n"): "not a readable HDF5 file",
+    files.bytes_of("d.mat", b"MATLAB 5.0 MAT-file"): "not a readable MATLAB file",
+    files.bytes_of("d.csv.gz", b"\x1f\x8b\x08"): "cannot be unpacked",
+    files.bytes_of("d.json", b'{"x": [1, 2]}'): r"no column tells the time; .* are x",
+    files.bytes_of("d.jsonl", b'{"x": 1}\n{"x"'): "line 2 is not JSON .* such as",
+    files.bytes_of("d.json", b'["a", "b"]'): "neither objects nor lists of numbers",
+    files.bytes_of("d.json", b'{"x": [[1, 2], [3]]}'): "not readable JSON",
+    files.bytes_of("d.json", b'["' + b"[" * 200_000): "not readable JSON|is not JSON",
+    files.bytes_of("d.json", b'[{"x": [[1], 2]}]'): "not readable JSON",
+    files.hdf5_of_links: "holds nothing; expected arrays of numbers",
+    files.matlab_too_large: r"d\.mat holds \d+ MB; at most 256",
+    files.tables_in_zip: "holds 2 files; unpack it and name them: unzip ",
+    files.letter_by_gzip: r"d\.txt\.gz has no line of numbers",
+    files.bomb_by_gzip: "holds 256 MB; at most 256",
+    files.optitrack_without_header: "no row `Frame,Time .* export it from Motive",
+    files.vicon_without_positions: "none of the sections Objects, .* from Nexus",
+    files.aloha: "no column tells the time; .*--sample-rate HZ",
+    files.bytes_of("d.csv", b"1,2\0\0\0,3"): "not a text file",
     files.bytes_of("d.mp4", b"\0\0\0\x18ftypmp42"): "a film; a demonstration is",
     files.bytes_of("d.csv", b"0," + b"1" * 140_000): "line cannot be split into cells",
     files.bytes_of(
@@ -183,6 +207,8 @@ def test_what_cannot_be_read_is_refused_with_advice(make, tmp_path):
         (files.ros1_poses, "/pose, header stamps"),
         (files.ros2_without_stamps, "/pose, times of receipt"),
         (files.ros1_out_of_order, "/pose, header stamps, put in order"),
+        (files.optitrack, "OptiTrack, Eraser; 1 markers left out"),
+        (files.vicon_trajectories, "Vicon, Trajectories at 50 Hz"),
         (files.two_hands, r"several positions \(left_x, right_x \.\.\.\): choose with"),
     ],
     ids=lambda each: getattr(each, "__name__", ""),
@@ -216,11 +242,11 @@ def drop(column, path):
     [
         (
             lambda d: (d / "meta" / "info.json").write_text("{"),
-            r"info\.json is no LeRobot dataset's \(JSONDecodeError",
+            r"info\.json is not a LeRobot dataset's \(JSONDecodeError",
         ),
         (
             lambda d: (d / "meta" / "info.json").write_text('{"fps": 50}'),
-            r"info\.json is no LeRobot dataset's \(KeyError\('features'\)",
+            r"info\.json is not a LeRobot dataset's \(KeyError\('features'\)",
         ),
         (lambda d: shutil.rmtree(d / "data"), r"has no data/\*\*/\*\.parquet"),
         (
@@ -248,6 +274,27 @@ def test_parts_of_a_dataset_without_names_are_numbered(tmp_path):
     found, _ = read(files.lerobot_without_names, tmp_path)
     assert found[0].channels == tuple(f"c{i}" for i in range(7))
     assert_allclose(found[0].values, files.JOINTS, atol=1e-6)
+
+
+def test_robomimic_episodes_are_read_at_their_control_frequency(tmp_path):
+    demonstrations, remarks = read(files.robomimic, tmp_path)
+    assert "demo_10: obs/robot0_eef_pos, obs/robot0_eef_quat at 50 Hz" in remarks
+    for demonstration, height in zip(demonstrations, (0.0, 0.1), strict=True):
+        assert demonstration.channels == ("x", "y", "z", "rx", "ry", "rz")
+        assert_allclose(demonstration.time, files.TIME, atol=1e-9)
+        assert_allclose(demonstration.values[:, :3], files.PATH + height, atol=1e-12)
+
+
+@pytest.mark.parametrize("topic", ["", "action"])
+def test_aloha_joints_are_read_at_a_stated_rate(topic, tmp_path):
+    file = written(files.aloha, tmp_path)
+    (demonstration,), remarks = read_demonstrations(
+        [file.path], ReadingOptions(rate=50, topic=topic)
+    )
+    assert_allclose(demonstration.values, files.JOINTS, atol=1e-12)
+    assert (topic or "observations/qpos") in remarks[0]
+    with pytest.raises(FmpError, match="no dataset nose; choose with --topic among"):
+        read_demonstrations([file.path], ReadingOptions(rate=50, topic="nose"))
 
 
 def test_joints_of_a_bag_keep_their_names(tmp_path):
@@ -366,7 +413,8 @@ def test_a_file_that_cannot_be_read_is_named():
             "rosbags.highlevel",
             r"a bag; .*'fmp-drake\[bags\]'",
         ),
-        ("d.parquet", b"PAR1", "pyarrow", r"Parquet file; .*'fmp-drake\[lerobot\]'"),
+        ("d.parquet", b"PAR1", "pyarrow", r"Parquet file; .*'fmp-drake\[parquet\]'"),
+        ("d.h5", b"\x89HDF\r\n\x1a\n", "h5py", r"HDF5 file; .*'fmp-drake\[hdf5\]'"),
     ],
 )
 def test_what_reads_a_file_is_named_where_it_is_missing(

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillError, SkillFileError
 from fmp_drake.primitives import (
-    DemonstratedRegion,
     Demonstration,
     FourierMovementPrimitive,
     load_skill,
@@ -18,6 +17,7 @@ from fmp_drake.primitives import (
     scale_tempo,
     transform_space,
 )
+from fmp_drake.primitives.model.region import DemonstratedRegion
 
 MARGIN = 0.02
 

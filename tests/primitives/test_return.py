@@ -55,8 +55,8 @@ def test_tube_holds_what_a_component_draws(skill):
     tube = tube_of(skill)
     rng = np.random.default_rng(0)
     for j in (0, 7, 30):
-        windows = skill.synthesize(skill.components_[j].sample(rng, 400))
-        steps = np.tile(np.arange(skill.overlap - 1, skill.n_steps), 400)
+        windows = skill.synthesize(skill.components_[j].sample(rng, 2000))
+        steps = np.tile(np.arange(skill.overlap - 1, skill.n_steps), 2000)
         values = windows[:, skill.overlap - 1 :].reshape(len(steps), -1)
         inside = tube.inside(values, np.full(len(steps), j), steps)
         assert inside.mean() == pytest.approx(0.99, abs=0.005)
@@ -138,6 +138,7 @@ def test_samples_stay_where_demonstrations_are(
         seconds=12.0,
         period=PERIODS[task],
         sample=True,
+        margin=None,
     )
     assert found.at > 0.95
     assert found.ever_after > demonstrated_inside(skill, demonstration)

@@ -11,8 +11,8 @@ from fmp_drake.primitives import (
     Player,
     ProportionalTracker,
 )
-from fmp_drake.primitives.playback.outlook import look_ahead
-from fmp_drake.primitives.playback.sampling import track_sample
+from fmp_drake.primitives.model.movement_primitive import copy_skill
+from fmp_drake.primitives.playback.motion import look_ahead
 
 MARGIN = 0.01
 
@@ -34,7 +34,7 @@ def on_path(skill):
     return skill.paths_[0][40]
 
 
-def off_paths(player, values):
+def distance_from_paths(player, values):
     return Player(player.skill, margin=MARGIN).region.distance(values)
 
 
@@ -45,7 +45,7 @@ def farthest_at_first(skill):
     """
     player = Player(skill)
     path = player.rollout(on_path(skill), player.ticks_between_remaps / skill.rate)
-    return max(MARGIN, off_paths(player, path[:, 0]).max() + MARGIN / 4)
+    return max(MARGIN, distance_from_paths(player, path[:, 0]).max() + MARGIN / 4)
 
 
 MODELS = pytest.mark.parametrize("model", ["mixture", "phase"])
@@ -57,8 +57,10 @@ def test_no_sample_that_is_played_leaves_the_region(skills, model, seed):
     skill = skills[model]
     start = on_path(skill)
     bounded = Player(skill, sample=True, seed=seed, margin=MARGIN)
-    free = Player(skill, sample=True, seed=seed)
-    outside = [off_paths(p, p.rollout(start, 50.0)[:, 0]) for p in (bounded, free)]
+    free = Player(skill, sample=True, seed=seed, margin=None)
+    outside = [
+        distance_from_paths(p, p.rollout(start, 50.0)[:, 0]) for p in (bounded, free)
+    ]
     first = bounded.ticks_between_remaps + 1
     assert outside[0][:first].max() <= farthest_at_first(skill)
     assert outside[0][first:].max() <= MARGIN
@@ -66,30 +68,42 @@ def test_no_sample_that_is_played_leaves_the_region(skills, model, seed):
 
 
 @MODELS
+def test_samples_do_not_wander_from_what_was_shown_by_default(skills, model):
+    skill = skills[model]
+    width = np.linalg.norm(np.ptp(skill.extent_, axis=0)) / 2
+    player = Player(skill, sample=True, seed=1)
+    path = player.rollout(on_path(skill), 50.0)[:, 0]
+    after = player.ticks_between_remaps + 1
+    assert distance_from_paths(player, path[after:]).max() <= 0.2 * width
+    without = copy_skill(skill, paths_=())
+    assert Player(without, sample=True).region is None
+
+
+@MODELS
 def test_choice_of_the_sample_does_not_lead_out_of_the_region(skills, model):
     skill = skills[model]
 
-    def worth(values):  # The farther out the better.
+    def score(values):  # The farther out the better.
         return np.max(player.region.distance(values), axis=1)
 
     player = Player(skill, sample=True, margin=MARGIN)
     state = player.start(on_path(skill))
     for i in range(8):
-        state = track_sample(player, state, count=16, worth=worth)
+        state = player.track_sample(state, count=16, score=score)
         seconds = player.ticks_between_remaps * player.tick_seconds
         values, _ = player.plan(state, player.ticks_between_remaps)
-        farthest = np.max(off_paths(player, values))
+        farthest = np.max(distance_from_paths(player, values))
         most = MARGIN * (1 + 1e-7) if i else farthest_at_first(skill)
         assert MARGIN / 2 < farthest <= most
         state = player.advance(state, seconds)
 
 
 def test_choice_draws_samples_out_where_the_region_allows_it(skill):
-    free, wide = Player(skill), Player(skill, margin=5.0)
+    free, wide = Player(skill, margin=None), Player(skill, margin=5.0)
     state = free.start(on_path(skill))
     mean = skill.components_[state.component].mean
     near, far = (
-        track_sample(p, state, count=16, worth=lambda v: v[:, -1, 1]).target - mean
+        p.track_sample(state, count=16, score=lambda v: v[:, -1, 1]).target - mean
         for p in (free, wide)
     )
     assert_allclose(far, 1.5 * near, atol=1e-12)
@@ -100,8 +114,8 @@ def test_way_back_from_outside_is_hardly_farther_out_than_that_of_the_mean(skill
     bounded = Player(skill, sample=True, seed=3, margin=MARGIN)
     path = bounded.rollout(start, 15.0)[:, 0]
     n = bounded.ticks_between_remaps
-    mean = off_paths(bounded, Player(skill).rollout(start, 15.0)[: n + 1, 0])
-    mine = off_paths(bounded, path)
+    mean = distance_from_paths(bounded, Player(skill).rollout(start, 15.0)[: n + 1, 0])
+    mine = distance_from_paths(bounded, path)
     assert mine[0] > 0.1
     limit = np.where(mean > MARGIN, mean + MARGIN / 4, MARGIN)
     assert np.all(mine[: n + 1] <= limit + 1e-9)
@@ -116,7 +130,7 @@ def test_way_back_from_outside_is_hardly_farther_out_than_that_of_the_mean(skill
 def test_wide_margin_changes_nothing(skills, model):
     skill = skills[model]
     start = on_path(skill)
-    free = Player(skill, sample=True, seed=1).rollout(start, 12.0)
+    free = Player(skill, sample=True, seed=1, margin=None).rollout(start, 12.0)
     wide = Player(skill, sample=True, seed=1, margin=5.0).rollout(start, 12.0)
     assert_allclose(wide, free, atol=1e-9)
 
@@ -137,20 +151,20 @@ def test_samples_follow_from_seed_and_re_mapping(skill):
     assert not np.allclose(paths[0], paths[2])
 
 
-def test_sample_worth_most_is_tracked_and_the_first_of_equals(small_skill):
-    player = Player(small_skill)
+def test_sample_of_highest_score_is_tracked_and_the_first_of_equals(small_skill):
+    player = Player(small_skill, margin=None)
     state = player.start([0.1, 0.0])
     gaussian = small_skill.components_[state.component]
     rng = np.random.default_rng([state.seed, state.remaps])
     targets = gaussian.sample(rng, 6, with_noise=False)
     before = player.motion(state)[:2]
-    for worth, best in (
+    for scores, best in (
         ([0, 1, 5, 2, 3, 4], 2),
         ([0, 3, 1, 3, 3, 2], 1),
         (np.zeros(6), 0),
     ):
-        tracked = track_sample(
-            player, state, count=6, worth=lambda _, worth=worth: np.array(worth)
+        tracked = player.track_sample(
+            state, count=6, score=lambda _, scores=scores: np.array(scores)
         )
         assert_allclose(tracked.target, targets[best], atol=1e-12)
         assert_allclose(player.motion(tracked)[:2], before, atol=1e-12)
@@ -161,19 +175,19 @@ TRACKERS = (LqrTracker(), ExponentialTracker(beta=2e-8), ProportionalTracker(bet
 
 @pytest.mark.parametrize("tracker", TRACKERS, ids=lambda t: type(t).__name__)
 @pytest.mark.parametrize(("tempo", "passed"), [(1.0, 2.0), (1.0, 2.73), (1.9, 1.07)])
-def test_outlook_is_what_is_played(small_skill, tracker, tempo, passed):
+def test_look_ahead_equals_what_is_played(small_skill, tracker, tempo, passed):
     player = Player(small_skill, sample=True, seed=2, tracker=tracker)
     state = player.advance(player.start([0.3, 0.1], tempo=tempo), passed)
     assert state.remaps == 1
-    outlook = look_ahead(small_skill, player.relaxations[state.component], state)
+    ahead = look_ahead(small_skill, player.relaxations[state.component], state)
     gaussian = small_skill.components_[state.component]
     change = np.random.default_rng(1).normal(size=gaussian.rank)
     change *= np.sqrt(gaussian.variances)
     for target, values in (
-        (state.target, outlook.steady),
+        (state.target, ahead.steady),
         (
             state.target + gaussian.basis @ change,
-            outlook.steady + outlook.response @ change,
+            ahead.steady + ahead.response @ change,
         ),
     ):
         # To the last sample of the window, where it is mapped anew.

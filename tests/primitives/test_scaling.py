@@ -15,7 +15,7 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
-from fmp_drake.primitives.data.scaling import channel_scales
+from fmp_drake.primitives.data.channels import channel_scales
 
 CHANNELS = ("x", "y", "fz", "yaw")
 UNITS = ("m", "m", "N", "rad")

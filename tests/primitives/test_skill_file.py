@@ -158,21 +158,21 @@ def test_newer_version_is_refused(saved):
 )
 def test_foreign_metadata_is_refused(saved, metadata):
     rewritten(saved, metadata)
-    with pytest.raises(SkillFileError, match="no skill file of fmp_drake"):
+    with pytest.raises(SkillFileError, match="is not a skill file of fmp_drake"):
         load_skill(saved)
 
 
-def test_demonstration_is_no_skill(tmp_path):
+def test_demonstration_is_not_a_skill(tmp_path):
     path = tmp_path / "d.npz"
     Demonstration(time=np.arange(9), values=np.zeros((9, 2))).save(path)
-    with pytest.raises(SkillFileError, match="no skill file of fmp_drake"):
+    with pytest.raises(SkillFileError, match="is not a skill file of fmp_drake"):
         load_skill(path)
 
 
-def test_other_npz_is_no_skill(tmp_path):
+def test_other_npz_is_not_a_skill(tmp_path):
     path = tmp_path / "other.npz"
     np.savez(path, time=np.arange(3))
-    with pytest.raises(SkillFileError, match="no skill file of fmp_drake"):
+    with pytest.raises(SkillFileError, match="is not a skill file of fmp_drake"):
         load_skill(path)
 
 

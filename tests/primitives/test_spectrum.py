@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from synthetic_recordings import waves
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import FourierMovementPrimitive, sliding_windows
@@ -16,16 +17,6 @@ from fmp_drake.primitives.editing.spectrum import (
 
 RATE = 20.0
 T = 60
-
-
-def waves(harmonics, magnitudes, phases, t=T):
-    """Return one channel: a sum of cosines of a window."""
-    n = np.arange(t)[:, None]
-    return np.sum(
-        np.asarray(magnitudes)
-        * np.cos(2 * np.pi * np.asarray(harmonics) * n / t + np.asarray(phases)),
-        axis=1,
-    )
 
 
 def sliding(signal, duration=60.0, t=T, stride=3):

@@ -8,12 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_are
 
 from fmp_drake.errors import SkillError
-from fmp_drake.primitives import (
-    ExponentialTracker,
-    LowRankGaussian,
-    LqrTracker,
-    ProportionalTracker,
-)
+from fmp_drake.primitives import ExponentialTracker, LqrTracker, ProportionalTracker
+from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.playback.trackers import paper_precision_diagonal
 
 TICK = 0.1

@@ -17,7 +17,7 @@ from fmp_drake.primitives import (
     save_skill,
 )
 from fmp_drake.primitives.editing.transforms import scale_tempo, transform_space
-from fmp_drake.primitives.model.fitted import copy_skill
+from fmp_drake.primitives.model.movement_primitive import copy_skill
 
 XY = ("x", "y")
 

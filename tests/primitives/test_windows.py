@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, sliding_windows
-from fmp_drake.primitives.data.windows import as_windows
+from fmp_drake.primitives.data.windows import as_windows, weighted_windows
 
 
 def counting(count, rate=20.0, start=0.0, **names):
@@ -46,6 +46,20 @@ def test_each_demonstration_is_windowed_on_its_own():
     assert windows.shape == (6 + 2 + 0, 24, 2)
     assert np.all(np.diff(windows[..., 0], axis=1) == 1)
     assert np.sum(windows[:, 0, 0] >= 1000) == 2
+
+
+def test_no_window_crosses_a_gap():
+    whole = counting(100)
+    time = whole.time + np.where(whole.time > 2.0, 30.0, 0.0)
+    gap = Demonstration(time=time, values=whole.values)
+    windows = as_windows([gap, whole], n_steps=24, stride=4, rate=20.0)
+    assert np.all(np.diff(windows.values[..., 0], axis=1) == 1)
+    assert np.sum(windows.source == 0) == 5 + 9
+    assert [len(path) for path in windows.paths(4)] == [40, 56, 100]
+    assert [len(y) for y in windows.recordings()] == [41, 59, 100]
+    used, weights = weighted_windows(windows, [0.0, 1.0])
+    assert [len(y) for y in used.recordings()] == [100]
+    assert np.all(weights == 1)
 
 
 def test_demonstrations_are_resampled_to_the_rate():

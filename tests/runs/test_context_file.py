@@ -24,7 +24,7 @@ from fmp_drake.errors import RunError
 from fmp_drake.primitives import save_skill
 from fmp_drake.runs import load_context, save_context
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.station.station import MakeWipingStation
 
 
 class Remembers(LeafSystem):
@@ -110,7 +110,7 @@ from pydrake.systems.analysis import InitializeParams, Simulator
 from fmp_drake.primitives import load_skill
 from fmp_drake.runs import load_context, save_context
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.station.station import MakeWipingStation
 
 skill, start, end, until = sys.argv[1:]
 station = MakeWipingStation(LoadScenario("table_top"), load_skill(skill))
@@ -165,7 +165,7 @@ def test_missing_foreign_broken_and_newer_files_are_refused(saved, tmp_path):
     with pytest.raises(RunError, match="not a readable"):
         load_context(context, half)
     np.savez(half, x=np.zeros(3))
-    with pytest.raises(RunError, match="is no saved Context"):
+    with pytest.raises(RunError, match="is not a saved Context"):
         load_context(context, half)
     with np.load(path) as file:
         arrays = dict(file)

@@ -1,11 +1,10 @@
-"""Facts about the sentences that say what went wrong in a run."""
+"""Facts about the events of a run and their sentences."""
 
 import numpy as np
 import pytest
 
-from fmp_drake.runs.events import RunEvents
-from fmp_drake.runs.metrics import Samples
-from fmp_drake.runs.occurrences import Occurrences
+from fmp_drake.runs.events import Occurrences, RunEvents
+from fmp_drake.runs.signals import Samples
 from fmp_drake.systems import StatusFlag
 
 
@@ -48,11 +47,11 @@ def sentences(signals, *, until=()):
     return [event.text for event in events.result()]
 
 
-def test_nothing_is_said_of_a_run_in_which_nothing_went_wrong():
+def test_run_without_faults_has_no_events():
     assert sentences(recorded()) == []
 
 
-def test_contact_that_is_lost_is_said_with_its_longest_time():
+def test_lost_contact_is_reported_with_its_longest_time():
     signals = recorded()
     for start, end in ((2.0, 2.3), (4.0, 4.8), (6.0, 6.1)):
         mark(signals, start, end, StatusFlag.CONTACT_LOST)
@@ -61,13 +60,13 @@ def test_contact_that_is_lost_is_said_with_its_longest_time():
     ]
 
 
-def test_contact_in_which_a_run_begins_is_not_lost_before_it_is_seen():
+def test_contact_at_the_start_is_not_lost_before_it_is_reported():
     signals = recorded(touch=-1.0)
     mark(signals, 0.001, 0.02, StatusFlag.CONTACT_LOST)
     assert sentences(signals) == []
 
 
-def test_a_stop_is_said_with_its_cause():
+def test_protective_stop_is_reported_with_its_cause():
     signals = recorded()
     stop = StatusFlag.PROTECTIVE_STOP
     mark(signals, 7.2, 7.9, stop)
@@ -82,12 +81,12 @@ def test_a_stop_is_said_with_its_cause():
 
 
 @pytest.mark.parametrize(("height", "side"), [(-0.008, "lower"), (0.012, "higher")])
-def test_a_board_that_is_elsewhere_is_said(height, side):
+def test_error_of_the_height_of_the_board_is_reported(height, side):
     expected = f"board found {1e3 * abs(height):.0f} mm {side} than assumed"
     assert sentences(recorded(height=height)) == [expected]
 
 
-def test_an_arm_that_touches_the_board_is_said():
+def test_arm_on_the_board_is_reported():
     signals = recorded()
     mark(signals, 5.0, 5.02, StatusFlag.ARM_TOUCHES)
     mark(signals, 6.0, 6.2, StatusFlag.ARM_TOUCHES)
@@ -96,13 +95,13 @@ def test_an_arm_that_touches_the_board_is_said():
     ]
 
 
-def test_what_still_goes_on_is_said_too():
+def test_fault_that_lasts_until_the_end_is_reported():
     signals = recorded()
     mark(signals, 5.0, 99.0, StatusFlag.JOINT_WALL)
-    assert sentences(signals) == ["a joint at its wall from 5.0 to 8.0 s"]
+    assert sentences(signals) == ["a joint at its limit from 5.0 to 8.0 s"]
 
 
-def test_sentences_are_the_same_for_any_chunks():
+def test_sentences_do_not_depend_on_the_chunks():
     signals = recorded(height=-0.004)
     rng = np.random.default_rng(3)
     flags = [0, StatusFlag.CONTACT_LOST, StatusFlag.JOINT_WALL, 1, 9, 17]
@@ -114,7 +113,7 @@ def test_sentences_are_the_same_for_any_chunks():
         assert sentences(signals, until=tuple(ends)) == whole
 
 
-def test_what_is_below_the_board_is_said_with_its_depth():
+def test_penetration_is_reported_with_its_depth():
     signals = recorded()
     times, depth = signals["penetration"]
     depth[(times > 2.0) & (times < 2.5)] = 0.0125
@@ -123,7 +122,7 @@ def test_what_is_below_the_board_is_said_with_its_depth():
     ]
 
 
-def test_other_signals_are_said_as_easily():
+def test_occurrences_of_any_signal_are_counted():
     deep = Occurrences("a hard part below the board", "up to {:.1f} mm deep")
     deep.update(np.arange(6.0), np.array([0, 0.5, 0, 0, 3.25, 1]))
     assert deep.events()[0].text == (

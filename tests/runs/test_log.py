@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 
 from fmp_drake.errors import FmpError, RunError
-from fmp_drake.runs.log import RunLog, Signal, check_log, current_versions, write_log
+from fmp_drake.runs.log import (
+    RunLog,
+    Signal,
+    Spill,
+    check_log,
+    current_versions,
+    write_log,
+)
 from fmp_drake.runs.signals import SIGNALS, signal_kind
-from fmp_drake.runs.spill import Spill
 
 
 @pytest.fixture
@@ -49,9 +55,10 @@ def test_a_log_comes_back_as_it_was(signals, path):
     for name, (times, values) in signals.items():
         np.testing.assert_array_equal(log[name].times, times)
         np.testing.assert_array_equal(log[name].values, values)
-        kind = SIGNALS[name]
-        for about in ("unit", "frame", "meaning", "columns"):
-            assert getattr(log[name], about) == getattr(kind, about)
+        described = SIGNALS[name].described(values.shape[1])
+        for about in ("unit", "frame", "meaning"):
+            assert getattr(log[name], about) == described[about]
+        assert log[name].columns == tuple(described["columns"])
     assert log.scenario == "board:\n  rpy: [0, 0, 0]\n"
     assert log.seed == 3
     assert log.metrics == {"cleaned_fraction": 0.5}
@@ -122,7 +129,7 @@ def test_missing_and_foreign_files_are_refused(tmp_path):
         {"metadata": np.array("[1]")},
     ):
         np.savez(foreign, **arrays)
-        with pytest.raises(RunError, match="is no log of fmp_drake"):
+        with pytest.raises(RunError, match="is not a log of fmp_drake"):
             RunLog.load(foreign)
     np.savez(foreign, metadata=np.array([{"format": 1}], dtype=object))
     with pytest.raises(RunError, match="not a readable"):
@@ -151,7 +158,7 @@ def rewritten(path, change):
     ("change", "match"),
     [
         (lambda about, _: about.update(version=2), "has version 2"),
-        (lambda about, _: about.update(version="x"), "is no log"),
+        (lambda about, _: about.update(version="x"), "is not a log"),
         (lambda about, _: about.pop("seed"), "incomplete"),
         (lambda about, _: about.update(signals=3), "incomplete"),
         (lambda _, arrays: arrays.pop("torque"), "incomplete"),
@@ -189,10 +196,23 @@ def test_an_unknown_name_is_refused_with_those_there_are():
 def test_every_signal_has_a_meaning_and_a_unit_for_its_columns():
     for name, kind in SIGNALS.items():
         assert kind.meaning, name
-        assert kind.frame in ("", "B", "W")
+        assert kind.frame in ("", "B", "T", "W")
         units = kind.unit.split(",")
         assert len(units) in (1, len(kind.columns)), name
         assert len(set(kind.columns)) == len(kind.columns)
+
+
+@pytest.mark.parametrize("joints", [6, 7])
+def test_columns_of_joints_are_as_many_as_the_arm_has(joints):
+    torque = SIGNALS["torque"].described(joints)
+    assert torque["columns"] == [f"joint{i + 1}" for i in range(joints)]
+    assert torque["unit"] == "N m"
+    state = SIGNALS["state"].described(2 * joints)
+    assert state["unit"] == ",".join(joints * ["rad"] + joints * ["rad/s"])
+    assert state["columns"] == [
+        *(f"joint{i + 1}" for i in range(joints)),
+        *(f"joint{i + 1}_velocity" for i in range(joints)),
+    ]
 
 
 def test_a_log_that_cannot_be_written_is_an_error(signals, tmp_path):
@@ -212,3 +232,39 @@ def test_names_that_cannot_be_written_are_refused_before(tmp_path):
         check_log(tmp_path / "run.csv")
     with pytest.raises(FmpError, match="there is no folder"):
         check_log(tmp_path / "no" / "run.npz")
+
+
+@pytest.mark.parametrize("row", [(), (3,), (2, 2)])
+def test_rows_come_back_whole_and_in_blocks(row):
+    # About four megabytes, in blocks of one.
+    rows = np.random.default_rng(0).normal(size=(500_000 // int(np.prod(row)), *row))
+    spill = Spill(row)
+    for part in np.array_split(rows, 7):
+        spill.append(part)
+    assert spill.shape == rows.shape
+    np.testing.assert_array_equal(spill.array(), rows)
+    blocks = list(spill.blocks())
+    assert len(blocks) >= 3
+    np.testing.assert_array_equal(np.concatenate(blocks), rows)
+
+
+def test_what_was_read_stays_when_more_is_appended():
+    spill = Spill((2,), np.uint8)
+    assert spill.array().shape == (0, 2)
+    spill.append([[1, 2]])
+    first = spill.array()
+    spill.append([[3, 4], [5, 6]])
+    np.testing.assert_array_equal(first, [[1, 2]])
+    assert spill.array().dtype == np.uint8
+    np.testing.assert_array_equal(spill.array()[1:], [[3, 4], [5, 6]])
+    array = spill.array()
+    del spill
+    assert array.sum() == 21
+
+
+def test_the_file_has_no_name(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    spill = Spill()
+    spill.append(np.ones(10**6))
+    assert spill.shape == (10**6,)
+    assert list(tmp_path.iterdir()) == []

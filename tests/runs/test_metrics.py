@@ -5,18 +5,23 @@ import itertools
 import numpy as np
 import pytest
 
+from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.runs.metrics import (
     METRIC_SIGNALS,
+    ArmLimits,
     ForceMetrics,
-    JointLimits,
     LimitMetrics,
+    OrientationMetrics,
     RegionMetrics,
-    Samples,
+    RunMetrics,
     TrackingMetrics,
+    metric_signals,
 )
+from fmp_drake.runs.signals import Samples
+from fmp_drake.station import Scenario
 from fmp_drake.systems.impedance.status import StatusFlag as Flag
 
-LIMITS = JointLimits(
+LIMITS = ArmLimits(
     lower=-3 * np.ones(7),
     upper=2.5 * np.ones(7),
     speed=np.full(7, 2.0),
@@ -39,7 +44,8 @@ class Together:
     """All metrics of a run."""
 
     def __init__(self):
-        self.parts = ForceMetrics(10.0), TrackingMetrics(0.1), LimitMetrics(LIMITS)
+        limits = LimitMetrics(LIMITS, control_period=0.001)
+        self.parts = ForceMetrics(10.0), TrackingMetrics(0.1), limits
 
     def update(self, chunk):
         for part in self.parts:
@@ -106,6 +112,8 @@ def test_metrics_are_what_their_names_say(samples):
     # Forces are known at every other position.
     touches = np.repeat(force > 0.5, 2)[: len(away)] & (desired[:, 2] < 0.1)
     on_board = np.where(touches, np.hypot(*(desired - measured)[:, :2].T), away)
+    # Contact is desired below 0.1 m, and counts from the first one on.
+    asked = (desired[:, 2] < 0.1)[np.argmax(touches) :]
     jumps = np.diff(desired, axis=0) - 0.005 * (velocity[1:] + velocity[:-1]) / 2
     wanted = (pressed >= 5) & (pressed <= 15)
     assert found == pytest.approx(
@@ -114,11 +122,13 @@ def test_metrics_are_what_their_names_say(samples):
             "normal_force_p05_n": np.percentile(pressed, 5),
             "normal_force_p95_n": np.percentile(pressed, 95),
             "normal_force_wanted_fraction": wanted.mean(),
+            "normal_force_max_n": force.max(),
             "contact_fraction": len(pressed) / len(since),
             "tracking_rms_m": np.sqrt(np.mean(away**2)),
             "tracking_on_board_rms_m": np.sqrt(np.mean(on_board**2)),
             "tracking_max_m": away.max(),
             "desired_position_jump_max_m": np.linalg.norm(jumps, axis=1).max(),
+            "desired_contact_fraction": touches.sum() / asked.sum(),
             "torque_ratio_max": np.abs(samples["actuation"].values).max() / 80,
             "torque_rate_max_nm_per_s": np.abs(np.diff(torque, axis=0)).max() / 1e-3,
             "joint_limit_margin_min_rad": min(
@@ -128,6 +138,8 @@ def test_metrics_are_what_their_names_say(samples):
             "penetration_max_m": samples["penetration"].values.max(),
             "arm_on_board_s": 0.001
             * np.sum(samples["status"].values[:, 0] == Flag.ARM_TOUCHES),
+            "protective_stop_s": 0.001
+            * np.sum(samples["status"].values[:, 0] == Flag.PROTECTIVE_STOP),
             "fault_fraction": np.mean(samples["status"].values[:, 0] > 0),
         },
         abs=0.005,
@@ -150,6 +162,83 @@ def test_jumps_between_two_chunks_are_seen():
         metrics.update({n: Samples(t[part], v[part]) for n, (t, v) in signals.items()})
     assert metrics.result()["desired_position_jump_max_m"] == pytest.approx(0.02)
     assert metrics.result()["torque_rate_max_nm_per_s"] == pytest.approx(1500)
+
+
+def test_what_the_velocity_explains_is_no_jump():
+    """x moves at 1 m/s, y at -2 m/s, z jumps by 10 mm at once."""
+    times = 0.005 * np.arange(20)
+    velocity = np.tile([1.0, -2.0, 0.0], (20, 1))
+    desired = times[:, None] * velocity
+    desired[12:, 2] = 0.01
+    signals = {
+        name: Samples(period * np.arange(20), np.zeros((20, size)))
+        for name, (size, period) in PERIODS.items()
+    }
+    signals["desired_position"] = Samples(times, desired)
+    signals["desired_velocity"] = Samples(times, velocity)
+    metrics = TrackingMetrics(0.1)
+    metrics.update(signals)
+    jump = metrics.result()["desired_position_jump_max_m"]
+    assert jump == pytest.approx(0.01)
+
+
+def test_orientation_errors_are_those_of_the_rotation_alone():
+    """0.3 rad about x and 0.4 rad about y, then nothing; and 5 m beside the path."""
+    error = np.zeros((8, 6))
+    error[:4, :2], error[:, 3:] = (0.3, 0.4), 5.0
+    metrics = OrientationMetrics()
+    for part in (error[:3], error[3:]):
+        metrics.update({"tracking_error": Samples(np.arange(len(part)), part)})
+    assert metrics.result() == {
+        "orientation_rms_deg": pytest.approx(np.rad2deg(0.5 / np.sqrt(2))),
+        "orientation_max_deg": pytest.approx(np.rad2deg(0.5)),
+    }
+
+
+@pytest.mark.parametrize(
+    ("roles", "extra"),
+    [
+        ({}, ()),
+        ({"rotation": (3, 4, 5)}, ("tracking_error",)),
+        ({"force": 3}, ("desired_normal_force",)),
+    ],
+)
+def test_signals_follow_from_the_roles_of_the_channels(roles, extra):
+    found = metric_signals(ChannelRoles(position=(0, 1, 2), **roles))
+    assert found == (*METRIC_SIGNALS, *extra)
+
+
+@pytest.mark.parametrize(("shape", "events"), [("flat", True), ("none", False)])
+def test_force_counts_on_a_board_only(shape, events):
+    scenario = Scenario()
+    scenario.board.shape = shape
+    signals = {}
+    for name, (size, period) in PERIODS.items():
+        times = period * np.arange(round(2 / period))
+        signals[name] = Samples(times, np.zeros((len(times), size)))
+    force, status = signals["normal_force"].values, signals["status"].values
+    force[:100] = 10.0
+    status[:, 2] = 10.0
+    status[1000:, 0] = int(Flag.CONTACT_LOST)
+    metrics = RunMetrics(scenario, None, LIMITS, control_period=0.001)
+    metrics.update(signals)
+    assert ("contact_fraction" in metrics.result()) == events
+    assert any("contact" in event.text for event in metrics.events()) == events
+
+
+@pytest.mark.parametrize("control_period", [0.0005, 0.001, 0.002, 0.005])
+def test_torque_rate_is_per_period_of_the_controller(control_period):
+    """A torque that rises by 900 Nm/s in steps has that rate, however long they are."""
+    times = 0.001 * np.arange(101)
+    updates = np.floor(times / control_period + 1e-6)
+    torque = np.outer(900 * control_period * updates, np.eye(7)[2])
+    signals = {
+        name: Samples(times, np.zeros((101, size)))
+        for name, (size, _) in PERIODS.items()
+    }
+    metrics = LimitMetrics(LIMITS, control_period=control_period)
+    metrics.update({**signals, "torque": Samples(times, torque)})
+    assert metrics.result()["torque_rate_max_nm_per_s"] == pytest.approx(900)
 
 
 def test_a_run_without_contact_has_no_force():

@@ -54,7 +54,7 @@ def test_what_is_shown_by_pulling_while_it_plays_is_learned_too():
     taught.session.advance(0.3)
     taught.press()
     taught.drag("circle", 2.5, size=0.5)
-    assert taught.session.is_led
+    assert taught.session.is_guided
     taught.session.press("more")
     assert taught.session.mode == "play"
     assert "learned in" in taught.session.remark
@@ -98,7 +98,7 @@ def moved(taught, seconds, say=lambda: None, *, steps=20):
 def test_a_page_that_freezes_in_mid_drag_lets_go_and_can_go_on(dragged):
     dragged.frame([0.0, 0.15])
     assert moved(dragged, 2.0) < ABUSED
-    assert not dragged.session.is_led
+    assert not dragged.session.is_guided
     at = dragged.tip()
     assert moved(dragged, 1.0) < 0.005
     # Reloaded: it says that nothing is dragged, and is dragged anew.
@@ -107,7 +107,7 @@ def test_a_page_that_freezes_in_mid_drag_lets_go_and_can_go_on(dragged):
     dragged.press()
     for k in np.linspace(0, 0.08, 50):
         dragged.frame([k, 0])
-    assert dragged.session.is_led
+    assert dragged.session.is_guided
     one, two = dragged.session.demonstrations
     assert np.linalg.norm(two.values[0, :2] - at[:2]) < 0.02
     for shown in (one, two):
@@ -118,7 +118,7 @@ def test_a_cursor_that_jumps_over_the_screen_does_not_take_the_arm_along(dragged
     rng = np.random.default_rng(0)
     first = moved(dragged, 0.5, lambda: dragged.frame([0.4, -0.5]))
     assert first < ABUSED
-    assert not dragged.session.is_led
+    assert not dragged.session.is_guided
     wild = moved(dragged, 1.0, lambda: dragged.frame(rng.uniform(-1, 1, 2)))
     assert wild < ABUSED
 

@@ -71,6 +71,28 @@ def test_again_forgets_what_was_shown():
     assert 0.6 < shown.duration <= 0.8
 
 
+def test_undo_brings_back_what_again_has_discarded():
+    session, other = begin(), begin()
+    for each in (session, other):
+        each.advance(1.0)
+    session.press("again")
+    assert session.buttons == ("learn", "again", "play", "save", "undo")
+    for each in (session, other):
+        each.advance(0.5)
+    session.press("undo")
+    assert "undo" not in session.buttons
+    (shown,), (expected,) = session.demonstrations, other.demonstrations
+    assert np.array_equal(shown.values, expected.values)
+
+
+def test_again_without_a_movement_discards_nothing():
+    session = begin()
+    session.press("again")
+    assert not session.is_done
+    assert "nothing was shown" in session.remark
+    assert "undo" not in session.buttons
+
+
 def test_a_button_of_another_mode_is_refused():
     with pytest.raises(
         RunError, match=r"no button 'more' in the mode teach; press one"
@@ -142,8 +164,42 @@ def test_more_is_learned_together_with_the_first(taught):
 def test_nothing_to_save_is_said(tmp_path):
     session = begin(out=tmp_path / "a.npz", skill_file=tmp_path / "b.npz")
     session.press("save")
-    assert session.remark == "nothing to save yet"
+    assert "nothing to save yet" in session.remark
     assert list(tmp_path.iterdir()) == []
+
+
+def test_save_keeps_the_files_of_an_earlier_session(tmp_path):
+    session = begin(out=tmp_path / "a.npz", skill_file=tmp_path / "b.npz")
+    for name in ("a.npz", "a_2.npz", "b.npz", "b_2.npz"):
+        (tmp_path / name).write_text("earlier")
+    session.advance(1.0)
+    session.press("save")
+    assert session.remark == (
+        "wrote a.npz; the earlier files are a.1.npz, a_2.1.npz, b.1.npz now"
+    )
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"a.npz", "a.1.npz", "a_2.1.npz", "b.1.npz", "b_2.npz"}
+    assert (tmp_path / "a_2.1.npz").read_text() == "earlier"
+    assert Demonstration.load(tmp_path / "a.npz").duration > 0.8
+    session.press("save")
+    assert "saved already" in session.remark
+    assert len(list(tmp_path.iterdir())) == 5
+
+
+def test_a_new_movement_does_not_take_the_place_of_a_saved_one(taught):
+    session, _, _, folder = taught
+    if session.mode == "teach":
+        session.press("play")
+    session.press("save")
+    before = Demonstration.load(folder / "shown.npz")
+    session.press("teach")
+    session.press("save")
+    assert "saved already" in session.remark
+    session.advance(1.0)
+    session.press("save")
+    assert len(Demonstration.load(folder / "shown.npz").time) < len(before.time)
+    kept = [Demonstration.load(path).values for path in folder.glob("shown.*.npz")]
+    assert any(np.array_equal(values, before.values) for values in kept)
 
 
 def test_a_file_that_cannot_be_written_is_said_and_the_session_goes_on(tmp_path):

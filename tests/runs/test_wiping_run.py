@@ -7,8 +7,8 @@ from pydrake.common.yaml import yaml_load_typed
 
 from fmp_drake.errors import RunError
 from fmp_drake.runs import RunLog, WipingRun
-from fmp_drake.runs.advancing import reset
 from fmp_drake.runs.signals import SIGNALS
+from fmp_drake.runs.simulation_loop import reset
 from fmp_drake.station.scenario import LoadScenario, Scenario
 
 KEPT = ("measured_position", "state", "weights")
@@ -38,7 +38,7 @@ def parts(scenario, wiping_skill):
     run.advance_to(0.3)
     reset(run.simulator)
     run.simulator.Initialize()
-    run.begin_again()
+    run.restart()
     # At multiples of a millisecond, where the integrator stops anyway.
     for until in (0.1, 0.5, SECONDS):
         run.advance_to(until)

@@ -7,17 +7,13 @@ from pydrake.lcm import DrakeLcm
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import StationError
-from fmp_drake.station import (
-    LcmPanda,
-    LoadScenario,
-    MakeBoardStation,
-    MakeSkillStation,
-    SimulatedPanda,
-)
+from fmp_drake.station import LcmPanda, LoadScenario, MakeStation
+from fmp_drake.station.robots.driver import SimulatedDriver
 
 COMMON = {
     "measured_position": 3,
     "measured_velocity": 3,
+    "measured_pose": 7,
     "tracking_error": 6,
     "normal_force": 1,
     "status": 6,
@@ -41,12 +37,12 @@ def ports(station):
 def test_both_arms_have_the_same_ports_and_lcm_has_its_own_besides(restless_skill):
     scenario = LoadScenario("table_top")
     arms = {
-        SimulatedPanda: (),
+        SimulatedDriver: (),
         LcmPanda: ("torque_sent", "faults"),
     }
     for arm, own in arms.items():
         config = arm()
-        board = MakeBoardStation(scenario, config, lcm=DrakeLcm("memq://"))
+        board = MakeStation(scenario, None, driver=config, lcm=DrakeLcm("memq://"))
         found = ports(board)
         assert {k: v for k, v in found.items() if k not in own} == COMMON
         assert set(own) <= set(found)
@@ -54,16 +50,25 @@ def test_both_arms_have_the_same_ports_and_lcm_has_its_own_besides(restless_skil
             board.GetInputPort(name)
         for name in ("wall_time", "go"):
             assert board.HasInputPort(name) == (arm is LcmPanda)
-        skilled = MakeSkillStation(
-            scenario, restless_skill, config, lcm=DrakeLcm("memq://")
+        skilled = MakeStation(
+            scenario, restless_skill, driver=config, lcm=DrakeLcm("memq://")
         )
-        assert ports(skilled).keys() == found.keys() | set(DESIRED)
-        assert skilled.HasInputPort("tempo")
+        controlled = {
+            "measured_position",
+            "tracking_error",
+            "status",
+            "torque",
+            "state",
+        }
+        assert set(DESIRED) | controlled | {"normal_force"} <= ports(skilled).keys()
+        if arm is LcmPanda:
+            assert ports(skilled).keys() == found.keys() | set(DESIRED)
+            assert skilled.HasInputPort("tempo")
 
 
 def test_a_simulated_robot_goes_where_it_is_told():
     scenario = LoadScenario("table_top")
-    board = MakeBoardStation(scenario, SimulatedPanda())
+    board = MakeStation(scenario, None, driver=SimulatedDriver())
     simulator = Simulator(board)
     context = simulator.get_mutable_context()
     goal = np.add(scenario.start, [0.0, 0.03, 0.0])
@@ -78,6 +83,9 @@ def test_a_simulated_robot_goes_where_it_is_told():
 
 def test_a_board_that_moves_is_refused_where_nothing_measures_it():
     with pytest.raises(StationError, match=r"motion.amplitude is 0.* Set it to 0"):
-        MakeBoardStation(
-            LoadScenario("moving_board"), LcmPanda(), lcm=DrakeLcm("memq://")
+        MakeStation(
+            LoadScenario("moving_board"),
+            None,
+            driver=LcmPanda(),
+            lcm=DrakeLcm("memq://"),
         )

@@ -10,7 +10,7 @@ from station_run import SELDOM, StationRun, check_limits
 from fmp_drake.primitives.model.phase.period import fundamental_period
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import Disturbance
-from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.station.station import MakeWipingStation
 from fmp_drake.systems.impedance.status import StatusFlag
 
 pytestmark = pytest.mark.slow

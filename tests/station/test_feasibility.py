@@ -10,26 +10,30 @@ from pydrake.geometry import Role
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
+from fmp_drake.experiments.trials import TrialSpec
+from fmp_drake.skills.learning import shared_skill
 from fmp_drake.station import (
     AddBoardScene,
     CheckFeasibility,
     ListScenarios,
     LoadScenario,
+    ParseScenario,
     Scenario,
 )
-from fmp_drake.station.models.hard_points import ArmClearance
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.parts.board_reach import BoardReach, FollowingBounds
+from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
+from fmp_drake.station.reach.clearance import ArmClearance
 
 
 def kinematics():
-    """Return a scenario of each board's place, error and motion, and posture."""
+    """Return a scenario of each robot, board's place, error and motion, and posture."""
     known = {}
     for name in ListScenarios():
         s = LoadScenario(name)
         soft = s.impedance.covariance_stiffness.enabled
         b = s.board
-        key = (b.translation, b.rpy, b.error, b.motion, s.posture, soft)
+        place = (b.shape, b.translation, b.rpy, b.error, b.motion)
+        key = (s.robot, *place, s.posture, soft)
         known.setdefault(repr(key), name)
     return known.values()
 
@@ -45,7 +49,11 @@ def check(skill, *, x=0.55, tempo=1.0, press=10.0, start=(0.0, 0.0, 0.05)):
 
 @pytest.mark.parametrize("name", kinematics())
 def test_bundled_scenario_can_be_followed(bundled_skill, name):
-    found = CheckFeasibility(LoadScenario(name), bundled_skill)
+    scenario, skill = LoadScenario(name), bundled_skill
+    if scenario.board.shape not in ("plane", "none") or scenario.tool != "eraser":
+        # The tool turns with the normal, or the spoon with the hand: each has its own skill.
+        skill, _ = shared_skill(scenario)
+    found = CheckFeasibility(scenario, skill)
     assert found.is_feasible
     assert np.all(found.followed)
     assert found.values["reachable_fraction"] == 1
@@ -54,7 +62,8 @@ def test_bundled_scenario_can_be_followed(bundled_skill, name):
 
 
 @pytest.mark.parametrize(
-    ("x", "reason"), [(0.80, "out of reach, by up to"), (0.35, "at a joint's wall")]
+    ("x", "reason"),
+    [(0.80, "out of reach, by up to"), (0.35, "at a joint-limit spring")],
 )
 def test_board_too_far_or_too_near_is_refused_and_the_move_helps(
     bundled_skill, x, reason
@@ -66,6 +75,45 @@ def test_board_too_far_or_too_near_is_refused_and_the_move_helps(
     far, way = re.search(r"board (\d+) cm (towards|away)", found.verdict).groups()
     moved = x + float(far) / 100 * (1 if way == "away" else -1)
     assert check(bundled_skill, x=moved).is_feasible
+
+
+@pytest.mark.parametrize(
+    "translation",
+    [[0.97, 0.0, 0.1], [0.55, 0.45, 0.1], [0.55, 0.0, 0.6]],
+)
+def test_change_that_the_verdict_names_makes_it_feasible(bundled_skill, translation):
+    scenario = Scenario()
+    scenario.board.translation = translation
+    found = CheckFeasibility(scenario, bundled_skill)
+    assert not found.is_feasible
+    assert found.suggested_tempo is None  # It alone would not do.
+    away = np.array([*translation[:2], 0.0]) / np.hypot(*translation[:2])
+    ways = {
+        "towards the arm": -away,
+        "away from the arm": away,
+        "up": np.array([0.0, 0.0, 1.0]),
+        "down": np.array([0.0, 0.0, -1.0]),
+        "to the arm's left": np.array([-away[1], away[0], 0.0]),
+        "to the arm's right": np.array([away[1], -away[0], 0.0]),
+    }
+    far, way = re.search(r"move the board (\d+) cm ([^,.]+)", found.verdict).groups()
+    scenario.board.translation = [*(translation + float(far) / 100 * ways[way])]
+    if slower := re.search(r", and slow down to tempo (\d\.\d+)", found.verdict):
+        assert not CheckFeasibility(scenario, bundled_skill).is_feasible
+        scenario.skill.tempo = float(slower[1])
+    assert CheckFeasibility(scenario, bundled_skill).is_feasible
+
+
+def test_start_that_is_too_far_out_is_moved_and_not_the_board(bundled_skill):
+    found = check(bundled_skill, start=(0.42, 0.0, 0.05))
+    assert not found.is_feasible
+    assert "What would help: start at 0 0 0.05." in found.verdict
+
+
+def test_nothing_is_promised_where_nothing_helps(bundled_skill):
+    found = check(bundled_skill, x=2.0)
+    assert "What would help: nothing that was tried, which is" in found.verdict
+    assert "by up to 40 cm" in found.verdict
 
 
 def test_skill_that_needs_more_torque_than_is_allowed_is_refused(bundled_skill):
@@ -81,6 +129,7 @@ def test_skill_that_is_too_fast_is_refused_and_the_tempo_helps(bundled_skill):
     assert not found.is_feasible
     tempo = float(re.search(r"slow down to tempo (\d\.\d+)", found.verdict)[1])
     assert "is braked from 85 % on" in found.verdict
+    assert found.suggested_tempo == pytest.approx(tempo)
     slower = check(bundled_skill, tempo=tempo)
     assert slower.is_feasible
     assert slower.values["largest_speed_ratio"] > 0.8
@@ -96,7 +145,7 @@ def test_board_that_the_elbow_would_touch_is_refused_and_the_move_helps(
     scenario.board.motion.amplitude = rail
     found = CheckFeasibility(scenario, bundled_skill)
     assert not found.is_feasible
-    assert re.search(r"% of the way panda_link4 touches the board", found.verdict)
+    assert re.search(r"% of the path panda_link4 touches the board", found.verdict)
     assert found.values["smallest_clearance"] < 0.02
     down = int(re.search(r"move the board (\d+) cm down", found.verdict)[1])
     scenario.board.translation[2] -= down / 100
@@ -110,7 +159,7 @@ def test_distance_of_the_links_is_that_of_the_simulated_shapes():
     scene = AddBoardScene(builder, scenario, start=[0.0, 0.1, 0.0])
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    plant, links = scene.plant, ArmClearance()
+    plant, links = scene.plant, ArmClearance(scene.robot.config)
     rng = np.random.default_rng(2)
     limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
     box, X_BW = BoardBox(scenario.board), scene.X_WB.inverse().GetAsMatrix34()
@@ -140,6 +189,17 @@ def test_distance_of_the_links_is_that_of_the_simulated_shapes():
     assert compared > 10
 
 
+def test_joint_may_briefly_be_near_its_limit():
+    """It went well when it was run: for 1.3 % of the path a joint is near its limit."""
+    trial = TrialSpec.load("default").draw(seed=31, number=31)
+    scenario = ParseScenario(trial.scenario)
+    skill, _ = shared_skill(scenario)
+    assert CheckFeasibility(scenario, skill).is_feasible
+    strict = FollowingBounds(brief=0.01)
+    refused = CheckFeasibility(scenario, skill, bounds=strict)
+    assert "1.3 % of the path is at a joint-limit spring" in refused.verdict
+
+
 def test_press_whose_friction_drags_the_eraser_is_refused(bundled_skill):
     found = check(bundled_skill, press=34.0)
     assert not found.is_feasible
@@ -159,7 +219,7 @@ def test_standstill_is_checked_as_a_slow_movement(bundled_skill):
 
 
 def test_skill_without_three_channels_is_refused(small_skill):
-    with pytest.raises(StationError, match="2 channels"):
+    with pytest.raises(StationError, match="a robot needs z as well"):
         CheckFeasibility(Scenario(), small_skill)
 
 

@@ -10,9 +10,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import BoardConfig
+from fmp_drake.station.scene import AddBoardScene
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
 from fmp_drake.systems.impedance.status import StatusFlag
@@ -61,11 +61,13 @@ def press_run(*, enabled, height, friction, tilt=5.0, seconds=4.5, lift=np.inf):
             )
     controller = builder.AddSystem(
         OperationalSpaceImpedanceController(
-            scene.arm,
-            end_effector=scene.arm_tip,
+            scene.model.plant,
+            end_effector=scene.model.tip,
             X_WT=RigidTransform([0.55, 0.0, 0.10]),  # Where the board is thought.
-            config=ImpedanceConfig(force_control=ForceControlConfig(enabled=enabled)),
-            q_posture=plant.GetDefaultPositions(scene.panda),
+            config=scene.robot.config.complete(
+                ImpedanceConfig(force_control=ForceControlConfig(enabled=enabled))
+            ),
+            q_posture=plant.GetDefaultPositions(scene.robot.arm),
         )
     )
 
@@ -85,19 +87,19 @@ def press_run(*, enabled, height, friction, tilt=5.0, seconds=4.5, lift=np.inf):
     source = builder.AddSystem(
         Signals({n: (6 if "wrench" in n else 3, f) for n, f in signals.items()}, 7)
     )
-    state = plant.get_state_output_port(scene.panda)
+    state = plant.get_state_output_port(scene.robot.arm)
     for system in (source, controller):
         builder.Connect(state, system.GetInputPort("state"))
     for name in signals:
         builder.Connect(source.GetOutputPort(name), controller.GetInputPort(name))
     builder.Connect(
         controller.GetOutputPort("torque"),
-        plant.get_actuation_input_port(scene.panda),
+        plant.get_actuation_input_port(scene.robot.arm),
     )
     sensor = builder.AddSystem(
         InkBoard(
             plant=plant,
-            eraser=scene.tip,
+            eraser=scene.robot.tip,
             surface=scene.surface,
             grid=InkGrid(size=(0.5, 0.7), cell=0.1),
             period=1.0,

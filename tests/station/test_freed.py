@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 
 from fmp_drake.station import (
     LoadScenario,
-    MakeTeachingStation,
+    MakeStation,
     MakeWipingStation,
     SimulatedHand,
 )
@@ -26,7 +26,7 @@ def wiping(skill, name="table_top"):
 
 
 def taught_by(hand):
-    return MakeTeachingStation(LoadScenario("table_top"), hand)
+    return MakeStation(LoadScenario("table_top"), hand)
 
 
 STATIONS = {

@@ -30,10 +30,10 @@ from fmp_drake.station.models import model_files
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import (
     AddFmpDrakePackage,
-    AddPandaWithEraser,
     models_dir,
 )
 from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.station.scenario_parts import BoardConfig, EraserConfig
 
 START = np.array([0, -math.pi / 4, 0, -3 * math.pi / 4, 0, math.pi / 2, math.pi / 4])
@@ -59,7 +59,7 @@ def arm() -> MultibodyPlant:
 @pytest.fixture(scope="module")
 def arm_with_eraser() -> MultibodyPlant:
     plant = MultibodyPlant(1e-3)
-    AddPandaWithEraser(plant)
+    AddRobot(plant, LoadRobot("panda"))
     plant.Finalize()
     return plant
 
@@ -230,7 +230,8 @@ def test_eraser_faces_the_table_at_the_start_posture(arm_with_eraser):
 
 def test_adding_returns_the_two_instances_and_no_freedom_but_the_arm():
     plant = MultibodyPlant(1e-3)
-    panda, eraser = AddPandaWithEraser(plant)
+    robot = AddRobot(plant, LoadRobot("panda"))
+    panda, eraser = robot.arm, robot.tool
     plant.Finalize()
     assert plant.GetModelInstanceName(panda) == "panda"
     assert plant.GetModelInstanceName(eraser) == "eraser"
@@ -266,7 +267,7 @@ def test_eraser_inertia_is_that_of_its_four_solids(arm_with_eraser):
 def test_what_wipes_and_what_is_wiped_is_compliant_and_the_arm_is_not():
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), builder)
-    AddPandaWithEraser(plant)
+    AddRobot(plant, LoadRobot("panda"))
     AddWhiteboard(plant, BoardConfig())
     plant.Finalize()
     inspector = scene_graph.model_inspector()

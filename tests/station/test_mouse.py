@@ -9,9 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.parts.board_scene import AddBoardScene
-from fmp_drake.station.parts.mouse import AddMousePull
+from fmp_drake.station.external_forces import AddMousePull
 from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.scene import AddBoardScene
 
 BODIES = ["eraser/eraser", "panda/panda_link5", "panda/panda_link3"]
 
@@ -32,8 +32,10 @@ class Scene:
         )
         self.pull = AddMousePull(builder, self.plant, scene.scene_graph, self.meshcat)
         builder.Connect(self.pull, self.plant.GetInputPort("applied_spatial_force"))
-        self.arm = scene.panda
-        builder.ExportInput(self.plant.get_actuation_input_port(scene.panda), "torque")
+        self.arm = scene.robot.arm
+        builder.ExportInput(
+            self.plant.get_actuation_input_port(scene.robot.arm), "torque"
+        )
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
         self.simulator.Initialize()

@@ -10,10 +10,10 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder, EventStatus
 from station_run import StationRun, check_limits
 
-from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import BoardError, BoardMotion, SensorConfig
-from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.station.scene import AddBoardScene
+from fmp_drake.station.station import MakeWipingStation
 from fmp_drake.systems.impedance.status import StatusFlag
 
 pytestmark = pytest.mark.slow
@@ -177,7 +177,7 @@ def test_board_that_stands_still_needs_no_task_frame(name, restless_skill):
     station = MakeWipingStation(LoadScenario(name), restless_skill)
     for part in (*FRAME, "rail", "rail_state"):
         assert not station.HasSubsystemNamed(part)
-    assert not station.GetSubsystemByName("panda_driver").HasSubsystemNamed("sensors")
+    assert not station.GetSubsystemByName("driver").HasSubsystemNamed("sensors")
 
 
 def test_rail_may_lie_across_a_tilted_board(bundled_skill):
@@ -205,7 +205,7 @@ def scene_of(scenario):
 def poses(scene):
     """Return X_WB and X_WE in the plant's default context."""
     context = scene.plant.CreateDefaultContext()
-    return (f.CalcPoseInWorld(context) for f in (scene.surface, scene.tip))
+    return (f.CalcPoseInWorld(context) for f in (scene.surface, scene.robot.tip))
 
 
 @pytest.mark.parametrize("amplitude", [0.0, 0.05])
@@ -267,11 +267,11 @@ def test_arm_wipes_with_late_and_noisy_sensors(sensed):
 
 
 def test_controller_sees_the_measured_state(sensed):
-    driver = sensed.station.GetSubsystemByName("panda_driver")
+    driver = sensed.station.GetSubsystemByName("driver")
     controller = sensed.station.GetSubsystemByName("controller")
     port = controller.GetInputPort("state")
     seen, real = port.Eval(sensed.context_of("controller")), sensed.log("state")[-1]
-    measured = driver.GetOutputPort("state").Eval(sensed.context_of("panda_driver"))
+    measured = driver.GetOutputPort("state").Eval(sensed.context_of("driver"))
     assert_array_equal(seen, measured)
     # The last sample was taken a millisecond ago, and comes 2 ms late.
     late = sensed.log("state")[-1 - 3]

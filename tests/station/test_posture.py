@@ -9,19 +9,19 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.models.model_files import AddPandaWithEraser
-from fmp_drake.station.parts.posture import SolvePosture
+from fmp_drake.station.reach.posture import SolvePosture
+from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.station.scenario import Scenario
 
 DOWN = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
-PREFERRED = np.array(Scenario().posture)
+PREFERRED = np.array(Scenario().preferred_posture())
 MIDDLE = (0.5, 0.0, 0.2)
 
 
 @pytest.fixture(scope="module")
 def arm():
     plant = MultibodyPlant(0.0)
-    AddPandaWithEraser(plant)
+    AddRobot(plant, LoadRobot("panda"))
     plant.Finalize()
     return plant
 

@@ -8,8 +8,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import FmpError, StationError
 from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.parts.board_scene import AddBoardScene
 from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
+from fmp_drake.station.scenario_parts import BoardConfig
+from fmp_drake.station.scene import AddBoardScene
 
 BUNDLED = sorted(path.stem for path in (models_dir() / "scenarios").glob("*.yaml"))
 
@@ -96,7 +97,7 @@ def test_two_scenarios_share_no_list():
     one, two = Scenario(), Scenario()
     one.board.translation[0] = 9.0
     one.start[0] = 9.0
-    one.posture[0] = 9.0
+    one.posture.append(9.0)
     assert dump(two) == dump(Scenario())
 
 
@@ -134,7 +135,8 @@ def test_missing_file_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("text", "reasons"),
     [
-        ("robot: ur5\n", ["robot", "board", "disturbances"]),
+        ("arm: ur5\n", ["arm", "board", "disturbances"]),
+        ("robot: nothing\n", ["there is no robot nothing", "panda"]),
         ("board: {height: 1.0}\n", ["board has no key 'height'", "translation, rpy"]),
         ("plant: {tme_step: 1.0}\n", ["plant has no key", "time_step"]),
         ("simulator: {scheme: cenic}\n", ["simulator", "integration_scheme"]),
@@ -162,6 +164,14 @@ def test_missing_file_is_named(tmp_path):
         ("board: {translation: [0.5, 0.0]}", ["board.translation", "3 numbers"]),
         ("board: {rpy: [0.0, .nan, 0.0]}", ["board.rpy[1] is nan", "finite"]),
         ("board: {size: [0.05, 0.7]}", ["board.size", "at least 0.1"]),
+        ("board: {shape: saddle}", ["board.shape", "plane, cylinder, dome, bowl"]),
+        ("board: {axis: z}", ["board.axis is z", "x or y"]),
+        ("board: {radius: 0}", ["board.radius", "positive"]),
+        (
+            "board: {shape: cylinder, radius: 0.1, size: [0.5, 0.7]}",
+            ["board.size", "0.700 m around a cylinder of 0.1 m", "0.628 m or less"],
+        ),
+        ("board: {shape: bowl, size: [0.8, 0.8]}", ["1.131 m", "0.942 m or less"]),
         ("board: {friction: -1}", ["board.friction", "at least 0"]),
         ("board: {motion: {axis: [0, 0, 0]}}", ["board.motion.axis", "a direction"]),
         ("eraser: {worn: 1.5}", ["eraser.worn", "at least 0 and at most 1"]),
@@ -187,6 +197,20 @@ def test_file_that_is_no_scenario_is_refused_in_one_line(write, text, reasons):
     for reason in reasons:
         assert reason in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_board_has_the_curvatures_of_its_shape():
+    expected = {
+        "plane": (0.0, 0.0),
+        "none": (0.0, 0.0),
+        "cylinder": (0.0, 2.0),
+        "dome": (2.0, 2.0),
+        "bowl": (-2.0, -2.0),
+    }
+    for shape, curvature in expected.items():
+        assert BoardConfig(shape=shape, radius=0.5).curvature() == curvature
+    along_y = BoardConfig(shape="cylinder", radius=0.5, axis="y")
+    assert along_y.curvature() == (2.0, 0.0)
 
 
 def test_bytes_that_are_no_text_are_refused(tmp_path):

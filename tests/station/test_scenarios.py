@@ -10,8 +10,8 @@ import json
 import pytest
 
 from fmp_drake.runs.metrics import NEAR_FORCE
-from fmp_drake.runs.skills import scenario_skill
-from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.runs.wiping_run import MakeRun
+from fmp_drake.skills.learning import scenario_skill
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 pytestmark = pytest.mark.slow
@@ -31,7 +31,7 @@ def metrics_of(name):
     for each in scenario.disturbances:
         each.start = end + APART
         end = each.start + each.duration
-    run = WipingRun(scenario, skill, demonstrations=demonstrations)
+    run = MakeRun(scenario, skill, demonstrations=demonstrations)
     run.advance_to(max(SECONDS, end + APART))
     return run.metrics()
 
@@ -54,25 +54,51 @@ class Run:
         assert metrics["joint_limit_margin_min_rad"] > 0
         assert metrics["fault_fraction"] == 0
 
-    def test_presses_as_wanted_while_it_touches(self, metrics):
-        assert NEAR_FORCE == 5.0
-        assert metrics["normal_force_wanted_fraction"] >= 0.95
-        assert metrics["contact_fraction"] > 0.9
-
     def test_remaps_without_a_jump(self, metrics):
         assert metrics["remap_count"] >= 1
         assert metrics["desired_position_jump_max_m"] < 1e-4
 
 
-class FixedBoardRun(Run):
+class FreeRun(Run):
+    """What holds in free space, too."""
+
+    def test_follows_positions_and_orientations(self, metrics):
+        assert metrics["tracking_rms_m"] < 1.5e-3
+        assert metrics["orientation_rms_deg"] < 0.6
+
+
+class BoardRun(Run):
+    """What holds on a board, too."""
+
+    def test_presses_as_wanted_while_it_touches(self, metrics):
+        assert NEAR_FORCE == 5.0
+        assert metrics["normal_force_wanted_fraction"] >= 0.95
+        assert metrics["contact_fraction"] > 0.9
+
+    def test_follows_the_force_of_the_moment(self, metrics):
+        assert metrics.get("normal_force_error_rms_n", 0.0) < 0.5
+
+
+class FixedBoardRun(BoardRun):
     """What holds on a board that stands still, too."""
 
     def test_cleans_most_of_the_demonstrated_area(self, metrics):
         assert metrics["cleaned_fraction_of_demonstrated_area"] >= 0.6
 
 
+class OtherArmRun(FixedBoardRun):
+    """What holds on the table top with another arm than the Panda, too."""
+
+    def test_presses_within_a_newton_and_follows_to_four_millimetres(self, metrics):
+        assert metrics["normal_force_p05_n"] > 9
+        assert metrics["normal_force_p95_n"] < 11
+        assert metrics["tracking_rms_m"] < 0.004
+
+
 for _name in ListScenarios():
-    _moves = LoadScenario(_name).board.motion.amplitude > 0
-    _kind = Run if _moves else FixedBoardRun
+    _scenario = LoadScenario(_name)
+    _kind = BoardRun if _scenario.board.motion.amplitude > 0 else FixedBoardRun
+    _kind = FreeRun if _scenario.board.shape == "none" else _kind
+    _kind = _kind if _scenario.robot == "panda" else OtherArmRun
     _class = f"Test_{_name}"
     globals()[_class] = type(_class, (_kind,), {"scenario": _name})

@@ -13,8 +13,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
 from fmp_drake.station.models.eraser import AddEraser
-from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.station.scenario_parts import BoardConfig, EraserConfig
 
 
@@ -123,7 +123,7 @@ def test_an_eraser_has_the_felt_that_it_is_given():
 def test_the_arm_carries_the_eraser_that_it_is_given():
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), DiagramBuilder())
     eraser = EraserConfig(footprint=[0.2, 0.1], modulus=2e4, friction=0.3)
-    AddPandaWithEraser(plant, eraser=eraser)
+    AddRobot(plant, LoadRobot("panda"), eraser)
     plant.Finalize()
     size, modulus, _, friction = _Properties(scene_graph.model_inspector(), "felt")
     np.testing.assert_array_equal(size, [0.2, 0.1, 0.03])

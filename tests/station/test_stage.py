@@ -17,9 +17,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.models.model_files import AddPandaWithEraser
 from fmp_drake.station.models.whiteboard import AddWhiteboard
-from fmp_drake.station.parts.stage import FIELD_OF_VIEW, RenderLights, SetStage
+from fmp_drake.station.page.stage import FIELD_OF_VIEW, RenderLights, SetStage
+from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.station.scenario_parts import BoardConfig
 
 EYE, TARGET = np.array([1.42, -0.92, 0.82]), np.array([0.36, 0.0, 0.25])
@@ -28,7 +28,7 @@ START = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
 
 def _Scene(builder):
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), builder)
-    panda, _ = AddPandaWithEraser(plant)
+    panda = AddRobot(plant, LoadRobot("panda")).arm
     AddWhiteboard(plant, BoardConfig())
     plant.WeldFrames(
         plant.world_frame(),

@@ -8,12 +8,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from station_run import MILLISECOND, StationRun, check_limits
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.parts.hands import SimulatedHand
+from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.station.scenario import LoadScenario, Scenario
-from fmp_drake.station.teaching_station import (
-    RATE,
+from fmp_drake.station.station import MakeStation
+from fmp_drake.station.teaching_hands import (
     DemonstrationFromRecorder,
-    MakeTeachingStation,
+    SimulatedHand,
 )
 from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion
 
@@ -25,7 +25,7 @@ SYSTEMS = {
     "plant",
     "scene_graph",
     "controller",
-    "panda_driver",
+    "driver",
     "human_hand",
     "leading",
     "recorder",
@@ -35,9 +35,7 @@ SYSTEMS = {
 
 def teach(task, *, seed=0, seconds=SECONDS):
     motion = HandMotion.make(task, seconds=SECONDS + 1, seed=seed)
-    run = StationRun(
-        MakeTeachingStation(LoadScenario("table_top"), SimulatedHand(motion))
-    )
+    run = StationRun(MakeStation(LoadScenario("table_top"), SimulatedHand(motion)))
     run.motion = motion
     return run.advance(seconds)
 
@@ -76,14 +74,14 @@ def test_every_system_has_a_name(lesson):
 
 
 def test_documentation_names_every_port_and_system():
-    words = re.findall(r"\w+", MakeTeachingStation.__doc__)
+    words = re.findall(r"\w+", MakeStation.__doc__)
     ports = {"position", "leading", "state", "torque", "actuation"}
     assert ports | SYSTEMS <= set(words)
 
 
 def test_recording_is_uniform_at_20_hertz(lesson):
     demonstration = recorded(lesson)
-    assert RATE == 20
+    assert DEFAULT_RATE == 20
     assert demonstration.is_uniform(20)
     assert demonstration.time[0] == 0
     assert demonstration.duration == pytest.approx(SECONDS - SETTLE)
@@ -161,4 +159,4 @@ def test_board_out_of_reach_is_refused():
     scenario.board.translation = [1.5, 0.0, 0.1]
     motion = HandMotion.make("eight", seconds=1, seed=0)
     with pytest.raises(StationError, match="cannot bring the eraser to"):
-        MakeTeachingStation(scenario, SimulatedHand(motion))
+        MakeStation(scenario, SimulatedHand(motion))

@@ -9,8 +9,8 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.errors import StationError
 from fmp_drake.station import AddBoardScene, LoadScenario, MakeWipingStation, Scenario
-from fmp_drake.station.parts.surface_watch import AddSurfaceWatch
 from fmp_drake.station.scenario_parts import BoardConfig, Disturbance
+from fmp_drake.station.tasks.wiping import AddSurfaceWatch
 from fmp_drake.systems import ImpedanceStatus, StatusFlag
 
 
@@ -68,7 +68,7 @@ def test_an_arm_that_falls_on_the_board_stays_above_it():
     sources = [builder.AddSystem(ConstantVectorSource(value)) for value in constant]
     status, torque = (source.get_output_port() for source in sources)
     AddSurfaceWatch(builder, scene, BoardConfig(), status=status)
-    builder.Connect(torque, scene.plant.get_actuation_input_port(scene.panda))
+    builder.Connect(torque, scene.plant.get_actuation_input_port(scene.robot.arm))
     diagram = builder.Build()
     simulator = Simulator(diagram)
     plant, context = scene.plant, simulator.get_context()

@@ -17,9 +17,9 @@ from station_run import StationRun, check_limits
 
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker, modulate_skill
-from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.wiping_station import MakeWipingStation
+from fmp_drake.station.station import MakeStation, MakeWipingStation
 from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.ink.grid import cleaned_fraction
 
@@ -36,6 +36,7 @@ PORTS = {
     "remaps": 2,
     "measured_position": 3,
     "measured_velocity": 3,
+    "measured_pose": 7,
     "tracking_error": 6,
     "status": 6,
     "torque": 7,
@@ -55,7 +56,7 @@ SYSTEMS = {
     "tempo",
     "desired_normal_force",
     "controller",
-    "panda_driver",
+    "driver",
     "ink_board",
     "surface_monitor",
     "status",
@@ -136,7 +137,7 @@ def test_every_system_has_a_name(wiped):
 
 
 def test_documentation_names_every_port_and_system():
-    words = re.findall(r"\w+", MakeWipingStation.__doc__)
+    words = re.findall(r"\w+", MakeStation.__doc__)
     assert set(PORTS) | SYSTEMS <= set(words)
 
 
@@ -206,7 +207,7 @@ def test_arm_keeps_its_limits(run):
 def test_actuation_is_torque_plus_gravity(from_outside):
     gravity = from_outside.log("actuation") - from_outside.log("torque")
     arm = MultibodyPlant(time_step=0.0)
-    AddPandaWithEraser(arm)
+    AddRobot(arm, LoadRobot("panda"))
     arm.Finalize()
     context = arm.CreateDefaultContext()
     for k in (0, 3000, 7000):
@@ -415,10 +416,10 @@ def test_start_out_of_reach_is_refused(restless_skill):
         make_station(restless_skill, start=[0.5, 0.0, 0.05])
 
 
-def test_skill_without_three_channels_is_refused(bundled_demonstration):
+def test_skill_without_a_height_is_refused(bundled_demonstration):
     flat = bundled_demonstration.select(["x", "y"])
     skill = FourierMovementPrimitive(n_components=2).fit([flat])
-    with pytest.raises(StationError, match=r"2 channels.*needs the 3"):
+    with pytest.raises(StationError, match="a robot needs z as well"):
         make_station(skill)
 
 

@@ -1,12 +1,14 @@
 """Worlds in which something once went wrong, for some seconds each."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
-from fmp_drake.experiments.worlds import World, WorldSpec, faults
-from fmp_drake.experiments.worlds.world import as_stored, make_run
+from fmp_drake.experiments.trials import TrialSpec
+from fmp_drake.experiments.trials.running import as_stored, make_run
+from fmp_drake.experiments.trials.trial import faults
 from fmp_drake.station import CheckFeasibility
 
 pytestmark = pytest.mark.slow
@@ -17,7 +19,7 @@ NEVER = {"through", "nan", "limit"}
 
 @pytest.fixture(scope="module")
 def spec():
-    return WorldSpec.load("default")
+    return TrialSpec.load("default")
 
 
 @pytest.mark.parametrize("number", WORST["numbers"])
@@ -26,15 +28,8 @@ def test_nothing_impossible_happens_in_one_of_the_worst_worlds(spec, number):
     drawn = spec.draw(seed=WORST["seed"], number=number)
     run = make_run(drawn.scenario)
     run.advance_to(WORST["seconds"])
-    world = World(
-        number=number,
-        code="",
-        scenario=drawn.scenario,
-        parameters=drawn.parameters,
-        checked={},
-        metrics=as_stored(run.metrics()),
-    )
-    assert [fault.words for fault in faults(world) if fault.kind in NEVER] == []
+    trial = replace(drawn, metrics=as_stored(run.metrics()))
+    assert [fault.words for fault in faults(trial) if fault.kind in NEVER] == []
 
 
 def make(spec, number):

@@ -10,8 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems import EraseTimes
-from fmp_drake.systems.erase_times import NEVER
+from fmp_drake.systems.erase_times import NEVER, EraseTimes
 
 PERIOD = 0.05
 # Each cell's ink at the start, and the number of the update that cleans it.

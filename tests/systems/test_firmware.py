@@ -2,19 +2,27 @@
 
 import numpy as np
 import pytest
+from drake import lcmt_panda_command, lcmt_panda_status
 
 from fmp_drake.systems.panda.firmware import (
     FirmwareConfig,
     FirmwareState,
     Obeyed,
     firmware_step,
-    torque_command,
 )
 
 NOW = 1.7e9
 ZERO = np.zeros(7)
 # What 1 rad/s is damped by within a millisecond: the fastest joint changes by 1 Nm.
 DAMPED = -np.array(FirmwareConfig().damping) / max(FirmwareConfig().damping)
+
+
+def torque_command(torque, time):
+    message = lcmt_panda_command()
+    message.utime = round(1e6 * time)
+    message.num_joint_torque, message.joint_torque = len(torque), list(torque)
+    message.control_mode_expected = lcmt_panda_status.CONTROL_MODE_TORQUE
+    return message
 
 
 def stepped(command, state=None, *, velocity=ZERO):

@@ -5,7 +5,11 @@ import copy
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    Simulator,
+    SimulatorConfig,
+)
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
@@ -24,6 +28,7 @@ OUTPUTS = {
     "plan": 62,
     "plan_covariance": 124,
     "remaps": 2,
+    "measurement_age": 1,
 }
 TICK = 0.1
 REMAP = 2.0  # (T - K) / rate of `small_skill`
@@ -74,6 +79,7 @@ def expected_outputs(player, state):
         "weights": player.weights(state),
         "component": [state.component],
         "remaps": [state.remaps, 0],
+        "measurement_age": [0.0],
     }
 
 
@@ -351,6 +357,26 @@ def test_cloned_context_goes_on_identically(small_skill, start, tempo, threshold
         assert_same_outputs(outputs(system, clone), expected)
 
 
+def test_a_context_is_restored_after_drake_has_set_its_integrator(system, start):
+    simulator = simulator_at(system, start)
+    simulator.AdvanceTo(2.35)
+    saved = simulator.get_context().Clone()
+    simulator.AdvanceTo(5.0)
+    other = Simulator(system)
+    config = SimulatorConfig(integration_scheme="runge_kutta3")
+    # Drake sets the time of the context that it finds to 0.
+    other.get_mutable_context().SetTimeStateAndParametersFrom(saved)
+    ApplySimulatorConfig(config, other)
+    assert other.get_context().get_time() == 0.0
+    other.get_mutable_context().SetTimeStateAndParametersFrom(saved)
+    fix = system.GetInputPort("measured_position").FixValue
+    fix(other.get_mutable_context(), start)
+    other.AdvanceTo(5.0)
+    assert_same_outputs(
+        outputs(system, other.get_context()), outputs(system, simulator.get_context())
+    )
+
+
 def test_caching_makes_no_difference(system, start):
     cached = record(simulator_at(system, start), 4.5)
     context = context_at(system, start)
@@ -414,6 +440,12 @@ def test_starts_at_any_time(system, small_skill, start, t0):
 def test_start_that_is_not_finite_is_refused(system):
     with pytest.raises(SkillError, match="expected 2 finite numbers"):
         simulator_at(system, [0.0, np.nan])
+
+
+@pytest.mark.parametrize("far", [1e11, -1e11, 9.0])
+def test_start_far_from_what_was_shown_is_refused(system, start, far):
+    with pytest.raises(SystemsError, match="near what was shown"):
+        simulator_at(system, [start[0], far])
 
 
 def test_forgotten_input_is_an_error_that_names_port_and_system(system):
@@ -608,6 +640,50 @@ def test_reactive_remapping_goes_on_where_the_robot_was_led(reactive, small_skil
     free = record(simulator_at(reactive.__class__(small_skill), (low + high) / 2), 20)
     unled = np.linalg.norm(free[:, :2] - held, axis=1)
     assert np.mean(away[20:]) < 0.5 * np.mean(unled[60:])
+
+
+def with_hole(system, start, value, length, *, begin=1.0, until=4.0):
+    """Play while the measurement is wrong from begin on for a length, s."""
+    simulator = simulator_at(system, start)
+    context = simulator.get_mutable_context()
+    rows = []
+    for i in range(round(until / 0.02) + 1):
+        now = 0.02 * i
+        simulator.AdvanceTo(now)
+        shown = {n: v.copy() for n, v in outputs(system, context).items()}
+        is_hole = begin <= now < begin + length
+        measured = [value, 0.0] if is_hole else shown["position"]
+        system.GetInputPort("measured_position").FixValue(context, measured)
+        rows.append(np.r_[now, shown["position"], shown["measurement_age"]])
+    return np.array(rows), outputs(system, context)["remaps"]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e11, -1e11])
+@pytest.mark.parametrize("length", [0.15, 1.5])
+def test_a_hole_in_the_measurement_is_bridged_and_then_stops(
+    small_skill, start, value, length
+):
+    # A threshold that the movement itself does not reach in the hole.
+    system = FourierPrimitiveSystem(small_skill, push_threshold=1.0)
+    free, _ = with_hole(system, start, value, 0.0)
+    rows, remaps = with_hole(system, start, value, length)
+    assert np.all(np.isfinite(rows))
+    assert remaps[1] == 0
+    time, path, age = rows[:, 0], rows[:, 1:3], rows[:, 3]
+    in_hole = (time > 1.11) & (time < 1.0 + length)
+    assert_allclose(age[in_hole], time[in_hole] - 1.0, atol=0.11)
+    assert not np.any(age[(time < 1.0) | (time > 1.11 + length)])
+    step = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    if length < 0.5:
+        assert_allclose(path, free[:, 1:3], atol=1e-12)
+        return
+    assert_allclose(path[time < 1.5], free[time < 1.5, 1:3], atol=1e-12)
+    assert step[(time[1:] > 2.0) & (time[1:] < 2.5)].max() < 1e-3
+    # It goes on afterwards, without a jump.
+    assert step[time[1:] > 3.0].max() > 1e-3
+    assert (
+        step.max() < 1.5 * np.linalg.norm(np.diff(free[:, 1:3], axis=0), axis=1).max()
+    )
 
 
 def test_seconds_and_threshold_must_be_positive(small_skill):

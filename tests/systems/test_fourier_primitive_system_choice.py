@@ -31,7 +31,7 @@ def system(skill):
 
 
 def make_system(skill, **options):
-    options = {"sample": True, "seed": 3, "choice": CHOICE} | options
+    options = {"sample": True, "seed": 3, "choice": CHOICE, "margin": None} | options
     return FourierPrimitiveSystem(skill, **options)
 
 

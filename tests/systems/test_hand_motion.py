@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion, HandVariability
+from fmp_drake.systems.teaching.hand_motion import (
+    POSED_TASKS,
+    TASKS,
+    HandMotion,
+    HandVariability,
+)
 
 RATE = 200
 STEADY = HandVariability(frequency=0, amplitude=0, centre=0, tremor=0)
@@ -18,6 +23,27 @@ TURNS = {"wiping": (1, 3), "polishing": (1, 1), "eight": (2, 1)}
 
 def test_tasks_are_those_of_the_paper():
     assert set(TASKS) == set(PERIODS)
+
+
+@pytest.mark.parametrize("task", POSED_TASKS)
+def test_a_posed_motion_has_its_channels_around_their_means(task):
+    motion = HandMotion.make(task, seconds=60, seed=2)
+    mean = dict(zip(motion.channels, motion.position.mean(axis=0), strict=True))
+    spread = dict(zip(motion.channels, np.ptp(motion.position, axis=0), strict=True))
+    if task == "pulsing":
+        assert motion.channels == ("x", "y", "force")
+        assert mean["force"] == pytest.approx(10.0, abs=0.5)
+        assert 4.5 < spread["force"] < 8.5
+    else:
+        assert motion.channels == ("x", "y", "z", "rx", "ry", "rz")
+        assert mean["z"] == pytest.approx(0.06, abs=0.005)
+        assert 0.5 < spread["rx"] < 0.9
+        # The tool's z leans away from the middle: the hand moves less than the tip.
+        x, y, ry, rx = (
+            motion.position[:, motion.channels.index(c)] for c in ("x", "y", "ry", "rx")
+        )
+        assert np.corrcoef(x, ry)[0, 1] < -0.9
+        assert np.corrcoef(y, rx)[0, 1] > 0.9
 
 
 @pytest.mark.parametrize("task", TASKS)

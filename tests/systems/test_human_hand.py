@@ -23,7 +23,15 @@ from pydrake.systems.primitives import LogVectorOutput
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.human_hand import GripConfig, HumanHand
+from fmp_drake.systems.human_hand import (
+    DAMPING,
+    NORMAL_FORCE,
+    ROTATIONAL_DAMPING,
+    ROTATIONAL_STIFFNESS,
+    STIFFNESS,
+    HumanHand,
+)
+from fmp_drake.systems.surface.surface import Surface, place, rotation
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 INPUTS = ("body_poses", "body_spatial_velocities")
@@ -32,10 +40,9 @@ X_WB = RigidTransform(RollPitchYaw(0.2, -0.3, 0.7), [0.5, -0.1, 0.2])
 X_LE = RigidTransform(RollPitchYaw(0.1, 0.4, -0.2), [0.02, -0.03, 0.1])
 R_BE = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
 MOTION = HandMotion.make("eight", seconds=4, seed=7)
-GRIP = GripConfig()
 
 
-def make_hand(motion=MOTION, config=None):
+def make_hand(motion=MOTION, surface=None):
     """Return a hand that holds a frame off the origin of a free body."""
     plant = MultibodyPlant(1e-3)
     body = plant.AddRigidBody("tool", SpatialInertia.SolidSphereWithMass(1.0, 0.05))
@@ -43,7 +50,12 @@ def make_hand(motion=MOTION, config=None):
     plant.Finalize()
     assert isinstance(body, RigidBody)
     return HumanHand(
-        plant, grip=grip, X_WB=X_WB, motion=motion, R_BE=R_BE, config=config
+        plant,
+        grip=grip,
+        X_WB=X_WB,
+        motion=motion,
+        R_BE=R_BE,
+        surface=Surface() if surface is None else surface,
     )
 
 
@@ -131,11 +143,11 @@ def test_force_is_a_spring_a_damper_and_a_press(offset, velocity, spin, time):
     V_WE = np.concatenate([R_WB @ np.array(spin), R_WB @ np.array(velocity)])
     torque, force, _ = evaluate(make_hand(), at_rest(time, offset), V_WE, time=time)
     _, target_velocity = MOTION.at(time)
-    expected = -GRIP.damping * (np.array(velocity) - [*target_velocity, 0.0])
-    expected[:2] -= GRIP.stiffness * np.array(offset[:2])
-    expected[2] -= GRIP.normal_force
+    expected = -DAMPING * (np.array(velocity) - [*target_velocity, 0.0])
+    expected[:2] -= STIFFNESS * np.array(offset[:2])
+    expected[2] -= NORMAL_FORCE
     assert_allclose(force, expected, atol=1e-9)
-    assert_allclose(torque, -GRIP.rotational_damping * np.array(spin), atol=1e-9)
+    assert_allclose(torque, -ROTATIONAL_DAMPING * np.array(spin), atol=1e-9)
 
 
 @settings(deadline=None, max_examples=30)
@@ -144,7 +156,7 @@ def test_torque_turns_the_tool_back_level(tilt):
     turn = Rotation.from_rotvec(tilt).as_matrix()
     tilted = at_rest(tilt=RotationMatrix(turn))
     torque, *_ = evaluate(make_hand(), tilted)
-    assert_allclose(torque, -GRIP.rotational_stiffness * np.array(tilt), atol=1e-6)
+    assert_allclose(torque, -ROTATIONAL_STIFFNESS * np.array(tilt), atol=1e-6)
 
 
 def test_two_contexts_stay_independent(hand):
@@ -187,13 +199,6 @@ def test_forgotten_input_is_named(hand, forgotten):
         hand.GetOutputPort("spatial_forces").Eval(context)
 
 
-@pytest.mark.parametrize("name", sorted(vars(GripConfig())))
-@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
-def test_grip_of_no_person_is_refused(name, value):
-    with pytest.raises(SystemsError, match=f"{name} is {value}"):
-        make_hand(config=GripConfig(**{name: value}))
-
-
 def test_plant_that_is_not_finalized_is_refused():
     plant = MultibodyPlant(1e-3)
     with pytest.raises(SystemsError, match=r"Finalize\(\)"):
@@ -234,7 +239,6 @@ def sliding_puck():
             X_WB=X_WB,
             motion=MOTION,
             R_BE=RotationMatrix(),
-            config=GripConfig(normal_force=0.0),
         )
     )
     for name in INPUTS:
@@ -259,7 +263,7 @@ def test_the_hand_takes_the_tool_along_its_path(sliding_puck):
     times, positions = guided(sliding_puck)
     wanted = np.array([MOTION.at(time)[0] for time in times])
     settled = times > 1.0
-    assert np.max(np.abs(positions - np.pad(wanted, ((0, 0), (0, 1))))[settled]) < 0.01
+    assert np.max(np.abs(positions[:, :2] - wanted)[settled]) < 0.01
     assert np.ptp(wanted[settled], axis=0).min() > 0.1
 
 
@@ -283,3 +287,32 @@ def test_two_interleaved_simulations_do_not_disturb_each_other(sliding_puck):
     one, two = (logger.FindLog(s.get_context()).data().T for s in simulators)
     assert_array_equal(one, alone)
     assert np.max(np.abs(two - one)) > 0.05
+
+
+@pytest.mark.parametrize("k", [(0.0, 3.0), (4.0, 4.0), (-3.0, -3.0)])
+def test_hand_presses_and_turns_along_the_normal_of_a_curved_board(k):
+    surface, time = Surface(*k), 0.5
+    hand = make_hand(surface=surface)
+    (u, v), rate = MOTION.at(time)
+    R_BT = RotationMatrix(rotation(surface, u, v))
+    p_BE = place(surface, np.array([[u, v, 0.0]]))[0]
+    torque, force, _ = evaluate(hand, RigidTransform(R_BT @ R_BE, p_BE), time=time)
+    expected = R_BT @ np.array([*(DAMPING * rate), -NORMAL_FORCE])
+    assert_allclose(force, expected, atol=1e-9)
+    # It turns with the normal along its way.
+    later = RotationMatrix(rotation(surface, u + 1e-5 * rate[0], v + 1e-5 * rate[1]))
+    turn = (later @ R_BT.inverse()).ToAngleAxis()
+    omega = turn.angle() * turn.axis() / 1e-5
+    assert_allclose(torque, ROTATIONAL_DAMPING * omega, atol=1e-3)
+    # 2 cm behind, the spring pulls along the surface, and not through it.
+    behind = place(surface, np.array([[u - 0.02, v, 0.0]]))[0]
+    R_BT = RotationMatrix(rotation(surface, u - 0.02, v))
+    _, force, _ = evaluate(hand, RigidTransform(R_BT @ R_BE, behind), time=time)
+    pull = R_BT.inverse() @ force - [*(DAMPING * rate), -NORMAL_FORCE]
+    assert_allclose(pull, [STIFFNESS * 0.02, 0, 0], atol=0.5)
+    # Held as on a flat board, it is turned back.
+    level, _, _ = evaluate(hand, RigidTransform(R_BE, p_BE), time=time)
+    turned = np.hypot(surface.kx * u, surface.ky * v)
+    assert np.linalg.norm(level - torque) == pytest.approx(
+        ROTATIONAL_STIFFNESS * turned, rel=1e-6
+    )

@@ -4,11 +4,13 @@ The figures are saved as a table in out/impedance.md. Configurations of the arm,
 task frames and the axes of the stiffness are random, from fixed seeds.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from arm_loop import (
+    PANDA_FRICTION,
     Q_START,
     ArmLoop,
     configurations,
@@ -21,8 +23,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.friction import (
-    FrictionConfig,
+from fmp_drake.systems.impedance.joints import (
     SigmoidFriction,
     friction_torque,
 )
@@ -676,7 +677,7 @@ def test_a_stiffness_that_is_no_spring_is_refused_and_the_last_is_kept():
 
 
 def test_compensated_friction_leaves_a_smaller_error(table):
-    friction = SigmoidFriction.of(FrictionConfig(), n=7)
+    friction = SigmoidFriction.of(PANDA_FRICTION, n=7)
     p = pose_in_task(make_arm(), Q_START, RigidTransform([0.5, 0, 0.1])).translation()
     omega = np.pi
 
@@ -693,7 +694,7 @@ def test_compensated_friction_leaves_a_smaller_error(table):
     rms = []
     for enabled in (False, True):
         config = ImpedanceConfig(
-            friction_compensation=FrictionConfig(enabled=enabled, gain=0.9)
+            friction_compensation=replace(PANDA_FRICTION, enabled=enabled, gain=0.9)
         )
         logs = ArmLoop(
             signals,
@@ -738,6 +739,7 @@ def test_every_optional_input_is_followed_with_and_without_caching():
     config.force_control.rest_distance = 10.0  # The frames of below are anywhere.
     config.stiffness_time_constant = 0.0
     config.tank = EnergyTankConfig(initial_energy=1e6, capacity=1e6)
+    config.watchdog.max_start_distance = 10.0
     controller = OperationalSpaceImpedanceController(
         plant,
         end_effector=plant.GetFrameByName("eraser_tip"),

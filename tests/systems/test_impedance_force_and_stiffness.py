@@ -15,19 +15,19 @@ from fmp_drake.systems.impedance.algebra import (
 from fmp_drake.systems.impedance.force_control import (
     ForceControlConfig,
     ForceState,
-    Press,
+    NormalForceDemand,
     approach_factor,
     correct_normal_force,
     engagement,
     with_force,
 )
-from fmp_drake.systems.impedance.settings import values_of
+from fmp_drake.systems.impedance.records import values_of
 from fmp_drake.systems.impedance.stiffness import (
     CovarianceStiffnessConfig,
     EnergyTankConfig,
     admit_stiffness,
     is_covariance,
-    is_spring,
+    is_positive_definite,
     refill,
     stiffness_from_covariance,
 )
@@ -42,7 +42,7 @@ seeds = st.integers(0, 2**32 - 1)
 def pushed(measured, *, wanted=10.0, steps=1, state=None, **others):
     """Feed the same measured force, or none, for some milliseconds."""
     state = ForceState() if state is None else state
-    press = Press(
+    press = NormalForceDemand(
         wanted=wanted,
         measured=np.nan if measured is None else measured,
         searching=wanted > 0,
@@ -201,11 +201,11 @@ def test_what_is_no_covariance_or_spring_is_told():
     assert is_covariance(np.diag([1.0, 0.0, 1e-9]))
     assert not is_covariance(np.diag([1.0, -0.1, 1.0]))
     assert not is_covariance(np.eye(3) + np.eye(3, k=1))
-    assert is_spring(K)
-    assert not is_spring(np.diag([1.0, 1, 1, 1, 1, 0]))
-    assert not is_spring(-K)
-    assert not is_spring(K + np.eye(6, k=1))
-    assert not is_spring(np.full((6, 6), np.nan))
+    assert is_positive_definite(K)
+    assert not is_positive_definite(np.diag([1.0, 1, 1, 1, 1, 0]))
+    assert not is_positive_definite(-K)
+    assert not is_positive_definite(K + np.eye(6, k=1))
+    assert not is_positive_definite(np.full((6, 6), np.nan))
 
 
 # The tank.

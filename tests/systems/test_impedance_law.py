@@ -9,10 +9,15 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.errors import ControllerError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.impedance.algebra import Pose, rotation_vector
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
+from fmp_drake.systems.impedance.joints import (
+    JointWallConfig,
+    rate_scale,
+    torque_scale,
+)
 from fmp_drake.systems.impedance.law import (
     ArmDynamics,
     impedance_law,
@@ -21,12 +26,7 @@ from fmp_drake.systems.impedance.law import (
     spring_wrench,
     task_modes,
 )
-from fmp_drake.systems.impedance.limits import (
-    JointWallConfig,
-    rate_scale,
-    torque_scale,
-)
-from fmp_drake.systems.impedance.settings import values_of
+from fmp_drake.systems.impedance.records import values_of
 from fmp_drake.systems.impedance.stiffness import (
     CovarianceStiffnessConfig,
     EnergyTankConfig,
@@ -346,34 +346,49 @@ def test_yaml_overrides_single_values():
     [
         (
             {"translational_stiffness": [1.0, 2.0]},
-            r"translational_stiffness must be 3 finite numbers, got \[1.0, 2.0\]",
+            r"translational_stiffness is \[1.0, 2.0\]; expected 3 numbers",
         ),
-        ({"rotational_stiffness": [1.0, math.nan, 1.0]}, "rotational_stiffness.*nan"),
-        ({"rotational_stiffness": [1.0, 0.0, 1.0]}, "rotational_stiffness.*positive"),
-        ({"orientation": [0.0] * 4}, "orientation must be 3"),
-        ({"orientation": [math.inf, 0.0, 0.0]}, "orientation must be 3 finite"),
-        ({"damping_ratio": -1.0}, "damping_ratio .* greater than 0, got -1.0"),
-        ({"damping_ratio": math.nan}, "damping_ratio .* finite .* got nan"),
-        ({"posture_frequency": -1.0}, "posture_frequency .* at least 0, got -1.0"),
-        ({"posture_damping_ratio": -1.0}, "posture_damping_ratio .* got -1.0"),
-        ({"max_translation_error": 0.0}, "max_translation_error .* got 0.0"),
-        ({"max_rotation_error": math.nan}, "max_rotation_error .* got nan"),
+        (
+            {"rotational_stiffness": [1.0, math.nan, 1.0]},
+            r"rotational_stiffness\[1\] is nan",
+        ),
+        (
+            {"rotational_stiffness": [1.0, 0.0, 1.0]},
+            r"rotational_stiffness\[1\] .* positive \(use a small number for a free",
+        ),
+        ({"orientation": [0.0] * 4}, "orientation is .*; expected 3"),
+        ({"orientation": [math.inf, 0.0, 0.0]}, r"orientation\[0\] is inf; .* finite"),
+        ({"damping_ratio": -1.0}, "damping_ratio is -1.0; it must be positive"),
+        ({"damping_ratio": math.nan}, "damping_ratio is nan; it must be positive"),
+        (
+            {"posture_frequency": -1.0},
+            "posture_frequency is -1.0; it must be at least 0",
+        ),
+        ({"posture_damping_ratio": -1.0}, "posture_damping_ratio is -1.0"),
+        ({"max_translation_error": 0.0}, "max_translation_error is 0.0"),
+        ({"max_rotation_error": math.nan}, "max_rotation_error is nan"),
         ({"max_posture_error": -0.1}, "max_posture_error"),
-        ({"max_torque_rate": math.inf}, "max_torque_rate .* got inf"),
+        ({"max_torque_rate": math.inf}, "max_torque_rate is inf"),
         ({"max_effective_mass": 0.0}, "max_effective_mass"),
         ({"characteristic_length": 0.0}, "characteristic_length"),
         ({"control_period": 0.0}, "control_period"),
         ({"stiffness_time_constant": math.nan}, "stiffness_time_constant"),
-        ({"walls": JointWallConfig(width=0.0)}, r"walls\.width .* greater than 0"),
+        (
+            {"walls": JointWallConfig(width=0.0)},
+            r"walls\.width is 0.0; it must be positive",
+        ),
         (
             {"walls": JointWallConfig(speed_fraction=1.1)},
-            "speed_fraction must be at most 1",
+            "speed_fraction is 1.1; .* at most 1",
         ),
         ({"watchdog": WatchdogConfig(max_age=-1.0)}, r"watchdog\.max_age"),
-        ({"tank": EnergyTankConfig(initial_energy=2.0)}, "initial_energy must be"),
+        (
+            {"tank": EnergyTankConfig(initial_energy=2.0)},
+            "initial_energy is 2.0 J; .* tank.capacity, 1.0 J",
+        ),
         (
             {"tank": EnergyTankConfig(stored_fraction=1.1)},
-            "tank.stored_fraction .* at most 1",
+            "tank.stored_fraction is 1.1; .* at most 1",
         ),
         (
             {"force_control": ForceControlConfig(release_time=0.0)},
@@ -381,17 +396,17 @@ def test_yaml_overrides_single_values():
         ),
         (
             {"covariance_stiffness": CovarianceStiffnessConfig(max_stiffness=1.0)},
-            "max_stiffness at least min_stiffness",
+            "max_stiffness is 1.0 N/m; .* at least min_stiffness, 300.0 N/m",
         ),
         (
             {"covariance_stiffness": CovarianceStiffnessConfig(axes=[True])},
-            "must have 3 axes",
+            r"axes is \[True\]; expected 3",
         ),
     ],
 )
 def test_a_config_that_cannot_be_used_says_what_is_allowed(values, message):
     config = ImpedanceConfig(**values)
-    with pytest.raises(ControllerError, match=message):
+    with pytest.raises(SystemsError, match=message):
         config.stiffness()
-    with pytest.raises(ControllerError, match=message):
+    with pytest.raises(SystemsError, match=message):
         config.desired_rotation()

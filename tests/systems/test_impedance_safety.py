@@ -9,18 +9,20 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.force_control import ForceState
-from fmp_drake.systems.impedance.limits import (
+from fmp_drake.systems.impedance.joints import (
     JointLimits,
     JointWallConfig,
+    speed_limited,
+    towards,
     wall_torque,
 )
-from fmp_drake.systems.impedance.packing import (
-    MEMORY_SIZE,
+from fmp_drake.systems.impedance.records import (
+    MEMORY,
     ImpedanceMemory,
     decode,
     encode,
+    values_of,
 )
-from fmp_drake.systems.impedance.settings import values_of
 from fmp_drake.systems.impedance.status import (
     STATUS_SIZE,
     ImpedanceStatus,
@@ -31,14 +33,16 @@ from fmp_drake.systems.impedance.supervision import (
     RECOVERING,
     STOPPED,
     TRACKING,
+    ForceRecord,
     LastTarget,
     WatchdogConfig,
     WatchdogState,
+    force_faults,
     target_faults,
     target_fraction,
     watch,
 )
-from fmp_drake.systems.impedance.target import task_error, unwrapped
+from fmp_drake.systems.impedance.target import TaskTarget, task_error, unwrapped
 
 WATCHDOG = WatchdogConfig()
 WALLS = JointWallConfig()
@@ -106,6 +110,12 @@ def test_a_recovery_keeps_to_its_speeds_and_is_smooth(distance, angle):
     assert fraction[-1] == 1
     assert rate.max() * distance <= WATCHDOG.recovery_speed * 1.001
     assert rate.max() * angle <= WATCHDOG.recovery_angular_speed * 1.001
+    if distance or angle:  # Nor is it slower than they allow.
+        ratios = (
+            distance / WATCHDOG.recovery_speed,
+            angle / WATCHDOG.recovery_angular_speed,
+        )
+        assert rate.max() * max(ratios) > 0.99
     assert_allclose(np.gradient(fraction, 0.001)[:-2], rate[:-2], atol=0.05)
 
 
@@ -226,19 +236,22 @@ def test_the_memory_survives_its_vector(used):
         force=ForceState(0.015, 7.0, 0.02),
         tank_energy=0.7,
         saturated=used,
-        target=LastTarget(used, 0.05, random_pose(rng)),
+        target=LastTarget(used, 0.05, random_pose(rng), rng.normal(size=3)),
         held=random_pose(rng),
         stiffness=rng.normal(size=(6, 6)),
         rotation_error=rng.normal(size=3),
+        force_record=ForceRecord(7.0, 8.0, 2.0),
     )
     vector = encode(memory)
-    assert vector.shape == (MEMORY_SIZE,)
+    assert vector.shape == (MEMORY.itemsize // 8,)
     assert_array_equal(encode(decode(vector)), vector)
     for found, kept in zip(decode(vector), memory, strict=True):
         if isinstance(kept, float | bool | np.ndarray):
             assert_array_equal(found, kept)
     assert decode(vector).watchdog == memory.watchdog
     assert decode(vector).force == memory.force
+    assert decode(vector).force_record == memory.force_record
+    assert_array_equal(decode(vector).target.drift, memory.target.drift)
 
 
 def random_pose(rng):
@@ -248,36 +261,183 @@ def random_pose(rng):
 # The target.
 
 
-def faults(p, *, R=None, last=None, speed=0.0, age=np.nan):
-    last = LastTarget(True, 0.0, Pose(np.eye(3), np.zeros(3))) if last is None else last
-    target = Pose(np.eye(3) if R is None else R, np.array(p))
-    return target_faults(values_of(WATCHDOG), last, target, speed, age, 0.001)
+HERE = Pose(np.eye(3), np.zeros(3))
+NOWHERE = LastTarget(False, 0.0, HERE, np.zeros(3))
 
 
-def test_the_first_target_may_be_anywhere():
-    nowhere = LastTarget(False, 0.0, Pose(np.eye(3), np.zeros(3)))
-    flags, last = faults([9.0, 9.0, 9.0], last=nowhere)
+def faults(
+    p, *, R=None, last=None, speed=0.0, age=np.nan, V=None, A=None, measured=HERE
+):
+    last = LastTarget(True, 0.0, HERE, np.zeros(3)) if last is None else last
+    V = np.array([0.0, 0, 0, speed, 0, 0]) if V is None else np.array(V, float)
+    A = np.zeros(6) if A is None else np.array(A, float)
+    target = TaskTarget(Pose(np.eye(3) if R is None else R, np.array(p, float)), V, A)
+    return target_faults(values_of(WATCHDOG), last, measured, target, age, 0.001)
+
+
+def test_the_first_target_may_not_be_far_from_the_tool():
+    flags, last = faults([0.0, 0.0, 0.59], last=NOWHERE)
     assert flags == 0
     assert last.known
-    assert_array_equal(last.X.p, 9.0)
+    assert_array_equal(last.X.p, [0.0, 0.0, 0.59])
+    assert faults([0.0, 0.0, 0.61], last=NOWHERE)[0] == StatusFlag.JUMP
+    there = Pose(np.eye(3), np.array([0.4, -0.5, 0.3]))
+    assert faults([0.5, -0.5, 0.3], last=NOWHERE, measured=there)[0] == 0
+    far = faults([-0.4, 0.5, -0.3], last=NOWHERE, measured=there)[0]
+    assert far == StatusFlag.JUMP
 
 
-def test_a_target_may_move_no_farther_than_it_is_fast():
+def test_a_target_may_jump_no_farther_than_allowed():
     assert faults([0.051, 0.0, 0.0])[0] == StatusFlag.JUMP
     assert faults([0.051, 0.0, 0.0], speed=2.0)[0] == 0
     half = Rotation.from_rotvec([0.0, 0.0, 0.31]).as_matrix()
     assert faults([0.0, 0.0, 0.0], R=half)[0] == StatusFlag.JUMP
 
 
+@pytest.mark.parametrize(
+    ("index", "limit"), [(0, 10.0), (2, 10.0), (3, 3.0), (5, 3.0), (6, 200), (11, 50)]
+)
+def test_a_target_may_be_no_faster_than_allowed(index, limit):
+    for factor, flag in ((0.99, 0), (-1.01, StatusFlag.IMPLAUSIBLE)):
+        motion = np.zeros(12)
+        motion[index] = factor * limit
+        assert faults([0.0] * 3, V=motion[:6], A=motion[6:])[0] == flag
+
+
+def test_a_claimed_velocity_excuses_no_jump():
+    flags, _ = faults([1.0, 0.0, 0.0], speed=1000.0)
+    assert flags == StatusFlag.IMPLAUSIBLE
+
+
+def test_a_target_of_the_future_is_implausible():
+    assert faults([0.0] * 3, age=-0.09)[0] == 0
+    assert faults([0.0] * 3, age=-0.11)[0] == StatusFlag.IMPLAUSIBLE
+
+
+def test_a_target_that_moves_otherwise_than_its_velocity_says_is_implausible():
+    def flags(path, speed, n=300):
+        last, found = None, []
+        for k in range(n):
+            flag, last = faults([path(0.001 * k), 0.0, 0.0], last=last, speed=speed)
+            found.append(flag)
+        return found
+
+    assert not any(flags(lambda t: 2.0 * t, 2.0))
+    # As by samples at 50 Hz, with noise, or without any velocity.
+    assert not any(flags(lambda t: 0.02 * (t // 0.02), 1.0))
+    assert not any(flags(lambda t: 0.001 * np.sin(1e4 * t), 0.0))
+    assert not any(flags(lambda t: 0.4 * t, 0.0))
+    # 50 mm of difference at 3 m/s.
+    still = flags(lambda t: 1e-9 * (round(1000 * t) % 2), 3.0)
+    assert still.index(StatusFlag.IMPLAUSIBLE) == pytest.approx(18, abs=2)
+    assert all(flag & StatusFlag.IMPLAUSIBLE for flag in still[20:])
+    assert any(flags(lambda t: 0.02 * t, -3.0))
+
+
 def test_a_target_is_old_by_its_time_or_because_it_stands_still():
     assert faults([0.0] * 3, age=0.11)[0] == StatusFlag.STALE
-    assert faults([0.0] * 3, age=0.09, speed=1.0)[0] == 0
-    last, flags = None, []
-    for _ in range(110):
-        found, last = faults([0.0] * 3, last=last, speed=1.0)
-        flags.append(found)
-    assert flags.index(StatusFlag.STALE) == pytest.approx(100, abs=1)
-    assert faults([0.0] * 3, last=last, speed=0.0)[0] == 0
+    assert faults([0.0] * 3, age=0.09, speed=0.3)[0] == 0
+    # It stands still also where it dithers.
+    for step in (0.0, 1e-9, 1e-6):
+        last, flags = None, []
+        for k in range(110):
+            found, last = faults([step * (k % 2), 0.0, 0.0], last=last, speed=0.3)
+            flags.append(found)
+        assert flags.index(StatusFlag.STALE) == pytest.approx(100, abs=4)
+        assert faults([0.0] * 3, last=last, speed=0.0)[0] == 0
+
+
+# The normal force.
+
+
+def force_flags(force, *, desired=10.0, duration=2.0):
+    record, found = ForceRecord(), []
+    for k in range(round(1000 * duration)):
+        value = float(force(0.001 * k))
+        flag, record = force_faults(
+            values_of(WATCHDOG), record, value - desired, desired, 0.001
+        )
+        found.append(flag)
+    return found
+
+
+@pytest.mark.parametrize("frequency", [8, 20, 40])
+def test_a_force_that_oscillates_is_a_fault(frequency):
+    def wave(rms):
+        return lambda t: 10 + np.sqrt(2) * rms * np.sin(2 * np.pi * frequency * t)
+
+    assert not any(force_flags(wave(8.0)))
+    found = force_flags(wave(20.0))
+    assert found.index(StatusFlag.FORCE_OSCILLATION) < 400
+
+
+def test_a_force_that_rises_or_rubs_is_no_oscillation():
+    assert not any(force_flags(lambda t: 15.0 * (t > 0.1)))
+    assert not any(force_flags(lambda t: 10 + 8 * np.sin(2 * np.pi * t)))
+    # Noise above the band, from sample to sample.
+    assert not any(force_flags(lambda t: 10 + 20 * (-1) ** round(1000 * t)))
+
+
+def test_a_force_far_above_the_desired_one_is_a_fault():
+    assert not any(force_flags(lambda t: 79.0 * min(t, 1.0)))
+    found = force_flags(lambda t: 100.0 * min(t, 1.0))
+    assert found.index(StatusFlag.EXCESS_FORCE) == pytest.approx(800, abs=10)
+    assert not any(force_flags(lambda t: 100.0 * min(t, 1.0), desired=30.0))
+
+
+# Joint speeds.
+
+
+def test_a_torque_is_applied_only_where_its_acceleration_ends_in_time():
+    """10 Nm on 0.1 kg m² end after 10 ms, which adds 0.5 rad/s, and 0.1 before that."""
+    M, rest = np.array([[0.1]]), np.zeros(1)
+
+    def limited(v, torque):
+        return speed_limited(
+            ONE_JOINT,
+            np.array([torque]),
+            rest,
+            1.0,
+            0.001,
+            np.array([v]),
+            M,
+            rest,
+            rest,
+        )
+
+    torque, overspeed = limited(1.39, 10.0)
+    assert (torque[0], overspeed) == (10.0, False)
+    torque, overspeed = limited(1.41, 10.0)
+    assert overspeed
+    assert torque[0] == -1.0
+    assert limited(-1.41, -10.0)[1]
+    assert limited(-1.41, 10.0) == (10.0, False)
+    # Too fast already: braked, and a fault.
+    assert limited(2.01, -10.0) == (-10.0, True)
+
+
+def test_a_joint_that_is_braked_does_not_wait_for_the_others():
+    # 9 Nm of change for the first joint, 0.4 Nm for the last; at most 0.9 Nm an update.
+    change = np.array([9.0, -4.5, -0.4])
+    free = towards(change, np.zeros(3), 0.9)
+    np.testing.assert_allclose(free, [0.9, -0.45, -0.04])
+    braked = towards(change, np.array([0.0, -3.0, -0.4]), 0.9)
+    np.testing.assert_allclose(braked, [0.9, -0.9, -0.4])
+
+
+def test_a_contact_that_drives_a_joint_is_still_countered():
+    # By the masses alone the second joint would accelerate: by M⁻¹ τ, 5 rad/s².
+    limits = ONE_JOINT._replace(
+        **{n: np.tile(v, 2) for n, v in ONE_JOINT._asdict().items()}
+    )
+    M = np.array([[1.0, 0.1], [0.1, 0.02]])
+    rest, v, wall = np.zeros(2), np.array([0.0, 1.999]), np.array([0.0, -0.02])
+    torque, overspeed = speed_limited(
+        limits, np.array([-1.0, -0.05]), rest, 2.0, 0.001, v, M, rest, wall
+    )
+    assert overspeed
+    # Both come to rest, and the second with at least what it had asked for.
+    assert torque[1] <= -0.05
 
 
 def test_the_status_is_read_by_name():

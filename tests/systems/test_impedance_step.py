@@ -5,6 +5,8 @@ import copy
 import numpy as np
 import pytest
 from arm_loop import (
+    PANDA,
+    PANDA_FRICTION,
     Q_START,
     X_WT_TILTED,
     ArmLoop,
@@ -16,20 +18,20 @@ from arm_loop import (
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.errors import ControllerError
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.impedance import step as step_module
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.limits import JointLimits
-from fmp_drake.systems.impedance.packing import (
+from fmp_drake.systems.impedance.joints import JointLimits
+from fmp_drake.systems.impedance.records import (
     OPTIONAL,
     PACKED,
     PORTS,
     decode,
-    encode,
     initial_memory,
+    joint_settings,
+    settings_of,
 )
-from fmp_drake.systems.impedance.settings import joint_settings, settings_of
 from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.step import impedance_step
 from fmp_drake.systems.operational_space_impedance_controller import (
@@ -45,6 +47,9 @@ def full_config():
     config = ImpedanceConfig()
     for part in ("force_control", "covariance_stiffness", "friction_compensation"):
         getattr(config, part).enabled = True
+    config.friction_compensation = config.friction_compensation.completed(
+        PANDA_FRICTION
+    )
     return config
 
 
@@ -83,7 +88,7 @@ def random_step(rng, ports):
         rng.normal(size=6),
         20 * rng.normal(size=N),
     )
-    memory = encode(initial_memory(settings[0].stiffness.copy(), tank_energy=0.1))
+    memory = initial_memory(settings[0].stiffness, tank_energy=0.1)
     return settings, joints, packed, rng.normal(size=N), memory, arm
 
 
@@ -167,7 +172,7 @@ def make_controller(config=None, **settings):
         plant,
         end_effector=plant.GetFrameByName("eraser_tip"),
         X_WT=X_WT_TILTED,
-        config=config or ImpedanceConfig(),
+        config=PANDA.complete(config or ImpedanceConfig()),
         q_posture=Q_START,
         **settings,
     )
@@ -346,7 +351,7 @@ def part(height, engage_height):
 
 @pytest.mark.parametrize("height", [0.0, -0.01, np.nan, np.inf])
 def test_an_engage_height_that_is_not_positive_is_refused(height):
-    with pytest.raises(ControllerError, match=f"engage_height .* got {height}"):
+    with pytest.raises(SystemsError, match=f"engage_height .* got {height}"):
         make_controller(engage_height=height)
 
 

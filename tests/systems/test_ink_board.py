@@ -493,7 +493,6 @@ def test_a_forgotten_input_is_named(missing):
         ({"initial_ink": np.ones((3, 4))}, r"shape \(3, 4\).*\(60, 80\)"),
         ({"initial_ink": np.full(GRID.shape, 2.0)}, "from 2.0 to 2.0"),
         ({"initial_ink": np.full(GRID.shape, np.nan)}, "fractions from 0 to 1"),
-        ({"wear_constant": 0.0}, "wear_constant is 0.0"),
         ({"period": np.nan}, "period is nan"),
         ({"worn": 1.5}, "worn is 1.5"),
         ({"worn": np.nan}, "worn is nan"),

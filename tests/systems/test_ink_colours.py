@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fmp_drake.systems.ink.colours import BOARD_COLOUR, INK_COLOUR, ink_colours
+from fmp_drake.systems.ink.mesh import BOARD_COLOUR, INK_COLOUR, ink_colours
 
 
 def test_full_ink_is_a_pale_blue_marker_and_none_is_the_board():

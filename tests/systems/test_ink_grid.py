@@ -6,10 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.ink.grid import (
     InkGrid,
     cleaned_fraction,
 )
+from fmp_drake.systems.surface.surface import Surface
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.005)
 FELT = (0.12, 0.05)
@@ -114,3 +116,21 @@ def test_cleaned_fraction_counts_cells_below_a_tenth():
     assert cleaned_fraction(ink, np.zeros(4, dtype=bool)) == 1.0
     with pytest.raises(SystemsError, match=r"shape \(3,\); expected \(4,\)"):
         cleaned_fraction(ink, [True] * 3)
+
+
+def test_grid_round_a_pipe_is_swept_on_both_sides_of_its_seam():
+    pipe = Surface(0.0, 10.0)
+    edge = 2 * np.pi * 0.1
+    grid = InkGrid(size=(0.3, edge), cell=0.01, curvature=pipe)
+    path = np.array([[0.0, edge / 2 - 0.02, 0.0], [0.0, edge / 2 + 0.02, 0.0]])
+    rows = grid.swept_area(path, (0.05, 0.02)).any(axis=1)
+    expected = np.abs(grid.y) > edge / 2 - 0.03
+    assert np.array_equal(rows, expected)
+    # The second turn is the first.
+    path[:, 1] -= edge
+    assert np.array_equal(grid.swept_area(path, (0.05, 0.02)).any(axis=1), expected)
+    choice = CoverageChoice(grid=grid, footprint=(0.05, 0.02), candidates=1, margin=0)
+    assert choice.wiped(grid.full(), path[None])[0] > 0
+    flat = InkGrid(size=(0.3, edge), cell=0.01)
+    path[:, 1] += edge
+    assert not flat.swept_area(path, (0.05, 0.02)).any(axis=1)[0]

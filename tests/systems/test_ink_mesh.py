@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.geometry import Meshcat
 
-from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import (
     LEVELS,
     LIFT,
     corner_shades,
     draw_ink,
+    ink_colours,
     ink_mesh,
 )
 

@@ -65,7 +65,7 @@ def test_times_to_clean_are_the_first_times_or_none():
     reached = times_to_clean(times, [0.0, 0.5, 0.49, 0.9, 0.95])
     assert reached == {0.5: 1.0, 0.9: 3.0, 0.99: None}
     assert times_to_clean([], []) == {0.5: None, 0.9: None, 0.99: None}
-    assert times_to_clean(times, np.ones(5), [1.0]) == {1.0: 0.0}
+    assert times_to_clean(times, np.ones(5)) == {0.5: 0.0, 0.9: 0.0, 0.99: 0.0}
 
 
 def test_arrays_that_do_not_fit_are_refused():

@@ -11,8 +11,8 @@ from pydrake.math import RigidTransform
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink import recording as ink_recording
-from fmp_drake.systems.ink.colours import ink_colours
 from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink.mesh import ink_colours
 from fmp_drake.systems.ink.recording import AddInkToRecording
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.01)

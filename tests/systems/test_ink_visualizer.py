@@ -12,7 +12,6 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from fmp_drake.errors import SystemsError
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import LEVELS, ink_mesh
 from fmp_drake.systems.page import ink_visualizer
@@ -115,13 +114,14 @@ def test_a_tile_without_ink_disappears(meshcat):
 
 
 def test_pictures_come_once_in_a_period(meshcat, drawn):
-    diagram, _ = make_diagram(meshcat, period=1.0)
+    diagram, _ = make_diagram(meshcat)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.01)
     drawn.clear()
-    simulator.AdvanceTo(0.9)
+    # The row has gone at 0.49 s; pictures come at multiples of 0.128 s.
+    simulator.AdvanceTo(0.50)
     assert not drawn
-    simulator.AdvanceTo(1.01)
+    simulator.AdvanceTo(0.52)
     assert [origin for origin, _ in drawn] == LOWEST
 
 
@@ -206,9 +206,3 @@ def test_a_forgotten_input_is_named(meshcat):
     visualizer = InkVisualizer(meshcat=meshcat, grid=GRID)
     with pytest.raises((RuntimeError, ValueError), match=r"ink.*ink_visualizer"):
         visualizer.ForcedPublish(visualizer.CreateDefaultContext())
-
-
-@pytest.mark.parametrize("period", [0.0, np.nan])
-def test_a_bad_period_is_refused(meshcat, period):
-    with pytest.raises(SystemsError, match="period is"):
-        InkVisualizer(meshcat=meshcat, grid=GRID, period=period)

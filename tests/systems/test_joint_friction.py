@@ -1,14 +1,16 @@
 """Facts about the friction of the arm's joints."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from arm_loop import make_arm
+from arm_loop import PANDA, PANDA_FRICTION, make_arm
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.multibody.plant import MultibodyPlant
 
-from fmp_drake.errors import ControllerError, SystemsError
-from fmp_drake.station import AddPandaWithEraser
-from fmp_drake.systems.impedance.friction import (
+from fmp_drake.errors import SystemsError
+from fmp_drake.station import AddRobot
+from fmp_drake.systems.impedance.joints import (
     FrictionConfig,
     SigmoidFriction,
     friction_torque,
@@ -17,11 +19,11 @@ from fmp_drake.systems.joint_friction import JointFriction
 
 
 def panda_friction(**values):
-    return SigmoidFriction.of(FrictionConfig(**values), n=7)
+    return SigmoidFriction.of(replace(PANDA_FRICTION, **values), n=7)
 
 
 def test_friction_is_the_published_sigmoid():
-    config = FrictionConfig()
+    config = PANDA_FRICTION
     a, b, c = map(np.array, (config.height, config.slope, config.shift))
     for v in np.random.default_rng(0).normal(size=(5, 7)):
         expected = a / (1 + np.exp(-b * (v + c))) - a / (1 + np.exp(-b * c))
@@ -54,21 +56,30 @@ def test_the_gain_scales_it():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"height": [1.0] * 6}, "friction.height must be 7"),
-        ({"slope": [-1.0] * 7}, "friction.slope must not be negative"),
-        ({"shift": [np.nan] * 7}, "friction.shift must be 7 finite"),
-        ({"gain": -1.0}, "friction.gain must be finite and at least 0, got -1"),
+        ({"height": [1.0] * 6}, "friction.height must be 7 .* one per joint"),
+        ({"height": []}, r"friction.height must be 7 .* got \[\]"),
+        ({"slope": [-1.0] * 7}, r"friction.slope\[0\] is -1.0; it must be at least 0"),
+        ({"shift": [np.nan] * 7}, r"friction.shift\[0\] is nan; it must be a finite"),
+        ({"gain": -1.0}, "friction.gain is -1.0; it must be at least 0"),
     ],
 )
 def test_values_that_are_no_friction_are_refused(values, message):
-    with pytest.raises(ControllerError, match=message):
+    with pytest.raises(SystemsError, match=message):
         panda_friction(**values)
+
+
+def test_a_robot_completes_what_is_not_given():
+    config = FrictionConfig(enabled=True, gain=0.9, height=[2.0])
+    robot = FrictionConfig(gain=0.5, height=[1.0], slope=[5.0], shift=[0.1])
+    assert config.completed(robot) == FrictionConfig(
+        enabled=True, gain=0.9, height=[2.0], slope=[5.0], shift=[0.1]
+    )
 
 
 def test_the_system_gives_the_friction_as_a_generalized_force():
     plant = make_arm()
     arm = plant.GetModelInstanceByName("panda")
-    system = JointFriction(plant, arm=arm, config=FrictionConfig())
+    system = JointFriction(plant, arm=arm, config=PANDA_FRICTION)
     assert system.get_name() == "joint_friction"
     assert system.GetInputPort("state").size() == 14
     assert system.HasDirectFeedthrough(0, 0)
@@ -85,14 +96,14 @@ def test_the_system_gives_the_friction_as_a_generalized_force():
 
 def test_a_plant_that_is_not_finalized_is_refused():
     plant = MultibodyPlant(1e-3)
-    arm, _ = AddPandaWithEraser(plant)
+    arm = AddRobot(plant, PANDA).arm
     with pytest.raises(SystemsError, match=r"not finalized; call Finalize\(\)"):
-        JointFriction(plant, arm=arm, config=FrictionConfig())
+        JointFriction(plant, arm=arm, config=PANDA_FRICTION)
 
 
 def test_a_forgotten_state_is_named():
     plant = make_arm()
     arm = plant.GetModelInstanceByName("panda")
-    system = JointFriction(plant, arm=arm, config=FrictionConfig())
+    system = JointFriction(plant, arm=arm, config=PANDA_FRICTION)
     with pytest.raises(RuntimeError, match=r"state.*joint_friction"):
         system.GetOutputPort("generalized_force").Eval(system.CreateDefaultContext())

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from fmp_drake.systems.surface.surface import Surface, place
 from fmp_drake.systems.teaching.mouse_drag import (
-    LEADING,
-    PULLING,
+    GUIDING_DRAG,
+    PULLING_DRAG,
     STATE,
-    BoardPlane,
+    BoardSurface,
     Drag,
     cursor_of,
     follow,
@@ -20,13 +21,13 @@ from fmp_drake.systems.teaching.mouse_drag import (
 PERIOD = 0.016
 EYE = np.array([1.0, 0.0, 1.0])
 UP = np.array([0.0, 0.0, 1.0])
-BOARD = BoardPlane(np.eye(3, 4), np.array([0.2, 0.3]))
+BOARD = BoardSurface(np.eye(3, 4), np.array([0.2, 0.3]))
 
 
 class Hand:
-    """The hand of a page, on a point that is led as if it had no mass, or stands."""
+    """The hand of a page, on a point that follows as if it had no mass, or does not move."""
 
-    def __init__(self, config=LEADING, board=BOARD, *, stands=False):
+    def __init__(self, config=GUIDING_DRAG, board=BOARD, *, stands=False):
         self.state, self.time, self.stands = no_drag(), 0.0, stands
         self.here = np.zeros(3)
         self.config, self.board = config, board
@@ -44,7 +45,7 @@ class Hand:
             board=self.board,
         )
         self.time += PERIOD
-        if self["leading"] and not self.stands:
+        if self["guiding"] and not self.stands:
             self.here = np.array(self["wanted"])
         return self
 
@@ -92,9 +93,9 @@ def test_a_ray_that_grazes_the_board_or_leaves_it_meets_nothing(cursor):
     assert slide(np.array(cursor), eye=EYE, point=np.zeros(3), normal=UP) is None
 
 
-def test_a_drag_leads_to_the_cursor_over_the_board():
+def test_a_drag_guides_to_the_cursor_over_the_board():
     hand = Hand().dragged(0.1, -0.15)
-    assert hand["leading"]
+    assert hand["guiding"]
     hand.silent(0.1, 0.1, -0.15)
     assert_allclose(hand["wanted"], [0.1, -0.15, 0], atol=1e-9)
 
@@ -112,11 +113,11 @@ def test_the_wanted_point_never_moves_faster_than_the_limit():
         hand.over(0.15 * np.sin(0.4 * i), 0.15 * np.cos(0.4 * i) - 0.15)
         fastest = max(fastest, np.linalg.norm(hand["wanted"] - before))
         before = np.array(hand["wanted"])
-    assert fastest == pytest.approx(LEADING.max_speed * PERIOD)
+    assert fastest == pytest.approx(GUIDING_DRAG.max_speed * PERIOD)
 
 
 @pytest.mark.parametrize("each", [1, 3, 6, 12])
-def test_a_slow_page_leads_as_steadily_as_a_fast_one(each):
+def test_a_slow_page_guides_as_steadily_as_a_fast_one(each):
     hand, x = Hand(), []
     for i in range(240):
         t = i // each * each * PERIOD
@@ -137,47 +138,47 @@ def test_a_slow_page_leads_as_steadily_as_a_fast_one(each):
 def test_a_silent_page_moves_the_arm_by_no_more_than_the_limit_and_lets_go():
     hand = Hand().over(0, 0).over(0.19, 0)
     hand.silent(2.0, 0.19, 0)
-    assert not hand["leading"]
-    assert 0.03 < hand.here[0] <= LEADING.max_ahead + 1e-9
+    assert not hand["guiding"]
+    assert 0.03 < hand.here[0] <= GUIDING_DRAG.max_ahead + 1e-9
 
 
 def test_a_silent_page_goes_on_when_it_wakes_up():
     hand = Hand().over(0, 0).over(0.12, 0)
     hand.silent(2.0, 0.12, 0)
     hand.over(0.121, 0, anchor=hand.here)
-    assert hand["leading"]
+    assert hand["guiding"]
 
 
 def test_a_still_mouse_on_a_still_arm_is_not_a_silent_page():
     hand = Hand().dragged(0.1, 0).silent(0.2, 0.1, 0)
     at = hand.here.copy()
     hand.over(0.1, 0, anchor=at).silent(5.0, 0.1, 0)
-    assert hand["leading"]
+    assert hand["guiding"]
     assert_allclose(hand.here, at, atol=1e-6)
 
 
 def test_a_cursor_that_jumps_has_let_go_until_it_grabs_anew():
     hand = Hand().dragged(0.05, 0)
     hand.over(-0.19, 0.25)
-    assert not hand["leading"]
+    assert not hand["guiding"]
     at = hand.here.copy()
     hand.dragged(0.05, 0)
-    assert not hand["leading"]
+    assert not hand["guiding"]
     assert_array_equal(hand["wanted"], at)
     hand.look(None)
     hand.over(0, 0)
-    assert hand["leading"]
+    assert hand["guiding"]
 
 
 def test_a_cursor_at_the_horizon_has_let_go():
     hand = Hand().dragged(0.05, 0)
     hand.look(Drag(5, np.zeros(3), np.zeros(3), np.array([2.0, 0, 1])))
-    assert not hand["leading"]
+    assert not hand["guiding"]
 
 
 def test_the_tool_is_led_to_the_edge_of_the_board_and_not_beyond():
     hand = Hand().dragged(0.5, 0, steps=100).silent(0.2, 0.5, 0)
-    assert hand["leading"]
+    assert hand["guiding"]
     assert_allclose(hand["wanted"], [0.2, 0, 0], atol=1e-9)
     for i in range(60):
         hand.over(0.5 - 0.01 * i, 0)
@@ -188,7 +189,7 @@ def test_let_go_the_place_is_kept():
     hand = Hand().dragged(0.1, 0.1)
     at = hand.here.copy()
     hand.look(None)
-    assert not hand["leading"]
+    assert not hand["guiding"]
     assert_array_equal(hand["wanted"], at)
 
 
@@ -196,7 +197,7 @@ def test_a_drag_from_before_the_beginning_does_nothing_until_it_moves():
     hand = Hand()
     hand.state = no_drag()
     hand.silent(1.0, 0.1, 0)
-    assert not hand["leading"]
+    assert not hand["guiding"]
 
 
 def test_who_turns_the_camera_of_another_page_does_not_turn_the_drag():
@@ -204,19 +205,19 @@ def test_who_turns_the_camera_of_another_page_does_not_turn_the_drag():
     for _ in range(20):
         hand.state = follow(
             hand.state,
-            None if not hand["leading"] else Drag(5, *np.zeros((3, 3))),
+            None if not hand["guiding"] else Drag(5, *np.zeros((3, 3))),
             time=hand.time,
             period=PERIOD,
             here=hand.here,
             eye=np.array([-3.0, 0.0, 0.4]),
-            config=LEADING,
+            config=GUIDING_DRAG,
             board=BOARD,
         )
     assert_array_equal(hand["eye"], EYE)
 
 
 def test_two_bodies_are_two_drags():
-    hand = Hand(PULLING, None)
+    hand = Hand(PULLING_DRAG, None)
     hand.look(Drag(3, np.zeros(3), np.zeros(3), np.zeros(3)))
     hand.look(Drag(4, np.ones(3), np.ones(3), np.ones(3)))
     assert hand["body"] == 4
@@ -228,11 +229,11 @@ def test_no_message_can_make_the_force_greater_than_the_limit(normal):
     rng = np.random.default_rng(1)
     for _ in range(50):
         away, velocity = rng.normal(size=(2, 3)) * [[10.0], [3.0]]
-        f = hand_force(away, velocity, config=LEADING, normal=normal)
+        f = hand_force(away, velocity, config=GUIDING_DRAG, normal=normal)
         along = 0.0 if normal is None else normal @ f
         across = f if normal is None else f - along * normal
-        assert np.linalg.norm(across) <= LEADING.max_force + 1e-9
-        assert abs(along) <= LEADING.max_force + 1e-9
+        assert np.linalg.norm(across) <= GUIDING_DRAG.max_force + 1e-9
+        assert abs(along) <= GUIDING_DRAG.max_force + 1e-9
 
 
 @pytest.mark.parametrize(("height", "press"), [(-0.01, 5), (0.004, 15), (0.3, 20)])
@@ -240,8 +241,73 @@ def test_the_hand_presses_brakes_and_holds_the_tool_on_the_board(height, press):
     f = hand_force(
         np.array([0.01, 0, 0.5]),
         np.array([0, 0.1, 0]),
-        config=LEADING,
+        config=GUIDING_DRAG,
         normal=UP,
         height=height,
     )
     assert_allclose(f, [25.0, -25.0, -press])
+
+
+CURVED = {
+    "pipe": Surface(kx=0.0, ky=1 / 0.3),
+    "dome": Surface(kx=4.0, ky=4.0),
+    "bowl": Surface(kx=-3.0, ky=-3.0),
+}
+
+
+@pytest.mark.parametrize("shape", CURVED)
+def test_cursor_over_a_curved_board_slides_along_it(shape):
+    surface = CURVED[shape]
+    board = BoardSurface(np.eye(3, 4), np.array([0.2, 0.2]), surface)
+    # Grabbed 1 cm over the board, dragged to another point as high.
+    grabbed, goal = place(surface, np.array([[0.0, 0.0, 0.01], [0.08, -0.06, 0.01]]))
+    cursor = EYE + 0.7 * (goal - EYE)
+    assert_allclose(board.slide(cursor, eye=EYE, point=grabbed), goal, atol=1e-12)
+    assert_allclose(board.coordinates(goal), [0.08, -0.06, 0.01], atol=1e-12)
+    assert board.height(goal) == pytest.approx(0.01)
+    # The normal is the direction in which the height grows fastest.
+    slope = [
+        (board.height(goal + d) - board.height(goal - d)) / 2e-6
+        for d in 1e-6 * np.eye(3)
+    ]
+    assert_allclose(board.normal(goal), slope, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", CURVED)
+def test_goal_stays_within_the_edges_of_a_curved_board(shape):
+    surface = CURVED[shape]
+    board = BoardSurface(np.eye(3, 4), np.array([0.1, 0.05]), surface)
+    beyond = place(surface, np.array([[0.15, 0.02, 0.01]]))[0]
+    inside = board.inside(beyond)
+    assert_allclose(board.coordinates(inside), [0.1, 0.02, 0.01], atol=1e-12)
+
+
+def test_ray_past_a_dome_stays_at_its_edge_and_behind_the_eye_there_is_nothing():
+    board = BoardSurface(np.eye(3, 4), np.array([0.3, 0.3]), CURVED["dome"])
+    past = board.slide(np.array([0.5, 0.6, 0.5]), eye=EYE, point=np.zeros(3))
+    centre = np.array([0.0, 0.0, -0.25])
+    ray = np.array([0.5, 0.6, 0.5]) - EYE
+    nearest = EYE + ray * ((centre - EYE) @ ray) / (ray @ ray)
+    assert_allclose(past, nearest, atol=1e-12)
+    assert board.slide(2 * EYE, eye=EYE, point=np.zeros(3)) is None
+
+
+def test_tool_is_pressed_along_the_local_normal_of_a_pipe():
+    board = BoardSurface(np.eye(3, 4), np.array([0.2, 0.3]), CURVED["pipe"])
+    here = place(CURVED["pipe"], np.array([[0.0, 0.15, 0.0]]))[0]
+    normal = board.normal(here)
+    assert_allclose(normal, [0.0, np.sin(0.5), np.cos(0.5)], atol=1e-12)
+    f = hand_force(np.zeros(3), np.zeros(3), config=GUIDING_DRAG, normal=normal)
+    assert_allclose(f, -GUIDING_DRAG.normal_force * normal, atol=1e-12)
+
+
+def test_drag_of_the_page_leads_over_a_dome():
+    surface = CURVED["dome"]
+    hand = Hand(board=BoardSurface(np.eye(3, 4), np.array([0.2, 0.2]), surface))
+    goals = place(surface, np.array([[0.002 * i, 0.0, 0.0] for i in range(60)]))
+    for goal in goals:
+        hand.look(Drag(5, np.zeros(3), np.zeros(3), EYE + 0.5 * (goal - EYE)))
+    for _ in range(10):
+        hand.look(Drag(5, np.zeros(3), np.zeros(3), EYE + 0.5 * (goals[-1] - EYE)))
+    assert hand["guiding"]
+    assert_allclose(hand.here, goals[-1], atol=1e-3)

@@ -11,8 +11,12 @@ from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems import MouseHand
-from fmp_drake.systems.teaching.mouse_drag import LEADING, PULLING, BoardPlane
+from fmp_drake.systems.mouse_hand import MouseHand
+from fmp_drake.systems.teaching.mouse_drag import (
+    GUIDING_DRAG,
+    PULLING_DRAG,
+    BoardSurface,
+)
 
 SPECIFIC = 100.0
 MASSES = {1: 0.25, 2: 5.0}
@@ -39,12 +43,12 @@ def pulling(plant, **options):
     return MouseHand(plant, specific_stiffness=SPECIFIC, **options)
 
 
-def leading(plant, **options):
+def guiding(plant, **options):
     return pulling(
         plant,
-        config=LEADING,
+        config=GUIDING_DRAG,
         tip=plant.get_body(BodyIndex(2)).body_frame(),
-        board=BoardPlane(np.eye(3, 4), np.array([2.0, 2.0])),
+        board=BoardSurface(np.eye(3, 4), np.array([2.0, 2.0])),
         eye=EYE,
         **options,
     )
@@ -128,11 +132,11 @@ def test_a_body_that_moves_is_pulled_to_the_same_cursor_and_braked(plant):
         simulator.AdvanceTo(simulator.get_context().get_time() + 0.016)
     (force,) = output(hand, simulator)
     pulled = force.F_Bq_W.translational()
-    assert_allclose(pulled, -PULLING.damping * v, atol=1e-9)
+    assert_allclose(pulled, -PULLING_DRAG.damping * v, atol=1e-9)
 
 
-def test_a_drag_of_any_body_leads_the_tool_in_its_middle(plant):
-    hand = leading(plant)
+def test_a_drag_of_any_body_guides_the_tool_in_its_middle(plant):
+    hand = guiding(plant)
     simulator = begin(hand)
     drag(hand, simulator, *[[0, 0.002 * k, 0] for k in range(6)], body=1)
     assert output(hand, simulator, "leading")[0] == 1
@@ -142,11 +146,13 @@ def test_a_drag_of_any_body_leads_the_tool_in_its_middle(plant):
     x, y, z = force.F_Bq_W.translational()
     assert abs(x) < 1e-9
     assert y > 5
-    assert z == pytest.approx(-LEADING.normal_force - 0.006 * LEADING.stiffness)
+    assert z == pytest.approx(
+        -GUIDING_DRAG.normal_force - 0.006 * GUIDING_DRAG.stiffness
+    )
 
 
-def test_what_must_not_be_dragged_leads_nothing(plant):
-    hand = leading(plant, bodies=[BodyIndex(2)])
+def test_a_body_that_must_not_be_dragged_guides_nothing(plant):
+    hand = guiding(plant, bodies=[BodyIndex(2)])
     simulator = begin(hand)
     drag(hand, simulator, [0, 0, 0], [0, 0.01, 0], body=1)
     assert output(hand, simulator, "leading")[0] == 0
@@ -155,7 +161,7 @@ def test_what_must_not_be_dragged_leads_nothing(plant):
 
 
 def test_let_go_a_led_arm_is_held_and_a_pulled_one_is_not(plant):
-    for make, count in ((leading, 1), (pulling, 0)):
+    for make, count in ((guiding, 1), (pulling, 0)):
         hand = make(plant)
         simulator = begin(hand)
         drag(hand, simulator, [0, 0, 0], [0, 0.01, 0])
@@ -165,12 +171,12 @@ def test_let_go_a_led_arm_is_held_and_a_pulled_one_is_not(plant):
         assert len(forces) == count
         for force in forces:
             # It is above the board, and pressed to it.
-            pressed = -LEADING.normal_force - 0.006 * LEADING.stiffness
+            pressed = -GUIDING_DRAG.normal_force - 0.006 * GUIDING_DRAG.stiffness
             assert_allclose(force.F_Bq_W.translational(), [0, 0, pressed], atol=1e-9)
 
 
 def test_the_interval_of_the_pages_pictures_is_known(plant):
-    hand = leading(plant)
+    hand = guiding(plant)
     simulator = begin(hand)
     drag(hand, simulator, *[[0, 0.003 * k, 0] for k in range(20)], seconds=0.096)
     interval = output(hand, simulator, "cursor_interval")[0]
@@ -189,7 +195,7 @@ def test_the_mouse_is_read_at_a_rate_and_what_was_read_is_the_state(plant):
 
 
 def test_a_cloned_context_goes_on_alike(plant):
-    hand = leading(plant)
+    hand = guiding(plant)
     simulator = begin(hand)
     drag(hand, simulator, [0, 0, 0], [0, 0.01, 0])
     copy = Simulator(hand, simulator.get_context().Clone())
@@ -219,4 +225,4 @@ def test_values_that_do_not_fit_are_refused(plant):
     with pytest.raises(SystemsError, match=r"period is -1.0; it must be positive"):
         pulling(plant, period=-1.0)
     with pytest.raises(SystemsError, match="a tip and a board"):
-        pulling(plant, board=BoardPlane(np.eye(3, 4), np.ones(2)))
+        pulling(plant, board=BoardSurface(np.eye(3, 4), np.ones(2)))

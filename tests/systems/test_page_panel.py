@@ -1,29 +1,47 @@
-"""Facts about the panel of the page, without a browser."""
+"""Facts about the panel of the page, and about a page in a notebook."""
 
 import http.client
 import json
+import pickle
+import re
+import socket
+import subprocess
+import sys
 import threading
+import time
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
-from pydrake.geometry import Meshcat
+import umsgpack
+from browser import needs_chromium, screenshot
+from hypothesis import given
+from hypothesis import strategies as st
+from pydrake.geometry import Box, Meshcat, Rgba
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.viewer.page_panel import PagePanel, add_panel
+from fmp_drake.systems.page import page_server
+from fmp_drake.systems.page.page_panel import (
+    InlinePage,
+    PagePanel,
+    add_panel,
+    hidden_meshcat,
+)
+from fmp_drake.systems.page.page_server import ControlFrames
 
 
 @pytest.fixture
 def panel():
-    panel = PagePanel(Meshcat())
+    panel = PagePanel(hidden_meshcat())
     yield panel
     panel.close()
 
 
-def ask(panel, path):
+def ask(panel, path, **headers):
     """Return status, type and text of an answer of the page's server."""
     parts = urlsplit(panel.url)
     connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=20)
-    connection.request("GET", path)
+    connection.request("GET", path, headers=headers)
     answer = connection.getresponse()
     try:
         return answer.status, answer.headers["Content-Type"], answer.read().decode()
@@ -76,6 +94,169 @@ def test_a_browser_is_told_what_is_shown_and_what_changes(panel):
     panel.show(time=2.0)
     assert next(events) == {"mode": "wiping", "time": 2.0}
     events.close()
+
+
+def upgrade(panel, query="", **headers):
+    """Ask for a WebSocket and return its stream and the status of the answer."""
+    parts = urlsplit(panel.url)
+    own = {
+        "Host": parts.netloc,
+        "Origin": f"http://{parts.netloc}",
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+    }
+    lines = [f"{name}: {value}" for name, value in {**own, **headers}.items()]
+    stream = socket.create_connection((parts.hostname, parts.port), timeout=20)
+    stream.sendall("\r\n".join([f"GET /?{query} HTTP/1.1", *lines, "", ""]).encode())
+    answer = b""
+    while b"\r\n\r\n" not in answer and (data := stream.recv(1)):
+        answer += data
+    return stream, int(answer.split()[1])
+
+
+def move_slider(stream, value):
+    """Send what Meshcat's page sends when the slider `force` is moved."""
+    message = umsgpack.packb({"type": "slider", "name": "force", "value": value})
+    # A browser masks what it sends; this mask changes nothing.
+    stream.sendall(bytes([0x82, 0x80 | len(message), 0, 0, 0, 0]) + message)
+
+
+@pytest.fixture
+def sliding(panel):
+    panel.meshcat.AddSlider("force", 0.0, 15.0, 0.5, 10.0)
+    return panel
+
+
+def value_after(panel, value, seconds=5.0):
+    """Wait until the slider has a value, and return the one that it has."""
+    end = time.monotonic() + seconds
+    while panel.meshcat.GetSliderValue("force") != value and time.monotonic() < end:
+        time.sleep(0.02)
+    return panel.meshcat.GetSliderValue("force")
+
+
+def test_the_page_with_the_token_moves_a_slider(sliding):
+    stream, status = upgrade(sliding, urlsplit(sliding.url).query)
+    move_slider(stream, 12.0)
+    assert status == 101
+    assert value_after(sliding, 12.0) == 12.0
+    stream.close()
+
+
+@pytest.mark.parametrize("query", ["", "token=", "token=guess", "token=%00"])
+def test_a_page_without_the_token_may_only_watch(sliding, query):
+    stream, status = upgrade(sliding, query)
+    assert status == 101
+    # What stands in the scene reaches it.
+    assert stream.recv(1 << 16)
+    move_slider(stream, 12.0)
+    acting, _ = upgrade(sliding, urlsplit(sliding.url).query)
+    move_slider(acting, 7.0)
+    assert value_after(sliding, 7.0) == 7.0
+    move_slider(stream, 12.0)
+    assert value_after(sliding, 12.0, seconds=0.5) == 7.0
+    for each in (stream, acting):
+        each.close()
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://localhost:1"},
+        {"Host": "evil.example:8000"},
+        {"Host": "localhost.evil.example"},
+        {"Host": ""},
+    ],
+)
+def test_another_page_s_web_socket_is_refused_even_with_the_token(sliding, headers):
+    stream, status = upgrade(sliding, urlsplit(sliding.url).query, **headers)
+    assert status == 403
+    stream.close()
+
+
+@pytest.mark.parametrize("path", ["/", "/panel", "/meshcat.js"])
+def test_a_foreign_name_for_this_machine_is_refused(panel, path):
+    assert ask(panel, path, Host="evil.example:8000")[0] == 403
+
+
+def test_a_hidden_meshcat_is_not_at_the_usual_address():
+    meshcat = hidden_meshcat()
+    assert re.fullmatch(r"127\.\d+\.\d+\.\d+", urlsplit(meshcat.web_url()).hostname)
+    assert hidden_meshcat().web_url() != meshcat.web_url()
+    with pytest.raises(ConnectionError):
+        socket.create_connection(("localhost", meshcat.port()), timeout=5)
+
+
+@pytest.mark.parametrize(
+    "path", ["64725/private", "http://localhost:1/", "//..//x", "*"]
+)
+def test_only_paths_of_its_own_are_served(panel, path, capfd):
+    assert ask(panel, path)[0] in (404, 403)
+    assert capfd.readouterr().err == ""
+
+
+def test_connections_that_say_nothing_take_a_bounded_number_of_threads(panel):
+    parts = urlsplit(panel.url)
+    address = parts.hostname, parts.port
+    silent = [socket.create_connection(address, timeout=20) for _ in range(80)]
+    silent[-1].settimeout(20)
+    assert silent[-1].recv(1) == b""  # Turned away at once.
+    for each in silent:
+        each.close()
+    end = time.monotonic() + 20
+    while time.monotonic() < end:
+        try:
+            assert ask(panel, "/")[0] == 200
+            break
+        except (ConnectionError, http.client.HTTPException):
+            time.sleep(0.1)
+
+
+def frame(opcode, data, masked=True):
+    """Return a WebSocket frame of a browser."""
+    size, bit = len(data), 0x80 if masked else 0
+    if size < 126:
+        head = bytes([0x80 | opcode, bit | size])
+    elif size < 1 << 16:
+        head = bytes([0x80 | opcode, bit | 126]) + size.to_bytes(2, "big")
+    else:
+        head = bytes([0x80 | opcode, bit | 127]) + size.to_bytes(8, "big")
+    return head + (b"\0\0\0\0" if masked else b"") + data
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([1, 2, 9, 10]), st.integers(0, 300))), st.data()
+)
+def test_control_frames_pass_whole_however_the_stream_is_cut(frames, data):
+    frames = [(op, b"x" * (n if op < 8 else n % 126)) for op, n in frames]
+    stream = b"".join(frame(op, body) for op, body in frames)
+    kept = ControlFrames()
+    passed = b""
+    while stream:
+        n = data.draw(st.integers(1, len(stream)))
+        passed += kept.filter(stream[:n])
+        stream = stream[n:]
+    assert passed == b"".join(frame(op, body) for op, body in frames if op >= 8)
+
+
+def test_a_long_frame_is_dropped():
+    kept = ControlFrames()
+    assert kept.filter(frame(2, b"x" * 70_000) + frame(9, b"a")) == frame(9, b"a")
+
+
+def test_a_control_frame_that_claims_to_be_long_is_dropped():
+    # Nobody may fill the memory of the page's server with it.
+    kept = ControlFrames()
+    assert kept.filter(frame(9, b"x" * 70_000) + frame(9, b"a")) == frame(9, b"a")
+    claim = b"\x89\xff" + (1 << 40).to_bytes(8, "big") + b"mask"
+    assert kept.filter(claim) == b""
+    for _ in range(3):
+        assert kept.filter(b"x" * 1_000_000) == b""
+    assert len(pickle.dumps(kept)) < 10_000
 
 
 def test_nobody_can_change_anything_through_the_panel_s_server(panel):
@@ -135,3 +316,39 @@ def test_a_panel_in_what_is_no_page_is_refused():
 def test_a_host_at_which_nothing_can_be_served_is_refused():
     with pytest.raises(SystemsError, match=r"cannot be served at 192\.0\.2\.1"):
         PagePanel(Meshcat(), host="192.0.2.1")  # An address of nobody.
+
+
+# In a notebook.
+
+
+@pytest.mark.browser
+@needs_chromium
+def test_a_notebook_shows_what_meshcat_shows(tmp_path):
+    meshcat = Meshcat()
+    meshcat.SetObject("box", Box(1.0, 1.0, 1.0), Rgba(1.0, 0.0, 0.0))
+    meshcat.SetCameraPose([2.0, 0.0, 0.5], [0.0, 0.0, 0.0])
+    shown = InlinePage(meshcat.StaticHtml(), height=300)
+    page = tmp_path / "notebook.html"
+    page.write_text(f"<body>{shown._repr_html_()}</body>", encoding="utf-8")
+    red, green, _ = np.moveaxis(screenshot(page.as_uri(), tmp_path), 2, 0)
+    assert np.mean((red > 0.3) & (green < 0.2 * red)) > 0.02
+
+
+def test_where_no_page_can_be_shown_its_size_is_said():
+    assert repr(InlinePage("x" * 2_340_000)) == "InlinePage of 2.3 MB"
+
+
+def test_server_whose_program_has_ended_says_nothing():
+    server = subprocess.Popen(
+        [sys.executable, page_server.__file__, hidden_meshcat().web_url(), "localhost"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    server.stdout.close()
+    server.stdin.write("token\n")
+    server.stdin.close()
+    assert server.stderr.read() == ""
+    server.stderr.close()
+    assert server.wait(60) == 1

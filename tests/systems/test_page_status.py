@@ -9,11 +9,16 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems import StatusFlag
+from fmp_drake.systems.page.page_panel import PagePanel
 from fmp_drake.systems.page.page_status import PageStatus, mode_in_words
-from fmp_drake.systems.viewer.page_panel import PagePanel
 
 STOP = StatusFlag.PROTECTIVE_STOP
-INPUTS = {"normal_force": [9.0], "ink": [0.0, 1.0, 0.05, 1.0], "component": [3.0]}
+INPUTS = {
+    "normal_force": [9.0],
+    "desired_normal_force": [9.0],
+    "ink": [0.0, 1.0, 0.05, 1.0],
+    "component": [3.0],
+}
 
 
 class Flags(LeafSystem):
@@ -57,6 +62,7 @@ def test_ports_have_names_and_sizes(panel):
     status = PageStatus(panel, area=np.ones((2, 3)))
     ports = [status.get_input_port(i) for i in range(status.num_input_ports())]
     sizes = {"status": 6, "normal_force": 1, "ink": 6, "component": 1}
+    sizes["desired_normal_force"] = 1
     assert {port.get_name(): port.size() for port in ports} == sizes
     assert status.num_output_ports() == 0
 
@@ -100,7 +106,16 @@ def test_the_reason_of_a_stop_is_shown_although_its_fault_was_short(panel):
     ],
 )
 def test_modes_have_words(flags, force, mode):
-    assert mode_in_words(flags, 0, force)[1] == mode
+    assert mode_in_words(flags, 0, force, desired=9.0)[1] == mode
+
+
+@pytest.mark.parametrize("force", [0.0, 2.0])
+def test_an_arm_without_a_normal_force_does_not_say_that_it_comes_down(force):
+    level, mode, detail = mode_in_words(0, 0, force, desired=0.0)
+    assert (level, mode) == ("busy", "no normal force")
+    assert detail == "set one, so that the eraser wipes"
+    stopped = mode_in_words(STOP, 0, force, desired=0.0)
+    assert stopped[1] == "protective stop"
 
 
 @pytest.mark.parametrize("forgotten", ["status", *INPUTS])
@@ -111,7 +126,6 @@ def test_a_forgotten_input_is_named(panel, forgotten):
         make_simulator(panel, forgotten).AdvanceTo(0.1)
 
 
-@pytest.mark.parametrize("name", ["period", "status_period"])
-def test_values_that_do_not_fit_are_refused(panel, name):
-    with pytest.raises(SystemsError, match=f"{name} .*must be positive"):
-        PageStatus(panel, area=[True], **{name: 0.0})
+def test_status_period_that_is_not_positive_is_refused(panel):
+    with pytest.raises(SystemsError, match=r"status_period .*must be positive"):
+        PageStatus(panel, area=[True], status_period=0.0)

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 
-from fmp_drake.station.models.model_files import AddPandaWithEraser
+from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 
 PUSH = Push(start=1.0, duration=0.5, force=np.array([1.0, 2.0, 3.0]))
@@ -25,7 +25,7 @@ GRASP = Grasp(
 @pytest.fixture(scope="module")
 def plant():
     plant = MultibodyPlant(0.001)
-    AddPandaWithEraser(plant)
+    AddRobot(plant, LoadRobot("panda"))
     plant.Finalize()
     return plant
 

@@ -1,6 +1,7 @@
 """Facts about the torque that may be sent to a real arm."""
 
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,17 +13,24 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems import GateConfig, GateFault, GateMode, TorqueGate
-from fmp_drake.systems.panda.gating import (
+from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
+from fmp_drake.systems import GateConfig, GateMode
+from fmp_drake.systems.interface.arm_model import joint_limits
+from fmp_drake.systems.panda.gate import (
     GateState,
     gate_step,
     initial_gate,
     limited_change,
 )
-from fmp_drake.systems.panda.reading import read_status
+from fmp_drake.systems.panda.status import GateFault, read_status
+from fmp_drake.systems.torque_gate import TorqueGate
 
 NOW = 1.7e9
-LIMIT = np.array(GateConfig().max_torque)
+LIMITS = joint_limits(MakeRobotModel(LoadRobot("panda")).plant)
+LIMIT = LIMITS.upper_effort
+Q = np.array([0.0, 0.4, 0.0, -2.2, 0.0, 2.6, 0.8])
+# Without the slow return: what is sent is the controller's torque at once.
+AT_ONCE = GateConfig(return_speed=1.0).completed(LIMITS)
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 # What a clock, a network and a person may do; mostly what they should.
 STEPS = st.lists(
@@ -48,6 +56,10 @@ def status(time=NOW, kind="good", **values):
     for name in message.__slots__:
         if name.startswith("joint_"):
             setattr(message, name, [0.1] * 7)
+    # An arm at rest, with the noise of its encoders.
+    noise = 1e-6 * np.sin(1e5 * (time - NOW) + np.arange(7)) if abs(time) < 1e12 else 0
+    message.joint_position = (Q + noise).tolist()
+    message.joint_velocity = [0.0] * 7
     message.robot_mode = lcmt_panda_status.kMove
     message.control_mode = lcmt_panda_status.CONTROL_MODE_TORQUE
     if kind == "no joints":
@@ -72,8 +84,10 @@ def play(steps, config=None):
             wall = wall_time
         gos += each["go"] > 0
         after = gate_step(
-            config or GateConfig(),
+            config or AT_ONCE,
             gate,
+            limits=LIMITS,
+            command=lcmt_panda_command(),
             reading=read_status(status(wall - each["age"], each["status"])),
             torque=np.full(7, each["torque"]),
             wall_time=wall_time,
@@ -129,7 +143,7 @@ def test_an_open_gate_has_a_status_that_is_young_and_good(steps):
 
 @given(STEPS)
 def test_a_dry_gate_sends_zeros_in_the_same_modes(steps):
-    wet, dry = play(steps), play(steps, GateConfig(dry=True))
+    wet, dry = play(steps), play(steps, replace(AT_ONCE, dry=True))
     for (_, after, _), (_, never, _) in zip(wet, dry, strict=True):
         assert not np.any(never.torque)
         if after.mode is not never.mode:
@@ -138,11 +152,11 @@ def test_a_dry_gate_sends_zeros_in_the_same_modes(steps):
 
 
 @given(STEPS)
-def test_a_gate_is_two_vectors(steps):
+def test_a_gate_is_four_vectors(steps):
     for _, after, _ in play(steps):
         again = GateState.from_vectors(*after.vectors())
-        assert_array_equal(again.torque, after.torque)
-        assert_array_equal(np.array(again[1:]), np.array(after[1:]))
+        for vector, other in zip(again.vectors(), after.vectors(), strict=True):
+            assert_array_equal(vector, other)
 
 
 @given(
@@ -234,12 +248,29 @@ def test_a_torque_that_stays_zero_is_not_sent_so_that_the_arm_is_damped():
     live = [after.is_live for _, after, _ in play([*OPENED, step(age=1.0)])]
     assert live == [False, *[True] * (len(OPENED))]
     assert not last_of([*OPENED, step(age=1.0), *[step()] * 20]).is_live
-    assert last_of(OPENED, GateConfig(dry=True)).is_live
+    assert last_of(OPENED, replace(AT_ONCE, dry=True)).is_live
 
 
-def test_a_status_without_a_control_mode_is_trusted():
-    # As of the drivers that leave it out.
-    assert not read_status(status(control_mode=0)).faults
+def test_the_command_that_ends_a_stop_has_expired_so_that_the_arm_is_damped_at_once():
+    sent = [
+        a for _, a, _ in play([*OPENED, step(age=1.0), *[step()] * 20]) if a.is_live
+    ]
+    *earlier, last = sent
+    assert all(each.command_time == each.wall_time for each in earlier)
+    assert not np.any(last.torque)
+    assert np.all([np.any(each.torque) for each in earlier[1:]])
+    # The robot ignores a command that is older than 0.1 s.
+    assert last.wall_time - last.command_time > 0.1
+    # An arm that is enabled gets zeros that count.
+    zeros = last_of([step(), step(go=1, torque=0.0), *[step(torque=0.0)] * 20])
+    assert zeros.is_live
+    assert zeros.command_time == zeros.wall_time
+
+
+@pytest.mark.parametrize("mode", [0, 1, 2, 5, 7])
+def test_a_status_must_report_torque_control(mode):
+    # A driver that leaves the mode out may expect positions: its arm is not enabled.
+    assert read_status(status(control_mode=mode)).faults is GateFault.WRONG_MODE
 
 
 def test_full_torque_is_zero_after_a_tenth_of_a_second():
@@ -272,9 +303,10 @@ def show(gate, context, name):
 def test_the_system_steps_the_gate_and_shows_it(caching):
     sent = []
     gate = TorqueGate(
-        GateConfig(),
+        AT_ONCE,
         initial=np.full(7, 0.3),
-        send=lambda data: sent.append(lcmt_panda_command.decode(data)),
+        limits=LIMITS,
+        send=lambda torque, stamp: sent.append((torque.copy(), stamp)),
     )
     simulator = Simulator(gate)
     context = simulator.get_mutable_context()
@@ -289,8 +321,10 @@ def test_the_system_steps_the_gate_and_shows_it(caching):
         fixed(gate, context, wall_time=wall_time, go=float(i > 2))
         simulator.AdvanceTo(1e-3 * i + 5e-4)
         expected = gate_step(
-            GateConfig(),
+            AT_ONCE,
             expected,
+            limits=LIMITS,
+            command=lcmt_panda_command(),
             reading=read_status(status(wall_time)),
             torque=np.full(7, 5.0),
             wall_time=wall_time,
@@ -300,22 +334,20 @@ def test_the_system_steps_the_gate_and_shows_it(caching):
         for each in (context, clone):
             assert_array_equal(show(gate, each, "torque_sent"), expected.torque)
             assert show(gate, each, "mode") == expected.mode
-    torques = [each.joint_torque[0] for each in sent]
+    torques = [torque[0] for torque, _ in sent]
     assert torques == pytest.approx([0.9, 1.8, 2.7, 3.6], abs=1e-3)
-    assert sent[0].utime == round(1e6 * (NOW + 3e-3))
-    for each in sent:
-        assert each.control_mode_expected == 4
-        assert each.num_joint_position == each.num_joint_velocity == 0
+    assert sent[0][1] == NOW + 3e-3
     assert expected.mode is GateMode.OPEN
-    assert_array_equal(show(gate, context, "state"), [0.1] * 14)
+    measured = read_status(status(wall_time)).state
+    assert_array_equal(show(gate, context, "state"), measured)
     assert_array_equal(show(gate, context, "torque_external"), [-0.1] * 7)
     # A broken message is not seen: the last good one is.
     fixed(gate, context, message=status(NOW + 1, "nan", joint_position=[9.0] * 7))
-    assert_array_equal(show(gate, context, "state"), [0.1] * 14)
+    assert_array_equal(show(gate, context, "state"), measured)
 
 
 def test_a_gate_that_sends_nowhere_steps_too():
-    gate = TorqueGate(GateConfig(), initial=np.zeros(7))
+    gate = TorqueGate(AT_ONCE, initial=np.zeros(7), limits=LIMITS)
     simulator = Simulator(gate)
     context = simulator.get_mutable_context()
     for i in range(4):
@@ -326,7 +358,7 @@ def test_a_gate_that_sends_nowhere_steps_too():
 
 
 def test_the_torque_sent_feeds_nothing_through():
-    gate = TorqueGate(GateConfig(), initial=np.zeros(7))
+    gate = TorqueGate(AT_ONCE, initial=np.zeros(7), limits=LIMITS)
     index = gate.GetOutputPort("torque_sent").get_index()
     for i in range(gate.num_input_ports()):
         assert not gate.HasDirectFeedthrough(i, index)
@@ -344,9 +376,9 @@ def test_the_torque_sent_feeds_nothing_through():
 )
 def test_values_that_a_panda_does_not_bear_are_refused(values, message):
     with pytest.raises(SystemsError, match=message):
-        TorqueGate(GateConfig(**values), initial=np.zeros(7))
+        TorqueGate(GateConfig(**values), initial=np.zeros(7), limits=LIMITS)
 
 
 def test_angles_of_another_arm_are_refused():
     with pytest.raises(SystemsError, match=r"shape \(6,\); expected \(7,\)"):
-        TorqueGate(GateConfig(), initial=np.zeros(6))
+        TorqueGate(GateConfig(), initial=np.zeros(6), limits=LIMITS)

@@ -111,11 +111,11 @@ def test_a_trail_thins_out_towards_its_old_end(meshcat, monkeypatch):
         "draw_rod",
         lambda *_, radius, **__: radii.append(radius),
     )
-    diagram, _ = make_diagram(meshcat, seconds=1.0, period=0.1, radius=0.003)
+    diagram, _ = make_diagram(meshcat, seconds=1.0, period=0.1)
     Simulator(diagram).AdvanceTo(1.5)
-    assert_allclose(radii[-1], np.linspace(0.0003, 0.003, 10))
+    assert_allclose(radii[-1], np.linspace(0.00025, 0.0025, 10))
     # A young trail is as thick at its new end.
-    assert_allclose(radii[0][-1], 0.003)
+    assert_allclose(radii[0][-1], 0.0025)
 
 
 def test_a_tool_at_rest_is_not_drawn_again(meshcat, drawn):
@@ -190,8 +190,7 @@ def test_a_forgotten_input_is_named(meshcat):
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{"seconds": 0.0}, {"period": -1.0}, {"period": np.nan}, {"radius": 0.0}],
+    "options", [{"seconds": 0.0}, {"period": -1.0}, {"period": np.nan}]
 )
 def test_times_that_are_not_positive_are_refused(meshcat, options):
     with pytest.raises(SystemsError, match="must be positive"):

@@ -12,10 +12,10 @@ from rubbed_board import GRID, OUTPUTS, add_ink, make_plant
 from fmp_drake.systems.page.force_arrow import ForceArrow
 from fmp_drake.systems.page.ink_visualizer import InkVisualizer
 from fmp_drake.systems.page.page_controls import PageControls
+from fmp_drake.systems.page.page_panel import PagePanel
 from fmp_drake.systems.page.page_status import PageStatus
 from fmp_drake.systems.page.plan_visualizer import PlanVisualizer
 from fmp_drake.systems.page.trail_visualizer import TrailVisualizer
-from fmp_drake.systems.viewer.page_panel import PagePanel
 
 PATHS = [np.eye(4, 3)]
 
@@ -60,10 +60,10 @@ def controlled(meshcat, *, watched):
             builder.Connect(source.get_output_port(), plan.GetInputPort(name))
         builder.AddSystem(PageControls(meshcat))
         status = builder.AddSystem(PageStatus(PagePanel(meshcat), area=[True]))
-        for name, size in {"status": 6, "normal_force": 1, "ink": 1}.items():
-            source = builder.AddSystem(ConstantVectorSource(np.ones(size)))
-            builder.Connect(source.get_output_port(), status.GetInputPort(name))
-        builder.Connect(source.get_output_port(), status.GetInputPort("component"))
+        for i in range(status.num_input_ports()):
+            port = status.get_input_port(i)
+            source = builder.AddSystem(ConstantVectorSource(np.ones(port.size())))
+            builder.Connect(source.get_output_port(), port)
     simulator = Simulator(builder.Build())
     simulator.get_mutable_integrator().set_target_accuracy(1e-6)
     return simulator

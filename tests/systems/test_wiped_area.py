@@ -3,7 +3,8 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.systems import InkGrid, WipedArea
+from fmp_drake.systems import InkGrid
+from fmp_drake.systems.wiped_area import WipedArea
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.01)
 FOOTPRINT = (0.06, 0.04)

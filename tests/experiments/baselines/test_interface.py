@@ -9,13 +9,13 @@ from sklearn.exceptions import NotFittedError
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines import (
     AlignedProMP,
-    FourierModel,
     PeriodicDMP,
     PeriodicGP,
     ProMP,
     Replay,
     TrajectoryModel,
 )
+from fmp_drake.experiments.baselines.fourier_model import FourierModel
 
 MODELS = {
     "fourier": FourierModel(),

@@ -6,13 +6,10 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter1d
 
 from fmp_drake.errors import DemonstrationError, ExperimentError
-from fmp_drake.experiments.baselines import (
-    align_periods,
-    autocorrelation,
-    fundamental_period,
-    joined_recordings,
-)
+from fmp_drake.experiments.baselines.alignment import align_periods
 from fmp_drake.primitives import sliding_windows
+from fmp_drake.primitives.data.windows import joined_recordings
+from fmp_drake.primitives.model.phase.period import autocorrelation, fundamental_period
 
 
 @pytest.mark.parametrize("stride", [1, 7, 10])

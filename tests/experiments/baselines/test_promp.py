@@ -7,7 +7,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.baselines import ProMP, VonMisesBasis
+from fmp_drake.experiments.baselines.promp import ProMP, VonMisesBasis
 
 SMALL = {"frequencies": (2, 4), "n_bases": 6, "width": 5.0, "ridge": 1e-6}
 

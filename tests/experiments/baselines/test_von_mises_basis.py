@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.baselines import VonMisesBasis
+from fmp_drake.experiments.baselines.promp import VonMisesBasis
 
 
 def test_rows_are_21():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fmp_drake import FmpError
-from fmp_drake.experiments.worlds import Distribution, WorldSpec
+from fmp_drake.experiments.trials import TrialSpec
+from fmp_drake.experiments.trials.spec import Distribution
 from fmp_drake.station import ParseScenario
 
 SPEC = """
@@ -23,24 +24,24 @@ disturbances:
 
 
 def drawn(count=20, seed=3, spec=SPEC):
-    spec = WorldSpec(spec)
+    spec = TrialSpec(spec)
     return [spec.draw(seed=seed, number=i) for i in range(count)]
 
 
-def test_world_depends_on_text_seed_and_number_only():
-    worlds = drawn()
-    spec = WorldSpec(SPEC)
+def test_trial_depends_on_text_seed_and_number_only():
+    trials = drawn()
+    spec = TrialSpec(SPEC)
     alone = [spec.draw(seed=3, number=i) for i in reversed(range(20))]
-    assert alone[::-1] == worlds
-    assert len({w.scenario for w in worlds}) == 20
-    assert all(a != b for a, b in zip(worlds, drawn(seed=4), strict=True))
-    assert drawn(1) == worlds[:1]
+    assert alone[::-1] == trials
+    assert len({t.scenario for t in trials}) == 20
+    assert all(a != b for a, b in zip(trials, drawn(seed=4), strict=True))
+    assert drawn(1) == trials[:1]
 
 
 def test_scenario_has_what_was_drawn_and_the_rest_of_its_base():
     seen = set()
-    for world in drawn():
-        p, s = world.parameters, ParseScenario(world.scenario)
+    for trial in drawn():
+        p, s = trial.parameters, ParseScenario(trial.scenario)
         assert s.board.translation[2] == p["board.translation[2]"]
         assert s.press.force == p["press.force"]
         assert s.skill.demonstration == p["skill.demonstration"]
@@ -80,7 +81,10 @@ def test_distribution_has_its_mean_and_deviation(kind, values, mean, deviation):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("fields: {board.frction: 1}", "no board.frction: board has translation, rpy"),
+        (
+            "fields: {board.frction: 1}",
+            "no board.frction: board has shape, radius, axis, translation, rpy",
+        ),
         ('fields: {"board.rpy[3]": 1}', r"no board.rpy\[3\]: board.rpy has 0, 1, 2"),
         ("fields: {press.force: {unifrm: [1, 2]}}", "press.force is a value. Dist"),
         ("fields: 3", "no name; expected one such as board.rpy"),
@@ -95,37 +99,102 @@ def test_distribution_has_its_mean_and_deviation(kind, values, mean, deviation):
         ("fields: {press.force: {normal: [1, 2]}}", r"expected normal: \[mean, stand"),
         ("fields: {press.force: {choice: []}}", "equally likely"),
         ("offsets: {skill.demonstration: 1}", "offset 1 of skill.demonstration, which"),
-        ("stuff: 1", "have the keys description, base, offsets, fields, disturbances"),
+        (
+            "stuff: 1",
+            "have the keys description, base, robot, offsets, fields, disturbances",
+        ),
         ("- 1", "have the keys description"),
         ("fields: {", "cannot be read as YAML"),
         ("base: moon", "no scenario moon; give a YAML file or one of: cenic"),
         ("disturbances: 2", "expected a mapping with count and each"),
-        ("disturbances: {count: 1.5}", "expected whole numbers"),
+        ("disturbances: {count: 1.5}", "must be a whole number"),
+        ("disturbances: {count: 1000000000000}", "at least 0 and at most 1000"),
+        ("disturbances: {count: {uniform: [0, 1001]}}", "count is 1001; it must"),
+        ("fields: {skill.seed: {uniform: [0, 1000000000000000000000]}}", "within 1e"),
+        ("fields: {a: " + "[" * 1000 + "]" * 1000 + "}", "deeper than 50 levels"),
+        ("fields: {skill.tempo: " + "1" * 400 + "}", "an integer of 400 digits"),
+        ("fields: {skill.seed: {uniform: [0, 2026-99-99]}}", "cannot be read as YAML"),
         ("disturbances: {each: {forc: 1}}", "no forc: it has kind, start"),
         ("disturbances: {each: {kind: kick}}", "choose one of: push, grasp"),
     ],
 )
 def test_what_does_not_fit_is_named(text, message):
     with pytest.raises(FmpError, match=message):
-        WorldSpec(text)
+        TrialSpec(text)
+
+
+def test_trials_have_robots_with_postures_and_friction_of_their_own(tmp_path):
+    text = """
+base: {choice: [table_top, vertical]}
+robot: {choice: [panda, iiwa14, ur5e]}
+fields: {friction.enabled: true, impedance.friction_compensation.enabled: true}
+"""
+    seen = set()
+    for trial in drawn(40, spec=text):
+        scenario = ParseScenario(trial.scenario)
+        scenario.check()
+        robot, base = (trial.parameters[key] for key in ("robot", "base"))
+        seen.add((robot, base))
+        assert scenario.robot == robot
+        is_panda = robot == "panda"
+        assert scenario.friction.enabled == is_panda
+        assert scenario.impedance.friction_compensation.enabled == is_panda
+        assert bool(scenario.posture) == (is_panda and base == "vertical")
+    assert len(seen) == 6
+    (tmp_path / "spec.yaml").write_text(text)
+    spec = TrialSpec.load(tmp_path / "spec.yaml", robot="ur5e")
+    trials = [spec.draw(seed=3, number=i) for i in range(5)]
+    assert {ParseScenario(trial.scenario).robot for trial in trials} == {"ur5e"}
+    assert all("robot" not in trial.parameters for trial in trials)
+    with pytest.raises(FmpError, match="there is no robot billiards"):
+        TrialSpec.load(tmp_path / "spec.yaml", robot="billiards")
+
+
+@pytest.mark.parametrize(
+    ("least", "most"), [(0.9, 1.0), (1.0, 1.1), (1.0, 1.0), (0.0, 2.0)]
+)
+def test_normal_distribution_of_narrow_bounds_is_drawn_between_them(least, most):
+    values = [1.0, 1e12, least, most]
+    distribution = Distribution.read({"normal": values}, "it")
+    rng = np.random.default_rng(0)
+    drawn = [distribution.draw(rng) for _ in range(50)]
+    assert least <= min(drawn) <= max(drawn) <= most
+    assert np.ptp(drawn) > 0.8 * (most - least) or least == most
 
 
 def test_files_are_looked_for_beside_the_spec(tmp_path, make_npz):
     make_npz("mine.npz")
     path = tmp_path / "mine.yaml"
     path.write_text("fields: {skill.demonstration: {choice: [mine.npz]}}")
-    scenario = ParseScenario(WorldSpec.load(path).draw(seed=0, number=0).scenario)
+    scenario = ParseScenario(TrialSpec.load(path).draw(seed=0, number=0).scenario)
     assert scenario.skill.demonstration == str(tmp_path / "mine.npz")
 
 
 def test_missing_spec_names_those_that_come_along():
     with pytest.raises(
-        FmpError, match="no worlds nowhere; give a YAML file or one of: default"
+        FmpError, match="no distributions nowhere; give a YAML file or one of: default"
     ):
-        WorldSpec.load("nowhere")
+        TrialSpec.load("nowhere")
 
 
-def test_bundled_worlds_can_be_drawn():
-    spec = WorldSpec.load("default")
+@pytest.mark.parametrize("name", ["default", "surfaces"])
+def test_bundled_trials_can_be_drawn(name):
+    spec = TrialSpec.load(name)
     for number in range(10):
         ParseScenario(spec.draw(seed=0, number=number).scenario)
+
+
+def test_surfaces_robots_and_tasks_are_drawn():
+    spec = TrialSpec.load("surfaces")
+    drawn = [ParseScenario(spec.draw(seed=0, number=n).scenario) for n in range(60)]
+    stirred = [s for s in drawn if s.board.shape == "none"]
+    assert {s.skill.demonstration for s in stirred} == {"stirring"}
+    drawn = [s for s in drawn if s not in stirred]
+    assert {s.skill.demonstration for s in drawn} == {
+        *("eight", "polishing", "pulsing", "wiping")
+    }
+    assert {s.board.shape for s in drawn} == {"plane", "cylinder", "dome", "bowl"}
+    assert {s.robot for s in drawn} == {"panda", "iiwa14", "ur5e"}
+    curved = [s.board.radius for s in drawn if s.board.shape != "plane"]
+    assert min(curved) < 0.3
+    assert max(curved) > 0.4

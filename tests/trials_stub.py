@@ -1,9 +1,10 @@
-"""Stand-ins for worlds, for processes that import next to nothing."""
+"""Stand-ins for trials, for processes that import next to nothing."""
 
 import os
 import time
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 
@@ -57,23 +58,21 @@ def square(task):
     return number**2
 
 
-def world(task):
-    """Note that a world was begun; the second one ends its process once."""
-    from fmp_drake.experiments.worlds import Outcome
-
-    folder = os.environ["WORLDS_STUB"]
-    last = task.number == int(os.environ.get("WORLDS_STUB_LAST", "-1"))
-    square((folder, task.number, 60 if last else 0, "kill once" * (task.number == 1)))
-    if task.number == 2:
-        return Outcome(checked={}, error="ValueError: too much")
-    return Outcome(checked={"margin": 0.1}, metrics={"rms": float("nan")})
+def trial(drawn):
+    """Note that a trial was begun; the second one ends its process once."""
+    folder = os.environ["TRIALS_STUB"]
+    last = drawn.number == int(os.environ.get("TRIALS_STUB_LAST", "-1"))
+    square((folder, drawn.number, 60 if last else 0, "kill once" * (drawn.number == 1)))
+    if drawn.number == 2:
+        return replace(drawn, error="ValueError: too much")
+    return replace(drawn, checked={"margin": 0.1}, metrics={"rms": float("nan")})
 
 
 def drive(folder, count):
-    """Run worlds with `world` in one process."""
-    from fmp_drake.experiments.worlds import WorldSpec, WorldStore, run_worlds
+    """Run trials with `trial` in one process."""
+    from fmp_drake.experiments.trials import TrialSpec, TrialStore, run_trials
     from fmp_drake.processes import LocalWorkers
 
-    spec = WorldSpec("fields: {press.force: {uniform: [5.0, 9.0]}}")
-    store = WorldStore(Path(folder), spec.plan(seed=0, seconds=1.0))
-    list(run_worlds(store, spec, int(count), LocalWorkers(1), run=world))
+    spec = TrialSpec("fields: {press.force: {uniform: [5.0, 9.0]}}")
+    store = TrialStore(Path(folder), spec.plan(seed=0, seconds=1.0))
+    list(run_trials(store, spec, int(count), LocalWorkers(1), run=trial))

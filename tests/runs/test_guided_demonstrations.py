@@ -1,10 +1,13 @@
-"""Facts about what becomes of a recorded hand before it is learned from."""
+"""Facts about demonstrations from the recorded path of a hand."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from fmp_drake.primitives.data.recording import hand_time, led_demonstrations
+from fmp_drake.runs.guided_demonstrations import (
+    guided_demonstrations,
+    hand_time,
+)
 
 TIME = np.arange(0.0, 20.0, 0.05)
 
@@ -14,66 +17,68 @@ def eight(time):
     return np.column_stack([0.06 * np.sin(2 * w), 0.12 * np.sin(w), 0 * w])
 
 
-def test_a_simulation_in_pace_keeps_its_own_time_whatever_the_clock_jitters():
+def test_hand_time_ignores_clock_jitter_while_the_simulation_keeps_pace():
     jitter = np.random.default_rng(0).uniform(0, 0.018, len(TIME))
     jitter[0] = 0
     assert_allclose(np.diff(hand_time(TIME, 100 + TIME + jitter)), 0.05)
 
 
 @pytest.mark.parametrize("rate", [0.5, 0.8])
-def test_a_slow_simulation_records_the_rhythm_of_the_hand(rate):
+def test_slow_simulation_records_the_rhythm_of_the_hand(rate):
     clock = TIME / rate
-    [shown] = led_demonstrations(
+    [shown] = guided_demonstrations(
         hand_time(TIME, clock), eight(clock), np.ones(len(TIME))
     )
     assert shown.duration == pytest.approx(clock[-1], abs=0.2)
     assert np.abs(shown.values - eight(shown.time)).max() < 0.012
 
 
-def test_what_was_missed_is_left_out():
+def test_gap_in_the_samples_splits_the_demonstration():
     clock = TIME + np.where(TIME > 8.0, 1.5, 0.0)
-    one, two = led_demonstrations(
+    one, two = guided_demonstrations(
         hand_time(TIME, clock), eight(clock), np.ones(len(TIME))
     )
     assert one.duration == pytest.approx(8.0, abs=0.11)
     assert two.duration == pytest.approx(11.95, abs=0.11)
 
 
-def test_each_time_that_the_hand_led_is_a_demonstration_of_its_own():
-    leads = (TIME < 7) | (TIME > 8)
-    found = led_demonstrations(TIME, eight(TIME), leads)
-    assert [round(d.duration) for d in found] == [7, 12]
-    assert {(d.frame, d.channels) for d in found} == {("board", ("x", "y", "z"))}
+def test_each_guided_interval_is_one_demonstration():
+    is_guided = (TIME < 7) | (TIME > 8)
+    demonstrations = guided_demonstrations(TIME, eight(TIME), is_guided)
+    assert [round(d.duration) for d in demonstrations] == [7, 12]
+    assert {(d.frame, d.channels) for d in demonstrations} == {
+        ("board", ("x", "y", "z"))
+    }
 
 
-def test_still_beginnings_and_ends_are_cut_off_and_rests_between_are_not():
+def test_rest_is_cut_off_at_both_ends_and_kept_in_between():
     moving = np.interp(TIME, [2, 6, 9, 16, 20], [0, 4, 4, 11, 11])
-    [shown] = led_demonstrations(TIME, eight(moving), np.ones(len(TIME)))
+    [shown] = guided_demonstrations(TIME, eight(moving), np.ones(len(TIME)))
     assert shown.duration == pytest.approx(14.0, abs=0.3)
     assert_allclose(shown.values[0], 0, atol=0.01)
 
 
-def test_who_never_moved_has_shown_nothing():
+def test_no_motion_gives_no_demonstration():
     path = np.zeros((len(TIME), 3))
-    assert led_demonstrations(TIME, path, np.ones(len(TIME))) == []
-    assert led_demonstrations(TIME, eight(TIME), np.zeros(len(TIME))) == []
-    assert led_demonstrations([], np.zeros((0, 3)), []) == []
+    assert guided_demonstrations(TIME, path, np.ones(len(TIME))) == []
+    assert guided_demonstrations(TIME, eight(TIME), np.zeros(len(TIME))) == []
+    assert guided_demonstrations([], np.zeros((0, 3)), []) == []
 
 
-def test_a_path_that_is_sampled_uniformly_is_recorded_as_it_is():
-    [shown] = led_demonstrations(TIME, eight(TIME), np.ones(len(TIME)))
+def test_uniformly_sampled_path_is_unchanged():
+    [shown] = guided_demonstrations(TIME, eight(TIME), np.ones(len(TIME)))
     assert_array_equal(shown.values, eight(TIME)[-len(shown.time) :])
 
 
 @pytest.mark.parametrize("frame", [0.1, 0.25])
-def test_steps_of_a_slow_pages_pictures_are_smoothed_and_no_more(frame):
+def test_only_steps_longer_than_a_sample_are_smoothed(frame):
     stepped = eight(np.floor(TIME / frame + 1e-9) * frame)
     ones = np.ones(len(TIME))
-    [raw] = led_demonstrations(TIME, stepped, ones)
-    [smooth] = led_demonstrations(TIME, stepped, ones, frame_seconds=frame)
+    [raw] = guided_demonstrations(TIME, stepped, ones)
+    [smooth] = guided_demonstrations(TIME, stepped, ones, frame_seconds=frame)
     late = eight(smooth.time + (TIME[-1] - smooth.time[-1]) - frame / 2)
     inner = slice(10, -10)
     errors = [np.abs(d.values - late)[inner].max() for d in (raw, smooth)]
     assert errors[1] < 0.6 * errors[0]
-    [same] = led_demonstrations(TIME, stepped, ones, frame_seconds=1 / 60)
+    [same] = guided_demonstrations(TIME, stepped, ones, frame_seconds=1 / 60)
     assert_array_equal(same.values, raw.values)

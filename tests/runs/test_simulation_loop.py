@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput
 
-from fmp_drake.runs.advancing import RunButtons, advance, reset
+from fmp_drake.runs.simulation_loop import RunButtons, advance, reset
 
 
 class Walk(LeafSystem):
@@ -112,9 +112,9 @@ def test_a_click_on_reset_begins_again(clicks):
         on_reset=lambda: resets.append(simulator.get_context().get_time()),
     )
     assert resets == [0.0]
-    undisturbed, other = make()
-    run(undisturbed, 2.0)
-    expected = walked(undisturbed, other)
+    uninterrupted, other = make()
+    run(uninterrupted, 2.0)
+    expected = walked(uninterrupted, other)
     for one, two in zip(walked(simulator, log), expected, strict=True):
         assert_array_equal(one, two)
 
@@ -148,7 +148,11 @@ def test_a_pause_is_not_made_up_for(clicks):
 def test_the_buttons_are_there_while_the_run_is(clicks):
     simulator, _ = make()
     run(simulator, 0.5, meshcat=clicks)
-    assert clicks.added == [(RunButtons.PAUSE, "KeyP"), (RunButtons.RESET, "KeyR")]
+    assert clicks.added == [
+        (RunButtons.PAUSE, "KeyP"),
+        (RunButtons.RESET, "KeyR"),
+        (RunButtons.STOP, ""),
+    ]
     assert clicks.clicks == {}
 
 
@@ -163,7 +167,7 @@ def test_the_buttons_go_when_the_run_fails():
     )
     with pytest.raises(ValueError, match="it fell"):
         run(simulator, 1.0, meshcat=meshcat)
-    assert names == [RunButtons.PAUSE, RunButtons.RESET]
+    assert names == [RunButtons.PAUSE, RunButtons.RESET, RunButtons.STOP]
     assert meshcat.GetButtonNames() == []
     # And they can come back.
     simulator, _ = make()
@@ -187,3 +191,19 @@ def test_what_advances_may_be_given():
 
     assert run(simulator, 0.35, advance_to=advance_to) == ends
     assert len(ends) == 4
+
+
+def test_run_goes_on_as_long_as_it_is_asked_to():
+    simulator, _ = make()
+    answers = iter([True, True, False])
+    times = run(simulator, 0.25, goes_on=lambda: next(answers))
+    assert times == pytest.approx([0.1, 0.2, 0.25, 0.3, 0.4])
+
+
+def test_stop_button_ends_a_run():
+    clicks = Clicks()
+    clicks.at[3] = lambda: clicks.click(RunButtons.STOP)
+    simulator, _ = make()
+    times = run(simulator, 1.0, meshcat=clicks)
+    assert times == pytest.approx([0.1, 0.2, 0.3])
+    assert clicks.clicks == {}

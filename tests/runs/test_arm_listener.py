@@ -6,9 +6,10 @@ from arm_bus import Bus
 from drake import lcmt_panda_command, lcmt_panda_status
 
 from fmp_drake.errors import RunError
-from fmp_drake.runs import NetworkFaults, check_arm, record_arm
+from fmp_drake.runs import check_arm, record_arm
+from fmp_drake.runs.arm.arm_bench import NetworkFaults
 from fmp_drake.station import LcmPanda, SimulatedHand
-from fmp_drake.station.parts.board_scene import MakeArm
+from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems import HandMotion
 
 
@@ -16,7 +17,7 @@ def test_an_arm_that_may_be_let_go_passes_the_check(monkeypatch):
     bus = Bus(monkeypatch)
     found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
     assert all(each.is_good for each in found), found
-    said = " ".join(each.said for each in found)
+    said = " ".join(each.text for each in found)
     for word in ("Drake 1.", "1000 wanted", "kMove", "from the start", "Nm"):
         assert word in said
 
@@ -40,7 +41,7 @@ def test_a_mode_without_a_name_is_said_as_a_number(monkeypatch):
     bus = Bus(monkeypatch, speaks=False)
     bus.bench = Odd(bus.lcm)
     found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
-    wrong = [each.said for each in found if not each.is_good]
+    wrong = [each.text for each in found if not each.is_good]
     assert "the robot's mode is 17; it must be kMove, controlled by torque" in wrong
 
 
@@ -50,7 +51,7 @@ def test_an_arm_that_was_sent_nonsense_is_in_a_reflex(monkeypatch):
     command.utime = round(1e6 * bus.seconds)
     bus.lcm.Publish("PANDA_COMMAND", command.encode())
     found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
-    wrong = [each.said for each in found if not each.is_good]
+    wrong = [each.text for each in found if not each.is_good]
     assert wrong == [
         "the robot's mode is kReflex; it must be kMove, controlled by torque"
     ]
@@ -80,7 +81,7 @@ def test_what_is_wrong_with_an_arm_is_said(monkeypatch, bench, scenario, word):
     for name, value in scenario.items():
         setattr(bus.scenario, name, value)
     found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
-    assert any(word in each.said and not each.is_good for each in found), found
+    assert any(word in each.text and not each.is_good for each in found), found
 
 
 def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
@@ -96,7 +97,8 @@ def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
     assert shown.frame == "board"
     assert shown.duration > 2.5
     np.testing.assert_allclose(np.diff(shown.time), 0.05)
-    arm, tip = MakeArm(bus.scenario)
+    robot = MakeRobotModel(LoadRobot("panda"), bus.scenario.eraser)
+    arm, tip = robot.plant, robot.tip
     context, X_BW = arm.CreateDefaultContext(), bus.scenario.board.pose().inverse()
     path = []
     for state in states[::5]:

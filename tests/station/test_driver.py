@@ -1,4 +1,4 @@
-"""Facts about the driver between an arm and its controller."""
+"""Facts about the drivers between an arm and its controller."""
 
 import json
 
@@ -7,21 +7,19 @@ import pytest
 from drake import lcmt_panda_command, lcmt_panda_status
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.lcm import DrakeLcm
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.lcm import LcmSubscriberSystem
 
 from fmp_drake.errors import StationError
-from fmp_drake.station import (
-    LcmPanda,
-    LoadPanda,
-    MakePandaDriver,
-    ReplayPanda,
-    Scenario,
-    SensorConfig,
-    SimulatedPanda,
-)
-from fmp_drake.station.parts.board_scene import MakeArm
-from fmp_drake.systems import GateConfig, GateFault, GateMode
+from fmp_drake.station import LcmPanda
+from fmp_drake.station.robots.driver import MakeDriver, ReplayDriver, SimulatedDriver
+from fmp_drake.station.robots.panda_lcm import LoadPanda
+from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
+from fmp_drake.station.scenario_parts import SensorConfig
+from fmp_drake.systems import GateConfig, GateMode
+from fmp_drake.systems.panda.status import GateFault
 
 OUTPUTS = {"state": 14, "torque_measured": 7, "torque_external": 7, "mode": 1, "age": 1}
 NOW = 1.7e9
@@ -29,7 +27,7 @@ NOW = 1.7e9
 
 @pytest.fixture(scope="module")
 def arm():
-    return MakeArm(Scenario())[0]
+    return MakeRobotModel(LoadRobot("panda")).plant
 
 
 @pytest.fixture
@@ -54,18 +52,38 @@ def show(driver, context, name):
 
 def test_every_driver_has_the_same_ports(arm, log):
     for config in (
-        SimulatedPanda(),
+        SimulatedDriver(),
         LcmPanda(url="memq://"),
-        ReplayPanda(log=str(log)),
+        ReplayDriver(log=str(log)),
     ):
-        driver = MakePandaDriver(config, arm=arm)
+        driver = MakeDriver(config, arm=arm)
         assert driver.GetInputPort("torque").size() == 7
         for name, size in OUTPUTS.items():
             assert driver.GetOutputPort(name).size() == size
 
 
+def test_a_driver_has_as_many_joints_as_its_arm(log):
+    arm = MultibodyPlant(time_step=0.0)
+    body = arm.world_body()
+    for i in range(3):
+        link = arm.AddRigidBody(f"link{i}", SpatialInertia.SolidSphereWithMass(1, 0.1))
+        arm.AddJoint(
+            RevoluteJoint(
+                f"joint{i}", body.body_frame(), link.body_frame(), [0.0, 0.0, 1.0]
+            )
+        )
+        body = link
+    arm.Finalize()
+    driver = MakeDriver(SimulatedDriver(), arm=arm)
+    assert driver.GetInputPort("torque").size() == 3
+    assert driver.GetOutputPort("state").size() == 6
+    assert driver.GetOutputPort("torque_measured").size() == 3
+    with pytest.raises(StationError, match=r"an arm of 3 joints needs 6 columns"):
+        MakeDriver(ReplayDriver(log=str(log)), arm=arm)
+
+
 def test_simulated_arm_passes_torque_and_adds_its_weight(arm):
-    driver = MakePandaDriver(SimulatedPanda(), arm=arm)
+    driver = MakeDriver(SimulatedDriver(), arm=arm)
     context = driver.CreateDefaultContext()
     values = {"torque": 7, "plant_state": 14, "plant_external": 7}
     given = {name: np.linspace(0.1, 1.0, size) for name, size in values.items()}
@@ -86,8 +104,8 @@ def test_simulated_arm_passes_torque_and_adds_its_weight(arm):
 
 def test_simulated_arm_may_be_measured_late(arm):
     sensors = SensorConfig(rate=1000.0, delay=0.002)
-    driver = MakePandaDriver(
-        SimulatedPanda(sensors=sensors), arm=arm, initial=np.full(7, 0.2)
+    driver = MakeDriver(
+        SimulatedDriver(sensors=sensors), arm=arm, initial=np.full(7, 0.2)
     )
     context = driver.CreateDefaultContext()
     assert show(driver, context, "age") == 0.002
@@ -95,7 +113,7 @@ def test_simulated_arm_may_be_measured_late(arm):
 
 
 def test_replay_of_a_log_gives_the_log(arm, log):
-    driver = MakePandaDriver(ReplayPanda(log=str(log)), arm=arm)
+    driver = MakeDriver(ReplayDriver(log=str(log)), arm=arm)
     context = driver.CreateDefaultContext()
     for i, time in enumerate((0.0, 0.1, 0.2, 0.35)):
         context.SetTime(time)
@@ -108,7 +126,7 @@ def test_a_file_that_is_no_log_is_refused(arm, tmp_path):
     path = tmp_path / "other.npz"
     np.savez(path, state=np.zeros((2, 14)))
     with pytest.raises(StationError, match=r"no signal state; give a file"):
-        MakePandaDriver(ReplayPanda(log=str(path)), arm=arm)
+        MakeDriver(ReplayDriver(log=str(path)), arm=arm)
 
 
 # Over LCM -----------------------------------------------------------------------------
@@ -119,8 +137,8 @@ class Bench:
 
     def __init__(self, arm, **gate):
         self.lcm = DrakeLcm("memq://")
-        config = LcmPanda(gate=GateConfig(**gate))
-        self.driver = MakePandaDriver(config, arm=arm, lcm=self.lcm)
+        config = LcmPanda(gate=GateConfig(return_speed=1.0, **gate))
+        self.driver = MakeDriver(config, arm=arm, lcm=self.lcm)
         self.simulator = Simulator(self.driver)
         self.context = self.simulator.get_mutable_context()
         # A callback of Python's on this bus would end the interpreter.
@@ -139,6 +157,10 @@ class Bench:
         for name in message.__slots__:
             if name.startswith("joint_"):
                 setattr(message, name, [0.1] * 7)
+        message.joint_velocity = [0.0] * 7
+        # Each with the noise of an encoder.
+        q = np.array([0.0, 0.4, 0.0, -2.2, 0.0, 2.6, 0.8])
+        message.joint_position = (q + 1e-6 * (self.ticks % 5)).tolist()
         message.robot_mode, message.control_mode = 2, 4
         for name, value in values.items():
             setattr(message, name, value)
@@ -174,10 +196,16 @@ def opened(arm, **gate):
 def test_torque_goes_over_lcm_once_the_operator_says_go(arm):
     bench, torque = opened(arm)
     assert_array_equal(torque, np.full(7, 3.0))
-    assert_array_equal(bench.show("state"), np.full(14, 0.1))
+    assert_allclose(bench.show("state")[:4], [0.0, 0.4, 0.0, -2.2], atol=1e-5)
+    assert_array_equal(bench.show("torque_external"), np.full(7, -0.1))
     assert bench.show("mode") == GateMode.OPEN
     assert 0 <= bench.show("age") < 0.003
-    assert abs(bench.received().utime - 1e6 * NOW) < 2e4
+    message = bench.received()
+    # Received in the step after the one that stamped it.
+    assert message.utime == round(1e6 * (NOW + 1e-3 * (bench.ticks - 1)))
+    assert message.num_joint_torque == 7
+    assert message.num_joint_position == message.num_joint_velocity == 0
+    assert message.control_mode_expected == lcmt_panda_status.CONTROL_MODE_TORQUE
 
 
 def test_a_dry_run_sends_zeros(arm):
@@ -221,8 +249,16 @@ def test_yaml_says_which_arm(tmp_path):
     path.write_text("panda: !LcmPanda {url: 'memq://', gate: {expiry: 0.02}}")
     loaded = LoadPanda(path)
     assert loaded == LcmPanda(url="memq://", gate=GateConfig(expiry=0.02))
+    path.write_text("panda: !ReplayDriver {log: run.npz}")
+    assert LoadPanda(path) == ReplayDriver(log="run.npz")
+
+
+def test_yaml_of_earlier_versions_says_which_arm(tmp_path):
+    path = tmp_path / "arm.yaml"
     path.write_text("panda: !ReplayPanda {log: run.npz}")
-    assert LoadPanda(path) == ReplayPanda(log="run.npz")
+    assert LoadPanda(path) == ReplayDriver(log="run.npz")
+    path.write_text("panda: !SimulatedPanda {sensors: {rate: 500.0}}")
+    assert LoadPanda(path) == SimulatedDriver(sensors=SensorConfig(rate=500.0))
 
 
 def test_what_yaml_or_settings_cannot_mean_is_refused(tmp_path, arm):
@@ -232,4 +268,4 @@ def test_what_yaml_or_settings_cannot_mean_is_refused(tmp_path, arm):
         with pytest.raises(StationError, match="does not say which arm"):
             LoadPanda(path)
     with pytest.raises(StationError, match=r"gate.max_rate is 2000.0"):
-        MakePandaDriver(LcmPanda(gate=GateConfig(max_rate=2000.0)), arm=arm)
+        MakeDriver(LcmPanda(gate=GateConfig(max_rate=2000.0)), arm=arm)

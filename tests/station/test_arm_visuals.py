@@ -1,9 +1,10 @@
-"""Facts about the arm's meshes: our own, and those of Drake's drake_models."""
+"""Facts about the arms' meshes: our own, and the Panda's of Drake's drake_models."""
 
 import base64
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,11 +18,17 @@ from pydrake.multibody.plant import (
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.models.model_files import AddPandaWithEraser, models_dir
-from fmp_drake.station.models.panda import AddPanda
+from fmp_drake.station.models.model_files import models_dir
+from fmp_drake.station.robots.robot import AddRobot, LoadRobot
+from fmp_drake.station.robots.visuals import AddArm
 
-LINKS = [f"link{i}" for i in range(8)]
-MESHES = models_dir() / "panda" / "meshes"
+JOINTS = {"panda": 7, "iiwa14": 7, "ur5e": 6}
+MESHES = [
+    models_dir() / arm / "meshes" / f"link{i}.gltf"
+    for arm, n in JOINTS.items()
+    for i in range(n + 1)
+]
+PANDA = LoadRobot("panda")
 
 
 def _Arrays(path):
@@ -46,20 +53,28 @@ def _Arrays(path):
     ]
 
 
-def test_the_script_makes_the_meshes_that_are_in_the_project(tmp_path):
-    names = ["link3", "link6"]
+@pytest.mark.parametrize(
+    ("arm", "names"),
+    [
+        ("panda", ["link3", "link6"]),
+        ("iiwa14", ["link6", "link7"]),
+        ("ur5e", ["link5", "link6"]),
+    ],
+)
+def test_the_script_makes_the_meshes_that_are_in_the_project(arm, names, tmp_path):
     code = f"""
 import sys
 from pathlib import Path
-sys.path.insert(0, {str(models_dir() / "panda")!r})
+sys.path.insert(0, {str(models_dir() / arm)!r})
 import make_meshes
-make_meshes.LINKS = [getattr(make_meshes, name) for name in {names}]
-make_meshes.main(Path({str(tmp_path)!r}))
+links = [getattr(make_meshes, name) for name in {names}]
+make_meshes.write_meshes(links, Path({str(tmp_path)!r}))
 """
     subprocess.run([sys.executable, "-B", "-c", code], check=True, timeout=300)
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"{n}.gltf" for n in names]
     for name in names:
-        made, kept = (_Arrays(d / f"{name}.gltf") for d in (tmp_path, MESHES))
+        folders = (tmp_path, models_dir() / arm / "meshes")
+        made, kept = (_Arrays(folder / f"{name}.gltf") for folder in folders)
         assert len(made) == len(kept)
         for new, old in zip(made, kept, strict=True):
             np.testing.assert_allclose(new[0], old[0], atol=2e-5)
@@ -67,17 +82,21 @@ make_meshes.main(Path({str(tmp_path)!r}))
             np.testing.assert_array_equal(new[2], old[2])
 
 
-def test_the_meshes_are_small_enough_for_a_page():
-    assert sum(p.stat().st_size for p in MESHES.iterdir()) < 1.5e6
-    triangles = sum(
-        len(part[2]) for name in LINKS for part in _Arrays(MESHES / f"{name}.gltf")
-    )
+@pytest.mark.parametrize("arm", JOINTS)
+def test_the_meshes_are_small_enough_for_a_page(arm):
+    meshes = sorted((models_dir() / arm / "meshes").iterdir())
+    assert [mesh.stem for mesh in meshes] == [f"link{i}" for i in range(len(meshes))]
+    assert len(meshes) == JOINTS[arm] + 1
+    assert sum(mesh.stat().st_size for mesh in meshes) < 1.2e6
+    triangles = sum(len(part[2]) for mesh in meshes for part in _Arrays(mesh))
     assert 10_000 < triangles < 40_000
 
 
-@pytest.mark.parametrize("name", LINKS)
-def test_normals_have_unit_length_and_agree_with_their_triangles(name):
-    for p, n, faces in _Arrays(MESHES / f"{name}.gltf"):
+@pytest.mark.parametrize(
+    "mesh", MESHES, ids=lambda mesh: f"{mesh.parts[-3]} {mesh.stem}"
+)
+def test_normals_have_unit_length_and_agree_with_their_triangles(mesh):
+    for p, n, faces in _Arrays(mesh):
         np.testing.assert_allclose(np.linalg.norm(n, axis=1), 1, atol=1e-3)
         a, b, c = (p[faces[:, i]] for i in range(3))
         area = np.cross(b - a, c - a)
@@ -86,13 +105,14 @@ def test_normals_have_unit_length_and_agree_with_their_triangles(name):
         assert np.mean(along[big] > 0) > 0.998
 
 
-def test_every_link_shows_its_own_mesh_and_touches_with_capsules_if_it_moves():
+@pytest.mark.parametrize("arm", JOINTS)
+def test_every_link_shows_its_own_mesh_and_touches_with_capsules_if_it_moves(arm):
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), DiagramBuilder())
-    panda, _ = AddPandaWithEraser(plant)
+    model = AddRobot(plant, LoadRobot(arm)).arm
     plant.Finalize()
     inspector = scene_graph.model_inspector()
-    for i in range(8):
-        body = plant.GetBodyByName(f"panda_link{i}", panda)
+    for i in range(JOINTS[arm] + 1):
+        body = plant.GetBodyByName(f"{arm}_link{i}", model)
         frame = plant.GetBodyFrameIdOrThrow(body.index())
         (mesh,) = inspector.GetGeometries(frame, Role.kIllustration)
         assert inspector.GetShape(mesh).source().path().name == f"link{i}.gltf"
@@ -133,7 +153,13 @@ def official(tmp_path):
 
 def test_the_official_visuals_replace_ours_on_the_same_links(official):
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), DiagramBuilder())
-    panda = AddPanda(plant, packages=official[0], visuals="drake_models")
+    panda = AddArm(
+        plant,
+        Path(PANDA.model),
+        packages=official[0],
+        visuals="drake_models",
+        official=PANDA.official_visuals,
+    )
     plant.Finalize()
     inspector = scene_graph.model_inspector()
     for i in range(8):
@@ -151,13 +177,29 @@ def test_the_official_visuals_leave_the_dynamics_alone(official):
     masses = []
     for visuals in ("own", "drake_models"):
         plant = MultibodyPlant(1e-3)
-        AddPanda(plant, packages=official[0], visuals=visuals)
+        AddArm(
+            plant,
+            Path(PANDA.model),
+            packages=official[0],
+            visuals=visuals,
+            official=PANDA.official_visuals,
+        )
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("panda_link0"))
         plant.Finalize()
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, [0, -0.8, 0, -2.3, 0, 1.5, 0.8])
         masses.append(plant.CalcMassMatrix(context))
     np.testing.assert_array_equal(*masses)
+
+
+def add_official_arm(packages):
+    AddArm(
+        MultibodyPlant(1e-3),
+        Path(PANDA.model),
+        packages=packages,
+        visuals="drake_models",
+        official=PANDA.official_visuals,
+    )
 
 
 def test_without_a_download_the_error_says_what_to_do(official):
@@ -168,7 +210,7 @@ def test_without_a_download_the_error_says_what_to_do(official):
         PackageMap.RemoteParams(urls=["file:///nowhere.tar.gz"], sha256="0" * 64),
     )
     with pytest.raises(StationError, match="could not be downloaded") as caught:
-        AddPanda(MultibodyPlant(1e-3), packages=packages, visuals="drake_models")
+        add_official_arm(packages)
     assert "DRAKE_ALLOW_NETWORK" in str(caught.value)
     assert "package_map" in str(caught.value)
     assert "visuals: own" in str(caught.value)
@@ -178,16 +220,21 @@ def test_an_official_arm_without_a_link_is_an_error_that_names_it(official):
     packages, arm = official
     arm.write_text(arm.read_text().replace("panda_link3", "another_name"))
     with pytest.raises(StationError, match="no visual on panda_link3"):
-        AddPanda(MultibodyPlant(1e-3), packages=packages, visuals="drake_models")
+        add_official_arm(packages)
 
 
 def test_an_official_folder_without_the_arm_is_an_error_that_names_the_file(official):
     packages, arm = official
     arm.unlink()
     with pytest.raises(StationError, match=r"panda_arm\.urdf cannot be read"):
-        AddPanda(MultibodyPlant(1e-3), packages=packages, visuals="drake_models")
+        add_official_arm(packages)
+
+
+def test_an_arm_without_official_visuals_is_an_error_that_names_it():
+    with pytest.raises(StationError, match=r"iiwa14\.urdf has no official meshes"):
+        AddRobot(MultibodyPlant(1e-3), LoadRobot("iiwa14"), visuals="drake_models")
 
 
 def test_visuals_of_another_kind_are_an_error_that_lists_the_kinds():
     with pytest.raises(StationError, match=r"'fancy'.*own, drake_models"):
-        AddPandaWithEraser(MultibodyPlant(1e-3), visuals="fancy")
+        AddRobot(MultibodyPlant(1e-3), PANDA, visuals="fancy")

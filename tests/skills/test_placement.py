@@ -9,11 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
-from fmp_drake.primitives.data.placement import (
+from fmp_drake.skills.placement import (
     Placement,
     check_width,
     fit_placement,
+    lay_on_board,
 )
+from fmp_drake.station import Scenario
 
 USABLE = (0.4, 0.3)
 
@@ -139,6 +141,16 @@ def test_unsteady_hand_is_laid_level(noise):
     assert np.degrees(np.arccos(normal[2])) < 2
 
 
+@pytest.mark.parametrize("size", [1e-4, 1e-2, 1.0, 100.0])
+def test_a_line_is_told_by_its_shape_and_not_by_its_size(size):
+    t = np.linspace(0, 6, 200)
+    line = np.column_stack([np.sin(t), 1e-4 * np.cos(5 * t), 0 * t])
+    circle = np.column_stack([np.sin(t), np.cos(t), 0 * t])
+    fit_placement(demonstration(size * circle), usable=USABLE)
+    with pytest.raises(DemonstrationError, match="a point or a line"):
+        fit_placement(demonstration(size * line), usable=USABLE)
+
+
 @pytest.mark.parametrize("channels", [2, 4])
 def test_path_without_3_channels_is_refused(channels):
     with pytest.raises(DemonstrationError, match=f"has {channels} channels"):
@@ -182,3 +194,23 @@ def test_real_demonstrations_fit_onto_the_board(real_demonstration_paths):
         assert np.all(np.abs(laid[:, 1]) <= 0.15 + 1e-9), name
         assert np.all(laid[:, 2] >= 0), name
         assert placement.touching > 0.1, name
+
+
+@pytest.mark.parametrize(
+    ("frame", "transform", "kept"),
+    [("board", None, 4), ("base", None, 3), ("board", [0.0] * 6, 3)],
+)
+def test_force_is_played_where_the_recording_is_of_the_board_already(
+    frame, transform, kept
+):
+    path = strokes()
+    recording = Demonstration(
+        time=np.arange(len(path)) / 50,
+        values=np.column_stack([path, np.full(len(path), 8.0)]),
+        channels=("x", "y", "z", "force"),
+        units=("m", "m", "m", "N"),
+        frame=frame,
+    )
+    placed, remarks = lay_on_board(recording, scenario=Scenario(), transform=transform)
+    assert len(placed.channels) == kept
+    assert any("force left out" in remark for remark in remarks) == (kept == 3)

@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from pydrake.multibody.plant import MultibodyPlant
 from recorded_files import JOINTS, TIME
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
-from fmp_drake.station import EraserPath, PandaJoints
+from fmp_drake.skills import EraserPath, PandaJoints, RobotJoints
+from fmp_drake.skills.placement import lay_on_board
+from fmp_drake.station import AddRobot, LoadRobot, Scenario
 
 # Denavit and Hartenberg's parameters (Craig) as Franka publishes them: a, d, alpha.
 LINKS = (
@@ -80,3 +83,57 @@ def test_angles_that_a_panda_cannot_have_are_refused():
         DemonstrationError, match=r"q2 is -45.8 .* from -1\.76 to 1\.76 rad"
     ):
         EraserPath(recorded(values=np.rad2deg(JOINTS), name="q{}"))
+
+
+def of_robot(robot, names, *, swing=0.3):
+    """Return joint angles about a robot's posture, and the tip's path by its plant."""
+    plant = MultibodyPlant(time_step=0.0)
+    model = AddRobot(plant, LoadRobot(robot))
+    plant.Finalize()
+    time = np.arange(0, 10, 0.05)
+    posture = np.array(LoadRobot(robot).posture)
+    angles = posture + swing * np.sin(time[:, None] + np.arange(len(posture)))
+    context, path = plant.CreateDefaultContext(), []
+    for q in angles:
+        plant.SetPositions(context, q)
+        path.append(model.tip.CalcPoseInWorld(context).translation())
+    recording = Demonstration(
+        time=time, values=angles, channels=names, units=("rad",) * len(names)
+    )
+    return recording, np.array(path)
+
+
+@pytest.mark.parametrize(
+    ("robot", "names"),
+    [
+        ("iiwa14", [f"iiwa_joint_{i}" for i in range(1, 8)]),
+        ("iiwa14", [f"joints_{i}" for i in range(1, 8)]),
+        ("ur5e", [f"ur5e_joint{i}" for i in range(1, 7)]),
+        ("ur5e", [f"q{i}" for i in range(6)]),
+    ],
+)
+def test_joints_of_a_named_robot_give_its_eraser_s_path(robot, names):
+    recording, path = of_robot(robot, tuple(names))
+    assert RobotJoints(recording, robot=robot) == names
+    assert_allclose(EraserPath(recording, robot=robot).values, path, atol=1e-9)
+    _, remarks = lay_on_board(
+        recording, scenario=Scenario(robot=robot), transform=[0.0] * 6
+    )
+    assert f"by a {robot}'s kinematics" in remarks[0]
+
+
+def test_a_panda_s_joints_stay_a_panda_s_for_another_robot():
+    scenario = Scenario(robot="iiwa14")
+    assert RobotJoints(recorded(), robot="iiwa14") == []
+    laid, remarks = lay_on_board(recorded(), scenario=scenario, transform=[0.0] * 6)
+    assert "by a Panda's kinematics" in remarks[0]
+    assert laid.channels == ("x", "y", "z")
+
+
+def test_angles_that_a_named_robot_cannot_have_are_refused():
+    names = tuple(f"iiwa_joint_{i}" for i in range(1, 8))
+    recording, _ = of_robot("iiwa14", names, swing=3.0)
+    with pytest.raises(DemonstrationError, match="a iiwa14's joint"):
+        EraserPath(recording, robot="iiwa14")
+    with pytest.raises(DemonstrationError, match="are no ur5e's joints"):
+        EraserPath(recording, robot="ur5e")

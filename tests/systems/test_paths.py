@@ -1,22 +1,27 @@
-"""Facts about the meshes along paths, and about drawing them."""
+"""Facts about paths in Meshcat: meshes, drawings, recordings."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.testing import assert_allclose
-from pydrake.geometry import Meshcat, Rgba
+from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.geometry import Meshcat, Rgba, Sphere
 from scipy.spatial import ConvexHull
 
-from fmp_drake.systems.viewer.path_drawing import (
+from fmp_drake.systems.page import paths
+from fmp_drake.systems.page.paths import (
     LIFT,
+    AddPathToRecording,
+    covariance_band,
     draw_demonstrations,
     draw_line,
     draw_rod,
     lifted,
+    rod_mesh,
 )
-from fmp_drake.systems.viewer.swept_mesh import covariance_band, rod_mesh
 
 RED = Rgba(1, 0, 0, 1)
 PATHS = arrays(float, (7, 3), elements=st.floats(-1, 1, width=32))
@@ -141,3 +146,43 @@ def test_demonstrations_replace_those_drawn_before(meshcat):
     draw_demonstrations(meshcat, "demonstrations", [LINE])
     assert meshcat.HasPath("demonstrations/0")
     assert not meshcat.HasPath("demonstrations/1")
+
+
+@pytest.mark.parametrize("seconds", [0.1, 4.0, 1000.0])
+def test_each_part_of_a_path_is_seen_when_it_has_been_gone_along(seconds, monkeypatch):
+    lines, since = {}, {}
+    monkeypatch.setattr(
+        paths,
+        "draw_line",
+        lambda _, path, points, **__: lines.update({path: points}),
+    )
+    monkeypatch.setattr(
+        paths,
+        "show_during",
+        lambda _, path, **when: since.update({path: when["since"]}),
+    )
+    meshcat = Meshcat()
+    meshcat.StartRecording()
+    meshcat.StopRecording()
+    times = np.linspace(0.0, seconds, 1001)
+    points = np.column_stack([times, np.sin(times), 0 * times])
+    AddPathToRecording(
+        meshcat, "path", times=times, points=points, color=Rgba(1, 0, 0, 1)
+    )
+    parts = list(lines.values())
+    assert 1 <= len(parts) <= 300
+    for part, when in zip(parts, since.values(), strict=True):
+        assert part[-1, 0] == when <= part[0, 0] + max(0.26, seconds / 250)
+    for a, b in pairwise(parts):
+        assert_array_equal(a[-1], b[0])
+    assert_array_equal(parts[0][0], points[0])
+    assert_array_equal(parts[-1][-1], points[-1])
+
+
+def test_a_path_of_one_point_leaves_nothing_of_an_older_one():
+    meshcat = Meshcat()
+    meshcat.SetObject("path/0", Sphere(0.1))
+    AddPathToRecording(
+        meshcat, "path", times=[0.0], points=np.zeros((1, 3)), color=Rgba(1, 0, 0, 1)
+    )
+    assert not meshcat.HasPath("path")

@@ -1,0 +1,165 @@
+"""Facts about Ctrl-C and SIGTERM: one line, and the exit code of the signal."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from fmp_drake.apps import commands
+from fmp_drake.apps.terminal import begin_command
+from fmp_drake.station.models.model_files import models_dir
+
+WIPING = models_dir() / "demonstrations" / "wiping.npz"
+COMMANDS = {
+    "wipe": ["wipe", "--duration", "60", "--report", "report.json"],
+    "check": ["check"],
+    "learn": ["learn", str(WIPING), "--out", "skill.npz"],
+    "teach": ["teach"],
+    "record": ["record", "--out", "demo.npz"],
+    "worlds": ["worlds", "default", "--count", "4", "--out", "out", "--jobs", "1"],
+    "arm": ["arm"],
+}
+
+
+START = """
+import atexit
+from fmp_drake.apps.main import main
+print("here", flush=True)
+try:
+    main()
+finally:
+    atexit.register(print, "over", flush=True)
+"""
+
+
+def start(folder, *arguments):
+    """Start the command line in a group of processes, as a terminal does."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", START, *arguments],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    # Before that Python itself is starting, whose interrupts nobody can catch.
+    assert process.stdout.readline() == "here\n"
+    return process
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_ctrl_c_at_any_time_ends_in_one_line(name, tmp_path):
+    process = start(tmp_path, *COMMANDS[name])
+    # The instant differs from run to run on purpose. Before 0.5 s Python itself may be
+    # starting, which nobody can catch.
+    time.sleep(delay := random.uniform(0.5, 8.0))
+    has_ended = process.poll() is not None
+    if not has_ended:
+        os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=60)
+    # Python itself takes a moment to end, in which a signal still ends it.
+    if output.endswith("over\n"):
+        has_ended = has_ended or process.returncode == -signal.SIGINT
+    lines = [line for line in errors.splitlines() if line]
+    assert "Traceback" not in errors, (delay, errors)
+    assert has_ended or process.returncode == 130, (delay, errors)
+    assert has_ended or lines[-1] == "fmp-drake: stopped.", (delay, errors)
+    assert len(lines) <= 2, (delay, errors)  # The other one says that it compiles.
+    assert not list(tmp_path.glob(".*"))
+
+
+EARLY = """
+import os, signal
+from fmp_drake.apps import terminal
+with terminal.interrupts():
+    os.kill(os.getpid(), signal.{name})
+    print("went on")
+"""
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_signal_before_the_command_begins_ends_the_process_at_once(name, code):
+    done = subprocess.run(
+        [sys.executable, "-c", EARLY.format(name=name)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (code, "")
+    assert done.stderr == "fmp-drake: stopped.\n"
+
+
+@pytest.fixture
+def run(monkeypatch, command):
+    """The function that runs a function as if it were the command."""
+
+    def run(function):
+        def main(**_):
+            begin_command()
+            function()
+
+        monkeypatch.setattr(commands.app, "main", main)
+        return command("wipe")
+
+    return run
+
+
+def test_sigterm_ends_as_ctrl_c_does_with_its_own_code(run):
+    ended = []
+
+    def work():
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(5)
+        finally:
+            ended.append(True)
+
+    result = run(work)
+    assert (result.code, result.err) == (143, "fmp-drake: stopped.\n")
+    assert ended
+
+
+def test_error_that_compilation_makes_of_an_interrupt_is_one(run):
+    def work():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(5)
+        except KeyboardInterrupt:
+            raise RuntimeError("no compiled object yet") from None
+
+    result = run(work)
+    assert (result.code, result.err) == (130, "fmp-drake: stopped.\n")
+
+
+def test_interrupt_that_a_destructor_swallows_is_repeated(run):
+    class Mute:
+        def __del__(self):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.5)
+
+    def work():
+        Mute()
+        time.sleep(5)
+        pytest.fail("it went on")
+
+    result = run(work)
+    assert (result.code, result.err) == (130, "fmp-drake: stopped.\n")
+
+
+def test_errors_without_a_signal_are_shown_and_handlers_restored(run):
+    before = signal.getsignal(signal.SIGINT), sys.unraisablehook
+
+    def work():
+        assert signal.getsignal(signal.SIGINT) is not before[0]
+        raise RuntimeError("broken")
+
+    with pytest.raises(RuntimeError, match="broken"):
+        run(work)
+    assert (signal.getsignal(signal.SIGINT), sys.unraisablehook) == before

@@ -1,0 +1,94 @@
+"""Facts about what the page says of a run, and about runs that somebody watches."""
+
+import re
+
+import pytest
+
+from fmp_drake.apps import wipe as wipe_module
+from fmp_drake.apps.page import ended_page, open_page
+from fmp_drake.errors import FmpError
+
+
+@pytest.fixture
+def panel():
+    panel = open_page(title="table_top")
+    yield panel
+    panel.close()
+
+
+@pytest.fixture
+def watched(monkeypatch):
+    """The function that lets somebody watch, and then click or leave."""
+
+    def watch(looks, clicks=()):
+        answers, choices = iter([True] * looks), iter(clicks)
+        monkeypatch.setattr(wipe_module, "is_watched", lambda _: next(answers, False))
+        monkeypatch.setattr(
+            wipe_module, "wait_for_click", lambda *_: next(choices, None)
+        )
+        monkeypatch.setattr(wipe_module, "_SECONDS", 0.2)
+
+    return watch
+
+
+def simulated(text):
+    return [float(s) for s in re.findall(r"simulated +([\d.]+) s", text)]
+
+
+def test_messages_are_kept_in_their_order(panel):
+    panel.say("learning")
+    panel.say("contact lost", level="busy")
+    assert panel.shown["messages"] == [
+        {"level": "idle", "text": "learning"},
+        {"level": "busy", "text": "contact lost"},
+    ]
+    for i in range(200):
+        panel.say(str(i))
+    assert len(panel.shown["messages"]) == 100
+    assert panel.shown["messages"][-1]["text"] == "199"
+
+
+def test_page_says_why_a_program_ends(panel):
+    with pytest.raises(FmpError), ended_page(panel):
+        raise FmpError("the start is out of reach")
+    assert panel.shown["detail"] == "the start is out of reach"
+    assert panel.shown["ended"]
+
+
+def test_normal_end_is_no_error(panel):
+    panel.show(mode="finished", level="idle")
+    with ended_page(panel):
+        pass
+    assert (panel.shown["level"], panel.shown["ended"]) == ("idle", True)
+
+
+def test_run_that_nobody_watches_ends_by_itself(command, watched):
+    watched(0)
+    result = command("wipe", "--rate", 0)
+    assert result.code == 0
+    assert simulated(result.out) == [0.2]
+
+
+def test_run_goes_on_while_somebody_watches(command, watched):
+    watched(3)
+    assert simulated(command("wipe", "--rate", 0).out) == [0.5]
+
+
+def test_given_duration_ends_a_run_that_is_watched(command, watched):
+    watched(100)
+    assert simulated(command("wipe", "--rate", 0, "--duration", 0.1).out) == [0.1]
+
+
+def test_run_continues_and_starts_again_by_buttons(command, watched):
+    watched(2, clicks=["run on", "again"])
+    # Two looks are used up by the first part.
+    assert simulated(command("wipe", "--rate", 0).out) == [0.4, 0.4, 0.2]
+
+
+def test_skill_that_is_too_fast_can_be_slowed_down_on_the_page(command, watched):
+    watched(1, clicks=[None])
+    result = command("wipe", "--rate", 0, "--tempo", 1.5)
+    assert result.code == 2
+    tempo = re.search(r"slow down to tempo ([\d.]+)", result.err)[1]
+    watched(1, clicks=[f"set tempo to {tempo}"])
+    assert command("wipe", "--rate", 0, "--tempo", 1.5).code == 0

@@ -1,0 +1,74 @@
+"""Facts about `fmp-drake robots`, and about the option --robot of other commands."""
+
+import json
+
+import pytest
+
+from fmp_drake.station import LoadRobot
+from fmp_drake.station.robots.robot import ListRobots
+
+
+def test_every_robot_is_listed_with_its_joints_and_reach(command):
+    result = command("robots")
+    assert result.code == 0
+    assert result.err == ""
+    lines = {line.split()[0]: line for line in result.out.splitlines()}
+    assert {"panda", "iiwa14", "ur5e"} <= set(ListRobots())
+    for name in ListRobots():
+        robot = LoadRobot(name)
+        _, joints, mass, kg, reach, metre, *description = lines[name].split()
+        assert int(joints) == len(robot.posture)
+        assert kg == "kg"
+        assert float(mass) > 10
+        assert metre == "m"
+        assert 0.7 < float(reach) < 1.0
+        assert robot.description.split()[: len(description)] == description
+    assert lines["ur5e"].split()[1:3] == ["6", "21.7"]
+    assert "--robot" in result.out
+
+
+def test_a_robot_of_a_file_is_listed(command, tmp_path):
+    model = LoadRobot("ur5e").model
+    text = f"""
+model: {model}
+base: ur5e_link0
+flange: ur5e_flange
+posture: [-0.245, -1.228, 1.963, -2.306, -1.571, -0.245]
+base_pose: {{rpy: [0.0, 0.0, 3.141592653589793]}}
+description: Mine.
+"""
+    (tmp_path / "mine.yaml").write_text(text)
+    result = command("robots", tmp_path / "mine.yaml")
+    assert result.code == 0
+    assert result.out.splitlines()[1].split()[0] == "mine"
+    assert "Mine." in result.out
+    assert "panda" not in result.out
+
+
+def test_an_unknown_robot_is_refused_with_the_known_ones(refused):
+    assert "iiwa14, panda, ur5e" in refused("check", "--robot", "billiards")
+
+
+def test_another_robot_is_checked_with_its_own_posture(command, tmp_path):
+    report = tmp_path / "check.json"
+    # The scenario's posture is one of seven joints.
+    result = command(
+        "check", "--scenario", "vertical", "--robot", "ur5e", "--report", report
+    )
+    assert result.code in (0, 1)
+    values = json.loads(report.read_text())
+    result = command("check", "--robot", "ur5e")
+    assert result.code == 0
+    assert "The arm can follow" in result.out
+    assert values["smallest_joint_margin"] >= 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check", "--arm", "lcm", "--robot", "iiwa14"),
+        ("record", "--arm", "lcm", "--robot", "ur5e", "--out", "x.npz"),
+    ],
+)
+def test_an_arm_behind_panda_messages_is_no_other_robot(refused, arguments):
+    assert "is simulated only; the arm behind LCM is a Panda" in refused(*arguments)

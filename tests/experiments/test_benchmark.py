@@ -1,0 +1,436 @@
+"""Facts about the benchmark: splits, scores, files and report."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from trials_stub import Here
+
+from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
+from fmp_drake.experiments.baselines import method as method_module
+from fmp_drake.experiments.baselines.adaptive_oscillator import AdaptiveOscillatorDMP
+from fmp_drake.experiments.baselines.delay_gp import DelayGP
+from fmp_drake.experiments.baselines.periodic_kmp import PeriodicKMP
+from fmp_drake.experiments.baselines.recording_gp import RecordingGP
+from fmp_drake.experiments.benchmark import (
+    Forecast,
+    Method,
+    all_methods,
+    run_benchmark,
+)
+from fmp_drake.experiments.benchmark.built_in import (
+    FMP,
+    METHODS,
+    PeriodicDMPMethod,
+    ReplayMethod,
+)
+from fmp_drake.experiments.benchmark.cleaning import clean_board
+from fmp_drake.experiments.benchmark.report import benchmark_findings
+from fmp_drake.experiments.benchmark.run import (
+    MethodScores,
+    read_scores,
+    write_scores,
+)
+from fmp_drake.experiments.benchmark.scores import score_playback, score_predictions
+from fmp_drake.experiments.benchmark.splits import (
+    Movement,
+    Split,
+    load_movements,
+    splits,
+)
+
+PERIOD = 41.0
+
+
+def ellipse(count, *, period=PERIOD, seed=None, size=1.0, first=0.0):
+    """Return samples of an ellipse; with a seed tempo and size vary as a person's do."""
+    phase = 2 * np.pi * (first + np.arange(count)) / period
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        phase = phase + np.cumsum(0.01 * rng.standard_normal(count))
+        size = size * (1 + 0.03 * np.sin(phase / 5.3 + seed))
+    return np.column_stack(
+        [0.1 * size * np.cos(phase), 0.15 * size * np.sin(phase), 0.01 * np.cos(phase)]
+    )
+
+
+def write_recording(folder, name, values):
+    np.savez(folder / name, time=np.arange(len(values)) / 20, position=values)
+
+
+class Still(Method):
+    """Predicts no motion, with a standard deviation of 5 cm."""
+
+    name = "still"
+
+    def fit(self, _):
+        """Learn nothing."""
+
+    def predict(self, past, horizon):
+        covariances = np.repeat(0.05**2 * np.eye(past.shape[1])[None], horizon, axis=0)
+        values = np.repeat(past[-1:], horizon, axis=0)
+        return Forecast(values=values, covariances=covariances)
+
+
+class Shy(Still):
+    name = "shy"
+
+    def fit(self, _):
+        raise ExperimentError("there are no periods")
+
+
+# Splits.
+
+
+def test_splits_learn_from_their_number_of_cycles_and_score_on_the_rest():
+    path = ellipse(500, seed=1)
+    movement = Movement(name="ring", parts=(path,), period=PERIOD)
+    rows = {tuple(row) for row in path}
+    places = {}
+    for split in splits(movement):
+        learned = {tuple(row) for y in split.learned for row in y}
+        held = {tuple(row) for y in split.held for row in y}
+        assert learned < rows
+        assert held < rows
+        assert not learned & held
+        places.setdefault(split.cycles, []).append(len(learned))
+    assert list(places) == ["1.5", "2", "3", "4", "8", "all"]
+    for cycles, counts in places.items():
+        if cycles != "all":
+            assert set(counts) == {round(float(cycles) * PERIOD)}
+    assert len(places["2"]) == 3
+    assert all(abs(count - 1000 / 3) <= 1 for count in places["all"])
+
+
+def test_splits_of_several_recordings_count_the_cycles_of_all():
+    parts = tuple(ellipse(80, seed=i) for i in range(6))
+    movement = Movement(name="ring", parts=parts, period=40.0)
+    by_cycles = {}
+    for split in splits(movement):
+        by_cycles.setdefault(split.cycles, []).append(split)
+    assert set(by_cycles) == {"1.5", "2", "3", "4", "8", "all"}
+    assert [len(y) for y in by_cycles["3"][0].learned] == [80, 40]
+    assert all(len(split.learned) == 5 for split in by_cycles["all"])
+
+
+def test_recordings_of_few_cycles_are_one_movement_together(tmp_path):
+    for i in range(3):
+        write_recording(tmp_path, f"short_{i}", ellipse(85, seed=i))
+    write_recording(tmp_path, "long_1", ellipse(400, seed=7))
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((300, 3))
+    line = np.linspace([0, 0, 0], [0.1, 0, 0], 300) + noise
+    write_recording(tmp_path, "line", line)
+    (tmp_path / "README.md").write_text("no recording")
+    messages = []
+    movements = load_movements(tmp_path, messages.append)
+    assert [(m.name, len(m.parts)) for m in movements] == [("long_1", 1), ("short", 3)]
+    assert all(m.period == pytest.approx(PERIOD, rel=0.05) for m in movements)
+    (message,) = messages
+    assert message.startswith("line is left out: no part of it comes again")
+
+
+def test_folder_without_a_repeated_movement_is_refused(tmp_path):
+    with pytest.raises(FmpError, match=r"no recording in which a movement repeats"):
+        load_movements(tmp_path)
+
+
+# Scores.
+
+
+class Truthful(Method):
+    """Predicts the truth plus Gaussian noise, and knows its covariance."""
+
+    name = "truthful"
+    root = np.array([[0.02, 0.0, 0.0], [0.01, 0.01, 0.0], [0.0, 0.0, 0.005]])
+    told = 1.0
+
+    def __init__(self):
+        self.rng = np.random.default_rng(0)
+        self.truth = {}
+
+    def fit(self, recordings):
+        for y in recordings:
+            for i in range(len(y) - 29):
+                self.truth[tuple(y[i])] = y[i + 10 : i + 30]
+
+    def predict(self, past, horizon):
+        noise = self.rng.standard_normal((horizon, 3)) @ self.root.T
+        covariance = self.told * self.root @ self.root.T
+        return Forecast(
+            values=self.truth[tuple(past[0])] + noise,
+            covariances=np.repeat(covariance[None], horizon, axis=0),
+        )
+
+
+def test_calibrated_forecasts_are_scored_as_such():
+    path = ellipse(2000, seed=3)
+    split = Split(cycles="2", place=0, learned=(path,), held=(path,))
+    method = Truthful()
+    method.fit([path])
+    scores = score_predictions(method, split, most=1500)
+    covariance = method.root @ method.root.T
+    assert scores["error_mm"] == pytest.approx(
+        1e3 * np.sqrt(np.trace(covariance)), rel=0.02
+    )
+    entropy = multivariate_normal(np.zeros(3), covariance).entropy()
+    assert scores["log_density"] == pytest.approx(-entropy, abs=0.05)
+    for step in (5, 10, 20):
+        assert scores[f"inside_{step}"] == pytest.approx(0.95, abs=0.02)
+    method.told = 0.25
+    narrow = score_predictions(method, split, most=1500)
+    assert narrow["inside_10"] < 0.6
+    assert narrow["log_density"] < scores["log_density"]
+
+
+class Plays(Still):
+    """Plays an ellipse of another size and tempo."""
+
+    def __init__(self, **options):
+        self.options = options
+
+    def play(self, past, count, *, seed):  # noqa: ARG002
+        return ellipse(count, **self.options)
+
+
+@pytest.mark.parametrize(
+    ("options", "stays", "size", "tempo"),
+    [
+        ({}, 1.0, 1.0, 1.0),
+        ({"size": 0.5}, 0.0, 0.5, 1.0),
+        ({"period": PERIOD / 1.25}, 1.0, 1.0, 1.25),
+    ],
+)
+def test_playback_is_compared_with_the_demonstration(options, stays, size, tempo):
+    shown = ellipse(800, seed=5)
+    movement = Movement(name="ring", parts=(shown,), period=PERIOD)
+    split = Split(cycles="2", place=0, learned=(shown,), held=(shown,))
+    scores = score_playback(Plays(**options), movement, split, seed=0)
+    assert scores["stays"] == pytest.approx(stays, abs=0.02)
+    assert scores["size"] == pytest.approx(size, rel=0.03)
+    assert scores["tempo"] == pytest.approx(tempo, rel=0.02)
+    assert scores["variety"] < 0.2
+    varied = score_playback(Plays(seed=8), movement, split, seed=0)
+    assert varied["variety"] == pytest.approx(1.0, abs=0.4)
+
+
+def test_playback_that_stops_has_no_tempo():
+    shown = ellipse(800, seed=5)
+    movement = Movement(name="ring", parts=(shown,), period=PERIOD)
+    split = Split(cycles="2", place=0, learned=(shown,), held=(shown,))
+    scores = score_playback(Still(), movement, split, seed=0)
+    assert scores["size"] == pytest.approx(0.0, abs=1e-9)
+    assert scores["tempo"] is None
+
+
+# Methods.
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+def test_every_method_predicts_better_than_no_motion(method):
+    learned, held = ellipse(360, seed=1), ellipse(200, seed=2)
+    split = Split(cycles="8", place=0, learned=(learned,), held=(held,))
+    learner = method()
+    learner.fit([learned])
+    scores = score_predictions(learner, split, most=15)
+    still = score_predictions(Still(), split, most=15)
+    assert scores["error_mm"] < 0.5 * still["error_mm"]
+    forecast = learner.predict(held[:10], 20)
+    assert forecast.values.shape == (20, 3)
+    if forecast.covariances is not None:
+        assert np.all(np.linalg.eigvalsh(forecast.covariances) > 0)
+    path = learner.play(held[:10], 100, seed=0)
+    assert path.shape == (100, 3)
+    assert np.all(np.isfinite(path))
+
+
+@pytest.mark.parametrize(
+    "method", [ReplayMethod, DelayGP, RecordingGP, PeriodicDMPMethod]
+)
+def test_baselines_learn_from_one_and_a_half_cycles(method):
+    path = ellipse(62)
+    learner = method()
+    learner.fit([path])
+    later = ellipse(40, first=20)
+    forecast = learner.predict(later[:10], 20)
+    off = np.linalg.norm(forecast.values - later[10:30], axis=1)
+    still = np.linalg.norm(later[9] - later[10:30], axis=1)
+    assert np.sqrt(np.mean(off**2)) < 0.3 * np.sqrt(np.mean(still**2))
+
+
+def test_delay_gp_is_less_certain_far_from_the_recording():
+    method = DelayGP()
+    method.fit([ellipse(300, seed=4)])
+    near = method.predict(ellipse(10), 20).covariances
+    far = method.predict(ellipse(10, size=2.0), 20).covariances
+    assert np.trace(far[-1]) > 4 * np.trace(near[-1])
+
+
+def test_kmp_passes_through_the_observed_samples():
+    method = PeriodicKMP()
+    method.fit([ellipse(400, seed=4)])
+    past = ellipse(10, first=13, size=1.1)
+    ahead = method.predict(past, 20).values
+    assert np.linalg.norm(ahead[0] - past[-1]) < 1.6 * np.linalg.norm(
+        past[-1] - past[-2]
+    )
+
+
+def test_oscillator_finds_the_frequency_of_the_recording():
+    method = AdaptiveOscillatorDMP()
+    method.fit([ellipse(500)])
+    assert method.frequency_ == pytest.approx(2 * np.pi / PERIOD, rel=0.03)
+
+
+# Files and report.
+
+
+@pytest.fixture
+def folder(tmp_path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    for i in (1, 2):
+        write_recording(folder, f"ring_{i}", ellipse(170, seed=i))
+    return folder
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Let four quick methods be the built-in ones."""
+    monkeypatch.setattr(
+        "fmp_drake.experiments.benchmark.run.METHODS",
+        (ReplayMethod, PeriodicDMPMethod, Still, Shy),
+    )
+
+
+@pytest.mark.usefixtures("few")
+def test_every_method_has_a_file_and_a_row(folder, command, tmp_path, monkeypatch):
+    monkeypatch.setattr("fmp_drake.apps.benchmark.LocalWorkers", lambda _: Here())
+    out = tmp_path / "out"
+    result = command("benchmark", folder, "--out", out, "--quick")
+    assert result.code == 0, result
+    names = {path.name for path in out.iterdir()}
+    assert {"report.html", "results.json", "benchmark_error.png"} <= names
+    files = {n for n in names if n.startswith("method_")}
+    assert files == {
+        f"method_{name}.json" for name in ("replay", "periodic_dmp", "still", "shy")
+    }
+    replay = json.loads((out / "method_replay.json").read_text())
+    assert {row["movement"] for row in replay["predictions"]} == {"ring_1", "ring_2"}
+    assert {row["cycles"] for row in replay["predictions"]} == {"1.5", "2", "3", "all"}
+    assert all(row["error_mm"] > 0 for row in replay["predictions"])
+    assert replay["playbacks"][0]["stays"] > 0.9
+    page = (out / "report.html").read_text()
+    for name in ("replay", "periodic DMP", "still"):
+        assert f"<td>{name}</td>" in page
+    assert "shy could not learn from" in page
+    assert "there are no periods" in page
+
+
+@pytest.mark.usefixtures("few")
+def test_one_method_is_run_again_and_the_others_are_kept(folder, tmp_path):
+    first = run_benchmark(folder, tmp_path, Here(), instants=5)
+    before = (tmp_path / "method_replay.json").stat().st_mtime_ns
+    scores = run_benchmark(folder, tmp_path, Here(), methods=["still"], instants=5)
+    assert list(scores) == list(first)
+    assert (tmp_path / "method_replay.json").stat().st_mtime_ns == before
+
+
+def test_unknown_method_is_refused(folder, refused, tmp_path):
+    line = refused("benchmark", folder, "--out", tmp_path / "x", "--method", "magic")
+    assert "no method 'magic'; the methods are FMP" in line
+
+
+def test_installed_package_adds_a_method(monkeypatch):
+    entry = SimpleNamespace(name="still", value="package:Still", load=lambda: Still)
+    monkeypatch.setattr(method_module, "entry_points", lambda **_: [entry])
+    assert all_methods()["still"] is Still
+    wrong = SimpleNamespace(name="bad", value="package:bad", load=lambda: 3)
+    monkeypatch.setattr(method_module, "entry_points", lambda **_: [wrong])
+    with pytest.raises(ExperimentError, match=r"the entry point bad .* subclass of"):
+        all_methods()
+
+
+def test_command_lists_the_methods(command, tmp_path):
+    result = command("benchmark", tmp_path, "--out", tmp_path / "x", "--list")
+    assert result.out.splitlines()[0] == FMP.name
+    assert len(result.out.splitlines()) == len(METHODS)
+
+
+def test_missing_folder_is_refused(refused, tmp_path):
+    out = tmp_path / "x"
+    assert "there is no folder" in refused("benchmark", tmp_path / "no", "--out", out)
+
+
+# Cleaning.
+
+
+def rows_of(path, name):
+    """Return the rows of a table of a report, by their first cells."""
+    finding = next(f for f in benchmark_findings(read_scores(path)) if f.name == name)
+    return {row[0]: row[1:] for row in finding.table}
+
+
+def test_report_counts_the_cases_no_worse_than_the_best_of_the_others():
+    def scored(method, errors, densities):
+        rows = [
+            {"movement": name, "cycles": "2", "error_mm": e, "log_density": d}
+            for name, e, d in zip("abc", errors, densities, strict=True)
+        ]
+        return MethodScores(method=method, predictions=rows)
+
+    # Better in a and c than replay, in a alone than the Gaussian process, too.
+    mine = scored(FMP.name, (1.0, 3.0, 2.0), (6.0, 7.0, 5.0))
+    replayed = scored(ReplayMethod.name, (1.0, 2.0, 3.0), (9.0, 9.0, 9.0))
+    process = scored(DelayGP.name, (2.0, 4.0, 1.0), (5.0, 8.0, 5.0))
+    scores = {m.method: m for m in (mine, replayed, process)}
+    error, density, *_ = benchmark_findings(scores)
+    best = f"{ReplayMethod.name}, {DelayGP.name}"
+    assert f"No worse than the best of {best} in 1 of 3 cases" in error.shows
+    assert f"No worse than the best of {DelayGP.name} in 2 of 3 cases" in density.shows
+
+
+def test_report_counts_runs_that_never_clean_the_board(tmp_path):
+    run = {
+        "movement": "wiping",
+        "cycles": "4",
+        "seconds_to_50": 3.0,
+        "seconds_to_90": None,
+        "seconds_to_99": None,
+        "cleaned": 0.84,
+        "tracking_rms_m": 0.003,
+        "force_mean_n": 9.9,
+        "force_near": 1.0,
+    }
+    runs = [{**run, "seed": 0}, {**run, "seed": 1, "seconds_to_90": 20.0}]
+    failed = {"movement": "wiping", "cycles": "4", "seed": 2, "error": "off the board"}
+    write_scores(tmp_path, MethodScores(method="replay", cleaning=[*runs, failed]))
+    rows = rows_of(tmp_path, "benchmark_cleaning")
+    assert rows["replay"][:4] == ["2 of 3", "3.0 ± 0.0", "20.0 ± 0.0, 1 never", "-"]
+    assert rows["replay"][4] == "84.0 ± 0.0"
+    # Predictions that are measured later do not lose the runs.
+    write_scores(tmp_path, MethodScores(method="replay", seconds=1.0))
+    assert len(read_scores(tmp_path)["replay"].cleaning) == 3
+
+
+def test_path_beyond_the_board_is_refused():
+    far = ellipse(200) + np.array([0.3, 0.0, 0.0])
+    with pytest.raises(DemonstrationError, match="leaves the board"):
+        clean_board(far, (ellipse(200),), seconds=1.0)
+
+
+@pytest.mark.slow
+def test_same_station_follows_a_path_and_measures_the_area_it_cleans():
+    shown = ellipse(200) * [1.0, 1.0, 0.0]
+    half = shown[:21]
+    back = np.concatenate([half, half[::-1]])
+    scores = clean_board(shown, (shown,), seconds=4.0)
+    # The edges of the felt clean less than its middle.
+    assert scores["cleaned"] > 0.8
+    assert 0.5 < scores["seconds_to_50"] < 2.5
+    assert scores["tracking_rms_m"] < 0.01
+    assert scores["force_near"] > 0.8
+    partly = clean_board(np.concatenate([back, back, back]), (shown,), seconds=4.0)
+    assert 0.3 < partly["cleaned"] < 0.75
+    assert partly["seconds_to_90"] is None

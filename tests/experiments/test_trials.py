@@ -1,0 +1,688 @@
+"""Facts about trials that are run, stored, continued and replayed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+import trials_stub
+from PIL import Image
+from trials_stub import Here
+
+from fmp_drake import ExperimentError
+from fmp_drake.apps import worlds as worlds_command
+from fmp_drake.experiments.trials import (
+    TrialSpec,
+    TrialsReport,
+    TrialStore,
+    run_trials,
+)
+from fmp_drake.experiments.trials.pictures import draw_success, interval
+from fmp_drake.experiments.trials.running import code_version, replay_trial, run_trial
+from fmp_drake.experiments.trials.trial import (
+    LEAST_CONTACT,
+    MOST_EXCESS,
+    Trial,
+    faults,
+    largest_push,
+)
+from fmp_drake.film import checks
+from fmp_drake.processes import ClusterWorkers
+from fmp_drake.systems.surface_monitor import TOLERANCE
+
+SPEC = """
+fields: {press.force: {uniform: [5.0, 9.0]}, start: [0.0, 0.0, {uniform: [0.005, 0.02]}]}
+disturbances: {count: {choice: [0, 1]}, each: {force: [0, {uniform: [-9.0, 9.0]}, 0]}}
+"""
+GOOD = {
+    "tracking_rms_m": 0.003,
+    "tracking_max_m": 0.01,
+    "normal_force_wanted_fraction": 0.99,
+    "normal_force_p05_n": 8.0,
+    "normal_force_p95_n": 11.0,
+    "contact_fraction": 0.98,
+    "torque_ratio_max": 0.5,
+    "torque_rate_max_nm_per_s": 900.0,
+    "joint_speed_ratio_max": 0.7,
+    "joint_limit_margin_min_rad": 0.2,
+    "cleaned_fraction_of_demonstrated_area": 0.9,
+}
+
+
+@pytest.fixture(scope="module")
+def spec_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("spec") / "mine.yaml"
+    path.write_text(SPEC)
+    return path
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory, spec_file):
+    """The folder of two real trials, run by the command line."""
+    from click.testing import CliRunner
+
+    from fmp_drake.apps.commands import app
+
+    folder = tmp_path_factory.mktemp("worlds") / "out"
+    call = ["worlds", spec_file, "--count", 2, "--seconds", 0.3, "--jobs", 1]
+    call = [str(each) for each in [*call, "--out", folder]]
+    result = CliRunner().invoke(app, call, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    assert f"wrote {folder / 'report.html'}" in result.output
+    return folder
+
+
+@pytest.fixture
+def make_store(tmp_path):
+    """The function that runs trials with a stand-in, in this process."""
+
+    def make(run, count=4, *, force=False, spec=SPEC, name="made"):
+        spec = TrialSpec(spec)
+        store = TrialStore(tmp_path / name, spec.plan(seed=0, seconds=9.0))
+        list(run_trials(store, spec, count, Here(), force=force, run=run))
+        return store
+
+    return make
+
+
+def passed(trial, **changes):
+    metrics, events = GOOD | changes, "contact lost from 2.1 to 3.0 s"
+    return replace(trial, metrics=metrics, events=events)
+
+
+def refused_trial(trial):
+    return replace(trial, is_feasible=False, verdict="out of reach")
+
+
+def without_times(store):
+    return [replace(t, cpu_seconds=0.0) for t in store.trials()]
+
+
+# Real trials.
+
+
+def test_trials_are_stored_with_all_metrics(out):
+    store = TrialStore(out)
+    trials = store.trials()
+    assert [t.number for t in trials] == [0, 1]
+    for trial in trials:
+        assert trial.error == ""
+        assert trial.code == code_version()
+        assert trial.metrics["tracking_rms_m"] < 0.01
+        assert 5 < trial.parameters["press.force"] < 9
+        assert trial.cpu_seconds > 0
+
+
+def test_replay_is_the_same_to_the_last_bit(out, command, outputs):
+    page = outputs / "page.html"
+    result = command("worlds", out, "--replay", 1, "--html", page)
+    assert result.code == 0, result
+    assert "identical to the last bit" in result.out
+    assert page.stat().st_size > 1e5
+
+
+@pytest.fixture(scope="module")
+def egl():
+    if not checks.renders():
+        pytest.skip("films need EGL")
+
+
+@pytest.mark.usefixtures("egl")
+def test_replay_is_filmed(out, outputs):
+    film = outputs / "world.gif"
+    replay_trial(TrialStore(out).trial(0), 0.05, video=film)
+    with Image.open(film) as opened:
+        assert opened.n_frames == 2  # At 20 Hz, the first and the last.
+
+
+def test_replay_that_differs_is_reported(out, command, monkeypatch):
+    metrics = TrialStore(out).trial(0).metrics
+    changed = {**metrics, "tracking_rms_m": metrics["tracking_rms_m"] * (1 + 1e-15)}
+    monkeypatch.setattr(worlds_command, "replay_trial", lambda *_, **__: changed)
+    assert "NOT identical" in command("worlds", out, "--replay", 0).out
+
+
+def test_infeasible_trial_is_not_run(tmp_path):
+    spec = TrialSpec("fields: {board.translation: [0.8, 0.0, 0.1]}")
+    store = TrialStore(tmp_path, spec.plan(seed=0, seconds=0.1))
+    list(run_trials(store, spec, 1, Here()))
+    (trial,) = store.trials()
+    assert (trial.is_feasible, trial.was_run) == (False, False)
+    assert "cm towards the arm" in trial.verdict
+    assert trial.checked["reachable_fraction"] < 1
+
+
+@pytest.mark.usefixtures("nothing_is_freed")
+def test_cluster_gives_the_identical_store(out, spec_file, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="needs the extra cluster")
+    spec = TrialSpec.load(spec_file)
+    store = TrialStore(tmp_path, spec.plan(seed=0, seconds=0.3))
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
+        workers = ClusterWorkers(cluster.scheduler_address)
+        list(run_trials(store, spec, 2, workers))
+    assert without_times(store) == without_times(TrialStore(out))
+
+
+# Stand-ins.
+
+
+def test_killed_worker_and_driver_lose_and_repeat_no_trial(tmp_path):
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(sys.path),
+        "TRIALS_STUB": str(tmp_path),
+        "TRIALS_STUB_LAST": "3",
+    }
+    code = "import sys, trials_stub\nif __name__ == '__main__': trials_stub.drive(*sys.argv[1:])"
+    (tmp_path / "driver.py").write_text(code)
+    driver = subprocess.Popen(
+        [sys.executable, tmp_path / "driver.py", tmp_path, "5"], env=environment
+    )
+    begun = tmp_path / "begun"
+    end = time.monotonic() + 60
+    while not begun.exists() or "\n3 " not in begun.read_text():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    driver.send_signal(signal.SIGKILL)
+    driver.wait()
+    (plan,) = {TrialStore(tmp_path).plan["spec"]}
+    spec = TrialSpec(plan)
+    store = TrialStore(tmp_path, spec.plan(seed=0, seconds=1.0))
+    assert [t.number for t in store.trials()] == [0, 1, 2]
+    os.environ["TRIALS_STUB"] = str(tmp_path)
+    try:
+        list(run_trials(store, spec, 5, Here(), run=trials_stub.trial))
+    finally:
+        del os.environ["TRIALS_STUB"]
+    numbers = [int(line.split()[0]) for line in begun.read_text().splitlines()]
+    assert numbers == [0, 1, 1, 2, 3, 3, 4]
+    assert [t.attempts for t in store.trials()] == [1, 2, 1, 1, 1]
+    assert store.trial(2).error == "ValueError: too much"
+
+
+# Each store is made by a process that kills itself at its n-th statement, or is killed
+# after a random time.
+KILLED = """
+import os, random, signal, sqlite3, sys, time
+from pathlib import Path
+from fmp_drake.experiments.trials import TrialStore
+
+plan = {name: name for name in ("spec", "seed", "seconds")}
+connect = sqlite3.connect
+
+def make(folder, last):
+    statements = 0
+
+    def count(_):
+        nonlocal statements
+        statements += 1
+        if statements == last:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def counted(*arguments, **options):
+        base = connect(*arguments, **options)
+        base.set_trace_callback(count)
+        return base
+
+    sqlite3.connect = counted
+    TrialStore(folder, plan)
+
+for i in range(40):
+    child = os.fork()
+    if child == 0:
+        make(Path(sys.argv[1]) / str(i), i + 1 if i < 20 else None)
+        os._exit(0)
+    if i >= 20:
+        time.sleep(random.Random(i).uniform(0, 0.01))
+        os.kill(child, signal.SIGKILL)
+    print(os.waitpid(child, 0)[1], flush=True)
+"""
+
+
+@pytest.mark.slow
+def test_store_killed_while_its_plan_is_written_goes_on(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, tmp_path],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    assert done.stdout.split().count(str(signal.SIGKILL.value)) >= 10
+    plan = {name: name for name in ("spec", "seed", "seconds")}
+    for i in range(40):
+        store = TrialStore(tmp_path / str(i), plan)
+        assert store.plan == plan
+        assert store.trials() == []
+
+
+@pytest.mark.parametrize("names", [["spec"], ["spec", "seed"]])
+def test_half_plan_of_an_earlier_version_is_made_again(tmp_path, names):
+    plan = {name: name for name in ("spec", "seed", "seconds")}
+    TrialStore(tmp_path, {name: "old" for name in names})
+    assert TrialStore(tmp_path, plan).plan == plan
+    assert TrialStore(tmp_path).plan == plan
+
+
+def test_half_plan_of_a_store_with_trials_is_refused(tmp_path):
+    store = TrialStore(tmp_path, {"seconds": "1.0"})
+    store.keep(Trial(number=0, scenario=""))
+    with pytest.raises(ExperimentError, match="trials of another spec"):
+        TrialStore(tmp_path, {"spec": "", "seed": "0", "seconds": "1.0"})
+
+
+def test_full_disk_ends_in_words_and_keeps_what_is_stored(
+    spec_file, refused, tmp_path, monkeypatch
+):
+    def run(trial):
+        return replace(passed(trial), events="x" * (2**20 * (trial.number == 2)))
+
+    def limited(folder, plan):
+        store = TrialStore(folder, plan)
+        store._base.execute("PRAGMA max_page_count = 40")  # A disk of 160 kB.
+        return store
+
+    out = tmp_path / "out"
+    monkeypatch.setattr(worlds_command, "LocalWorkers", lambda _: Here())
+    monkeypatch.setattr(worlds_command, "TrialStore", limited)
+    monkeypatch.setattr(worlds_command, "run_trials", partial(run_trials, run=run))
+    line = refused("worlds", spec_file, "--count", 5, "--out", out)
+    assert f"cannot store trials in {out}: database or disk is full" in line
+    assert "the same command goes on" in line
+    assert [t.number for t in TrialStore(out).trials()] == [0, 1]
+
+
+def test_report_reads_no_text_as_html(make_store):
+    store = make_store(passed, 1)
+    store.keep(replace(store.trial(0), code="<b>`<script>`"))
+    TrialsReport(store).write()
+    page = (store.folder / "report.html").read_text()
+    assert "&lt;b&gt;<code>&lt;script&gt;</code>" in page
+    assert "<script>" not in page
+
+
+def test_ctrl_c_leaves_a_valid_store_and_tells_how_to_continue(
+    command, spec_file, tmp_path, monkeypatch
+):
+    def run(trial):
+        if trial.number == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.2)
+        return passed(trial)
+
+    monkeypatch.setattr(worlds_command, "LocalWorkers", lambda _: Here())
+    monkeypatch.setattr(worlds_command, "run_trials", partial(run_trials, run=run))
+    result = command("worlds", spec_file, "--count", 5, "--out", tmp_path / "out")
+    assert result.code == 130
+    assert "2 trials are kept" in result.out
+    assert "the same command continues" in result.out
+    assert [t.number for t in TrialStore(tmp_path / "out").trials()] == [0, 1]
+
+
+def test_progress_of_many_trials_is_printed_in_steps(
+    command, spec_file, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(worlds_command, "LocalWorkers", lambda _: Here())
+    monkeypatch.setattr(worlds_command, "run_trials", partial(run_trials, run=passed))
+    result = command("worlds", spec_file, "--count", 60, "--out", tmp_path / "out")
+    said = [line for line in result.out.splitlines() if line.endswith("of 60 trials")]
+    assert said == [f"{done} of 60 trials" for done in range(0, 61, 3)]
+
+
+def test_replay_of_an_infeasible_trial_prints_the_verdict(
+    make_store, command, monkeypatch
+):
+    store = make_store(refused_trial, 1)
+    monkeypatch.setattr(worlds_command, "replay_trial", lambda *_, **__: GOOD)
+    result = command("worlds", store.folder, "--replay", 0)
+    assert result.out.splitlines() == [
+        "infeasible: out of reach",
+        "trial 0 passed",
+    ]
+
+
+def test_process_that_ends_is_the_result_of_its_trial(make_store):
+    def run(trial):
+        if trial.number == 1:
+            raise BrokenProcessPool("it was killed")
+        return passed(trial)
+
+    trials = make_store(run, 3).trials()
+    assert [bool(trial.error) for trial in trials] == [False, True, False]
+    (fault,) = faults(trials[1])
+    assert "its process ended (BrokenProcessPool: it was killed)" in fault.words
+
+
+def test_two_drivers_do_not_run_the_same_trials(make_store):
+    store = make_store(passed)
+    other, spec = TrialStore(store.folder), TrialSpec(SPEC)
+    with store.writing(), pytest.raises(ExperimentError, match="by another process"):
+        list(run_trials(other, spec, 9, Here(), run=passed))
+
+
+def test_repeated_call_runs_only_missing_trials(make_store):
+    begun = []
+
+    def run(trial):
+        begun.append(trial.number)
+        return passed(trial)
+
+    for count in (3, 3, 5):
+        store = make_store(run, count)
+    assert begun == [0, 1, 2, 3, 4]
+    assert [t.number for t in store.trials()] == begun
+
+
+def test_changed_code_runs_trials_again(make_store, monkeypatch):
+    make_store(passed)
+    name = "fmp_drake.experiments.trials.running.code_version"
+    monkeypatch.setattr(name, lambda: "newer")
+    assert {t.code for t in make_store(passed).trials()} == {"newer"}
+
+
+def test_worker_with_other_code_is_refused(make_store):
+    def run(trial):
+        return run_trial(replace(trial, code="x"), seconds=0.1, force=False)
+
+    with pytest.raises(ExperimentError, match="its driver x; the code"):
+        make_store(run)
+
+
+def test_infeasible_trials_run_by_force_only(make_store):
+    def run(trial):
+        return passed(trial) if trial.number else refused_trial(trial)
+
+    def results(store):
+        return [(t.verdict, t.was_run) for t in store.trials()]
+
+    assert results(make_store(run)) == [("out of reach", False), *[("", True)] * 3]
+    assert results(make_store(passed, force=True)) == [("", True)] * 4
+
+
+def test_exception_in_a_trial_is_a_result(tmp_path):
+    spec = TrialSpec("fields: {board.translation: [5.0, 0.0, 0.0]}")
+    store = TrialStore(tmp_path, spec.plan(seed=0, seconds=0.1))
+    list(run_trials(store, spec, 1, Here(), force=True))
+    (trial,) = store.trials()
+    (fault,) = faults(trial)
+    assert fault.kind == "exception"
+    assert "StationError: the arm cannot bring the eraser" in fault.words
+
+
+def test_store_of_another_plan_is_refused(make_store):
+    store = make_store(passed)
+    plan = store.plan | {"seed": "7"}
+    with pytest.raises(ExperimentError, match=r"another seed \(0, not 7\)"):
+        TrialStore(store.folder, plan)
+    with pytest.raises(ExperimentError, match="there are no trials in"):
+        TrialStore(store.folder / "nowhere")
+    with pytest.raises(ExperimentError, match="no trial 9; its trials are 0 to 3"):
+        store.trial(9)
+
+
+@pytest.mark.parametrize("blocked", ["out", "out/worlds.sqlite"])
+def test_folder_that_cannot_store_trials_is_refused(
+    spec_file, refused, tmp_path, blocked
+):
+    path = tmp_path / blocked
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"noise, and no folder or store of trials" * 9)
+    out = tmp_path / "out"
+    line = refused("worlds", spec_file, "--out", out)
+    assert f"cannot store trials in {out}: " in line
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind", "words"),
+    [
+        ({"penetration_max_m": 0.02}, "through", "20.0 mm below the surface"),
+        ({"contact_fraction": float("nan")}, "nan", "NaN in contact_fraction"),
+        ({"torque_ratio_max": 1.2}, "limit", "torque reaches 1.2 of its limit"),
+        ({"torque_rate_max_nm_per_s": 1500.0}, "limit", "reaches 1500 Nm/s"),
+        ({"joint_speed_ratio_max": 1.1}, "limit", "speed reaches 1.1 of its limit"),
+        ({"joint_limit_margin_min_rad": -0.1}, "limit", "0.100 rad beyond its limit"),
+        (
+            {"tracking_rms_m": 0.034},
+            "path",
+            "34.0 mm rms, 10 mm at most",
+        ),
+        ({"normal_force_wanted_fraction": 0.5}, "press", "50 % of the time in contact"),
+        (
+            {"contact_fraction": 0.0, "normal_force_wanted_fraction": 0.0},
+            "press",
+            "never",
+        ),
+        ({"arm_on_board_s": 0.06}, "touch", "touches the board for 0.06 s"),
+        ({"desired_contact_fraction": 0.9}, "press", "for 90 % of the time"),
+        ({"normal_force_max_n": 78.1}, "force", "up to 78 N, above 78 N"),
+        ({"protective_stop_s": 0.2}, "stop", "in a protective stop for 0.20 s"),
+    ],
+)
+def test_every_kind_of_fault_is_described(make_store, changes, kind, words):
+    spec = "fields: {press.force: 9.0}"
+    (trial,) = make_store(partial(passed, **changes), 1, spec=spec).trials()
+    (fault,) = faults(trial)
+    assert fault.kind == kind
+    assert words in fault.words
+    (good,) = make_store(passed, 1, spec=spec, name="good").trials()
+    assert faults(good) == []
+
+
+def test_trials_with_disturbances_are_judged_by_their_greatest_force_only(make_store):
+    spec = """
+    disturbances: {count: 1, each: {kind: push, force: [0.0, 20.0, 0.0]}}
+    fields: {press.force: 9.0}
+    """
+    run = partial(
+        passed, normal_force_wanted_fraction=0.5, desired_contact_fraction=0.5
+    )
+    trial = make_store(run, 1, spec=spec).trial(0)
+    assert faults(trial) == []
+    # Twice the desired 9 N, the push of 20 N, and 60 N.
+    assert largest_push(trial) == pytest.approx(20.0)
+    for force, kinds in ((97.9, []), (98.1, ["force"])):
+        metrics = trial.metrics | {"normal_force_max_n": force}
+        assert [f.kind for f in faults(replace(trial, metrics=metrics))] == kinds
+
+
+def test_trials_of_an_older_version_are_still_reported(make_store):
+    store = make_store(passed, 1)
+    trial = store.trial(0)
+    scenario = trial.scenario + "forgotten: {key: 1}\n"
+    store.keep(replace(trial, scenario=scenario, code="older"))
+    TrialsReport(store).write()
+    assert "Of 1 trials" in (store.folder / "report.html").read_text()
+
+
+def drawn(**metrics):
+    trial = TrialSpec(SPEC).draw(seed=0, number=0)
+    fields = trial.fields | {"disturbances": [], "press": {"force": 8.0}}
+    trial = replace(trial, metrics=GOOD | metrics)
+    trial.__dict__["fields"] = fields
+    return trial
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"),
+    [
+        ("penetration_max_m", TOLERANCE),
+        ("torque_ratio_max", 1.0),
+        ("joint_speed_ratio_max", 1.0),
+        ("torque_rate_max_nm_per_s", 1000.0),
+        ("tracking_rms_m", 0.010),
+        ("normal_force_wanted_fraction", -0.95),
+        ("desired_contact_fraction", -LEAST_CONTACT),
+        ("joint_limit_margin_min_rad", -1e-9),
+        ("normal_force_max_n", 2 * 8.0 + MOST_EXCESS),
+        ("protective_stop_s", 1e-9),
+        ("arm_on_board_s", 1e-9),
+    ],
+)
+def test_every_fault_is_judged_at_its_limit(name, limit):
+    sign = -1 if limit < 0 else 1
+    good, bad = (abs(limit) * (1 + sign * change) for change in (-0.001, 0.001))
+    if abs(limit) == 1e-9:
+        good, bad = 0.0, sign * 0.01
+    assert faults(drawn(**{name: good})) == []
+    (fault,) = faults(drawn(**{name: bad}))
+    assert fault.severity > 1
+
+
+def test_most_severe_fault_is_judged_to_be_the_first():
+    found = faults(drawn(torque_ratio_max=1.1, penetration_max_m=0.5))
+    assert [fault.kind for fault in found] == ["through", "limit"]
+    assert found[0].severity > 10
+    assert found[1].severity == pytest.approx(1.1)
+
+
+def test_path_is_judged_on_the_actual_board(make_store):
+    spec = "fields: {board.error.translation: [0.0, 0.0, -0.008]}"
+    rms = {"tracking_rms_m": 0.0101, "tracking_on_board_rms_m": 0.006}
+    store = make_store(partial(passed, **rms), 1, spec=spec)
+    assert faults(store.trial(0)) == []
+    TrialsReport(store).write()
+    text = (store.folder / "report.html").read_text()
+    assert "it is also too large in these: 0." in text
+
+
+def test_older_trial_with_the_whole_distance_only_is_judged_by_it(make_store):
+    spec = "fields: {board.error.translation: [0.0, 0.0, -0.008]}"
+    store = make_store(partial(passed, tracking_rms_m=0.0101), 1, spec=spec)
+    (fault,) = faults(store.trial(0))
+    assert "10.1 mm rms, " in fault.words
+    TrialsReport(store).write()
+    assert "8.0 mm lower than assumed" in (store.folder / "report.html").read_text()
+
+
+def test_report_names_what_was_not_measured(make_store):
+    assert "was not measured" in TrialsReport(make_store(passed, 1)).verdict()
+
+
+def test_report_and_page_list_faults_and_replay_commands(make_store, command, outputs):
+    def run(trial):
+        if trial.number == 3:
+            verdict = "move it | 0.2 m nearer"
+            return replace(trial, is_feasible=False, verdict=verdict)
+        rms = 0.002 + 0.02 * (trial.number == 7)
+        return passed(trial, tracking_rms_m=rms, penetration_max_m=0.0)
+
+    store = make_store(run, 30)
+    page = outputs / "README.md"
+    assert command("worlds", store.folder, "--page", page).code == 0
+    texts = page.read_text(), (store.folder / "report.html").read_text()
+    for text in texts:
+        assert "Of 30 trials" in text
+        assert "not measured" not in text
+        assert "Of the 29 others 28 passed (96.6 %)" in text
+        assert "22.0 mm rms" in text
+        assert "The run reports: contact lost from 2.1 to 3.0 s." in text
+        assert f"fmp-drake worlds {store.folder} --replay 7" in text
+        assert "0.2 m nearer" in text
+        assert "press.force" not in text  # It is in a picture.
+    pictures = {"followed.png", "success.png"}
+    assert {p.name for p in outputs.iterdir()} == pictures | {"README.md"}
+    assert texts[1].count("data:image/png;base64") == 2
+
+
+def test_report_counts_by_demonstration(make_store):
+    spec = SPEC.replace(
+        "fields: {", "fields: {skill.demonstration: {choice: [eight, wiping]}, "
+    )
+    store = make_store(passed, 12, spec=spec)
+    drawn = [trial.parameters["skill.demonstration"] for trial in store.trials()]
+    page = store.folder / "README.md"
+    TrialsReport(store).write(page)
+    for name in ("eight", "wiping"):
+        assert f"| {name} | {drawn.count(name)} | 100.0 % |" in page.read_text()
+
+
+@pytest.mark.parametrize("where", ["everywhere", "in one trial"])
+def test_report_of_trials_in_free_space_leaves_out_what_has_no_board(make_store, where):
+    boards = {"cleaned_fraction_of_demonstrated_area", "normal_force_wanted_fraction"}
+
+    def run(trial):
+        trial = passed(trial)
+        if where == "in one trial" and trial.number != 1:
+            return trial
+        metrics = {k: v for k, v in trial.metrics.items() if k not in boards}
+        fields = trial.fields | {"board": trial.fields["board"] | {"shape": "none"}}
+        return replace(trial, metrics=metrics, fields=fields)
+
+    store = make_store(run)
+    TrialsReport(store).write()
+    html = (store.folder / "report.html").read_text()
+    assert "4 trials" in html
+    assert ("90 %" in html) == (where == "in one trial")
+
+
+def test_report_of_infeasible_trials_only_is_written(make_store):
+    store = make_store(refused_trial)
+    TrialsReport(store).write()
+    said = "refuses 4. Of the 0 others 0 passed"
+    assert said in (store.folder / "report.html").read_text()
+
+
+def test_interval_of_no_trials_is_everything():
+    assert interval(0, 0) == (0.0, 1.0)
+    low, high = interval(9, 9)
+    assert 0.6 < low < high == 1.0
+
+
+@pytest.mark.parametrize(("least", "scale"), [(0.1, "log"), (2.0, "linear")])
+def test_parameter_over_a_decade_has_a_logarithmic_axis(least, scale):
+    values = np.geomspace(least, 10.0, 20).tolist()
+    figure = draw_success({"press.force": values}, [v > 1 for v in values])
+    assert figure.axes[0].get_xscale() == scale
+    figure.draw_without_rendering()
+
+
+def test_report_of_no_trials_is_refused(make_store, refused):
+    store = make_store(passed, 0)
+    assert "no trials" in refused("worlds", store.folder)
+
+
+def test_parquet_has_a_row_for_each_trial(make_store, command, outputs):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow")
+    store = make_store(passed)
+    path = outputs / "worlds.parquet"
+    assert command("worlds", store.folder, "--parquet", path).code == 0
+    table = parquet.read_table(path).to_pydict()
+    assert table["number"] == [0, 1, 2, 3]
+    assert table["metrics.tracking_rms_m"] == [0.003] * 4
+    assert len(set(table["parameters.press.force"])) == 4
+
+
+def test_parquet_without_pyarrow_is_refused(make_store, refused, outputs, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    store = make_store(passed)
+    line = refused("worlds", store.folder, "--parquet", outputs / "w.parquet")
+    assert "fmp-drake[parquet]" in line
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (("default",), "--out"),
+        (("default", "--out", "x", "--count", 0), "count is 0"),
+        (("default", "--out", "x", "--jobs", 0), "jobs is 0"),
+        (("default", "--out", "x", "--seed", -1), "seed is -1"),
+        (("default", "--out", "x", "--seconds", 0), "seconds is 0"),
+        (("default", "--out", "x", "--html", "x.html"), "say which with --replay"),
+        (("default", "--replay", 1), "no folder of trials"),
+        (("default", "--out", "x", "--page", "x.html"), "end in .md"),
+        (("moon", "--out", "x"), "there are no distributions moon"),
+    ],
+)
+def test_inconsistent_options_are_refused(
+    refused, call, message, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    assert message in refused("worlds", *call)
+    assert list(tmp_path.iterdir()) == []

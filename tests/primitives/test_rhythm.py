@@ -1,0 +1,179 @@
+"""Facts about what is rhythm in a recording, and what is left out."""
+
+import numpy as np
+import pytest
+from synthetic_recordings import RATE, eased, synthetic_recording
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    find_rhythm,
+    load_skill,
+    save_skill,
+)
+
+
+def demonstration(values):
+    return Demonstration(time=np.arange(len(values)) / RATE, values=values)
+
+
+def drop(phase, size=0.1):
+    """Return points (n, 2) of a closed curve that no symmetry maps to itself."""
+    phase = np.asarray(phase)
+    x = np.cos(phase) + 0.3 * np.cos(2 * phase)
+    return size * np.column_stack([x, 0.7 * np.sin(phase)])
+
+
+def phases(count, period=50):
+    return 2 * np.pi / period * np.arange(count)
+
+
+def agreement(seeds):
+    """Return which periods, cycles and parts of synthetic recordings are found."""
+    period, cycles, parts = [], [], []
+    for seed in seeds:
+        truth = synthetic_recording(seed)
+        found = find_rhythm(demonstration(truth.values))
+        period.append(abs(found.period / truth.period - 1) < 0.05)
+        cycles.append(abs(found.cycles - truth.cycles) < 0.5)
+        parts += [
+            any(
+                abs(part.start - start) <= 0.3
+                and abs(part.end - end) <= 0.3
+                and part.kind == kind
+                for part in found.left_out
+            )
+            for start, end, kind in truth.left_out
+        ]
+        parts += [False] * (len(found.left_out) - len(truth.left_out))
+    return np.mean(period), np.mean(cycles), np.mean(parts)
+
+
+def test_approach_retreat_lifts_pauses_and_bouts_are_found():
+    assert min(agreement(range(300, 325))) >= 0.9
+
+
+@pytest.mark.slow
+def test_rhythm_is_found_in_95_of_100_recordings():
+    assert min(agreement(range(200))) >= 0.95
+
+
+def test_learning_and_inspection_agree_on_the_rhythm():
+    recording = demonstration(synthetic_recording(6).values)
+    skill = FourierMovementPrimitive().fit(recording)
+    found = find_rhythm(recording)
+    assert skill.rhythm_ == found
+    assert skill.phase_model_.period / RATE == pytest.approx(found.period)
+    assert len(skill.paths_) == len(found.bouts) > 1
+
+
+def test_a_skill_file_keeps_the_rhythm(tmp_path):
+    skill = FourierMovementPrimitive().fit(demonstration(synthetic_recording(6).values))
+    save_skill(skill, tmp_path / "s.npz")
+    assert load_skill(tmp_path / "s.npz").rhythm_ == skill.rhythm_
+
+
+def test_a_growing_amplitude_is_reported():
+    growing = drop(phases(1200)) * np.linspace(0.7, 1.4, 1200)[:, None]
+    found = find_rhythm(demonstration(growing))
+    assert found.amplitude_change == pytest.approx(0.67, abs=0.1)
+    assert not found.left_out
+    assert any("the amplitude grows" in line for line in found.describe())
+
+
+def test_a_growing_tempo_is_reported():
+    phase = np.cumsum(2 * np.pi / 50 * np.linspace(0.75, 1.3, 1200))
+    found = find_rhythm(demonstration(drop(phase)))
+    assert found.tempo_change > 0.3
+    assert not found.left_out
+    assert any("the tempo grows" in line for line in found.describe())
+
+
+def test_a_steady_movement_has_no_remark():
+    found = find_rhythm(demonstration(drop(phases(600))))
+    assert found.describe() == ["12.0 cycles of 2.50 s"]
+
+
+def test_a_reversed_direction_is_no_pause():
+    phase = phases(1200)
+    phase = np.concatenate([phase[:700], 2 * phase[700] - phase[700:]])
+    found = find_rhythm(demonstration(drop(phase)))
+    backwards = [part for part in found.left_out if part.kind == "backwards"]
+    assert sum(part.duration for part in backwards) == pytest.approx(25, abs=1.5)
+    assert "pause" not in {part.kind for part in found.left_out}
+    text = " ".join(found.remarks())
+    assert "the direction reverses" in text
+    assert "% of the recording is left out" in text
+
+
+def test_two_movements_in_one_recording_are_told_apart():
+    circle = 0.1 * np.column_stack([np.cos(phases(700)), np.sin(phases(700))])
+    turns = phases(600, 60)
+    eight = 0.1 * np.column_stack([np.sin(turns), 0.5 * np.sin(2 * turns)])
+    found = find_rhythm(demonstration(np.concatenate([circle, eight])))
+    (other,) = (part for part in found.left_out if part.kind == "another movement")
+    assert (other.start, other.end) == pytest.approx((35, 65), abs=1.5)
+    assert any("two movements" in line for line in found.remarks())
+
+
+def test_a_user_may_choose_part_and_period():
+    values = np.concatenate([drop(phases(500)), drop(phases(500, 80), 0.2)])
+    recording = demonstration(values)
+    chosen = find_rhythm(recording, start=26.0, end=49.0)
+    assert chosen.period == pytest.approx(4.0, rel=0.02)
+    assert chosen.bouts[0].start == pytest.approx(26.0, abs=0.3)
+    skill = FourierMovementPrimitive().fit(recording, start=26.0, end=49.0)
+    assert skill.rhythm_ == chosen
+    double = find_rhythm(demonstration(drop(phases(600))), period=5.0)
+    assert double.period == pytest.approx(5.0, rel=0.02)
+    assert double.cycles == pytest.approx(6, abs=0.1)
+
+
+def test_a_part_without_samples_is_refused():
+    with pytest.raises(DemonstrationError, match="no two samples from 40 to 50 s"):
+        find_rhythm(demonstration(drop(phases(600))), start=40.0, end=50.0)
+
+
+def test_where_nothing_comes_again_there_is_no_rhythm():
+    path = eased(np.zeros(2), np.ones(2), 200)
+    with pytest.raises(DemonstrationError, match="no part of it comes again"):
+        find_rhythm(demonstration(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "period", "cycles"),
+    [
+        ("car_fender_3", 5.5, 3.7),
+        ("car_rim_1", 1.97, 2.7),
+        ("car_rim_4", 1.7, 5.9),
+        ("drums_01", 4.95, 2.0),
+        ("panda_mixing_pan", 1.25, 4.2),
+        ("panda_wiping_big_board_2_loop", 5.1, 2.1),
+    ],
+)
+def test_rhythm_of_real_recordings_is_found(
+    real_demonstration_paths, name, period, cycles
+):
+    with np.load(real_demonstration_paths[name]) as file:
+        recording = Demonstration(time=file["time"], values=file["position"])
+    found = find_rhythm(recording)
+    assert found.period == pytest.approx(period, rel=0.05)
+    assert found.cycles == pytest.approx(cycles, abs=0.5)
+
+
+def test_windows_follow_the_period_where_none_are_given():
+    quick = FourierMovementPrimitive(rate=RATE).fit(drop(phases(600, 22)))
+    slow = FourierMovementPrimitive(rate=RATE).fit(drop(phases(600, 130)))
+    assert (quick.n_steps, slow.n_steps) == (70, 156)
+    given = FourierMovementPrimitive(rate=RATE, n_steps=100).fit(drop(phases(600, 22)))
+    assert given.n_steps == 100
+
+
+def test_recordings_shorter_than_a_window_are_learned():
+    values = drop(phases(90, 60))
+    skill = FourierMovementPrimitive(rate=RATE).fit(values)
+    assert skill.model_ == "phase"
+    path = eased(np.zeros(2), np.ones(2), 90)
+    skill = FourierMovementPrimitive(rate=RATE).fit(path)
+    assert (skill.model_, skill.n_steps) == ("mixture", 45)

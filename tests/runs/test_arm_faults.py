@@ -1,0 +1,179 @@
+"""Facts about an arm whose messages are wrong, in lockstep over `memq://`."""
+
+import numpy as np
+import pytest
+from arm_faults import LIMITS, NOW, FailingNetwork, Fault, frozen
+
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.station import models_dir
+from fmp_drake.station.robots.panda_lcm import TorquePublisher
+from fmp_drake.systems import GateMode
+from fmp_drake.systems.panda.firmware import Obeyed
+from fmp_drake.systems.panda.status import GateFault
+
+LARGEST = np.radians(2.0)
+
+
+@pytest.fixture(scope="module")
+def skill():
+    path = models_dir() / "demonstrations" / "wiping.npz"
+    skill = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4)
+    return skill.fit(Demonstration.load(path))
+
+
+def changed(**values):
+    """Make a fault that changes rows of every status: joint 4's numbers."""
+
+    def change(ms, message, _earlier):
+        for name, offset in values.items():
+            row = list(getattr(message, name))
+            row[3] += offset(ms) if callable(offset) else offset
+            setattr(message, name, row)
+        return [message]
+
+    return Fault(status=change)
+
+
+def mode(value):
+    def change(_ms, message, _earlier):
+        message.control_mode = value
+        return [message]
+
+    return Fault(status=change)
+
+
+@pytest.mark.parametrize(
+    ("fault", "name"),
+    [
+        (Fault(status=frozen()), GateFault.FROZEN),
+        (changed(joint_position=0.5), GateFault.JUMP),
+        (changed(joint_position=900.0), GateFault.OUT_OF_RANGE),
+        (changed(joint_velocity=-500.0), GateFault.TOO_FAST),
+        (changed(joint_velocity=1.0), GateFault.INCONSISTENT),
+        (changed(joint_position=lambda ms: 1e-3 * ms), GateFault.INCONSISTENT),
+        (mode(0), GateFault.WRONG_MODE),
+        (mode(1), GateFault.WRONG_MODE),
+    ],
+)
+def test_an_implausible_status_stops_the_arm_in_time(skill, fault, name):
+    network = FailingNetwork(skill).begin()
+    reaction = network.react(fault, 400)
+    assert reaction.stopped_after <= 20
+    assert reaction.faults & name
+    assert reaction.moved < LARGEST
+    assert reaction.speed < 1.1 * reaction.speed_before + 0.05
+    assert reaction.torque < 0.5
+    # It stays stopped.
+    assert network.run.mode is GateMode.STOPPED
+    assert not np.any(network.run.output("torque_sent"))
+
+
+def test_the_arm_is_damped_by_its_driver_as_soon_as_its_torque_is_zero(skill):
+    network = FailingNetwork(skill).begin(500)
+    damped = network.bench.obeyed[Obeyed.DAMPED]
+    reaction = network.react(changed(joint_velocity=np.nan), 100)
+    assert reaction.stopped_after <= 2
+    # A torque of at most 15 Nm is zero after 17 ms.
+    assert network.bench.obeyed[Obeyed.DAMPED] - damped >= 80
+    assert network.bench.torque_rate <= 1000
+
+
+def test_an_arm_at_rest_is_not_frozen(skill):
+    # It has no noise here: its state is the same to the last bit.
+    network = FailingNetwork(skill).advance(200)
+    states = np.array(network.states)
+    assert np.array_equal(states[-1], states[-50])
+    assert network.begin().run.mode is GateMode.OPEN
+
+
+class OtherController:
+    """A program that sends zeros to the arm, each millisecond."""
+
+    def __init__(self, network):
+        self.network = network
+        self.publish = TorquePublisher(network.bus, "PANDA_COMMAND")
+
+    def advance(self, milliseconds):
+        for _ in range(milliseconds):
+            self.publish(np.zeros(7), NOW + 1e-3 * self.network.ticks)
+            self.network.advance(1)
+
+
+def test_an_arm_is_not_enabled_while_another_program_commands_it(skill):
+    network = FailingNetwork(skill).advance(20)
+    other = OtherController(network)
+    network.run.go()
+    other.advance(400)
+    assert network.run.mode is GateMode.WAITING
+    assert network.run.faults is GateFault.OTHER_CONTROLLER
+    # An old command of a program that has ended does not count.
+    assert network.advance(200).begin().run.mode is GateMode.OPEN
+
+
+def test_an_arm_stops_where_another_program_commands_it(skill):
+    network = FailingNetwork(skill).begin()
+    before = network.states[-1][:7]
+    OtherController(network).advance(20)
+    assert network.run.mode is GateMode.STOPPED
+    assert network.run.faults & GateFault.OTHER_CONTROLLER
+    network.advance(300)
+    assert np.max(np.abs(network.states[-1][:7] - before)) < LARGEST
+
+
+def moved_by_hand(network, offset):
+    """Put the stopped arm elsewhere, as a person would, within a second."""
+    simulator, plant = network.bench.simulator, network.bench.plant
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    start = network.states[-1][:7]
+    for blend in np.linspace(0, 1, 1000):
+        smooth = blend**2 * (3 - 2 * blend)
+        plant.SetPositions(context, network.bench.arm, start + smooth * offset)
+        velocity = 6 * blend * (1 - blend) * offset
+        plant.SetVelocities(context, network.bench.arm, velocity)
+        network.advance(1)
+    plant.SetVelocities(context, network.bench.arm, np.zeros(7))
+    network.advance(600)
+
+
+@pytest.mark.parametrize("joints", [(0, 1, 3), (4, 5, 6)])
+def test_an_arm_that_was_taken_elsewhere_comes_back_slowly(skill, joints):
+    network = FailingNetwork(skill).begin()
+    network.run.stop()
+    network.advance(400)
+    offset = np.zeros(7)
+    offset[list(joints)] = (0.3, -0.3, 0.3)
+    moved_by_hand(network, offset)
+    first = len(network.states)
+    network.run.go()
+    network.advance(310)
+    assert network.run.mode is GateMode.RETURNING
+    while network.run.mode is GateMode.RETURNING:
+        network.advance(1)
+        assert len(network.states) < first + 15000
+    speeds = np.abs(np.array(network.states[first:])[:, 7:]) / LIMITS.speed
+    assert np.max(speeds) < 0.15
+    assert network.run.mode is GateMode.OPEN
+    network.advance(500)
+    assert not network.run.stops[1:]
+    assert np.max(np.abs(network.states[-1][7:]) / LIMITS.speed) < 0.5
+
+
+@pytest.mark.parametrize("hertz", [200, 1000])
+def test_a_slow_arm_is_plausible_and_its_freeze_is_seen(skill, hertz):
+    stride = 1000 // hertz
+
+    def seldom(ms, message, _earlier):
+        return [message] if ms % stride == 0 else []
+
+    network = FailingNetwork(skill)
+    network.fault = Fault(status=seldom)
+    network.begin()
+    freeze = frozen()
+
+    def both(ms, message, earlier):
+        return freeze(ms, message, earlier) if ms % stride == 0 else []
+
+    reaction = network.react(Fault(status=both), 400)
+    assert reaction.stopped_after <= 20
+    assert reaction.faults & GateFault.FROZEN
+    assert reaction.moved < LARGEST

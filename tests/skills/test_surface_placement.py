@@ -1,0 +1,264 @@
+"""Facts about surfaces fitted to recordings, and poses and forces placed on them."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.primitives import Demonstration, ReadingOptions, add_orientation
+from fmp_drake.primitives.data.orientation import skill_rotations
+from fmp_drake.skills.learning import learn_skill
+from fmp_drake.skills.placement import load_on_board
+from fmp_drake.skills.surface_fit import SHAPES, fit_surface
+from fmp_drake.skills.surface_placement import place_on_fitted_surface
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.surface.surface import Surface, place, rotations
+
+SURFACES = {
+    "plane": Surface(),
+    "cylinder": Surface(kx=0.0, ky=1 / 0.3),
+    "dome": Surface(kx=4.0, ky=4.0),
+    "bowl": Surface(kx=-1 / 0.35, ky=-1 / 0.35),
+}
+RADII = {"cylinder": 0.3, "dome": 0.25, "bowl": 0.35}
+R_DS = Rotation.from_rotvec([0.4, -0.5, 1.0])
+P_DS = np.array([0.5, 0.2, 0.3])
+# How the tool is mounted: nobody knows it.
+MOUNT = Rotation.from_rotvec([2.0, 0.3, -0.4])
+
+
+def wiping(shape, *, lift=0.0, approach=True, noise=0.001, size=1.0):
+    """Return time, (u, v, h), contact, and points in D of a noisy wiping movement."""
+    time = np.arange(0, 24, 0.02)
+    uvh = np.zeros((len(time), 3))
+    uvh[:, 0] = 0.12 * size * np.sin(np.pi * time)
+    uvh[:, 1] = 0.10 * size * np.sin(2 * np.pi * time + 0.4)
+    uvh[:, 2] = lift * np.clip(np.sin(np.pi * time / 2) - 0.5, 0, None)
+    if approach:
+        away = np.clip(2 - time, 0, None) + np.clip(time - 22, 0, None)
+        uvh[:, 2] += 0.1 * away
+    rng = np.random.default_rng(0)
+    noisy = place(SURFACES[shape], uvh) + noise * rng.standard_normal(uvh.shape)
+    return time, uvh, uvh[:, 2] == 0, R_DS.apply(noisy) + P_DS
+
+
+def posed(shape, *, force="tool", tilt=0.1, **options):
+    """Return a recording with orientation and force (about 12 N), and its truth."""
+    time, uvh, on, points = wiping(shape, **options)
+    phi = tilt * np.column_stack(
+        [np.sin(np.pi * time), np.sin(2 * np.pi * time), 0 * time]
+    )
+    R_ST = Rotation.from_matrix(rotations(SURFACES[shape], uvh))
+    R_DE = R_DS * R_ST * Rotation.from_rotvec(phi) * MOUNT
+    pressed = np.where(on, 12 + 3 * np.sin(np.pi * time), 0.0)
+    normal = (R_DS * R_ST).apply([0.0, 0.0, 1.0])
+    if force == "tool":
+        vectors = pressed[:, None] * MOUNT.inv().apply([0.0, 0.0, 1.0])
+    elif force == "world":
+        vectors = pressed[:, None] * normal
+    else:
+        vectors = pressed[:, None]
+    names = ["force_x", "force_y", "force_z"] if vectors.shape[1] == 3 else ["force"]
+    recording = Demonstration(
+        time=time,
+        values=np.concatenate([points, vectors], axis=1),
+        channels=("x", "y", "z", *names),
+        units=("m", "m", "m", *["N"] * len(names)),
+    )
+    return add_orientation(recording, R_DE), uvh, on, phi, pressed
+
+
+@pytest.mark.parametrize("lift", [0.0, 0.1])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_shape_radius_and_pose_of_a_noisy_surface_are_found(shape, lift):
+    _, uvh, on, points = wiping(shape, lift=lift)
+    fit = fit_surface([points], [on])
+    assert fit.shape == shape
+    # 1 mm of noise over a patch of 0.24 m x 0.20 m: the radius to 3 %, the normal to 1
+    # degree, the distance to 1 mm.
+    if shape != "plane":
+        assert fit.radius == pytest.approx(RADII[shape], rel=0.03)
+    truth = R_DS.apply(place(SURFACES[shape], np.zeros((1, 3))))[0] + P_DS
+    found = fit.coordinates(truth[None])[0]
+    assert abs(found[2]) < 0.001
+    normal = fit.rotation @ rotations(fit.curvature, found[None])[0][:, 2]
+    angle = np.arccos(np.clip(normal @ R_DS.apply([0.0, 0.0, 1.0]), -1, 1))
+    assert np.degrees(angle) < 1
+    assert fit.residual == pytest.approx(0.001, rel=0.15)
+    heights = fit.coordinates(points)[:, 2]
+    assert_allclose(heights, uvh[:, 2], atol=0.006)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_lifts_without_a_force_do_not_move_the_surface(shape):
+    time, _, _, points = wiping(shape, lift=0.1)
+    in_movement = (time > 2) & (time < 22)
+    fit = fit_surface([points], [in_movement])
+    assert fit.shape == shape
+    if shape != "plane":
+        assert fit.radius == pytest.approx(RADII[shape], rel=0.05)
+
+
+def test_plane_is_preferred_to_a_curvature_within_the_noise():
+    *_, on, points = wiping("plane", noise=0.003)
+    fit = fit_surface([points], [on])
+    assert fit.shape == "plane"
+    assert set(fit.residuals) == set(SHAPES)
+    assert "residuals in mm: plane" in fit.describe()
+
+
+def test_shape_may_be_given():
+    *_, on, points = wiping("dome")
+    assert fit_surface([points], [on], shape="plane").shape == "plane"
+    with pytest.raises(DemonstrationError, match="choose one of: plane, cylinder"):
+        fit_surface([points], [on], shape="torus")
+
+
+def test_points_that_determine_no_surface_are_refused():
+    line = np.outer(np.linspace(0, 1, 50), [1.0, 2.0, 3.0])
+    with pytest.raises(DemonstrationError, match="its surface is not determined"):
+        fit_surface([line], [np.ones(50, dtype=bool)])
+    with pytest.raises(DemonstrationError, match="touches in 5 samples"):
+        fit_surface([line], [np.arange(50) < 5])
+    cloud = np.random.default_rng(0).uniform(-0.1, 0.1, (500, 3))
+    with pytest.raises(DemonstrationError, match="no surface fits"):
+        fit_surface([cloud], [np.ones(500, dtype=bool)])
+
+
+@pytest.mark.parametrize("force", ["tool", "world", "scalar"])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_pose_and_force_are_relative_to_the_local_normal(shape, force):
+    recording, _, on, phi, pressed = posed(shape, force=force)
+    scenario = Scenario()
+    (placed,), remarks = place_on_fitted_surface(
+        [recording], scenario=scenario, extra=("orientation", "force")
+    )
+    board = scenario.board
+    assert board.shape == shape
+    if shape != "plane":
+        assert board.radius == pytest.approx(RADII[shape], rel=0.03)
+    scenario.check()
+    assert placed.channels == ("x", "y", "z", "rx", "ry", "rz", "force")
+    assert placed.units == ("m",) * 3 + ("rad",) * 3 + ("N",)
+    assert placed.frame == "board"
+    index = np.searchsorted(recording.time, placed.time)
+    on = on[index]
+    assert np.all(placed.values[on, 2] == 0)
+    # About the normal the frame of the fit is the recording's, not that of the truth.
+    assert np.ptp(placed.values[on, :2], axis=0).max() == pytest.approx(0.24, abs=0.05)
+    tilt, expected = (
+        np.linalg.norm(x[:, :2], axis=1) for x in (placed.values[:, 3:6], phi[index])
+    )
+    assert_allclose(tilt[on], expected[on], atol=np.radians(2))
+    force_error = placed.values[on, 6] - pressed[index][on]
+    assert np.sqrt(np.mean(force_error**2)) < 0.5
+    nominal = scenario.eraser_orientation().matrix()
+    mean = skill_rotations_of(placed)[on].mean().as_matrix()
+    assert_allclose(mean, nominal, atol=0.02)
+    assert any("residuals in mm" in remark for remark in remarks)
+
+
+def skill_rotations_of(recording):
+    """Return R_TE of a recording."""
+
+    class Channels:
+        channels_ = recording.channels
+        rotation_reference_ = recording.rotation_reference
+
+    return skill_rotations(Channels, recording.values)
+
+
+def test_large_path_is_scaled_with_its_radius():
+    recording, *_ = posed("cylinder", size=2.5)
+    scenario = Scenario()
+    (placed,), _ = place_on_fitted_surface([recording], scenario=scenario)
+    scale = scenario.board.radius / 0.3
+    # 0.36 m of 0.60 m are left beside the eraser and its border.
+    assert scale == pytest.approx(0.6, abs=0.02)
+    assert np.ptp(placed.values[:, 0]) <= 0.5
+    scenario.check()
+
+
+def test_missing_channels_and_forces_are_refused():
+    recording, *_ = posed("plane")
+    position = recording.select(["x", "y", "z"])
+    for extra, message in (
+        ("orientation", "an orientation needs a quaternion"),
+        ("force", "a force needs the channel force"),
+        ("torque", "choose of: orientation, force"),
+    ):
+        with pytest.raises(DemonstrationError, match=message):
+            place_on_fitted_surface([position], scenario=Scenario(), extra=[extra])
+    weak = Demonstration(
+        time=recording.time,
+        values=np.column_stack([position.values, np.full(len(recording.time), 0.1)]),
+        channels=("x", "y", "z", "force"),
+        units=("m", "m", "m", "N"),
+    )
+    with pytest.raises(DemonstrationError, match=r"at most 0\.1 N"):
+        place_on_fitted_surface([weak], scenario=Scenario())
+
+
+def test_force_is_limited_to_what_the_felt_bears():
+    recording, *_ = posed("plane")
+    values = recording.values.copy()
+    values[:, 3:6] *= 10
+    strong = Demonstration(
+        time=recording.time,
+        values=values[:, :6],
+        channels=recording.channels[:6],
+        units=recording.units[:6],
+    )
+    (placed,), remarks = place_on_fitted_surface(
+        [strong], scenario=Scenario(), extra=["force"]
+    )
+    assert placed.values[:, 3].max() == pytest.approx(60)
+    assert any("limited to the felt's 60 N" in remark for remark in remarks)
+
+
+def test_extra_channels_need_a_surface(tmp_path):
+    path = tmp_path / "recording.npz"
+    posed("plane")[0].save(path)
+    with pytest.raises(DemonstrationError, match="--surface fitted"):
+        load_on_board(
+            [path], scenario=Scenario(), transform=None, stretch=1.0, extra=["force"]
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "residual", "force", "cycles"),
+    [
+        ("car_rim_1", 0.002, 30, 1.8),
+        ("car_rim_4", 0.008, 21, 4.5),
+        ("car_fender_3", 0.005, 17, 3.3),
+    ],
+)
+def test_real_recordings_are_placed_and_learned(
+    real_demonstration_paths, name, residual, force, cycles
+):
+    if name not in real_demonstration_paths:
+        pytest.skip(f"there is no recording {name}")
+    scenario = Scenario()
+    placed, remarks = load_on_board(
+        [real_demonstration_paths[name]],
+        scenario=scenario,
+        transform=None,
+        stretch=1.0,
+        # The numbers are w, x, y, z: only then the tool is where its joints say.
+        reading=ReadingOptions(quaternions="wxyz"),
+        surface="fitted",
+        extra=("orientation", "force"),
+    )
+    assert placed[0].channels == ("x", "y", "z", "rx", "ry", "rz", "force")
+    assert scenario.board.shape == "plane"
+    stated = float(remarks[-4].partition("plane ")[2].partition(",")[0].split()[-1])
+    assert stated < 1e3 * residual
+    values = np.concatenate([d.values for d in placed])
+    touching = values[:, 2] == 0
+    assert np.mean(values[touching, 6]) == pytest.approx(force, abs=1)
+    tilt = np.degrees(np.linalg.norm(values[touching, 3:5], axis=1))
+    assert np.median(tilt) < 10
+    skill = learn_skill(placed, by_position=True)
+    assert skill.channels_ == placed[0].channels
+    assert skill.rhythm_.cycles > cycles

@@ -1,0 +1,228 @@
+"""Facts about the arms that come along: geometry, limits, masses, postures, contact."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pydrake.geometry import Role, SceneGraph
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.station import LoadRobot, Scenario
+from fmp_drake.station.robots.robot import FilterSelfContact, MakeRobotModel
+from fmp_drake.station.scene import AddBoardScene
+
+ARMS = ("panda", "iiwa14", "ur5e")
+HALF = np.pi / 2
+
+# Denavit-Hartenberg parameters (classic): d, a, alpha of each joint, m and rad.
+DH = {
+    "iiwa14": [
+        (0.36, 0.0, -HALF),
+        (0.0, 0.0, HALF),
+        (0.42, 0.0, HALF),
+        (0.0, 0.0, -HALF),
+        (0.40, 0.0, -HALF),
+        (0.0, 0.0, HALF),
+        (0.126, 0.0, 0.0),
+    ],
+    "ur5e": [
+        (0.1625, 0.0, HALF),
+        (0.0, -0.425, 0.0),
+        (0.0, -0.3922, 0.0),
+        (0.1333, 0.0, HALF),
+        (0.0997, 0.0, -HALF),
+        (0.0996, 0.0, 0.0),
+    ],
+}
+# Range (degrees, either way), speed (degrees/s), torque (Nm), mass of the link (kg).
+FACTS = {
+    "iiwa14": [
+        (170, 85, 320, 5.76),
+        (120, 85, 320, 6.35),
+        (170, 100, 176, 3.5),
+        (120, 75, 176, 3.5),
+        (170, 130, 110, 3.5),
+        (120, 135, 40, 1.8),
+        (175, 135, 40, 1.2),
+    ],
+    "ur5e": [
+        (360, 180, 150, 3.761),
+        (360, 180, 150, 8.058),
+        (180, 180, 150, 2.846),
+        (360, 180, 28, 1.37),
+        (360, 180, 28, 1.3),
+        (360, 180, 28, 0.365),
+    ],
+}
+# Centres of mass by the maker's table, in the frame after each joint, m.
+UR5E_CENTRES = [
+    (0, -0.02561, 0.00193),
+    (0.2125, 0, 0.11336),
+    (0.15, 0, 0.0265),
+    (0, -0.0018, 0.01634),
+    (0, 0.0018, 0.01634),
+    (0, 0, -0.001159),
+]
+
+
+def model_of(name, scene_graph=None):
+    return MakeRobotModel(LoadRobot(name), scene_graph=scene_graph)
+
+
+def dh_frames(name, q):
+    """Return the homogeneous transform after each joint, from the base."""
+    pose, frames = np.eye(4), []
+    for angle, (d, a, alpha) in zip(q, DH[name], strict=True):
+        turn, twist = np.eye(4), np.eye(4)
+        turn[:3, :3] = Rotation.from_rotvec([0, 0, angle]).as_matrix()
+        twist[:3, :3] = Rotation.from_rotvec([alpha, 0, 0]).as_matrix()
+        turn[2, 3], twist[0, 3] = d, a
+        pose = pose @ turn @ twist
+        frames.append(pose)
+    return frames
+
+
+def postures(plant, count=20):
+    lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+    return np.random.default_rng(0).uniform(lower, upper, (count, len(lower)))
+
+
+@pytest.mark.parametrize("name", DH)
+def test_the_flange_is_where_the_makers_table_puts_it(name):
+    robot = model_of(name)
+    config, plant = robot.config, robot.plant
+    base = config.base_pose.transform().GetAsMatrix4()
+    context = plant.CreateDefaultContext()
+    for q in postures(plant):
+        plant.SetPositions(context, q)
+        X_WF = plant.GetFrameByName(config.flange, robot.arm).CalcPoseInWorld(context)
+        expected = base @ dh_frames(name, q)[-1]
+        assert_allclose(X_WF.GetAsMatrix4(), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", FACTS)
+def test_limits_and_masses_are_the_published_ones(name):
+    robot = model_of(name)
+    plant = robot.plant
+    ranges, speeds, torques, masses = np.array(FACTS[name]).T
+    assert_allclose(plant.GetPositionUpperLimits(), np.radians(ranges), atol=1e-5)
+    assert_allclose(plant.GetPositionLowerLimits(), -np.radians(ranges), atol=1e-5)
+    assert_allclose(plant.GetVelocityUpperLimits(), np.radians(speeds), atol=1e-5)
+    assert_allclose(plant.GetEffortUpperLimits(), torques)
+    links = [plant.GetBodyByName(f"{name}_link{i + 1}") for i in range(len(masses))]
+    assert_allclose([link.default_mass() for link in links], masses)
+
+
+def test_the_centres_of_mass_of_a_ur5e_are_the_makers():
+    robot = model_of("ur5e")
+    plant, base = robot.plant, robot.config.base_pose.transform().GetAsMatrix4()
+    context = plant.CreateDefaultContext()
+    (q,) = postures(plant, 1)
+    plant.SetPositions(context, q)
+    for i, (frame, centre) in enumerate(
+        zip(dh_frames("ur5e", q), UR5E_CENTRES, strict=True), start=1
+    ):
+        link = plant.GetBodyByName(f"ur5e_link{i}")
+        p_WC = link.EvalPoseInWorld(context) @ link.default_com()
+        assert_allclose(p_WC, (base @ frame @ [*centre, 1])[:3], atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_default_posture_holds_the_eraser_level_with_good_margins(name):
+    robot = model_of(name)
+    plant, q = robot.plant, np.array(robot.config.posture)
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    level = RigidTransform(RotationMatrix(RollPitchYaw(np.pi, 0, 0)), [0.55, 0.0, 0.10])
+    error = level.inverse() @ robot.tip.CalcPoseInWorld(context)
+    assert np.linalg.norm(error.translation()) < 0.02
+    assert error.rotation().ToAngleAxis().angle() < 0.03
+    margin = np.minimum(
+        q - plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits() - q
+    )
+    assert np.all(margin > 0.4)
+    jacobian = plant.CalcJacobianSpatialVelocity(
+        context,
+        JacobianWrtVariable.kV,
+        robot.tip,
+        [0, 0, 0],
+        plant.world_frame(),
+        plant.world_frame(),
+    )
+    assert np.linalg.svd(jacobian)[1][-1] > 0.15
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_nothing_touches_in_the_default_posture(name):
+    scene = AddBoardScene(
+        builder := DiagramBuilder(), Scenario(robot=name), start=[0.0, 0.0, 0.05]
+    )
+    diagram = builder.Build()
+    context = scene.scene_graph.GetMyContextFromRoot(diagram.CreateDefaultContext())
+    query = scene.scene_graph.get_query_output_port().Eval(context)
+    assert not query.ComputePointPairPenetration()
+
+
+def adjacent(plant, arm):
+    """Return the pairs of bodies that a joint connects, by name."""
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices(arm)]
+    return {(j.parent_body().name(), j.child_body().name()) for j in joints}
+
+
+@pytest.mark.parametrize("name", ["iiwa14", "ur5e"])
+def test_bodies_of_a_group_without_contact_cannot_meet_unless_they_are_neighbours(name):
+    builder = DiagramBuilder()
+    scene_graph = builder.AddSystem(SceneGraph())
+    robot = model_of(name, scene_graph)
+    plant = builder.AddSystem(robot.plant)
+    builder.Connect(
+        plant.get_geometry_pose_output_port(),
+        scene_graph.get_source_pose_port(plant.get_source_id()),
+    )
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    context = plant.GetMyContextFromRoot(root)
+    tool = {plant.get_body(i).name() for i in plant.GetBodyIndices(robot.tool)}
+    flange = {robot.config.flange: f"{name}_link{len(robot.config.posture)}"}
+    neighbours = {
+        frozenset(flange.get(body, body) for body in pair)
+        for pair in adjacent(plant, robot.arm)
+    } | {frozenset((flange[robot.config.flange], body)) for body in tool}
+    groups = [
+        {b for each in group for b in (tool if each == "tool" else {each})}
+        for group in robot.config.contact_free
+    ]
+    inspector = scene_graph.model_inspector()
+
+    def body_of(geometry):
+        return plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)).name()
+
+    for q in postures(plant, 150):
+        plant.SetPositions(context, q)
+        query = scene_graph.get_query_output_port().Eval(
+            scene_graph.GetMyContextFromRoot(root)
+        )
+        for contact in query.ComputePointPairPenetration():
+            pair = {body_of(contact.id_A), body_of(contact.id_B)}
+            if any(pair <= group for group in groups):
+                assert frozenset(pair) in neighbours, (pair, q)
+
+
+@pytest.mark.parametrize("name", ["iiwa14", "ur5e"])
+def test_the_groups_without_contact_filter_every_pair_of_neighbours(name):
+    builder = DiagramBuilder()
+    scene_graph = builder.AddSystem(SceneGraph())
+    robot = model_of(name, scene_graph)
+    FilterSelfContact(robot, scene_graph)
+    plant, inspector = robot.plant, scene_graph.model_inspector()
+    geometries = {}
+    for i in plant.GetBodyIndices(robot.arm):
+        body = plant.get_body(i)
+        frame = plant.GetBodyFrameIdOrThrow(i)
+        geometries[body.name()] = inspector.GetGeometries(frame, Role.kProximity)
+    for parent, child in adjacent(plant, robot.arm):
+        for a in geometries.get(parent, []):
+            for b in geometries[child]:
+                assert inspector.CollisionFiltered(a, b), (parent, child)

@@ -1,0 +1,119 @@
+"""Synthetic recordings of which it is known what is rhythm and what is not."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+RATE = 20.0
+
+
+@dataclass(frozen=True)
+class Synthetic:
+    """A recording (n, D), the duration of a cycle (s), and the intervals beside the bouts."""
+
+    values: np.ndarray
+    period: float
+    cycles: float
+    left_out: list[tuple[float, float, str]]
+
+
+def waves(harmonics, magnitudes, phases, t=60):
+    """Return one channel: a sum of cosines of a window."""
+    n = np.arange(t)[:, None]
+    return np.sum(
+        np.asarray(magnitudes)
+        * np.cos(2 * np.pi * np.asarray(harmonics) * n / t + np.asarray(phases)),
+        axis=1,
+    )
+
+
+def random_curve(rng, channels):
+    """Return a function from phases (n,) to points (n, D) of a curve about 0.1 m wide."""
+    harmonics = int(rng.integers(1, 4))
+    sizes = 0.1 * 2.5 ** -np.arange(harmonics)
+    angles = rng.uniform(0, 2 * np.pi, (harmonics, 2))
+    plane = np.linalg.qr(rng.standard_normal((channels, 2)))[0]
+    orders = np.arange(1, harmonics + 1)
+    widths = rng.uniform([1.0, 0.4], [1.0, 1.0], (harmonics, 2)) * sizes[:, None]
+    angles[0, 1] = angles[0, 0] + np.pi / 2 * rng.choice([-1, 1])
+
+    def curve(phase):
+        waves = np.cos(np.asarray(phase)[:, None, None] * orders[:, None] + angles)
+        return (waves * widths).sum(axis=1) @ plane.T
+
+    return curve
+
+
+def eased(start, end, count):
+    """Return a straight path that begins and ends at rest, without its ends."""
+    t = np.linspace(0, 1, count + 2)[1:-1, None]
+    return start + (end - start) * t**3 * (10 - 15 * t + 6 * t**2)
+
+
+def varying_phase(rng, count, period, spread):
+    """Return unwrapped phases (n,) whose velocity varies slowly by a relative spread."""
+    width = max(3, round(period))
+    noise = rng.standard_normal(count + 2 * width)
+    slow = np.convolve(noise, np.hanning(width) / np.linalg.norm(np.hanning(width)))
+    velocity = 2 * np.pi / period * (1 + spread * slow[width : width + count])
+    return rng.uniform(0, 2 * np.pi) + np.cumsum(np.maximum(velocity, 0.3 / period))
+
+
+def smooth_noise(rng, count, channels, size):
+    noise = rng.standard_normal((count + 8, channels))
+    smooth = np.stack([np.convolve(n, np.ones(9) / 3, "valid") for n in noise.T], 1)
+    return size * smooth
+
+
+def synthetic_recording(seed):
+    """Draw a recording with an approach, a retreat, bouts, lifts and pauses, or without."""
+    rng = np.random.default_rng(seed)
+    channels = int(rng.integers(2, 4))
+    curve = random_curve(rng, channels)
+    period = rng.uniform(1.2, 5.0) * RATE
+    spread = rng.uniform(0.0, 0.1)
+    bouts = int(rng.choice([1, 1, 2, 3]))
+    pieces, left_out, cycles, moved = [], [], 0.0, 0.0
+
+    def add(path, kind=None):
+        if kind is not None:
+            start = sum(map(len, pieces)) / RATE
+            left_out.append((start, start + len(path) / RATE, kind))
+        pieces.append(path)
+
+    def away(distance):
+        direction = rng.standard_normal(channels)
+        return distance * direction / np.linalg.norm(direction)
+
+    for bout in range(bouts):
+        count = round(rng.uniform(3.0, 7.0) * period)
+        phase = varying_phase(rng, count, period, spread)
+        if bout:
+            phase += rng.uniform(0, 2 * np.pi)
+        path = curve(phase)
+        if bout == 0 and rng.random() < 0.6:
+            begin = path[0] + away(rng.uniform(0.25, 0.5))
+            add(eased(begin, path[0], round(rng.uniform(1.0, 3.0) * RATE)), "approach")
+        if bout:
+            top = pieces[-1][-1] + away(rng.uniform(0.15, 0.3))
+            up = eased(pieces[-1][-1], top, round(rng.uniform(0.7, 1.5) * RATE))
+            down = eased(top, path[0], round(rng.uniform(0.7, 1.5) * RATE))
+            add(np.concatenate([up, down]), "lift")
+        if rng.random() < 0.25:
+            middle = round(rng.uniform(0.3, 0.7) * count)
+            still = np.repeat(
+                path[middle : middle + 1], round(rng.uniform(1, 3) * RATE), 0
+            )
+            add(path[:middle])
+            add(still, "pause")
+            add(path[middle:])
+        else:
+            add(path)
+        cycles += (phase[-1] - phase[0]) / (2 * np.pi)
+        moved += count - 1
+        if bout == bouts - 1 and rng.random() < 0.6:
+            end = path[-1] + away(rng.uniform(0.25, 0.5))
+            add(eased(path[-1], end, round(rng.uniform(1.0, 3.0) * RATE)), "retreat")
+    values = np.concatenate(pieces)
+    values = values + smooth_noise(rng, len(values), channels, rng.uniform(2e-4, 1e-3))
+    return Synthetic(values, moved / cycles / RATE, cycles, left_out)
