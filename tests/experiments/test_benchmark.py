@@ -1,6 +1,7 @@
 """Facts about the benchmark: splits, scores, files and report."""
 
 import json
+import pickle
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,8 +30,10 @@ from fmp_drake.experiments.benchmark.built_in import (
 from fmp_drake.experiments.benchmark.cleaning import clean_board
 from fmp_drake.experiments.benchmark.report import benchmark_findings
 from fmp_drake.experiments.benchmark.run import (
+    Job,
     MethodScores,
     read_scores,
+    run_job,
     write_scores,
 )
 from fmp_drake.experiments.benchmark.scores import score_playback, score_predictions
@@ -337,6 +340,15 @@ def test_one_method_is_run_again_and_the_others_are_kept(folder, tmp_path):
     assert (tmp_path / "method_replay.json").stat().st_mtime_ns == before
 
 
+def test_job_needs_no_recording_but_its_own_movement():
+    movement = Movement(name="ring", parts=(ellipse(300, seed=1),), period=PERIOD)
+    job = Job(method=ReplayMethod.name, movement=movement, instants=5)
+    here, there = run_job(job), run_job(pickle.loads(pickle.dumps(job)))
+    assert {row["movement"] for row in here.predictions} == {"ring"}
+    assert there.predictions == here.predictions
+    assert there.playbacks == here.playbacks
+
+
 def test_unknown_method_is_refused(folder, refused, tmp_path):
     line = refused("benchmark", folder, "--out", tmp_path / "x", "--method", "magic")
     assert "no method 'magic'; the methods are FMP" in line
@@ -412,6 +424,11 @@ def test_report_counts_runs_that_never_clean_the_board(tmp_path):
     # Predictions that are measured later do not lose the runs.
     write_scores(tmp_path, MethodScores(method="replay", seconds=1.0))
     assert len(read_scores(tmp_path)["replay"].cleaning) == 3
+    # Another recording is added; the same one is measured again.
+    again = [run | {"movement": name, "seed": 0} for name in ("stirring", "wiping")]
+    for row in again:
+        write_scores(tmp_path, MethodScores(method="replay", cleaning=[row]))
+    assert read_scores(tmp_path)["replay"].cleaning == again
 
 
 def test_path_beyond_the_board_is_refused():

@@ -52,10 +52,10 @@ class CleaningJob:
 
     Attributes
     ----------
-    file : str
-        Recording.
     method : str
         Name.
+    movement : Movement
+        In the frame of the board, m.
     cycles : str
         As for `score_cleaning`.
     seconds : float
@@ -63,8 +63,8 @@ class CleaningJob:
     seed : int
     """
 
-    file: str
     method: str
+    movement: Movement
     cycles: str
     seconds: float
     seed: int
@@ -104,9 +104,10 @@ def run_cleaning(
     dict of str to MethodScores
         Also of methods that an earlier run has written.
     """
+    movement = board_movement(file)
     jobs = [
         CleaningJob(
-            file=str(file), method=name, cycles=cycles, seconds=seconds, seed=seed
+            method=name, movement=movement, cycles=cycles, seconds=seconds, seed=seed
         )
         for name in chosen_methods(methods)
         for seed in range(seeds)
@@ -117,16 +118,15 @@ def run_cleaning(
 def run_cleaning_job(job: CleaningJob) -> MethodScores:
     """Run a method once."""
     begin = time.process_time()
-    movement = board_movement(Path(job.file))
     with threadpool_limits(limits=1):
         scores = score_cleaning(
             all_methods()[job.method],
-            movement,
+            job.movement,
             cycles=job.cycles,
             seconds=job.seconds,
             seed=job.seed,
         )
-    row = {"movement": movement.name, "cycles": job.cycles, "seed": job.seed}
+    row = {"movement": job.movement.name, "cycles": job.cycles, "seed": job.seed}
     return MethodScores(
         method=job.method,
         cleaning=[row | scores],

@@ -36,16 +36,15 @@ class Job:
 
     Attributes
     ----------
-    folder : str
-    method, movement : str
-        Names.
+    method : str
+        Name.
+    movement : Movement
     instants : int
         Predictions of each split, at most.
     """
 
-    folder: str
     method: str
-    movement: str
+    movement: Movement
     instants: int
 
 
@@ -124,7 +123,7 @@ def run_benchmark(
             "parts"
         )
     jobs = [
-        Job(folder=str(folder), method=name, movement=movement.name, instants=instants)
+        Job(method=name, movement=movement, instants=instants)
         for name in names
         for movement in movements
     ]
@@ -167,11 +166,8 @@ def collect_scores[J: _Job](
 def run_job(job: Job) -> MethodScores:
     """Score a method on a movement."""
     method = all_methods()[job.method]
-    (movement,) = (
-        m for m in load_movements(Path(job.folder)) if m.name == job.movement
-    )
     with threadpool_limits(limits=1):
-        return score_method(method, movement, instants=job.instants)
+        return score_method(method, job.movement, instants=job.instants)
 
 
 def score_method(
@@ -206,11 +202,13 @@ def write_scores(out: Path, scores: MethodScores) -> None:
     """Write the JSON file of a method; keep the scores that were not measured again."""
     before = read_scores(out).get(scores.method)
     if before is not None:
+        cleaned = {row["movement"] for row in scores.cleaning}
+        others = [row for row in before.cleaning if row["movement"] not in cleaned]
         scores = replace(
             scores,
             predictions=scores.predictions or before.predictions,
             playbacks=scores.playbacks or before.playbacks,
-            cleaning=scores.cleaning or before.cleaning,
+            cleaning=others + scores.cleaning,
         )
     words = "".join(c if c.isalnum() else "_" for c in scores.method.lower())
     path = out / f"method_{'_'.join(filter(None, words.split('_')))}.json"
