@@ -28,6 +28,9 @@ from fmp_drake.systems.ink.metrics import (
 NEAR_FORCE = 5.0
 """Tolerance of the normal force around its desired value, N."""
 
+LANDING = 1.0
+"""Time from the first contact in which the force rises; its error does not count, s."""
+
 # Bin width and range of the histogram of forces, N; larger forces fall into the last bin.
 _BIN, _LARGEST_FORCE = 0.01, 500.0
 # Resolution of the times to 50, 90 and 99 %, which are rounded up, s.
@@ -96,7 +99,8 @@ class ForceMetrics:
 
     def __init__(self, desired_force: float) -> None:
         self._desired = desired_force
-        self._squares: float | None = None
+        self._squares = self._landed = 0.0
+        self._settled = 0
         self._counts = np.zeros(round(_LARGEST_FORCE / _BIN), dtype=np.int64)
         self._sum = 0.0
         self._near = self._samples = 0
@@ -104,21 +108,24 @@ class ForceMetrics:
 
     def update(self, chunk: Chunk) -> None:
         """Add samples of the normal force."""
-        force = chunk["normal_force"].values[:, 0]
+        times, force = chunk["normal_force"].times, chunk["normal_force"].values[:, 0]
         self._largest = float(np.max(force, initial=self._largest))
         desired = np.full(len(force), self._desired)
         touching = force > CONTACT_FORCE
-        if "desired_normal_force" in chunk:
+        if varies := "desired_normal_force" in chunk:
             desired = chunk["desired_normal_force"].values[:, 0]
-            self._squares = self._squares or 0.0
         if not self._samples:
             first = int(np.argmax(touching)) if np.any(touching) else len(force)
             force, touching, desired = force[first:], touching[first:], desired[first:]
+            times = times[first:]
+            self._landed = float(np.min(times, initial=np.inf)) + LANDING
         self._samples += len(force)
         pressed, desired = force[touching], desired[touching]
         near = (pressed >= desired - NEAR_FORCE) & (pressed <= desired + NEAR_FORCE)
-        if self._squares is not None:
-            self._squares += float(np.sum((pressed - desired) ** 2))
+        if varies:
+            settled = times[touching] >= self._landed
+            self._squares += float(np.sum((pressed - desired)[settled] ** 2))
+            self._settled += int(np.sum(settled))
         self._sum += float(np.sum(pressed))
         self._near += int(np.sum(near))
         bins = np.minimum((pressed / _BIN).astype(int), len(self._counts) - 1)
@@ -128,8 +135,8 @@ class ForceMetrics:
         """Return the metrics; all are zero before the first contact."""
         pressed = int(np.sum(self._counts))
         error = {}
-        if self._squares is not None:
-            error["normal_force_error_rms_n"] = (self._squares / max(1, pressed)) ** 0.5
+        if self._settled:
+            error["normal_force_error_rms_n"] = (self._squares / self._settled) ** 0.5
         return {
             **error,
             "normal_force_mean_n": self._sum / max(1, pressed),

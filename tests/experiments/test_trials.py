@@ -459,6 +459,16 @@ def test_folder_that_cannot_store_trials_is_refused(
             "press",
             "never",
         ),
+        (
+            {"normal_force_error_rms_n": 0.65},
+            "press",
+            "0.65 N rms off the force of the skill, above 0.5",
+        ),
+        (
+            {"orientation_rms_deg": 0.55},
+            "tilt",
+            "0.55 degrees rms off its orientation, above 0.5",
+        ),
         ({"arm_on_board_s": 0.06}, "touch", "touches the board for 0.06 s"),
         ({"desired_contact_fraction": 0.9}, "press", "for 90 % of the time"),
         ({"normal_force_max_n": 78.1}, "force", "up to 78 N, above 78 N"),
@@ -481,7 +491,11 @@ def test_trials_with_disturbances_are_judged_by_their_greatest_force_only(make_s
     fields: {press.force: 9.0}
     """
     run = partial(
-        passed, normal_force_wanted_fraction=0.5, desired_contact_fraction=0.5
+        passed,
+        normal_force_wanted_fraction=0.5,
+        desired_contact_fraction=0.5,
+        normal_force_error_rms_n=3.0,
+        orientation_rms_deg=2.0,
     )
     trial = make_store(run, 1, spec=spec).trial(0)
     assert faults(trial) == []
@@ -518,6 +532,8 @@ def drawn(**metrics):
         ("torque_rate_max_nm_per_s", 1000.0),
         ("tracking_rms_m", 0.010),
         ("normal_force_wanted_fraction", -0.95),
+        ("normal_force_error_rms_n", 0.5),
+        ("orientation_rms_deg", 0.5),
         ("desired_contact_fraction", -LEAST_CONTACT),
         ("joint_limit_margin_min_rad", -1e-9),
         ("normal_force_max_n", 2 * 8.0 + MOST_EXCESS),
@@ -533,6 +549,14 @@ def test_every_fault_is_judged_at_its_limit(name, limit):
     assert faults(drawn(**{name: good})) == []
     (fault,) = faults(drawn(**{name: bad}))
     assert fault.severity > 1
+
+
+def test_orientation_is_judged_more_mildly_with_joint_friction(make_store):
+    spec = "fields: {friction.enabled: true}"
+    for error, kinds in ((0.59, []), (0.61, ["tilt"])):
+        run = partial(passed, orientation_rms_deg=error)
+        trial = make_store(run, 1, spec=spec, name=f"rough_{error}").trial(0)
+        assert [f.kind for f in faults(trial)] == kinds
 
 
 def test_most_severe_fault_is_judged_to_be_the_first():
@@ -561,8 +585,10 @@ def test_older_trial_with_the_whole_distance_only_is_judged_by_it(make_store):
     assert "8.0 mm lower than assumed" in (store.folder / "report.html").read_text()
 
 
-def test_report_names_what_was_not_measured(make_store):
-    assert "was not measured" in TrialsReport(make_store(passed, 1)).verdict()
+@pytest.mark.parametrize(("base", "is_told"), [("table_top", True), ("stir", False)])
+def test_report_names_what_was_not_measured_at_a_board(make_store, base, is_told):
+    store = make_store(passed, 1, spec=f"base: {base}")
+    assert ("was not measured" in TrialsReport(store).verdict()) == is_told
 
 
 def test_report_and_page_list_faults_and_replay_commands(make_store, command, outputs):

@@ -251,6 +251,27 @@ def test_a_run_without_contact_has_no_force():
     assert found["normal_force_wanted_fraction"] == 0
 
 
+@pytest.mark.parametrize("seconds", [0.03, 0.25, 9.0])
+def test_error_of_a_changing_force_counts_from_a_second_after_the_first_contact(
+    seconds,
+):
+    times = 0.01 * np.arange(501)
+    force, desired = np.zeros((501, 1)), np.full((501, 1), 10.0)
+    force[times >= 0.995] = 3.0  # It lands, and rises.
+    force[times >= 1.995] = 12.0
+    metrics = ForceMetrics(10.0)
+    signals = {
+        "normal_force": Samples(times, force),
+        "desired_normal_force": Samples(times, desired),
+    }
+    edges = np.array([-1.0, *np.arange(seconds, 5.1, seconds), 5.1])
+    for start, end in itertools.pairwise(edges):
+        metrics.update(chunk(signals, start, end))
+        if end < 1.9:
+            assert "normal_force_error_rms_n" not in metrics.result()
+    assert metrics.result()["normal_force_error_rms_n"] == pytest.approx(2.0)
+
+
 def test_every_signal_of_the_metrics_is_taken():
     assert set(METRIC_SIGNALS) == set(PERIODS)
 

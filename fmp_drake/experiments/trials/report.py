@@ -15,7 +15,10 @@ from fmp_drake.experiments.trials.pictures import (
 from fmp_drake.experiments.trials.store import TrialStore
 from fmp_drake.experiments.trials.trial import (
     LEAST_PRESSED,
+    MOST_FORCE_ERROR,
     MOST_RMS,
+    MOST_TILT,
+    MOST_TILT_WITH_FRICTION,
     Trial,
     faults,
     is_pushed,
@@ -34,6 +37,7 @@ _NEVER = {
 _KINDS = {
     **_NEVER,
     "path": "path missed",
+    "tilt": "orientation missed",
     "press": "press missed",
     "force": "excess force",
     "stop": "protective stop",
@@ -71,7 +75,11 @@ class TrialsReport:
         self._run = [t for t in self._trials if t.is_feasible and t.was_run]
         self._refused = [t for t in self._trials if not t.is_feasible]
         self._failed = [t for t in self._run if self._faults[t.number]]
-        measured = all("penetration_max_m" in t.metrics for t in self._run if t.metrics)
+        measured = all(
+            "penetration_max_m" in t.metrics
+            for t in self._run
+            if t.metrics and t.has_board
+        )
         self._unknown = "" if measured else _UNKNOWN
         self._failed.sort(key=lambda t: -self._faults[t.number][0].severity)
 
@@ -172,7 +180,7 @@ class TrialsReport:
         ]
 
     def _followed(self) -> Finding:
-        n, missed = len(self._run), {"path", "press", "exception"}
+        n, missed = len(self._run), {"path", "tilt", "press", "exception"}
         kinds = [{fault.kind for fault in self._faults[t.number]} for t in self._run]
         followed = sum(not faulty & missed for faulty in kinds)
         high = [t.number for t in self._run if misses_by_height(t)]
@@ -182,13 +190,15 @@ class TrialsReport:
         )
         return Finding(
             name="followed",
-            title="Path and normal force",
+            title="Path, orientation and normal force",
             shows=f"{followed} of {n} trials, {_percent(followed, n)}. Trials with disturbances "
             f"are judged by their greatest normal force only.{why if high else ''}",
             claim=f"Of the feasible trials at least {100 * _REQUIRED:.0f} % stay "
             f"below {1e3 * MOST_RMS:.0f} mm rms off their path and, without disturbances, "
             f"within 5 N of the desired force for {100 * LEAST_PRESSED:.0f} % of the time "
-            "in contact.",
+            f"in contact. A force of the skill is followed to {MOST_FORCE_ERROR:g} N rms, its "
+            f"orientation to {MOST_TILT:g} degrees ({MOST_TILT_WITH_FRICTION:g} with joint "
+            "friction).",
             agrees=n > 0 and followed >= _REQUIRED * n,
             figure=draw_figures(
                 {

@@ -16,6 +16,10 @@ LEAST_PRESSED = 0.95
 """Least fraction of the time in contact within 5 N of the desired normal force."""
 LEAST_CONTACT = 0.95
 """Least fraction of the time in contact where contact is desired, after the first one."""
+MOST_FORCE_ERROR = 0.5
+"""Largest rms error of a normal force that changes (a force channel), N."""
+MOST_TILT, MOST_TILT_WITH_FRICTION = 0.5, 0.6
+"""Largest rms error of an orientation channel without and with joint friction, degrees."""
 MOST_EXCESS = 60.0
 """Normal force above twice the desired one and the greatest push, N."""
 
@@ -79,6 +83,11 @@ class Trial:
         return fields
 
     @property
+    def has_board(self) -> bool:
+        """Return whether there is a board, or free space."""
+        return self.fields["board"].get("shape") != "none"
+
+    @property
     def was_run(self) -> bool:
         """Return whether it was simulated, or an attempt was made."""
         return self.metrics is not None or bool(self.error)
@@ -90,7 +99,7 @@ class Fault(NamedTuple):
     Attributes
     ----------
     kind : str
-        through, nan, limit, exception, path, press, force, stop or touch.
+        through, nan, limit, exception, path, tilt, press, force, stop or touch.
     severity : float
         1 at the limit, greater beyond it.
     words : str
@@ -140,6 +149,12 @@ def misses_by_height(trial: Trial) -> bool:
     return on_board_rms(trial) <= MOST_RMS < rms
 
 
+def most_tilt(trial: Trial) -> float:
+    """Return the largest rms error of the orientation that is allowed, degrees."""
+    has_friction = trial.fields.get("friction", {}).get("enabled", False)
+    return MOST_TILT_WITH_FRICTION if has_friction else MOST_TILT
+
+
 def _faults(trial: Trial) -> list[Fault]:
     m: Mapping[str, Any] = trial.metrics or {}
     violations = []
@@ -182,7 +197,14 @@ def _faults(trial: Trial) -> list[Fault]:
         )
         violations.append(Fault("path", rms / MOST_RMS, words))
     wanted, pushes = trial.fields["press"]["force"], trial.fields["disturbances"]
-    if trial.fields["board"].get("shape") == "none":
+    if not pushes:
+        name, limit = "orientation_rms_deg", most_tilt(trial)
+        words = f"is {m.get(name) or 0.0:.2f} degrees rms off its orientation"
+        exceeds("tilt", name, limit, f"{words}, above {limit:g}")
+        name = "normal_force_error_rms_n"
+        words = f"is {m.get(name) or 0.0:.2f} N rms off the force of the skill"
+        exceeds("press", name, MOST_FORCE_ERROR, f"{words}, above {MOST_FORCE_ERROR:g}")
+    if not trial.has_board:
         wanted = 0.0
     pressed = m.get("normal_force_wanted_fraction", 1.0)
     if not pushes and wanted > 0 and pressed < LEAST_PRESSED:
