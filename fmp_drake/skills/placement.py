@@ -17,7 +17,10 @@ from fmp_drake.primitives.data.channels import (
     ROTATION_CHANNELS,
 )
 from fmp_drake.skills.joint_recording import EraserPath, RobotJoints
-from fmp_drake.skills.surface_placement import place_on_fitted_surface
+from fmp_drake.skills.surface_placement import (
+    curved_surface_remark,
+    place_on_fitted_surface,
+)
 from fmp_drake.station.scenario import Scenario
 
 # Planes that are tried, and samples that are enough to compare them.
@@ -221,6 +224,8 @@ def load_on_board(
     for path in paths:
         recordings, notes = load_as_recorded([path], stretch=stretch, reading=reading)
         remarks += notes
+        fits_board = transform is not None or all(map(_is_placed, recordings))
+        curved = "" if fits_board else _curved_surface(path, reading)
         for demonstration in recordings:
             try:
                 demonstration, notes = lay_on_board(
@@ -230,10 +235,28 @@ def load_on_board(
                     needs_board=needs_board,
                 )
             except DemonstrationError as error:
-                raise DemonstrationError(f"{path}: {error}") from None
+                also = f" Also, {curved}." if curved else ""
+                raise DemonstrationError(f"{path}: {error}{also}") from None
             demonstrations.append(demonstration)
             remarks += [f"{path.name}: {note}" for note in notes]
+        remarks += [f"{path.name}: {curved}"] if curved else []
     return demonstrations, remarks
+
+
+def _is_placed(demonstration: Demonstration) -> bool:
+    """Return whether a recording is in the board's frame, or has no positions."""
+    has_position = set(POSITION_CHANNELS) <= set(demonstration.channels)
+    return demonstration.frame == "board" or not has_position
+
+
+def _curved_surface(path: Path, reading: ReadingOptions | None) -> str:
+    """Return a remark where a recording, with its forces, is not of a flat board."""
+    reading = replace(reading or ReadingOptions(), all_arrays=True)
+    try:
+        recordings, _ = read_demonstrations([path], reading)
+    except DemonstrationError:
+        return ""
+    return curved_surface_remark(recordings)
 
 
 def load_as_recorded(

@@ -37,6 +37,8 @@ _LEAST_FORCE = 1.0  # N; with a smaller quantile nothing was touched.
 # Free border around the eraser, and least scale of a placement that makes sense.
 _BORDER, _LEAST_SCALE = 0.02, 0.3
 _LEAST_SAMPLES = 4  # Of a bout.
+# Ratio of residuals below which a curved surface is recommended instead of a plane.
+_FAR_BETTER = 0.5
 # Further height of a board on which the wrist tilts outwards, m.
 _RAISED = {"cylinder": 0.10, "dome": 0.25}
 
@@ -96,11 +98,11 @@ def place_on_fitted_surface(
             raise DemonstrationError(
                 f"{name!r} cannot be placed; choose of: {', '.join(EXTRA_CHANNELS)}."
             )
-    points = [d.select(POSITION_CHANNELS).values for d in demonstrations]
-    contacts = [_contact(d) for d in demonstrations]
-    fit = fit_surface(points, [c.touching for c in contacts], shape=shape)
+    fit, contacts = _fit(demonstrations, shape)
     remarks = [fit.describe()]
-    coordinates = [fit.coordinates(p) for p in points]
+    coordinates = [
+        fit.coordinates(d.select(POSITION_CHANNELS).values) for d in demonstrations
+    ]
     contacts = [
         c
         if c.force is not None
@@ -149,6 +151,42 @@ def place_on_fitted_surface(
         )
         placed += _bouts(whole, contact.in_bout)
     return placed, remarks
+
+
+def curved_surface_remark(demonstrations: Sequence[Demonstration]) -> str:
+    """Return a remark where a curved surface fits the contact far better than a plane.
+
+    Parameters
+    ----------
+    demonstrations : sequence of Demonstration
+        As for `place_on_fitted_surface`.
+
+    Returns
+    -------
+    str
+        Empty where a plane is as good, or nothing fits.
+    """
+    try:
+        fit, _ = _fit(demonstrations, None)
+    except DemonstrationError:
+        return ""
+    plane = fit.residuals["plane"]
+    if fit.residual > _FAR_BETTER * plane:
+        return ""
+    return (
+        f"its contact is {1e3 * plane:.1f} mm from a plane and {1e3 * fit.residual:.1f} mm "
+        f"from a {fit.shape} of radius {fit.radius:.2f} m: add --surface fitted to this "
+        "command"
+    )
+
+
+def _fit(
+    demonstrations: Sequence[Demonstration], shape: str | None
+) -> tuple[FittedSurface, list[_Contact]]:
+    """Fit a surface to the contact of recordings."""
+    points = [d.select(POSITION_CHANNELS).values for d in demonstrations]
+    contacts = [_contact(d) for d in demonstrations]
+    return fit_surface(points, [c.touching for c in contacts], shape=shape), contacts
 
 
 def _bouts(demonstration: Demonstration, in_bout: Mask) -> list[Demonstration]:

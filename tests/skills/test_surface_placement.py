@@ -226,6 +226,20 @@ def test_extra_channels_need_a_surface(tmp_path):
         )
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+def test_flat_placement_recommends_a_fitted_surface_only_where_it_is_curved(
+    tmp_path, shape
+):
+    path = tmp_path / "recording.npz"
+    posed(shape)[0].save(path)
+    _, remarks = load_on_board([path], scenario=Scenario(), transform=None, stretch=1.0)
+    advice = [remark for remark in remarks if "--surface fitted" in remark]
+    assert len(advice) == (shape != "plane")
+    for remark in advice:
+        assert remark.startswith("recording.npz: its contact is ")
+        assert f"from a {shape} of radius {RADII[shape]:.1f}" in remark
+
+
 @pytest.mark.parametrize(
     ("name", "residual", "force", "cycles"),
     [
