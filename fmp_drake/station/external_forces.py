@@ -1,6 +1,7 @@
 """Forces on the simulated arm from outside: disturbances, and the mouse on the page."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
@@ -17,6 +18,7 @@ from fmp_drake.station.scene import BoardScene
 from fmp_drake.systems.mouse_hand import MouseHand
 from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
 from fmp_drake.systems.spatial_force_sum import SpatialForceSum
+from fmp_drake.systems.teaching.hand_motion import MAX_TURN_RATE
 from fmp_drake.systems.teaching.mouse_drag import GUIDING_DRAG, BoardSurface
 
 _PORT = "applied_spatial_force"
@@ -130,8 +132,8 @@ def AddMouseHand(
 ) -> MouseHand:
     """Add a mouse that guides the eraser over the board.
 
-    A drag of the eraser or of any link moves the eraser parallel to the board; after the
-    drag its position is held. On Meshcat's own page a drag needs the Ctrl key. Systems:
+    A drag of the eraser or of any link moves the eraser parallel to the board, slower where
+    the board curves and the tool turns; after the drag its position is held. On Meshcat's own page a drag needs the Ctrl key. Systems:
     meshcat_mouse_spring (Drake's), mouse_hand.
 
     Parameters
@@ -147,16 +149,20 @@ def AddMouseHand(
     """
     board, plant = scenario.board, scene.plant
     size, footprint = np.array(board.size), np.array(scenario.eraser.footprint)
-    robot = scene.robot
+    robot, config = scene.robot, GUIDING_DRAG
+    if not (curvature := board.curvature()).is_plane:
+        turns = max(abs(curvature.kx), abs(curvature.ky))
+        speed = min(config.max_speed, MAX_TURN_RATE / turns)
+        config = replace(config, max_speed=speed)
     hand = MouseHand(
         plant,
         meshcat=meshcat,
         specific_stiffness=_SPECIFIC_STIFFNESS,
-        config=GUIDING_DRAG,
+        config=config,
         bodies=[i for m in (robot.arm, robot.tool) for i in plant.GetBodyIndices(m)],
         tip=robot.tip,
         board=BoardSurface(
-            scene.X_WB.GetAsMatrix34(), (size - footprint) / 2, board.curvature()
+            scene.X_WB.GetAsMatrix34(), (size - footprint) / 2, curvature
         ),
         eye=scenario.camera.eye,
     )

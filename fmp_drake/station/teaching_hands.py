@@ -60,6 +60,8 @@ class TeachingHand(Protocol):
 class SimulatedHand:
     """A model of a person's hand, that leads all the time.
 
+    It is slower where a curved board turns the tool; see `HandMotion.slowed`.
+
     Attributes
     ----------
     motion : HandMotion
@@ -103,7 +105,7 @@ class SimulatedHand:
                 scene.plant,
                 grip=scene.robot.tip,
                 X_WB=scene.X_WB,
-                motion=self.motion,
+                motion=self.motion.slowed(scenario.board.curvature()),
                 R_BE=scenario.eraser_orientation(),
                 surface=scenario.board.curvature(),
             )

@@ -144,3 +144,13 @@ def test_a_page_that_says_nonsense_is_not_followed(dragged):
     ways = np.array([[0, 0, 1e9], [np.inf, 0, 0], [-5, -5, -5]])
     far = iter([*(here + ways)] * 20)
     assert moved(dragged, 0.5, lambda: dragged.mouse.send(here, next(far))) < ABUSED
+
+
+def test_mouse_on_a_dome_keeps_the_speeds_of_the_joints():
+    taught = TaughtSession(LoadScenario("wipe_dome"))
+    taught.session.advance(1.0)
+    taught.worst.clear()
+    taught.press()
+    taught.drag("circle", 4.0, size=1.3, tempo=4.0)  # 0.7 m/s
+    assert taught.session.is_guided
+    assert taught.worst["speed"] < 1.0

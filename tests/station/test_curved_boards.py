@@ -274,6 +274,7 @@ def test_hand_guides_the_tool_along_a_curved_board(name):
     motion = HandMotion.make("polishing", seconds=5.0, seed=0)
     station = MakeStation(scenario, SimulatedHand(motion))
     simulator, surface = Simulator(station), scenario.board.curvature()
+    motion = motion.slowed(surface)
     plant = station.GetSubsystemByName("plant")
     tip = plant.GetFrameByName("eraser_tip")
     gaps, heights, tilts = [], [], []
@@ -291,3 +292,17 @@ def test_hand_guides_the_tool_along_a_curved_board(name):
     assert np.max(gaps) < 0.03
     # The tool turns by up to 17 degrees to and fro.
     assert np.degrees(np.arccos(np.min(tilts))) < 6
+
+
+def test_hand_that_wipes_a_dome_keeps_the_speeds_of_the_joints():
+    scenario = LoadScenario("wipe_dome")
+    motion = HandMotion.make("wiping", seconds=6.0, seed=0)
+    station = MakeStation(scenario, SimulatedHand(motion))
+    limits = station.GetSubsystemByName("plant").GetVelocityUpperLimits()[:7]
+    simulator, fastest = Simulator(station), 0.0
+    for time in np.arange(1.0, 5.0, 0.01):
+        simulator.AdvanceTo(time)
+        state = station.GetOutputPort("state").Eval(simulator.get_context())
+        fastest = max(fastest, np.max(np.abs(state[7:]) / limits))
+    # As fast as on a flat board it would be 1.26.
+    assert fastest < 0.9

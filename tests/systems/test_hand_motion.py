@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.systems.surface.surface import PLANE, Surface
 from fmp_drake.systems.teaching.hand_motion import (
+    MAX_TURN_RATE,
     POSED_TASKS,
     TASKS,
     HandMotion,
@@ -44,6 +46,27 @@ def test_a_posed_motion_has_its_channels_around_their_means(task):
         )
         assert np.corrcoef(x, ry)[0, 1] < -0.9
         assert np.corrcoef(y, rx)[0, 1] > 0.9
+
+
+@pytest.mark.parametrize("curved", [Surface(0.0, 4.0), Surface(-3.0, -3.0)])
+def test_hand_is_slow_where_the_board_turns_the_tool(curved):
+    motion = HandMotion.make("wiping", seconds=20, seed=1)
+    slowed = motion.slowed(curved)
+    assert slowed.channels == motion.channels
+    assert slowed.position.shape == motion.position.shape
+
+    def turn_rate(motion):
+        velocity = np.diff(motion.position, axis=0) * RATE
+        return np.linalg.norm(velocity * np.array(curved), axis=1)
+
+    assert np.max(turn_rate(motion)) > 1.5 * MAX_TURN_RATE
+    assert np.max(turn_rate(slowed)) < 1.02 * MAX_TURN_RATE
+    # Neither slower than it must be, nor beside its path.
+    assert np.max(turn_rate(slowed)) > 0.95 * MAX_TURN_RATE
+    for point in slowed.position[::400]:
+        gaps = np.linalg.norm(motion.position - point, axis=1)
+        assert np.min(gaps) < 0.002
+    assert motion.slowed(PLANE) is motion
 
 
 @pytest.mark.parametrize("task", TASKS)

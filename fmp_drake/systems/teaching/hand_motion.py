@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number, read_only
+from fmp_drake.systems.surface.surface import Surface
 
 Task = Literal["wiping", "polishing", "eight", "stirring", "pulsing"]
 TASKS: tuple[Task, ...] = ("wiping", "polishing", "eight")
@@ -19,6 +20,10 @@ _RATE = 200.0
 _SETTLE = 60.0
 
 
+MAX_TURN_RATE = 1.0
+"""Rate at which a hand turns a tool at most, where it follows a curved board, rad/s."""
+# Time over which a hand slows down, s.
+_SLOWING = 0.25
 # How much more an angle (rad) or a force (N) varies than a position (m).
 _ANGLE, _NEWTON = 4.0, 80.0
 
@@ -124,6 +129,35 @@ class HandMotion:
         i = int(x)
         here, there = self.position[i], self.position[i + 1]
         return here + (x - i) * (there - here), (there - here) * _RATE
+
+    def slowed(self, surface: Surface) -> "HandMotion":
+        """Return the motion, slower where it would turn a tool fast over a curved surface.
+
+        The tool turns with the surface's normal. Its path and its length in time stay the
+        same, so that the end of the path is not reached.
+
+        Parameters
+        ----------
+        surface : Surface
+            On which x and y are (u, v).
+        """
+        from scipy.ndimage import maximum_filter1d, uniform_filter1d  # Slow to import.
+
+        if surface.is_plane:
+            return self
+        curvature = np.array([surface.kx, surface.ky])
+        turn = np.linalg.norm(np.diff(self.position[:, :2], axis=0) * curvature, axis=1)
+        slowness = np.maximum(turn * _RATE / MAX_TURN_RATE, 1.0)
+        # The slowest of the neighbourhood, smoothed, is at least as slow as each sample.
+        width = int(_SLOWING * _RATE)
+        slowness = maximum_filter1d(slowness, 2 * width + 1, mode="nearest")
+        slowness = uniform_filter1d(slowness, 2 * width + 1, mode="nearest")
+        time = np.concatenate([[0.0], np.cumsum(slowness)])
+        sample = np.interp(np.arange(len(time)), time, np.arange(len(time)))
+        left = np.minimum(sample.astype(int), len(sample) - 2)
+        part = (sample - left)[:, None]
+        position = (1 - part) * self.position[left] + part * self.position[left + 1]
+        return HandMotion(read_only(position), self.channels)
 
     @classmethod
     def make(
