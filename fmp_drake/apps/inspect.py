@@ -12,9 +12,10 @@ from fmp_drake.apps.options import (
     options,
 )
 from fmp_drake.apps.page import make_console
+from fmp_drake.errors import DemonstrationError
 from fmp_drake.plots import plot_demonstrations
 from fmp_drake.plots.style import check_picture
-from fmp_drake.primitives import read_demonstrations
+from fmp_drake.primitives import find_rhythm, read_demonstrations
 from fmp_drake.skills.description import describe_recording
 
 
@@ -36,7 +37,10 @@ def inspect(
     rhythm: RhythmOptions,
     recording: RecordingOptions,
 ) -> None:
-    """Report what recordings contain, and whether they can be learned."""
+    """Report what recordings contain, and whether they can be learned.
+
+    Several recordings are learned together, where they have the same channels.
+    """
     console = make_console()
     check_picture(plot)
     recordings = []
@@ -51,6 +55,15 @@ def inspect(
             for line in lines:
                 console.print(f"  {line}", markup=False, soft_wrap=True)
         recordings += demonstrations
+    if len(recordings) > 1 and len({d.channels for d in recordings}) == 1:
+        try:
+            found = find_rhythm(
+                recordings, start=rhythm.start, end=rhythm.end, period=rhythm.period
+            )
+            about = "; ".join(found.describe())
+        except DemonstrationError as error:
+            about = f"no cycles found: {error}"
+        console.print(f"together: {about}", markup=False, soft_wrap=True)
     if plot is not None:
         plot_demonstrations(recordings, plot)
         console.print(f"wrote {plot}")

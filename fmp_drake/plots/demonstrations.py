@@ -1,6 +1,7 @@
 """Pictures of demonstrations: paths, windows and spectra (Fig. 3)."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +147,13 @@ def _windows(
     """Return the windows (N, T, D) that a skill would learn from demonstrations."""
     recordings = as_list(demonstrations)
     Channels.of_skill(skill).check(recordings)
+    longest = max(d.duration for d in recordings)
+    if skill.paths_ and round(longest * skill.rate) + 1 < skill.n_steps:
+        # Recordings of one cycle each are learned joined.
+        recordings = [
+            replace(recordings[0], time=np.arange(len(path)) / skill.rate, values=path)
+            for path in skill.paths_
+        ]
     return as_windows(
         recordings,
         n_steps=skill.n_steps,

@@ -5,7 +5,6 @@ from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import (
@@ -15,7 +14,6 @@ from fmp_drake.primitives import (
     Rhythm,
     find_rhythm,
 )
-from fmp_drake.primitives.data.channels import channel_scales
 from fmp_drake.primitives.data.windows import as_windows
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.skills.placement import lay_on_board
@@ -26,10 +24,10 @@ _ENOUGH_CYCLES = 12
 # Windows without overlap that a mixture needs: on the bundled movements the density of
 # unseen windows collapses with fewer.
 _ENOUGH_WINDOWS = 7
-# Drift that is reported, as a fraction of the extent, and deviation of the tempo from its
-# mean.
-_DRIFT = 0.1
+# Deviation of the tempo from its mean that is reported.
 _TEMPO = 0.15
+# Spread of the intervals between samples that is reported, relative to their median.
+_EVEN = 0.01
 # Duration of the playback that is described, and of the one before it, s.
 _SECONDS = 8.0
 _MOST_NAMES = 12
@@ -89,18 +87,6 @@ def _about_cycles(skill: FourierMovementPrimitive, phase: PhaseModel) -> list[st
     ]
     if skill.rhythm_ is not None:
         remarks += skill.rhythm_.describe()[1:]
-    drift = phase.history.drift * skill.scales_
-    extent = np.ptp(skill.extent_, axis=0)
-    if np.any(np.abs(drift) > _DRIFT * extent):
-        moved = ", ".join(
-            f"{name} by {by:+.3f} {unit}"
-            for name, by, unit in zip(skill.channels_, drift, skill.units_, strict=True)
-            if abs(by) > 0.1 * float(np.max(np.abs(drift)))
-        )
-        remarks.append(
-            f"the centre drifted, {moved}: it is played about the middle, and samples "
-            "are wider than one cycle"
-        )
     if np.ptp(tempos) > 2 * _TEMPO:
         remarks.append(
             "the tempo varies so much that means get smaller than the movement; play "
@@ -145,7 +131,7 @@ def describe_recording(
     end: float | None = None,
     period: float | None = None,
 ) -> list[str]:
-    """Return four lines: channels, rate and gaps, cycles and drift, what can be learned.
+    """Return four lines: channels, rate and gaps, cycles, what can be learned.
 
     `start`, `end` and `period` are those of `find_rhythm`.
 
@@ -156,21 +142,21 @@ def describe_recording(
     >>> for line in describe_recording(Demonstration(time=time, values=circles)):
     ...     print(line)
     channels: x, y (m)
-    rate: 50 Hz, 1500 samples in 30 s; intervals from 20 to 20 ms
-    cycles: 14.3 cycles of 2.09 s; their middle drifts by up to 1 % of the width
+    rate: 50 Hz, 1500 samples in 30 s
+    cycles: 14.3 cycles of 2.09 s
     learning: possible, from 14.3 cycles; not for the board: ...
     """
     steps = 1e3 * np.diff(demonstration.time)
     rate = (
         f"{1e3 / np.median(steps):.4g} Hz, {len(demonstration.time)} samples in "
-        f"{demonstration.duration:.3g} s; intervals from {steps.min():.3g} to "
-        f"{steps.max():.3g} ms"
+        f"{demonstration.duration:.3g} s"
     )
+    if np.ptp(steps) > _EVEN * np.median(steps):
+        rate += f"; intervals from {steps.min():.3g} to {steps.max():.3g} ms"
     rhythm: Rhythm | None = None
     try:
         rhythm = find_rhythm(demonstration, start=start, end=end, period=period)
-        drift = _drift_in_words(demonstration, rhythm.period)
-        cycles = "; ".join([*rhythm.describe(), drift])
+        cycles = "; ".join(rhythm.describe())
     except DemonstrationError as error:
         cycles = f"none found: {error}"
     return [
@@ -190,35 +176,23 @@ def _channels_in_words(demonstration: Demonstration) -> Iterator[str]:
         yield f"{', '.join(names[:_MOST_NAMES])}{more} ({unit})"
 
 
-def _drift_in_words(demonstration: Demonstration, period: float) -> str:
-    """Return the displacement of the mean over a period, relative to the width."""
-    rate = FourierMovementPrimitive().rate
-    parts = demonstration.split_at_gaps(rate) or [demonstration]
-    even = max(parts, key=lambda part: part.duration).resample(rate)
-    values = even.values / channel_scales("units", even.values, even.units)
-    middle = uniform_filter1d(values, max(1, round(period * rate)), axis=0)
-    margin = min(int(period * rate / 2), len(middle) // 2 - 1)
-    middle = middle[margin : len(middle) - margin]
-    drift = float(np.max(np.ptp(middle, axis=0)) / np.max(np.ptp(values, axis=0)))
-    return f"their middle drifts by up to {100 * drift:.0f} % of the width"
-
-
 def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> str:
     """Return whether a skill can be learned, and whether the path fits the board."""
     if rhythm is not None:
         possible = f"possible, from {rhythm.cycles:.1f} cycles"
     else:
         skill = FourierMovementPrimitive()
+        n_steps = skill.mixture_steps(int(demonstration.duration * skill.rate) + 1)
         try:
             windows = as_windows(
                 [demonstration],
-                n_steps=skill.n_steps,
+                n_steps=n_steps,
                 stride=skill.window_stride,
                 rate=skill.rate,
             )
         except DemonstrationError as error:
             return f"not possible: {error}"
-        seconds = skill.n_steps / skill.rate
+        seconds = n_steps / skill.rate
         possible = f"possible, from {len(windows.values)} windows of {seconds:g} s"
     try:
         _, remarks = lay_on_board(demonstration, scenario=Scenario())

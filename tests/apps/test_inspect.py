@@ -17,7 +17,7 @@ def test_five_lines_and_a_picture_tell_what_is_in_a_recording(
     first, channels, rate, cycles, learning, wrote = result.out.splitlines()
     assert first.endswith("circles.npz: as it is")
     assert channels == "  channels: x, y, z (m)"
-    assert "20 Hz, 600 samples in 29.9 s; intervals from 50 to 50 ms" in rate
+    assert rate == "  rate: 20 Hz, 600 samples in 29.9 s"
     count, period = re.search(r"([\d.]+) cycles of ([\d.]+) s", cycles).groups()
     assert float(count) == pytest.approx(15, abs=0.1)
     assert float(period) == pytest.approx(2, rel=0.01)

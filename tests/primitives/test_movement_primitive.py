@@ -239,7 +239,7 @@ def test_windows_and_demonstrations_teach_the_same(polishing_demonstration):
     ("x", "message"),
     [
         (np.zeros((2, 5, 8, 1)), r"shape \(2, 5, 8, 1\); expected \(windows, 8"),
-        (np.zeros((5, 8)), r"0 windows of 0\.4 s .* Record at least 0\.4 s"),
+        (np.zeros((5, 8)), r"no windows of 0\.4 s .* Record at least 0\.4 s"),
         (np.zeros((5, 9, 2)), "windows, 8, channels"),
         (np.zeros((5, 8, 0)), "expected .windows, 8, channels"),
         (np.full((5, 8, 2), np.nan), "NaN or infinite numbers in the windows"),

@@ -177,3 +177,39 @@ def test_recordings_shorter_than_a_window_are_learned():
     path = eased(np.zeros(2), np.ones(2), 90)
     skill = FourierMovementPrimitive(rate=RATE).fit(path)
     assert (skill.model_, skill.n_steps) == ("mixture", 45)
+
+
+def cycles_apart(count, turn=2 * np.pi):
+    """Return recordings of one turn each, of unequal length and size, between rests."""
+    rng = np.random.default_rng(4)
+    out = []
+    for _ in range(count):
+        steps = int(rng.integers(46, 56))
+        path = drop(0.5 + turn * np.arange(steps + 1) / steps, rng.normal(0.1, 0.003))
+        out.append(demonstration(np.vstack([path[[0] * 12], path, path[[-1] * 15]])))
+    return out
+
+
+def test_recordings_of_one_cycle_each_are_learned_together():
+    recordings = cycles_apart(5)
+    with pytest.raises(DemonstrationError, match="no part of it comes again"):
+        find_rhythm(recordings[0])
+    found = find_rhythm(recordings)
+    assert found.cycles == pytest.approx(5, abs=0.2)
+    lengths = [recording.duration - 27 / RATE for recording in recordings]
+    assert found.period == pytest.approx(np.mean(lengths), rel=0.02)
+    assert [bout.recording for bout in found.bouts] == [0, 1, 2, 3, 4]
+    for recording, bout in zip(recordings, found.bouts, strict=True):
+        assert bout.start == pytest.approx(0.6, abs=0.15)
+        assert bout.end == pytest.approx(recording.duration - 0.75, abs=0.15)
+    assert {part.kind for part in found.left_out} == {"pause"}
+    skill = FourierMovementPrimitive(model="phase").fit(recordings)
+    assert skill.rhythm_ == found
+    assert skill.predict(drop(0.5 + phases(25)), 25).values[:, 0] == pytest.approx(
+        drop(0.5 + phases(50)[25:])[:, 0], abs=0.02
+    )
+
+
+def test_recordings_that_end_elsewhere_are_not_joined():
+    with pytest.raises(DemonstrationError, match="no part of it comes again"):
+        find_rhythm(cycles_apart(5, turn=4.0))

@@ -213,7 +213,8 @@ def as_windows(
             fitting = np.floor(8 * (longest - stride * at_least / rate)) / 10
             advice = f", for example window={fitting:g}" if fitting * rate >= 8 else ""
             raise DemonstrationError(
-                f"the demonstrations give {sum(counts)} windows of {n_steps / rate:g} s "
+                f"the demonstrations give {sum(counts) or 'no'} "
+                f"window{'s' * (sum(counts) != 1)} of {n_steps / rate:g} s "
                 f"(the longest lasts {longest:.3g} s); at least {at_least} are needed. "
                 f"Record at least {least:.3g} s, or choose shorter windows{advice}."
             )

@@ -302,10 +302,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         with one_blas_thread():
             found = self._found(recordings, counts, period, progress)
             if found is not None and self._fits(found, are_windows=example is None):
-                scaled = [y / self.scales_ for y in recordings]
-                self._learn_phase(
-                    found, scaled, start or 0.0, are_windows=example is None
-                )
+                self._learn_phase(found, start or 0.0, are_windows=example is None)
             else:
                 self._learn_mixture(X, weights, progress)
         return self
@@ -313,12 +310,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
     def _learn_phase(
         self,
         found: Found,
-        recordings: Sequence[NDArray[np.float64]],
         start: float,
         *,
         are_windows: bool,
     ) -> None:
-        """Learn the phase model of a rhythm in scaled recordings (n, D)."""
+        """Learn the phase model of a rhythm."""
         self.model_: Literal["phase", "mixture"] = "phase"
         self.rhythm_: Rhythm | None = found.rhythm.shifted(start)
         if self._given_steps is None and not are_windows:
@@ -331,7 +327,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
             most_components=MOST_COMPONENTS if isinstance(most, str) else most,
         )
         few = self.calibration_.weight < 1
-        self.memory_ = tuple(recordings) if few else ()
+        self.memory_ = tuple(found.recordings) if few else ()
         m = len(self.components_)
         self.proportions_ = np.full(m, 1 / m)
         # Parts that are left out must not be played.
@@ -349,7 +345,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if self._given_steps is None and self.model == "automatic":
             recordings = self._windows(X, at_least=0).recordings()
             longest = max(map(len, recordings))
-            self.n_steps_ = _window_of_few(longest, self.overlap, self._most_steps)
+            self.n_steps_ = self.mixture_steps(longest)
         windows, counts = weighted_windows(self._windows(X, at_least=2), weights)
         values = windows.values
         self.model_, self.rhythm_, self.phase_model_ = "mixture", None, None
@@ -464,6 +460,13 @@ class FourierMovementPrimitive(TrajectoryMixture):
         most = min(self._most_steps, values)
         return _window_of(period * self.rate, self.overlap, most)
 
+    def mixture_steps(self, longest: int) -> int:
+        """Return the samples that are chosen for a window where nothing repeats.
+
+        They follow from the samples of the longest recording.
+        """
+        return int(np.clip(longest // 2, 4 * self.overlap, self._most_steps))
+
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Return the parameters of the constructor; `n_steps` as it was given."""
         parameters: dict[str, Any] = super().get_params(deep)
@@ -491,11 +494,6 @@ def _window_of(period: float, overlap: int, most: int) -> int:
     """Return the samples in a window for a period in samples."""
     usual = min(_PERIODS * period, float(most))
     return max(round(max(usual, _LEAST_PERIODS * period)), 4 * overlap)
-
-
-def _window_of_few(samples: int, overlap: int, most: int) -> int:
-    """Return the samples in a window of a mixture for the longest recording."""
-    return int(np.clip(samples // 2, 4 * overlap, most))
 
 
 def build_skill(

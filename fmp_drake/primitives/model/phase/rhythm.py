@@ -46,6 +46,8 @@ _PHASES = 400
 _MUCH = 0.2
 # Relative change from the first to the last cycle, and its standard errors, to be reported.
 _NOTABLE, _SIGNIFICANT = 0.25, 3.0
+# Drift to be reported.
+_FAR_DRIFT = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +91,8 @@ class Rhythm:
     amplitude_change, tempo_change : float
         Change along the recordings relative to the mean, as a straight line has it; 0 where
         it is not significant.
+    drift : float
+        Displacement of the centre along the recordings, relative to the width.
 
     Examples
     --------
@@ -107,6 +111,7 @@ class Rhythm:
     left_out: tuple[Part, ...] = ()
     amplitude_change: float = 0.0
     tempo_change: float = 0.0
+    drift: float = 0.0
 
     @property
     def fraction_left_out(self) -> float:
@@ -168,6 +173,11 @@ class Rhythm:
                     f"the {what} {grows} by {100 * abs(change):.0f} % of its mean: the skill "
                     "is about the middle, and its samples vary as much"
                 )
+        if self.drift > _FAR_DRIFT:
+            out.append(
+                f"the centre drifts by {100 * self.drift:.0f} % of the width: the skill is "
+                "played about the middle, and its samples are wider than one cycle"
+            )
         return out
 
 

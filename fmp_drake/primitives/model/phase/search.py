@@ -1,6 +1,7 @@
 """Search for the rhythm of recordings: period, bouts and the phase of every sample."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from fmp_drake.primitives.data.channels import channel_scales
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
 from fmp_drake.primitives.model.phase.cycle import CycleHistory
+from fmp_drake.primitives.model.phase.loops import join_loops
 from fmp_drake.primitives.model.phase.period import (
     PART,
     local_periods,
@@ -65,10 +67,14 @@ _BOUT, _LEFT_OUT, _BACKWARDS, _OTHER = range(4)
 
 
 class Found(NamedTuple):
-    """A rhythm, with the phase of the samples of its bouts."""
+    """A rhythm, with the phase of the samples of its bouts.
+
+    It was found in `recordings` (n, D): those given, or joined where each is one cycle.
+    """
 
     rhythm: Rhythm
     track: PhaseTrack
+    recordings: Sequence[Array]
 
 
 class _Attempt(NamedTuple):
@@ -129,7 +135,8 @@ def search_rhythm(
 
     Approach, retreat, lifts, pauses and parts of another movement are left out; each bout
     between them counts. Where the estimated period does not explain the rest, others are
-    tried. Where the cycle consists of several equal ones, it is one of these.
+    tried. Where the cycle consists of several equal ones, it is one of these. Recordings in
+    which nothing repeats, but each of which ends where the next begins, are joined.
 
     Parameters
     ----------
@@ -146,6 +153,23 @@ def search_rhythm(
         If nothing repeats, there are fewer than 1.3 cycles, or one cycle does not explain
         the recordings.
     """
+    try:
+        return _search(recordings, rate, period)
+    except DemonstrationError as error:
+        loops = join_loops(recordings)
+        if loops is None:
+            raise
+        try:
+            found = _search([loops.values], rate, period)
+        except DemonstrationError:
+            raise error from None
+    rhythm = found.rhythm
+    bouts, left_out = _parted(loops.parts((*rhythm.bouts, *rhythm.left_out), rate))
+    return found._replace(rhythm=replace(rhythm, bouts=bouts, left_out=left_out))
+
+
+def _search(recordings: Sequence[Array], rate: float, period: float | None) -> Found:
+    """Find the rhythm of recordings as they are; see `search_rhythm`."""
     attempts: list[_Attempt] = []
     for candidate in _candidates(recordings, rate, period):
         attempt = _attempt(recordings, candidate)
@@ -180,7 +204,7 @@ def search_rhythm(
         ):
             break
         best = attempt
-    return Found(_rhythm(recordings, best, rate), best.track)
+    return Found(_rhythm(recordings, best, rate), best.track, recordings)
 
 
 def _misfit(track: PhaseTrack) -> float:
@@ -316,14 +340,23 @@ def _rhythm(recordings: Sequence[Array], attempt: _Attempt, rate: float) -> Rhyt
         for i, (y, label) in enumerate(zip(recordings, attempt.labels, strict=True))
         for a, b in _segments(label)
     ]
+    bouts, left_out = _parted(parts)
+    points = np.concatenate(track.recordings)
     return Rhythm(
         period=2 * np.pi / track.velocity / rate,
         cycles=track.cycles,
-        bouts=tuple(part for part in parts if part.kind == "bout"),
-        left_out=tuple(part for part in parts if part.kind != "bout"),
+        bouts=bouts,
+        left_out=left_out,
         amplitude_change=trend(history.amplitudes),
         tempo_change=trend(1 / history.lengths),
+        drift=float(np.max(np.abs(history.drift)) / np.max(np.ptp(points, axis=0))),
     )
+
+
+def _parted(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """Return the bouts among parts, and what is left out."""
+    bouts = tuple(part for part in parts if part.kind == "bout")
+    return bouts, tuple(part for part in parts if part.kind != "bout")
 
 
 def _segments(label: NDArray[np.int64]) -> Iterator[tuple[int, int]]:

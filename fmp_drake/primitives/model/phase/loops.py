@@ -1,0 +1,105 @@
+"""Recordings of one cycle each, joined to one of all cycles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fmp_drake.primitives.model.phase.rhythm import Part
+
+Array = NDArray[np.float64]
+
+# Distance between the end of one recording and the beginning of the next, relative to the
+# size of the movement, up to which both are one place.
+_CLOSED = 0.3
+# Rest at an end, relative to the rest of the recording, that is not worth a word.
+_SHORT = 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loops:
+    """Recordings of one cycle each, joined.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, D)
+        The recordings without the rests at their ends, one after another; a straight line
+        joins the end of one to the beginning of the next.
+    kept : tuple of (int, int)
+        First sample of each recording that is kept, and the one after the last.
+    begins : tuple of int
+        Where these samples begin in `values`.
+    lengths : tuple of int
+        Samples of each recording.
+    """
+
+    values: Array
+    kept: tuple[tuple[int, int], ...]
+    begins: tuple[int, ...]
+    lengths: tuple[int, ...]
+
+    def parts(self, parts: Sequence[Part], rate: float) -> list[Part]:
+        """Return parts of `values` as parts of the recordings, and long rests beside them."""
+        out = []
+        loops = zip(self.kept, self.begins, self.lengths, strict=True)
+        for i, ((first, after), begin, length) in enumerate(loops):
+            rests = ((0, first), (after, length))
+            for part in parts:
+                start = max(part.start * rate - begin, 0) + first
+                end = min(part.end * rate - begin + first, after)
+                if end > start:
+                    out.append(
+                        Part(
+                            recording=i,
+                            start=start / rate,
+                            end=end / rate,
+                            kind=part.kind,
+                        )
+                    )
+            out += [
+                Part(recording=i, start=a / rate, end=b / rate, kind="pause")
+                for a, b in rests
+                if b - a > _SHORT * (after - first)
+            ]
+        return out
+
+
+def join_loops(recordings: Sequence[Array]) -> Loops | None:
+    """Join recordings (n, D) that each go around once; None where they do not.
+
+    Each must begin about where the one before ends.
+    """
+    if len(recordings) < 2:
+        return None
+    every = np.concatenate(recordings)
+    size = float(np.sqrt(every.var(axis=0).sum()))
+    steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in recordings]
+    step = max(float(np.median(np.concatenate(steps))), 1e-12)
+    kept = [(_leaves(y, step), len(y) - _leaves(y[::-1], step)) for y in recordings]
+    if any(after - first < 2 for first, after in kept):
+        return None
+    loops = [y[a:b] for y, (a, b) in zip(recordings, kept, strict=True)]
+    pieces, begins = [loops[0]], [0]
+    for before, loop in pairwise(loops):
+        gap = loop[0] - before[-1]
+        distance = float(np.linalg.norm(gap))
+        if distance > _CLOSED * size:
+            return None
+        between = np.linspace(0.0, 1.0, max(1, round(distance / step)) + 1)[1:-1]
+        pieces.append(before[-1] + gap * between[:, None])
+        begins.append(begins[-1] + len(before) + len(between))
+        pieces.append(loop)
+    return Loops(
+        values=np.concatenate(pieces),
+        kept=tuple(kept),
+        begins=tuple(begins),
+        lengths=tuple(len(y) for y in recordings),
+    )
+
+
+def _leaves(values: Array, step: float) -> int:
+    """Return the last sample of a path (n, D) before it goes a step from where it begins."""
+    away = np.linalg.norm(values - values[0], axis=1) > step
+    return int(np.argmax(away)) - 1 if away.any() else len(values)
