@@ -27,7 +27,7 @@ from fmp_drake.experiments.benchmark.built_in import (
     PeriodicDMPMethod,
     ReplayMethod,
 )
-from fmp_drake.experiments.benchmark.cleaning import clean_board
+from fmp_drake.experiments.benchmark.cleaning import clean_board, split_to_learn
 from fmp_drake.experiments.benchmark.report import benchmark_findings
 from fmp_drake.experiments.benchmark.run import (
     Job,
@@ -418,7 +418,7 @@ def test_report_counts_runs_that_never_clean_the_board(tmp_path):
     runs = [{**run, "seed": 0}, {**run, "seed": 1, "seconds_to_90": 20.0}]
     failed = {"movement": "wiping", "cycles": "4", "seed": 2, "error": "off the board"}
     write_scores(tmp_path, MethodScores(method="replay", cleaning=[*runs, failed]))
-    rows = rows_of(tmp_path, "benchmark_cleaning")
+    rows = rows_of(tmp_path, "benchmark_cleaning_wiping")
     assert rows["replay"][:4] == ["2 of 3", "3.0 ± 0.0", "20.0 ± 0.0, 1 never", "-"]
     assert rows["replay"][4] == "84.0 ± 0.0"
     # Predictions that are measured later do not lose the runs.
@@ -429,6 +429,22 @@ def test_report_counts_runs_that_never_clean_the_board(tmp_path):
     for row in again:
         write_scores(tmp_path, MethodScores(method="replay", cleaning=[row]))
     assert read_scores(tmp_path)["replay"].cleaning == again
+    for name in ("stirring", "wiping"):
+        assert rows_of(tmp_path, f"benchmark_cleaning_{name}")["replay"][0] == "1 of 1"
+
+
+@pytest.mark.parametrize(("cycles", "learned"), [(9, "4"), (3.9, "3"), (2.4, "1.5")])
+def test_board_is_cleaned_after_at_most_four_cycles(cycles, learned):
+    path = ellipse(round(cycles * PERIOD))
+    movement = Movement(name="ring", parts=(path,), period=PERIOD)
+    split = split_to_learn(movement)
+    assert (split.cycles, split.place) == (learned, 0)
+
+
+def test_recording_of_too_few_cycles_cleans_no_board():
+    movement = Movement(name="ring", parts=(ellipse(70),), period=PERIOD)
+    with pytest.raises(ExperimentError, match=r"ring has 1\.7 cycles on the board"):
+        split_to_learn(movement)
 
 
 def test_path_beyond_the_board_is_refused():

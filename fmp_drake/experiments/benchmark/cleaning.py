@@ -19,7 +19,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from scipy.interpolate import CubicSpline
 from threadpoolctl import threadpool_limits
 
-from fmp_drake.errors import DemonstrationError, FmpError
+from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines.method import PAST, RATE, Array, Method
 from fmp_drake.experiments.benchmark.run import (
     MethodScores,
@@ -28,7 +28,13 @@ from fmp_drake.experiments.benchmark.run import (
     chosen_methods,
     collect_scores,
 )
-from fmp_drake.experiments.benchmark.splits import Movement, rhythmic_parts, splits
+from fmp_drake.experiments.benchmark.splits import (
+    ALL,
+    Movement,
+    Split,
+    rhythmic_parts,
+    splits,
+)
 from fmp_drake.primitives import read_demonstrations
 from fmp_drake.processes import Workers
 from fmp_drake.skills.placement import lay_on_board
@@ -41,6 +47,8 @@ CLEANED = (50, 90, 99)
 """Per cent of the demonstrated area whose times are measured."""
 SCENARIO = "table_top"
 
+# Cycles that a method learns from, at most.
+_MOST_CYCLES = 4.0
 # Samples of a run, s, and the time in which a path is accelerated from rest, s.
 _PERIOD = 0.05
 _RAMP = 1.0
@@ -56,8 +64,8 @@ class CleaningJob:
         Name.
     movement : Movement
         In the frame of the board, m.
-    cycles : str
-        As for `score_cleaning`.
+    split : Split
+        Of the movement.
     seconds : float
         Simulated time.
     seed : int
@@ -65,7 +73,7 @@ class CleaningJob:
 
     method: str
     movement: Movement
-    cycles: str
+    split: Split
     seconds: float
     seed: int
 
@@ -76,12 +84,13 @@ def run_cleaning(
     workers: Workers,
     *,
     methods: Sequence[str] = (),
-    cycles: str = "4",
     seconds: float = 60.0,
     seeds: int = 5,
     progress: Progress = lambda _: None,
 ) -> dict[str, MethodScores]:
     """Let methods clean the board with the movement of a recording.
+
+    They learn from 4 of its cycles, or from fewer where it is shorter.
 
     Parameters
     ----------
@@ -92,8 +101,8 @@ def run_cleaning(
     workers : Workers
     methods : sequence of str
         Names; all methods where empty.
-    cycles, seconds
-        As for `score_cleaning`.
+    seconds : float
+        Simulated time.
     seeds : int
         Runs of each method.
     progress : callable
@@ -104,12 +113,14 @@ def run_cleaning(
     dict of str to MethodScores
         Also of methods that an earlier run has written.
     """
+    names = chosen_methods(methods)
     movement = board_movement(file)
+    split = split_to_learn(movement)
     jobs = [
         CleaningJob(
-            method=name, movement=movement, cycles=cycles, seconds=seconds, seed=seed
+            method=name, movement=movement, split=split, seconds=seconds, seed=seed
         )
-        for name in chosen_methods(methods)
+        for name in names
         for seed in range(seeds)
     ]
     return collect_scores(out, jobs, run_cleaning_job, workers, progress)
@@ -122,11 +133,15 @@ def run_cleaning_job(job: CleaningJob) -> MethodScores:
         scores = score_cleaning(
             all_methods()[job.method],
             job.movement,
-            cycles=job.cycles,
+            job.split,
             seconds=job.seconds,
             seed=job.seed,
         )
-    row = {"movement": job.movement.name, "cycles": job.cycles, "seed": job.seed}
+    row = {
+        "movement": job.movement.name,
+        "cycles": job.split.cycles,
+        "seed": job.seed,
+    }
     return MethodScores(
         method=job.method,
         cleaning=[row | scores],
@@ -142,8 +157,34 @@ def board_movement(file: Path) -> Movement:
     return Movement(name=file.stem, parts=tuple(parts), period=period)
 
 
+def split_to_learn(movement: Movement) -> Split:
+    """Return the first split of the most cycles of a movement, but at most 4.
+
+    Raises
+    ------
+    ExperimentError
+        Where the movement has too few cycles.
+    """
+    found = {
+        split.cycles: split
+        for split in reversed(list(splits(movement)))
+        if split.cycles != ALL and float(split.cycles) <= _MOST_CYCLES
+    }
+    if not found:
+        raise ExperimentError(
+            f"{movement.name} has {movement.cycles:.1f} cycles on the board; a method "
+            "learns from 1.5 cycles, and some must remain. Give a recording of at least 2."
+        )
+    return found[max(found, key=float)]
+
+
 def score_cleaning(
-    method: type[Method], movement: Movement, *, cycles: str, seconds: float, seed: int
+    method: type[Method],
+    movement: Movement,
+    split: Split,
+    *,
+    seconds: float,
+    seed: int,
 ) -> dict[str, Any]:
     """Let a method clean the board, and return the metrics.
 
@@ -152,8 +193,8 @@ def score_cleaning(
     method : type of Method
     movement : Movement
         In the frame of the board, m.
-    cycles : str
-        Number of cycles to learn from, or "all", which is the whole movement here.
+    split : Split
+        Of the movement; the method learns from its learned parts.
     seconds : float
         Simulated time.
     seed : int
@@ -164,14 +205,11 @@ def score_cleaning(
     dict
         As `clean_board`; or `error`, why the method could not learn or play.
     """
-    learned = movement.parts
-    if cycles != "all":
-        learned = next(s for s in splits(movement) if s.cycles == cycles).learned
     learner = method()
     try:
-        learner.fit(learned)
+        learner.fit(split.learned)
         rng = np.random.default_rng(seed)
-        longest = max(learned, key=len)
+        longest = max(split.learned, key=len)
         first = int(rng.integers(len(longest) - PAST))
         past = longest[first : first + PAST]
         path = learner.play(past, round(seconds * RATE), seed=seed)

@@ -28,12 +28,13 @@ _Scores = Mapping[str, MethodScores]
 
 def benchmark_findings(scores: _Scores) -> list[Finding]:
     """Return the tables and pictures of all methods."""
+    cleaned = {run["movement"] for m in scores.values() for run in m.cleaning}
     return [
         _errors(scores),
         _densities(scores),
         _coverage(scores),
         _playback(scores),
-        *([_cleaning(scores)] if any(m.cleaning for m in scores.values()) else []),
+        *(_cleaning(scores, recording) for recording in sorted(cleaned)),
         _movements(scores),
     ]
 
@@ -298,8 +299,8 @@ def _playback(scores: _Scores) -> Finding:
     )
 
 
-def _cleaning(scores: _Scores) -> Finding:
-    """Return the table and picture of the task metric."""
+def _cleaning(scores: _Scores, recording: str) -> Finding:
+    """Return the table and picture of the task metric for a recording."""
     measures = {
         "seconds_to_50": ("to 50 % (s)", 1.0, ".1f"),
         "seconds_to_90": ("to 90 % (s)", 1.0, ".1f"),
@@ -312,10 +313,14 @@ def _cleaning(scores: _Scores) -> Finding:
     rows = [["", "runs", *(title for title, _, _ in measures.values())]]
     figure = Figure(figsize=(12, 0.9 + 0.3 * len(scores)), layout="constrained")
     axes = figure.subplots(1, 4, sharey=True)
-    names = [name for name, method in scores.items() if method.cleaning]
+    every = {
+        name: [run for run in method.cleaning if run["movement"] == recording]
+        for name, method in scores.items()
+    }
+    names = [name for name, runs in every.items() if runs]
     for row, name in enumerate(names):
-        runs = [run for run in scores[name].cleaning if "error" not in run]
-        cells = [f"{len(runs)} of {len(scores[name].cleaning)}"]
+        runs = [run for run in every[name] if "error" not in run]
+        cells = [f"{len(runs)} of {len(every[name])}"]
         for i, (measure, (_, factor, form)) in enumerate(measures.items()):
             values = [factor * run[measure] for run in runs if run[measure] is not None]
             if i < len(axes):
@@ -333,13 +338,11 @@ def _cleaning(scores: _Scores) -> Finding:
         ax.spines[["top", "right"]].set_visible(False)
     axes[0].set_yticks(range(len(names)), names)
     axes[0].invert_yaxis()
-    every = [run for method in scores.values() for run in method.cleaning]
-    recordings = ", ".join(sorted({run["movement"] for run in every}))
-    cycles = ", ".join(sorted({run["cycles"] for run in every}))
+    cycles = ", ".join(sorted({run["cycles"] for name in names for run in every[name]}))
     return Finding(
-        name="benchmark_cleaning",
-        title="Task: how soon a minute of each method cleans the board",
-        shows=f"Learned from {cycles} cycles of {recordings}; the same station follows the "
+        name=f"benchmark_cleaning_{recording}",
+        title=f"Task: how soon a minute of each method cleans the board, {recording}",
+        shows=f"Learned from {cycles} cycles of {recording}; the same station follows the "
         "path that each method plays, from other samples of the recording with each seed. "
         "Times until that part of the area is clean which the whole recording sweeps. "
         "Mean and standard deviation over runs; 'never' counts runs that do not get there.",
@@ -395,12 +398,8 @@ def _lines(
             color = component_color(others.index(name))
             style = {"linewidth": 1.1, "color": color, "marker": "."}
             style["linestyle"] = "--" if others.index(name) >= 10 else "-"
-        ax.plot(
-            at,
-            [mean(by_cycles[_COLUMNS[i]]) for i in at],
-            label=name,
-            **style,
-        )
+        means = [mean(by_cycles[_COLUMNS[i]]) for i in at]
+        ax.plot(at, means, label=name, **style)
         if is_ours:
             for i in at:
                 values = by_cycles[_COLUMNS[i]]
