@@ -2,8 +2,7 @@
 Which model suits my data?
 ==========================
 
-All movement primitives of the paper's comparison, and a few more, have the same interface here.
-Their score is the prediction error of the next second on held-out data.
+Score movement primitives by their prediction error of the next second on held-out data.
 """
 
 import matplotlib.pyplot as plt
@@ -74,9 +73,9 @@ for name, values in errors.items():
     print(f"{name:8} {1e3 * np.sqrt(np.mean(np.square(values))):5.1f} mm")
 
 # %%
-# Other primitives are estimators with the same methods: `ProMP` and its extension to several
-# frequencies, `AlignedProMP`, `PeriodicDMP`, `PeriodicGP`, `Replay`. `fmp-drake reproduce`
-# scores all of them, on thirds in turn, with the spread.
+# Other primitives are estimators, too: `ProMP` and its extension to several frequencies,
+# `AlignedProMP`, `PeriodicDMP`, `PeriodicGP`. `fmp-drake benchmark` scores all of them,
+# and more, on the recordings in a folder.
 
 promp = ProMP(frequencies=5, n_components=20)
 print(promp)

@@ -7,7 +7,6 @@ primitives that FMP is compared with, and `fmp_drake.experiments.trials` runs ra
 scenarios.
 """
 
-from fmp_drake.experiments.held_out import evaluate
 from fmp_drake.experiments.report import FULL, QUICK, Profile, write_report
 from fmp_drake.experiments.reproduction import run_experiments
 
@@ -15,7 +14,6 @@ __all__ = [
     "FULL",
     "QUICK",
     "Profile",
-    "evaluate",
     "run_experiments",
     "write_report",
 ]

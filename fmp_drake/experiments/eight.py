@@ -4,45 +4,43 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fmp_drake.experiments.baselines.replay import Replay
-from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.experiments.methods import (
-    FMP,
-    FMP_PAPER,
-    FMP_STRIDE,
-    MULT,
-    MULT_OWN,
-    PAPER_STRIDE,
-    PHASE,
-    RATE,
-    REPLAY,
-    cut,
-    fmp,
-    fmp_paper,
-    phase,
-    play,
-    promp_mult,
-    promp_own,
-)
+from fmp_drake.experiments.baselines.promp import ProMP
 from fmp_drake.experiments.metrics import (
     BINS,
     FLOOR,
+    FMP_STRIDE,
+    PAPER_STRIDE,
+    RATE,
     SENSITIVITY_BINS,
     SENSITIVITY_FLOORS,
     Closeness,
+    cut,
     divergences,
     draw_grids,
     draw_paths,
     grid_extent,
     millimetres,
+    play,
     roughness,
 )
 from fmp_drake.experiments.report import Finding, Profile
 from fmp_drake.plots import draw_demonstrations_in_plane
 from fmp_drake.plots.style import SAMPLED, same_limits, set_title
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
+from fmp_drake.primitives import (
+    PAPER_SETTINGS,
+    Demonstration,
+    FourierMovementPrimitive,
+    Player,
+)
 
 Samples = dict[str, NDArray[np.float64]]
+
+MULT = "ProMP-VM-Mult"
+MULT_OWN = f"{MULT}, own frequency, M = 80"
+FMP = "FMP"
+FMP_PAPER = "FMP, paper's settings"
+PHASE = "FMP, phase model"
+REPLAY = "replay"
 
 
 def eight(
@@ -70,17 +68,23 @@ def learn_and_sample(
     recorded: Demonstration, profile: Profile
 ) -> tuple[FourierMovementPrimitive, Samples]:
     """Learn with every method of Table I and draw trajectories from each."""
-    model = fmp().fit(cut([recorded], stride=FMP_STRIDE))
-    learned: dict[str, TrajectoryModel] = {
-        MULT: promp_mult().fit(cut([recorded], stride=PAPER_STRIDE)),
-        FMP_PAPER: fmp_paper().fit(cut([recorded], stride=PAPER_STRIDE)),
-        FMP: model,
-        PHASE: phase().fit(cut([recorded], stride=FMP_STRIDE)),
-        MULT_OWN: promp_own().fit(cut([recorded], stride=FMP_STRIDE)),
-        REPLAY: Replay().fit(cut([recorded], stride=FMP_STRIDE)),
-    }
-    return model.skill_, {
-        name: method.sample(profile.samples, seed=0) for name, method in learned.items()
+    n = profile.samples
+    few = cut([recorded], stride=PAPER_STRIDE)
+    many = cut([recorded], stride=FMP_STRIDE)
+    # ProMP-VM-Mult of V-C; its best with as many Gaussians as FMP.
+    mult = ProMP(frequencies=(1.0, 2.0, 3.0, 4.0, 5.0), n_components=10).fit(few)
+    mult_own = ProMP(frequencies=5, n_components=80).fit(many)
+    paper = FourierMovementPrimitive(**PAPER_SETTINGS, random_state=0).fit(few)
+    mixture = FourierMovementPrimitive(model="mixture", random_state=0).fit(many)
+    phase = FourierMovementPrimitive(model="automatic").fit(many)
+    remembered = np.random.default_rng(0).integers(len(many), size=n)
+    return mixture, {
+        MULT: mult.sample(n),
+        FMP_PAPER: paper.sample(n, seed=0, with_noise=False),
+        FMP: mixture.sample(n, seed=0, with_noise=False),
+        PHASE: phase.sample(n, seed=0, with_noise=False),
+        MULT_OWN: mult_own.sample(n),
+        REPLAY: many[remembered],
     }
 
 

@@ -1,6 +1,6 @@
-"""Measures of trajectories, and pictures of them: heatmaps, divergences, distances."""
+"""Windows and played paths of section V; their heatmaps, divergences and distances."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,18 @@ from fmp_drake.plots.style import (
     set_title,
     shape_of,
 )
-from fmp_drake.primitives import Demonstration
+from fmp_drake.primitives import (
+    PAPER_SETTINGS,
+    Demonstration,
+    FourierMovementPrimitive,
+    Player,
+)
+from fmp_drake.primitives.data.windows import DEFAULT_RATE, as_windows
+
+RATE = DEFAULT_RATE
+N_STEPS = 120
+FMP_STRIDE = FourierMovementPrimitive(n_steps=N_STEPS).window_stride
+PAPER_STRIDE = int(PAPER_SETTINGS["stride"])
 
 # The grid of Table I here; the paper does not state its own. The sensitivity study
 # varies both.
@@ -30,6 +41,18 @@ SENSITIVITY_FLOORS = (1e-8, 1e-6, 1e-4)
 _MARGIN = 0.15
 
 Samples = NDArray[np.float64]
+
+
+def cut(demonstrations: Sequence[Demonstration], *, stride: int) -> NDArray[np.float64]:
+    """Return the windows of demonstrations, (N, T, D)."""
+    return as_windows(demonstrations, n_steps=N_STEPS, stride=stride, rate=RATE).values
+
+
+def play(
+    skill: FourierMovementPrimitive, starts: ArrayLike, seconds: float
+) -> NDArray[np.float64]:
+    """Return the paths that Algorithm 2 plays from starts (S, D), (S, ticks, D)."""
+    return Player(skill).rollout(np.atleast_2d(starts), seconds)[:, :, 0]
 
 
 def heatmap(

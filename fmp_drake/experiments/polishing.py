@@ -6,23 +6,19 @@ from numpy.typing import NDArray
 
 from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
 from fmp_drake.experiments.baselines.promp import ProMP
-from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.experiments.methods import (
+from fmp_drake.experiments.metrics import (
     FMP_STRIDE,
     N_STEPS,
     PAPER_STRIDE,
     RATE,
-    cut,
-    fmp,
-    play,
-)
-from fmp_drake.experiments.metrics import (
     Closeness,
+    cut,
     divergences,
     draw_grids,
     draw_paths,
     grid_extent,
     millimetres,
+    play,
 )
 from fmp_drake.experiments.report import Finding, Profile
 from fmp_drake.plots.demonstrations import (
@@ -43,7 +39,8 @@ def polishing(demonstration: Demonstration, profile: Profile) -> list[Finding]:
     recorded = demonstration.resample(RATE)
     windows = cut([recorded], stride=PAPER_STRIDE)
     near = Closeness(recorded.values)
-    skill = fmp().fit(cut([recorded], stride=FMP_STRIDE)).skill_
+    skill = FourierMovementPrimitive(model="mixture", random_state=0)
+    skill.fit(cut([recorded], stride=FMP_STRIDE))
     low, high = skill.extent_
     inside = recorded.values[len(recorded.values) // 2]
     outside = (low + high) / 2 + (high - low) * np.array([1.0, 0.75, 0.0])
@@ -99,7 +96,7 @@ def _from_starts(
 
 def _promp_heatmaps(windows: NDArray[np.float64], profile: Profile) -> Finding:
     extent = grid_extent(windows)
-    models: dict[str, TrajectoryModel] = {
+    models: dict[str, ProMP | AlignedProMP] = {
         "aligned, one period (5a)": _ALIGNED,
         "T = 120, 1 Gaussian (5b)": ProMP(frequencies=(_FREQUENCY,)),
         "T = 120, 10 Gaussians (5c)": ProMP(frequencies=(_FREQUENCY,), n_components=10),

@@ -44,16 +44,12 @@ class Profile:
     ----------
     samples : int
         Trajectories drawn for a heatmap (the paper: 10,000).
-    seeds : int
-        Repetitions with other seeds of the held-out evaluation.
-    folds : int
-        Parts of a demonstration that are held out in turn.
+    places : int
+        Learned parts of each length in the held-out evaluation.
     tasks : tuple of str
         Demonstrations of the held-out evaluation.
-    predictions : int
-        Instants at which the next second is predicted.
     instants : int
-        Instants of each split of the benchmark.
+        Predictions of the next second for each learned part.
     robot_seconds : float
         Simulated time of wiping by the Panda, s.
 
@@ -66,29 +62,23 @@ class Profile:
     """
 
     samples: int
-    seeds: int
-    folds: int
+    places: int
     tasks: tuple[str, ...]
-    predictions: int
     instants: int
     robot_seconds: float
 
 
 FULL = Profile(
     samples=10_000,
-    seeds=2,
-    folds=3,
+    places=3,
     tasks=("polishing", "eight", "wiping"),
-    predictions=100,
     instants=60,
     robot_seconds=20.0,
 )
 QUICK = Profile(
     samples=1_000,
-    seeds=1,
-    folds=1,
+    places=1,
     tasks=("eight",),
-    predictions=20,
     instants=15,
     robot_seconds=3.0,
 )

@@ -1,7 +1,7 @@
 """All experiments of section V, and the held-out scores of the demonstrations."""
 
 from collections.abc import Callable
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,14 @@ from fmp_drake.experiments.eight import (
     table_one,
     table_rows,
 )
-from fmp_drake.experiments.held_out import (
-    evaluate,
-    held_out_finding,
-    short_recordings,
-    summary,
+from fmp_drake.experiments.held_out import held_out_findings, score_demonstrations
+from fmp_drake.experiments.metrics import (
+    BINS,
+    FLOOR,
+    N_STEPS,
+    PAPER_STRIDE,
+    RATE,
 )
-from fmp_drake.experiments.methods import N_STEPS, PAPER_STRIDE, RATE
-from fmp_drake.experiments.metrics import BINS, FLOOR
 from fmp_drake.experiments.polishing import polishing
 from fmp_drake.experiments.report import Finding, Profile, Section
 from fmp_drake.experiments.wiping import wiping
@@ -54,17 +54,13 @@ def run_experiments(
     results: dict[str, Any] = {
         "table1": table,
         "settings": _settings(profile),
-        "held_out": {},
         "demonstrations": {},
     }
-    held: list[Finding] = []
-    for task in profile.tasks:
-        scores = evaluate(bundled[task], profile, partial(_prefixed, progress, task))
-        results["held_out"][task] = summary(scores)
-        held.append(held_out_finding(task, scores))
-        progress(f"{task}: learned from 20 s")
-        held.append(short_recordings(task, bundled[task], profile))
-    sections.append(("Held out (beyond the paper)", held))
+    scores = score_demonstrations(
+        {task: bundled[task] for task in profile.tasks}, profile, progress
+    )
+    results["held_out"] = {name: asdict(method) for name, method in scores.items()}
+    sections.append(("Held out (beyond the paper)", held_out_findings(scores)))
     extra = []
     for path, demonstration in zip(paths, others, strict=True):
         progress(f"{path.name}: Table I")
@@ -79,10 +75,6 @@ def run_experiments(
         for f in group
     }
     return sections, results
-
-
-def _prefixed(progress: Progress, task: str, what: str) -> None:
-    progress(f"{task}: {what}")
 
 
 def load_own(path: Path) -> Demonstration:
@@ -124,6 +116,5 @@ def _settings(profile: Profile) -> dict[str, Any]:
         "bins": BINS,
         "floor": FLOOR,
         "samples": profile.samples,
-        "seeds": profile.seeds,
-        "folds": profile.folds,
+        "places": profile.places,
     }

@@ -4,22 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from trials_stub import Here
 
 from fmp_drake.apps import reproduce as reproduce_module
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.benchmark.built_in import ReplayMethod
-from fmp_drake.experiments.held_out import evaluate, held_out_finding, summary
-from fmp_drake.experiments.methods import (
+from fmp_drake.experiments.baselines.method import Method
+from fmp_drake.experiments.benchmark.built_in import (
     FMP,
-    FMP_PAPER,
-    MULT,
-    MULT_OWN,
-    PHASE,
-    REPLAY,
-    compared,
+    MixtureFMP,
+    PeriodicGPMethod,
+    ReplayMethod,
 )
+from fmp_drake.experiments.eight import FMP_PAPER, MULT, MULT_OWN, PHASE, REPLAY
+from fmp_drake.experiments.held_out import held_out_findings, score_demonstrations
 from fmp_drake.experiments.metrics import (
     Closeness,
     divergences,
@@ -44,7 +41,10 @@ FIGURES = (
     "fig10_robot",
     "sensitivity",
     "eight_played",
-    "held_out_eight",
+    "held_out_error",
+    "held_out_density",
+    "held_out_coverage",
+    "held_out_playback",
 )
 
 
@@ -85,8 +85,11 @@ def test_results_hold_table_one_the_held_out_scores_and_the_settings(reproduced)
     for row in results["table1"].values():
         assert row["forward_kl"] > 0
         assert row["reverse_kl"] > 0
-    assert set(results["table1"]) == {MULT, MULT_OWN, FMP_PAPER, FMP, PHASE, REPLAY}
-    assert results["held_out"]["eight"][FMP]["log_density"]["mean"] > 10
+    methods = {MULT, MULT_OWN, FMP_PAPER, "FMP", PHASE, REPLAY}
+    assert set(results["table1"]) == methods
+    all_cycles = results["held_out"][FMP.name]["predictions"][-1]
+    assert (all_cycles["movement"], all_cycles["cycles"]) == ("eight", "all")
+    assert all_cycles["log_density"] > 10
     assert results["settings"]["samples"] == QUICK.samples
     assert results["settings"]["fmp"]["n_components"] == "automatic"
     assert set(results["demonstrations"]["mine"]) == set(results["table1"])
@@ -102,22 +105,21 @@ def test_table_one_compares_equals_and_names_what_was_only_remembered(reproduced
         assert table[REPLAY][divergence] < 0.1 * table[PHASE][divergence]
 
 
-def test_held_out_the_phase_model_is_scored_beside_an_oracle(reproduced):
-    scores = json.loads((reproduced[0] / "results.json").read_text())["held_out"]
-    eight = scores["eight"]
-    for measure in ("forward_kl", "prediction_rms", "tube_10"):
-        assert measure in eight["oracle"]
-    rivals = [MULT, MULT_OWN, REPLAY, FMP, FMP_PAPER]
-    for rival in rivals:
-        ours, theirs = (eight[n]["prediction_rms"]["mean"] for n in (PHASE, rival))
-        assert ours < theirs
-    assert eight[PHASE]["log_density"]["mean"] > eight[FMP]["log_density"]["mean"] + 2
-    assert "tube_10" not in eight[REPLAY]
+def test_held_out_fmp_predicts_best(reproduced):
+    results = json.loads((reproduced[0] / "results.json").read_text())
+    last = {name: m["predictions"][-1] for name, m in results["held_out"].items()}
+    ours = last.pop(FMP.name)
+    assert {MixtureFMP.name, PeriodicGPMethod.name, ReplayMethod.name} < set(last)
+    for theirs in last.values():
+        assert ours["error_mm"] < theirs["error_mm"]
+    assert ours["log_density"] > last[MixtureFMP.name]["log_density"] + 1
+    assert "FMP, no blend" not in last  # An ablation.
 
 
 def test_claims_about_fmp_hold(reproduced):
     findings = json.loads((reproduced[0] / "results.json").read_text())["findings"]
     claims = ("fig4", "fig5", "fig6", "fig9", "fig10", "fig10_robot", "eight_played")
+    claims += ("held_out_eight",)
     for name in claims:
         assert findings[name]["agrees"], findings[name]["shows"]
 
@@ -125,9 +127,10 @@ def test_claims_about_fmp_hold(reproduced):
 def test_a_short_recording_teaches_the_phase_model_to_predict(reproduced):
     results = json.loads((reproduced[0] / "results.json").read_text())
     said = results["findings"]["short_eight"]["shows"]
-    by_pieces, _ = (float(number) for number in re.findall(r"with ([\d.]+) mm", said))
+    short, _ = (float(number) for number in re.findall(r"with ([\d.]+) mm", said))
     # What remembers two thirds of the recording.
-    assert by_pieces < results["held_out"]["eight"][REPLAY]["prediction_rms"]["mean"]
+    (*_, replay) = results["held_out"][ReplayMethod.name]["predictions"]
+    assert short < replay["error_mm"]
 
 
 def test_report_needs_nothing_but_itself(reproduced):
@@ -157,53 +160,36 @@ def test_roughness_of_a_cubic_is_its_third_derivative():
     assert roughness((t**3)[:, None], 100.0) == pytest.approx(6.0, rel=1e-6)
 
 
-def test_held_out_scores_are_collected_over_parts_and_seeds():
-    path = HandMotion.make("eight", seconds=46, seed=1).position[:9000:10]
-    values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])
-    demonstration = Demonstration(time=np.arange(len(path)) / 20, values=values)
-    told = []
-    small = replace(QUICK, samples=100, predictions=3)
-    scores = evaluate(demonstration, small, told.append)
-    assert told
-    assert len(scores[FMP]["log_density"]) == QUICK.folds * QUICK.seeds
-    assert summary(scores)[FMP]["log_density"]["std"] == 0
-    finding = held_out_finding("eight", scores)
-    assert isinstance(finding.figure, Figure)
-    assert finding.table[0][0] == ""
-    assert {row[0] for row in finding.table[1:]} == set(scores)
-
-
-def test_short_recordings_get_no_heatmap():
-    path = HandMotion.make("polishing", seconds=61, seed=1).position[:12000:10]
-    values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])
-    demonstration = Demonstration(time=np.arange(len(path)) / 20, values=values)
-    small = replace(QUICK, samples=50, predictions=3)
-    scores = evaluate(demonstration, small, lambda _: None)
-    assert "forward_kl" not in scores[FMP]
-    assert scores[PHASE]["prediction_rms"][0] > 0
-    assert held_out_finding("polishing", scores).table
-
-
-class Shy:
+class Shy(Method):
     """A method that learns from nothing."""
+
+    name = "shy"
 
     def fit(self, _):
         raise ExperimentError("there are no periods")
 
+    def predict(self, past, horizon):
+        raise NotImplementedError
 
-def test_method_that_cannot_learn_has_no_scores(monkeypatch):
-    few = {MULT: compared()[MULT], "shy": (lambda _: Shy(), 2)}
-    monkeypatch.setattr("fmp_drake.experiments.held_out.compared", lambda: few)
+
+def test_held_out_scores_of_a_method_that_cannot_learn(monkeypatch):
+    """Also a claim is judged by the methods that can."""
+    few = {m.name: m for m in (FMP, MixtureFMP, ReplayMethod, Shy)}
+    monkeypatch.setattr("fmp_drake.experiments.held_out.all_methods", lambda: few)
     path = HandMotion.make("polishing", seconds=31, seed=1).position[:6000:10]
     values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])
     demonstration = Demonstration(time=np.arange(len(path)) / 20, values=values)
-    messages = []
-    small = replace(QUICK, folds=2, samples=50, predictions=3)
-    scores = evaluate(demonstration, small, messages.append)
-    assert set(scores) == {MULT}
-    assert len(scores[MULT]["prediction_rms"]) == 2 * QUICK.seeds
-    message = "shy cannot learn from the rest: there are no periods"
-    assert messages.count(message) == 2
+    told = []
+    small = replace(QUICK, instants=3)
+    scores = score_demonstrations({"own": demonstration}, small, told.append)
+    assert "held out: own, shy" in told
+    assert [row["error"] for row in scores["shy"].predictions] == [
+        "there are no periods"
+    ] * len(scores[FMP.name].predictions)
+    best, short, *_ = held_out_findings(scores)
+    assert (best.name, short.name) == ("held_out_own", "short_own")
+    assert "replay" in best.shows
+    assert "nan" not in best.shows + short.shows
 
 
 @pytest.mark.parametrize("terminal", [False, True])
@@ -230,22 +216,6 @@ def test_benchmark_of_a_folder_is_a_section_of_the_report(
     assert json.loads((out / "method_replay.json").read_text())["predictions"]
     assert ("8.0 cycles" in result.out) != terminal
     assert f"wrote {out / 'report.html'}" in result.out.replace("\n", "")
-
-
-@pytest.mark.parametrize("densities", [[-15.0, -9.0], [12.0, 14.0], [np.nan] * 2])
-def test_every_bar_of_the_held_out_scores_is_seen(densities):
-    scores = {
-        name: {"log_density": [density], "prediction_rms": [3.0]}
-        for name, density in zip((PHASE, FMP), densities, strict=True)
-    }
-    (axes, *_) = (
-        each
-        for each in held_out_finding("eight", scores).figure.axes
-        if "densit" in each.get_xlabel()
-    )
-    low, high = axes.get_xlim()
-    for density in filter(np.isfinite, densities):
-        assert low < density < high
 
 
 def test_report_escapes_what_it_prints(tmp_path):

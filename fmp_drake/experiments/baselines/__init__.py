@@ -1,10 +1,9 @@
-"""Other movement primitives to compare FMP with, all with the same methods."""
+"""Other movement primitives to compare FMP with."""
 
 from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
 from fmp_drake.experiments.baselines.periodic_dmp import PeriodicDMP
 from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.baselines.promp import ProMP
-from fmp_drake.experiments.baselines.replay import Replay
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 
 __all__ = [
@@ -12,6 +11,5 @@ __all__ = [
     "PeriodicDMP",
     "PeriodicGP",
     "ProMP",
-    "Replay",
     "TrajectoryModel",
 ]

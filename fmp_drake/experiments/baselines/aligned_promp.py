@@ -23,9 +23,6 @@ class AlignedProMP(TrajectoryModel):
     conditioned trajectories are shorter than the windows, and steps count from phase 0,
     where the channel that varies most is greatest.
 
-    It has no density of windows: they are not one aligned period. That of aligned
-    periods is `model_.log_density(aligned_.values)`.
-
     Parameters
     ----------
     model : ProMP, optional
@@ -61,7 +58,9 @@ class AlignedProMP(TrajectoryModel):
         self.period_ = float(self.aligned_.durations.mean())
         self.model_ = clone(self.model or _ONE_PERIOD).fit(self.aligned_.values)
 
-    def _draw(self, n: int, seed: int) -> NDArray[np.float64]:
+    def sample(self, n: int = 1, *, seed: int = 0) -> NDArray[np.float64]:
+        """Draw n periods without observation noise, shape (n, T, D)."""
+        self.check_fitted()
         return self.model_.sample(n, seed=seed)
 
     def condition(self, steps: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:

@@ -138,11 +138,6 @@ class PeriodicDMP(TrajectoryModel):
         self.check_fitted()
         return self._cycle(phases)
 
-    def _draw(self, n: int, seed: int) -> NDArray[np.float64]:
-        """Return the limit cycle from n random phases: all that can vary."""
-        first = np.random.default_rng(seed).uniform(0, 2 * np.pi, n)
-        return self.cycle(first[:, None] + self.frequency_ * np.arange(self.n_steps_))
-
     def _continue(
         self, prefix: NDArray[np.float64], horizon: int
     ) -> NDArray[np.float64]:

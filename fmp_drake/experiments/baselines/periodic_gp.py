@@ -96,27 +96,6 @@ class PeriodicGP(TrajectoryModel):
             found.append(np.exp(best.x) * units)
         self.parameters_ = np.array(found)
 
-    def _draw(self, n: int, seed: int) -> NDArray[np.float64]:
-        rng = np.random.default_rng(seed)
-        out = np.empty((n, self.n_steps_, self.n_channels_))
-        for d, parameters in enumerate(self.parameters_):
-            covariance = _covariance(parameters, self.n_steps_)
-            covariance -= parameters[5] ** 2 * np.eye(self.n_steps_)
-            out[..., d] = rng.multivariate_normal(
-                np.zeros(self.n_steps_), covariance, n, "ignore", method="eigh"
-            )
-        return out * self.scale_ + self.mean_
-
-    def log_density(self, windows: ArrayLike) -> NDArray[np.float64]:
-        """Return the log density of windows (N, T, D) per time step, shape (N,)."""
-        scaled = (self._checked_windows(windows) - self.mean_) / self.scale_
-        each = [
-            _log_density(scaled[..., d], _covariance(parameters, self.n_steps_))
-            for d, parameters in enumerate(self.parameters_)
-        ]
-        stretch = float(np.sum(np.log(self.scale_)))
-        return np.sum(each, axis=0) / self.n_steps_ - stretch
-
     def tubes(self, prefix: ArrayLike, horizon: int) -> Prediction:
         """Return the continuation of a prefix (K, D) with covariances."""
         self.check_fitted()

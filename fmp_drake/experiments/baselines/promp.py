@@ -272,7 +272,11 @@ class ProMP(TrajectoryModel):
         self.proportions_, self.means_ = fit.proportions, fit.means
         self.covariances_ = fit.covariances
 
-    def _draw(self, n: int, seed: int) -> NDArray[np.float64]:
+    def sample(self, n: int = 1, *, seed: int = 0) -> NDArray[np.float64]:
+        """Draw n trajectories without observation noise, shape (n, T, D)."""
+        self.check_fitted()
+        for name, value in (("n", n), ("seed", seed)):
+            check_number(value, name, least=0, whole=True, error=ExperimentError)
         rng = np.random.default_rng(seed)
         counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())
         size = self.means_.shape[1]
@@ -284,15 +288,6 @@ class ProMP(TrajectoryModel):
         ]
         weights = rng.permutation(np.concatenate(parts))
         return self.trajectory(weights, np.arange(self.n_steps_))
-
-    def log_density(self, windows: ArrayLike) -> NDArray[np.float64]:
-        """Return the log density of windows (N, T, D) per time step, shape (N,).
-
-        That of the weights' mixture and the observation noise.
-        """
-        y = self._checked_windows(windows)
-        posterior = self.posterior(np.arange(self.n_steps_), y, noise=self.noise_)
-        return posterior.log_evidence / self.n_steps_
 
     def condition(self, steps: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:
         """Return the expected trajectory that meets keypoints.

@@ -1,4 +1,4 @@
-"""Interface of all movement primitives that the experiments compare."""
+"""Interface of the movement primitives that learn from windows."""
 
 from abc import ABC, abstractmethod
 from typing import Self
@@ -16,8 +16,9 @@ from fmp_drake.primitives.model.prediction import Prediction
 class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
     """A movement primitive that learns from windows of T samples of D channels.
 
-    The base class of all methods of the comparison. It checks all arguments; a method
-    implements `_learn`, `_draw`, `_continue` and, where it has a density, `log_density`. Time is counted in samples, values are in the units of the windows.
+    The base class of baselines. It checks all arguments; a method implements `_learn`,
+    `_continue` and, where it has covariances, `tubes`. Time is counted in samples, values
+    are in the units of the windows.
 
     Attributes
     ----------
@@ -32,9 +33,6 @@ class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
     >>> class MeanWindow(TrajectoryModel):
     ...     def _learn(self, windows):
     ...         self.mean_ = windows.mean(axis=0)
-    ...
-    ...     def _draw(self, n, seed):
-    ...         return np.repeat(self.mean_[None], n, axis=0)
     ...
     ...     def _continue(self, prefix, horizon):
     ...         return self.mean_[len(prefix) :][:horizon]
@@ -65,22 +63,6 @@ class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
         self.n_steps_, self.n_channels_ = y.shape[1:]
         self._learn(y)
         return self
-
-    def sample(self, n: int = 1, *, seed: int = 0) -> NDArray[np.float64]:
-        """Draw n trajectories without observation noise, shape (n, T, D)."""
-        self.check_fitted()
-        for name, value in (("n", n), ("seed", seed)):
-            check_number(value, name, least=0, whole=True, error=ExperimentError)
-        return self._draw(n, seed)
-
-    def log_density(self, windows: ArrayLike) -> NDArray[np.float64] | None:  # noqa: ARG002
-        """Return the log density of windows (N, T, D) per time step, shape (N,).
-
-        The natural logarithm of the density of a whole window, observation noise
-        included, divided by T; None where the model has no density of windows.
-        """
-        self.check_fitted()
-        return None
 
     def predict(self, prefix: ArrayLike, horizon: int) -> NDArray[np.float64]:
         """Return the expected continuation (horizon, D) of observed samples (K, D)."""
@@ -113,17 +95,8 @@ class TrajectoryModel(ABC, BaseEstimator):  # type: ignore[misc]
                 error=ExperimentError,
             )
 
-    def _checked_windows(self, windows: ArrayLike) -> NDArray[np.float64]:
-        """Return checked windows (N, T, D)."""
-        self.check_fitted()
-        shape = ("N", self.n_steps_, self.n_channels_)
-        return finite_array(windows, "the windows", shape, error=ExperimentError)
-
     @abstractmethod
     def _learn(self, windows: NDArray[np.float64]) -> None: ...
-
-    @abstractmethod
-    def _draw(self, n: int, seed: int) -> NDArray[np.float64]: ...
 
     @abstractmethod
     def _continue(

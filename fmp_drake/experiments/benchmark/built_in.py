@@ -23,7 +23,6 @@ from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.baselines.periodic_kmp import PeriodicKMP
 from fmp_drake.experiments.baselines.promp import ProMP
 from fmp_drake.experiments.baselines.recording_gp import RecordingGP
-from fmp_drake.experiments.baselines.replay import continuation
 from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
 from fmp_drake.primitives.model.movement_primitive import copy_skill
@@ -187,10 +186,7 @@ class ReplayMethod(Method):
             other = np.abs(index - index[i]) >= size
             if other.sum() >= _NEIGHBOURS:
                 past, truth = np.split(self._windows[i], [PAST])
-                errors.append(
-                    truth
-                    - continuation(self._windows[other], past, anchor_time=_ANCHOR_TIME)
-                )
+                errors.append(truth - _continuation(self._windows[other], past))
         self._covariances = None
         if len(errors) >= 2 * self._windows.shape[2]:
             off = np.stack(errors)
@@ -201,9 +197,7 @@ class ReplayMethod(Method):
         """Predict the samples after `past`, shape (PAST, D), at most a second."""
         covariances = self._covariances
         return Forecast(
-            values=continuation(self._windows, past, anchor_time=_ANCHOR_TIME)[
-                :horizon
-            ],
+            values=_continuation(self._windows, past)[:horizon],
             covariances=None if covariances is None else covariances[:horizon],
         )
 
@@ -237,6 +231,17 @@ class ReplayMethod(Method):
             if stop == count:
                 break
         return joined
+
+
+def _continuation(windows: Array, past: Array) -> Array:
+    """Return the median end (H, D) of the windows (N, PAST + H, D) most like a past."""
+    known = len(past)
+    distances = np.sum((windows[:, :known] - past) ** 2, axis=(1, 2))
+    best = windows[np.argsort(distances, kind="stable")[:_NEIGHBOURS]]
+    offsets = past[-1] - best[:, known - 1]
+    left = np.exp(-np.arange(1, windows.shape[1] - known + 1) / _ANCHOR_TIME)
+    out: Array = np.median(best[:, known:] + left[:, None] * offsets[:, None], axis=0)
+    return out
 
 
 class PeriodicDMPMethod(WindowMethod):
@@ -277,11 +282,16 @@ class ProMPMethod(WindowMethod):
     whole = False
 
 
-METHODS: tuple[type[Method], ...] = (
-    FMP,
+ABLATIONS: tuple[type[Method], ...] = (
     FewComponentsFMP,
     UncalibratedFMP,
     UnblendedFMP,
+)
+"""Methods that show what a part of FMP is good for."""
+
+METHODS: tuple[type[Method], ...] = (
+    FMP,
+    *ABLATIONS,
     MixtureFMP,
     ReplayMethod,
     DelayGP,

@@ -14,7 +14,12 @@ from fmp_drake.errors import ExperimentError, FmpError
 from fmp_drake.experiments.baselines.method import Method, further_methods
 from fmp_drake.experiments.benchmark.built_in import METHODS
 from fmp_drake.experiments.benchmark.scores import score_playback, score_predictions
-from fmp_drake.experiments.benchmark.splits import Movement, load_movements, splits
+from fmp_drake.experiments.benchmark.splits import (
+    PLACES,
+    Movement,
+    load_movements,
+    splits,
+)
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.processes import Workers, run_tasks
 
@@ -171,12 +176,12 @@ def run_job(job: Job) -> MethodScores:
 
 
 def score_method(
-    method: type[Method], movement: Movement, *, instants: int
+    method: type[Method], movement: Movement, *, instants: int, places: int = PLACES
 ) -> MethodScores:
-    """Score a method on all splits of a movement."""
+    """Score a method on the `splits` of a movement with so many places of each."""
     begin = time.process_time()
     scores = MethodScores(method=method.name)
-    for split in splits(movement):
+    for split in splits(movement, places=places):
         where = {
             "movement": movement.name,
             "cycles": split.cycles,

@@ -21,8 +21,7 @@ ALL = "all"
 _ALONE = 2.3
 # Cycles that must remain for scoring, and places of the learned part.
 _LEAST_LEFT = 0.4
-_PLACES = 3
-_FOLDS = 3
+PLACES = 3
 # Files of a folder that are not read as recordings.
 _OTHER_FILES = {".md", ".json", ".yaml", ".yml", ".html", ".png", ".pdf", ".svg"}
 
@@ -98,7 +97,7 @@ def load_movements(
         for values in _positions(path, progress):
             name = path.stem
             try:
-                movement = _movement(name, [values])
+                movement = make_movement(name, [values])
                 if movement.cycles >= _ALONE:
                     alone.append(movement)
                     continue
@@ -112,7 +111,7 @@ def load_movements(
     for group, members in groups.items():
         name = group if len(members) > 1 else next(iter(members))
         try:
-            alone.append(_movement(name, list(members.values())))
+            alone.append(make_movement(name, list(members.values())))
         except DemonstrationError as error:
             progress(f"{name} is left out: {error}")
     if not alone:
@@ -141,8 +140,8 @@ def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
         yield demonstration.select(in_metres[:3]).resample(RATE).values
 
 
-def _movement(name: str, recordings: Sequence[Array]) -> Movement:
-    """Return a movement of recordings, without what is not rhythmic."""
+def make_movement(name: str, recordings: Sequence[Array]) -> Movement:
+    """Return a movement of recordings (n, D) at `RATE`, without what is not rhythmic."""
     period, parts = rhythmic_parts(recordings)
     return Movement(name=name, parts=tuple(parts), period=period)
 
@@ -168,11 +167,12 @@ def rhythmic_parts(recordings: Sequence[Array]) -> tuple[float, list[Array]]:
     return rhythm.period * RATE, parts
 
 
-def splits(movement: Movement) -> Iterator[Split]:
+def splits(movement: Movement, *, places: int = PLACES) -> Iterator[Split]:
     """Yield the fixed splits of a movement.
 
     Of each number of cycles up to three learned parts, evenly spaced; the rest is scored.
-    "all" learns from two thirds of one part, or from all parts but one, in turn.
+    "all" learns from two thirds of one part, or from all parts but one, in turn. With
+    fewer `places` only the first ones of each.
     """
     parts = movement.parts
     for cycles in CYCLES:
@@ -180,7 +180,7 @@ def splits(movement: Movement) -> Iterator[Split]:
             continue
         size = round(cycles * movement.period)
         seen = set()
-        for place in range(_PLACES):
+        for place in range(places):
             learned, held = _cut(parts, size, place)
             if not _is_scorable(learned, held):
                 continue
@@ -190,7 +190,7 @@ def splits(movement: Movement) -> Iterator[Split]:
                 yield Split(
                     cycles=f"{cycles:g}", place=place, learned=learned, held=held
                 )
-    for place in range(_FOLDS):
+    for place in range(places):
         learned, held = _fold(parts, place)
         enough = sum(map(len, learned)) >= CYCLES[0] * movement.period
         if enough and _is_scorable(learned, held):
@@ -218,9 +218,9 @@ def _cut(
     """Cut a learned part of so many samples out of parts, at one of several places."""
     if len(parts) == 1:
         (y,) = parts
-        first = round(place / (_PLACES - 1) * (len(y) - size))
+        first = round(place / (PLACES - 1) * (len(y) - size))
         return (y[first : first + size],), _long_enough([y[:first], y[first + size :]])
-    order = np.roll(np.arange(len(parts)), -place * max(1, len(parts) // _PLACES))
+    order = np.roll(np.arange(len(parts)), -place * max(1, len(parts) // PLACES))
     learned, held, left = [], [], size
     for i in order.tolist():
         taken = min(left, len(parts[i]))
@@ -240,9 +240,9 @@ def _fold(
     """Hold out a third of one part, or one of several parts."""
     if len(parts) == 1:
         (y,) = parts
-        a, b = (len(y) * place // _FOLDS, len(y) * (place + 1) // _FOLDS)
+        a, b = (len(y) * place // PLACES, len(y) * (place + 1) // PLACES)
         return _long_enough([y[:a], y[b:]]), _long_enough([y[a:b]])
-    held = place * max(1, len(parts) // _FOLDS) % len(parts)
+    held = place * max(1, len(parts) // PLACES) % len(parts)
     return tuple(parts[:held]) + tuple(parts[held + 1 :]), _long_enough([parts[held]])
 
 

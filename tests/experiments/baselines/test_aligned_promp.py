@@ -19,14 +19,12 @@ def test_it_knows_one_period(polished):
     assert polished.n_steps_ == 40
     assert polished.period_ == pytest.approx(40, rel=0.02)
     assert polished.sample(7, seed=1).shape == (7, 40, 3)
-    assert polished.log_density(np.zeros((1, 120, 3))) is None
 
 
 def test_its_samples_are_as_the_aligned_periods(polished):
     samples, periods = polished.sample(4000, seed=1), polished.aligned_.values
     assert_allclose(samples.mean(axis=0), periods.mean(axis=0), atol=2e-3)
     assert_allclose(samples.std(axis=0), periods.std(axis=0), atol=3e-3)
-    assert np.all(np.isfinite(polished.model_.log_density(periods)))
 
 
 def test_from_another_phase_the_period_starts_there(polished):

@@ -56,15 +56,6 @@ def test_the_cycle_closes_and_is_its_own_rollout(model):
     assert_allclose(path, model.cycle(phases), atol=1e-4)
 
 
-def test_samples_differ_by_phase_only(model):
-    samples = model.sample(20, seed=2)
-    assert samples.shape == (20, 80, 2)
-    fine = model.cycle(np.linspace(0, 2 * np.pi, 4000))
-    distances = np.linalg.norm(samples[:, ::9, None] - fine, axis=-1).min(axis=-1)
-    assert distances.max() < 1e-3
-    assert model.log_density(samples) is None
-
-
 def test_it_predicts_the_next_second(learned, split_windows):
     windows, held_out = split_windows("polishing")
     error, spread = [], []
