@@ -148,7 +148,8 @@ def _windows(
     recordings = as_list(demonstrations)
     Channels.of_skill(skill).check(recordings)
     longest = max(d.duration for d in recordings)
-    if skill.paths_ and round(longest * skill.rate) + 1 < skill.n_steps:
+    are_short = round(longest * skill.rate) + 1 < skill.n_steps
+    if are_short and len(recordings) > 1 and skill.paths_:
         # Recordings of one cycle each are learned joined.
         recordings = [
             replace(recordings[0], time=np.arange(len(path)) / skill.rate, values=path)
