@@ -312,7 +312,7 @@ class TestWindows:
         assert "60 of 93 windows" in ax.get_title(loc="left")
 
     def test_a_recording_shorter_than_a_window_is_an_error(self, two):
-        with pytest.raises(DemonstrationError, match="give 0 windows"):
+        with pytest.raises(DemonstrationError, match="give no windows"):
             draw_windows_over_time(two[0], waves(2, seconds=2.0), stack(2))
 
 
