@@ -26,7 +26,7 @@ needs_chromium = pytest.mark.skipif(
 # A proxy that nobody answers, and no name resolves: what a page without network sees.
 OFFLINE = ("--proxy-server=127.0.0.1:9", "--host-resolver-rules=MAP * ~NOTFOUND")
 
-CTRL = 2
+CTRL, SHIFT = 2, 8
 
 PANEL = 256
 """Width of the panel beside the scene, pixels."""

@@ -148,8 +148,9 @@ class TaughtSession:
     def station(self):
         """The station of this mode; that of a run is in a diagram with loggers."""
         system = self.simulator.get_system()
-        if system.HasSubsystemNamed("wiping_station"):
-            return system.GetSubsystemByName("wiping_station")
+        for name in ("wiping_station", "following_station"):
+            if system.HasSubsystemNamed(name):
+                return system.GetSubsystemByName(name)
         return system
 
     def pose(self, name):

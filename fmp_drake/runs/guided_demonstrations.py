@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.numeric import as_floats
-from fmp_drake.primitives import Demonstration
+from fmp_drake.primitives import Demonstration, add_orientation
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 
 Array = NDArray[np.float64]
 
 # Speed below which a hand is at rest, m/s, and samples on both sides for its average.
 _REST_SPEED, _REST_SAMPLES = 0.02, 2
+# Distance that a rotation counts as, m/rad.
+_LEVER = 0.2
 # Tolerated difference of two clocks, and longest gap between samples, s.
 _JITTER, _LONGEST_GAP = 0.02, 0.25
 
@@ -53,6 +56,8 @@ def guided_demonstrations(
     *,
     frame_seconds: float = 0.0,
     note: str = "",
+    orientation: ArrayLike | None = None,
+    reference: Rotation | None = None,
 ) -> list[Demonstration]:
     """Return one demonstration, at 20 Hz, for each interval of hand guiding.
 
@@ -71,6 +76,10 @@ def guided_demonstrations(
         Time between two frames of the page with the mouse, s. Where it is longer than a
         sample the path has steps, and is averaged over this time.
     note : str
+    orientation : array_like, shape (N, 4), optional
+        R_BE, quaternions w, x, y, z: the demonstrations have rotation channels.
+    reference : Rotation, optional
+        Of the rotation channels; the mean of each where None.
 
     Examples
     --------
@@ -86,9 +95,13 @@ def guided_demonstrations(
     ends = (
         np.flatnonzero((np.diff(guided) > 1) | (np.diff(t[guided]) > _LONGEST_GAP)) + 1
     )
-    demonstrations = []
+    demonstrations, moved = [], p
+    if orientation is not None:
+        R_BE = Rotation.from_quat(np.asarray(orientation)[:, [1, 2, 3, 0]])
+        turned = (R_BE * R_BE[0].inv()).as_rotvec() if len(t) else np.zeros((0, 3))
+        moved = np.column_stack([p, _LEVER * turned])
     for interval in np.split(guided, ends):
-        samples = interval[_moving(t[interval], p[interval])]
+        samples = interval[_moving(t[interval], moved[interval])]
         if len(samples) < 8:
             continue
         demonstration = Demonstration(
@@ -96,13 +109,21 @@ def guided_demonstrations(
             values=p[samples],
             frame="board",
             note=note,
-        ).resample(DEFAULT_RATE)
+        )
+        if orientation is not None:
+            demonstration = add_orientation(
+                demonstration, R_BE[samples], reference=reference
+            )
+        demonstration = demonstration.resample(DEFAULT_RATE)
         demonstrations.append(_averaged(demonstration, frame_seconds))
     return demonstrations
 
 
 def _moving(time: Array, position: Array) -> slice:
-    """Return the samples between the rest at the beginning and that at the end."""
+    """Return the samples between the rest at the beginning and that at the end.
+
+    The position, shape (N, D), may have more than 3 columns.
+    """
     n = len(time)
     if n <= 2 * _REST_SAMPLES:
         return slice(0, 0)

@@ -3,8 +3,9 @@
 from typing import Any
 
 from fmp_drake.runs.page_text import VIEW_HELP, describe_page
-from fmp_drake.runs.teaching_session import TeachingSession
+from fmp_drake.runs.teaching_session import Mode, TeachingSession
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems.mouse_hand import TURN_SWITCH
 from fmp_drake.systems.page.page_controls import set_tempo
 from fmp_drake.systems.page.page_panel import Level, PagePanel
 from fmp_drake.systems.page.paths import DEMONSTRATION_COLOR, css_color
@@ -13,12 +14,16 @@ from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 SLOWER = "slower"
 """Name of the button that sets a tempo at which the arm can follow."""
 
+_ON_BOARD = (
+    "Drag the eraser, or any part of the arm: it stays on the board, and is held where you "
+    "let it go."
+)
+_IN_SPACE = (
+    "Drag the tool, or any part of the arm: it keeps its height, and is held where you let "
+    "it go. With Shift, or with the switch, the drag turns the tool."
+)
 _HELP = {
     "teach": [
-        (
-            "Drag the eraser, or any part of the arm: it stays on the board, and is held "
-            "where you let it go."
-        ),
         "Show the same movement again and again for 12 s or more, then press learn.",
         VIEW_HELP,
     ],
@@ -108,8 +113,9 @@ class TeachPage:
         }
         fields: Any = {
             "buttons": buttons,
-            "help": _HELP[mode],
+            "help": [*self._how(mode), *_HELP[mode]],
             "subtitle": self._scenario.description,
+            "turn": TURN_SWITCH,
             "grab": "you are guiding" if mode == "teach" else "you are pulling",
         }
         if mode == "teach":
@@ -128,6 +134,12 @@ class TeachPage:
         if busy:
             fields |= {"mode": busy, "level": "busy"}
         self._panel.show(**fields)
+
+    def _how(self, mode: Mode) -> list[str]:
+        """Return how the arm is guided."""
+        if mode == "play":
+            return []
+        return [_ON_BOARD if self._scenario.has_board else _IN_SPACE]
 
     def attend(self, session: TeachingSession) -> str | None:
         """Press the button that was clicked since the last call, and return its name."""

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import FmpError, RunError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, save_skill
@@ -26,6 +27,7 @@ from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.station import MakeStation
 from fmp_drake.station.teaching_hands import TeachingHand
 from fmp_drake.systems.ink.grid import cleaned_fraction
+from fmp_drake.systems.mouse_hand import TURN_SWITCH
 from fmp_drake.systems.page.page_panel import PagePanel
 from fmp_drake.systems.page.paths import draw_demonstrations, draw_rod
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
@@ -44,6 +46,8 @@ _WINDOWS = 2
 _BEHIND = 0.2
 # Real-time rate below which a machine counts as slow, and the time to measure it over, s.
 _SLOW, _RATE_TIME = 0.9, 3.0
+# Rotation above which a demonstration has an orientation, rad.
+_TURNED = 0.1
 # Samples that are drawn at once.
 _CHUNK = 20
 
@@ -186,7 +190,20 @@ class TeachingSession:
             samples[:, 5],
             frame_seconds=interval,
             note=f"shown by hand: {type(self._hand).__name__}; simulated arm",
+            orientation=samples[:, 6:] if self._is_turned(samples) else None,
+            reference=Rotation.from_matrix(
+                self._scenario.eraser_orientation().matrix()
+            ),
         )
+
+    def _is_turned(self, samples: NDArray[np.float64]) -> bool:
+        """Return whether the tool was turned, or those kept have its orientation."""
+        if self._kept:
+            return self._kept[0].rotation_reference is not None
+        if samples.shape[1] == 6:
+            return False
+        R_BE = Rotation.from_quat(samples[:, [7, 8, 9, 6]])
+        return bool(np.max((R_BE[0].inv() * R_BE).magnitude()) > _TURNED)
 
     @property
     def file_names(self) -> str:
@@ -213,7 +230,8 @@ class TeachingSession:
         now = self._simulator.get_context().get_time()
         clock = now if self._clock is None else self._clock()
         position = self._output(self._position)
-        self._samples.append((now, clock, *position, self.is_guided))
+        pose = () if self._scenario.has_board else self._output("measured_pose")[:4]
+        self._samples.append((now, clock, *position, self.is_guided, *pose))
         lag = (clock - self._samples[0][1]) - (now - self._samples[0][0])
         if self._clock is not None and lag - self._lag > _BEHIND:
             self._simulator.ResetStatistics()
@@ -268,7 +286,7 @@ class TeachingSession:
         self._forget()
         self._samples, self._drawn = samples, len(samples) - 1
         for i, demonstration in enumerate(self.shown):
-            self._draw_path(f"undone_{i}", demonstration.values)
+            self._draw_path(f"undone_{i}", demonstration.values[:, :3])
         self.remark = "brought back"
 
     def _press_play(self) -> None:
@@ -365,6 +383,8 @@ class TeachingSession:
         )
         if self._run is not None:
             self._run.remove_controls()
+        elif self._meshcat is not None:
+            self._meshcat.DeleteSlider(TURN_SWITCH, strict=False)
         self.skill, self._kept, self._learned = skill, demonstrations, demonstrations
         self._run, self._simulator = run, run.simulator
         self._station, self._position = run.station, "measured_position"
@@ -380,7 +400,7 @@ class TeachingSession:
         if self._meshcat is not None:
             self._meshcat.Delete(f"{BOARD}/taught")
             if self._run is None:
-                paths = [d.values for d in self._kept]
+                paths = [d.values[:, :3] for d in self._kept]
                 draw_demonstrations(self._meshcat, f"{BOARD}/taught/kept", paths)
 
     # Outputs --------------------------------------------------------------------------

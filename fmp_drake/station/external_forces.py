@@ -162,8 +162,14 @@ def AddMouseHand(
         bodies=[i for m in (robot.arm, robot.tool) for i in plant.GetBodyIndices(m)],
         tip=robot.tip,
         board=BoardSurface(
-            scene.X_WB.GetAsMatrix34(), (size - footprint) / 2, curvature
+            scene.X_WB.GetAsMatrix34(),
+            (size - footprint) / 2,
+            curvature,
+            is_solid=scenario.has_board,
         ),
+        R_WE=None
+        if scenario.has_board
+        else scene.X_WB.rotation() @ scenario.eraser_orientation(),
         eye=scenario.camera.eye,
     )
     _Connect(builder, hand, plant, scene.scene_graph, meshcat)

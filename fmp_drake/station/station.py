@@ -113,7 +113,8 @@ def MakeStation(
     unconnected.
 
     Output ports with a hand: position (3,) of the eraser in B by the arm's sensors, m;
-    leading (1,), 1 during hand guiding; state, torque and actuation as above.
+    leading (1,), 1 during hand guiding; state, torque and actuation as above; measured_pose
+    (7,) where the hand turns the tool.
 
     An arm that is not simulated, and one without skill and hand, has the outputs of the
     controller and of `MakeDriver`, among them torque_measured and torque_external, and
@@ -488,7 +489,8 @@ def _MakeTeachingStation(
         start = scenario.start if hand.start is None else hand.start
     scene = AddBoardScene(builder, scenario, start=start, q=q, visuals=visuals)
     plant = scene.plant
-    config = TURNING if "measured_pose" in hand.recorded else GUIDING
+    recorded = hand.recorded(scenario)
+    config = TURNING if "measured_pose" in recorded else GUIDING
     controller = AddArmController(builder, scene, config)
     rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(3)))
     for name in DESIRED:
@@ -507,7 +509,7 @@ def _MakeTeachingStation(
             builder.Connect(over.GetOutputPort(name), desired)
         position = over.GetOutputPort("coordinates")
     LogVectorOutput(position, builder, 1 / DEFAULT_RATE).set_name("recorder")
-    for name in hand.recorded:
+    for name in recorded:
         source: System = controller
         if name == "normal_force":
             source = AddInk(builder, scene, scenario)
@@ -524,6 +526,8 @@ def _MakeTeachingStation(
         (driver.GetOutputPort("torque_measured"), "actuation"),
     ):
         builder.ExportOutput(port, name)
+    if "measured_pose" in recorded:
+        builder.ExportOutput(controller.GetOutputPort("measured_pose"), "measured_pose")
     diagram = builder.Build()
     diagram.set_name("teaching_station")
     return diagram

@@ -46,9 +46,11 @@ class TeachingHand(Protocol):
     def start(self) -> list[float] | None:
         """Initial p_BE of the eraser, m; the scenario's where None."""
 
-    @property
-    def recorded(self) -> tuple[str, ...]:
-        """Outputs to record beside the position: `measured_pose`, `normal_force` or none."""
+    def recorded(self, scenario: Scenario) -> tuple[str, ...]:
+        """Return the outputs to record beside the position.
+
+        They are `measured_pose` and `normal_force`, or none.
+        """
 
     def AddTo(
         self, builder: DiagramBuilder, scene: BoardScene, scenario: Scenario
@@ -84,9 +86,8 @@ class SimulatedHand:
         z = float(values[self.motion.channels.index("z")]) if has_height else 0.005
         return [x, y, z]
 
-    @property
-    def recorded(self) -> tuple[str, ...]:
-        """Outputs of the teaching station to record beside the position."""
+    def recorded(self, scenario: Scenario) -> tuple[str, ...]:  # noqa: ARG002
+        """Return the outputs of the teaching station to record beside the position."""
         names = {"rx": "measured_pose", "force": "normal_force"}
         return tuple(port for c, port in names.items() if c in self.motion.channels)
 
@@ -138,10 +139,9 @@ class MouseOnPage:
         """None: the scenario's start is used."""
         return
 
-    @property
-    def recorded(self) -> tuple[str, ...]:
-        """None beside the position: the eraser stays level."""
-        return ()
+    def recorded(self, scenario: Scenario) -> tuple[str, ...]:
+        """Return the pose in free space, where the tool may be turned."""
+        return () if scenario.has_board else ("measured_pose",)
 
     def AddTo(
         self, builder: DiagramBuilder, scene: BoardScene, scenario: Scenario

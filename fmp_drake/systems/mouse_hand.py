@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
+from pydrake.math import RotationMatrix
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame
@@ -15,6 +16,7 @@ from pydrake.systems.framework import (
     DiscreteValues,
     LeafSystem,
 )
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
@@ -29,8 +31,12 @@ from fmp_drake.systems.teaching.mouse_drag import (
     cursor_of,
     follow,
     hand_force,
+    hand_torque,
     no_drag,
 )
+
+TURN_SWITCH = "turn the tool"
+"""Name of the switch of the page with which a drag turns the tool."""
 
 
 class MouseHand(LeafSystem):
@@ -42,6 +48,10 @@ class MouseHand(LeafSystem):
     at a fixed rate, and the sample is the state. A page without a message for 0.3 s
     although the arm moves counts as closed, and a jump of the cursor ends the drag; see
     `follow`.
+
+    With an orientation at rest, `R_WE`, the hand holds the tool's orientation, too, and the
+    page gets a switch, `TURN_SWITCH`. While it is on, a drag turns the tool around its end:
+    what was grabbed follows the cursor. The initialisation of a simulation adds the switch.
 
     Input ports
     -----------
@@ -73,6 +83,8 @@ class MouseHand(LeafSystem):
     tip : Frame, optional
         The tool that is guided over the `board`.
     board : BoardSurface, optional
+    R_WE : RotationMatrix, optional
+        Orientation at rest of the tool that may be turned; needs a `tip`.
     eye : array_like, shape (3,)
         Of the camera where the page does not send it, in W, m.
     period : float
@@ -99,6 +111,7 @@ class MouseHand(LeafSystem):
         bodies: Iterable[BodyIndex] | None = None,
         tip: Frame | None = None,
         board: BoardSurface | None = None,
+        R_WE: RotationMatrix | None = None,
         eye: Any = (1.0, 0.0, 1.0),
         period: float = 0.016,
     ) -> None:
@@ -106,6 +119,8 @@ class MouseHand(LeafSystem):
         self.set_name("mouse_hand")
         if (tip is None) != (board is None):
             raise SystemsError("give both a tip and a board to lead it on, or neither.")
+        if R_WE is not None and tip is None:
+            raise SystemsError("a tool that may be turned needs a tip.")
         for name, value in {
             "specific_stiffness": specific_stiffness,
             "period": period,
@@ -116,9 +131,14 @@ class MouseHand(LeafSystem):
         self._specific, self._period = float(specific_stiffness), float(period)
         self._eye = np.array(eye, dtype=float)
         self._tip_body, self._p_LE = 0, np.zeros(3)
+        self._R_WL: RotationMatrix | None = None
         if tip is not None:
+            X_LE = tip.GetFixedPoseInBodyFrame()
             self._tip_body = int(tip.body().index())
-            self._p_LE = np.array(tip.GetFixedPoseInBodyFrame().translation())
+            self._p_LE = np.array(X_LE.translation())
+            if R_WE is not None:
+                self._R_WL = R_WE @ X_LE.rotation().inverse()
+                self.DeclareInitializationPublishEvent(self._show)
         # What must not be dragged has no mass here.
         self._masses = np.zeros(plant.num_bodies())
         for i in range(plant.num_bodies()) if bodies is None else map(int, bodies):
@@ -161,6 +181,31 @@ class MouseHand(LeafSystem):
         p_BoQ_W = poses[body].rotation() @ p_BoQ_B
         v = velocities[body].Shift(p_BoQ_W).translational()
         return poses[body].translation() + p_BoQ_W, v
+
+    def _show(self, _: Context) -> None:
+        """Show the switch, which is off."""
+        page = self._meshcat
+        if page is None:
+            return
+        if TURN_SWITCH in page.GetSliderNames():
+            page.SetSliderValue(TURN_SWITCH, 0.0)
+        else:
+            page.AddSlider(TURN_SWITCH, 0.0, 1.0, 1.0, 0.0)
+
+    def _turns(self) -> bool:
+        """Return whether the switch is on; a page may send any number."""
+        page = self._meshcat
+        if page is None or self._R_WL is None:
+            return False
+        is_there = TURN_SWITCH in page.GetSliderNames()
+        return is_there and page.GetSliderValue(TURN_SWITCH) > 0.5
+
+    def _lean(self, context: Context) -> Array | None:
+        """Return the rotation vector of the tool from its orientation at rest, in W."""
+        if self._R_WL is None:
+            return None
+        poses: Any = self._poses.Eval(context)
+        return _rotation_vector(poses[self._tip_body].rotation() @ self._R_WL.inverse())
 
     def _led(self, state: Any) -> tuple[int, Array]:
         """Return the body that the hand acts at, and where on it."""
@@ -207,6 +252,8 @@ class MouseHand(LeafSystem):
             eye=self._eye if camera is None else np.array(camera.translation()),
             config=self._config,
             board=self._board,
+            lean=self._lean(context),
+            turns=self._turns(),
         )
         values.set_value(self._state, new)
 
@@ -217,15 +264,28 @@ class MouseHand(LeafSystem):
             return
         body, point = self._led(s)
         here, velocity = self._point(context, body, point)
+        normal, height = None, 0.0
+        if board is not None and board.is_solid:
+            normal, height = board.normal(here), board.height(here)
         f_W = hand_force(
-            s["wanted"] - here,
-            velocity,
-            config=config,
-            normal=None if board is None else board.normal(here),
-            height=0.0 if board is None else board.height(here),
+            s["wanted"] - here, velocity, config=config, normal=normal, height=height
         )
+        tau_W = np.zeros(3)
+        if self._R_WL is not None:
+            poses: Any = self._poses.Eval(context)
+            velocities: Any = self._velocities.Eval(context)
+            lean = Rotation.from_rotvec(s["lean"]).as_matrix()
+            R_WL = RotationMatrix(lean) @ self._R_WL
+            away = _rotation_vector(R_WL @ poses[body].rotation().inverse())
+            tau_W = hand_torque(away, velocities[body].rotational())
         force = ExternallyAppliedSpatialForce()
         force.body_index = BodyIndex(body)
         force.p_BoBq_B = point
-        force.F_Bq_W = SpatialForce(np.zeros(3), f_W)
+        force.F_Bq_W = SpatialForce(tau_W, f_W)
         output.set_value([force])
+
+
+def _rotation_vector(R: RotationMatrix) -> Array:
+    angle_axis = R.ToAngleAxis()
+    vector: Array = angle_axis.angle() * angle_axis.axis()
+    return vector

@@ -5,13 +5,14 @@ import time
 import numpy as np
 import pytest
 import umsgpack
-from browser import CTRL, Page, needs_chromium
+from browser import CTRL, SHIFT, Page, needs_chromium
 
 from fmp_drake.apps.page import open_page
 from fmp_drake.primitives import Demonstration, load_skill
 from fmp_drake.runs import TeachingSession
 from fmp_drake.runs.teach_page import TeachPage
 from fmp_drake.station import LoadScenario, MouseOnPage
+from fmp_drake.systems.mouse_hand import TURN_SWITCH
 
 STUB = (
     "viewer.renderer.kept = viewer.renderer.render; viewer.renderer.render = () => {};"
@@ -193,3 +194,66 @@ def test_dragged_in_the_page_learned_with_its_button_it_wipes_on(tmp_path, perso
     panel.close()
     assert len(Demonstration.load(tmp_path / "shown.npz").time) == len(shown.time)
     assert load_skill(tmp_path / "skill.npz").n_windows_ > 2
+
+
+@pytest.mark.browser
+@needs_chromium
+@pytest.mark.parametrize("has_touch", [False, True])
+def test_drag_with_shift_or_with_the_switch_turns_the_tool(tmp_path, has_touch):
+    scenario = LoadScenario("stir")
+    panel = open_page(title="teach")
+    session = TeachingSession(
+        scenario, MouseOnPage(panel.meshcat), panel=panel, clock=None
+    )
+    TeachPage(panel, scenario).show(session)
+    session.advance(0.5)
+
+    def is_turning():
+        return panel.meshcat.GetSliderValue(TURN_SWITCH) > 0.5
+
+    def wait_until(condition):
+        deadline = time.monotonic() + 60
+        while not condition():
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+
+    size = Finger.size if has_touch else Mouse.size
+    with Page(panel.url, tmp_path, size=size, has_touch=has_touch) as page:
+        page.wait_for_scene(panel.meshcat)
+        switch = "[data-name='turn the tool'] input"
+        page.wait_for(f'document.querySelector("{switch}") !== null')
+        at = np.array(page.centre("drake", "bodies", "spoon", "spoon"))
+        at[1] -= 10  # On the stick.
+        if has_touch:
+            page.run(f'document.querySelector("{switch}").click()')
+            wait_until(is_turning)
+            page.touch("Start", *at)
+        else:
+            page.mouse("moved", *at, pressed=False, modifiers=SHIFT)
+            page.mouse("pressed", *at, modifiers=SHIFT)
+        assert "/spoon" in page.run("mouseDrag.path")
+        grasp = page.run("document.getElementById('fmp-grasp').textContent")
+        assert grasp == "you are turning the tool"
+        wait_until(is_turning)
+        page.run(STUB)
+        session.advance(0.1)
+        for i in range(30):
+            way = at + np.array([i, 0])
+            if has_touch:
+                page.touch("Move", *way)
+            else:
+                page.mouse("moved", *way, modifiers=SHIFT)
+            session.advance(0.05)
+        assert session.is_guided
+        if has_touch:
+            page.touch("End")
+        else:
+            page.mouse("released", *way, modifiers=SHIFT)
+            wait_until(lambda: not is_turning())
+        session.advance(0.1)
+        assert is_turning() == has_touch
+        (shown,) = session.demonstrations
+        spread = np.ptp(shown.values, axis=0)
+        assert np.linalg.norm(spread[3:]) > 0.2
+        assert np.linalg.norm(spread[:3]) < 0.05
+    panel.close()

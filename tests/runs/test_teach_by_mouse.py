@@ -8,6 +8,7 @@ import pytest
 from page_mouse import TaughtSession
 
 from fmp_drake.station import LoadScenario
+from fmp_drake.systems.mouse_hand import TURN_SWITCH
 
 pytestmark = pytest.mark.slow
 
@@ -144,6 +145,60 @@ def test_a_page_that_says_nonsense_is_not_followed(dragged):
     ways = np.array([[0, 0, 1e9], [np.inf, 0, 0], [-5, -5, -5]])
     far = iter([*(here + ways)] * 20)
     assert moved(dragged, 0.5, lambda: dragged.mouse.send(here, next(far))) < ABUSED
+
+
+def test_handle_of_a_spoon_is_led_round_learned_and_played():
+    taught = begin("stir")
+    session, tip = taught.session, taught.tip()
+    taught.meshcat.SetSliderValue(TURN_SWITCH, 1.0)
+    taught.press("spoon/spoon", lift=(0.0, 0.0, 0.0))
+    taught.drag("circle", 10.0, size=0.9)
+    taught.release()
+    # The end of the spoon stays where it is, and its handle goes round.
+    (leant,) = session.demonstrations
+    assert np.max(np.abs(taught.tip() - tip)) < 0.02
+    assert leant.channels == ("x", "y", "z", "rx", "ry", "rz")
+    assert np.all(np.ptp(leant.values[20:], axis=0)[3:5] > 0.5)
+    assert max(taught.worst.values()) < 1
+    session.press("learn")
+    assert session.mode == "play", session.remark
+    assert session.skill.n_channels_ == 6
+    station, errors = taught.station, []
+    for _ in range(50):
+        session.advance(0.1)
+        context = station.GetMyContextFromRoot(taught.simulator.get_context())
+        errors.append(station.GetOutputPort("tracking_error").Eval(context))
+    turned, moved = np.split(np.square(errors), 2, axis=1)
+    assert np.degrees(np.sqrt(np.mean(np.sum(turned, axis=1)))) < 0.6
+    assert np.sqrt(np.mean(np.sum(moved, axis=1))) < 0.0015
+
+
+def test_tool_that_was_turned_is_moved_as_it_leans():
+    taught = begin("stir")
+    taught.meshcat.SetSliderValue(TURN_SWITCH, 1.0)
+    taught.press("spoon/spoon", lift=(0.0, 0.0, 0.0))
+    for i in range(60):
+        taught.frame([0.001 * i, 0.0])
+    taught.release()
+    taught.meshcat.SetSliderValue(TURN_SWITCH, 0.0)
+    taught.press("spoon/spoon", lift=(0.0, 0.0, 0.0))
+    taught.drag("circle", 4.0, size=0.6)
+    taught.release()
+    *_, moved = taught.session.demonstrations
+    spread = np.ptp(moved.values[20:], axis=0)
+    assert np.all(spread[:2] > 0.08)
+    assert spread[2] < 0.005
+    assert np.all(spread[3:] < 0.3)  # The hand's spring gives way.
+    assert abs(np.median(moved.values[20:, 4])) > 0.1
+
+
+def test_a_tool_that_was_not_turned_is_recorded_without_its_orientation():
+    taught = begin("stir")
+    taught.press("spoon/spoon", lift=(0.0, 0.0, 0.0))
+    taught.drag("circle", 3.0, size=0.6)
+    taught.release()
+    (shown,) = taught.session.demonstrations
+    assert shown.channels == ("x", "y", "z")
 
 
 def test_mouse_on_a_dome_keeps_the_speeds_of_the_joints():

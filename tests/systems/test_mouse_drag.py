@@ -14,6 +14,7 @@ from fmp_drake.systems.teaching.mouse_drag import (
     cursor_of,
     follow,
     hand_force,
+    hand_torque,
     no_drag,
     slide,
 )
@@ -311,3 +312,98 @@ def test_drag_of_the_page_leads_over_a_dome():
         hand.look(Drag(5, np.zeros(3), np.zeros(3), EYE + 0.5 * (goals[-1] - EYE)))
     assert hand["guiding"]
     assert_allclose(hand.here, goals[-1], atol=1e-3)
+
+
+class TurningHand(Hand):
+    """A hand that has grabbed a tool 0.3 m above its end, to turn it."""
+
+    grabbed = np.array([0.0, 0.0, 0.3])
+
+    def __init__(self, lean=(0.0, 0.0, 0.0), **options):
+        self.lean = np.array(lean)
+        super().__init__(**options)
+        self.to(0.0, 0.0)
+
+    def look(self, drag):
+        self.state = follow(
+            self.state,
+            drag,
+            time=self.time,
+            period=PERIOD,
+            here=self.here,
+            eye=EYE,
+            config=self.config,
+            board=self.board,
+            lean=self.lean,
+            turns=True,
+        )
+        self.time += PERIOD
+        return self
+
+    def to(self, x, y):
+        """Look at a page whose cursor is over a point as high as the grabbed one."""
+        cursor = EYE + 0.5 * (self.grabbed + np.array([x, y, 0.0]) - EYE)
+        return self.look(Drag(5, np.zeros(3), self.grabbed, cursor))
+
+    def leant(self, x, y, *, steps=40):
+        """Move the cursor to a point, and wait."""
+        for i in range(1, steps + 1):
+            self.to(x * i / steps, y * i / steps)
+        for _ in range(10):
+            self.to(x, y)
+        return np.array(self["lean"])
+
+
+@pytest.mark.parametrize(
+    ("way", "lean"),
+    [
+        ((0.06, 0.0), (0, 0.2, 0)),
+        ((0.0, 0.06), (-0.2, 0, 0)),
+        ((-0.03, 0), (0, -0.1, 0)),
+    ],
+)
+def test_what_is_grabbed_follows_the_cursor_around_the_end_of_the_tool(way, lean):
+    hand = TurningHand()
+    assert_allclose(hand.leant(*way), lean, atol=1e-9)
+    assert_array_equal(hand["wanted"], np.zeros(3))
+
+
+def test_tool_is_turned_on_from_the_way_it_leans_and_keeps_it():
+    hand = TurningHand(lean=(0.0, 0.2, 0.0))
+    assert_allclose(hand.leant(0.06, 0.0), [0, 0.4, 0], atol=1e-9)
+    hand.look(None)
+    assert not hand["guiding"]
+    assert_allclose(hand["lean"], [0, 0.4, 0], atol=1e-9)
+
+
+def test_tool_is_turned_neither_faster_nor_farther_than_allowed():
+    hand, leans = TurningHand(), []
+    for i in range(60):
+        hand.to(0.01 * i, 0.0)
+        leans.append(np.linalg.norm(hand["lean"]))
+    rate = np.max(np.abs(np.diff(leans))) / PERIOD
+    assert rate == pytest.approx(GUIDING_DRAG.max_turn_rate, rel=1e-6)
+    assert leans[-1] == pytest.approx(GUIDING_DRAG.max_lean)
+
+
+def test_page_that_says_nothing_turns_the_tool_no_farther():
+    hand = TurningHand()
+    hand.to(0.15, 0.0)
+    for _ in range(100):
+        hand.to(0.15, 0.0)
+    assert 0.1 < np.linalg.norm(hand["lean"]) < 0.31
+    assert not hand["guiding"]
+
+
+def test_cursor_that_jumps_ends_the_turning():
+    hand = TurningHand()
+    hand.to(0.5, 0.5)
+    assert not hand["guiding"]
+    assert_array_equal(hand["lean"], np.zeros(3))
+
+
+def test_torque_of_the_hand_is_limited():
+    away, still = np.array([0.0, 0.1, 0.0]), np.zeros(3)
+    assert_allclose(hand_torque(away, still), [0, 6, 0])
+    assert_allclose(hand_torque(still, away), [0, -0.6, 0])
+    assert_allclose(hand_torque(10 * away, still), [0, 15, 0])

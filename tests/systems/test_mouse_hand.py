@@ -2,16 +2,18 @@
 
 import numpy as np
 import pytest
+import umsgpack
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.common.value import Value
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.mouse_hand import MouseHand
+from fmp_drake.systems.mouse_hand import TURN_SWITCH, MouseHand
 from fmp_drake.systems.teaching.mouse_drag import (
     GUIDING_DRAG,
     PULLING_DRAG,
@@ -175,6 +177,37 @@ def test_let_go_a_led_arm_is_held_and_a_pulled_one_is_not(plant):
             assert_allclose(force.F_Bq_W.translational(), [0, 0, pressed], atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("number", "turns"), [(1.0, True), (0.0, False), (np.nan, False)]
+)
+def test_the_switch_of_the_page_lets_a_drag_turn_the_tool(plant, number, turns):
+    meshcat = Meshcat()
+    hand = guiding(plant, meshcat=meshcat, R_WE=POSE.rotation())
+    simulator = begin(hand)
+    assert meshcat.GetSliderNames() == [TURN_SWITCH]
+    message = {"type": "slider", "name": TURN_SWITCH, "value": number}
+    meshcat._InjectWebsocketMessage(umsgpack.packb(message))
+    drag(hand, simulator, *[[0, 0.002 * k, 0] for k in range(6)], body=2)
+    (force,) = output(hand, simulator)
+    pulled = np.linalg.norm(force.F_Bq_W.translational()[:2])
+    turned = np.linalg.norm(force.F_Bq_W.rotational())
+    assert (turned > 0.5, pulled > 0.5) == (turns, not turns)
+    # The next simulation begins with the switch turned off.
+    begin(guiding(plant, meshcat=meshcat, R_WE=POSE.rotation()))
+    assert meshcat.GetSliderValue(TURN_SWITCH) == 0
+
+
+def test_a_tool_that_was_turned_is_held_at_its_orientation(plant):
+    R = RotationMatrix(RollPitchYaw(0.0, 0.0, 0.1)) @ POSE.rotation()
+    hand = guiding(plant, R_WE=R)
+    simulator = Simulator(hand)
+    say(hand, simulator.get_mutable_context())
+    simulator.AdvanceTo(0.01)
+    (force,) = output(hand, simulator)
+    # It begins with the way it is held, and not with a jump.
+    assert_allclose(force.F_Bq_W.rotational(), np.zeros(3), atol=1e-9)
+
+
 def test_the_interval_of_the_pages_pictures_is_known(plant):
     hand = guiding(plant)
     simulator = begin(hand)
@@ -224,5 +257,7 @@ def test_a_forgotten_input_is_named(plant):
 def test_values_that_do_not_fit_are_refused(plant):
     with pytest.raises(SystemsError, match=r"period is -1.0; it must be positive"):
         pulling(plant, period=-1.0)
+    with pytest.raises(SystemsError, match="may be turned needs a tip"):
+        pulling(plant, R_WE=RotationMatrix())
     with pytest.raises(SystemsError, match="a tip and a board"):
         pulling(plant, board=BoardSurface(np.eye(3, 4), np.ones(2)))

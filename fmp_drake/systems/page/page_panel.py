@@ -120,6 +120,8 @@ class PanelFields(TypedDict, total=False):
     grab : str
         What somebody does who drags the arm, such as ``you are pulling``; the arm cannot
         be dragged where it is empty.
+    turn : str
+        Name of a switch of the page that a drag with Shift turns on.
     ended : bool
         Whether the program is about to end.
     """
@@ -145,6 +147,7 @@ class PanelFields(TypedDict, total=False):
     rate: float
     summary: list[tuple[str, str]]
     grab: str
+    turn: str
     ended: bool
 
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import Surface
@@ -23,6 +24,10 @@ _MOTION_THRESHOLD = 0.005
 _SAME = 1e-9
 # Height over the board, m, up to which the spring pulls the tool back to it.
 _LIFT = 0.006
+# Of the rotation of the tool: stiffness, Nm/rad, damping, Nms/rad, and limit, Nm.
+_ROTATIONAL = 60.0, 6.0, 15.0
+# Shortest lever with which the tool is turned, m, and rotation without a new message, rad.
+_LEVER, _TURN_AHEAD = 0.10, 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +53,10 @@ class DragConfig:
     patience : float
         Time without a new message, although the arm moves, after which the drag ends,
         s.
+    max_turn_rate : float
+        Of the set-point of the orientation, rad/s.
+    max_lean : float
+        Greatest rotation of the tool from the way it is held at rest, rad.
 
     Examples
     --------
@@ -64,6 +73,8 @@ class DragConfig:
     max_jump: float = 0.2
     max_ahead: float = 0.08
     patience: float = 0.3
+    max_turn_rate: float = 1.2
+    max_lean: float = 0.6
 
 
 GUIDING_DRAG = DragConfig(
@@ -96,12 +107,16 @@ class Drag(NamedTuple):
 class BoardSurface(NamedTuple):
     """The board, along which the tool is guided; it does not leave its edges.
 
+    In free space it is a plane, and the tool is guided parallel to it.
+
     Attributes
     ----------
     X_WB : ndarray, shape (3, 4)
     half_size : ndarray, shape (2,)
         Half edges of the area for the tool along x and y of B, on a curved board along it, m.
     curvature : Surface
+    is_solid : bool
+        Whether the tool is pressed on it; False in free space.
 
     Examples
     --------
@@ -113,6 +128,7 @@ class BoardSurface(NamedTuple):
     X_WB: Array
     half_size: Array
     curvature: Surface = Surface()
+    is_solid: bool = True
 
     def coordinates(self, p_W: Array) -> Array:
         """Return (u, v, h) of a point, m."""
@@ -190,6 +206,12 @@ STATE = np.dtype(
         ("wanted", "3f8"),
         ("speed", "f8"),
         ("left", "f8"),  # Travel that is left without a new message.
+        ("turning", "f8"),  # The drag turns the tool, and does not move its end.
+        # Rotation vectors from the way the tool is held at rest: now, when it was
+        # grabbed, and the goal; rad.
+        ("lean", "3f8"),
+        ("grabbed_lean", "3f8"),
+        ("lean_goal", "3f8"),
     ]
 )
 """State of a drag as a structured type; see `follow`."""
@@ -257,6 +279,8 @@ def follow(
     eye: Array,
     config: DragConfig,
     board: BoardSurface | None,
+    lean: Array | None = None,
+    turns: bool = False,
 ) -> Array:
     """Return the state after reading the page.
 
@@ -274,13 +298,17 @@ def follow(
     config : DragConfig
     board : BoardSurface, optional
         None to follow the cursor in the plane of the screen.
+    lean : ndarray, shape (3,), optional
+        Measured rotation vector of the tool from the way it is held at rest, in W, rad.
+    turns : bool
+        Whether a drag that begins now turns the tool around its end.
     """
     floats = state.copy()
     s = floats.view(STATE)[0]
     if not s["started"]:
         # A message from before the start is old: wait for a new one.
         s["started"], s["wanted"] = 1, here
-        s["lost"] = 0
+        s["lost"], s["lean"] = 0, 0.0 if lean is None else lean
         s["message"] = np.nan if drag is None else np.r_[drag.anchor, drag.cursor]
         return floats
     if drag is None:
@@ -300,27 +328,37 @@ def follow(
             s["guiding"], s["body"], s["point"] = 1, drag.body, drag.point
             s["eye"], s["grabbed"], s["offset"] = eye, drag.anchor, here - drag.anchor
             s["aim"] = s["wanted"] = here
-            s["cursor_time"] = time
-        s["message"], s["message_time"], s["here"] = message, time, here
-        s["left"] = config.max_ahead
+            s["cursor_time"], s["turning"] = time, turns
+            s["grabbed_lean"] = s["lean_goal"] = s["lean"]
+            if turns:
+                s["aim"] = drag.anchor
+        s["message"], s["message_time"], s["here"] = message, time, _place(s, here)
+        s["left"] = _TURN_AHEAD if s["turning"] else config.max_ahead
         if grabs or moved_cursor:
-            _aim(s, drag.cursor, time, period, config, board)
+            aim = _aim_lean if s["turning"] else _aim
+            aim(s, drag.cursor, time, period, config, board)
             if s["lost"]:
                 _let_go(s, here)
                 return floats
     elif (
         time - s["message_time"] > config.patience
-        and np.linalg.norm(here - s["here"]) > _MOTION_THRESHOLD
+        and np.linalg.norm(_place(s, here) - s["here"]) > _MOTION_THRESHOLD
     ):
         _let_go(s, here)
         return floats
-    way = s["goal"] - s["wanted"]
+    now, goal = ("lean", "lean_goal") if s["turning"] else ("wanted", "goal")
+    way = s[goal] - s[now]
     distance = float(np.linalg.norm(way))
     step = min(s["speed"] * period, s["left"], distance)
     if step > 0:
-        s["wanted"] += step / distance * way
+        s[now] += step / distance * way
         s["left"] -= step
     return floats
+
+
+def _place(s: Any, here: Array) -> Array:
+    """Return what a drag moves, m: the guided point, or the end of a lever."""
+    return s["lean"] * _LEVER if s["turning"] else here
 
 
 def _aim(
@@ -340,11 +378,43 @@ def _aim(
         return
     s["aim"] = aim + s["offset"]
     s["goal"] = s["aim"] if board is None else board.inside(s["aim"])
+    _take_time(s, time, config)
+    distance = float(np.linalg.norm(s["goal"] - s["wanted"]))
+    s["speed"] = min(config.max_speed, distance / max(s["interval"], period))
+
+
+def _aim_lean(
+    s: Any,
+    cursor: Array,
+    time: float,
+    period: float,
+    config: DragConfig,
+    board: BoardSurface | None,
+) -> None:
+    """Set the goal of the rotation: around the guided point the grabbed one follows."""
+    lever = -s["offset"]
+    length = float(np.linalg.norm(lever))
+    if length < _LEVER:
+        up = np.array([0.0, 0.0, 1.0]) if board is None else board.X_WB[:, 2]
+        lever, length = _LEVER * up, _LEVER
+    aim = slide(cursor, eye=s["eye"], point=s["grabbed"], normal=lever / length)
+    if aim is None or np.linalg.norm(aim - s["aim"]) > config.max_jump:
+        s["lost"] = 1
+        return
+    s["aim"] = aim
+    turn = Rotation.from_rotvec(np.cross(lever, aim - s["grabbed"]) / length**2)
+    goal = (turn * Rotation.from_rotvec(s["grabbed_lean"])).as_rotvec()
+    s["lean_goal"] = goal * min(1.0, config.max_lean / max(np.linalg.norm(goal), 1e-9))
+    _take_time(s, time, config)
+    distance = float(np.linalg.norm(s["lean_goal"] - s["lean"]))
+    s["speed"] = min(config.max_turn_rate, distance / max(s["interval"], period))
+
+
+def _take_time(s: Any, time: float, config: DragConfig) -> None:
+    """Take the time between two cursors from that of a new one."""
     if 0 < (since := time - s["cursor_time"]) <= config.patience:
         s["interval"] = (s["interval"] + since) / 2
     s["cursor_time"] = time
-    distance = float(np.linalg.norm(s["goal"] - s["wanted"]))
-    s["speed"] = min(config.max_speed, distance / max(s["interval"], period))
 
 
 def _let_go(s: Any, here: Array) -> None:
@@ -384,3 +454,18 @@ def hand_force(
         along = -normal * np.clip(along_normal, -config.max_force, config.max_force)
     strength = float(np.linalg.norm(f))
     return f * min(1.0, config.max_force / max(strength, 1e-12)) + along
+
+
+def hand_torque(away: Array, angular_velocity: Array) -> Array:
+    """Return the torque of the hand that holds the tool's orientation, in W, Nm.
+
+    Parameters
+    ----------
+    away : ndarray, shape (3,)
+        Rotation vector from the orientation to its set-point, in W, rad.
+    angular_velocity : ndarray, shape (3,)
+        Of the tool, in W, rad/s.
+    """
+    stiffness, damping, most = _ROTATIONAL
+    torque = stiffness * away - damping * angular_velocity
+    return torque * min(1.0, most / max(float(np.linalg.norm(torque)), 1e-12))
