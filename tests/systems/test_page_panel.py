@@ -1,5 +1,6 @@
 """Facts about the panel of the page, and about a page in a notebook."""
 
+import contextlib
 import http.client
 import json
 import pickle
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -214,6 +216,81 @@ def test_connections_that_say_nothing_take_a_bounded_number_of_threads(panel):
             break
         except (ConnectionError, http.client.HTTPException):
             time.sleep(0.1)
+
+
+@pytest.fixture
+def served():
+    """Serve the page with a short bound in another process, and return its address."""
+    meshcat = Meshcat()
+    program = "import page_server as server; server._TIMEOUT = 4.0; server._main()"
+    with subprocess.Popen(
+        [sys.executable, "-c", program, meshcat.web_url(), "localhost"],
+        cwd=Path(page_server.__file__).parent,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as server:
+        server.stdin.write("secret\n")
+        server.stdin.flush()
+        yield "localhost", int(server.stdout.readline())
+        server.stdin.close()
+
+
+def answer_of(address, path):
+    connection = http.client.HTTPConnection(*address, timeout=20)
+    try:
+        connection.request("GET", path)
+        return connection.getresponse().status
+    except (ConnectionError, http.client.HTTPException):
+        return None  # Turned away.
+    finally:
+        connection.close()
+
+
+def drip(connections):
+    """Send the next byte of each request."""
+    for each in connections:
+        with contextlib.suppress(OSError):
+            each.sendall(b"x")
+
+
+def test_requests_that_never_end_do_not_keep_the_operator_out(served):
+    slow = []
+    for _ in range(64):
+        slow.append(socket.create_connection(served, timeout=20))
+        slow[-1].sendall(b"GET / HTTP/1.1\r\nX: ")
+        drip(slow)
+    status, end = None, time.monotonic() + 30
+    while status != 200 and time.monotonic() < end:
+        drip(slow)
+        status = answer_of(served, "/")
+        time.sleep(0.1)
+    for each in slow:
+        each.close()
+    assert status == 200
+
+
+def test_pages_that_only_watch_leave_room_for_the_operator(served):
+    watching = []
+    try:
+        for _ in range(64):
+            watching.append(socket.create_connection(served, timeout=20))
+            request = b"GET /panel HTTP/1.1\r\nHost: localhost\r\n\r\n"
+            watching[-1].sendall(request)
+        heads = [each.recv(12)[9:] for each in watching]
+        most = page_server._MAX_WATCHING
+        assert sorted(heads) == [b"200"] * most + [b"503"] * (64 - most)
+        assert answer_of(served, "/?token=secret") == 200
+        assert answer_of(served, "/panel") == 503
+        operator = http.client.HTTPConnection(*served, timeout=20)
+        operator.request("GET", "/panel?token=secret")
+        answer = operator.getresponse()
+        assert answer.status == 200
+        assert answer.readline().startswith(b"data: ")
+        operator.close()
+    finally:
+        for each in watching:
+            each.close()
 
 
 def frame(opcode, data, masked=True):

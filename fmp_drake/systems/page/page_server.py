@@ -11,6 +11,7 @@ Only one that carries the token may send more than answers to pings.
 """
 
 import hmac
+import io
 import ipaddress
 import json
 import os
@@ -21,7 +22,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from http.client import HTTPConnection, HTTPException
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -30,8 +31,11 @@ from urllib.parse import parse_qs, urlsplit
 
 # Seconds between two messages to a browser, and after which an idle one is sent.
 _PAUSE, _IDLE = 0.1, 2.0
-# Seconds until a silent peer is given up; connections at the same time.
-_TIMEOUT, _MAX_CONNECTIONS = 10.0, 64
+# Seconds for the whole head of a request, and until a silent peer is given up.
+_TIMEOUT = 10.0
+# Connections at the same time, and those that may stay without the token. The others are
+# for the operator and for short requests.
+_MAX_CONNECTIONS, _MAX_WATCHING = 64, 48
 # Bytes with head and mask.
 _LONGEST_CONTROL_FRAME = 131
 _PORTS = range(8000, 8100)
@@ -162,11 +166,32 @@ class _Board:
             return self._version, self.fields
 
 
+class _HeadReader(io.RawIOBase):
+    """Reader of a connection that bounds the time of all its reads together.
+
+    A peer that sends one byte now and then would otherwise keep its thread.
+    """
+
+    def __init__(self, connection: socket.socket, seconds: float) -> None:
+        self._connection, self._end = connection, time.monotonic() + seconds
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        remaining = self._end - time.monotonic()
+        if remaining <= 0:
+            raise TimeoutError("the head of the request is not complete")
+        self._connection.settimeout(remaining)
+        return self._connection.recv_into(buffer)
+
+
 class _Server(ThreadingHTTPServer):
     """A server with a bounded number of threads that prints nothing."""
 
     daemon_threads = True
     block_on_close = False
+    request_queue_size = _MAX_CONNECTIONS
 
     def __init__(self, address: tuple[str, int], handler: Any) -> None:
         super().__init__(address, handler)
@@ -188,6 +213,22 @@ class _Server(ThreadingHTTPServer):
         """Ignore the error: a browser has closed the connection, or sent invalid data."""
 
 
+def _relay(
+    browser: socket.socket, upstream: socket.socket, control: ControlFrames | None
+) -> None:
+    """Pass on what comes from either side until one closes; a watcher's control frames only."""
+    while True:
+        ready, _, _ = select.select([browser, upstream], [], [])
+        if upstream in ready:
+            if not (data := upstream.recv(1 << 16)):
+                return
+            browser.sendall(data)
+        if browser in ready:
+            if not (data := browser.recv(1 << 16)):
+                return
+            upstream.sendall(control.filter(data) if control else data)
+
+
 def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPServer:
     """Bind a server that adds the panel to what Meshcat serves at its address."""
     inner = urlsplit(meshcat)
@@ -203,11 +244,16 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
             connection.close()
 
     page = fetch("/")[1].decode()
+    watching = threading.BoundedSemaphore(_MAX_WATCHING)
 
     class Handler(BaseHTTPRequestHandler):
-        timeout = _TIMEOUT
+        def setup(self) -> None:
+            super().setup()
+            self.rfile.close()
+            self.rfile = io.BufferedReader(_HeadReader(self.connection, _TIMEOUT))
 
         def do_GET(self) -> None:
+            self.connection.settimeout(_TIMEOUT)
             own = self.headers.get("Host", "")
             path, _, query = self.path.partition("?")
             given = parse_qs(query).get("token", [""])[-1]
@@ -220,12 +266,13 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
                 if self.headers.get("Origin", f"http://{own}") != f"http://{own}":
                     self.send_error(403, "another page may not connect to this one")
                 else:
-                    self._join(None if may_act else ControlFrames())
+                    control = None if may_act else ControlFrames()
+                    self._stay(may_act, lambda: self._join(control))
             elif path in ("/", "/index.html"):
                 text = with_panel(page, board.fields, live=True, watching=not may_act)
                 self._answer(text.encode(), "text/html; charset=utf-8")
             elif path == "/panel":
-                self._follow()
+                self._stay(may_act, self._follow)
             else:
                 self._pass_on(path)
 
@@ -237,6 +284,18 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
             self.send_header("Referrer-Policy", "no-referrer")
             self.end_headers()
             self.wfile.write(body)
+
+        def _stay(self, may_act: bool, serve: Callable[[], None]) -> None:
+            """Serve a connection that stays; only a bounded number without the token."""
+            if may_act:
+                serve()
+            elif watching.acquire(blocking=False):
+                try:
+                    serve()
+                finally:
+                    watching.release()
+            else:
+                self.send_error(503, "too many pages are watching; close one of them")
 
         def _follow(self) -> None:
             """Send the fields whenever they change, as server-sent events."""
@@ -266,23 +325,13 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
         def _join(self, control: ControlFrames | None) -> None:
             """Join the browser's WebSocket to Meshcat's; a watching one by its control frames."""
             self.close_connection = True
-            browser = self.connection
             with socket.create_connection(address, timeout=_TIMEOUT) as upstream:
                 head = ["GET / HTTP/1.1", f"Host: {inner.netloc}"]
                 for name in _HANDSHAKE:
                     if value := self.headers.get(name):
                         head.append(f"{name}: {value}")
                 upstream.sendall("\r\n".join([*head, "", ""]).encode())
-                while True:
-                    ready, _, _ = select.select([browser, upstream], [], [])
-                    if upstream in ready:
-                        if not (data := upstream.recv(1 << 16)):
-                            return
-                        browser.sendall(data)
-                    if browser in ready:
-                        if not (data := browser.recv(1 << 16)):
-                            return
-                        upstream.sendall(control.filter(data) if control else data)
+                _relay(self.connection, upstream, control)
 
         def log_message(self, *_: object) -> None:
             """Log nothing."""
