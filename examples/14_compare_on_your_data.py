@@ -73,9 +73,9 @@ for name, values in errors.items():
     print(f"{name:8} {1e3 * np.sqrt(np.mean(np.square(values))):5.1f} mm")
 
 # %%
-# Other primitives are estimators, too: `ProMP` and its extension to several frequencies,
-# `AlignedProMP`, `PeriodicDMP`, `PeriodicGP`. `fmp-drake benchmark` scores all of them,
-# and more, on the recordings in a folder.
+# `ProMP` is an estimator with the same methods, `AlignedProMP`, `PeriodicDMP` and `PeriodicGP`
+# are methods of the benchmark. `fmp-drake benchmark` scores all of them, and more, on the
+# recordings in a folder.
 
 promp = ProMP(frequencies=5, n_components=20)
 print(promp)

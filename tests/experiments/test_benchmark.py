@@ -13,6 +13,7 @@ from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines import method as method_module
 from fmp_drake.experiments.baselines.adaptive_oscillator import AdaptiveOscillatorDMP
 from fmp_drake.experiments.baselines.delay_gp import DelayGP
+from fmp_drake.experiments.baselines.periodic_dmp import PeriodicDMP
 from fmp_drake.experiments.baselines.periodic_kmp import PeriodicKMP
 from fmp_drake.experiments.baselines.recording_gp import RecordingGP
 from fmp_drake.experiments.benchmark import (
@@ -24,7 +25,6 @@ from fmp_drake.experiments.benchmark import (
 from fmp_drake.experiments.benchmark.built_in import (
     FMP,
     METHODS,
-    PeriodicDMPMethod,
     ReplayMethod,
 )
 from fmp_drake.experiments.benchmark.cleaning import clean_board, split_to_learn
@@ -248,9 +248,7 @@ def test_every_method_predicts_better_than_no_motion(method):
     assert np.all(np.isfinite(path))
 
 
-@pytest.mark.parametrize(
-    "method", [ReplayMethod, DelayGP, RecordingGP, PeriodicDMPMethod]
-)
+@pytest.mark.parametrize("method", [ReplayMethod, DelayGP, RecordingGP, PeriodicDMP])
 def test_baselines_learn_from_one_and_a_half_cycles(method):
     path = ellipse(62)
     learner = method()
@@ -303,7 +301,7 @@ def few(monkeypatch):
     """Let four quick methods be the built-in ones."""
     monkeypatch.setattr(
         "fmp_drake.experiments.benchmark.run.METHODS",
-        (ReplayMethod, PeriodicDMPMethod, Still, Shy),
+        (ReplayMethod, PeriodicDMP, Still, Shy),
     )
 
 

@@ -9,10 +9,10 @@ from trials_stub import Here
 from fmp_drake.apps import reproduce as reproduce_module
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines.method import Method
+from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.benchmark.built_in import (
     FMP,
     MixtureFMP,
-    PeriodicGPMethod,
     ReplayMethod,
 )
 from fmp_drake.experiments.eight import FMP_PAPER, MULT, MULT_OWN, PHASE, REPLAY
@@ -109,7 +109,7 @@ def test_held_out_fmp_predicts_best(reproduced):
     results = json.loads((reproduced[0] / "results.json").read_text())
     last = {name: m["predictions"][-1] for name, m in results["held_out"].items()}
     ours = last.pop(FMP.name)
-    assert {MixtureFMP.name, PeriodicGPMethod.name, ReplayMethod.name} < set(last)
+    assert {MixtureFMP.name, PeriodicGP.name, ReplayMethod.name} < set(last)
     for theirs in last.values():
         assert ours["error_mm"] < theirs["error_mm"]
     assert ours["log_density"] > last[MixtureFMP.name]["log_density"] + 1

@@ -4,12 +4,10 @@ from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
 from fmp_drake.experiments.baselines.periodic_dmp import PeriodicDMP
 from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.baselines.promp import ProMP
-from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 
 __all__ = [
     "AlignedProMP",
     "PeriodicDMP",
     "PeriodicGP",
     "ProMP",
-    "TrajectoryModel",
 ]

@@ -58,11 +58,10 @@ class AdaptiveOscillatorDMP(Method):
         self.frequency_ = omega
         self._series = state
         size = 2 * round(2 * np.pi / omega)
-        view = np.lib.stride_tricks.sliding_window_view
         longest = max(map(len, recordings))
         size = min(max(size, 8), longest - 1)
-        windows = [view(y, size, axis=0) for y in recordings if len(y) > size]
-        self._dmp = PeriodicDMP().fit(np.swapaxes(np.concatenate(windows), 1, 2))
+        self._dmp = PeriodicDMP()
+        self._dmp.fit([y for y in recordings if len(y) > size])
 
     def predict(self, past: Array, horizon: int) -> Forecast:
         """Predict the samples after `past`, shape (PAST, D)."""

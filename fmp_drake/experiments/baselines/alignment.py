@@ -33,6 +33,8 @@ def movement_period(recordings: Sequence[NDArray[np.float64]]) -> float:
     DemonstrationError
         Where nothing repeats.
     """
+    if not recordings:
+        raise ExperimentError("no recording is long enough; record several cycles.")
     try:
         return fundamental_period(recordings)
     except DemonstrationError:

@@ -1,4 +1,4 @@
-"""Interface of the methods of the benchmark."""
+"""Interface of all methods that FMP is compared with."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -58,6 +58,11 @@ class Forecast:
         return Prediction(
             values=self.values, covariances=self.covariances, degrees=self.degrees
         ).log_density(truth)
+
+
+def long_enough(recordings: Sequence[Array]) -> list[Array]:
+    """Return the recordings from which a second can be observed and predicted."""
+    return [y for y in recordings if len(y) >= PAST + HORIZON]
 
 
 class Method(ABC):

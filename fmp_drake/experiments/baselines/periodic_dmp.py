@@ -1,23 +1,32 @@
 """Periodic dynamic movement primitives."""
 
+from collections.abc import Sequence
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.signal import StateSpace, lsim, savgol_filter
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines.alignment import align_periods, movement_period
-from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.numeric import finite_array
-from fmp_drake.primitives.data.windows import joined_recordings
+from fmp_drake.experiments.baselines.method import (
+    Array,
+    Forecast,
+    Method,
+    long_enough,
+)
 
+_BASES = 25  # Kernels psi_i of a period.
+# Gains; beta = alpha / 4 is critically damped. Gams et al. take these.
+_ALPHA, _BETA = 8.0, 2.0
+_RIDGE = 1e-6  # Of the least squares for the w_i.
 _SUBSTEPS = 12  # Points of the integration for each sample.
 _POINTS = 400  # Of a period.
 _SMOOTHING = 41  # Of them, in the Savitzky-Golay filter that differentiates.
 _SETTLING = 4  # Periods until nothing is left of a start.
 
 
-class PeriodicDMP(TrajectoryModel):
+class PeriodicDMP(Method):
     """A rhythmic dynamic movement primitive: one attracting limit cycle.
 
     The phase phi runs with the constant frequency Omega, and each channel follows::
@@ -28,17 +37,7 @@ class PeriodicDMP(TrajectoryModel):
 
     Frequency and phase come from the aligned periods of the recordings (see
     `align_periods`); f is fitted to their mean. The movement converges to its cycle from
-    any start. There is no distribution: a sample is the limit cycle from another phase,
-    and there is no density.
-
-    Parameters
-    ----------
-    n_bases : int
-        Kernels psi_i of a period.
-    alpha, beta : float
-        Gains; beta = alpha / 4 is critically damped. Gams et al. take 8 and 2.
-    ridge : float
-        Of the least squares for the w_i.
+    any start. It has no uncertainty.
 
     Attributes
     ----------
@@ -46,15 +45,15 @@ class PeriodicDMP(TrajectoryModel):
         Omega, rad per sample.
     goal_ : ndarray, shape (D,)
         g, the mean of the aligned periods.
-    weights_ : ndarray, shape (n_bases, D)
+    weights_ : ndarray, shape (25, D)
         The w_i.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from fmp_drake.primitives import sliding_windows
     >>> path = np.sin(np.arange(400) * np.pi / 10)[:, None]
-    >>> model = PeriodicDMP().fit(sliding_windows(path, n_steps=50, stride=5))
+    >>> model = PeriodicDMP()
+    >>> model.fit([path])
     >>> round(2 * np.pi / model.frequency_, 1)
     20.0
 
@@ -66,22 +65,11 @@ class PeriodicDMP(TrajectoryModel):
     dynamical systems", Autonomous Robots 27(1), 2009.
     """
 
-    def __init__(
-        self,
-        *,
-        n_bases: int = 25,
-        alpha: float = 8.0,
-        beta: float = 2.0,
-        ridge: float = 1e-6,
-    ) -> None:
-        self.n_bases = n_bases
-        self.alpha = alpha
-        self.beta = beta
-        self.ridge = ridge
+    name = "periodic DMP"
 
-    def _learn(self, windows: NDArray[np.float64]) -> None:
-        self._check_parameters(n_bases=3, alpha=0, beta=0, ridge=0)
-        recordings = joined_recordings(windows)
+    def fit(self, recordings: Sequence[Array]) -> None:
+        """Learn from recordings (n, D)."""
+        recordings = long_enough(recordings)
         period, mean = _mean_period(recordings)
         self.frequency_ = 2 * np.pi / period
         self.goal_ = mean.mean(axis=0)
@@ -92,9 +80,9 @@ class PeriodicDMP(TrajectoryModel):
             )
             for order in range(3)
         )
-        forces = ddy - self.alpha * (self.beta * (self.goal_ - y) - dy)
+        forces = ddy - _ALPHA * (_BETA * (self.goal_ - y) - dy)
         psi = self._kernels(phases[:-1])
-        normal = psi.T @ psi + self.ridge * len(psi) * np.eye(self.n_bases)
+        normal = psi.T @ psi + _RIDGE * len(psi) * np.eye(_BASES)
         self.weights_ = np.linalg.solve(normal, psi.T @ forces)
         several = phases[1] * np.arange((_SETTLING + 1) * _POINTS + 1)
         last = self._integrate(self.goal_, 0 * self.goal_, several)[-_POINTS - 1 :]
@@ -109,7 +97,7 @@ class PeriodicDMP(TrajectoryModel):
         phase: float = 0.0,
         velocity: ArrayLike | None = None,
         frequency: float | None = None,
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Integrate from a start (D,) at a phase: shape (n_steps, D).
 
         Parameters
@@ -124,28 +112,26 @@ class PeriodicDMP(TrajectoryModel):
         frequency : float, optional
             rad per sample; that of the recordings where None.
         """
-        self.check_fitted()
-        shape = (self.n_channels_,)
-        y = finite_array(start, "the start", shape, error=ExperimentError)
-        z = np.zeros(shape) if velocity is None else np.asarray(velocity)
+        y = np.asarray(start, dtype=float)
+        z = np.zeros(len(y)) if velocity is None else np.asarray(velocity)
         frequency = frequency or self.frequency_
         step = frequency / _SUBSTEPS
         phases = phase + step * np.arange((n_steps - 1.0) * _SUBSTEPS + 1)
         return self._integrate(y, z / frequency, phases)[::_SUBSTEPS]
 
-    def cycle(self, phases: ArrayLike) -> NDArray[np.float64]:
+    def cycle(self, phases: ArrayLike) -> Array:
         """Return the limit cycle at phases (...,) in rad, shape (..., D)."""
-        self.check_fitted()
         return self._cycle(phases)
 
-    def _continue(
-        self, prefix: NDArray[np.float64], horizon: int
-    ) -> NDArray[np.float64]:
-        return self.continued(prefix, horizon, frequency=self.frequency_)
+    def predict(self, past: Array, horizon: int) -> Forecast:
+        """Predict the samples after `past`, shape (K, D)."""
+        return Forecast(values=self.continued(past, horizon, frequency=self.frequency_))
 
-    def continued(
-        self, prefix: NDArray[np.float64], horizon: int, *, frequency: float
-    ) -> NDArray[np.float64]:
+    def play(self, past: Array, count: int, *, seed: int) -> Array:  # noqa: ARG002
+        """Return the movement that converges to the limit cycle."""
+        return self.continued(past, count, frequency=self.frequency_)
+
+    def continued(self, prefix: Array, horizon: int, *, frequency: float) -> Array:
         """Continue samples (K, D) from the last one, its velocity and their phase.
 
         Parameters
@@ -172,21 +158,21 @@ class PeriodicDMP(TrajectoryModel):
         )
         return path[1:]
 
-    def _kernels(self, phases: NDArray[np.float64]) -> NDArray[np.float64]:
-        centres = 2 * np.pi * np.arange(self.n_bases) / self.n_bases
+    def _kernels(self, phases: Array) -> Array:
+        centres = 2 * np.pi * np.arange(_BASES) / _BASES
         # Neighbours cross at about 0.7.
-        sharpness = 2.5 * (self.n_bases / (2 * np.pi)) ** 2
+        sharpness = 2.5 * (_BASES / (2 * np.pi)) ** 2
         psi = np.exp(sharpness * (np.cos(phases[:, None] - centres) - 1))
         return psi / psi.sum(axis=1, keepdims=True)
 
     def _integrate(
         self,
-        y: NDArray[np.float64],
-        z: NDArray[np.float64],
-        phases: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        y: Array,
+        z: Array,
+        phases: Array,
+    ) -> Array:
         """Return the movement at evenly spaced phases (P,), shape (P, D)."""
-        stiffness, damping = self.alpha * self.beta, self.alpha
+        stiffness, damping = _ALPHA * _BETA, _ALPHA
         system = StateSpace([[0, 1], [-stiffness, -damping]], [[0], [1]], [[1, 0]], 0)
         forces = self._kernels(phases) @ self.weights_
         error = y - self.goal_
@@ -198,8 +184,8 @@ class PeriodicDMP(TrajectoryModel):
 
 
 def _mean_period(
-    recordings: list[NDArray[np.float64]],
-) -> tuple[float, NDArray[np.float64]]:
+    recordings: list[Array],
+) -> tuple[float, Array]:
     """Return the mean duration, samples, and the mean period, (_POINTS, D).
 
     Of less than two aligned periods it is the last one, closed by a linear correction.

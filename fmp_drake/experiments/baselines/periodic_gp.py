@@ -1,14 +1,20 @@
 """Gaussian process with a periodic kernel."""
 
+from collections.abc import Sequence
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from fmp_drake.experiments.baselines.alignment import movement_period
-from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.primitives.data.windows import joined_recordings
-from fmp_drake.primitives.model.prediction import Prediction
+from fmp_drake.experiments.baselines.method import (
+    HORIZON,
+    PAST,
+    Array,
+    Forecast,
+    Method,
+    long_enough,
+)
 
 # Ranges of s, l, r in periods, s_2, r_2 in periods, the noise and p in estimated periods;
 # and where the search starts. Values are in standard deviations of a channel.
@@ -27,7 +33,7 @@ _STARTS = (
 )
 
 
-class PeriodicGP(TrajectoryModel):
+class PeriodicGP(Method):
     """A stationary Gaussian process with a slowly decaying periodic part.
 
     For each channel, in its own standard deviations (section 5.4.3 of Rasmussen and
@@ -36,9 +42,9 @@ class PeriodicGP(TrajectoryModel):
         k(g) = s^2 exp(-2 sin^2(pi g / p) / l^2 - g^2 / (2 r^2))
                + s_2^2 exp(-g^2 / (2 r_2^2)) + noise^2 [g = 0]
 
-    All seven parameters maximise the likelihood of the windows; as it has a maximum at
-    every multiple of the period, the search starts from an estimated one. Windows are
-    independent draws, so all of them count, at the cost of one small matrix.
+    All seven parameters maximise the likelihood of parts of 1.5 s; as it has a maximum
+    at every multiple of the period, the search starts from an estimated one. The parts
+    are independent draws, so all of them count, at the cost of one small matrix.
 
     Attributes
     ----------
@@ -52,10 +58,11 @@ class PeriodicGP(TrajectoryModel):
     Examples
     --------
     >>> import numpy as np
-    >>> from fmp_drake.primitives import sliding_windows
     >>> path = np.sin(np.arange(150) * np.pi / 10)[:, None]
-    >>> model = PeriodicGP().fit(sliding_windows(path, n_steps=30, stride=5))
-    >>> bool(np.allclose(model.predict(path[:10], 10), path[10:20], atol=0.05))
+    >>> model = PeriodicGP()
+    >>> model.fit([path])
+    >>> forecast = model.predict(path[:10], 10)
+    >>> bool(np.allclose(forecast.values, path[10:20], atol=0.05))
     True
 
     References
@@ -64,13 +71,16 @@ class PeriodicGP(TrajectoryModel):
     Press, 2006.
     """
 
-    def _learn(self, windows: NDArray[np.float64]) -> None:
-        recordings = joined_recordings(windows)
+    name = "GP, periodic"
+
+    def fit(self, recordings: Sequence[Array]) -> None:
+        """Learn from recordings (n, D)."""
+        recordings = long_enough(recordings)
         self.period_ = movement_period(recordings)
         samples = np.concatenate(recordings)
         self.mean_, spread = samples.mean(axis=0), samples.std(axis=0)
         self.scale_ = np.where(spread > 1e-12, spread, 1.0)
-        size = windows.shape[1]
+        size = PAST + HORIZON
         apart = np.concatenate(
             [
                 y[: len(y) // size * size].reshape(-1, size, y.shape[1])
@@ -82,7 +92,7 @@ class PeriodicGP(TrajectoryModel):
         units[[2, 4, 6]] = self.period_
         bounds = np.log(_RANGES)
 
-        def cost(logs: NDArray[np.float64], values: NDArray[np.float64]) -> float:
+        def cost(logs: Array, values: Array) -> float:
             covariance = _covariance(np.exp(logs) * units, size)
             return -float(np.sum(_log_density(values, covariance)))
 
@@ -96,12 +106,11 @@ class PeriodicGP(TrajectoryModel):
             found.append(np.exp(best.x) * units)
         self.parameters_ = np.array(found)
 
-    def tubes(self, prefix: ArrayLike, horizon: int) -> Prediction:
-        """Return the continuation of a prefix (K, D) with covariances."""
-        self.check_fitted()
-        scaled = (np.asarray(prefix, dtype=float) - self.mean_) / self.scale_
-        k = len(scaled)
-        values = np.empty((horizon, self.n_channels_))
+    def predict(self, past: Array, horizon: int) -> Forecast:
+        """Predict the samples after `past`, shape (K, D)."""
+        scaled = (past - self.mean_) / self.scale_
+        k, n_channels = scaled.shape
+        values = np.empty((horizon, n_channels))
         variances = np.empty_like(values)
         for d, parameters in enumerate(self.parameters_):
             covariance = _covariance(parameters, k + horizon)
@@ -110,31 +119,23 @@ class PeriodicGP(TrajectoryModel):
             values[:, d] = scaled[:, d] @ gains
             left = np.sum(gains * across, axis=0)
             variances[:, d] = np.diag(covariance)[k:] - left
-        return Prediction(
+        return Forecast(
             values=values * self.scale_ + self.mean_,
-            covariances=(variances * self.scale_**2)[..., None]
-            * np.eye(self.n_channels_),
+            covariances=(variances * self.scale_**2)[..., None] * np.eye(n_channels),
         )
 
-    def _continue(
-        self, prefix: NDArray[np.float64], horizon: int
-    ) -> NDArray[np.float64]:
-        return self.tubes(prefix, horizon).values
 
-
-def _covariance(parameters: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def _covariance(parameters: Array, count: int) -> Array:
     """Return the covariance of consecutive samples, noise included, (count, count)."""
     s, length, decay, s_2, decay_2, noise, period = parameters
     gaps = np.arange(count)[:, None] - np.arange(count)
     wave = np.sin(np.pi * gaps / period) / length
-    out: NDArray[np.float64] = s**2 * np.exp(-2 * wave**2 - 0.5 * (gaps / decay) ** 2)
+    out: Array = s**2 * np.exp(-2 * wave**2 - 0.5 * (gaps / decay) ** 2)
     out += s_2**2 * np.exp(-0.5 * (gaps / decay_2) ** 2) + noise**2 * np.eye(count)
     return out
 
 
-def _log_density(
-    values: NDArray[np.float64], covariance: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _log_density(values: Array, covariance: Array) -> Array:
     """Return the log density of windows (N, T) of zero mean, shape (N,)."""
     root = np.linalg.cholesky(covariance)
     whitened = np.linalg.solve(root, values.T)

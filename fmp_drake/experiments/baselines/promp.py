@@ -1,16 +1,17 @@
 """Probabilistic movement primitives with von Mises bases, as the paper runs them."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import ExperimentError, SkillError
 from fmp_drake.experiments.baselines.alignment import movement_period
-from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
 from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.data.windows import joined_recordings
 from fmp_drake.primitives.model.mixture import fit_gaussians
@@ -142,7 +143,7 @@ def condition_mixture(
     return MixturePosterior(total, np.exp(log_joint - total), np.stack(posteriors))
 
 
-class ProMP(TrajectoryModel):
+class ProMP(BaseEstimator):  # type: ignore[misc]
     """ProMP-VM and ProMP-VM-Mult of section V, one Gaussian or a mixture.
 
     A window is y_t = Phi(t / T) w + noise, with the normalised von Mises bases (21).
@@ -189,6 +190,8 @@ class ProMP(TrajectoryModel):
 
     Attributes
     ----------
+    n_steps_, n_channels_ : int
+        T and D.
     frequencies_ : tuple of float
     proportions_ : ndarray, shape (M,)
     means_ : ndarray, shape (M, D * B)
@@ -235,9 +238,29 @@ class ProMP(TrajectoryModel):
         self.tolerance = tolerance
         self.random_state = random_state
 
-    def _learn(self, windows: NDArray[np.float64]) -> None:
-        self._check_parameters(ridge=0, n_components=1, reg_covar=0, tolerance=0)
+    def fit(self, windows: ArrayLike) -> Self:
+        """Learn from windows.
+
+        Parameters
+        ----------
+        windows : array_like, shape (N, T, D)
+            At least 2, in the order in which they were cut from the recordings.
+
+        Raises
+        ------
+        ExperimentError
+            Where the windows or a parameter of the model cannot be used.
+        """
+        windows = finite_array(
+            windows, "the windows", ("N", "T", "D"), error=ExperimentError
+        )
         n = len(windows)
+        if n < 2:
+            raise ExperimentError("there is 1 window; at least 2 are needed.")
+        for name in ("ridge", "reg_covar", "tolerance"):
+            check_number(getattr(self, name), name, above=0, error=ExperimentError)
+        check_number(self.n_components, "n_components", least=1, error=ExperimentError)
+        self.n_steps_, self.n_channels_ = windows.shape[1:]
         if isinstance(self.frequencies, int):
             period = movement_period(joined_recordings(windows))
             own = self.n_steps_ / period
@@ -271,10 +294,11 @@ class ProMP(TrajectoryModel):
         self._conditioning: tuple[tuple[int, int], Conditioning] | None = None
         self.proportions_, self.means_ = fit.proportions, fit.means
         self.covariances_ = fit.covariances
+        return self
 
     def sample(self, n: int = 1, *, seed: int = 0) -> NDArray[np.float64]:
         """Draw n trajectories without observation noise, shape (n, T, D)."""
-        self.check_fitted()
+        check_is_fitted(self)
         for name, value in (("n", n), ("seed", seed)):
             check_number(value, name, least=0, whole=True, error=ExperimentError)
         rng = np.random.default_rng(seed)
@@ -310,7 +334,7 @@ class ProMP(TrajectoryModel):
         ExperimentError
             Where the keypoints cannot be used.
         """
-        self.check_fitted()
+        check_is_fitted(self)
         times = finite_array(steps, "the steps", ("K",), error=ExperimentError)
         for time in times:
             check_number(
@@ -322,20 +346,16 @@ class ProMP(TrajectoryModel):
         best = posterior.means[np.argmax(posterior.probabilities)]
         return self.trajectory(best, np.arange(self.n_steps_))
 
-    def _continue(
-        self, prefix: NDArray[np.float64], horizon: int
-    ) -> NDArray[np.float64]:
-        """Put the samples at the start of a window, with the observation noise.
+    def predict(self, prefix: ArrayLike, horizon: int) -> Prediction:
+        """Return the continuation of observed samples (K, D), noise included.
 
-        The expectation is over all components. The bases are periodic, so the horizon
-        may be longer than the window.
+        They are at the start of a window. The expectation is over all components. The
+        bases are periodic, so the horizon may be longer than the window.
         """
-        return self.tubes(prefix, horizon).values
-
-    def tubes(self, prefix: ArrayLike, horizon: int) -> Prediction:
-        """Return the continuation of a prefix (K, D), noise included."""
-        self.check_fitted()
-        y = np.asarray(prefix, dtype=float)
+        check_is_fitted(self)
+        check_number(horizon, "horizon", least=1, whole=True, error=ExperimentError)
+        shape = ("K", self.n_channels_)
+        y = finite_array(prefix, "the prefix", shape, error=ExperimentError)
         k, d = y.shape
         if self._conditioning is None or self._conditioning[0] != (k, horizon):
             rows = np.einsum(
@@ -363,7 +383,7 @@ class ProMP(TrajectoryModel):
         noise : array_like, shape () or (D,)
             Variance of each channel.
         """
-        self.check_fitted()
+        check_is_fitted(self)
         y = np.asarray(values, dtype=float)
         rows = np.einsum("kb,de->kdeb", self._rows(steps), np.eye(self.n_channels_))
         return condition_mixture(

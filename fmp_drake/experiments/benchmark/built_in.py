@@ -1,6 +1,6 @@
 """Methods that come with the package."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -23,13 +23,17 @@ from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.baselines.periodic_kmp import PeriodicKMP
 from fmp_drake.experiments.baselines.promp import ProMP
 from fmp_drake.experiments.baselines.recording_gp import RecordingGP
-from fmp_drake.experiments.baselines.trajectory_model import TrajectoryModel
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    Player,
+    sliding_windows,
+)
 from fmp_drake.primitives.model.movement_primitive import copy_skill
 from fmp_drake.primitives.model.phase.phase_model import LEAST_COMPONENTS
 from fmp_drake.primitives.model.trajectory_mixture import PredictionPlan
 
-# Samples of the windows of a baseline.
+# Samples of the windows of ProMP.
 _MOST_WINDOW = 120
 # Of replay: least continuations, and the time constant of an offset in samples.
 _NEIGHBOURS, _ANCHOR_TIME = 5, 20.0
@@ -117,41 +121,6 @@ class UnblendedFMP(FMP):
         if calibration is not None and self.skill.phase_model_ is not None:
             self.skill.calibration_ = replace(calibration, weight=1.0)
             self.skill.memory_ = ()
-
-
-class WindowMethod(Method):
-    """A movement primitive that learns from windows.
-
-    Attributes
-    ----------
-    make : callable
-        Makes the model.
-    whole : bool
-        Whether it joins the windows to recordings again: then they are short.
-    """
-
-    make: Callable[[], TrajectoryModel]
-    whole: bool = True
-
-    def fit(self, recordings: Sequence[Array]) -> None:
-        """Learn from recordings (n, D)."""
-        least = PAST + HORIZON
-        longest = max(map(len, recordings))
-        size = least if self.whole else int(np.clip(longest // 2, least, _MOST_WINDOW))
-        view = np.lib.stride_tricks.sliding_window_view
-        windows = [view(y, size, axis=0) for y in recordings if len(y) >= size]
-        if sum(map(len, windows)) < 2:
-            raise ExperimentError(f"there are fewer than 2 windows of {size} samples.")
-        stride = 1 if self.whole or longest < 2 * _MOST_WINDOW else 2
-        cut = np.concatenate([w[::stride] for w in windows])
-        self.fitted = type(self).make().fit(np.swapaxes(cut, 1, 2))
-
-    def predict(self, past: Array, horizon: int) -> Forecast:
-        """Predict the samples after `past`, shape (PAST, D)."""
-        tubes = self.fitted.tubes(past, horizon)
-        if tubes is None:
-            return Forecast(values=self.fitted.predict(past, horizon))
-        return Forecast(values=tubes.values, covariances=tubes.covariances)
 
 
 class ReplayMethod(Method):
@@ -244,42 +213,30 @@ def _continuation(windows: Array, past: Array) -> Array:
     return out
 
 
-class PeriodicDMPMethod(WindowMethod):
-    """A periodic dynamic movement primitive."""
-
-    name = "periodic DMP"
-    make = staticmethod(PeriodicDMP)
-
-    def play(self, past: Array, count: int, *, seed: int) -> Array:  # noqa: ARG002
-        """Return the movement that converges to the limit cycle."""
-        assert isinstance(self.fitted, PeriodicDMP)
-        return self.fitted.predict(past, count)
-
-
-class PeriodicGPMethod(WindowMethod):
-    """A stationary Gaussian process with a periodic kernel."""
-
-    name = "GP, periodic"
-    make = staticmethod(PeriodicGP)
-
-
-class AlignedProMPMethod(WindowMethod):
-    """ProMP-VM of aligned periods."""
-
-    name = "ProMP, aligned"
-    make = staticmethod(
-        lambda: AlignedProMP(
-            model=ProMP(frequencies=(1.0,), width=0.3, ridge=1e-4, n_components=10)
-        )
-    )
-
-
-class ProMPMethod(WindowMethod):
+class ProMPMethod(Method):
     """ProMP-VM-Mult with the movement's own frequency and many Gaussians."""
 
     name = "ProMP, own frequencies"
-    make = staticmethod(lambda: ProMP(frequencies=5, n_components=80))
-    whole = False
+
+    def fit(self, recordings: Sequence[Array]) -> None:
+        """Learn from recordings (n, D)."""
+        longest = max(map(len, recordings))
+        size = int(np.clip(longest // 2, PAST + HORIZON, _MOST_WINDOW))
+        stride = 1 if longest < 2 * _MOST_WINDOW else 2
+        windows = [
+            sliding_windows(y, n_steps=size, stride=stride)
+            for y in recordings
+            if len(y) >= size
+        ]
+        if not windows:
+            raise ExperimentError(f"no recording has {size} samples.")
+        model = ProMP(frequencies=5, n_components=80)
+        self._model = model.fit(np.concatenate(windows))
+
+    def predict(self, past: Array, horizon: int) -> Forecast:
+        """Predict the samples after `past`, shape (K, D)."""
+        prediction = self._model.predict(past, horizon)
+        return Forecast(values=prediction.values, covariances=prediction.covariances)
 
 
 ABLATIONS: tuple[type[Method], ...] = (
@@ -296,10 +253,10 @@ METHODS: tuple[type[Method], ...] = (
     ReplayMethod,
     DelayGP,
     RecordingGP,
-    PeriodicGPMethod,
+    PeriodicGP,
     PeriodicKMP,
-    PeriodicDMPMethod,
+    PeriodicDMP,
     AdaptiveOscillatorDMP,
-    AlignedProMPMethod,
+    AlignedProMP,
     ProMPMethod,
 )

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from scipy.stats import wilcoxon
 
 from fmp_drake.experiments.baselines.delay_gp import DelayGP
-from fmp_drake.experiments.benchmark.built_in import FMP, PeriodicGPMethod, ReplayMethod
+from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
+from fmp_drake.experiments.benchmark.built_in import FMP, ReplayMethod
 from fmp_drake.experiments.benchmark.run import MethodScores
 from fmp_drake.experiments.benchmark.scores import STEPS
 from fmp_drake.experiments.benchmark.splits import ALL, CYCLES
@@ -148,7 +149,7 @@ def _against_the_best(
 ) -> str:
     """Return a sentence that counts the cases no worse than the best simple method."""
     mine = _values(scores[FMP.name], measure) if FMP.name in scores else {}
-    names = [DelayGP.name, PeriodicGPMethod.name]
+    names = [DelayGP.name, PeriodicGP.name]
     if measure != "log_density":
         names = [ReplayMethod.name, *names]
     rivals = [_values(scores[name], measure) for name in names if name in scores]
@@ -195,9 +196,7 @@ def _significance(scores: _Scores) -> str:
 
 
 def _densities(scores: _Scores) -> Finding:
-    compared = _compared(
-        scores, "log_density", PeriodicGPMethod.name, lambda a, b: a - b
-    )
+    compared = _compared(scores, "log_density", PeriodicGP.name, lambda a, b: a - b)
 
     def show(differences: Sequence[float]) -> str:
         return f"{np.mean(differences):+.1f} (least {min(differences):+.1f})"
@@ -205,12 +204,12 @@ def _densities(scores: _Scores) -> Finding:
     return Finding(
         name="benchmark_density",
         title="Log score: density of the true next second",
-        shows=f"Nats per sample, mean over the second, minus those of {PeriodicGPMethod.name}: "
+        shows=f"Nats per sample, mean over the second, minus those of {PeriodicGP.name}: "
         "mean over movements, and the least. Methods without a row of numbers have no "
         f"uncertainty. {_against_the_best(scores, 'log_density', max)}",
         figure=_lines(
             compared,
-            f"nats per sample more than {PeriodicGPMethod.name}",
+            f"nats per sample more than {PeriodicGP.name}",
             lambda values: float(np.mean(values)),
             limits=(-12.0, 8.0),
         ),

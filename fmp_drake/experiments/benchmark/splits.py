@@ -5,10 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError, FmpError
-from fmp_drake.experiments.baselines.method import HORIZON, PAST, RATE, Array
+from fmp_drake.experiments.baselines.method import (
+    HORIZON,
+    PAST,
+    RATE,
+    Array,
+    long_enough,
+)
 from fmp_drake.primitives import read_demonstrations
 from fmp_drake.primitives.data.channels import channel_scales
 from fmp_drake.primitives.model.phase.search import search_rhythm
@@ -219,7 +224,9 @@ def _cut(
     if len(parts) == 1:
         (y,) = parts
         first = round(place / (PLACES - 1) * (len(y) - size))
-        return (y[first : first + size],), _long_enough([y[:first], y[first + size :]])
+        return (y[first : first + size],), tuple(
+            long_enough([y[:first], y[first + size :]])
+        )
     order = np.roll(np.arange(len(parts)), -place * max(1, len(parts) // PLACES))
     learned, held, left = [], [], size
     for i in order.tolist():
@@ -231,7 +238,7 @@ def _cut(
             left -= taken
         else:
             held.append(parts[i])
-    return tuple(learned), _long_enough(held)
+    return tuple(learned), tuple(long_enough(held))
 
 
 def _fold(
@@ -241,13 +248,11 @@ def _fold(
     if len(parts) == 1:
         (y,) = parts
         a, b = (len(y) * place // PLACES, len(y) * (place + 1) // PLACES)
-        return _long_enough([y[:a], y[b:]]), _long_enough([y[a:b]])
+        return tuple(long_enough([y[:a], y[b:]])), tuple(long_enough([y[a:b]]))
     held = place * max(1, len(parts) // PLACES) % len(parts)
-    return tuple(parts[:held]) + tuple(parts[held + 1 :]), _long_enough([parts[held]])
-
-
-def _long_enough(parts: Sequence[NDArray[np.float64]]) -> tuple[Array, ...]:
-    return tuple(y for y in parts if len(y) >= PAST + HORIZON)
+    return tuple(parts[:held]) + tuple(parts[held + 1 :]), tuple(
+        long_enough([parts[held]])
+    )
 
 
 def _is_scorable(learned: Sequence[Array], held: Sequence[Array]) -> bool:

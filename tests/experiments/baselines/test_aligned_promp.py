@@ -6,13 +6,18 @@ from numpy.testing import assert_allclose
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines import AlignedProMP, ProMP
-from fmp_drake.primitives import sliding_windows
+
+
+def learn(recording, **options):
+    model = AlignedProMP(**options)
+    model.fit([recording])
+    return model
 
 
 @pytest.fixture(scope="module")
-def polished(split_windows):
-    learned, _ = split_windows("polishing")
-    return AlignedProMP().fit(learned)
+def polished(bundled):
+    recording = bundled("polishing")
+    return learn(recording[: 3 * len(recording) // 4])
 
 
 def test_it_knows_one_period(polished):
@@ -33,24 +38,25 @@ def test_from_another_phase_the_period_starts_there(polished):
     assert_allclose(polished.condition([0], [start])[0], start, atol=1e-3)
 
 
-def test_it_finds_the_phase_of_a_prefix(split_windows):
+def test_it_finds_the_phase_of_a_prefix(bundled, split_windows):
     learned, held_out = split_windows("eight")
-    model = AlignedProMP().fit(learned)
+    recording = bundled("eight")
+    model = learn(recording[: 3 * len(recording) // 4])
     error, spread = [], []
     for window in held_out[::8]:
-        error.append(model.predict(window[:10], 20) - window[10:30])
+        error.append(model.predict(window[:10], 20).values - window[10:30])
         spread.append(window[10:30] - learned.mean(axis=(0, 1)))
     # One second ahead, of 3 s: about 17 mm rms against 100 mm.
     assert np.mean(np.square(error)) < 0.1 * np.mean(np.square(spread))
 
 
-def test_another_model_of_the_period_can_be_given(eight_windows):
+def test_another_model_of_the_period_can_be_given(eight):
     wide = ProMP(frequencies=(1.0,), n_bases=9, width=1.0)
-    model = AlignedProMP(model=wide).fit(eight_windows)
+    model = learn(eight, model=wide)
     assert model.model_.means_.shape == (1, 2 * 9)
     assert not hasattr(wide, "means_")
 
 
 def test_one_period_is_not_enough(eight):
     with pytest.raises(ExperimentError, match=r"fewer than 2 full periods of 39\.7"):
-        AlignedProMP().fit(sliding_windows(eight[:85], n_steps=80, stride=5))
+        learn(eight[:85])

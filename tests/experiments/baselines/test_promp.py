@@ -5,6 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines.promp import ProMP, VonMisesBasis
@@ -104,11 +106,11 @@ def test_prediction_is_the_mixture_of_dense_regressions(model, eight_windows):
         log_joint.append(np.log(proportion) + evidence)
     probabilities = np.exp(log_joint - logsumexp(log_joint))
     expected = (probabilities @ np.array(out)).reshape(horizon, 2)
-    assert_allclose(model.predict(prefix, horizon), expected, atol=1e-7)
+    assert_allclose(model.predict(prefix, horizon).values, expected, atol=1e-7)
 
 
 def test_a_prediction_goes_on_past_the_window(model, eight_windows):
-    far = model.predict(eight_windows[0, :10], 200)
+    far = model.predict(eight_windows[0, :10], 200).values
     assert_allclose(far[:40], far[40:80], atol=1e-9)  # f = 2 and 4 in T = 80.
 
 
@@ -153,7 +155,7 @@ def test_a_promp_finds_the_frequencies_of_the_movement():
     windows = sliding_windows(path[:, None], n_steps=60, stride=5)
     model = ProMP(frequencies=2).fit(windows)
     assert_allclose(model.frequencies_, [60 / 37, 120 / 37], rtol=0.01)
-    error = model.predict(path[:10, None], 20)[:, 0] - path[10:30]
+    error = model.predict(path[:10, None], 20).values[:, 0] - path[10:30]
     assert np.abs(error).max() < 0.02
 
 
@@ -214,3 +216,20 @@ def test_bad_requests_are_named(model, eight_windows):
         model.sample(-1)
     with pytest.raises(ExperimentError, match="seed is -1"):
         model.sample(1, seed=-1)
+
+
+def test_inputs_stay_as_they_are(model, eight_windows):
+    before = eight_windows.copy()
+    model.predict(eight_windows[0, :10], 5)
+    clone(model).fit(eight_windows)
+    assert np.array_equal(before, eight_windows)
+
+
+def test_nothing_works_before_fit(model):
+    for call in (
+        lambda: clone(model).sample(),
+        lambda: clone(model).predict(np.zeros((2, 2)), 3),
+        lambda: clone(model).condition([0], np.zeros((1, 2))),
+    ):
+        with pytest.raises(NotFittedError):
+            call()
