@@ -2,7 +2,7 @@
 
 import os
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -15,7 +15,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from fmp_drake.apps.options import PATH
+from fmp_drake.apps.options import Command, option, options
 from fmp_drake.apps.page import make_console
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.trials import (
@@ -33,56 +33,56 @@ from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.processes import ClusterWorkers, LocalWorkers, Workers
 
 
-@click.command()
+@dataclass(frozen=True, kw_only=True)
+class TrialsOptions:
+    """Trials."""
+
+    count: int = option(100, "Number of trials.")
+    seconds: float = option(30.0, "Simulated time of each trial, s.")
+    seed: int = option(0, "Seed of the draws.")
+    robot: str | None = option(
+        None, "Robot of all trials: its name, or a YAML file [default: SOURCE's]."
+    )
+    out: Path | None = option(None, "Folder for the trials and the report.")
+    jobs: int | None = option(
+        None, "Number of processes on this machine [default: one for each core]."
+    )
+    cluster: str | None = option(
+        None, "Address of a Dask cluster to run on instead, tcp://...", basic=False
+    )
+    force: bool = option(False, "Also run infeasible scenarios.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrialsOutput:
+    """Other files to write."""
+
+    parquet: Path | None = option(
+        None, "Write all metrics to a file (.parquet).", basic=False
+    )
+    page: Path | None = option(None, "Also write the report as a page (.md).")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions:
+    """One trial again."""
+
+    replay: int | None = option(None, "Run this trial of the folder SOURCE again.")
+    html: Path | None = option(None, "Write a page that replays it.")
+    video: Path | None = option(None, "Render a film of it (.mp4, .gif).")
+
+
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake worlds default --count 20 --out trials": "20 scenarios, and a report",
+        "fmp-drake worlds trials --replay 7 --html seven.html": "one of them again",
+    },
+)
 @click.argument("source")
-@click.option(
-    "--count", type=int, default=100, show_default=True, help="Number of trials."
-)
-@click.option(
-    "--seconds",
-    type=float,
-    default=30.0,
-    show_default=True,
-    help="Simulated time of each trial, s.",
-)
-@click.option(
-    "--seed", type=int, default=0, show_default=True, help="Seed of the draws."
-)
-@click.option(
-    "--robot", help="Robot of all trials: its name, or a YAML file [default: SOURCE's]."
-)
-@click.option("--out", type=PATH, help="Folder for the trials and the report.")
-@click.option(
-    "--jobs",
-    type=int,
-    default=os.cpu_count(),
-    show_default="one for each core",
-    help="Number of processes on this machine.",
-)
-@click.option(
-    "--cluster", help="Address of a Dask cluster to run on instead, tcp://..."
-)
-@click.option("--force", is_flag=True, help="Also run infeasible scenarios.")
-@click.option("--parquet", type=PATH, help="Write all metrics to a file (.parquet).")
-@click.option("--page", type=PATH, help="Also write the report as a page (.md).")
-@click.option("--replay", type=int, help="Run this trial of the folder SOURCE again.")
-@click.option("--html", type=PATH, help="Write a page that replays it.")
-@click.option("--video", type=PATH, help="Render a film of it (.mp4, .gif).")
+@options(to=TrialsOptions, output=TrialsOutput, one=ReplayOptions)
 def worlds(
-    source: str,
-    count: int,
-    seconds: float,
-    seed: int,
-    robot: str | None,
-    out: Path | None,
-    jobs: int,
-    cluster: str | None,
-    force: bool,
-    parquet: Path | None,
-    page: Path | None,
-    replay: int | None,
-    html: Path | None,
-    video: Path | None,
+    source: str, to: TrialsOptions, output: TrialsOutput, one: ReplayOptions
 ) -> None:
     """Run randomised scenarios from SOURCE, and report which failed and why.
 
@@ -90,6 +90,10 @@ def worlds(
     (default). The same command again continues where it was stopped. Where SOURCE is a
     folder of trials, its report is written again, or one trial is run again.
     """
+    count, seconds, seed, out = to.count, to.seconds, to.seed, to.out
+    jobs = (os.cpu_count() or 1) if to.jobs is None else to.jobs
+    parquet, page = output.parquet, output.page
+    replay, html, video = one.replay, one.html, one.video
     console = make_console()
     for target in (parquet, page, html):
         check_writable(target)
@@ -119,12 +123,12 @@ def worlds(
                 value, name, least=least, most=most, whole=True, error=FmpError
             )
         check_number(seconds, "seconds", above=0, unit="s", error=FmpError)
-        spec = TrialSpec.load(source, robot=robot)
+        spec = TrialSpec.load(source, robot=to.robot)
         workers: Workers = (
-            LocalWorkers(jobs) if cluster is None else ClusterWorkers(cluster)
+            LocalWorkers(jobs) if to.cluster is None else ClusterWorkers(to.cluster)
         )
         store = TrialStore(out, spec.plan(seed=seed, seconds=seconds))
-        _run(console, store, spec, count, workers, force)
+        _run(console, store, spec, count, workers, to.force)
     report = TrialsReport(store)
     report.write(page)
     console.print(report.verdict())

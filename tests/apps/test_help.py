@@ -73,13 +73,21 @@ def test_short_help_has_twelve_options_and_the_long_one_all(command):
     assert {"--video-fps", "--host", "--transform", "--seed"} <= complete - short
 
 
+@pytest.mark.parametrize("name", app.list_commands(Context(app)))
+def test_help_of_every_command_has_at_most_twelve_options(command, name):
+    shown = options_in(command(name, "--help").out) - {"--help", "--help-all"}
+    assert len(shown) <= 12
+
+
 def test_command_with_few_options_shows_all_of_them(command):
     text = command("inspect", "--help").out
     assert "--help-all" not in text
     assert {"--columns", "--unit", "--sample-rate", "--topic"} <= options_in(text)
 
 
-@pytest.mark.parametrize("name", ["wipe", "check", "learn", "inspect", "teach"])
+@pytest.mark.parametrize(
+    "name", ["wipe", "check", "learn", "inspect", "teach", "worlds"]
+)
 def test_examples_of_the_help_are_command_lines_that_parse(name):
     with Context(app) as context:
         command = app.get_command(context, name)

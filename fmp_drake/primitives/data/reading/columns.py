@@ -91,13 +91,17 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     time, is_new = _clock(stamp, has_value, options, remarks)
     rows = np.flatnonzero(has_value)[is_new]
     columns, units = [time], ["s"]
+    converted: dict[str, list[str]] = {}
     for channel, i in index.items():
         stated = options.source(channel)[1] if channel in options.columns else ""
         factor, unit = standard_unit(_unit(table, names, i, channel, stated, options))
         columns.append(factor * table.values[rows, i])
         units.append(unit)
         if factor != 1:
-            remarks.append(f"{channel} was in another unit: now in {unit}")
+            converted.setdefault(unit, []).append(channel)
+    for unit, channels in converted.items():
+        were = "were" if len(channels) > 1 else "was"
+        remarks.append(f"{', '.join(channels)} {were} in another unit: now in {unit}")
     return Table(
         names=("time", *index),
         units=tuple(units),
