@@ -93,6 +93,37 @@ def test_nothing_of_the_panel_is_cut_off_or_over_the_scene(page, panel, size):
         assert page.run(CUT_OFF) == [[], 0, 0]
 
 
+@pytest.mark.parametrize("size", [(390, 844), (800, 600)])
+def test_no_button_of_teaching_takes_the_place_of_one_that_discards(tmp_path, size):
+    panel = open_page(title="teach")
+    rows = {
+        "teach": ("learn", "again", "play", "save"),
+        "discarded": ("learn", "again", "play", "save", "undo"),
+        "play": ("slower", "teach", "more", "save"),
+    }
+    long = "enough to learn, and more is better; " * 5
+    places = {}
+    with Page(panel.url, tmp_path, size=size, has_touch=size[0] < 640) as page:
+        page.wait_for_meshcat()
+        for mode, names in rows.items():
+            for name in names:
+                panel.meshcat.AddButton(name)
+            for detail, progress in (("", None), (long, 0.5)):
+                panel.show(mode=mode, level="good", detail=detail, progress=progress)
+                seen = f"document.querySelector('#fmp-mode b').textContent === '{mode}'"
+                page.wait_for(f"{seen} && {TEXT}.includes({detail.strip()!r})")
+                for name in names:
+                    page.wait_for(f"{BUTTON % name} !== null")
+                    box = f"{BUTTON % name}.getBoundingClientRect()"
+                    place = page.run(f"[{box}.left, {box}.top, {box}.width]")
+                    assert places.setdefault(name, place) == place
+            for name in names:
+                panel.meshcat.DeleteButton(name)
+                page.wait_for(f"{BUTTON % name} === null")
+    panel.close()
+    assert len({tuple(places[name]) for name in ("again", "save", "undo", "more")}) == 4
+
+
 def test_a_stop_is_shown_with_its_reason_while_it_lasts(page, panel):
     panel.show(mode="protective stop", level="bad", detail="no board was found")
     page.wait_for(f"{TEXT}.includes('no board was found')")
