@@ -48,6 +48,7 @@ class AlignedProMP(Method):
     --------
     >>> import numpy as np
     >>> path = np.sin(np.arange(400) * np.pi / 10)[:, None]
+    >>> path += 0.01 * np.random.default_rng(0).standard_normal(path.shape)
     >>> model = AlignedProMP()
     >>> model.fit([path])
     >>> model.n_steps_
