@@ -68,6 +68,14 @@ def test_learning_and_inspection_agree_on_the_rhythm():
     assert len(skill.paths_) == len(found.bouts) > 1
 
 
+@pytest.mark.parametrize("model", ["automatic", "phase"])
+def test_a_window_is_no_longer_than_the_recording(model):
+    skill = FourierMovementPrimitive(model=model).fit(demonstration(drop(phases(110))))
+    assert skill.model_ == "phase"
+    assert skill.n_steps <= 110
+    assert skill.n_windows_ >= 1
+
+
 def test_a_skill_file_keeps_the_rhythm(tmp_path):
     skill = FourierMovementPrimitive().fit(demonstration(synthetic_recording(6).values))
     save_skill(skill, tmp_path / "s.npz")

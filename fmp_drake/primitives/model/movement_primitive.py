@@ -85,8 +85,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         least 30, else the mixture; `model_` and `model_reason_` say which and why.
     n_steps : int, optional
         T, samples in a window. Where None it is 3.2 periods, but at most 6 s (or 120
-        samples at rates below 20 Hz) unless 1.2 periods are more. The mixture has 6 s,
-        or half of a short recording.
+        samples at rates below 20 Hz) and the longest bout, unless 1.2 periods are more.
+        The mixture has 6 s, or half of a short recording.
     stride : int, optional
         Samples between the starts of two windows; a sixtieth of a window (2 samples of
         120) where None.
@@ -318,7 +318,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.model_: Literal["phase", "mixture"] = "phase"
         self.rhythm_: Rhythm | None = found.rhythm.shifted(start)
         if self._given_steps is None and not are_windows:
-            self.n_steps_ = self._steps_for(found.rhythm.period)
+            self.n_steps_ = self._steps_for(found)
         most = self.n_components
         self.phase_model_, self.components_, self.calibration_ = fit_phase_model(
             found.track,
@@ -423,7 +423,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         """Return whether the phase model has few enough values to be learned."""
         steps = self.n_steps
         if self._given_steps is None and not are_windows:
-            steps = self._steps_for(found.rhythm.period)
+            steps = self._steps_for(found)
         if (count := steps * self.n_channels_) <= _MOST_VALUES:
             return True
         self.model_reason_ = (
@@ -454,11 +454,12 @@ class FourierMovementPrimitive(TrajectoryMixture):
         """Greatest window that is chosen without need, samples."""
         return _at_least(_DEFAULT_STEPS, _DEFAULT_WINDOW, self.rate)
 
-    def _steps_for(self, period: float) -> int:
-        """Return the samples in a window for a period in s, within what can be learned."""
+    def _steps_for(self, found: Found) -> int:
+        """Return the samples in a window for a rhythm, within what can be learned."""
         values = max(_DEFAULT_STEPS, _MOST_VALUES // self.n_channels_)
-        most = min(self._most_steps, values)
-        return _window_of(period * self.rate, self.overlap, most)
+        longest = max(map(len, found.track.recordings))
+        most = min(self._most_steps, values, longest)
+        return _window_of(found.rhythm.period * self.rate, self.overlap, most)
 
     def mixture_steps(self, longest: int) -> int:
         """Return the samples that are chosen for a window where nothing repeats.
