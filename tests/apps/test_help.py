@@ -107,7 +107,7 @@ def test_tempo_is_that_of_the_scenario_unless_it_is_given():
 
 
 def test_a_skill_that_is_too_fast_is_refused_with_a_command_that_works(refused):
-    message = refused("wipe", "--headless", "--tempo", 1.5)
+    message = refused("wipe", "--headless", "--tempo", 2.0)
     line = re.search(r"Try: fmp-drake (wipe .*--tempo [\d.]+)\. --force", message)[1]
     assert 0 < float(line.split()[-1]) < 1.5
     options = SceneOptions(tempo=float(line.split()[-1]))

@@ -87,8 +87,8 @@ def test_run_continues_and_starts_again_by_buttons(command, watched):
 
 def test_skill_that_is_too_fast_can_be_slowed_down_on_the_page(command, watched):
     watched(1, clicks=[None])
-    result = command("wipe", "--rate", 0, "--tempo", 1.5)
+    result = command("wipe", "--rate", 0, "--tempo", 2.0)
     assert result.code == 2
     tempo = re.search(r"slow down to tempo ([\d.]+)", result.err)[1]
     watched(1, clicks=[f"set tempo to {tempo}"])
-    assert command("wipe", "--rate", 0, "--tempo", 1.5).code == 0
+    assert command("wipe", "--rate", 0, "--tempo", 2.0).code == 0

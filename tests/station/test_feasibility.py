@@ -135,6 +135,30 @@ def test_skill_that_is_too_fast_is_refused_and_the_tempo_helps(bundled_skill):
     assert slower.values["largest_speed_ratio"] > 0.8
 
 
+def test_skill_whose_joints_are_braked_for_moments_is_accepted(bundled_skill):
+    # The eraser lags by a little then: the run follows.
+    found = check(bundled_skill, tempo=1.45)
+    assert found.is_feasible
+    assert found.values["largest_speed_ratio"] > 0.85
+    assert found.values["braking_lag"] < 0.010
+
+
+def test_lag_of_a_limited_joint_is_its_arc():
+    scenario = Scenario()
+    reach = BoardReach(scenario, FollowingBounds())
+    predictor = reach._predictor
+    q = np.tile(reach.start_posture(), (2, 5, 1))
+    # The first joint turns by 0.1 rad in a sample, and then waits.
+    q[1, 1:, 0] += 0.1
+    speed = np.full(7, 0.2)
+    lag = predictor.braking_lag(q, speed, 0.2)
+    radius = np.linalg.norm(predictor._poses(q[0, :1])[0, :2, 3])
+    arcs = np.array([0.0, 0.06, 0.02, 0.0, 0.0])
+    np.testing.assert_array_equal(lag[0], 0.0)
+    chords = 2 * radius * np.sin(arcs / 2)
+    assert_allclose(lag[1], np.stack([chords, arcs], axis=-1), atol=1e-9)
+
+
 @pytest.mark.parametrize("rail", [0.0, 0.05])
 def test_board_that_the_elbow_would_touch_is_refused_and_the_move_helps(
     bundled_skill, rail

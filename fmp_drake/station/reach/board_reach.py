@@ -45,7 +45,8 @@ class FollowingBounds:
         What the joints must keep to their walls but for `brief` of the samples, rad. Where
         nothing was limited, runs came up to 0.03 from the angles that are foreseen here.
     brief : float
-        Fraction of the samples in which a joint may be nearer to its wall.
+        Fraction of the samples in which a joint may be nearer to its wall, or above its
+        greatest speed, where it lags for a moment.
     clearance : float
         Of the arm's links from the board, m.
     torque_fraction : float
@@ -196,6 +197,11 @@ class BoardReach:
         room = self.limits.half_range - np.abs(motion.q - self.limits.middle)
         wall = self._scenario.impedance.walls.width + bounds.joint_reserve
         return out, np.min(room, axis=-1) < wall, room
+
+    def braking_lag(self, motion: PredictedMotion, step: float) -> Array:
+        """Return the eraser's lag where the controller brakes joints, (B, T, 2): m and rad."""
+        braked = self._scenario.impedance.walls.speed_fraction * self.limits.speed
+        return self._predictor.braking_lag(motion.q, braked, step)
 
     def clearance(
         self, X_WB: list[RigidTransform], motion: PredictedMotion, moved: Array

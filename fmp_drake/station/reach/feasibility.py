@@ -56,7 +56,8 @@ class Feasibility:
         one, ``smallest_joint_margin`` to a limit (rad), ``wall_fraction`` of the samples
         with a joint at its limit spring, ``smallest_manipulability`` (sqrt det J Jᵀ, m³),
         ``smallest_clearance`` of the arm's links from the board (m),
-        ``largest_speed_ratio`` to the joints' limits, ``largest_torque_ratio``, ``drag``
+        ``largest_speed_ratio`` to the joints' limits, ``braking_lag`` of the eraser where
+        joints are braked (rms, m), ``largest_torque_ratio``, ``drag``
         by friction (m), and what would still do: ``largest_tempo``, ``largest_press`` (N).
         Clearance, drag and press are left out in free space; ``largest_angle`` (rad) is what
         is left to an orientation, where the skill has one. The
@@ -356,19 +357,25 @@ class _Check:
     def _judge_speed(self, motion: PredictedMotion) -> Values:
         speed = np.abs(motion.v) / self._reach.limits.speed
         fastest = np.max(speed, axis=-1)
-        # Faster than the controller brakes, it would be beside its path, or too fast.
+        # Where the controller brakes a joint, the eraser lags behind its path.
         allowed = self._scenario.impedance.walls.speed_fraction
         usual = np.quantile(fastest, 1 - self._bounds.exceptions)
         tempo = self._tempo * allowed / usual
+        lags = self._reach.braking_lag(motion, self._step)
+        lag, angle = np.sqrt(np.mean(lags**2, axis=(0, 1)))
+        is_late = lag > self._bounds.distance or angle > self._bounds.tilt
+        above = np.mean(fastest > 1)
         # Out of reach, and at a wall, the joints' speed says nothing.
-        if usual > allowed and not self._faults:
+        if (is_late or above > self._bounds.brief) and not self._faults:
             self._faults.append(
                 f"joint {_joint(speed)} needs {100 * usual:.0f} % of its greatest speed, "
-                f"and is braked from {100 * allowed:.0f} % on"
+                f"above 100 % on {100 * above:.1f} % of the path, and is braked from {100 * allowed:.0f} % on, by which the eraser lags "
+                f"{1e3 * lag:.0f} mm and {np.rad2deg(angle):.0f} degrees rms"
             )
             self._slower = tempo
         return {
             "largest_speed_ratio": usual,
+            "braking_lag": lag,
             "largest_tempo": tempo,
         }
 

@@ -132,6 +132,35 @@ class TrackingPredictor:
         error = error.reshape(*error.shape[:2], 6)
         return PredictedMotion(q, v, torque, force_torque, error, size)
 
+    def braking_lag(self, q: Array, speed: Array, step: float) -> Array:
+        """Return the eraser's lag where joints are limited in speed, shape (B, T, 2).
+
+        It is a distance in m, and an angle in rad.
+        Each joint follows its predicted path at its own speed limit; no other joint
+        compensates for it, as in a run some do.
+
+        Parameters
+        ----------
+        q : array, shape (B, T, n)
+            Of a `PredictedMotion`, rad.
+        speed : array, shape (n,)
+            rad/s.
+        step : float
+            Time from sample to sample, s.
+        """
+        limited, most = q.copy(), speed * step
+        for k in range(1, q.shape[1]):
+            before = limited[:, k - 1]
+            limited[:, k] = np.clip(q[:, k], before - most, before + most)
+        lags = np.any(limited != q, axis=-1)
+        lag = np.zeros((*q.shape[:2], 2))
+        if np.any(lags):
+            X = self._poses(q[lags])
+            error = _errors(self._poses(limited[lags]), X[..., 3], X[..., :3])
+            error = error.reshape(-1, 2, 3)[:, ::-1]
+            lag[lags] = np.linalg.norm(error, axis=-1)
+        return lag
+
     def _read(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M (B, n, n), Cv - g (B, n), X_WE (B, 3, 4) and J (B, 6, n) in W."""
         read = []

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 _USED, _LEFT = 0.99, 0.01
 # Time constant with which a joint that would be too fast comes to rest, s.
 _STOPPING_TIME = 0.05
+# Fraction of the speed limits that a torque may lead to. Contact and friction, of which
+# nothing is known here, may accelerate a joint by as much again.
+_FORESEEN = 0.95
 
 
 @dataclass(kw_only=True)
@@ -245,8 +248,8 @@ def speed_limited(
 
     The torque changes by at most `max_change` an update. So an acceleration lasts while
     the torque returns to the one without acceleration, ``C v``. Where a joint would
-    exceed its speed limit by then, the torque returns at once, and then damps the
-    joints. A torque is thus applied only where the next update can still return from it.
+    exceed 95 % of its speed limit by then, the torque returns at once, and then damps the
+    joints; the rest is for contact and friction. A torque is thus applied only where the next update can still return from it.
     The torque at the joint limits remains.
 
     Parameters
@@ -280,7 +283,8 @@ def speed_limited(
     for i in range(len(v)):
         # A torque that already slows the joint down is left as it is.
         later = v[i] + duration * acceleration[i]
-        unavoidable |= abs(later) > limits.speed[i] and later * acceleration[i] > 0
+        most = _FORESEEN * limits.speed[i]
+        unavoidable |= abs(later) > most and later * acceleration[i] > 0
         overspeed |= abs(v[i]) > limits.speed[i]
     if not unavoidable:
         return torque, overspeed
