@@ -369,7 +369,8 @@ class _Check:
         if (is_late or above > self._bounds.brief) and not self._faults:
             self._faults.append(
                 f"joint {_joint(speed)} needs {100 * usual:.0f} % of its greatest speed, "
-                f"above 100 % on {100 * above:.1f} % of the path, and is braked from {100 * allowed:.0f} % on, by which the eraser lags "
+                f"above 100 % on {100 * above:.1f} % of the path, and is braked from "
+                f"{100 * allowed:.0f} % on, by which the eraser lags "
                 f"{1e3 * lag:.0f} mm and {np.rad2deg(angle):.0f} degrees rms"
             )
             self._slower = tempo

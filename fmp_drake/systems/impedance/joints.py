@@ -249,8 +249,8 @@ def speed_limited(
     The torque changes by at most `max_change` an update. So an acceleration lasts while
     the torque returns to the one without acceleration, ``C v``. Where a joint would
     exceed 95 % of its speed limit by then, the torque returns at once, and then damps the
-    joints; the rest is for contact and friction. A torque is thus applied only where the next update can still return from it.
-    The torque at the joint limits remains.
+    joints; the rest is for contact and friction. A torque is thus applied only where the
+    next update can still return from it. The torque at the joint limits remains.
 
     Parameters
     ----------
