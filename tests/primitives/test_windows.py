@@ -92,7 +92,7 @@ def test_different_channels_are_refused():
 def test_too_short_a_demonstration_says_how_long_it_must_be():
     with pytest.raises(DemonstrationError) as caught:
         as_windows([counting(25)], n_steps=24, stride=10, rate=20.0)
-    assert "give 1 windows of 1.2 s" in str(caught.value)
+    assert "give 1 window of 1.2 s" in str(caught.value)
     assert "the longest lasts 1.2 s" in str(caught.value)
     assert "at least 1.65 s" in str(caught.value)
     with pytest.raises(DemonstrationError, match=r"the longest lasts 1 s"):
