@@ -192,11 +192,32 @@ class HumanHand(LeafSystem):
         if n == 2:
             force = NORMAL_FORCE if self._force is None else values[self._force]
             f_B[2] -= max(force, 0.0)
-        rotation = (R_WE @ X_WE.rotation().inverse()).ToAngleAxis()
-        tau_W = ROTATIONAL_STIFFNESS * rotation.angle() * rotation.axis()
-        tau_W -= ROTATIONAL_DAMPING * w_WE
+        tau_W = hand_torque(R_WE @ X_WE.rotation().inverse(), w_WE)
         wrench = ExternallyAppliedSpatialForce()
         wrench.body_index = self._body
         wrench.p_BoBq_B = self._X_LE.translation()
         wrench.F_Bq_W = SpatialForce(tau_W, R_BW.inverse() @ f_B)
         output.set_value([wrench])
+
+
+def hand_torque(
+    R: RotationMatrix, angular_velocity: NDArray[np.float64], most: float = np.inf
+) -> NDArray[np.float64]:
+    """Return the torque (3,) of a hand that turns a tool, in W, Nm.
+
+    Parameters
+    ----------
+    R : RotationMatrix
+        From the orientation of the tool to the wanted one, in W.
+    angular_velocity : ndarray, shape (3,)
+        Of the tool relative to the wanted one, in W, rad/s.
+    most : float
+        Greatest torque, Nm.
+    """
+    rotation = R.ToAngleAxis()
+    torque = ROTATIONAL_STIFFNESS * rotation.angle() * rotation.axis()
+    torque -= ROTATIONAL_DAMPING * angular_velocity
+    limited: NDArray[np.float64] = torque * min(
+        1.0, most / max(float(np.linalg.norm(torque)), 1e-12)
+    )
+    return limited

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
+from fmp_drake.systems.human_hand import hand_torque
 from fmp_drake.systems.interface.callbacks import declare_bodies, weakly
 from fmp_drake.systems.teaching.mouse_drag import (
     PULLING_DRAG,
@@ -31,12 +32,13 @@ from fmp_drake.systems.teaching.mouse_drag import (
     cursor_of,
     follow,
     hand_force,
-    hand_torque,
     no_drag,
 )
 
 TURN_SWITCH = "turn the tool"
 """Name of the switch of the page with which a drag turns the tool."""
+MOST_TORQUE = 15.0
+"""Greatest torque of the hand, Nm."""
 
 
 class MouseHand(LeafSystem):
@@ -205,7 +207,11 @@ class MouseHand(LeafSystem):
         if self._R_WL is None:
             return None
         poses: Any = self._poses.Eval(context)
-        return _rotation_vector(poses[self._tip_body].rotation() @ self._R_WL.inverse())
+        rotation = (
+            poses[self._tip_body].rotation() @ self._R_WL.inverse()
+        ).ToAngleAxis()
+        lean: Array = rotation.angle() * rotation.axis()
+        return lean
 
     def _led(self, state: Any) -> tuple[int, Array]:
         """Return the body that the hand acts at, and where on it."""
@@ -276,16 +282,13 @@ class MouseHand(LeafSystem):
             velocities: Any = self._velocities.Eval(context)
             lean = Rotation.from_rotvec(s["lean"]).as_matrix()
             R_WL = RotationMatrix(lean) @ self._R_WL
-            away = _rotation_vector(R_WL @ poses[body].rotation().inverse())
-            tau_W = hand_torque(away, velocities[body].rotational())
+            tau_W = hand_torque(
+                R_WL @ poses[body].rotation().inverse(),
+                velocities[body].rotational(),
+                MOST_TORQUE,
+            )
         force = ExternallyAppliedSpatialForce()
         force.body_index = BodyIndex(body)
         force.p_BoBq_B = point
         force.F_Bq_W = SpatialForce(tau_W, f_W)
         output.set_value([force])
-
-
-def _rotation_vector(R: RotationMatrix) -> Array:
-    angle_axis = R.ToAngleAxis()
-    vector: Array = angle_axis.angle() * angle_axis.axis()
-    return vector

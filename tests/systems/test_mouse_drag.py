@@ -14,7 +14,6 @@ from fmp_drake.systems.teaching.mouse_drag import (
     cursor_of,
     follow,
     hand_force,
-    hand_torque,
     no_drag,
     slide,
 )
@@ -400,10 +399,3 @@ def test_cursor_that_jumps_ends_the_turning():
     hand.to(0.5, 0.5)
     assert not hand["guiding"]
     assert_array_equal(hand["lean"], np.zeros(3))
-
-
-def test_torque_of_the_hand_is_limited():
-    away, still = np.array([0.0, 0.1, 0.0]), np.zeros(3)
-    assert_allclose(hand_torque(away, still), [0, 6, 0])
-    assert_allclose(hand_torque(still, away), [0, -0.6, 0])
-    assert_allclose(hand_torque(10 * away, still), [0, 15, 0])

@@ -11,9 +11,11 @@ from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.mouse_hand import TURN_SWITCH, MouseHand
+from fmp_drake.systems.human_hand import hand_torque
+from fmp_drake.systems.mouse_hand import MOST_TORQUE, TURN_SWITCH, MouseHand
 from fmp_drake.systems.teaching.mouse_drag import (
     GUIDING_DRAG,
     PULLING_DRAG,
@@ -261,3 +263,14 @@ def test_values_that_do_not_fit_are_refused(plant):
         pulling(plant, R_WE=RotationMatrix())
     with pytest.raises(SystemsError, match="a tip and a board"):
         pulling(plant, board=BoardSurface(np.eye(3, 4), np.ones(2)))
+
+
+def test_torque_of_the_hand_is_limited():
+    def torque(away, velocity):
+        R = RotationMatrix(Rotation.from_rotvec(away).as_matrix())
+        return hand_torque(R, velocity, MOST_TORQUE)
+
+    away, still = np.array([0.0, 0.1, 0.0]), np.zeros(3)
+    assert_allclose(torque(away, still), [0, 6, 0])
+    assert_allclose(torque(still, away), [0, -0.6, 0])
+    assert_allclose(torque(10 * away, still), [0, 15, 0])

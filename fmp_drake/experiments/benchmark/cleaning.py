@@ -213,11 +213,8 @@ def score_cleaning(
         first = int(rng.integers(len(longest) - PAST))
         past = longest[first : first + PAST]
         path = learner.play(past, round(seconds * RATE), seed=seed)
-    except FmpError as error:
-        return {"error": str(error)}
-    if path is None:
-        return {"error": "it does not play."}
-    try:
+        if path is None:
+            return {"error": "it does not play."}
         return clean_board(path, movement.parts, seconds=seconds)
     except FmpError as error:
         return {"error": str(error)}

@@ -24,8 +24,6 @@ _MOTION_THRESHOLD = 0.005
 _SAME = 1e-9
 # Height over the board, m, up to which the spring pulls the tool back to it.
 _LIFT = 0.006
-# Of the rotation of the tool: stiffness, Nm/rad, damping, Nms/rad, and limit, Nm.
-_ROTATIONAL = 60.0, 6.0, 15.0
 # Shortest lever with which the tool is turned, m, and rotation without a new message, rad.
 _LEVER, _TURN_AHEAD = 0.10, 0.3
 
@@ -454,18 +452,3 @@ def hand_force(
         along = -normal * np.clip(along_normal, -config.max_force, config.max_force)
     strength = float(np.linalg.norm(f))
     return f * min(1.0, config.max_force / max(strength, 1e-12)) + along
-
-
-def hand_torque(away: Array, angular_velocity: Array) -> Array:
-    """Return the torque of the hand that holds the tool's orientation, in W, Nm.
-
-    Parameters
-    ----------
-    away : ndarray, shape (3,)
-        Rotation vector from the orientation to its set-point, in W, rad.
-    angular_velocity : ndarray, shape (3,)
-        Of the tool, in W, rad/s.
-    """
-    stiffness, damping, most = _ROTATIONAL
-    torque = stiffness * away - damping * angular_velocity
-    return torque * min(1.0, most / max(float(np.linalg.norm(torque)), 1e-12))

@@ -241,6 +241,6 @@ def fit_phase_model(
         velocity=velocity,
         grid=grid,
         reference_step=reference_step,
-        history=CycleHistory.of(track.cycle, track.phases, track.recordings),
+        history=track.history,
     )
     return model, components, calibration

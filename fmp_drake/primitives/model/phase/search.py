@@ -12,7 +12,6 @@ from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives.data.channels import channel_scales
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
-from fmp_drake.primitives.model.phase.cycle import CycleHistory
 from fmp_drake.primitives.model.phase.loops import join_loops
 from fmp_drake.primitives.model.phase.period import (
     PART,
@@ -326,7 +325,7 @@ def _reason_against(attempt: _Attempt, limits: _Limits) -> str:
 def _rhythm(recordings: Sequence[Array], attempt: _Attempt, rate: float) -> Rhythm:
     """Return the rhythm that an attempt has found."""
     track = attempt.track
-    history = CycleHistory.of(track.cycle, track.phases, track.recordings)
+    history = track.history
     speed = np.sqrt(
         np.mean([np.mean(np.sum(np.diff(y, axis=0) ** 2, 1)) for y in track.recordings])
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
 from fmp_drake.compiled import compiled
-from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.cycle import Cycle, CycleHistory
 
 Recordings = Sequence[NDArray[np.float64]]
 
@@ -66,6 +67,11 @@ class PhaseTrack:
     def cycles(self) -> float:
         """The number of cycles."""
         return sum(float(p[-1] - p[0]) for p in self.phases) / (2 * np.pi)
+
+    @cached_property
+    def history(self) -> CycleHistory:
+        """Length, size and centre of each cycle."""
+        return CycleHistory.of(self.cycle, self.phases, self.recordings)
 
     @property
     def unexplained(self) -> float:
