@@ -18,11 +18,14 @@ _STEP_MARGIN = 0.005
 # Largest difference between a position and its integrated velocity, rad. The difference
 # decays with the time constant, s, and a fraction of the velocity may be wrong: so a bias
 # of 0.05 rad/s, and a wrong scale, are no fault.
-_MISMATCH, _MISMATCH_TIME, _SCALE_ERROR = 0.01, 0.2, 0.05
-# A state that stays the same to the last bit for this time, s, and so many statuses is
-# frozen where a joint moves faster, rad/s, or a torque changes by more, Nm.
-_FROZEN_TIME, _FROZEN_STATUSES = 0.005, 3
-_MOVING, _TORQUE_CHANGE = 0.02, 0.1
+_MISMATCH, _MISMATCH_TIME, _SCALE_ERROR = 0.005, 0.1, 0.05
+# What stays the same to the last bit for this time, s, and so many statuses is constant.
+_CONSTANT_TIME, _CONSTANT_STATUSES = 0.005, 3
+# A faster joint moves, rad/s, and so does one with a longer step, rad. A torque that
+# changes by more, Nm, moves an arm at rest.
+_MOVING, _STEP, _TORQUE_CHANGE = 0.02, 1e-6, 0.1
+# Parts of a status that may be constant.
+_POSITIONS, _VELOCITIES, _ROBOT_TIME = range(3)
 # After a longer silence, s, nothing can be compared.
 _COMPARABLE = 0.1
 
@@ -36,13 +39,13 @@ class StatusTrack(NamedTuple):
         Time stamp of the newest status, s; minus infinity before the first.
     robot_time : float
         Time stamp of the robot in it, s.
-    since, robot_since : float
-        Time stamps of the first statuses with its state, and with its robot time, s; the
-        first restarts when a changed torque should move the arm.
-    repeats, robot_repeats : float
-        Numbers of statuses that repeated them.
     is_pushed : float
         1 where the torque that was sent has changed while the state has not.
+    since : array, shape (3,)
+        Time stamps of the first statuses with its positions, its velocities and its robot
+        time, s; the first two restart when a changed torque should move the arm.
+    repeats : array, shape (3,)
+        Numbers of statuses that repeated them.
     state : array, shape (14,)
         Positions and velocities in the newest status, rad and rad/s.
     mismatch : array, shape (7,)
@@ -53,11 +56,9 @@ class StatusTrack(NamedTuple):
 
     time: float
     robot_time: float
-    since: float
-    robot_since: float
-    repeats: float
-    robot_repeats: float
     is_pushed: float
+    since: Array
+    repeats: Array
     state: Array
     mismatch: Array
     torque: Array
@@ -66,26 +67,28 @@ class StatusTrack(NamedTuple):
     def from_vector(cls, values: ArrayLike) -> "StatusTrack":
         """Return the memory that `vector` describes."""
         vector = np.array(values, dtype=float)
-        time, robot_time, since, robot_since = vector[:4].tolist()
-        repeats, robot_repeats, is_pushed = vector[4:7].tolist()
-        state, mismatch, torque = np.split(vector[7:], [2 * JOINTS, 3 * JOINTS])
-        return cls(
-            time, robot_time, since, robot_since, repeats, robot_repeats, is_pushed,
-            state, mismatch, torque,
-        )  # fmt: skip
+        sizes = [3, 3, 3, 2 * JOINTS, JOINTS]
+        numbers, *arrays = np.split(vector, np.cumsum(sizes))
+        return cls(*numbers.tolist(), *arrays)
 
     def vector(self) -> Array:
-        """Return all values, shape (35,)."""
-        return np.concatenate([self[:7], *self[7:]])
+        """Return all values, shape (37,)."""
+        return np.concatenate([self[:3], *self[3:]])
+
+    @property
+    def is_constant(self) -> NDArray[np.bool_]:
+        """Whether positions, velocities and robot time have stood still, shape (3,)."""
+        duration = self.time - self.since
+        is_long = duration >= _CONSTANT_TIME - 1e-6
+        return is_long & (self.repeats >= _CONSTANT_STATUSES)
 
 
 def initial_track() -> StatusTrack:
     """Return the memory before the first status."""
-    nothing = np.zeros(JOINTS)
+    nothing, state = np.zeros(JOINTS), np.zeros(2 * JOINTS)
     return StatusTrack(
-        -np.inf, 0.0, -np.inf, -np.inf, 0.0, 0.0, 0.0,
-        np.zeros(2 * JOINTS), nothing, nothing,
-    )  # fmt: skip
+        -np.inf, 0.0, 0.0, np.zeros(3), np.zeros(3), state, nothing, nothing
+    )
 
 
 def track_status(track: StatusTrack, reading: ArmReading, torque: Array) -> StatusTrack:
@@ -102,34 +105,38 @@ def track_status(track: StatusTrack, reading: ArmReading, torque: Array) -> Stat
     elapsed = reading.time - track.time
     if not elapsed > 0:
         return track
-    since, repeats = track.since, track.repeats + 1
-    is_pushed, start_torque, mismatch = track.is_pushed, track.torque, track.mismatch
-    robot_since, robot_repeats = track.robot_since, track.robot_repeats + 1
-    if elapsed > _COMPARABLE or not np.array_equal(reading.state, track.state):
-        since, repeats, start_torque, is_pushed = reading.time, 0.0, torque, 0.0
+    can_compare = elapsed <= _COMPARABLE
+    step = reading.state - track.state
+    is_same = np.array(
+        [
+            not step[:JOINTS].any(),
+            not step[JOINTS:].any(),
+            reading.robot_time == track.robot_time,
+        ]
+    )
+    is_pushed, start_torque = track.is_pushed, track.torque
+    has_state = can_compare and bool(is_same[:_ROBOT_TIME].all())
+    is_restarted = np.full(3, not can_compare)
+    if not has_state:
+        start_torque, is_pushed = torque, 0.0
     elif not is_pushed and np.any(np.abs(torque - start_torque) > _TORQUE_CHANGE):
         is_pushed = 1.0
-        if not _is_moving(reading):
-            # It has rested so far; now it must move.
-            since, repeats = reading.time, 0.0
-    if elapsed > _COMPARABLE or reading.robot_time != track.robot_time:
-        robot_since, robot_repeats = reading.time, 0.0
-    if elapsed > _COMPARABLE:
-        mismatch = np.zeros(JOINTS)
-    else:
-        step = reading.state[:JOINTS] - track.state[:JOINTS]
+        # An arm that has rested so far must move now.
+        is_restarted[:_ROBOT_TIME] = not _is_moving(reading)
+    is_new = ~is_same | is_restarted
+    mismatch = np.zeros(JOINTS)
+    if can_compare:
         move = elapsed * 0.5 * (reading.state[JOINTS:] + track.state[JOINTS:])
-        excess = np.maximum(np.abs(step - move) - _SCALE_ERROR * np.abs(move), 0.0)
+        error = step[:JOINTS] - move
+        excess = np.maximum(np.abs(error) - _SCALE_ERROR * np.abs(move), 0.0)
         decay = math.exp(-elapsed / _MISMATCH_TIME)
-        mismatch = decay * mismatch + np.sign(step - move) * excess
+        mismatch = decay * track.mismatch + np.sign(error) * excess
     return StatusTrack(
         reading.time,
         reading.robot_time,
-        since,
-        robot_since,
-        repeats,
-        robot_repeats,
         is_pushed,
+        np.where(is_new, reading.time, track.since),
+        np.where(is_new, 0.0, track.repeats + 1),
         reading.state,
         mismatch,
         start_torque,
@@ -145,7 +152,8 @@ def implausible(
     rest, too, the last bits of 14 numbers differ from one status to the next. A
     simulated arm without noise may rest at one state. So a state that is the same to the
     last bit is a fault only where it has a velocity, or where the torque that is sent
-    changes meanwhile. A robot's own time stamp that stands still is always one.
+    changes meanwhile. Constant positions with a velocity are a fault, and so are constant
+    velocities of positions that change, and a robot's own time stamp that stands still.
 
     Parameters
     ----------
@@ -161,26 +169,23 @@ def implausible(
         faults |= GateFault.OUT_OF_RANGE
     if np.any(np.abs(v) > (1 + _SPEED_MARGIN) * limits.speed):
         faults |= GateFault.TOO_FAST
-    elapsed = reading.time - before.time
+    elapsed, step = reading.time - before.time, q - before.state[:JOINTS]
     if elapsed == 0 and not np.array_equal(reading.state, before.state):
         faults |= GateFault.INCONSISTENT
     if 0 < elapsed <= _COMPARABLE:
         reachable = (1 + _SPEED_MARGIN) * elapsed * limits.speed + _STEP_MARGIN
-        if np.any(np.abs(q - before.state[:JOINTS]) > reachable):
+        if np.any(np.abs(step) > reachable):
             faults |= GateFault.JUMP
     if np.any(np.abs(after.mismatch) > _MISMATCH):
         faults |= GateFault.INCONSISTENT
-    is_constant = (
-        after.repeats >= _FROZEN_STATUSES
-        and after.time - after.since >= _FROZEN_TIME - 1e-6
-    )
-    must_change = _is_moving(reading) or after.is_pushed
-    has_no_time = (
-        after.robot_time > 0
-        and after.robot_repeats >= _FROZEN_STATUSES
-        and after.time - after.robot_since >= _FROZEN_TIME - 1e-6
-    )
-    if (is_constant and must_change) or has_no_time:
+    is_constant = after.is_constant
+    is_moving = _is_moving(reading)
+    if (
+        (is_constant[_POSITIONS] and is_moving)
+        or (is_constant[_VELOCITIES] and np.any(np.abs(step) > _STEP))
+        or (is_constant[:_ROBOT_TIME].all() and after.is_pushed)
+        or (is_constant[_ROBOT_TIME] and after.robot_time > 0)
+    ):
         faults |= GateFault.FROZEN
     return faults
 
