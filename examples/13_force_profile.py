@@ -40,10 +40,8 @@ scenario = LoadScenario("table_top")
 
 builder = DiagramBuilder()
 scene = AddBoardScene(builder, scenario, start=[0.0, 0.1, 0.05])
-controller = AddArmController(
-    builder, scene, scenario.impedance, engage_height=scenario.press.engage_height
-)
-ink = AddInk(builder, scene, scenario)
+controller = AddArmController(builder, scene, scenario.impedance)
+ink = AddInk(builder, scene)
 primitive = builder.AddSystem(FourierPrimitiveSystem(skill))
 builder.Connect(
     controller.GetOutputPort("measured_position"),

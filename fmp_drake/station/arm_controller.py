@@ -5,13 +5,10 @@ from typing import Any
 
 import numpy as np
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.math import RotationMatrix
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, MatrixGain
 
 from fmp_drake.station.robots.driver import Driver, MakeDriver, SimulatedDriver
-from fmp_drake.station.robots.robot import Robot
-from fmp_drake.station.scenario_parts import PressConfig
 from fmp_drake.station.scene import BoardScene
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.normal_force_estimator import NormalForceEstimator
@@ -25,7 +22,6 @@ def AddArmController(
     scene: BoardScene,
     config: ImpedanceConfig,
     *,
-    engage_height: float = PressConfig.engage_height,
     driver: Driver | None = None,
     lcm: DrakeLcmInterface | None = None,
 ) -> OperationalSpaceImpedanceController:
@@ -42,8 +38,6 @@ def AddArmController(
     scene : BoardScene
     config : ImpedanceConfig
         Where it has none, the robot's values are taken.
-    engage_height : float
-        As for `OperationalSpaceImpedanceController`, m.
     driver : Driver, optional
         A simulated arm with ideal sensors by default. Its period, if it asks for one, is
         the controller's.
@@ -61,7 +55,7 @@ def AddArmController(
         X_WT=scene.X_WA,
         config=config,
         q_posture=scene.robot.default_posture,
-        engage_height=engage_height,
+        engage_height=scene.scenario.press.engage_height,
     )
     builder.AddNamedSystem("controller", controller)
     diagram = builder.AddSystem(
@@ -93,15 +87,13 @@ def AddArmController(
 
 
 def AddNormalForceEstimator(
-    builder: DiagramBuilder,
-    model: Robot,
-    R_WT: RotationMatrix,
-    driver: System,
+    builder: DiagramBuilder, scene: BoardScene, driver: System
 ) -> OutputPort:
     """Measure the normal force by the external torque of a `MakeDriver`.
 
     System: normal_force_estimator.
     """
+    model, R_WT = scene.model, scene.X_WA.rotation()
     estimator = builder.AddSystem(
         NormalForceEstimator(model.plant, end_effector=model.tip, R_WT=R_WT)
     )

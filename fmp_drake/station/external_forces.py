@@ -1,6 +1,5 @@
 """Forces on the simulated arm from outside: disturbances, and the mouse on the page."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.station.scene import BoardScene
 from fmp_drake.systems.mouse_hand import MouseHand
@@ -27,11 +25,7 @@ _SPECIFIC_STIFFNESS = 100.0
 
 
 def AddExternalForces(
-    builder: DiagramBuilder,
-    scene: BoardScene,
-    scenario: Scenario,
-    *,
-    others: Sequence[OutputPort] = (),
+    builder: DiagramBuilder, scene: BoardScene, *, pull: OutputPort | None
 ) -> None:
     """Export the plant's port for forces, and add the scenario's disturbances to it.
 
@@ -42,13 +36,12 @@ def AddExternalForces(
     ----------
     builder : DiagramBuilder
     scene : BoardScene
-    scenario : Scenario
-    others : sequence of OutputPort
-        More forces, such as the mouse's.
+    pull : OutputPort or None
+        The mouse's forces.
     """
-    sources = list(others)
-    if scenario.disturbances:
-        script = [_scripted(config, scene.X_WB) for config in scenario.disturbances]
+    sources = [] if pull is None else [pull]
+    if disturbed := scene.scenario.disturbances:
+        script = [_scripted(config, scene.X_WB) for config in disturbed]
         disturbances = builder.AddSystem(
             ScriptedDisturbances(grip=scene.robot.tip, disturbances=script)
         )
@@ -128,7 +121,7 @@ def AddMousePull(
 
 
 def AddMouseHand(
-    builder: DiagramBuilder, scene: BoardScene, scenario: Scenario, meshcat: Meshcat
+    builder: DiagramBuilder, scene: BoardScene, meshcat: Meshcat
 ) -> MouseHand:
     """Add a mouse that guides the eraser over the board.
 
@@ -142,15 +135,14 @@ def AddMouseHand(
     scene : BoardScene
         Nothing is connected to its plant's applied_spatial_force port yet; the caller
         connects the hand's port to it.
-    scenario : Scenario
     meshcat : Meshcat
         With ``?tracked_camera=on`` in its address it sends the pose of its camera; the
         scenario's is assumed otherwise.
     """
-    board, plant = scenario.board, scene.plant
-    size, footprint = np.array(board.size), np.array(scenario.eraser.footprint)
+    scenario, plant, curvature = scene.scenario, scene.plant, scene.curvature
+    free = np.array(scenario.board.size) - scenario.eraser.footprint
     robot, config = scene.robot, GUIDING_DRAG
-    if not (curvature := board.curvature()).is_plane:
+    if not curvature.is_plane:
         turns = max(abs(curvature.kx), abs(curvature.ky))
         speed = min(config.max_speed, MAX_TURN_RATE / turns)
         config = replace(config, max_speed=speed)
@@ -163,7 +155,7 @@ def AddMouseHand(
         tip=robot.tip,
         board=BoardSurface(
             scene.X_WB.GetAsMatrix34(),
-            (size - footprint) / 2,
+            free / 2,
             curvature,
             is_solid=scenario.has_board,
         ),

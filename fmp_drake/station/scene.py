@@ -46,6 +46,7 @@ class BoardScene:
 
     Attributes
     ----------
+    scenario : Scenario
     plant, scene_graph
         Arm, eraser and board. If they are simulated, arm and eraser have no weight, because
         the real arm compensates it by itself. Otherwise the board is where it is assumed,
@@ -77,6 +78,7 @@ class BoardScene:
     (7, 7)
     """
 
+    scenario: Scenario
     plant: MultibodyPlant
     scene_graph: SceneGraph
     is_simulated: bool
@@ -180,6 +182,7 @@ def AddBoardScene(
             plant.get_applied_generalized_force_input_port(),
         )
     return BoardScene(
+        scenario=scenario,
         plant=plant,
         scene_graph=scene_graph,
         is_simulated=simulated,

@@ -1,34 +1,65 @@
-"""The primitive that moves a robot, wired to it."""
+"""The primitive that moves a robot, wired to its controller."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.math import RigidTransform
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import Demultiplexer, MatrixGain
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    Demultiplexer,
+    MatrixGain,
+)
 
 from fmp_drake.errors import SkillError, StationError
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scenario_parts import SkillConfig
+from fmp_drake.station.scene import BoardScene
+from fmp_drake.station.tasks.task import Measurements
+from fmp_drake.station.tasks.wiping import BoardGrid
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
-from fmp_drake.systems.ink.grid import InkGrid
-from fmp_drake.systems.surface.surface import Surface
 from fmp_drake.systems.task_motion import TaskMotion
 
 DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
-"""Inputs of a robot, and outputs of `AddSkillMotion`'s second system, in its order."""
-
+"""Inputs of a controller, and outputs of a station with a skill."""
 
 _FRAME = ("task_frame", "task_frame_velocity", "task_frame_acceleration")
 _ESTIMATOR = "normal_force_estimator"
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Playback:
+    """A skill that commands a controller.
+
+    Attributes
+    ----------
+    primitive : FourierPrimitiveSystem
+    roles : ChannelRoles
+        Of the skill.
+    position : OutputPort
+        The measured position, m; (u, v, h) over a curved board.
+    force : InputPort
+        Of the desired normal force, N; with a force channel, of the nominal one.
+    """
+
+    primitive: FourierPrimitiveSystem
+    roles: ChannelRoles
+    position: OutputPort
+    force: InputPort
+
+    @property
+    def skill(self) -> FourierMovementPrimitive:
+        """The played skill."""
+        return self.primitive.player.skill
+
+
 def ChoiceByInk(
-    scenario: Scenario, skill: FourierMovementPrimitive, grid: InkGrid
+    scenario: Scenario, skill: FourierMovementPrimitive
 ) -> tuple[CoverageChoice | None, NDArray[np.bool_] | None]:
     """Return how samples are chosen by the ink, if they are, and what is to be cleaned.
 
@@ -37,9 +68,8 @@ def ChoiceByInk(
     scenario : Scenario
     skill : FourierMovementPrimitive
         Fitted; the area is what its demonstrations passed over, None where it knows none.
-    grid : InkGrid
-        Of the ink.
     """
+    grid = BoardGrid(scenario)
     x, y = scenario.eraser.footprint
     position = SkillRoles(skill).position
     paths = [path[:, position] for path in skill.paths_]
@@ -90,54 +120,41 @@ def CheckForceChannel(scenario: Scenario, roles: ChannelRoles) -> None:
         )
 
 
-def AddSkillMotion(
+def AddSkill(
     builder: DiagramBuilder,
+    scene: BoardScene,
     skill: FourierMovementPrimitive,
-    plays: SkillConfig,
-    robot: System,
     *,
-    roles: ChannelRoles,
-    X_WS: RigidTransform,
-    surface: Surface | None = None,
-    tracker: Tracker | None = None,
-    sample: bool | None = None,
-    seed: int | None = None,
-    choice: CoverageChoice | None = None,
-) -> tuple[FourierPrimitiveSystem, Any, TaskMotion | None]:
-    """Add systems fourier_primitive and desired_motion, and let a robot follow them.
+    controller: System,
+    measured: Measurements,
+    tracker: Tracker | None,
+    sample: bool | None,
+    seed: int | None,
+) -> Playback:
+    """Add a skill that commands a controller, and export the desired motion.
 
-    A skill of more than positions, or one on a curved surface, is turned into the inputs of
-    the robot by the system task_motion.
+    Systems: fourier_primitive, desired_motion; of a skill of more than positions, or on a
+    curved surface, task_motion, skill_position, position_covariance of a simulated arm,
+    measured_coordinates, and force_channel with demonstrated_force_offset.
 
     Parameters
     ----------
     builder : DiagramBuilder
+    scene : BoardScene
     skill : FourierMovementPrimitive
         Fitted.
-    plays : SkillConfig
-        How it is played.
-    robot : System
+    controller : System
         With the outputs measured_position and measured_pose, and the inputs of the
         impedance controller.
-    roles : ChannelRoles
-        Of the skill.
-    X_WS : RigidTransform
-        The surface in the world.
-    surface : Surface, optional
-        A plane where None.
-    tracker, choice
+    measured : Measurements
+        Of the task.
+    tracker : Tracker or None
         As for `FourierPrimitiveSystem`.
-    sample, seed : optional
-        Instead of those of `plays`.
-
-    Returns
-    -------
-    FourierPrimitiveSystem
-    Demultiplexer
-        Of the desired position, velocity and acceleration.
-    TaskMotion or None
-        Its desired_normal_force is not connected here.
+    sample, seed
+        Instead of the scenario's, unless None.
     """
+    roles, plays = SkillRoles(skill), scene.scenario.skill
+    choice = None if measured.ink is None else ChoiceByInk(scene.scenario, skill)[0]
     primitive = FourierPrimitiveSystem(
         skill,
         tracker=tracker,
@@ -150,25 +167,60 @@ def AddSkillMotion(
         soft_start=True,
     )
     builder.AddSystem(primitive)
-    motion = primitive.GetOutputPort("motion")
     # One evaluation of the motion for all of its parts.
-    desired = builder.AddNamedSystem("desired_motion", Demultiplexer([3, 3, 3]))
-    surface = surface or Surface()
-    if roles.count == 3 and surface.is_plane:
-        measured = robot.GetOutputPort("measured_position")
-        builder.Connect(measured, primitive.GetInputPort("measured_position"))
-        builder.Connect(motion, desired.get_input_port())
-        for order, name in enumerate(DESIRED):
-            builder.Connect(desired.get_output_port(order), robot.GetInputPort(name))
-        return primitive, desired, None
+    desired: Any = builder.AddNamedSystem("desired_motion", Demultiplexer([3, 3, 3]))
+    position = controller.GetOutputPort("measured_position")
+    force = controller.GetInputPort("desired_normal_force")
+    covariance = primitive.GetOutputPort("covariance")
     d = roles.count
-    rows = [order * d + i for order in range(3) for i in roles.position]
-    position = builder.AddNamedSystem("skill_position", MatrixGain(np.eye(3 * d)[rows]))
-    builder.Connect(motion, position.get_input_port())
-    builder.Connect(position.get_output_port(), desired.get_input_port())
+    if d == 3 and scene.curvature.is_plane:
+        builder.Connect(position, primitive.GetInputPort("measured_position"))
+        builder.Connect(primitive.GetOutputPort("motion"), desired.get_input_port())
+        for order, name in enumerate(DESIRED):
+            source = desired.get_output_port(order)
+            builder.Connect(source, controller.GetInputPort(name))
+    else:
+        rows = [order * d + i for order in range(3) for i in roles.position]
+        motion = primitive.GetOutputPort("motion")
+        part = _Select(builder, "skill_position", motion, rows)
+        builder.Connect(part, desired.get_input_port())
+        task = _AddTaskMotion(builder, scene, roles, primitive, controller)
+        if not scene.curvature.is_plane:
+            coordinates = task.GetOutputPort("measured")
+            position = _Select(
+                builder, "measured_coordinates", coordinates, roles.position
+            )
+        if d > 3 and scene.is_simulated:
+            rows = [i * d + j for i in roles.position for j in roles.position]
+            covariance = _Select(builder, "position_covariance", covariance, rows)
+        if roles.force is not None:
+            if measured.normal_force is not None:
+                port = task.GetInputPort("normal_force")
+                builder.Connect(measured.normal_force, port)
+            force = _AddForceChannel(builder, scene, task, force)
+        if roles.rotation is not None:
+            name = "desired_orientation"
+            builder.ExportOutput(task.GetOutputPort(name), name)
+    if choice is not None and measured.ink is not None:
+        builder.Connect(measured.ink, primitive.GetInputPort("ink"))
+    if scene.is_simulated:
+        builder.Connect(covariance, controller.GetInputPort("covariance"))
+    for order, name in enumerate(DESIRED):
+        builder.ExportOutput(desired.get_output_port(order), name)
+    return Playback(primitive=primitive, roles=roles, position=position, force=force)
+
+
+def _AddTaskMotion(
+    builder: DiagramBuilder,
+    scene: BoardScene,
+    roles: ChannelRoles,
+    primitive: FourierPrimitiveSystem,
+    controller: System,
+) -> TaskMotion:
+    """Turn a skill's motion into the inputs of a controller, but for the normal force."""
     # On a rail a curved surface moves under a task frame that moves itself.
-    on_rail = builder.HasSubsystemNamed("task_frame") and not surface.is_plane
-    task = TaskMotion(roles, surface, X_WS=X_WS, is_moving=on_rail)
+    on_rail = builder.HasSubsystemNamed("task_frame") and not scene.curvature.is_plane
+    task = TaskMotion(roles, scene.curvature, X_WS=scene.X_WA, is_moving=on_rail)
     builder.AddSystem(task)
     for name in _FRAME if on_rail else ():
         frame = builder.GetSubsystemByName(name).get_output_port()
@@ -177,44 +229,43 @@ def AddSkillMotion(
         estimator = builder.GetSubsystemByName(_ESTIMATOR)
         frame = task.GetOutputPort("task_frame")
         builder.Connect(frame, estimator.GetInputPort("task_frame"))
-    builder.Connect(motion, task.GetInputPort("motion"))
-    pose = robot.GetOutputPort("measured_pose")
+    builder.Connect(primitive.GetOutputPort("motion"), task.GetInputPort("motion"))
+    pose = controller.GetOutputPort("measured_pose")
     builder.Connect(pose, task.GetInputPort("measured_pose"))
     measured = task.GetOutputPort("measured")
     builder.Connect(measured, primitive.GetInputPort("measured_position"))
     for i in range(task.num_output_ports()):
         port = task.get_output_port(i)
         if port.get_name() not in ("measured", "desired_normal_force"):
-            builder.Connect(port, robot.GetInputPort(port.get_name()))
-    return primitive, desired, task
+            builder.Connect(port, controller.GetInputPort(port.get_name()))
+    return task
 
 
-def AddCoordinates(
-    builder: DiagramBuilder, task: TaskMotion, roles: ChannelRoles
-) -> OutputPort:
-    """Return the measured position (3,) among the measured channels of a skill, m.
+def _AddForceChannel(
+    builder: DiagramBuilder, scene: BoardScene, task: TaskMotion, force: InputPort
+) -> InputPort:
+    """Let a skill's force channel say the force, and return the port of its nominal force.
 
-    System: measured_coordinates.
+    What comes in at the port, less the scenario's normal force, is added to the channel: a
+    page's slider shifts the force that was demonstrated.
     """
-    rows = np.eye(roles.count)[list(roles.position)]
-    part = builder.AddNamedSystem("measured_coordinates", MatrixGain(rows))
-    builder.Connect(task.GetOutputPort("measured"), part.get_input_port())
-    return part.get_output_port()
-
-
-def AddPositionCovariance(
-    builder: DiagramBuilder, primitive: FourierPrimitiveSystem, roles: ChannelRoles
-) -> OutputPort:
-    """Return the covariance of the desired position (9,), m^2, of a skill of any channels.
-
-    System: position_covariance, where the skill has more channels than the position.
-    """
-    covariance = primitive.GetOutputPort("covariance")
-    if (d := roles.count) == 3:
-        return covariance
-    rows = [i * d + j for i in roles.position for j in roles.position]
-    part = builder.AddNamedSystem(
-        "position_covariance", MatrixGain(np.eye(d * d)[rows])
+    total = builder.AddNamedSystem("force_channel", Adder(3, 1))
+    nominal = builder.AddNamedSystem(
+        "demonstrated_force_offset",
+        ConstantVectorSource(np.array([-scene.scenario.press.force])),
     )
-    builder.Connect(covariance, part.get_input_port())
+    name = "desired_normal_force"
+    builder.Connect(task.GetOutputPort(name), total.get_input_port(0))
+    builder.Connect(nominal.get_output_port(), total.get_input_port(2))
+    builder.Connect(total.get_output_port(), force)
+    builder.ExportOutput(total.get_output_port(), name)
+    return total.get_input_port(1)
+
+
+def _Select(
+    builder: DiagramBuilder, name: str, source: OutputPort, rows: Sequence[int]
+) -> OutputPort:
+    """Add a system that passes on some elements of a vector."""
+    part = builder.AddNamedSystem(name, MatrixGain(np.eye(source.size())[[*rows]]))
+    builder.Connect(source, part.get_input_port())
     return part.get_output_port()

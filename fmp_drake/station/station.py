@@ -7,50 +7,31 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.systems.framework import (
-    Diagram,
-    DiagramBuilder,
-    InputPort,
-    OutputPort,
-    System,
-)
-from pydrake.systems.primitives import (
-    Adder,
-    ConstantVectorSource,
-    LogVectorOutput,
-)
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
-from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.station.arm_controller import AddArmController
 from fmp_drake.station.external_forces import AddExternalForces
-from fmp_drake.station.page.page_scene import (
-    AddBodies,
-    AddMeasuredArm,
-    AddPage,
-    AddPageControls,
-    AddPageStatus,
-    PagePorts,
-)
+from fmp_drake.station.page.page_scene import AddBodies, AddPage, AddPageStatus
 from fmp_drake.station.reach.normal_force_limit import CheckPress
 from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scene import AddBoardScene, BoardScene
 from fmp_drake.station.skill_motion import (
     DESIRED,
-    AddCoordinates,
-    AddPositionCovariance,
-    AddSkillMotion,
+    AddSkill,
     CheckForceChannel,
-    ChoiceByInk,
+    Playback,
     SkillRoles,
 )
 from fmp_drake.station.tasks.following import Following
-from fmp_drake.station.tasks.task import Measurements, Task
-from fmp_drake.station.tasks.wiping import AddInk, BoardGrid, Wiping
+from fmp_drake.station.tasks.task import Task
+from fmp_drake.station.tasks.wiping import AddInk, Wiping
 from fmp_drake.station.teaching_hands import GUIDING, TURNING, TeachingHand
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.systems.page.page_controls import PageControls
 from fmp_drake.systems.page.page_panel import PagePanel
 from fmp_drake.systems.surface_coordinates import SurfaceCoordinates
 
@@ -167,12 +148,10 @@ def MakeStation(
     >>> station.GetInputPort("desired_position").size()
     3
     """
-    skill = operator if isinstance(operator, FourierMovementPrimitive) else None
-    if skill is not None:
-        roles = SkillRoles(skill)
-        CheckForceChannel(scenario, roles)
-    elif operator is not None:
+    if not isinstance(operator, FourierMovementPrimitive | None):
         return _MakeTeachingStation(scenario, operator, start, q, visuals, meshcat)
+    if operator is not None:
+        CheckForceChannel(scenario, SkillRoles(operator))
     builder = DiagramBuilder()
     driver = driver or SimulatedDriver(sensors=scenario.sensors)
     scene = AddBoardScene(
@@ -183,70 +162,67 @@ def MakeStation(
         visuals=visuals,
         simulated=isinstance(driver, SimulatedDriver),
     )
-    is_played = scene.is_simulated and skill is not None
     controller = AddArmController(
-        builder,
-        scene,
-        scenario.impedance,
-        engage_height=scenario.press.engage_height,
-        driver=driver,
-        lcm=lcm,
+        builder, scene, scenario.impedance, driver=driver, lcm=lcm
     )
     arm: Any = builder.GetSubsystemByName("driver")
     if task is None:
-        is_wiping = skill is not None and scene.whiteboard is not None
+        is_wiping = operator is not None and scenario.has_board
         task = Wiping() if is_wiping else Following()
-    measured = task.AddTo(builder, scene, scenario, controller=controller, driver=arm)
-    primitive = None
-    force = controller.GetInputPort("desired_normal_force")
+    measured = task.AddTo(builder, scene, controller=controller, driver=arm)
+    playback = controls = pull = None
     position = controller.GetOutputPort("measured_position")
-    if skill is not None:
-        primitive, position, force = _AddSkill(
+    if operator is not None:
+        if scene.is_simulated and scenario.has_board:
+            CheckPress(scene)
+        playback = AddSkill(
             builder,
             scene,
-            scenario,
-            skill,
-            roles,
+            operator,
             controller=controller,
             measured=measured,
             tracker=tracker,
             sample=sample,
             seed=seed,
         )
-    if measured.normal_force is not None:
-        # Used where the impedance's configuration enables it.
-        builder.Connect(measured.normal_force, controller.GetInputPort("normal_force"))
-    if is_played and primitive is not None:
-        _AddPlay(
-            builder,
-            scene,
-            scenario,
-            driver=arm,
-            measured=measured,
-            primitive=primitive,
-            position=position,
-            meshcat=meshcat,
-            panel=panel,
-            demonstrated=demonstrated,
-            force=force,
-        )
-    else:
-        _ExportArm(builder, controller, arm, primitive, force)
-        if primitive is not None and meshcat is not None:
-            _AddMeasuredPage(
+        position = playback.position
+        if meshcat is not None:
+            controls, pull = AddPage(
                 builder,
                 scene,
-                scenario,
+                playback,
+                measured=measured,
                 driver=arm,
-                primitive=primitive,
-                position=position,
                 meshcat=meshcat,
                 demonstrated=demonstrated,
             )
+    if measured.normal_force is not None:
+        # Used where the impedance's configuration enables it.
+        builder.Connect(measured.normal_force, controller.GetInputPort("normal_force"))
+    name = "arm_station"
+    if playback is not None and scene.is_simulated:
+        name = "wiping_station"
+        force = _AddNominalMotion(builder, scenario, playback, controls)
+        AddExternalForces(builder, scene, pull=pull)
+        _ExportSimulation(builder, scene, playback.primitive, arm)
+        if panel is not None:
+            AddPageStatus(
+                builder,
+                scene,
+                playback,
+                measured=measured,
+                desired_normal_force=force,
+                panel=panel,
+            )
+    else:
+        _ExportArm(builder, controller, arm, playback)
+        for port in ("tempo", "normal_force"):
+            if controls is not None and controls.HasOutputPort(port):
+                builder.ExportOutput(controls.GetOutputPort(port), f"page_{port}")
     _ExportOutputs(builder, controller, without=("status", "measured_position"))
     builder.ExportOutput(position, "measured_position")
     diagram = builder.Build()
-    diagram.set_name("wiping_station" if is_played else "arm_station")
+    diagram.set_name(name)
     return diagram
 
 
@@ -257,208 +233,74 @@ def MakeWipingStation(
     return MakeStation(scenario, skill, **options)
 
 
-def _AddSkill(
+def _AddNominalMotion(
     builder: DiagramBuilder,
-    scene: BoardScene,
     scenario: Scenario,
-    skill: FourierMovementPrimitive,
-    roles: ChannelRoles,
-    *,
-    controller: System,
-    measured: Measurements,
-    **options: Any,
-) -> tuple[FourierPrimitiveSystem, OutputPort, InputPort]:
-    """Add a skill that commands the controller, and export the desired motion.
+    playback: Playback,
+    controls: PageControls | None,
+) -> OutputPort:
+    """Connect tempo and normal force, of the page or else of the scenario.
 
-    Parameters
-    ----------
-    builder, scene, scenario, skill, roles, controller, measured
-    **options
-        Tracker, sample and seed, as for `AddSkillMotion`.
+    Systems: tempo and desired_normal_force, where no page has controls for them.
 
     Returns
     -------
-    primitive : FourierPrimitiveSystem
-    position : OutputPort
-        The measured position, m; (u, v, h) over a curved board.
-    force : InputPort
-        Of the desired normal force, N.
+    OutputPort
+        The normal force, N.
     """
-    if scene.is_simulated and scene.whiteboard is not None:
-        CheckPress(scenario, scene)
-    force = controller.GetInputPort("desired_normal_force")
-    position = controller.GetOutputPort("measured_position")
-    choice = None
-    if measured.ink is not None:
-        choice, _ = ChoiceByInk(scenario, skill, BoardGrid(scenario))
-    primitive, desired, task_motion = AddSkillMotion(
-        builder,
-        skill,
-        scenario.skill,
-        controller,
-        choice=choice,
-        roles=roles,
-        X_WS=scene.X_WA,
-        surface=scenario.board.curvature(),
-        **options,
-    )
-    if task_motion is not None and not scene.curvature.is_plane:
-        position = AddCoordinates(builder, task_motion, roles)
-    if choice is not None and measured.ink is not None:
-        builder.Connect(measured.ink, primitive.GetInputPort("ink"))
-    if scene.is_simulated:
-        covariance = AddPositionCovariance(builder, primitive, roles)
-        builder.Connect(covariance, controller.GetInputPort("covariance"))
-    if roles.force is not None and task_motion is not None:
-        if measured.normal_force is not None:
-            builder.Connect(
-                measured.normal_force, task_motion.GetInputPort("normal_force")
-            )
-        force = _AddForceChannel(builder, scenario, task_motion, force)
-    if roles.rotation is not None and task_motion is not None:
-        name = "desired_orientation"
-        builder.ExportOutput(task_motion.GetOutputPort(name), name)
-    for order, name in enumerate(DESIRED):
-        builder.ExportOutput(desired.get_output_port(order), name)
-    return primitive, position, force
-
-
-def _AddMeasuredPage(
-    builder: DiagramBuilder,
-    scene: BoardScene,
-    scenario: Scenario,
-    *,
-    driver: System,
-    primitive: FourierPrimitiveSystem,
-    position: OutputPort,
-    meshcat: Meshcat,
-    demonstrated: Sequence[NDArray[np.float64]],
-) -> None:
-    """Add the page of an arm that is not simulated, and export what its sliders say."""
-    AddMeasuredArm(
-        builder,
-        scene,
-        scenario,
-        state=driver.GetOutputPort("state"),
-        measured_position=position,
-        primitive=primitive,
-        meshcat=meshcat,
-        demonstrated=demonstrated,
-    )
-    if scenario.show.controls:
-        controls = AddPageControls(builder, scenario, primitive, meshcat)
-        for name in ("tempo", "normal_force"):
-            if controls.HasOutputPort(name):
-                builder.ExportOutput(controls.GetOutputPort(name), f"page_{name}")
-
-
-def _AddPlay(
-    builder: DiagramBuilder,
-    scene: BoardScene,
-    scenario: Scenario,
-    *,
-    driver: System,
-    measured: Measurements,
-    primitive: FourierPrimitiveSystem,
-    position: OutputPort,
-    meshcat: Meshcat | None,
-    panel: PagePanel | None,
-    demonstrated: Sequence[NDArray[np.float64]],
-    force: InputPort,
-) -> None:
-    """Add to a simulated skill its page, its tempo and force, and what pushes at it."""
-    page = PagePorts()
-    if meshcat is not None:
-        page = AddPage(
-            builder,
-            scene,
-            scenario,
-            meshcat=meshcat,
-            primitive=primitive,
-            measured_position=position,
-            ink=measured.ink_board,
-            demonstrated=demonstrated,
-        )
-    tempo = primitive.GetInputPort("tempo")
-    sources: dict[str, OutputPort] = {}
-    for name, port, value in (
-        ("tempo", tempo, scenario.skill.tempo),
-        ("normal_force", force, scenario.nominal_force()),
+    for name, system, port, value in (
+        (
+            "tempo",
+            "tempo",
+            playback.primitive.GetInputPort("tempo"),
+            scenario.skill.tempo,
+        ),
+        (
+            "normal_force",
+            "desired_normal_force",
+            playback.force,
+            scenario.nominal_force(),
+        ),
     ):
-        if page.controls is not None and page.controls.HasOutputPort(name):
-            sources[name] = page.controls.GetOutputPort(name)
+        if controls is not None and controls.HasOutputPort(name):
+            source = controls.GetOutputPort(name)
         else:
             constant = ConstantVectorSource(np.array([value]))
-            builder.AddNamedSystem(
-                name if name == "tempo" else f"desired_{name}", constant
-            )
-            sources[name] = constant.get_output_port()
-        builder.Connect(sources[name], port)
-    AddExternalForces(
-        builder, scene, scenario, others=[] if page.pull is None else [page.pull]
-    )
+            source = builder.AddNamedSystem(system, constant).get_output_port()
+        builder.Connect(source, port)
+    return source
+
+
+def _ExportSimulation(
+    builder: DiagramBuilder,
+    scene: BoardScene,
+    primitive: FourierPrimitiveSystem,
+    driver: System,
+) -> None:
+    """Export what a simulated arm and its skill show."""
     for name in ("covariance", "weights", "component", "remaps", "phase"):
         if primitive.HasOutputPort(name):
             builder.ExportOutput(primitive.GetOutputPort(name), name)
     builder.ExportOutput(driver.GetOutputPort("torque_measured"), "actuation")
     state = scene.plant.get_state_output_port(scene.robot.arm)
     builder.ExportOutput(state, "state")
-    if panel is not None:
-        area = None
-        if measured.ink_board is not None:
-            skill, grid = primitive.player.skill, measured.ink_board.grid
-            _, area = ChoiceByInk(scenario, skill, grid)
-        AddPageStatus(
-            builder,
-            panel,
-            primitive=primitive,
-            status=measured.status,
-            period=scenario.impedance.control_period,
-            ink=measured.ink_board,
-            area=area,
-            desired_normal_force=sources["normal_force"],
-        )
-
-
-def _AddForceChannel(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    task_motion: System,
-    force: InputPort,
-) -> InputPort:
-    """Let a skill's force channel say the force, and return the port of its nominal force.
-
-    What comes in at the port, less the scenario's normal force, is added to the channel: a
-    page's slider shifts the force that was demonstrated.
-    """
-    total = builder.AddNamedSystem("force_channel", Adder(3, 1))
-    nominal = builder.AddNamedSystem(
-        "demonstrated_force_offset",
-        ConstantVectorSource(np.array([-scenario.press.force])),
-    )
-    channel = task_motion.GetOutputPort("desired_normal_force")
-    builder.Connect(channel, total.get_input_port(0))
-    builder.Connect(nominal.get_output_port(), total.get_input_port(2))
-    builder.Connect(total.get_output_port(), force)
-    builder.ExportOutput(total.get_output_port(), "desired_normal_force")
-    return total.get_input_port(1)
 
 
 def _ExportArm(
     builder: DiagramBuilder,
     controller: System,
     driver: System,
-    primitive: FourierPrimitiveSystem | None,
-    force: InputPort,
+    playback: Playback | None,
 ) -> None:
     """Export the inputs of an arm that nothing here commands, and what it measures."""
-    builder.ExportInput(force, "desired_normal_force")
-    inputs: list[tuple[System, str]] = []
-    if primitive is None:
+    force = controller.GetInputPort("desired_normal_force")
+    inputs: list[tuple[System, str]] = [(driver, "wall_time"), (driver, "go")]
+    if playback is None:
         inputs += [(controller, name) for name in DESIRED]
     else:
-        inputs.append((primitive, "tempo"))
-    inputs += [(driver, name) for name in ("wall_time", "go")]
+        force = playback.force
+        inputs.append((playback.primitive, "tempo"))
+    builder.ExportInput(force, "desired_normal_force")
     for system, name in inputs:
         if system.HasInputPort(name):
             builder.ExportInput(system.GetInputPort(name), name)
@@ -495,7 +337,7 @@ def _MakeTeachingStation(
     rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(3)))
     for name in DESIRED:
         builder.Connect(rest.get_output_port(), controller.GetInputPort(name))
-    forces, leading = hand.AddTo(builder, scene, scenario)
+    forces, leading = hand.AddTo(builder, scene)
     builder.Connect(forces, plant.GetInputPort("applied_spatial_force"))
     position = controller.GetOutputPort("measured_position")
     if not scene.curvature.is_plane:
@@ -512,22 +354,23 @@ def _MakeTeachingStation(
     for name in recorded:
         source: System = controller
         if name == "normal_force":
-            source = AddInk(builder, scene, scenario)
+            source = AddInk(builder, scene)
         port = source.GetOutputPort(name)
         LogVectorOutput(port, builder, 1 / DEFAULT_RATE).set_name(f"record_{name}")
     if meshcat is not None:
-        AddBodies(builder, scene.scene_graph, scenario, meshcat)
+        AddBodies(builder, scene, meshcat)
     driver: Any = builder.GetSubsystemByName("driver")
-    for port, name in (
-        (position, "position"),
-        (leading, "leading"),
-        (plant.get_state_output_port(scene.robot.arm), "state"),
-        (controller.GetOutputPort("torque"), "torque"),
-        (driver.GetOutputPort("torque_measured"), "actuation"),
-    ):
-        builder.ExportOutput(port, name)
+    exported = {
+        "position": position,
+        "leading": leading,
+        "state": plant.get_state_output_port(scene.robot.arm),
+        "torque": controller.GetOutputPort("torque"),
+        "actuation": driver.GetOutputPort("torque_measured"),
+    }
     if "measured_pose" in recorded:
-        builder.ExportOutput(controller.GetOutputPort("measured_pose"), "measured_pose")
+        exported["measured_pose"] = controller.GetOutputPort("measured_pose")
+    for name, port in exported.items():
+        builder.ExportOutput(port, name)
     diagram = builder.Build()
     diagram.set_name("teaching_station")
     return diagram

@@ -53,7 +53,7 @@ class TeachingHand(Protocol):
         """
 
     def AddTo(
-        self, builder: DiagramBuilder, scene: BoardScene, scenario: Scenario
+        self, builder: DiagramBuilder, scene: BoardScene
     ) -> tuple[OutputPort, OutputPort]:
         """Add the hand; return its forces, and a port (1,) that is 1 during guiding."""
 
@@ -92,7 +92,7 @@ class SimulatedHand:
         return tuple(port for c, port in names.items() if c in self.motion.channels)
 
     def AddTo(
-        self, builder: DiagramBuilder, scene: BoardScene, scenario: Scenario
+        self, builder: DiagramBuilder, scene: BoardScene
     ) -> tuple[OutputPort, OutputPort]:
         """Add human_hand, and leading, a constant."""
         if scene.whiteboard is None and "z" not in self.motion.channels:
@@ -106,9 +106,9 @@ class SimulatedHand:
                 scene.plant,
                 grip=scene.robot.tip,
                 X_WB=scene.X_WB,
-                motion=self.motion.slowed(scenario.board.curvature()),
-                R_BE=scenario.eraser_orientation(),
-                surface=scenario.board.curvature(),
+                motion=self.motion.slowed(scene.curvature),
+                R_BE=scene.scenario.eraser_orientation(),
+                surface=scene.curvature,
             )
         )
         for port in ("body_poses", "body_spatial_velocities"):
@@ -144,10 +144,10 @@ class MouseOnPage:
         return () if scenario.has_board else ("measured_pose",)
 
     def AddTo(
-        self, builder: DiagramBuilder, scene: BoardScene, scenario: Scenario
+        self, builder: DiagramBuilder, scene: BoardScene
     ) -> tuple[OutputPort, OutputPort]:
         """Add mouse_hand."""
-        hand = AddMouseHand(builder, scene, scenario, self.meshcat)
+        hand = AddMouseHand(builder, scene, self.meshcat)
         return hand.GetOutputPort("spatial_forces"), hand.GetOutputPort("leading")
 
 

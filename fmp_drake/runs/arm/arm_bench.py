@@ -130,7 +130,7 @@ class ArmBench:
         self.plant, self.arm = scene.plant, scene.robot.arm
         plant = self.plant
         if hand is not None:
-            forces, _ = hand.AddTo(builder, scene, scenario)
+            forces, _ = hand.AddTo(builder, scene)
             builder.Connect(forces, plant.GetInputPort("applied_spatial_force"))
         self._is_guided = hand is not None
         self._has_board = scene.whiteboard is not None
@@ -173,7 +173,7 @@ class ArmBench:
         scenario: Scenario,
         demonstrated: Sequence[NDArray[np.float64]],
     ) -> None:
-        ink = AddInk(builder, scene, scenario)
+        ink = AddInk(builder, scene)
         self._grid, self._initial_ink = ink.grid, ink.initial_ink
         x, y = scenario.eraser.footprint
         self._area = ink.grid.swept_by(demonstrated, (x, y))

@@ -1,7 +1,6 @@
 """Visualizers and controls of a station's page, added to its diagram."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,19 +9,17 @@ from pydrake.geometry import (
     Meshcat,
     MeshcatVisualizer,
     MeshcatVisualizerParams,
-    SceneGraph,
 )
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from fmp_drake.station.external_forces import AddMousePull
 from fmp_drake.station.page.stage import SetStage
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scene import AddBoardScene, BoardScene
-from fmp_drake.station.skill_motion import SkillRoles
-from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.station.skill_motion import ChoiceByInk, Playback
+from fmp_drake.station.tasks.task import Measurements
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
-from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.page.force_arrow import ForceArrow
 from fmp_drake.systems.page.ink_visualizer import InkVisualizer
 from fmp_drake.systems.page.page_controls import PageControls
@@ -44,28 +41,7 @@ INK = f"{BOARD}/ink"
 """Path of the ink in Meshcat's tree."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PagePorts:
-    """Systems of the page that act on the station; None if switched off.
-
-    Attributes
-    ----------
-    controls : PageControls
-        The sliders.
-    pull : OutputPort
-        The forces of the mouse on the bodies.
-    """
-
-    controls: PageControls | None = None
-    pull: OutputPort | None = None
-
-
-def AddBodies(
-    builder: DiagramBuilder,
-    scene_graph: SceneGraph,
-    scenario: Scenario,
-    meshcat: Meshcat,
-) -> None:
+def AddBodies(builder: DiagramBuilder, scene: BoardScene, meshcat: Meshcat) -> None:
     """Show arm, eraser and board, lit and seen by the scenario's camera.
 
     System: meshcat_visualizer.
@@ -73,7 +49,7 @@ def AddBodies(
     meshcat.Delete(_BODIES)
     visualizer = MeshcatVisualizer.AddToBuilder(
         builder,
-        scene_graph,
+        scene.scene_graph,
         meshcat,
         MeshcatVisualizerParams(
             prefix=_BODIES,
@@ -83,7 +59,8 @@ def AddBodies(
         ),
     )
     visualizer.set_name("meshcat_visualizer")
-    SetStage(meshcat, eye=scenario.camera.eye, target=scenario.camera.target)
+    camera = scene.scenario.camera
+    SetStage(meshcat, eye=camera.eye, target=camera.target)
 
 
 def ShowStill(scenario: Scenario, meshcat: Meshcat, *, visuals: str = "own") -> None:
@@ -105,7 +82,7 @@ def ShowStill(scenario: Scenario, meshcat: Meshcat, *, visuals: str = "own") -> 
         q=scenario.preferred_posture(),
         visuals=visuals,
     )
-    AddBodies(builder, scene.scene_graph, scenario, meshcat)
+    AddBodies(builder, scene, meshcat)
     diagram = builder.Build()
     diagram.ForcedPublish(diagram.CreateDefaultContext())
 
@@ -113,75 +90,84 @@ def ShowStill(scenario: Scenario, meshcat: Meshcat, *, visuals: str = "own") -> 
 def AddPage(
     builder: DiagramBuilder,
     scene: BoardScene,
-    scenario: Scenario,
+    playback: Playback,
     *,
+    measured: Measurements,
+    driver: System,
     meshcat: Meshcat,
-    primitive: FourierPrimitiveSystem,
-    measured_position: OutputPort,
-    ink: InkBoard | None,
     demonstrated: Sequence[NDArray[np.float64]],
-) -> PagePorts:
+) -> tuple[PageControls | None, OutputPort | None]:
     """Show a station as far as the scenario's `show` says.
 
+    An arm that is not simulated is shown at its measured state, and the board where it is
+    assumed; nothing on the page can pull at it.
+
     Systems: meshcat_visualizer, ink_visualizer, trail_visualizer, plan_visualizer,
-    force_arrow, page_controls, and those of `AddMousePull`.
+    page_controls, force_arrow and those of `AddMousePull`; scene_graph and geometry_pose of
+    an arm that is not simulated.
 
     Parameters
     ----------
     builder : DiagramBuilder
     scene : BoardScene
-    scenario : Scenario
+    playback : Playback
+    measured : Measurements
+        Of the task.
+    driver : System
+        From `MakeDriver`.
     meshcat : Meshcat
-    primitive : FourierPrimitiveSystem
-        Player of the skill.
-    measured_position : OutputPort
-        p_BE, m.
-    ink : InkBoard or None
     demonstrated : sequence of ndarray, shape (N, D)
         Channels of the demonstrations; positions in B, m.
+
+    Returns
+    -------
+    controls : PageControls or None
+        The sliders; only that for samples or means is connected here.
+    pull : OutputPort or None
+        The forces of the mouse on the bodies.
     """
-    show = scenario.show
-    AddBodies(builder, scene.scene_graph, scenario, meshcat)
-    if show.ink and ink is not None:
+    show, plant = scene.scenario.show, scene.plant
+    if not scene.is_simulated:
+        _AddMeasuredPoses(builder, scene, driver.GetOutputPort("state"))
+    AddBodies(builder, scene, meshcat)
+    if show.ink and (ink := measured.ink_board) is not None:
         visualizer = builder.AddSystem(
             InkVisualizer(meshcat=meshcat, grid=ink.grid, path=INK)
         )
         builder.Connect(ink.GetOutputPort("ink"), visualizer.GetInputPort("ink"))
-    AddPaths(
-        builder,
-        scenario,
-        meshcat=meshcat,
-        primitive=primitive,
-        measured_position=measured_position,
-        demonstrated=demonstrated,
-    )
-    controls = None
+    _AddPaths(builder, scene, playback, meshcat, demonstrated)
+    controls = pull = None
     if show.controls:
-        controls = AddPageControls(builder, scenario, primitive, meshcat)
-    if show.force and scene.whiteboard is not None:
-        arrow = builder.AddSystem(
-            ForceArrow(scene.plant, body=scene.robot.tip.body(), meshcat=meshcat)
-        )
-        builder.Connect(
-            scene.plant.GetOutputPort("contact_results"),
-            arrow.GetInputPort("contact_results"),
-        )
-    pull = None
-    if show.mouse:
-        pull = AddMousePull(builder, scene.plant, scene.scene_graph, meshcat)
-    return PagePorts(controls=controls, pull=pull)
+        controls = _AddControls(builder, scene, playback, meshcat)
+    if show.force and scene.is_simulated and scene.whiteboard is not None:
+        name = "contact_results"
+        arrow = ForceArrow(plant, body=scene.robot.tip.body(), meshcat=meshcat)
+        builder.AddSystem(arrow)
+        builder.Connect(plant.GetOutputPort(name), arrow.GetInputPort(name))
+    if show.mouse and scene.is_simulated:
+        pull = AddMousePull(builder, plant, scene.scene_graph, meshcat)
+    return controls, pull
 
 
-def AddPageControls(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    primitive: FourierPrimitiveSystem,
-    meshcat: Meshcat,
+def _AddMeasuredPoses(
+    builder: DiagramBuilder, scene: BoardScene, state: OutputPort
+) -> None:
+    """Add the scene graph of an arm that is not simulated, with its measured state."""
+    scene_graph: Any = builder.AddNamedSystem("scene_graph", scene.scene_graph)
+    poses = builder.AddNamedSystem(
+        "geometry_pose",
+        MultibodyPositionToGeometryPose(scene.plant, input_multibody_state=True),
+    )
+    builder.Connect(state, poses.get_input_port())
+    source = scene_graph.get_source_pose_port(scene.plant.get_source_id())
+    builder.Connect(poses.get_output_port(), source)
+
+
+def _AddControls(
+    builder: DiagramBuilder, scene: BoardScene, playback: Playback, meshcat: Meshcat
 ) -> PageControls:
-    """Add the sliders of a page; only that for samples or means is connected here.
-
-    System: page_controls.
-    """
+    """Add the sliders of a page: system page_controls."""
+    scenario, primitive = scene.scenario, playback.primitive
     controls = PageControls(
         meshcat,
         tempo=scenario.skill.tempo,
@@ -193,76 +179,22 @@ def AddPageControls(
     return controls
 
 
-def AddMeasuredArm(
+def _AddPaths(
     builder: DiagramBuilder,
     scene: BoardScene,
-    scenario: Scenario,
-    *,
-    state: OutputPort,
-    measured_position: OutputPort,
-    primitive: FourierPrimitiveSystem,
+    playback: Playback,
     meshcat: Meshcat,
-    demonstrated: Sequence[NDArray[np.float64]] = (),
-) -> None:
-    """Show an arm at its measured state, the board at its assumed pose, and the plan.
-
-    The page cannot move anything. Systems: scene_graph, geometry_pose,
-    meshcat_visualizer, trail_visualizer, plan_visualizer, as far as the scenario's `show`
-    says.
-
-    Parameters
-    ----------
-    builder : DiagramBuilder
-    scene : BoardScene
-        Not simulated.
-    scenario : Scenario
-    state : OutputPort
-        (2n,), rad and rad/s.
-    measured_position : OutputPort
-        p_BE, m.
-    primitive : FourierPrimitiveSystem
-    meshcat : Meshcat
-    demonstrated : sequence of ndarray, shape (N, 3)
-        Paths in B, m.
-    """
-    scene_graph: Any = builder.AddNamedSystem("scene_graph", scene.scene_graph)
-    poses = builder.AddNamedSystem(
-        "geometry_pose",
-        MultibodyPositionToGeometryPose(scene.plant, input_multibody_state=True),
-    )
-    builder.Connect(state, poses.get_input_port())
-    source = scene_graph.get_source_pose_port(scene.plant.get_source_id())
-    builder.Connect(poses.get_output_port(), source)
-    AddBodies(builder, scene.scene_graph, scenario, meshcat)
-    AddPaths(
-        builder,
-        scenario,
-        meshcat=meshcat,
-        primitive=primitive,
-        measured_position=measured_position,
-        demonstrated=demonstrated,
-    )
-
-
-def AddPaths(
-    builder: DiagramBuilder,
-    scenario: Scenario,
-    *,
-    meshcat: Meshcat,
-    primitive: FourierPrimitiveSystem,
-    measured_position: OutputPort,
     demonstrated: Sequence[NDArray[np.float64]],
 ) -> None:
-    """Show demonstrated paths, the measured one and the plan, as `AddPage` does.
+    """Show demonstrated paths, the measured one and the plan.
 
     Systems: trail_visualizer, plan_visualizer.
     """
-    show, skill = scenario.show, primitive.player.skill
-    roles = SkillRoles(skill)
+    scenario, surface = scene.scenario, scene.curvature
+    show, skill, roles = scenario.show, playback.skill, playback.roles
     position = list(roles.position)
     if not scenario.has_board:
         meshcat.SetTransform(BOARD, scenario.board.pose())
-    surface = scenario.board.curvature()
     if show.demonstrations:
         paths = [path[:, position] for path in demonstrated]
         draw_demonstrations(meshcat, f"{BOARD}/demonstrations", paths, surface=surface)
@@ -270,15 +202,15 @@ def AddPaths(
         trail = builder.AddSystem(
             TrailVisualizer(meshcat, path=f"{BOARD}/trail", surface=surface)
         )
-        builder.Connect(measured_position, trail.get_input_port())
+        builder.Connect(playback.position, trail.get_input_port())
     if show.plan or show.tube or show.component:
+        primitive = playback.primitive
+        means = skill.synthesize([c.mean for c in skill.components_])
         plan = builder.AddSystem(
             PlanVisualizer(
                 meshcat,
                 points=primitive.GetOutputPort("plan").size() // skill.n_channels_,
-                component_paths=skill.synthesize([c.mean for c in skill.components_])[
-                    ..., position
-                ],
+                component_paths=means[..., position],
                 channels=skill.n_channels_,
                 position=position,
                 rotation=roles.rotation or (),
@@ -296,44 +228,39 @@ def AddPaths(
 
 def AddPageStatus(
     builder: DiagramBuilder,
-    panel: PagePanel,
+    scene: BoardScene,
+    playback: Playback,
     *,
-    primitive: FourierPrimitiveSystem,
-    status: OutputPort,
-    period: float,
-    ink: InkBoard | None,
-    area: NDArray[np.bool_] | None,
+    measured: Measurements,
     desired_normal_force: OutputPort,
+    panel: PagePanel,
 ) -> None:
     """Show the state of a station in a panel, by the system page_status.
 
     Parameters
     ----------
     builder : DiagramBuilder
-    panel : PagePanel
-    primitive : FourierPrimitiveSystem
-    status : OutputPort
-        Of the controller and the surface monitor.
-    period : float
-        Of the controller, s.
-    ink : InkBoard or None
-        Also measures the normal force; None without a board.
-    area : ndarray of bool, shape (ny, nx), optional
-        The cells that should be cleaned where there is ink; all by default.
+    scene : BoardScene
+    playback : Playback
+    measured : Measurements
+        Of the task.
     desired_normal_force : OutputPort
         Of the scenario or the page, N.
+    panel : PagePanel
     """
+    scenario, ink = scene.scenario, measured.ink_board
     cells = None
     if ink is not None:
-        inked = ink.initial_ink >= CLEAN_BELOW
-        cells = inked if area is None else inked & area
-    page_status = builder.AddSystem(PageStatus(panel, area=cells, status_period=period))
-    builder.Connect(status, page_status.GetInputPort("status"))
-    component = primitive.GetOutputPort("component")
-    builder.Connect(component, page_status.GetInputPort("component"))
+        cells = ink.initial_ink >= CLEAN_BELOW
+        _, area = ChoiceByInk(scenario, playback.skill)
+        cells = cells if area is None else cells & area
+    period = scenario.impedance.control_period
+    status = builder.AddSystem(PageStatus(panel, area=cells, status_period=period))
+    builder.Connect(measured.status, status.GetInputPort("status"))
+    component = playback.primitive.GetOutputPort("component")
+    builder.Connect(component, status.GetInputPort("component"))
     if ink is not None:
-        builder.Connect(
-            desired_normal_force, page_status.GetInputPort("desired_normal_force")
-        )
+        name = "desired_normal_force"
+        builder.Connect(desired_normal_force, status.GetInputPort(name))
         for name in ("normal_force", "ink"):
-            builder.Connect(ink.GetOutputPort(name), page_status.GetInputPort(name))
+            builder.Connect(ink.GetOutputPort(name), status.GetInputPort(name))

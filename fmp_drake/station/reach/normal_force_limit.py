@@ -7,7 +7,6 @@ from pydrake.multibody.tree import JacobianWrtVariable
 
 from fmp_drake.errors import StationError
 from fmp_drake.station.robots.robot import Robot
-from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scene import BoardScene
 from fmp_drake.systems.surface.surface import rotation
 
@@ -42,7 +41,7 @@ def ArmPressLimit(
     Examples
     --------
     >>> from pydrake.systems.framework import DiagramBuilder
-    >>> from fmp_drake.station import AddBoardScene
+    >>> from fmp_drake.station import AddBoardScene, Scenario
     >>> scene = AddBoardScene(DiagramBuilder(), Scenario(), start=[0.0, 0.0, 0.05])
     >>> limit = ArmPressLimit(
     ...     scene.model,
@@ -68,15 +67,16 @@ def ArmPressLimit(
     return float(max(0.0, np.min(remaining / np.maximum(np.abs(per_newton), 1e-9))))
 
 
-def CheckPress(scenario: Scenario, scene: BoardScene) -> None:
+def CheckPress(scene: BoardScene) -> None:
     """Refuse a normal force that is more than the arm bears where it starts.
 
     Raises
     ------
     StationError
     """
+    scenario = scene.scenario
     u, v, _ = scenario.start
-    R_BT = RotationMatrix(rotation(scenario.board.curvature(), u, v))
+    R_BT = RotationMatrix(rotation(scene.curvature, u, v))
     limit = ArmPressLimit(
         scene.model,
         q=scene.robot.default_posture,

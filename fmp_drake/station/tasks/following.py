@@ -3,7 +3,6 @@
 from pydrake.systems.framework import DiagramBuilder, System
 
 from fmp_drake.station.arm_controller import AddNormalForceEstimator
-from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scene import BoardScene
 from fmp_drake.station.tasks.task import Measurements, Task
 
@@ -23,15 +22,12 @@ class Following(Task):
         self,
         builder: DiagramBuilder,
         scene: BoardScene,
-        scenario: Scenario,  # noqa: ARG002
         *,
         controller: System,
         driver: System,
     ) -> Measurements:
         """Add and export normal_force, by the arm's external torque."""
-        force = AddNormalForceEstimator(
-            builder, scene.model, scene.X_WA.rotation(), driver
-        )
+        force = AddNormalForceEstimator(builder, scene, driver)
         builder.ExportOutput(force, "normal_force")
         status = controller.GetOutputPort("status")
         builder.ExportOutput(status, "status")

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scene import BoardScene
 from fmp_drake.systems.ink_board import InkBoard
 
@@ -40,7 +39,6 @@ class Task(ABC):
         self,
         builder: DiagramBuilder,
         scene: BoardScene,
-        scenario: Scenario,
         *,
         controller: System,
         driver: System,
@@ -51,7 +49,6 @@ class Task(ABC):
         ----------
         builder : DiagramBuilder
         scene : BoardScene
-        scenario : Scenario
         controller : System
             With the outputs measured_position and status.
         driver : System

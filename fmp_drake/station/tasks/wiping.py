@@ -9,7 +9,6 @@ from fmp_drake.station.arm_controller import AddNormalForceEstimator
 from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.reach.clearance import CollectHardPoints
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scenario_parts import BoardConfig
 from fmp_drake.station.scene import BoardScene
 from fmp_drake.station.tasks.task import Measurements, Task
 from fmp_drake.systems.impedance.status import STATUS_SIZE
@@ -42,15 +41,14 @@ class Wiping(Task):
         self,
         builder: DiagramBuilder,
         scene: BoardScene,
-        scenario: Scenario,
         *,
         controller: System,
         driver: System,
     ) -> Measurements:
         """Add ink_board and surface_monitor, or wiped_area; export their outputs."""
-        status, R_WA = controller.GetOutputPort("status"), scene.X_WA.rotation()
+        status, scenario = controller.GetOutputPort("status"), scene.scenario
         if not scene.is_simulated:
-            force = AddNormalForceEstimator(builder, scene.model, R_WA, driver)
+            force = AddNormalForceEstimator(builder, scene, driver)
             builder.ExportOutput(force, "normal_force")
             builder.ExportOutput(status, "status")
             wiped = None
@@ -64,15 +62,15 @@ class Wiping(Task):
                 builder.Connect(force, system.GetInputPort("normal_force"))
                 wiped = system.get_output_port()
             return Measurements(status=status, normal_force=force, ink=wiped)
-        ink = AddInk(builder, scene, scenario)
+        ink = AddInk(builder, scene)
         for i in range(ink.num_output_ports()):
             port = ink.get_output_port(i)
             builder.ExportOutput(port, port.get_name())
         force = ink.GetOutputPort("normal_force")
         if scenario.press.by_torque:
-            force = AddNormalForceEstimator(builder, scene.model, R_WA, driver)
+            force = AddNormalForceEstimator(builder, scene, driver)
         return Measurements(
-            status=AddSurfaceWatch(builder, scene, scenario.board, status=status),
+            status=AddSurfaceWatch(builder, scene, status),
             normal_force=force,
             ink=ink.GetOutputPort("ink"),
             ink_board=ink,
@@ -87,7 +85,7 @@ def BoardGrid(scenario: Scenario) -> InkGrid:
     )
 
 
-def AddInk(builder: DiagramBuilder, scene: BoardScene, scenario: Scenario) -> InkBoard:
+def AddInk(builder: DiagramBuilder, scene: BoardScene) -> InkBoard:
     """Add the ink that the eraser rubs off: system ink_board.
 
     What is written or drawn is upright for the scenario's camera.
@@ -97,13 +95,14 @@ def AddInk(builder: DiagramBuilder, scene: BoardScene, scenario: Scenario) -> In
     StationError
         Where a picture cannot be read, or nothing would be on the board.
     """
+    scenario = scene.scenario
     grid = BoardGrid(scenario)
     ink = InkBoard(
         plant=scene.plant,
         eraser=scene.robot.tip,
         surface=scene.surface,
         grid=grid,
-        initial_ink=_Drawing(grid, scene, scenario),
+        initial_ink=_Drawing(grid, scene),
         worn=scenario.eraser.worn,
         period=scenario.ink.period,
     )
@@ -113,11 +112,9 @@ def AddInk(builder: DiagramBuilder, scene: BoardScene, scenario: Scenario) -> In
     return ink
 
 
-def _Drawing(
-    grid: InkGrid, scene: BoardScene, scenario: Scenario
-) -> NDArray[np.float64] | None:
+def _Drawing(grid: InkGrid, scene: BoardScene) -> NDArray[np.float64] | None:
     """Return the ink at the start, None for a board that is full of it."""
-    ink = scenario.ink
+    scenario, ink = scene.scenario, scene.scenario.ink
     if not (ink.words or ink.picture):
         return None
     turns = upright_turns(grid, X_WB=scene.X_WB, eye=scenario.camera.eye)
@@ -127,11 +124,7 @@ def _Drawing(
 
 
 def AddSurfaceWatch(
-    builder: DiagramBuilder,
-    scene: BoardScene,
-    board: BoardConfig,
-    *,
-    status: OutputPort,
+    builder: DiagramBuilder, scene: BoardScene, status: OutputPort
 ) -> OutputPort:
     """Watch all of arm and eraser that touches and is hard; report it in the status.
 
@@ -142,7 +135,6 @@ def AddSurfaceWatch(
     ----------
     builder : DiagramBuilder
     scene : BoardScene
-    board : BoardConfig
     status : OutputPort
         The controller's.
 
@@ -159,8 +151,8 @@ def AddSurfaceWatch(
     monitor = builder.AddSystem(
         SurfaceMonitor(
             surface=scene.surface,
-            box=BoardBox(board),
-            curvature=board.curvature(),
+            box=BoardBox(scene.scenario.board),
+            curvature=scene.curvature,
             bodies=np.concatenate([arm.bodies, eraser.bodies]),
             points=np.concatenate([arm.points, eraser.points]),
             radii=np.concatenate([arm.radii, eraser.radii]),
