@@ -12,7 +12,6 @@ from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.runs import ArmRun, record_arm
-from fmp_drake.runs.page_text import describe_page
 from fmp_drake.station import LcmPanda, Scenario
 from fmp_drake.station.robots.panda_lcm import LoadPanda
 from fmp_drake.systems import GateMode, PagePanel
@@ -84,10 +83,9 @@ def wipe_with_arm(
         skill,
         config,
         meshcat=None if panel is None else panel.meshcat,
-        demonstrated=[demonstration.values for demonstration in demonstrations],
+        panel=panel,
+        demonstrations=demonstrations,
     )
-    if panel is not None:
-        panel.show(**describe_page(scenario))
     if can_ask():
         console.print("Enter lets the arm go, and stops it; Ctrl-C ends it")
     last = None
@@ -129,7 +127,7 @@ def arm_in_words(run: ArmRun) -> PanelFields:
     """Return the fields of a page's panel for an arm."""
     fields: PanelFields = {"time": run.seconds}
     force = None
-    if run.has_board:
+    if run.scenario.has_board:
         force = fields["force"] = max(float(run.output("normal_force")[0]), 0.0)
     faults = run.faults.name or ""
     if run.mode is GateMode.OPEN:

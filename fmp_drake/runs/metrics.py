@@ -6,10 +6,11 @@ the order of time. Its `result` returns the metrics of all chunks so far.
 
 from dataclasses import dataclass
 from math import ceil
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.model.region import DemonstratedRegion
@@ -72,20 +73,6 @@ def metric_signals(roles: ChannelRoles) -> tuple[str, ...]:
 
 
 type Metrics = dict[str, float | int | None]
-
-
-class _Collector(Protocol):
-    """Metrics or events of some signals."""
-
-    def update(self, chunk: Chunk) -> None:
-        """Add samples."""
-
-
-class _Part(_Collector, Protocol):
-    """Metrics of some signals."""
-
-    def result(self) -> Metrics:
-        """Return the metrics."""
 
 
 class ForceMetrics:
@@ -312,13 +299,13 @@ class ArmLimits:
     torque: NDArray[np.float64]
 
     @classmethod
-    def of(cls, plant: Any, n: int) -> Self:
-        """Return the limits of the first n joints of a MultibodyPlant."""
+    def of(cls, arm: MultibodyPlant) -> Self:
+        """Return the limits of an arm, of which the plant has nothing else that moves."""
         return cls(
-            lower=plant.GetPositionLowerLimits()[:n],
-            upper=plant.GetPositionUpperLimits()[:n],
-            speed=plant.GetVelocityUpperLimits()[:n],
-            torque=plant.GetEffortUpperLimits()[:n],
+            lower=arm.GetPositionLowerLimits(),
+            upper=arm.GetPositionUpperLimits(),
+            speed=arm.GetVelocityUpperLimits(),
+            torque=arm.GetEffortUpperLimits(),
         )
 
 
@@ -407,7 +394,7 @@ class RunMetrics:
         self._has_board = scenario.has_board
         self._region = RegionMetrics(region, roles)
         self._limits = LimitMetrics(limits, control_period=control_period)
-        self._played: tuple[_Part, ...] = (
+        self._played: tuple[Any, ...] = (
             *([ForceMetrics(press.force)] if self._has_board else []),
             TrackingMetrics(press.engage_height),
             *([] if roles.rotation is None else [OrientationMetrics()]),
@@ -431,9 +418,8 @@ class RunMetrics:
             played = {**played, "normal_force": _NONE}
         played = {"penetration": _NONE, **played}
         self._limits.update({"penetration": _NONE, **chunk})
-        parts: tuple[_Collector, ...] = (*self._played, self._events)
-        for metrics in parts:
-            metrics.update(played)
+        for part in (*self._played, self._events):
+            part.update(played)
 
     def result(self) -> Metrics:
         """Return the metrics so far."""

@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Mapping, Sequence
 from math import floor, isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
@@ -17,15 +17,18 @@ from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs.events import RunEvent
 from fmp_drake.runs.log import Rows, Spill, write_log
-from fmp_drake.runs.metrics import ArmLimits, Metrics, RunMetrics, metric_signals
+from fmp_drake.runs.metrics import ArmLimits, RunMetrics, metric_signals
 from fmp_drake.runs.page_text import describe_page
 from fmp_drake.runs.signals import (
     SIGNALS,
+    Chunk,
     pop_samples,
     signal_kind,
     skill_signals,
 )
 from fmp_drake.station.page.page_scene import BOARD
+from fmp_drake.station.robots.driver import Driver
+from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.skill_motion import SkillRoles
 from fmp_drake.station.station import MakeStation
@@ -54,13 +57,15 @@ class StationRun:
     demonstrations : sequence of Demonstration
         Recordings that the skill was learned from, in the frame of the board; may be
         empty.
-    start, q, sample, seed, visuals, meshcat, panel
+    seed, meshcat, panel
         As for `MakeStation`.
     recording : bool
         Record the run for `html`.
     keep : iterable of str
         Names, out of `SIGNALS`, of signals to keep for `log` and `save_log`; names that
         the station does not have are ignored.
+    **station
+        Further options of `MakeStation`, such as driver, start, q, sample and visuals.
 
     Attributes
     ----------
@@ -89,6 +94,9 @@ class StationRun:
     """
 
     _replayed: tuple[str, ...] = ("measured_position",)
+    _title = "A motion is followed"
+    # Output ports of the station, by the names of the signals that they are logged as.
+    _ports: ClassVar[dict[str, str]] = {}
 
     def __init__(
         self,
@@ -96,15 +104,12 @@ class StationRun:
         skill: FourierMovementPrimitive,
         *,
         demonstrations: Sequence[Demonstration] = (),
-        start: ArrayLike | None = None,
-        q: ArrayLike | None = None,
-        sample: bool | None = None,
         seed: int | None = None,
-        visuals: str = "own",
         meshcat: Meshcat | None = None,
         panel: PagePanel | None = None,
         recording: bool = False,
         keep: Iterable[str] = (),
+        **station: Any,
     ) -> None:
         self.scenario = scenario
         self.skill = skill
@@ -119,18 +124,19 @@ class StationRun:
         self.station = MakeStation(
             scenario,
             skill,
-            start=start,
-            q=q,
-            sample=sample,
             seed=self.seed,
-            visuals=visuals,
             meshcat=meshcat,
             panel=panel,
             demonstrated=paths,
+            **station,
         )
         self.roles = SkillRoles(skill)
-        primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
-        self._region = primitive.player.region
+        driver: Driver | None = station.get("driver")
+        self._primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
+        self._control_period = scenario.impedance.control_period
+        if driver is not None and driver.control_period is not None:
+            self._control_period = driver.control_period
+        self._sinks: dict[str, VectorLogSink] = {}
         builder = DiagramBuilder()
         builder.AddSystem(self.station)
         self._add_systems(builder)
@@ -138,40 +144,43 @@ class StationRun:
         self.kept = {
             name
             for name in {*keep, *(self._replayed if self._recording else ())}
-            if isfinite(signal_kind(name).period) and self.station.HasOutputPort(name)
+            if isfinite(signal_kind(name).period) and self._has(name)
         }
         if self.roles.rotation is None:  # Equivalent to the measured position.
             self.kept.discard("measured_pose")
-        measured = [
-            n for n in metric_signals(self.roles) if self.station.HasOutputPort(n)
-        ]
-        self._sinks: dict[str, VectorLogSink] = {}
+        measured = filter(self._has, metric_signals(self.roles))
         for name in sorted({*measured, *self.kept}):
-            port = self.station.GetOutputPort(name)
-            sink = LogVectorOutput(port, builder, signal_kind(name).period)
-            sink.set_name(f"log_{name}")
-            self._sinks[name] = sink
+            self._add_sink(builder, name, signal_kind(name).period)
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
-        if scenario.plant.time_step == 0:
+        if scenario.plant.time_step == 0 and driver is None:
             ApplySimulatorConfig(scenario.simulator, self.simulator)
         self.restart()
 
     def _add_systems(self, builder: DiagramBuilder) -> None:
         """Add systems that observe the task."""
 
+    def _has(self, name: str) -> bool:
+        return self.station.HasOutputPort(self._ports.get(name, name))
+
+    def _add_sink(self, builder: DiagramBuilder, name: str, period: float) -> None:
+        port = self.station.GetOutputPort(self._ports.get(name, name))
+        self._sinks[name] = LogVectorOutput(port, builder, period)
+        self._sinks[name].set_name(f"log_{name}")
+
     def restart(self) -> None:
         """Discard all collected samples after a reset of the simulation; record anew."""
-        joints = self.station.GetOutputPort("state").size() // 2
+        robot = LoadRobot(self.scenario.robot)
+        arm = MakeRobotModel(robot, self.scenario.held_tool()).plant
         self._metrics = RunMetrics(
             self.scenario,
-            self._region,
-            ArmLimits.of(self.station.GetSubsystemByName("plant"), joints),
-            control_period=self.scenario.impedance.control_period,
+            self._primitive.player.region,
+            ArmLimits.of(arm),
+            control_period=self._control_period,
             roles=self.roles,
         )
         self._values = {
-            name: Spill((self.station.GetOutputPort(name).size(),))
+            name: Spill((self._sinks[name].get_input_port().size(),))
             for name in self.kept
         }
         self._times = {signal_kind(name).period: Spill() for name in self.kept}
@@ -196,13 +205,17 @@ class StationRun:
         """Move samples from the log sinks into metrics and kept signals."""
         context = self.simulator.get_mutable_context()
         chunk = pop_samples(self._sinks, context)
-        self._metrics.update(chunk)
+        self._update(chunk)
         times = {}
         for name, spill in self._values.items():
             times[signal_kind(name).period], values = chunk[name]
             spill.append(values)
         for period, added in times.items():
             self._times[period].append(added)
+
+    def _update(self, chunk: Chunk) -> None:
+        """Add samples to the metrics and events."""
+        self._metrics.update(chunk)
 
     def log(self, name: str) -> NDArray[np.float64]:
         """Return the values of a kept signal, shape (samples, size), read only."""
@@ -220,7 +233,7 @@ class StationRun:
         self.log(name)  # Refuses a signal that was not kept.
         return self._times[signal_kind(name).period].array()
 
-    def metrics(self) -> Metrics:
+    def metrics(self) -> dict[str, Any]:
         """Return the metrics of the run so far; a value that was never reached is None."""
         self._collect()
         remaps, reactive = self.output("remaps")
@@ -272,7 +285,7 @@ class StationRun:
             kinds=skill_signals(
                 skill.channels_,
                 skill.units_,
-                weights=self.station.GetOutputPort("weights").size()
+                weights=self._primitive.GetOutputPort("weights").size()
                 // skill.n_channels_,
             ),
         )
@@ -281,8 +294,8 @@ class StationRun:
         """Return the signals of a log that are known at the end of the run."""
         return {}
 
-    def html(self, *, title: str = "A motion is followed") -> str:
-        """Return a stand-alone page that replays the arm and its task.
+    def html(self, *, title: str | None = None) -> str:
+        """Return a stand-alone page that replays the arm, the force and the ink.
 
         Call it once, after the run; it needs `recording` and a Meshcat. The title appears
         in the tab and above the legend.
@@ -310,7 +323,7 @@ class StationRun:
             )
         meshcat.PublishRecording()
         text = describe_page(self.scenario, replay=True)
-        text["title"] = title
+        text["title"] = title or self._title
         seconds = self.simulator.get_context().get_time()
         text["mode"], text["detail"] = "replay", f"of a run of {seconds:g} s"
         series = self._replay_series()

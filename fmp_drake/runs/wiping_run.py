@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.runs.log import Spill
-from fmp_drake.runs.metrics import Metrics, ink_metrics
+from fmp_drake.runs.metrics import ink_metrics
 from fmp_drake.runs.station_run import StationRun
 from fmp_drake.station.page.page_scene import INK
 from fmp_drake.station.scenario import Scenario
@@ -45,8 +45,7 @@ class WipingRun(StationRun):
 
     Parameters
     ----------
-    scenario, skill, demonstrations, start, q, sample, seed, visuals, meshcat, panel, \
-    recording, keep
+    scenario, skill, **options
         As for `StationRun`. The scenario has a board.
 
     Attributes
@@ -69,6 +68,7 @@ class WipingRun(StationRun):
     """
 
     _replayed = ("measured_position", "normal_force")
+    _title = "A whiteboard is wiped"
 
     def _add_systems(self, builder: DiagramBuilder) -> None:
         ink_board: Any = self.station.GetSubsystemByName("ink_board")
@@ -101,7 +101,7 @@ class WipingRun(StationRun):
         self._ink_times.append(self._last_ink_time)
         self._ink_samples.append(np.rint(255 * np.clip(self.output("ink"), 0, 1)))
 
-    def metrics(self) -> Metrics:
+    def metrics(self) -> dict[str, Any]:
         """Return the metrics of the run so far; a value that was never reached is None."""
         others = super().metrics()
         return {
@@ -140,14 +140,6 @@ class WipingRun(StationRun):
 
     def _final_signals(self) -> dict[str, NDArray[np.float64]]:
         return {"ink": self.ink(), "erase_time": self.erase_time()}
-
-    def html(self, *, title: str = "A whiteboard is wiped") -> str:
-        """Return a stand-alone page that replays the arm, the force and the ink.
-
-        Call it once, after the run; it needs `recording` and a Meshcat. The title appears
-        in the tab and above the legend.
-        """
-        return super().html(title=title)
 
     def _finish_recording(self, meshcat: Meshcat) -> None:
         self._record_ink()

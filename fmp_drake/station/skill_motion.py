@@ -131,7 +131,7 @@ def AddSkill(
     sample: bool | None,
     seed: int | None,
 ) -> Playback:
-    """Add a skill that commands a controller, and export the desired motion.
+    """Add a skill that commands a controller, and export what it shows.
 
     Systems: fourier_primitive, desired_motion; of a skill of more than positions, or on a
     curved surface, task_motion, skill_position, position_covariance of a simulated arm,
@@ -207,6 +207,9 @@ def AddSkill(
         builder.Connect(covariance, controller.GetInputPort("covariance"))
     for order, name in enumerate(DESIRED):
         builder.ExportOutput(desired.get_output_port(order), name)
+    for name in ("covariance", "weights", "component", "remaps", "phase"):
+        if primitive.HasOutputPort(name):
+            builder.ExportOutput(primitive.GetOutputPort(name), name)
     return Playback(primitive=primitive, roles=roles, position=position, force=force)
 
 

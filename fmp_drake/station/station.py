@@ -18,7 +18,7 @@ from fmp_drake.station.page.page_scene import AddBodies, AddPage, AddPageStatus
 from fmp_drake.station.reach.normal_force_limit import CheckPress
 from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scene import AddBoardScene, BoardScene
+from fmp_drake.station.scene import AddBoardScene
 from fmp_drake.station.skill_motion import (
     DESIRED,
     AddSkill,
@@ -30,7 +30,6 @@ from fmp_drake.station.tasks.following import Following
 from fmp_drake.station.tasks.task import Task
 from fmp_drake.station.tasks.wiping import AddInk, Wiping
 from fmp_drake.station.teaching_hands import GUIDING, TURNING, TeachingHand
-from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.page.page_controls import PageControls
 from fmp_drake.systems.page.page_panel import PagePanel
 from fmp_drake.systems.surface_coordinates import SurfaceCoordinates
@@ -99,9 +98,9 @@ def MakeStation(
 
     An arm that is not simulated, and one without skill and hand, has the outputs of the
     controller and of `MakeDriver`, among them torque_measured and torque_external, and
-    normal_force, N, from the external torque. With a skill there are desired_position,
-    desired_velocity and desired_acceleration, and with controls on a page page_tempo (1,)
-    and page_normal_force (1,), which are not connected. Its inputs are desired_normal_force
+    normal_force, N, from the external torque. With a skill there are the outputs of the
+    skill, and with controls on a page page_tempo (1,) and page_normal_force (1,), which are
+    not connected. Its inputs are desired_normal_force
     (1,), N; tempo (1,) of a skill or else desired_position, desired_velocity,
     desired_acceleration (3,); wall_time and go of an arm behind LCM.
 
@@ -204,7 +203,9 @@ def MakeStation(
         name = "wiping_station"
         force = _AddNominalMotion(builder, scenario, playback, controls)
         AddExternalForces(builder, scene, pull=pull)
-        _ExportSimulation(builder, scene, playback.primitive, arm)
+        builder.ExportOutput(arm.GetOutputPort("torque_measured"), "actuation")
+        state = scene.plant.get_state_output_port(scene.robot.arm)
+        builder.ExportOutput(state, "state")
         if panel is not None:
             AddPageStatus(
                 builder,
@@ -269,21 +270,6 @@ def _AddNominalMotion(
             source = builder.AddNamedSystem(system, constant).get_output_port()
         builder.Connect(source, port)
     return source
-
-
-def _ExportSimulation(
-    builder: DiagramBuilder,
-    scene: BoardScene,
-    primitive: FourierPrimitiveSystem,
-    driver: System,
-) -> None:
-    """Export what a simulated arm and its skill show."""
-    for name in ("covariance", "weights", "component", "remaps", "phase"):
-        if primitive.HasOutputPort(name):
-            builder.ExportOutput(primitive.GetOutputPort(name), name)
-    builder.ExportOutput(driver.GetOutputPort("torque_measured"), "actuation")
-    state = scene.plant.get_state_output_port(scene.robot.arm)
-    builder.ExportOutput(state, "state")
 
 
 def _ExportArm(

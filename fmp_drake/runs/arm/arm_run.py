@@ -1,15 +1,11 @@
 """Run of a skill on an arm behind LCM messages, in real time."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
-from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
 
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.runs.arm.real_time import (
@@ -19,13 +15,10 @@ from fmp_drake.runs.arm.real_time import (
     uninterrupted,
 )
 from fmp_drake.runs.events import RunEvent
-from fmp_drake.runs.metrics import ArmLimits, RunMetrics, metric_signals
-from fmp_drake.runs.signals import MILLISECOND, Samples, pop_samples, signal_kind
+from fmp_drake.runs.signals import MILLISECOND, Chunk, Samples
+from fmp_drake.runs.station_run import StationRun
 from fmp_drake.station.robots.panda_lcm import LcmPanda, OpenLcm, TorquePublisher
-from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.skill_motion import SkillRoles
-from fmp_drake.station.station import MakeStation
 from fmp_drake.systems.panda.gate import (
     EXPIRED_AGE,
     GateMode,
@@ -39,11 +32,9 @@ _SETTLE = 0.3
 # Steps between two looks at the page's controls, and between two moves of the logged
 # samples into the metrics.
 _SELDOM, _CHUNK = 20, 250
-# Output ports of the station, by the names of the signals that they are logged as.
-_LOGGED = {"actuation": "torque_measured", "torque": "torque_sent", "mode": "mode"}
 
 
-class ArmRun:
+class ArmRun(StationRun):
     """Run of a skill on an arm behind LCM, with its metrics and events.
 
     Parameters
@@ -54,19 +45,12 @@ class ArmRun:
     config : LcmPanda
     lcm : DrakeLcmInterface, optional
         The bus instead of one of `config.url`.
-    meshcat : Meshcat, optional
-        Where to show the measured arm. Where the scenario shows controls, they set tempo
-        and normal force.
-    demonstrated : sequence of ndarray, shape (N, 3)
-        Paths in B to show, m.
+    **options
+        As for `StationRun`. With a Meshcat the measured arm is shown; where the scenario
+        shows controls, they set tempo and normal force.
 
     Attributes
     ----------
-    station : Diagram
-    has_board : bool
-        Whether there is a surface to press on.
-    simulator : Simulator
-        Of the station and its loggers.
     ages : list of float
         Age of the status at each step with an open gate, s.
     late, skipped : float
@@ -79,6 +63,11 @@ class ArmRun:
     See `fmp-drake wipe --arm`.
     """
 
+    _ports: ClassVar[dict[str, str]] = {
+        "actuation": "torque_measured",
+        "torque": "torque_sent",
+    }
+
     def __init__(
         self,
         scenario: Scenario,
@@ -86,66 +75,29 @@ class ArmRun:
         config: LcmPanda,
         *,
         lcm: DrakeLcmInterface | None = None,
-        meshcat: Meshcat | None = None,
-        demonstrated: Sequence[NDArray[np.float64]] = (),
+        **options: Any,
     ) -> None:
         self._lcm = OpenLcm(config.url) if lcm is None else lcm
         self._config = config
         self.period = config.gate.period
+        super().__init__(scenario, skill, driver=config, lcm=self._lcm, **options)
         self._tempo, self._force = scenario.skill.tempo, scenario.nominal_force()
-        self.station = MakeStation(
-            scenario,
-            skill,
-            driver=config,
-            lcm=self._lcm,
-            meshcat=meshcat,
-            demonstrated=demonstrated,
-        )
-        self.has_board = scenario.has_board
         self._has_controls = self.station.HasOutputPort("page_tempo")
-        builder = DiagramBuilder()
-        builder.AddSystem(self.station)
-        roles = SkillRoles(skill)
-        ports = {name: name for name in metric_signals(roles)} | _LOGGED
-        self._sinks = {
-            name: LogVectorOutput(
-                self.station.GetOutputPort(port),
-                builder,
-                MILLISECOND if name == "mode" else signal_kind(name).period,
-            )
-            for name, port in ports.items()
-            if self.station.HasOutputPort(port)
-        }
-        self.simulator = Simulator(builder.Build())
-        arm = MakeRobotModel(LoadRobot(scenario.robot), scenario.held_tool()).plant
-        primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
-        self._metrics = RunMetrics(
-            scenario,
-            primitive.player.region,
-            ArmLimits.of(arm, arm.num_positions()),
-            control_period=self.period,
-            roles=roles,
-        )
         self._ticks, self._go, self._enable_time = 0, 0, np.inf
         self.ages: list[float] = []
         self.stops: list[tuple[float, GateFault]] = []
         self.late = self.skipped = 0.0
         self._last_mode = GateMode.WAITING
-        self._fix("tempo", 0.0)
-        self._fix("desired_normal_force", 0.0)
-        self._fix("go", 0.0)
-        self._fix("wall_time", 0.0)
+        for name in ("tempo", "desired_normal_force", "go", "wall_time"):
+            self._fix(name, 0.0)
+
+    def _add_systems(self, builder: DiagramBuilder) -> None:
+        self._add_sink(builder, "mode", MILLISECOND)
 
     def _fix(self, name: str, value: float) -> None:
         root = self.simulator.get_mutable_context()
         context = self.station.GetMyMutableContextFromRoot(root)
         self.station.GetInputPort(name).FixValue(context, np.array([value]))
-
-    def output(self, name: str) -> NDArray[np.float64]:
-        """Return the present value of an output port of the station."""
-        context = self.station.GetMyContextFromRoot(self.simulator.get_context())
-        value: Any = self.station.GetOutputPort(name).Eval(context)
-        return np.array(value)
 
     @property
     def seconds(self) -> float:
@@ -204,12 +156,8 @@ class ArmRun:
         if self._ticks % _CHUNK == 0:
             self._collect()
 
-    def _collect(self) -> None:
-        """Move samples from the log sinks into the metrics and events.
-
-        Samples with a closed gate count for the limits only.
-        """
-        chunk = pop_samples(self._sinks, self.simulator.get_mutable_context())
+    def _update(self, chunk: Chunk) -> None:
+        """Add samples; those with a closed gate count for the limits only."""
         mode = chunk["mode"]
         is_open = mode.values[:, 0] == GateMode.OPEN
         played = {}
@@ -267,8 +215,7 @@ class ArmRun:
         The normal force is the one that the arm estimates. The penetration of the board
         is not measured, and the desired position jumps whenever the arm is enabled.
         """
-        self._collect()
-        result = self._metrics.result()
+        result = super().metrics()
         for name in ("penetration_max_m", "desired_position_jump_max_m"):
             result.pop(name, None)
         return {
@@ -283,9 +230,8 @@ class ArmRun:
 
     def events(self) -> list[RunEvent]:
         """Return what went wrong in the run so far, in the order of time."""
-        self._collect()
         stops = [
             RunEvent(at, at, "arm stopped", f"arm stopped at {at:.1f} s: {fault.name}")
             for at, fault in self.stops
         ]
-        return sorted([*self._metrics.events(), *stops])
+        return sorted([*super().events(), *stops])
