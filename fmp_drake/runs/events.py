@@ -126,23 +126,27 @@ class Occurrences:
         return [RunEvent(start, end, self._kind, text)]
 
 
-def _occurrences(flag: StatusFlag, detail: str = "") -> Occurrences:
-    return Occurrences(CONDITIONS[flag].event, detail)
+# Conditions that are reported where their flag is set.
+_FLAGGED = {
+    flag: CONDITIONS[flag].event
+    for flag in (StatusFlag.ARM_TOUCHES, StatusFlag.OVERSPEED)
+} | {StatusFlag.JOINT_WALL: "a joint at its limit"}
 
 
 class RunEvents:
     """Events of a run, from the controller's status and the positions."""
 
     def __init__(self) -> None:
+        stop = CONDITIONS[StatusFlag.PROTECTIVE_STOP].event
         self._stops = {
-            int(flag): _occurrences(StatusFlag.PROTECTIVE_STOP, why)
-            for flag, why in _STOPS.items()
+            int(flag): Occurrences(stop, why) for flag, why in _STOPS.items()
         }
-        self._lost = _occurrences(StatusFlag.CONTACT_LOST)
-        self._limit = Occurrences("a joint at its limit")
-        self._arm = _occurrences(StatusFlag.ARM_TOUCHES)
-        self._fast = _occurrences(StatusFlag.OVERSPEED)
-        self._below = _occurrences(StatusFlag.BELOW_SURFACE, "up to {:.1f} mm deep")
+        self._lost = Occurrences(CONDITIONS[StatusFlag.CONTACT_LOST].event)
+        below = CONDITIONS[StatusFlag.BELOW_SURFACE].event
+        self._below = Occurrences(below, "up to {:.1f} mm deep")
+        self._flagged = {
+            int(flag): Occurrences(kind) for flag, kind in _FLAGGED.items()
+        }
         self._cause = 0
         self._touch = self._contact = np.inf
         self._span = (np.inf, 0.0)
@@ -153,9 +157,8 @@ class RunEvents:
         times, status = chunk["status"]
         flags = status[:, 0].astype(int)
         lost, stopped = flags & int(StatusFlag.CONTACT_LOST), flags & _STOPPED
-        self._limit.update(times, flags & int(StatusFlag.JOINT_WALL))
-        self._arm.update(times, flags & int(StatusFlag.ARM_TOUCHES))
-        self._fast.update(times, flags & int(StatusFlag.OVERSPEED))
+        for flag, occurrences in self._flagged.items():
+            occurrences.update(times, flags & flag)
 
         depth = chunk["penetration"]
         millimetres = 1e3 * depth.values[:, 0]
@@ -198,9 +201,13 @@ class RunEvents:
 
     def result(self) -> list[RunEvent]:
         """Return the events so far, in the order of time."""
-        others = (self._lost, self._limit, self._arm, self._fast, self._below)
-        collected = (*self._stops.values(), *others)
-        events = [event for fault in collected for event in fault.events()]
+        faults = (
+            *self._stops.values(),
+            *self._flagged.values(),
+            self._lost,
+            self._below,
+        )
+        events = [event for fault in faults for event in fault.events()]
         counts = np.cumsum(self._heights)
         height = int(np.searchsorted(counts, counts[-1] / 2)) - _MOST_HEIGHT
         if counts[-1] and abs(height) >= _LEAST_HEIGHT:

@@ -85,15 +85,8 @@ class RunButtons:
             )
             self._shown = paused
 
-    def take_reset(self) -> bool:
-        """Return whether the reset button was clicked since the last call."""
-        return self._take(self.RESET)
-
-    def take_stop(self) -> bool:
-        """Return whether the stop button was clicked since the last call."""
-        return self._take(self.STOP)
-
-    def _take(self, name: str) -> bool:
+    def was_clicked(self, name: str) -> bool:
+        """Return whether `RESET` or `STOP` was clicked since the last call."""
         clicks = self._meshcat.GetButtonClicks(name)
         was_clicked, self._clicks[name] = clicks != self._clicks[name], clicks
         return was_clicked
@@ -140,9 +133,9 @@ def advance(
         waited = False
         while context.get_time() < until or (goes_on is not None and goes_on()):
             if buttons is not None:
-                if buttons.take_stop():
+                if buttons.was_clicked(buttons.STOP):
                     return
-                if buttons.take_reset():
+                if buttons.was_clicked(buttons.RESET):
                     reset(simulator)
                     simulator.Initialize()
                     if on_reset is not None:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from fmp_drake.runs.page_text import VIEW_HELP, describe_page
-from fmp_drake.runs.teaching_session import Mode, TeachingSession
+from fmp_drake.runs.teaching_session import TeachingSession
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.mouse_hand import TURN_SWITCH
 from fmp_drake.systems.page.page_controls import set_tempo
@@ -71,7 +71,7 @@ class TeachPage:
         busy : str
             Action that is about to begin.
         """
-        mode, meshcat = session.mode, self._panel.meshcat
+        mode, meshcat, scenario = session.mode, self._panel.meshcat, self._scenario
         names = [*session.buttons]
         if mode == "play" and session.suggested_tempo is not None:
             names.insert(0, SLOWER)
@@ -113,8 +113,10 @@ class TeachPage:
         }
         fields: Any = {
             "buttons": buttons,
-            "help": [*self._how(mode), *_HELP[mode]],
-            "subtitle": self._scenario.description,
+            "help": [_ON_BOARD if scenario.has_board else _IN_SPACE, *_HELP[mode]]
+            if mode == "teach"
+            else _HELP[mode],
+            "subtitle": scenario.description,
             "turn": TURN_SWITCH,
             "grab": "you are guiding" if mode == "teach" else "you are pulling",
         }
@@ -129,17 +131,11 @@ class TeachPage:
                 **unused,
             }
         else:
-            fields["legend"] = describe_page(self._scenario)["legend"]
+            fields["legend"] = describe_page(scenario)["legend"]
             fields["progress"] = None
         if busy:
             fields |= {"mode": busy, "level": "busy"}
         self._panel.show(**fields)
-
-    def _how(self, mode: Mode) -> list[str]:
-        """Return how the arm is guided."""
-        if mode == "play":
-            return []
-        return [_ON_BOARD if self._scenario.has_board else _IN_SPACE]
 
     def attend(self, session: TeachingSession) -> str | None:
         """Press the button that was clicked since the last call, and return its name."""

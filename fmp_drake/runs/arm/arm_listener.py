@@ -1,6 +1,6 @@
 """Check of an arm behind LCM, and recording of its hand guiding; nothing is sent."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from fmp_drake.primitives import Demonstration
 from fmp_drake.runs.arm.real_time import WallClock
 from fmp_drake.runs.guided_demonstrations import guided_demonstrations
 from fmp_drake.station.robots.panda_lcm import LcmPanda, OpenLcm, RawSerializer
-from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
+from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel, Robot
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.interface.arm_model import ArmModel
 from fmp_drake.systems.panda.status import (
@@ -27,6 +27,8 @@ from fmp_drake.systems.panda.status import (
     decode,
     read_status,
 )
+
+Array = NDArray[np.float64]
 
 # Duration of a check, s, and its smallest rate of messages, 1/s.
 _CHECK_SECONDS, _MIN_RATE = 1.0, 900.0
@@ -108,43 +110,37 @@ def check_arm(
     )
     valid = [status for status in received if status.reading.is_finite]
     if not valid:
-        results.append(
-            CheckResult(
-                False,
-                f"{len(received)} messages on {config.status_channel}, none of them a "
-                "status of seven joints: does the robot's driver run, on this bus, with the "
-                "messages of this Drake?",
-            )
+        text = (
+            f"{len(received)} messages on {config.status_channel}, none of them a status of "
+            "seven joints: does the robot's driver run, on this bus, with the messages of "
+            "this Drake?"
         )
-        return results
-    rate = received[-1].number / _CHECK_SECONDS
-    results.append(
-        CheckResult(
-            rate >= _MIN_RATE and len(valid) == len(received),
-            f"{rate:.0f} statuses in a second (1000 wanted), {len(received) - len(valid)} of "
-            f"{len(received)} that were read are broken",
-        )
-    )
+        return [*results, CheckResult(False, text)]
+    rate, broken = received[-1].number / _CHECK_SECONDS, len(received) - len(valid)
     ages = np.array([status.time - status.reading.time for status in valid])
     late = float(np.max(np.abs(ages)))
-    results.append(
+    last = valid[-1]
+    is_wrong = bool(last.reading.faults & GateFault.WRONG_MODE)
+    needed = "; it must be kMove, controlled by torque"
+    return [
+        *results,
+        CheckResult(
+            rate >= _MIN_RATE and not broken,
+            f"{rate:.0f} statuses in a second (1000 wanted), {broken} of "
+            f"{len(received)} that were read are broken",
+        ),
         CheckResult(
             late <= config.gate.expiry,
             f"stamps are {1e3 * np.median(ages):.1f} ms old (median), {1e3 * late:.1f} ms at "
             f"most (allowed: {1e3 * config.gate.expiry:g}): clocks and network",
-        )
-    )
-    last = valid[-1]
-    mode = _robot_mode(last.message.robot_mode)
-    if last.reading.faults & GateFault.WRONG_MODE:
-        text = f"the robot's mode is {mode}; it must be kMove, controlled by torque"
-        results.append(CheckResult(False, text))
-    else:
-        results.append(
-            CheckResult(True, f"the robot's mode is {mode}, controlled by torque")
-        )
-    results += _check_pose(scenario, last.reading)
-    return results
+        ),
+        CheckResult(
+            not is_wrong,
+            f"the robot's mode is {_robot_mode(last.message.robot_mode)}"
+            f"{needed if is_wrong else ', controlled by torque'}",
+        ),
+        *_check_pose(scenario, last.reading),
+    ]
 
 
 def _robot_mode(number: int) -> str:
@@ -157,14 +153,13 @@ def _robot_mode(number: int) -> str:
 def _check_pose(scenario: Scenario, reading: ArmReading) -> list[CheckResult]:
     """Check posture, speed, position and external torque of an arm."""
     robot = MakeRobotModel(LoadRobot(scenario.robot), scenario.held_tool())
-    arm, context = robot.plant, robot.plant.CreateDefaultContext()
+    arm = robot.plant
     q, v = reading.state[:JOINTS], reading.state[JOINTS:]
     margins = np.minimum(
         q - arm.GetPositionLowerLimits(), arm.GetPositionUpperLimits() - q
     )
     joint = int(np.argmin(margins))
-    p_WE: Any = ArmModel(arm, robot.tip).motion(context, reading.state)[0][3]
-    p_BE = scenario.board.assumed_pose().inverse().multiply(p_WE)
+    (p_BE,) = _eraser_positions(scenario, robot, [reading.state])
     distance = float(np.linalg.norm(p_BE - scenario.start))
     speed, external = (float(np.max(np.abs(x))) for x in (v, reading.torque_external))
     x, y, z = p_BE
@@ -186,6 +181,18 @@ def _check_pose(scenario: Scenario, reading: ArmReading) -> list[CheckResult]:
             "eraser's mass that the robot was told",
         ),
     ]
+
+
+def _eraser_positions(
+    scenario: Scenario, robot: Robot, states: Sequence[Array]
+) -> Array:
+    """Return p_BE, shape (N, 3), m, on the assumed board, by an arm's states (14,)."""
+    model, context = (
+        ArmModel(robot.plant, robot.tip),
+        robot.plant.CreateDefaultContext(),
+    )
+    p_WE: Any = np.array([model.motion(context, state)[0][3] for state in states]).T
+    return scenario.board.assumed_pose().inverse().multiply(p_WE).T
 
 
 def record_arm(
@@ -217,25 +224,21 @@ def record_arm(
     robot_config = LoadRobot(scenario.robot)
     config.check_robot(robot_config)
     times: list[float] = []
-    angles: list[NDArray[np.float64]] = []
+    states: list[Array] = []
     for *_, reading in listen(config, lcm=lcm, until=until):
         if reading.is_finite and (
             not times or reading.time >= times[-1] + _SAMPLE_PERIOD
         ):
             times.append(reading.time)
-            angles.append(reading.state)
+            states.append(reading.state)
     if not times:
         raise RunError(
             f"nothing was heard on {config.status_channel}; see fmp-drake check --arm."
         )
     robot = MakeRobotModel(robot_config, scenario.held_tool())
-    model = ArmModel(robot.plant, robot.tip)
-    context = robot.plant.CreateDefaultContext()
-    X_BW = scenario.board.assumed_pose().inverse()
-    p_WE: Any = np.array([model.motion(context, q)[0][3] for q in angles]).T
     demonstrations = guided_demonstrations(
         np.subtract(times, times[0]),
-        X_BW.multiply(p_WE).T,
+        _eraser_positions(scenario, robot, states),
         np.ones(len(times)),
         note=note,
     )
