@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import ArrayLike
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
@@ -31,6 +30,8 @@ from fmp_drake.station.scenario_parts import (
     SensorConfig,
     ShowConfig,
     SkillConfig,
+    in_one_line,
+    load_yaml,
 )
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import FrictionConfig
@@ -251,28 +252,16 @@ def _Parse(
     folder: Path | None = None,
     robot: str | None = None,
 ) -> Scenario:
-    try:
+    with in_one_line(f"{name} is not a scenario"):
         check_yaml(text, "it", StationError)
         _check_types(yaml.safe_load(text), Scenario())
         data = text.decode() if isinstance(text, bytes) else text
-        scenario: Scenario = yaml_load_typed(  # type: ignore[no-untyped-call]
-            schema=Scenario, data=data, defaults=Scenario()
-        )
+        scenario: Scenario = load_yaml(Scenario, data)
         if folder is not None:
             _Locate(scenario, folder)
         if robot not in (None, scenario.robot):
             scenario.robot, scenario.posture = str(robot), []
         scenario.check()
-    except (
-        RuntimeError,
-        TypeError,
-        ValueError,
-        KeyError,
-        AssertionError,  # Drake's loader, for a number in place of a mapping.
-        yaml.YAMLError,
-    ) as error:
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise StationError(f"{name} is not a scenario: {reason}") from None
     return scenario
 
 

@@ -4,15 +4,21 @@
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
+from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from fmp_drake.errors import StationError
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.settings import bounded
+from fmp_drake.systems.operational_space_impedance_controller import ENGAGE_HEIGHT
 from fmp_drake.systems.surface.surface import Surface
 
 DISTURBANCES = ("push", "grasp")
@@ -25,6 +31,39 @@ _SHAPES = {
     "bowl": (-1.0, -1.0),
     "none": (0.0, 0.0),
 }
+
+
+@contextmanager
+def in_one_line(what: str, hint: str = "") -> Iterator[None]:
+    """Raise an error of the block, of a file or of Drake, as a `StationError`.
+
+    Parameters
+    ----------
+    what : str
+        Before the first line of the error.
+    hint : str
+        After it.
+    """
+    try:
+        yield
+    except (
+        RuntimeError,
+        TypeError,
+        ValueError,
+        KeyError,
+        OSError,
+        AssertionError,  # Drake's loader, for a number in place of a mapping.
+        yaml.YAMLError,
+    ) as error:
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+        raise StationError(f"{what}: {reason}{hint}") from None
+
+
+def load_yaml(schema: type, text: str) -> Any:
+    """Load a dataclass from YAML text, which was checked, over its defaults."""
+    return yaml_load_typed(  # type: ignore[no-untyped-call]
+        schema=schema, data=text, defaults=schema()
+    )
 
 
 @dataclass(kw_only=True)
@@ -59,25 +98,30 @@ class BoardMotion:
 
 
 @dataclass(kw_only=True)
-class BoardError:
-    """Error of the assumed pose of the board.
+class PoseConfig:
+    """A pose.
 
     Attributes
     ----------
     translation : list of 3 floats
-        Of the real board in the frame of the assumed one, m.
+        m.
     rpy : list of 3 floats
-        Roll, pitch, yaw of it, rad.
+        Roll, pitch, yaw, rad.
 
     Examples
     --------
-    >>> board = BoardConfig(error=BoardError(translation=[0.0, 0.0, 0.01]))
-    >>> board.pose().translation() - board.assumed_pose().translation()
-    array([0.  , 0.  , 0.01])
+    >>> PoseConfig(translation=[0.0, 0.0, 0.1]).transform().translation()
+    array([0. , 0. , 0.1])
     """
 
     translation: list[float] = bounded([0.0, 0.0, 0.0])
     rpy: list[float] = bounded([0.0, 0.0, 0.0])
+
+    def transform(self) -> RigidTransform:
+        """Return the pose."""
+        return RigidTransform(
+            RollPitchYaw(np.array(self.rpy)), np.array(self.translation)
+        )
 
 
 @dataclass(kw_only=True)
@@ -102,7 +146,8 @@ class BoardConfig:
         Coefficient of friction of its surface.
     legs : bool
         Whether it is drawn with the legs of a table.
-    error : BoardError
+    error : PoseConfig
+        Pose of the real board in the frame of the assumed one.
     motion : BoardMotion
 
     Examples
@@ -122,16 +167,16 @@ class BoardConfig:
     size: list[float] = bounded([0.50, 0.70], least=0.1)
     friction: float = bounded(0.5, least=0)
     legs: bool = True
-    error: BoardError = field(default_factory=BoardError)
+    error: PoseConfig = field(default_factory=PoseConfig)
     motion: BoardMotion = field(default_factory=BoardMotion)
 
     def assumed_pose(self) -> RigidTransform:
         """Return X_WB as the controller takes it to be, at the middle of the rail."""
-        return _pose(self.translation, self.rpy)
+        return PoseConfig(translation=self.translation, rpy=self.rpy).transform()
 
     def pose(self) -> RigidTransform:
         """Return X_WB, at the middle of the rail."""
-        return self.assumed_pose() @ _pose(self.error.translation, self.error.rpy)
+        return self.assumed_pose() @ self.error.transform()
 
     def rail_axis(self) -> NDArray[np.float64]:
         """Return the direction of the rail in B, a unit vector."""
@@ -219,7 +264,7 @@ class PressConfig:
     """
 
     force: float = bounded(10.0, least=0)
-    engage_height: float = bounded(0.01, above=0)
+    engage_height: float = bounded(ENGAGE_HEIGHT, above=0)
     by_torque: bool = False
 
 
@@ -395,10 +440,6 @@ class ShowConfig:
     force: bool = True
     controls: bool = True
     mouse: bool = True
-
-
-def _pose(translation: list[float], rpy: list[float]) -> RigidTransform:
-    return RigidTransform(RollPitchYaw(np.array(rpy)), np.array(translation))
 
 
 @dataclass(kw_only=True)

@@ -135,6 +135,9 @@ from fmp_drake.systems.interface.arm_model import (
 )
 from fmp_drake.systems.interface.callbacks import eval_cache
 
+ENGAGE_HEIGHT = 0.01
+"""Default height over the surface below which the normal force comes in, m."""
+
 Array = NDArray[np.float64]
 
 # Groups of the discrete state.
@@ -244,7 +247,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         X_WT: RigidTransform,
         config: ImpedanceConfig,
         q_posture: NDArray[np.float64] | None = None,
-        engage_height: float = 0.01,
+        engage_height: float = ENGAGE_HEIGHT,
     ) -> None:
         super().__init__()
         self.set_name("operational_space_impedance_controller")

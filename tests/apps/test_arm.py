@@ -36,7 +36,7 @@ def test_arm_names_a_bus_or_a_file(tmp_path):
     path = tmp_path / "arm.yaml"
     path.write_text("panda: !LcmPanda {gate: {expiry: 0.02}}")
     assert arm_config(str(path), dry=False).gate.expiry == 0.02
-    path.write_text("panda: !ReplayPanda {log: run.npz}")
+    path.write_text("panda: !SimulatedDriver {}")
     for wrong in (str(path), "ros"):
         with pytest.raises(StationError, match="expected"):
             arm_config(wrong, dry=False)

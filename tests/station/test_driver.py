@@ -1,7 +1,5 @@
 """Facts about the drivers between an arm and its controller."""
 
-import json
-
 import numpy as np
 import pytest
 from drake import lcmt_panda_command, lcmt_panda_status
@@ -14,7 +12,7 @@ from pydrake.systems.lcm import LcmSubscriberSystem
 
 from fmp_drake.errors import StationError
 from fmp_drake.station import LcmPanda
-from fmp_drake.station.robots.driver import MakeDriver, ReplayDriver, SimulatedDriver
+from fmp_drake.station.robots.driver import MakeDriver, SimulatedDriver
 from fmp_drake.station.robots.panda_lcm import LoadPanda
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario_parts import SensorConfig
@@ -30,39 +28,19 @@ def arm():
     return MakeRobotModel(LoadRobot("panda")).plant
 
 
-@pytest.fixture
-def log(tmp_path):
-    """A file like a run's log, of three samples."""
-    path = tmp_path / "run.npz"
-    state = np.arange(42.0).reshape(3, 14)
-    signals = {name: {"times": "time"} for name in ("state", "actuation")}
-    np.savez(
-        path,
-        metadata=json.dumps({"signals": signals}),
-        time=[0.0, 0.1, 0.2],
-        state=state,
-        actuation=-state[:, :7],
-    )
-    return path
-
-
 def show(driver, context, name):
     return driver.GetOutputPort(name).Eval(context)
 
 
-def test_every_driver_has_the_same_ports(arm, log):
-    for config in (
-        SimulatedDriver(),
-        LcmPanda(url="memq://"),
-        ReplayDriver(log=str(log)),
-    ):
+def test_every_driver_has_the_same_ports(arm):
+    for config in (SimulatedDriver(), LcmPanda(url="memq://")):
         driver = MakeDriver(config, arm=arm)
         assert driver.GetInputPort("torque").size() == 7
         for name, size in OUTPUTS.items():
             assert driver.GetOutputPort(name).size() == size
 
 
-def test_a_driver_has_as_many_joints_as_its_arm(log):
+def test_a_driver_has_as_many_joints_as_its_arm():
     arm = MultibodyPlant(time_step=0.0)
     body = arm.world_body()
     for i in range(3):
@@ -78,8 +56,6 @@ def test_a_driver_has_as_many_joints_as_its_arm(log):
     assert driver.GetInputPort("torque").size() == 3
     assert driver.GetOutputPort("state").size() == 6
     assert driver.GetOutputPort("torque_measured").size() == 3
-    with pytest.raises(StationError, match=r"an arm of 3 joints needs 6 columns"):
-        MakeDriver(ReplayDriver(log=str(log)), arm=arm)
 
 
 def test_simulated_arm_passes_torque_and_adds_its_weight(arm):
@@ -110,23 +86,6 @@ def test_simulated_arm_may_be_measured_late(arm):
     context = driver.CreateDefaultContext()
     assert show(driver, context, "age") == 0.002
     assert_array_equal(show(driver, context, "state"), [0.2] * 7 + [0.0] * 7)
-
-
-def test_replay_of_a_log_gives_the_log(arm, log):
-    driver = MakeDriver(ReplayDriver(log=str(log)), arm=arm)
-    context = driver.CreateDefaultContext()
-    for i, time in enumerate((0.0, 0.1, 0.2, 0.35)):
-        context.SetTime(time)
-        row = np.arange(42.0).reshape(3, 14)[min(i, 2)]
-        assert_array_equal(show(driver, context, "state"), row)
-        assert_array_equal(show(driver, context, "torque_measured"), -row[:7])
-
-
-def test_a_file_that_is_no_log_is_refused(arm, tmp_path):
-    path = tmp_path / "other.npz"
-    np.savez(path, state=np.zeros((2, 14)))
-    with pytest.raises(StationError, match=r"no signal state; give a file"):
-        MakeDriver(ReplayDriver(log=str(path)), arm=arm)
 
 
 # Over LCM -----------------------------------------------------------------------------
@@ -249,15 +208,7 @@ def test_yaml_says_which_arm(tmp_path):
     path.write_text("panda: !LcmPanda {url: 'memq://', gate: {expiry: 0.02}}")
     loaded = LoadPanda(path)
     assert loaded == LcmPanda(url="memq://", gate=GateConfig(expiry=0.02))
-    path.write_text("panda: !ReplayDriver {log: run.npz}")
-    assert LoadPanda(path) == ReplayDriver(log="run.npz")
-
-
-def test_yaml_of_earlier_versions_says_which_arm(tmp_path):
-    path = tmp_path / "arm.yaml"
-    path.write_text("panda: !ReplayPanda {log: run.npz}")
-    assert LoadPanda(path) == ReplayDriver(log="run.npz")
-    path.write_text("panda: !SimulatedPanda {sensors: {rate: 500.0}}")
+    path.write_text("panda: !SimulatedDriver {sensors: {rate: 500.0}}")
     assert LoadPanda(path) == SimulatedDriver(sensors=SensorConfig(rate=500.0))
 
 

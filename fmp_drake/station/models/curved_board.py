@@ -26,6 +26,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
+from fmp_drake.station.models.model_files import Colour, linear_colour
 from fmp_drake.station.scenario_parts import BoardConfig
 from fmp_drake.systems.surface.surface import Surface, place, rotations
 
@@ -115,8 +116,7 @@ def AddCurvedContact(
     config: BoardConfig,
     *,
     thickness: float,
-    colour: tuple[float, float, float],
-    linear: tuple[float, float, float],
+    colour: Colour,
 ) -> None:
     """Add a curved slab to the body `board`, for contact and for the eye.
 
@@ -131,8 +131,8 @@ def AddCurvedContact(
         Of a curved shape.
     thickness : float
         m; at most half of the radius is taken.
-    colour, linear : tuple of 3 floats
-        For the page, in sRGB, and for the renderer.
+    colour : tuple of 3 floats
+        sRGB.
     """
     x, y = config.size
     vertices, normals, faces = curved_slab(
@@ -153,7 +153,7 @@ def AddCurvedContact(
     plant.RegisterVisualGeometry(body, visual)
     rendered = GeometryInstance(RigidTransform(), shape, "slab_rendered")
     material = PerceptionProperties()
-    material.AddProperty("phong", "diffuse", Rgba(*linear))
+    material.AddProperty("phong", "diffuse", Rgba(*linear_colour(colour)))
     rendered.set_perception_properties(material)
     plant.RegisterVisualGeometry(body, rendered)
 

@@ -143,10 +143,10 @@ def _Contacts(config: EraserConfig) -> list[str]:
 
 def _Inertia(x: float, y: float) -> SpatialInertia:
     """Return the sum of the solids, about the flange."""
-    handle = (x + _RIM, y + _RIM, 0.020)
+    handle, cylinder = (x + _RIM, y + _RIM, 0.020), UnitInertia.SolidCylinder
     solids = [
-        (2700 * pi * 0.0315**2 * 0.008, 0.004, _Round(0.0315, 0.008)),
-        (2700 * pi * 0.012**2 * 0.042, 0.029, _Round(0.012, 0.042)),
+        (2700 * pi * 0.0315**2 * 0.008, 0.004, cylinder(0.0315, 0.008, _UP)),
+        (2700 * pi * 0.012**2 * 0.042, 0.029, cylinder(0.012, 0.042, _UP)),
         (700 * float(np.prod(handle)), 0.060, UnitInertia.SolidBox(*handle)),
         (200 * x * y * 0.030, 0.085, UnitInertia.SolidBox(x, y, 0.030)),
     ]
@@ -154,10 +154,6 @@ def _Inertia(x: float, y: float) -> SpatialInertia:
     for mass, height, unit in solids:
         total += SpatialInertia(mass, np.zeros(3), unit).Shift(-height * _UP)
     return total
-
-
-def _Round(radius: float, length: float) -> UnitInertia:
-    return UnitInertia.SolidCylinder(radius, length, unit_vector=_UP)
 
 
 def _Handle(x: float, y: float) -> list[str]:

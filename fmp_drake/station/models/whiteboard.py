@@ -24,7 +24,6 @@ from fmp_drake.station.models.model_files import (
     Cylinder,
     Inertial,
     Visual,
-    linear_colour,
 )
 from fmp_drake.station.scenario_parts import BoardConfig
 
@@ -119,14 +118,7 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
         if is_plane:
             _AddSlabContact(plant, whiteboard, config)
         else:
-            AddCurvedContact(
-                plant,
-                whiteboard,
-                config,
-                thickness=_THICK,
-                colour=_WHITE,
-                linear=linear_colour(_WHITE),
-            )
+            AddCurvedContact(plant, whiteboard, config, thickness=_THICK, colour=_WHITE)
     return whiteboard
 
 
@@ -166,15 +158,10 @@ def _AddSlabContact(
 def _Frame(x: float, y: float) -> list[str]:
     """Draw four bars around the slab, and round caps on the corners."""
     gap = _CORNER - _EDGE  # From the slab's edge to a cap's axis.
-    bars = []
-    for sign, side in ((-1, "near"), (1, "far")):
-        at = (sign * (x + _EDGE) / 2, 0.0, _LOW)
-        bar = Box(_EDGE, y - 2 * gap, _BAR)
-        bars.append(Visual(f"frame_{side}", bar, at=at, colour=_METAL))
-    for sign, side in ((1, "left"), (-1, "right")):
-        at = (0.0, sign * (y + _EDGE) / 2, _LOW)
-        bar = Box(x - 2 * gap, _EDGE, _BAR)
-        bars.append(Visual(f"frame_{side}", bar, at=at, colour=_METAL))
+    bars = [
+        Visual(f"frame_{side}", bar, at=at, colour=_METAL)
+        for side, bar, at in _Bars(x, y, length_x=x - 2 * gap, length_y=y - 2 * gap)
+    ]
     cap = Cylinder(_CORNER, 0.028)
     return bars + [
         Visual(f"corner_{i}", cap, at=(*corner, _LOW), colour=_DARK)
@@ -184,18 +171,24 @@ def _Frame(x: float, y: float) -> list[str]:
 
 def _FrameContacts(x: float, y: float, friction: float) -> list[str]:
     """Return the bars as they touch: full length on two sides, for the corners."""
-    long, short = Box(_EDGE, y + 2 * _EDGE, _BAR), Box(x, _EDGE, _BAR)
-    places = [(sign * (x + _EDGE) / 2, 0.0, long) for sign in (-1, 1)]
-    places += [(0.0, sign * (y + _EDGE) / 2, short) for sign in (-1, 1)]
+    bars = _Bars(x, y, length_x=x, length_y=y + 2 * _EDGE)
     return [
-        Collision(
-            f"bar_{i}",
-            bar,
-            at=(at_x, at_y, _LOW),
-            modulus=_MODULUS,
-            friction=friction,
-        )
-        for i, (at_x, at_y, bar) in enumerate(places, start=1)
+        Collision(f"bar_{i}", bar, at=at, modulus=_MODULUS, friction=friction)
+        for i, (_, bar, at) in enumerate(bars, start=1)
+    ]
+
+
+def _Bars(
+    x: float, y: float, *, length_x: float, length_y: float
+) -> list[tuple[str, str, tuple[float, float, float]]]:
+    """Return side, shape and place of the frame's bars, of two lengths, m."""
+    a, b = (x + _EDGE) / 2, (y + _EDGE) / 2
+    long, short = Box(_EDGE, length_y, _BAR), Box(length_x, _EDGE, _BAR)
+    return [
+        ("near", long, (-a, 0.0, _LOW)),
+        ("far", long, (a, 0.0, _LOW)),
+        ("right", short, (0.0, -b, _LOW)),
+        ("left", short, (0.0, b, _LOW)),
     ]
 
 

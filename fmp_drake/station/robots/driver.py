@@ -1,10 +1,7 @@
-"""The seam between an arm and its controller: simulated, or replayed from a log."""
+"""The seam between an arm and its controller."""
 
-import json
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,16 +9,9 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.controllers import InverseDynamics
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import (
-    Adder,
-    ConstantVectorSource,
-    PassThrough,
-    TrajectorySource,
-)
-from pydrake.trajectories import PiecewisePolynomial
+from pydrake.systems.primitives import Adder, ConstantVectorSource, PassThrough
 
 from fmp_drake.errors import StationError
-from fmp_drake.primitives.data.files import read_npz
 from fmp_drake.settings import check_settings
 from fmp_drake.station.robots.robot import RobotConfig
 from fmp_drake.station.scenario_parts import SensorConfig
@@ -133,68 +123,10 @@ class SimulatedDriver(Driver):
         builder.ExportOutput(measured, "state")
         builder.ExportOutput(total.get_output_port(), "torque_measured")
         builder.ExportOutput(external, "torque_external")
-        _ExportConstant(builder, "mode", [float(GateMode.OPEN)])
-        _ExportConstant(builder, "age", [sensors.delay])
-
-
-@dataclass(kw_only=True)
-class ReplayDriver(Driver):
-    """The arm of a log: it repeats its recorded motion and ignores the torque.
-
-    Attributes
-    ----------
-    log : str
-        A file of `fmp-drake wipe --log`.
-
-    Examples
-    --------
-    >>> ReplayDriver(log="run.npz").log
-    'run.npz'
-    """
-
-    log: str = ""
-
-    def AddTo(
-        self,
-        builder: DiagramBuilder,
-        *,
-        arm: MultibodyPlant,
-        initial: NDArray[np.float64],  # noqa: ARG002
-        lcm: DrakeLcmInterface | None,  # noqa: ARG002
-    ) -> None:
-        """Add a source of the logged samples, each held until the next."""
-        n = arm.num_velocities()
-        logged: Any = read_npz(
-            Path(self.log), "give a file of `fmp-drake wipe --log`", StationError
-        )
-        torque = builder.AddNamedSystem("torque", PassThrough(n))
-        builder.ExportInput(torque.get_input_port(), "torque")
-        for signal, name, size in (
-            ("state", "state", 2 * n),
-            ("actuation", "torque_measured", n),
-        ):
-            try:
-                kind = json.loads(str(logged["metadata"]))["signals"][signal]
-                seconds, values = logged[kind["times"]], logged[signal]
-            except (KeyError, ValueError):
-                raise StationError(
-                    f"{self.log} has no signal {signal}; give a file that `fmp-drake "
-                    "wipe --log` wrote."
-                ) from None
-            if values.shape[1:] != (size,):
-                raise StationError(
-                    f"the signal {signal} of {self.log} has shape {values.shape}; an arm "
-                    f"of {n} joints needs {size} columns. Give the log of such an arm."
-                )
-            # The last sample is held, too.
-            times: Any = np.append(seconds, seconds[-1] + 1)
-            samples: Any = np.vstack([values, values[-1:]]).T
-            hold = PiecewisePolynomial.ZeroOrderHold(times, samples)
-            source = builder.AddNamedSystem(name, TrajectorySource(hold))
+        for name, value in (("mode", float(GateMode.OPEN)), ("age", sensors.delay)):
+            constant = ConstantVectorSource(np.array([value]))
+            source = builder.AddNamedSystem(name, constant)
             builder.ExportOutput(source.get_output_port(), name)
-        _ExportConstant(builder, "torque_external", np.zeros(n))
-        _ExportConstant(builder, "mode", [float(GateMode.OPEN)])
-        _ExportConstant(builder, "age", [0.0])
 
 
 def MakeDriver(
@@ -219,7 +151,7 @@ def MakeDriver(
     Parameters
     ----------
     driver : Driver
-        `SimulatedDriver`, `ReplayDriver` or `LcmPanda`.
+        `SimulatedDriver` or `LcmPanda`.
     arm : MultibodyPlant
         The arm and its tool, with their weight.
     initial : array_like, shape (n,), optional
@@ -247,8 +179,3 @@ def MakeDriver(
     diagram = builder.Build()
     diagram.set_name("driver")
     return diagram
-
-
-def _ExportConstant(builder: DiagramBuilder, name: str, value: ArrayLike) -> None:
-    source = builder.AddNamedSystem(name, ConstantVectorSource(np.array(value)))
-    builder.ExportOutput(source.get_output_port(), name)

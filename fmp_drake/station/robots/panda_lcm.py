@@ -8,7 +8,6 @@ import numpy as np
 from drake import lcmt_panda_command, lcmt_panda_status
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.lcm import DrakeLcm, DrakeLcmInterface
 from pydrake.manipulation import PandaCommandSender
 from pydrake.multibody.plant import MultibodyPlant
@@ -22,8 +21,9 @@ from pydrake.systems.lcm import (
 
 from fmp_drake.errors import StationError
 from fmp_drake.settings import bounded, check_yaml
-from fmp_drake.station.robots.driver import Driver, ReplayDriver, SimulatedDriver
+from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.robots.robot import RobotConfig
+from fmp_drake.station.scenario_parts import in_one_line, load_yaml
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.gate import GateConfig
 from fmp_drake.systems.panda.status import JOINTS
@@ -145,18 +145,9 @@ class TorquePublisher:
         self._diagram.ForcedPublish(self._context)
 
 
-# Tags of files written for earlier versions.
-_EARLIER_TAGS = {
-    "!SimulatedPanda": "!SimulatedDriver",
-    "!ReplayPanda": "!ReplayDriver",
-}
-
-
 @dataclass
 class _PandaFile:
-    panda: SimulatedDriver | LcmPanda | ReplayDriver = field(
-        default_factory=SimulatedDriver
-    )
+    panda: SimulatedDriver | LcmPanda = field(default_factory=SimulatedDriver)
 
 
 def LoadPanda(path: str | Path) -> Driver:
@@ -175,20 +166,11 @@ def LoadPanda(path: str | Path) -> Driver:
           url: udpm://239.255.76.67:7667?ttl=0
           gate: {expiry: 0.05, max_rate: 500.0}
     """
-    try:
+    hint = ". Expected panda: with !SimulatedDriver or !LcmPanda."
+    with in_one_line(f"{path} does not say which arm", hint):
         text = Path(path).read_text()
-        for earlier, tag in _EARLIER_TAGS.items():
-            text = text.replace(earlier, tag)
         check_yaml(text, str(path), StationError)
-        loaded: _PandaFile = yaml_load_typed(  # type: ignore[no-untyped-call]
-            schema=_PandaFile, data=text, defaults=_PandaFile()
-        )
-    except (RuntimeError, TypeError, ValueError, KeyError, OSError) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise StationError(
-            f"{path} does not say which arm: {reason}. Expected panda: with one of "
-            "!SimulatedDriver, !LcmPanda, !ReplayDriver."
-        ) from None
+        loaded: _PandaFile = load_yaml(_PandaFile, text)
     return loaded.panda
 
 

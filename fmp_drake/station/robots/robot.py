@@ -5,9 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.yaml import yaml_load_typed
 from pydrake.geometry import CollisionFilterDeclaration, SceneGraph
-from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
@@ -16,9 +14,13 @@ from fmp_drake.errors import StationError
 from fmp_drake.settings import bounded, check_settings, check_yaml
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import AddFmpDrakePackage, models_dir
-from fmp_drake.station.models.spoon import AddSpoon
 from fmp_drake.station.robots.visuals import AddArm
-from fmp_drake.station.scenario_parts import EraserConfig
+from fmp_drake.station.scenario_parts import (
+    EraserConfig,
+    PoseConfig,
+    in_one_line,
+    load_yaml,
+)
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import FrictionConfig
 
@@ -26,33 +28,6 @@ Tool = EraserConfig | str
 """An eraser, `spoon`, or a model file (SDF or URDF) with the frames `mount` and `tip`."""
 
 _TOOL = "tool"  # Stands for the tool's bodies in a group of `contact_free`.
-
-
-@dataclass(kw_only=True)
-class PoseConfig:
-    """A pose.
-
-    Attributes
-    ----------
-    translation : list of 3 floats
-        m.
-    rpy : list of 3 floats
-        Roll, pitch, yaw, rad.
-
-    Examples
-    --------
-    >>> PoseConfig(translation=[0.0, 0.0, 0.1]).transform().translation()
-    array([0. , 0. , 0.1])
-    """
-
-    translation: list[float] = bounded([0.0, 0.0, 0.0])
-    rpy: list[float] = bounded([0.0, 0.0, 0.0])
-
-    def transform(self) -> RigidTransform:
-        """Return the pose."""
-        return RigidTransform(
-            RollPitchYaw(np.array(self.rpy)), np.array(self.translation)
-        )
 
 
 @dataclass(kw_only=True)
@@ -166,16 +141,11 @@ def LoadRobot(robot: str | Path) -> RobotConfig:
             f"there is no robot {robot}; give a YAML file or one of: "
             f"{', '.join(ListRobots())}."
         )
-    try:
+    with in_one_line(f"{file.name} is not a robot"):
         text = file.read_text(encoding="utf-8")
         check_yaml(text, "it", StationError)
-        config: RobotConfig = yaml_load_typed(  # type: ignore[no-untyped-call]
-            schema=RobotConfig, data=text, defaults=RobotConfig()
-        )
+        config: RobotConfig = load_yaml(RobotConfig, text)
         _CheckRobot(config)
-    except (RuntimeError, TypeError, ValueError, KeyError) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise StationError(f"{file.name} is not a robot: {reason}") from None
     config.model = str(file.parent / config.model)
     return config
 
@@ -268,22 +238,15 @@ def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Fram
     if isinstance(tool, EraserConfig):
         eraser = AddEraser(plant, tool)
         return eraser, plant.GetFrameByName("eraser_tip", eraser)
-    if tool == "spoon":
-        spoon = AddSpoon(plant)
-        return spoon, plant.GetFrameByName("tip", spoon)
-    if not Path(tool).is_file():
+    file = models_dir() / "spoon" / "spoon.sdf" if tool == "spoon" else Path(tool)
+    if not file.is_file():
         raise StationError(
             f"there is no tool {tool}; choose eraser or spoon, or give a model file."
         )
-    try:
-        (model,) = Parser(plant).AddModels(tool)
+    with in_one_line(f"{tool} is not a tool, one model with the frames mount and tip"):
+        (model,) = Parser(plant).AddModels(str(file))
         plant.GetFrameByName("mount", model)
         return model, plant.GetFrameByName("tip", model)
-    except (RuntimeError, ValueError) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise StationError(
-            f"{tool} is not a tool, one model with the frames mount and tip: {reason}"
-        ) from None
 
 
 def MakeRobotModel(
