@@ -1,12 +1,11 @@
 """Skills for a station: find, learn, place on a surface, inspect, describe."""
 
-from fmp_drake.skills.joint_recording import EraserPath, PandaJoints, RobotJoints
+from fmp_drake.skills.joint_recording import EraserPath, RobotJoints
 from fmp_drake.skills.learning import default_demonstration, learn_skill, scenario_skill
 from fmp_drake.skills.placement import load_on_board
 
 __all__ = [
     "EraserPath",
-    "PandaJoints",
     "RobotJoints",
     "default_demonstration",
     "learn_skill",

@@ -27,14 +27,6 @@ _ANY_JOINT = re.compile(
 _MARGIN = 0.05  # rad
 
 
-def PandaJoints(demonstration: Demonstration) -> list[str]:
-    """Return the channels of a Panda's seven joints in order, or an empty list.
-
-    They are numbered from 1 or 0: `panda_joint1`, `fr3_joint1`, `q1`.
-    """
-    return _numbered(demonstration, _JOINT, 7)
-
-
 def RobotJoints(
     demonstration: Demonstration,
     *,
@@ -44,7 +36,7 @@ def RobotJoints(
     """Return the channels of a robot's joints in order, or an empty list.
 
     They have the names of the joints in the robot's URDF, or are numbered from 1 or 0:
-    `iiwa_joint_1`, `joint1`, `q1`.
+    `iiwa_joint_1`, `joint1`, `q1`; a Panda's also `fr3_joint1`.
 
     Parameters
     ----------
@@ -55,7 +47,7 @@ def RobotJoints(
         Model of that robot, if there is one already.
     """
     if robot == "panda":
-        return PandaJoints(demonstration)
+        return _numbered(demonstration, _JOINT, 7)
     names = _joint_names(plant or MakeRobotModel(LoadRobot(robot)).plant)
     if set(names) <= set(demonstration.channels):
         return names

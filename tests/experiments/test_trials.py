@@ -529,7 +529,7 @@ def drawn(**metrics):
         ("penetration_max_m", TOLERANCE),
         ("torque_ratio_max", 1.0),
         ("joint_speed_ratio_max", 1.0),
-        ("torque_rate_max_nm_per_s", 1000.0),
+        ("torque_rate_max_nm_per_s", 900.0),
         ("tracking_rms_m", 0.010),
         ("normal_force_wanted_fraction", -0.95),
         ("normal_force_error_rms_n", 0.5),

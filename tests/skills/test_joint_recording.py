@@ -8,7 +8,7 @@ from recorded_files import JOINTS, TIME
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
-from fmp_drake.skills import EraserPath, PandaJoints, RobotJoints
+from fmp_drake.skills import EraserPath, RobotJoints
 from fmp_drake.skills.placement import lay_on_board
 from fmp_drake.station import AddRobot, LoadRobot, Scenario
 
@@ -68,12 +68,12 @@ def test_path_is_that_of_the_published_kinematics():
 )
 def test_joints_are_known_by_their_names(name, first):
     expected = [name.format(i) for i in range(first, first + 7)]
-    assert PandaJoints(recorded(name=name, first=first)) == expected
+    assert RobotJoints(recorded(name=name, first=first)) == expected
 
 
 @pytest.mark.parametrize("name", ["iiwa_joint_{}", "motor{}"])
 def test_joints_of_other_robots_are_not_taken_for_a_panda_s(name):
-    assert PandaJoints(recorded(name=name)) == []
+    assert RobotJoints(recorded(name=name)) == []
     with pytest.raises(DemonstrationError, match="are no Panda's joints"):
         EraserPath(recorded(name=name))
 

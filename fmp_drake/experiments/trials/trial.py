@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from fmp_drake.station import LoadRobot
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
 MOST_RMS = 0.010
@@ -22,9 +23,6 @@ MOST_TILT, MOST_TILT_WITH_FRICTION = 0.5, 0.6
 """Largest rms error of an orientation channel without and with joint friction, degrees."""
 MOST_EXCESS = 60.0
 """Normal force above twice the desired one and the greatest push, N."""
-
-# Limit of Franka's robots that is not in the metrics: Nm/s.
-_TORQUE_RATE = 1000.0
 
 
 @dataclass(kw_only=True)
@@ -81,6 +79,11 @@ class Trial:
         """Fields of the scenario, also of one that an older version has drawn."""
         fields: dict[str, Any] = yaml.load(self.scenario, Loader=yaml.CSafeLoader)
         return fields
+
+    @property
+    def max_torque_rate(self) -> float:
+        """Fastest change of a joint torque that the robot accepts, Nm/s."""
+        return LoadRobot(self.fields.get("robot", "panda")).max_torque_rate
 
     @property
     def has_board(self) -> bool:
@@ -181,7 +184,7 @@ def _faults(trial: Trial) -> list[Fault]:
     for name, limit, unit, what in (
         ("torque_ratio_max", 1.0, " of its limit", "a joint's torque"),
         ("joint_speed_ratio_max", 1.0, " of its limit", "a joint's speed"),
-        ("torque_rate_max_nm_per_s", _TORQUE_RATE, " Nm/s", "a torque's rate"),
+        ("torque_rate_max_nm_per_s", trial.max_torque_rate, " Nm/s", "a torque's rate"),
     ):
         value = m.get(name) or 0.0
         exceeds("limit", name, limit * (1 + 1e-9), f"{what} reaches {value:.4g}{unit}")
