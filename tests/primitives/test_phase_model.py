@@ -20,6 +20,7 @@ from fmp_drake.primitives import (
     scale_tempo,
     transform_space,
 )
+from fmp_drake.primitives.model.phase.components import leading_eigenvectors
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.search import search_rhythm
 from fmp_drake.primitives.model.phase.tracking import best_path, phase_path
@@ -66,6 +67,21 @@ def small():
     phase = wavering(900)
     skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="automatic")
     return skill.fit(recorded(phase)), phase
+
+
+# Eigenvectors ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("size", "count"), [(2, 1), (24, 7), (150, 149)])
+def test_leading_eigenvectors_are_those_of_all(size, count):
+    factor = np.random.default_rng(size).standard_normal((size, size))
+    matrix = factor @ (np.logspace(0, -8, size)[:, None] * factor.T)
+    values, vectors = leading_eigenvectors(matrix.copy(), count)
+    all_values, all_vectors = np.linalg.eigh(matrix)
+    assert_allclose(values, all_values[-count:], rtol=1e-9, atol=1e-13)
+    assert_allclose(vectors.T @ vectors, np.eye(count), atol=1e-12)
+    expected = (all_vectors * all_values)[:, -count:] @ all_vectors[:, -count:].T
+    assert_allclose((vectors * values) @ vectors.T, expected, atol=1e-12)
 
 
 # Tracking ---------------------------------------------------------------

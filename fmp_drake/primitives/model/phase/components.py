@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.linalg import eigh_tridiagonal
+from scipy.linalg.lapack import dormqr, dsytrd, dsytrd_lwork
 
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
@@ -23,6 +25,8 @@ _COVARIANCE_WINDOWS = 60.0
 _WHITE = 1e-10
 # With more cycles, windows that are cut by the end of a recording are left out.
 _MANY_CYCLES = 12.0
+# Columns that LAPACK reflects at a time.
+_BLOCK = 64
 
 
 class PhaseGrid(NamedTuple):
@@ -144,10 +148,14 @@ def grid_gaussians(
     }
     near = _kernel(grid.phases)
     sums = near @ np.stack([windows.sum(axis=0) for windows in errors])
-    grams = np.stack([windows.T @ windows for windows in errors])
+    grams = np.empty((len(near), *noise.shape))
+    for m, windows in enumerate(errors):
+        np.matmul(windows.T, windows, out=grams[m])
     for m, left in missing.items():
         grams[m] += left
-    grams = (near @ grams.reshape(len(near), -1)).reshape(grams.shape)
+    # One row at a time: all of them twice need much memory.
+    for row in range(len(noise)):
+        grams[:, row] = near @ grams[:, row]
 
     def gaussian(m: int) -> tuple[Array, Array]:
         windows, total = float(near[m] @ counts), sums[m]
@@ -248,6 +256,27 @@ def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
     return covariance
 
 
+def leading_eigenvectors(matrix: Array, count: int) -> tuple[Array, Array]:
+    """Return the greatest eigenvalues of a symmetric matrix and their vectors (n, count).
+
+    The matrix is overwritten. The tridiagonal matrix is decomposed in full: to find only
+    some of its eigenvectors takes longer. Only those asked for are transformed back, which
+    saves a third of the time of `numpy.linalg.eigh`.
+    """
+    n = len(matrix)
+    size = int(dsytrd_lwork(n, lower=1)[0])
+    reflectors, diagonal, beside, scales, _ = dsytrd(
+        matrix.T, lower=1, lwork=size, overwrite_a=1
+    )
+    values, vectors = eigh_tridiagonal(diagonal, beside, check_finite=False)
+    leading: Array = vectors[:, n - count :]
+    # The product of the reflections leaves the first row as it is.
+    leading[1:] = dormqr(
+        "L", "N", reflectors[1:, :-1], scales, leading[1:], lwork=_BLOCK * count
+    )[0]
+    return values[n - count :], leading
+
+
 def _low_rank(
     mean: Array, covariance: Array, weights: Array, rank: int
 ) -> LowRankGaussian:
@@ -257,10 +286,9 @@ def _low_rank(
     """
     size = len(covariance)
     kept = min(rank, size - 1)
-    # All eigenvalues: finding only the greatest takes three times as long.
-    variances, vectors = np.linalg.eigh(covariance)
-    variances, vectors = variances[size - kept :], vectors[:, size - kept :]
-    noise = (float(np.trace(covariance)) - float(variances.sum())) / (size - kept)
+    total = float(np.trace(covariance))
+    variances, vectors = leading_eigenvectors(covariance, kept)
+    noise = (total - float(variances.sum())) / (size - kept)
     noise = max(noise, 0.0) + _WHITE
     windows = np.swapaxes(vectors.reshape(*mean.shape, kept), 0, 1)
     return LowRankGaussian(
