@@ -3,8 +3,11 @@
 The skills are shared by all tests of a run: treat them as read-only.
 """
 
+import functools
 import gc
+import hashlib
 import os
+import pickle
 import shutil
 import signal
 import subprocess
@@ -29,10 +32,14 @@ import dense_paper
 import numpy as np
 import pytest
 from hypothesis import settings
+from pydrake.common.yaml import yaml_dump_typed
 
+from fmp_drake.apps import check as check_module
+from fmp_drake.apps import teach as teach_module
+from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import log_natively
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.skills import learning as skills
+from fmp_drake.station import CheckFeasibility
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 # The same examples in every run: a red test means a changed package.
@@ -43,6 +50,7 @@ log_natively()
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 _PRIMITIVES = REPOSITORY / "tests" / "primitives"
+_LEARNING = ("tests/primitives", "tests/experiments", "tests/test_blas")
 # Where it fails, nobody waits for it: a test says why.
 _WARM_UP = """
 import pathlib, sys
@@ -104,26 +112,69 @@ def hand_demonstration(task, *, seconds, seed, rate=50):
     )
 
 
+class Once:
+    """Results of a function that all processes of a test run share, by what it is given.
+
+    They are kept as bytes, so that a test may change what it got.
+    """
+
+    is_on = True
+
+    def __init__(self, folder):
+        self._folder, self._known = folder, {}
+        folder.mkdir(exist_ok=True)
+
+    def of(self, given, compute):
+        """Return what was computed of the same before, or compute it."""
+        key = hashlib.sha256(pickle.dumps(given)).hexdigest()
+        file = self._folder / key
+        if self.is_on and (key in self._known or file.exists()):
+            if key not in self._known:
+                self._known[key] = file.read_bytes()
+            return pickle.loads(self._known[key])
+        result = compute()
+        self._known[key] = pickle.dumps(result)
+        part = file.with_suffix(f".{os.getpid()}")
+        part.write_bytes(self._known[key])
+        part.replace(file)
+        return result
+
+
 @pytest.fixture(scope="session", autouse=True)
 def learned_once():
-    """Learn what a run plays once for all runs of this process that play the same.
+    """Learn once, for all processes, what several runs play and examples show.
 
-    What it holds has been learned: a test that empties it learns anew.
+    Tests of learning itself learn anew.
     """
-    learn, learned = skills.learn_skill, {}
+    once = Once(Path(os.environ["FMP_COMPILED"]).with_name("learned"))
+    learn = FourierMovementPrimitive.fit
 
-    def learn_once(demonstrations, **options):
-        shown = (
-            (*d.channels, d.time.tobytes(), d.values.tobytes()) for d in demonstrations
-        )
-        key = (*shown, *sorted(options.items()))
-        if key not in learned:
-            learned[key] = learn(demonstrations, **options)
-        return learned[key]
+    def fit(self, X, y=None, **options):
+        test = os.environ.get("PYTEST_CURRENT_TEST", "")
+        if options.get("progress") is not None or test.startswith(_LEARNING):
+            return learn(self, X, y, **options)
+        given = type(self), self.get_params(), X, sorted(options.items())
+        vars(self).update(once.of(given, lambda: vars(learn(self, X, y, **options))))
+        return self
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(skills, "learn_skill", learn_once)
-        yield learned
+        patch.setattr(FourierMovementPrimitive, "fit", functools.wraps(learn)(fit))
+        yield once
+
+
+@pytest.fixture(scope="session", autouse=True)
+def checked_once():
+    """Check once, for all processes, whether an arm can follow what commands play."""
+    once = Once(Path(os.environ["FMP_COMPILED"]).with_name("checked"))
+
+    def check(scenario, skill):
+        given = yaml_dump_typed(scenario), vars(skill)
+        return once.of(given, lambda: CheckFeasibility(scenario, skill))
+
+    with pytest.MonkeyPatch.context() as patch:
+        for command in (check_module, teach_module, wipe_module):
+            patch.setattr(command, "CheckFeasibility", check)
+        yield
 
 
 @pytest.fixture

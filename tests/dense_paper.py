@@ -177,3 +177,9 @@ def gaussian_of(mean, factors, variances, noise):
         direction = weights_of(factor)
         sigma += variance * np.outer(direction, direction)
     return mu, sigma
+
+
+def dense(gaussian):
+    """The covariance of a LowRankGaussian, U diag(v) U^T + noise I, (n, n)."""
+    factors = gaussian.basis * gaussian.variances
+    return factors @ gaussian.basis.T + gaussian.noise * np.eye(gaussian.dim)

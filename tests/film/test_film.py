@@ -52,14 +52,6 @@ FAR_BOX = [0.0, 3.0]
 
 
 @pytest.fixture
-def outputs(tmp_path):
-    """A folder that holds nothing but films."""
-    folder = tmp_path / "outputs"
-    folder.mkdir()
-    return folder
-
-
-@pytest.fixture
 def egl():
     if not checks.renders():
         pytest.skip("films need EGL")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dense_paper import dense
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -12,10 +13,6 @@ from fmp_drake.primitives import Keypoint
 from fmp_drake.primitives.data.channels import channel_indices
 
 NAMES = ("x", "y", "fz")
-
-
-def dense(g):
-    return (g.basis * g.variances) @ g.basis.T + g.noise * np.eye(g.dim)
 
 
 def dense_candidates(skill, rows, y, noise):

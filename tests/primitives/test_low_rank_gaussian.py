@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dense_paper import dense
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -26,10 +27,6 @@ def gaussians(draw):
         variances=variances,
         noise=noise,
     )
-
-
-def dense(g):
-    return (g.basis * g.variances) @ g.basis.T + g.noise * np.eye(g.dim)
 
 
 def points(g, count=4, seed=0):

@@ -18,10 +18,6 @@ OPTIONS = {
 }
 
 
-def dense(g):
-    return (g.basis * g.variances) @ g.basis.T + g.noise * np.eye(g.dim)
-
-
 def clusters(n=10, each=40, centres=3, seed=0):
     rng = np.random.default_rng(seed)
     spread = rng.standard_normal((n, 4)) * 0.1
@@ -41,7 +37,7 @@ def test_one_component_is_the_sample_mean_and_covariance(count):
     assert_allclose(pi, [1.0])
     assert_allclose(g.mean, w.mean(axis=0), atol=1e-12)
     expected = np.cov(w.T, bias=True) + 1e-3 * np.eye(12)
-    assert_allclose(dense(g), expected, atol=2e-8)
+    assert_allclose(dense_paper.dense(g), expected, atol=2e-8)
 
 
 def test_one_component_is_the_dense_fit_of_the_papers_weights():
@@ -68,7 +64,7 @@ def test_directions_left_out_become_isotropic_variance():
     assert g.noise == pytest.approx(noise)
     # It is added in all directions, so that a component stays low-rank plus isotropic.
     kept = (vectors[:, -2:] * values[-2:]) @ vectors[:, -2:].T
-    assert_allclose(dense(g), kept + noise * np.eye(10), atol=1e-6)
+    assert_allclose(dense_paper.dense(g), kept + noise * np.eye(10), atol=1e-6)
 
 
 def test_separate_clusters_become_components_sorted_by_proportion():
@@ -104,7 +100,7 @@ def test_identical_windows_leave_only_the_regulariser(value):
     assert pi.sum() == pytest.approx(1)
     for g in components:
         assert_allclose(g.mean, value, atol=1e-12)
-        assert_allclose(dense(g), 1e-3 * np.eye(12), atol=1e-12)
+        assert_allclose(dense_paper.dense(g), 1e-3 * np.eye(12), atol=1e-12)
 
 
 def test_log_density_is_that_of_9_up_to_the_change_of_weights(
@@ -194,7 +190,7 @@ def test_large_fits_are_the_same(shape, explained_variance, monkeypatch):
     assert_allclose(other_pi, pi)
     for one, two in zip(components, others, strict=True):
         assert_allclose(two.mean, one.mean, atol=1e-8)
-        assert_allclose(dense(two), dense(one), atol=1e-7)
+        assert_allclose(dense_paper.dense(two), dense_paper.dense(one), atol=1e-7)
         assert_allclose(two.basis.T @ two.basis, np.eye(two.rank), atol=1e-9)
 
 
@@ -216,7 +212,9 @@ def test_windows_that_do_not_vary_have_the_regulariser_alone(large, value, monke
         )
         for g in components:
             assert_allclose(g.mean, value, rtol=1e-12)
-            assert_allclose(dense(g), 1e-3 * np.eye(shape[1]), rtol=1e-6, atol=1e-9)
+            assert_allclose(
+                dense_paper.dense(g), 1e-3 * np.eye(shape[1]), rtol=1e-6, atol=1e-9
+            )
 
 
 def test_two_windows_vary_along_their_difference():
@@ -225,7 +223,9 @@ def test_two_windows_vary_along_their_difference():
     assert_allclose(pi, [1.0])
     assert_allclose(g.mean, (a + b) / 2)
     half = (a - b) / 2
-    assert_allclose(dense(g), np.outer(half, half) + 1e-3 * np.eye(9), atol=1e-9)
+    assert_allclose(
+        dense_paper.dense(g), np.outer(half, half) + 1e-3 * np.eye(9), atol=1e-9
+    )
 
 
 # Weights of the windows -----------------------------------------------------
@@ -240,7 +240,7 @@ def test_integer_weights_are_repeated_windows():
     assert_allclose(other_pi, pi, rtol=1e-9)
     for one, two in zip(components, others, strict=True):
         assert_allclose(two.mean, one.mean, atol=1e-9)
-        assert_allclose(dense(two), dense(one), atol=1e-8)
+        assert_allclose(dense_paper.dense(two), dense_paper.dense(one), atol=1e-8)
 
 
 def test_progress_tells_about_the_parts_of_the_fit():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dense_paper import dense
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -48,12 +49,6 @@ def test_mean_and_nyquist_harmonic_can_be_scaled():
     out = modulate_windows(y, harmonics=[0, 12], gain=0.0)
     assert_allclose(out.mean(axis=1), 0, atol=1e-12)
     assert_allclose(np.fft.rfft(out, axis=1)[:, -1], 0, atol=1e-12)
-
-
-def dense(component):
-    return (component.basis * component.variances) @ component.basis.T + (
-        component.noise * np.eye(component.dim)
-    )
 
 
 def matrix(skill, **options):

@@ -43,10 +43,6 @@ def windows(count, t=8, d=2, seed=0):
     return np.random.default_rng(seed).standard_normal((count, t, d))
 
 
-def dense(g):
-    return (g.basis * g.variances) @ g.basis.T + g.noise * np.eye(g.dim)
-
-
 # Parameters -------------------------------------------------------------
 
 
@@ -354,7 +350,7 @@ def test_one_component_has_the_sample_covariance_of_the_samples():
     flat = x.reshape(40, 16)
     assert_allclose(phi @ g.mean, flat.mean(axis=0), atol=1e-12)
     expected = np.cov(flat.T, bias=True) + 1e-4 * np.eye(16)
-    assert_allclose(phi @ dense(g) @ phi.T, expected, atol=1e-8)
+    assert_allclose(phi @ dense_paper.dense(g) @ phi.T, expected, atol=1e-8)
 
 
 def test_log_likelihood_is_that_of_the_normal_distribution_of_the_samples():
@@ -374,7 +370,8 @@ def test_log_likelihood_of_a_mixture_is_the_weighted_sum():
     x = np.concatenate([windows(30), windows(50, seed=1) + 4])
     skill = tiny(n_components=2, explained_variance=1.0, regularization=1e-2).fit(x)
     density = sum(
-        p * multivariate_normal(c.mean, dense(c)).pdf(skill.basis.analyze(x))
+        p
+        * multivariate_normal(c.mean, dense_paper.dense(c)).pdf(skill.basis.analyze(x))
         for p, c in zip(skill.proportions_, skill.components_, strict=True)
     )
     assert_allclose(skill.score_samples(x), np.log(density), rtol=1e-6)
@@ -448,7 +445,7 @@ def test_covariance_between_samples_is_that_of_the_rows(small_skill):
     for step in (0.0, 3.4, 23.0):
         rows = small_skill.observation_rows(step)
         for j, component in enumerate(small_skill.components_):
-            expected = rows @ dense(component) @ rows.T
+            expected = rows @ dense_paper.dense(component) @ rows.T
             assert_allclose(small_skill.covariance(j, step), expected, rtol=1e-9)
 
 

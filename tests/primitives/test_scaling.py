@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dense_paper import dense
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 from sklearn.base import clone
@@ -193,10 +194,6 @@ def test_log_density_is_that_of_the_normal_distribution_of_the_real_values():
         flat.mean(axis=0), np.cov(flat.T, bias=True) + 1e-3 * np.diag(unit**2)
     )
     assert_allclose(skill.score_samples(x[:9]), normal.logpdf(flat[:9]), rtol=1e-6)
-
-
-def dense(g):
-    return (g.basis * g.variances) @ g.basis.T + g.noise * np.eye(g.dim)
 
 
 @pytest.mark.parametrize("step", [0.0, 12.3, 39.0])

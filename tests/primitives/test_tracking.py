@@ -26,10 +26,6 @@ def component(noise=1e-3):
     )
 
 
-def dense(g):
-    return (g.basis * g.variances) @ g.basis.T + g.noise * np.eye(g.dim)
-
-
 def start(g, scale=1.0):
     return g.mean + scale * np.random.default_rng(8).standard_normal(g.dim)
 
@@ -134,7 +130,7 @@ def test_proportional_tracker_moves_linearly_between_ticks():
 
 def lqr_gain(g, time_constant):
     """Solve the Riccati equation of the documented cost; return K of dw = -K w."""
-    sigma = dense(g)
+    sigma = dense_paper.dense(g)
     rho = time_constant**2 / np.linalg.eigvalsh(sigma)[-1]
     n = g.dim
     precision = np.linalg.inv(sigma)
@@ -167,7 +163,7 @@ def test_lqr_tracker_follows_its_differential_equation_to_any_target():
 
 def test_lqr_cost_is_least_at_the_closed_form():
     g = component()
-    sigma, tau = dense(g), 1.5
+    sigma, tau = dense_paper.dense(g), 1.5
     rho = tau**2 / np.linalg.eigvalsh(sigma)[-1]
     gain, x0 = lqr_gain(g, tau), start(g) - g.mean
 

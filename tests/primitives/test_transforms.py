@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dense_paper import dense
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -31,15 +32,7 @@ def moments(skill):
     """Return the mean (T*D,) and covariance of the windows of each component."""
     phi = skill.synthesize(np.eye(skill.components_[0].dim))
     phi = phi.reshape(len(phi), -1).T
-    return [
-        (
-            phi @ c.mean,
-            phi
-            @ ((c.basis * c.variances) @ c.basis.T + c.noise * np.eye(c.dim))
-            @ phi.T,
-        )
-        for c in skill.components_
-    ]
+    return [(phi @ c.mean, phi @ dense(c) @ phi.T) for c in skill.components_]
 
 
 def mixed_skill(units=("m", "m", "N"), scales="units", seed=0):

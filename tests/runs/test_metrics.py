@@ -15,11 +15,13 @@ from fmp_drake.runs.metrics import (
     RegionMetrics,
     RunMetrics,
     TrackingMetrics,
+    ink_metrics,
     metric_signals,
 )
 from fmp_drake.runs.signals import Samples
 from fmp_drake.station import Scenario
 from fmp_drake.systems.impedance.status import StatusFlag as Flag
+from fmp_drake.systems.ink.grid import InkGrid
 
 LIMITS = ArmLimits(
     lower=-3 * np.ones(7),
@@ -306,3 +308,30 @@ def test_distance_to_unknown_paths_is_none():
     metrics, far = RegionMetrics(None), Samples(np.zeros(1), np.ones((1, 3)))
     metrics.update({"desired_position": far, "measured_position": far})
     assert set(metrics.result().values()) == {None}
+
+
+def test_ink_counts_where_there_was_some_and_on_the_area_that_was_shown():
+    """Eight cells of 1 cm^2 with ink and two without; six of them all were shown."""
+    grid = InkGrid(size=(0.10, 0.01), cell=0.01)
+    initial, ink = np.ones((1, 10)), np.zeros((1, 10))
+    initial[0, :2] = 0.05
+    erased = np.array([[0.0, 0.0, 1.0, 1.1, 1.2, 1.3, 2.98, 9, np.inf, np.inf]])
+    ink[0, 8:] = 1.0
+    found = ink_metrics(
+        ink=ink,
+        initial_ink=initial,
+        erase_time=erased,
+        area=np.arange(10)[np.newaxis] % 9 > 0,
+        grid=grid,
+        seconds=10.0,
+    )
+    assert found == {
+        "cleaned_fraction": pytest.approx(6 / 8),
+        "cleaned_fraction_of_demonstrated_area": pytest.approx(6 / 7),
+        "seconds_to_50_percent": pytest.approx(1.3),
+        "seconds_to_90_percent": None,
+        "seconds_to_99_percent": None,
+        "missed_spots": 1,
+        "missed_area_cm2": pytest.approx(1.0),
+        "missed_largest_cm2": pytest.approx(1.0),
+    }

@@ -40,7 +40,12 @@ def test_a_fresh_torque_is_followed_as_fast_as_its_rate_allows():
     state = stepped(torque_command(np.full(7, 5.0), NOW))
     assert state.obeyed is Obeyed.FOLLOWED
     np.testing.assert_allclose(state.limited, 1.0)
-    assert np.all((state.torque > 0) & (state.torque < state.limited))
+    # Through a low-pass filter of 30 Hz.
+    blend = 1 - np.exp(-2 * np.pi * 30 * 0.001)
+    np.testing.assert_allclose(state.torque, blend)
+    later = stepped(torque_command(np.full(7, 5.0), NOW), state)
+    np.testing.assert_allclose(later.limited, 2.0)
+    np.testing.assert_allclose(later.torque, blend + blend * (2.0 - blend))
 
 
 def test_without_a_fresh_torque_the_joints_are_damped():
@@ -49,9 +54,11 @@ def test_without_a_fresh_torque_the_joints_are_damped():
     np.testing.assert_allclose(state.limited, DAMPED)
 
 
-@pytest.mark.parametrize("wrong", ["NaN", "positions", "six joints"])
+@pytest.mark.parametrize("wrong", ["NaN", "one NaN", "positions", "six joints"])
 def test_a_wrong_command_is_a_reflex_from_which_the_robot_does_not_come_back(wrong):
     command = torque_command(np.full(7, np.nan if wrong == "NaN" else 1.0), NOW)
+    if wrong == "one NaN":
+        command.joint_torque = [1.0] * 6 + [np.nan]
     if wrong == "positions":
         command.control_mode_expected = 0
     if wrong == "six joints":

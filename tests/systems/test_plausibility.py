@@ -32,7 +32,7 @@ def faults_of(statuses, torques=None):
     track, faults = initial_track(), []
     for i, values in enumerate(statuses):
         status = reading(*values)
-        torque = np.zeros(7) if torques is None else np.full(7, torques[i])
+        torque = np.broadcast_to(0.0 if torques is None else torques[i], 7)
         after = track_status(track, status, torque)
         faults.append(implausible(LIMITS, track, after, status))
         track = after
@@ -108,6 +108,11 @@ def test_a_velocity_must_be_that_of_the_positions(bias):
     assert not any(faults_of([(t, q, v + 0.04) for t, q, v in moving(speed=0.5)]))
 
 
+def test_a_velocity_that_is_10_percent_too_large_is_found():
+    statuses = [(1 + t, 1 + 1.8 * t, 1.98) for t in np.arange(0, 0.5, 1e-3)]
+    assert GateFault.INCONSISTENT in faults_of(statuses)
+
+
 @pytest.mark.parametrize("drift", [-0.1, 0.1])
 @pytest.mark.parametrize("speed", [0.0, 0.3])
 def test_a_position_that_drifts_is_found_before_three_quarters_of_a_degree(drift, speed):
@@ -151,7 +156,11 @@ def test_a_state_that_does_not_answer_to_torque_is_frozen(rate):
     faults = faults_of(statuses, torques)
     assert not any(faults[:52])
     first = next(i for i, fault in enumerate(faults) if fault) - 50
-    assert 0.005 <= first / rate <= 0.02
+    # Three statuses, and 5 ms.
+    assert first == max(3, rate // 200)
+    # So is one joint that does not answer.
+    one = [[0.0] * 7] * 50 + [[0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0]] * 50
+    assert faults_of(statuses, one).index(GateFault.FROZEN) == first + 50
     # The last bit of one number is enough.
     noisy = [(t, q + 1e-15 * (i % 2), v) for i, (t, q, v) in enumerate(statuses)]
     assert not any(faults_of(noisy, torques))

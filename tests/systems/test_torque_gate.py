@@ -18,6 +18,7 @@ from fmp_drake.systems import GateConfig, GateMode
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.gate import (
     GateState,
+    command_utime,
     gate_step,
     initial_gate,
     limited_change,
@@ -282,6 +283,49 @@ def test_full_torque_is_zero_after_a_tenth_of_a_second():
 def test_after_a_frozen_second_torque_goes_on_from_where_it_was():
     after = last_of([*OPENED, step(elapsed=1.0, torque=-80.0)])
     assert after.torque[0] == pytest.approx(5.0 - 0.9)
+
+
+def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second():
+    gate, speed, torques = initial_gate(), 0.1, []
+    for i in range(400):
+        wall_time = NOW + 1e-3 * i
+        message = status(
+            wall_time,
+            joint_position=(Q + 1e-3 * i * speed).tolist(),
+            joint_velocity=[speed] * 7,
+        )
+        gate = gate_step(
+            AT_ONCE,
+            gate,
+            limits=LIMITS,
+            command=lcmt_panda_command(),
+            reading=read_status(message),
+            torque=np.ones(7),
+            wall_time=wall_time,
+            go=1.0 if 0 < i < 50 else -1.0,
+        )
+        torques.append(gate.torque)
+    damping = np.array([37.5, 50, 37.5, 25, 5, 3.75, 2.5])
+    assert np.allclose(torques[10:50], 1.0)
+    assert np.allclose(torques[60:348], -damping * speed)
+    assert not np.any(torques[358:])
+
+
+def test_a_gate_opens_wide_when_the_torque_was_small_for_a_tenth_of_a_second():
+    config = GateConfig().completed(LIMITS)
+    calm = [step(torque=0.5)] * 130
+    begun = [step(), step(go=1, torque=0.5), *calm]
+    modes = [after.mode for _, after, _ in play(begun, config)]
+    assert modes.index(GateMode.RETURNING) == 1
+    assert 100 <= modes.index(GateMode.OPEN) <= 103
+    begun = [*begun[:50], step(torque=30.0), *calm]
+    modes = [after.mode for _, after, _ in play(begun, config)]
+    assert 149 <= modes.index(GateMode.OPEN) <= 153
+
+
+def test_a_command_is_stamped_with_the_nearest_microsecond():
+    assert command_utime(1.0000004) == 1_000_000
+    assert command_utime(1.0000006) == 1_000_001
 
 
 # The system --------------------------------------------------------------------------
