@@ -10,6 +10,7 @@ as its host, so that no other site's name leads here. A WebSocket must come from
 Only one that carries the token may send more than answers to pings.
 """
 
+import contextlib
 import hmac
 import io
 import ipaddress
@@ -36,6 +37,8 @@ _TIMEOUT = 10.0
 # Connections at the same time, and those that may stay without the token. The others are
 # for the operator and for short requests.
 _MAX_CONNECTIONS, _MAX_WATCHING = 64, 48
+# What a connection is for. One for a short request has to make room for a newer one.
+_REQUEST, _WATCHING, _OPERATING = "request", "watching", "operating"
 # Bytes with head and mask.
 _LONGEST_CONTROL_FRAME = 131
 _PORTS = range(8000, 8100)
@@ -187,7 +190,11 @@ class _HeadReader(io.RawIOBase):
 
 
 class _Server(ThreadingHTTPServer):
-    """A server with a bounded number of threads that prints nothing."""
+    """A server with a bounded number of connections that prints nothing.
+
+    Where all places are taken, a new connection takes that of the oldest one whose request
+    has not been answered yet: one that never ends keeps nobody out.
+    """
 
     daemon_threads = True
     block_on_close = False
@@ -195,19 +202,44 @@ class _Server(ThreadingHTTPServer):
 
     def __init__(self, address: tuple[str, int], handler: Any) -> None:
         super().__init__(address, handler)
-        self._free = threading.BoundedSemaphore(_MAX_CONNECTIONS)
+        self._lock = threading.Lock()
+        self._purposes: dict[Any, str] = {}  # By connection, the oldest first.
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        if self._free.acquire(blocking=False):
+        with self._lock:
+            if len(self._purposes) == _MAX_CONNECTIONS:
+                self._drop_oldest_request()
+            if is_free := len(self._purposes) < _MAX_CONNECTIONS:
+                self._purposes[request] = _REQUEST
+        if is_free:
             super().process_request(request, client_address)
         else:
             self.shutdown_request(request)
+
+    def _drop_oldest_request(self) -> None:
+        for connection, purpose in self._purposes.items():
+            if purpose == _REQUEST:
+                del self._purposes[connection]
+                with contextlib.suppress(OSError):
+                    connection.shutdown(socket.SHUT_RDWR)  # Which ends its thread.
+                return
+
+    def keep(self, connection: socket.socket, purpose: str) -> bool:
+        """Let a connection stay; False where there is no room for it."""
+        with self._lock:
+            watching = sum(each == _WATCHING for each in self._purposes.values())
+            is_full = purpose == _WATCHING and watching >= _MAX_WATCHING
+            if is_full or connection not in self._purposes:
+                return False
+            self._purposes[connection] = purpose
+            return True
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         try:
             super().process_request_thread(request, client_address)
         finally:
-            self._free.release()
+            with self._lock:
+                self._purposes.pop(request, None)
 
     def handle_error(self, *_: object) -> None:
         """Ignore the error: a browser has closed the connection, or sent invalid data."""
@@ -244,9 +276,10 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
             connection.close()
 
     page = fetch("/")[1].decode()
-    watching = threading.BoundedSemaphore(_MAX_WATCHING)
 
     class Handler(BaseHTTPRequestHandler):
+        server: _Server
+
         def setup(self) -> None:
             super().setup()
             self.rfile.close()
@@ -287,13 +320,8 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
 
         def _stay(self, may_act: bool, serve: Callable[[], None]) -> None:
             """Serve a connection that stays; only a bounded number without the token."""
-            if may_act:
+            if self.server.keep(self.connection, _OPERATING if may_act else _WATCHING):
                 serve()
-            elif watching.acquire(blocking=False):
-                try:
-                    serve()
-                finally:
-                    watching.release()
             else:
                 self.send_error(503, "too many pages are watching; close one of them")
 
