@@ -20,7 +20,7 @@ from fmp_drake.primitives.data.channels import (
     Quaternion,
     default_channels,
 )
-from fmp_drake.primitives.data.files import FileFormat, read_npz, replaced
+from fmp_drake.primitives.data.files import replaced
 from fmp_drake.primitives.data.orientation import (
     QuaternionOrder,
     as_rotation,
@@ -28,26 +28,18 @@ from fmp_drake.primitives.data.orientation import (
     rotation_vectors,
     unit_quaternion,
 )
-from fmp_drake.primitives.data.reading.arrays import table_of
+from fmp_drake.primitives.data.reading.arrays import FORMAT, METADATA
 from fmp_drake.primitives.data.reading.columns import (
     check_quaternions,
     recognise_columns,
 )
-from fmp_drake.primitives.data.reading.kinds import kind_of, read_tables
+from fmp_drake.primitives.data.reading.kinds import read_tables
 from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
-from fmp_drake.primitives.data.reading.table import MOST_BYTES, Table
-
-FORMAT = FileFormat(
-    name="fmp-drake-demonstration",
-    version=1,
-    what="demonstration",
-    source="an .npz with `time` and `values` or `position`, a table (.csv), a bag ...",
-)
+from fmp_drake.primitives.data.reading.table import Table
 
 _MAX_GAP_SECONDS = 0.5
 _LEAST_SAMPLES = 4
 _UNIFORM = 1e-3
-_METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,7 +271,7 @@ class Demonstration:
         if path.suffix == ".csv":
             self._save_csv(path)
             return
-        metadata = {name: getattr(self, name) for name in _METADATA}
+        metadata = {name: getattr(self, name) for name in METADATA}
         FORMAT.write(path, metadata, {"time": self.time, "values": self.values})
 
     def _save_csv(self, path: Path) -> None:
@@ -416,11 +408,10 @@ def read_demonstrations(
     orientations: dict[int, tuple[Path, NDArray[np.float64]]] = {}
     for path in map(Path, paths):
         with _named(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
-            content = _read(path, options)
-            if isinstance(content, Demonstration):
-                demonstrations.append(content)
-                continue
-            for table in content:
+            for table in read_tables(path, options):
+                if table.saved is not None:
+                    demonstrations.append(Demonstration(**table.saved))
+                    continue
                 recording = _from_table(recognise_columns(table, options))
                 if set(QUATERNION_CHANNELS) <= set(recording.channels):
                     quaternions = recording.select(QUATERNION_CHANNELS).values
@@ -461,47 +452,6 @@ def _from_table(table: Table) -> Demonstration:
         units=table.units[1:],
         frame=table.frame,
         note="; ".join(table.remarks),
-    )
-
-
-def _read(path: Path, options: ReadingOptions) -> list[Table] | Demonstration:
-    """Return the tables in a file, or the demonstration that was saved in it."""
-    kind = kind_of(path)
-    if kind != "npz":
-        return read_tables(path, kind, options)
-    content = _read_npz(path, options)
-    return content if isinstance(content, Demonstration) else [content]
-
-
-def _read_npz(path: Path, options: ReadingOptions) -> Demonstration | Table:
-    arrays = read_npz(path, f"a demonstration is {FORMAT.source}", most=MOST_BYTES)
-    name = "values" if "values" in arrays else "position"
-    if "metadata" not in arrays and not {"time", name} <= set(arrays):
-        if len(arrays) == 1:
-            arrays = {"": next(iter(arrays.values()))}
-        return table_of(path, arrays)
-    time, values = (arrays.get(key) for key in ("time", name))
-    if time is None or values is None:
-        raise SkillFileError(f"{path} holds no `time` or no `values`.")
-    for key, array in (("time", time), ("values", values)):
-        if not np.can_cast(array.dtype, float, "same_kind"):
-            raise SkillFileError(f"{path}: `{key}` does not hold numbers.")
-    if "metadata" in arrays:
-        metadata = FORMAT.parse(path, arrays["metadata"])
-        entries = {key: metadata[key] for key in _METADATA if key in metadata}
-        return Demonstration(time=time, values=values, **entries)
-    if options.columns or (options.all_arrays and len(arrays) > 2):
-        return table_of(path, arrays)
-    if time.shape != values.shape[:1] or values.ndim > 2:
-        return Demonstration(time=time, values=values)  # It names the error.
-    values = values.reshape(len(time), -1)
-    omitted = sorted(set(arrays) - {"time", name})
-    counts = len(time) > 1 and np.all(np.diff(time) == 1)
-    return Table(
-        names=("time", *("" for _ in range(values.shape[1]))),
-        units=("s" if counts else "", *("" for _ in range(values.shape[1]))),
-        values=np.column_stack([time, values]),
-        remarks=(f"{', '.join(omitted)} left out",) if omitted else (),
     )
 
 

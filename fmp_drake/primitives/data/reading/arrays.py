@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
+from fmp_drake.primitives.data.files import FileFormat, read_npz
+from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
     Table,
@@ -16,11 +18,65 @@ from fmp_drake.primitives.data.reading.table import (
     readable,
 )
 
+FORMAT = FileFormat(
+    name="fmp-drake-demonstration",
+    version=1,
+    what="demonstration",
+    source="an .npz with `time` and `values` or `position`, or a table such as .csv",
+)
+METADATA = ("channels", "units", "frame", "note", "rotation_reference")
+"""Fields of a demonstration in the metadata of a saved file."""
 # The feature of a dataset that is read unless another is named.
 _STATE = "observation.state"
 
 
-def read_npy(path: Path) -> Table:
+def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
+    """Return the arrays of an `.npz` file.
+
+    Of `time` and `position` (or `values`) with other arrays these two alone are read, unless
+    the options ask for more. A demonstration that the package saved stays as it was.
+
+    Raises
+    ------
+    SkillFileError
+        Where the file cannot be read, or a saved demonstration is incomplete.
+    """
+    arrays = read_npz(path, f"a demonstration is {FORMAT.source}", most=MOST_BYTES)
+    name = "values" if "values" in arrays else "position"
+    if "metadata" not in arrays and not {"time", name} <= set(arrays):
+        if len(arrays) == 1:
+            arrays = {"": next(iter(arrays.values()))}
+        return [table_of(path, arrays)]
+    time, values = (arrays.get(key) for key in ("time", name))
+    if time is None or values is None:
+        raise SkillFileError(f"{path} holds no `time` or no `values`.")
+    for key, array in (("time", time), ("values", values)):
+        if not np.can_cast(array.dtype, float, "same_kind"):
+            raise SkillFileError(f"{path}: `{key}` does not hold numbers.")
+    saved: dict[str, Any] = {"time": time, "values": values}
+    if "metadata" in arrays:
+        metadata = FORMAT.parse(path, arrays["metadata"])
+        saved |= {key: metadata[key] for key in METADATA if key in metadata}
+        return [Table(saved=saved)]
+    if options.columns or (options.all_arrays and len(arrays) > 2):
+        return [table_of(path, arrays)]
+    if time.shape != values.shape[:1] or values.ndim > 2:
+        return [Table(saved=saved)]  # The demonstration names the error.
+    values = values.reshape(len(time), -1)
+    omitted = sorted(set(arrays) - {"time", name})
+    counts = len(time) > 1 and np.all(np.diff(time) == 1)
+    unnamed = ("",) * values.shape[1]
+    return [
+        Table(
+            names=("time", *unnamed),
+            units=("s" if counts else "", *unnamed),
+            values=np.column_stack([time, values]),
+            remarks=(f"{', '.join(omitted)} left out",) if omitted else (),
+        )
+    ]
+
+
+def read_npy(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the columns of one array (N,), (N, D) or with named fields."""
     try:
         # Mapped: a truncated file is refused before memory is allocated.
@@ -36,9 +92,9 @@ def read_npy(path: Path) -> Table:
             f"{path} is not a readable .npy file ({message})."
         ) from None
     check_size(path, array.nbytes)
-    if array.dtype.names:
-        return table_of(path, {name: array[name] for name in array.dtype.names})
-    return table_of(path, {"": array})
+    fields = array.dtype.names
+    arrays = {name: array[name] for name in fields} if fields else {"": array}
+    return [table_of(path, arrays)]
 
 
 def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -100,7 +156,7 @@ def table_of(
     )
 
 
-def read_parquet(path: Path, columns: list[str] | None = None) -> Table:
+def read_parquet(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the columns of a Parquet file; columns of lists are split.
 
     Raises
@@ -108,6 +164,11 @@ def read_parquet(path: Path, columns: list[str] | None = None) -> Table:
     SkillFileError
         Where it cannot be read, or pyarrow is not installed.
     """
+    return [_parquet_table(path, None)]
+
+
+def _parquet_table(path: Path, columns: list[str] | None) -> Table:
+    """Return some columns of a Parquet file, or all."""
     with readable(path, "a Parquet file", extra="parquet"):
         from pyarrow import parquet
 
@@ -131,22 +192,22 @@ def _array(column: Any) -> NDArray[Any]:
     return array
 
 
-def read_lerobot(folder: Path, feature: str) -> list[Table]:
+def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
     """Return one feature of each episode of a LeRobot dataset, version 2 or 3.
 
     Parameters
     ----------
     folder : Path
         With `meta/info.json` and `data`.
-    feature : str
-        "" for the observed state.
+    options : ReadingOptions
+        Its topic is the feature; "" for the observed state.
 
     Raises
     ------
     SkillFileError
         Where the dataset is incomplete, or the feature is not in it.
     """
-    feature = feature or _STATE
+    feature = options.topic or _STATE
     about = folder / "meta" / "info.json"
     try:
         info = json.loads(about.read_text(encoding="utf-8"))
@@ -167,7 +228,7 @@ def read_lerobot(folder: Path, feature: str) -> list[Table]:
         raise SkillFileError(f"{folder} has no data/**/*.parquet.")
     check_size(folder, sum(f.stat().st_size for f in files), MOST_BYTES / 4)
     column_names = [feature, "timestamp", "episode_index"]
-    tables = [read_parquet(file, column_names) for file in files]
+    tables = [_parquet_table(file, column_names) for file in files]
     first = tables[0].names
     if any(table.names != first for table in tables):
         raise SkillFileError(f"{folder}: its files have different columns.")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillFileError
+from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
 from fmp_drake.primitives.data.reading.table import Table, readable
 
 # Message types that hold the position of a robot, the best first.
@@ -31,7 +32,7 @@ _MOST_MESSAGES = 2_000_000
 _ENDINGS = (".bag", ".mcap", ".db3")
 
 
-def read_bag(path: Path, topic: str) -> Table:
+def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the numbers in the messages of one topic.
 
     The time of a message is the stamp in its header, or its time of receipt without one.
@@ -42,8 +43,8 @@ def read_bag(path: Path, topic: str) -> Table:
     ----------
     path : Path
         A ROS 1 or MCAP file, or the folder or the database of a ROS 2 bag.
-    topic : str
-        "" for the only topic with the position of a robot.
+    options : ReadingOptions
+        Its topic is read; "" for the only topic with the position of a robot.
 
     Raises
     ------
@@ -64,7 +65,9 @@ def read_bag(path: Path, topic: str) -> Table:
         readable(path, "a bag"),
         AnyReader([path], default_typestore=types) as reader,
     ):
-        source = _topic(path, {c.topic: c.msgtype for c in reader.connections}, topic)
+        source = _topic(
+            path, {c.topic: c.msgtype for c in reader.connections}, options.topic
+        )
         connections = [c for c in reader.connections if c.topic == source]
         count = sum(c.msgcount for c in connections)
         if count > _MOST_MESSAGES:
@@ -104,13 +107,16 @@ def read_bag(path: Path, topic: str) -> Table:
     time = np.array(times)[index]
     order = np.lexsort([index, time])
     values = np.column_stack([(time - time.min()) * 1e-9, values])[order]
-    return Table(
-        names=("time", *names),
-        units=("s", *("" for _ in names)),
-        values=values,
-        frame=frame,
-        remarks=(remark,),
-    )
+    units = ("s", *("" for _ in names))
+    return [
+        Table(
+            names=("time", *names),
+            units=units,
+            values=values,
+            frame=frame,
+            remarks=(remark,),
+        )
+    ]
 
 
 def _largest_kind(

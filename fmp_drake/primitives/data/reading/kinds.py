@@ -4,18 +4,17 @@ import gzip
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 from fmp_drake.errors import FmpError, SkillFileError
 from fmp_drake.primitives.data.reading.arrays import (
     read_lerobot,
     read_npy,
+    read_npz_file,
     read_parquet,
 )
 from fmp_drake.primitives.data.reading.bags import read_bag
-from fmp_drake.primitives.data.reading.hdf5 import read_hdf5
 from fmp_drake.primitives.data.reading.motion_capture import (
     is_vicon,
     read_optitrack,
@@ -24,121 +23,88 @@ from fmp_drake.primitives.data.reading.motion_capture import (
 from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
 from fmp_drake.primitives.data.reading.structured import (
     read_excel,
+    read_hdf5,
     read_json,
     read_matlab,
 )
 from fmp_drake.primitives.data.reading.table import MOST_BYTES, Table, check_size
 from fmp_drake.primitives.data.reading.text import read_text
 
-# First bytes of a file, and its kind.
-_FIRST_BYTES = {
-    b"\x93NUMPY": "npy",
-    b"PAR1": "parquet",
-    b"#ROSBAG V2.0": "bag",
-    b"\x89MCAP0": "bag",
-    b"SQLite format 3": "bag",
-    b"\x89HDF": "hdf5",
-    b"MATLAB 5": "matlab",
-    b"\x1f\x8b": "packed",
-    b"Format Version,": "optitrack",
-    b"\xef\xbb\xbfFormat Version,": "optitrack",
-}
-# Readers of kinds with one recording, without options.
-_READERS = {
-    "npy": read_npy,
-    "parquet": read_parquet,
-    "matlab": read_matlab,
-    "excel": read_excel,
-    "json": read_json,
-    "optitrack": read_optitrack,
-    "vicon": read_vicon,
-    "text": read_text,
-}
-_KINDS = (
-    "a table (.csv, .tsv, .txt, .xlsx; OptiTrack, Vicon), .npz, .npy, .parquet, .h5, "
-    ".mat, JSON lines, a ROS 1 or ROS 2 bag, .mcap, or a LeRobot dataset"
-)
+# A reader returns one table for each recording in a file.
+_Reader = Callable[[Path, ReadingOptions], list[Table]]
+_BOM = b"\xef\xbb\xbf"
 
 
-def kind_of(path: Path) -> str:
-    """Return the kind of a file or folder: npz, bag, lerobot, hdf5, packed, text ...
+def read_tables(path: Path, options: ReadingOptions) -> list[Table]:
+    """Return the tables in a file or folder, one for each recording.
 
     Raises
     ------
     SkillFileError
-        Where it is missing, or cannot be read; its kind is named.
+        Where it is missing, broken, or of a kind that cannot be read.
     """
     if path.is_dir():
-        if (path / "meta" / "info.json").is_file():
-            return "lerobot"
-        if (path / "metadata.yaml").is_file():
-            return "bag"
-        raise SkillFileError(
-            f"{path} is a folder, but neither a ROS 2 bag (metadata.yaml) nor a LeRobot "
-            "dataset (meta/info.json). Name its files: "
-            f"fmp-drake inspect {path}/*."
-        )
+        return _reader_of_folder(path)(path, options)
     if not path.is_file():
         raise SkillFileError(f"there is no demonstration file {path}.")
     try:
         with path.open("rb") as stream:
-            first = stream.read(4096)
+            first = stream.read(4096).removeprefix(_BOM)
     except OSError as error:
         raise SkillFileError(f"cannot read {path}: {error.strerror}.") from None
-    for magic, kind in _FIRST_BYTES.items():
+    return _reader_of_file(path, first)(path, options)
+
+
+def _reader_of_folder(path: Path) -> _Reader:
+    if (path / "meta" / "info.json").is_file():
+        return read_lerobot
+    if (path / "metadata.yaml").is_file():
+        return read_bag
+    raise SkillFileError(
+        f"{path} is a folder, but neither a ROS 2 bag (metadata.yaml) nor a LeRobot "
+        f"dataset (meta/info.json). Name its files: fmp-drake inspect {path}/*."
+    )
+
+
+def _reader_of_file(path: Path, first: bytes) -> _Reader:
+    """Return the reader of a file by its first bytes; by its ending where it is broken."""
+    for magic, reader in _FIRST_BYTES.items():
         if first.startswith(magic):
-            return kind
+            return reader
     if first.startswith(b"PK"):
-        return _kind_of_archive(path)
-    if first.startswith(b"\x80"):
-        raise _refusal(
-            path,
-            "a Python pickle, which may run code",
-            "numpy.savez('recording.npz', time=time, position=position)",
+        return _reader_of_archive(path)
+    is_film = b"ftyp" in first[4:12]
+    if is_film or first.startswith(b"\x80"):
+        what = "a film" if is_film else "a Python pickle, which may run code"
+        raise SkillFileError(
+            f"{path} is {what}; a demonstration is a table (.csv, .tsv, .txt, .xlsx; "
+            "OptiTrack, Vicon), .npz, .npy, .parquet, .h5, .mat, JSON lines, a ROS 1 or "
+            "ROS 2 bag, .mcap, or a LeRobot dataset. Write one of these, for example by "
+            "numpy.savez('recording.npz', time=time, position=position)."
         )
-    if b"ftyp" in first[4:12]:
-        raise _refusal(
-            path, "a film", "numpy.savez('recording.npz', time=t, position=p)"
-        )
-    if path.suffix.lower() in (".npz", ".npy", ".bag", ".mcap", ".db3", ".parquet"):
-        # A truncated file: its reader names the damage.
-        return path.suffix[1:].lower().replace("mcap", "bag").replace("db3", "bag")
+    if reader := _ENDINGS.get(path.suffix.lower()):
+        return reader
     if first.lstrip()[:1] in (b"{", b"[") and b'"' in first:
-        return "json"
-    return "vicon" if is_vicon(first) else "text"
+        return read_json
+    return read_vicon if is_vicon(first) else read_text
 
 
-def read_tables(path: Path, kind: str, options: ReadingOptions) -> list[Table]:
-    """Return the tables in a file of a kind other than npz, one per recording."""
-    if kind == "lerobot":
-        return read_lerobot(path, options.topic)
-    if kind == "bag":
-        return [read_bag(path, options.topic)]
-    if kind == "hdf5":
-        return read_hdf5(path, options.topic)
-    if kind == "packed":
-        with _unpacked(path) as file:
-            return read_tables(file, kind_of(file), options)
-    return [_READERS[kind](path)]
-
-
-def _kind_of_archive(path: Path) -> str:
-    """Return the kind of a zip archive by the names in it."""
+def _reader_of_archive(path: Path) -> _Reader:
+    """Return the reader of a zip archive by the names in it."""
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
     except (OSError, zipfile.BadZipFile):
-        return "npz"  # Its reader names the damage.
+        return read_npz_file  # It names the damage.
     if "[Content_Types].xml" in names:
-        return "excel"
-    return "npz" if all(name.endswith(".npy") for name in names) else "packed"
+        return read_excel
+    return read_npz_file if all(n.endswith(".npy") for n in names) else _read_packed
 
 
-@contextmanager
-def _unpacked(path: Path) -> Iterator[Path]:
-    """Yield a temporary file with the content of a gzip file or of a zip of one file."""
+def _read_packed(path: Path, options: ReadingOptions) -> list[Table]:
+    """Return the tables in a gzip file, or in a zip archive of one file."""
     try:
-        name, content = _content(path)
+        name, content = _unpacked(path)
     except (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as reason:
         raise SkillFileError(f"{path} cannot be unpacked ({reason}).") from None
     check_size(path, len(content))
@@ -146,12 +112,12 @@ def _unpacked(path: Path) -> Iterator[Path]:
         file = Path(folder) / name
         file.write_bytes(content)
         try:
-            yield file
+            return read_tables(file, options)
         except FmpError as error:  # Name the file of the user.
             raise type(error)(str(error).replace(str(file), str(path))) from None
 
 
-def _content(path: Path) -> tuple[str, bytes]:
+def _unpacked(path: Path) -> tuple[str, bytes]:
     """Return the name and the first bytes of the only file in an archive."""
     if not zipfile.is_zipfile(path):
         with gzip.open(path) as stream:
@@ -166,8 +132,23 @@ def _content(path: Path) -> tuple[str, bytes]:
             return Path(names[0]).name, member.read(MOST_BYTES + 1)
 
 
-def _refusal(path: Path, what: str, call: str) -> SkillFileError:
-    return SkillFileError(
-        f"{path} is {what}; a demonstration is {_KINDS}. Write one of these, for example "
-        f"by {call}."
-    )
+_FIRST_BYTES: dict[bytes, _Reader] = {
+    b"\x93NUMPY": read_npy,
+    b"PAR1": read_parquet,
+    b"#ROSBAG V2.0": read_bag,
+    b"\x89MCAP0": read_bag,
+    b"SQLite format 3": read_bag,
+    b"\x89HDF": read_hdf5,
+    b"MATLAB 5": read_matlab,
+    b"\x1f\x8b": _read_packed,
+    b"Format Version,": read_optitrack,
+}
+# Readers of broken files, which name the damage.
+_ENDINGS: dict[str, _Reader] = {
+    ".npz": read_npz_file,
+    ".npy": read_npy,
+    ".parquet": read_parquet,
+    ".bag": read_bag,
+    ".mcap": read_bag,
+    ".db3": read_bag,
+}

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
+from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
 from fmp_drake.primitives.data.reading.table import Table, unit_symbol
 from fmp_drake.primitives.data.reading.text import number_in, read_lines, split_cells
 
@@ -22,7 +23,7 @@ def is_vicon(text: bytes) -> bool:
     return title.strip(",; \t") in (*_SECTIONS, "Devices") and rate.isdecimal()
 
 
-def read_optitrack(path: Path) -> Table:
+def read_optitrack(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the rigid bodies of an OptiTrack export, or its markers without any.
 
     Raises
@@ -41,34 +42,30 @@ def read_optitrack(path: Path) -> Table:
         )
     settings = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
     labels = {row[1]: row for row in rows[1:head] if len(row) > 2}
-    axes, kinds = rows[head], labels.get("", [])
-    width = len(axes)
-    types, bodies = ([*labels.get(key, []), *[""] * width] for key in ("Type", "Name"))
-    kinds = [*kinds, *[""] * width]
-    moving = [i for i in range(2, width) if kinds[i] in ("Position", "Rotation")]
-    rigid = [i for i in moving if types[i] in _RIGID]
-    length = unit_symbol(settings.get("Length Units", ""))
-    is_quaternion = "W" in axes
-    columns = rigid or moving
-    omitted = sorted({bodies[i] for i in moving} - {bodies[i] for i in columns})
+    axes = rows[head]
+    types, bodies, kinds = (
+        [*labels.get(key, []), *[""] * len(axes)] for key in ("Type", "Name", "")
+    )
+    moving = [i for i in range(2, len(axes)) if kinds[i] in ("Position", "Rotation")]
+    columns = [i for i in moving if types[i] in _RIGID] or moving
+    omitted = {bodies[i] for i in moving} - {bodies[i] for i in columns}
     remark = "OptiTrack, " + ", ".join(dict.fromkeys(bodies[i] for i in columns))
     if omitted:
         remark += f"; {len(omitted)} markers left out"
-    return Table(
+    units = {
+        "Position": unit_symbol(settings.get("Length Units", "")),
+        "Rotation": "" if "W" in axes else "deg",
+    }
+    table = Table(
         names=("time", *(f"{bodies[i]} {kinds[i]} {axes[i]}" for i in columns)),
-        units=(
-            "s",
-            *(
-                length if kinds[i] == "Position" else ("" if is_quaternion else "deg")
-                for i in columns
-            ),
-        ),
+        units=("s", *(units[kinds[i]] for i in columns)),
         values=_numbers(path, rows[head + 1 :], [1, *columns], head + 2),
         remarks=(remark,),
     )
+    return [table]
 
 
-def read_vicon(path: Path) -> Table:
+def read_vicon(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the objects, segments or trajectories of a Vicon export over time.
 
     Raises
@@ -104,12 +101,13 @@ def read_vicon(path: Path) -> Table:
     if not rate or not columns:
         raise SkillFileError(f"{path} has no rate, or no columns, in {title}.")
     values[:, 1] = (values[:, 0] - values[0, 0]) / rate
-    return Table(
+    table = Table(
         names=("time", *(_vicon_name(subjects[i], axes[i]) for i in columns)),
         units=("s", *(units[i] if i < len(units) else "" for i in columns)),
         values=values[:, 1:],
         remarks=(f"Vicon, {title} at {rate:g} Hz",),
     )
+    return [table]
 
 
 def _vicon_name(subject: str, axis: str) -> str:

@@ -1,9 +1,10 @@
 """Tables of numbers, which all readers return, and the units of their columns."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,8 @@ class Table:
         What was recognised, and what was left out.
     frame : str
         Name of the frame of the values; "" where unknown.
+    saved : mapping, optional
+        Fields of a demonstration that the package saved; such a table has no columns.
 
     Examples
     --------
@@ -60,11 +63,12 @@ class Table:
     ('', '')
     """
 
-    names: tuple[str, ...]
-    values: NDArray[np.float64]
+    names: tuple[str, ...] = ()
+    values: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
     units: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     frame: str = ""
+    saved: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         """Set the units to unknown where not given."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fmp_drake.errors import SkillFileError
+from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
     Table,
@@ -27,7 +28,7 @@ _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?")
 
 
-def read_text(path: Path) -> Table:
+def read_text(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the columns of a table in a text file.
 
     Comments and other lines before the numbers are skipped. The last of them is the
@@ -38,7 +39,7 @@ def read_text(path: Path) -> Table:
     SkillFileError
         Where the file is not such a table; the line is named.
     """
-    return table_of_lines(path, read_lines(path))
+    return [table_of_lines(path, read_lines(path))]
 
 
 def read_lines(path: Path) -> list[str]:
