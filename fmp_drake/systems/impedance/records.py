@@ -283,16 +283,17 @@ def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInput
     time : float
         s.
     """
-    X_WT = Pose(settings.X_WT.R.copy(), settings.X_WT.p.copy())
-    R_TE = settings.R_TE.copy()
+    # Views of the records, which are neither copied nor counted.
+    X_WT = Pose(settings.X_WT.R[:], settings.X_WT.p[:])
+    R_TE = settings.R_TE[:]
     ports, finite = packed.view(PACKED)[0], True
     for i in range(len(packed)):
         finite = finite and abs(packed[i]) < _LARGEST
     if ports["has_desired_orientation"]:
-        R_TE = rotation_from_quaternion(ports["desired_orientation"].copy())
+        R_TE = rotation_from_quaternion(ports["desired_orientation"][:])
         finite = finite and math.isfinite(R_TE[0, 0])
     if ports["has_task_frame"]:
-        pose = ports["task_frame"].copy()
+        pose = ports["task_frame"][:]
         R_WT = rotation_from_quaternion(pose[:4])
         if math.isfinite(R_WT[0, 0] + pose[4] + pose[5] + pose[6]):
             X_WT = Pose(R_WT, pose[4:])
@@ -300,26 +301,26 @@ def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInput
             finite = False
     rotation = twist_rotation(X_WT.R.T)
     # A frame that has no velocity stands still.
-    frame_acceleration = ports["task_frame_acceleration"].copy()
+    frame_acceleration = ports["task_frame_acceleration"][:]
     if not ports["has_task_frame_velocity"]:
         frame_acceleration = np.zeros(6)
     age = time - ports["target_time"][0]
     return StepInputs(
         finite,
         TaskTarget(
-            Pose(R_TE, ports["desired_position"].copy()),
+            Pose(R_TE, ports["desired_position"][:]),
             stacked(ports["desired_angular_velocity"], ports["desired_velocity"]),
             stacked(
                 ports["desired_angular_acceleration"], ports["desired_acceleration"]
             ),
         ),
-        ports["feedforward_wrench"].copy(),
+        ports["feedforward_wrench"][:],
         X_WT,
-        rotation @ ports["task_frame_velocity"].copy(),
+        rotation @ ports["task_frame_velocity"][:],
         rotation @ frame_acceleration,
         age if ports["has_target_time"] else math.nan,
-        ports["stiffness"].copy().reshape(6, 6),
-        ports["covariance"].copy().reshape(3, 3),
+        ports["stiffness"][:].reshape(6, 6),
+        ports["covariance"][:].reshape(3, 3),
         ports["normal_force"][0],
         max(ports["desired_normal_force"][0], 0.0),
         ports["has_stiffness"] > 0,
@@ -407,20 +408,20 @@ def initial_memory(stiffness: Array, *, tank_energy: float) -> Array:
     return floats
 
 
-@compiled
+@inlined
 def decode(vector: Array) -> ImpedanceMemory:
-    """Read a memory from the numbers of a `MEMORY`."""
+    """Read a memory from the numbers of a `MEMORY`; its arrays are views of them."""
     m = vector.view(MEMORY)[0]
-    target = Pose(m.target_R.copy(), m.target_p.copy())
+    target = Pose(m.target_R[:], m.target_p[:])
     return ImpedanceMemory(
         WatchdogState(int(m.mode), m.clock, m.duration),
         ForceState(m.surface, m.force, m.lost_time),
         m.tank_energy,
         m.saturated > 0,
-        LastTarget(m.target_known > 0, m.frozen_time, target, m.target_drift.copy()),
-        Pose(m.held_R.copy(), m.held_p.copy()),
-        m.stiffness.copy(),
-        m.rotation_error.copy(),
+        LastTarget(m.target_known > 0, m.frozen_time, target, m.target_drift[:]),
+        Pose(m.held_R[:], m.held_p[:]),
+        m.stiffness[:],
+        m.rotation_error[:],
         ForceRecord(m.slow_force, m.fast_force, m.force_power),
     )
 

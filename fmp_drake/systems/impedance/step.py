@@ -442,7 +442,7 @@ def _next_stiffness(
     error: Array,
 ) -> tuple[Array, float, int]:
     """Return K, the energy left in the tank, and flags."""
-    config, K, energy = settings.config, settings.stiffness.copy(), memory.tank_energy
+    config, K, energy = settings.config, settings.stiffness[:], memory.tank_energy
     if not (inputs.has_stiffness or inputs.has_covariance):
         return K, energy, 0
     present = memory.stiffness
