@@ -6,7 +6,10 @@ import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import (
+    ExternallyAppliedSpatialForceMultiplexer,
+    MultibodyPlant,
+)
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 
@@ -14,8 +17,8 @@ from fmp_drake.errors import StationError
 from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.station.scene import BoardScene
 from fmp_drake.systems.mouse_hand import MouseHand
+from fmp_drake.systems.optional_spatial_forces import OptionalSpatialForces
 from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
-from fmp_drake.systems.spatial_force_sum import SpatialForceSum
 from fmp_drake.systems.teaching.hand_motion import MAX_TURN_RATE
 from fmp_drake.systems.teaching.mouse_drag import GUIDING_DRAG, BoardSurface
 
@@ -30,7 +33,8 @@ def AddExternalForces(
     """Export the plant's port for forces, and add the scenario's disturbances to it.
 
     Systems: disturbances where the scenario has any, with their sum exported as
-    disturbance; spatial_force_sum where there is more than the exported port.
+    disturbance; optional_spatial_forces and spatial_force_sum where there is more than
+    the exported port.
 
     Parameters
     ----------
@@ -55,11 +59,14 @@ def AddExternalForces(
     if not sources:
         builder.ExportInput(forces, _PORT)
         return
-    names = [f"source_{i}" for i in range(len(sources))]
-    total = builder.AddSystem(SpatialForceSum("outside", *names))
-    builder.ExportInput(total.GetInputPort("outside"), _PORT)
-    for name, source in zip(names, sources, strict=True):
-        builder.Connect(source, total.GetInputPort(name))
+    outside = builder.AddSystem(OptionalSpatialForces())
+    builder.ExportInput(outside.get_input_port(), _PORT)
+    sources.insert(0, outside.get_output_port())
+    total = builder.AddNamedSystem(
+        "spatial_force_sum", ExternallyAppliedSpatialForceMultiplexer(len(sources))
+    )
+    for i, source in enumerate(sources):
+        builder.Connect(source, total.get_input_port(i))
     builder.Connect(total.get_output_port(), forces)
 
 

@@ -66,8 +66,8 @@ def MakeStation(
     - of a skill: fourier_primitive, desired_motion, tempo, desired_normal_force, ink_board,
       surface_monitor, status;
     - where the scenario needs them: normal_force_estimator, rail, rail_state, task_frame,
-      task_frame_velocity, task_frame_acceleration, joint_friction, disturbances and
-      spatial_force_sum;
+      task_frame_velocity, task_frame_acceleration, joint_friction, disturbances,
+      optional_spatial_forces and spatial_force_sum;
     - with a Meshcat: those of `AddPage`, where page_controls replaces tempo and
       desired_normal_force; with a panel: page_status;
     - of a hand: rest for the controller's inputs, recorder; human_hand and leading of a

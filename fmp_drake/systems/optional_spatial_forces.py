@@ -1,0 +1,49 @@
+"""Forces on bodies from a port that may stay unconnected."""
+
+from typing import Any
+
+from pydrake.common.value import Value
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.systems.framework import LeafSystem
+
+from fmp_drake.systems.interface.callbacks import weakly
+
+
+class OptionalSpatialForces(LeafSystem):
+    """Forces on bodies, or none where nothing is connected.
+
+    With it a diagram can export the input of Drake's
+    `ExternallyAppliedSpatialForceMultiplexer`, which must be connected, as an optional one.
+
+    Input ports
+    -----------
+    forces : abstract
+        List of `ExternallyAppliedSpatialForce`; may stay unconnected.
+
+    Output ports
+    ------------
+    spatial_forces : abstract
+        The same list.
+
+    Examples
+    --------
+    >>> outside = OptionalSpatialForces()
+    >>> outside.GetOutputPort("spatial_forces").Eval(outside.CreateDefaultContext())
+    []
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.set_name("optional_spatial_forces")
+        forces = Value[list[ExternallyAppliedSpatialForce]]
+        self._forces = self.DeclareAbstractInputPort("forces", forces())
+        self.DeclareAbstractOutputPort(
+            "spatial_forces",
+            forces,
+            weakly(self._calc),
+            prerequisites_of_calc={self._forces.ticket()},
+        )
+
+    def _calc(self, context: Any, output: Any) -> None:
+        has_value = self._forces.HasValue(context)
+        output.set_value(self._forces.Eval(context) if has_value else [])
