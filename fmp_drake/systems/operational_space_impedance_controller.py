@@ -118,6 +118,7 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.records import (
+    OPTIONAL,
     PACKED_SIZE,
     PLACES,
     PORTS,
@@ -133,7 +134,7 @@ from fmp_drake.systems.interface.arm_model import (
     checked_posture,
     joint_limits,
 )
-from fmp_drake.systems.interface.callbacks import eval_cache
+from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
 
 ENGAGE_HEIGHT = 0.01
 """Default height over the surface below which the normal force comes in, m."""
@@ -295,7 +296,16 @@ class OperationalSpaceImpedanceController(LeafSystem):
             "covariance": config.covariance_stiffness.enabled,
             "normal_force": config.force_control.enabled,
         }
-        self._used_ports = [name for name in PORTS if enabled.get(name, True)]
+        used = [name for name in OPTIONAL if enabled.get(name, True)]
+        self._often = [*REQUIRED, "desired_normal_force"]
+        self._seldom = [name for name in used if name not in self._often]
+        # Most of them are not connected: that is found once, not at every update.
+        self._packed = declare_cache(
+            self,
+            "packed inputs that are seldom connected",
+            self._calc_packed,
+            {self._ports[name].ticket() for name in self._seldom},
+        )
 
     def _declare_outputs(self, n: int) -> None:
         self.DeclareStateOutputPort("torque", self.DeclareDiscreteState(n))
@@ -329,8 +339,9 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         discrete = context.get_discrete_state()
+        packed = eval_cache(self, self._packed, context).copy()
         torque, status, memory = self._step(
-            self._pack(context, self._used_ports),
+            self._pack(context, self._often, packed),
             context.get_time(),
             discrete.value(_TORQUE),
             discrete.value(_MEMORY),
@@ -345,9 +356,11 @@ class OperationalSpaceImpedanceController(LeafSystem):
     def _eval_plant_context(self, context: Context) -> Context:
         return cast(Context, eval_cache(self, self._plant_context, context))
 
-    def _pack(self, context: Context, names: Iterable[str]) -> Array:
-        """Return what `unpack` takes, with the values of some ports."""
-        values = np.zeros(PACKED_SIZE)
+    def _calc_packed(self, context: Any, value: Any) -> None:
+        value.set_value(self._pack(context, self._seldom, np.zeros(PACKED_SIZE)))
+
+    def _pack(self, context: Context, names: Iterable[str], values: Array) -> Array:
+        """Write the values of some ports to an array that `unpack` takes; return it."""
         for name in names:
             port = self._ports[name]
             if name in REQUIRED or port.HasValue(context):
@@ -361,7 +374,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
     def _measure(self, context: Context, names: Iterable[str]) -> Array:
         """Return `measured_motion` by what comes in at some ports."""
         return self._measured_motion(
-            self._pack(context, names),
+            self._pack(context, names, np.zeros(PACKED_SIZE)),
             *self._arm.motion(
                 self._eval_plant_context(context), _eval(self._state, context)
             ),
