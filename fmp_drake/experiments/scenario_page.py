@@ -10,7 +10,6 @@ from threadpoolctl import threadpool_limits
 
 from fmp_drake.errors import RunError
 from fmp_drake.film import FilmReel, render_picture
-from fmp_drake.film.scene import FilmCamera
 from fmp_drake.processes import LocalWorkers, run_tasks
 from fmp_drake.runs.metrics import Metrics
 from fmp_drake.runs.wiping_run import MakeRun, WipingRun
@@ -47,17 +46,13 @@ def measure_scenario(name: str, duration: float, folder: Path) -> ScenarioRun:
         metrics = run.metrics()
         reel = FilmReel(run.station, fps=1.0)
         reel.observe(run.simulator.get_context())
-        camera = FilmCamera(eye=scenario.camera.eye, target=scenario.camera.target)
         try:
             render_picture(
                 folder / f"{name}.png",
-                station=run.station,
-                diagram=run.diagram,
-                grid=run.grid if isinstance(run, WipingRun) else None,
-                positions=reel.positions[-1],
-                ink=reel.ink[-1],
-                camera=camera,
+                reel,
+                camera=scenario.camera,
                 size=_SIZE,
+                grid=run.grid if isinstance(run, WipingRun) else None,
             )
         except RunError:
             return ScenarioRun(metrics, False)

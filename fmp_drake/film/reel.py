@@ -48,7 +48,7 @@ class FilmReel:
             check_number(value, name, above=0.0, error=RunError)
         self.fps = float(fps)
         self.speed = float(speed)
-        self._station = station
+        self.station = station
         self._plant: Any = station.GetSubsystemByName("plant")
         self._ink: Any = None
         if station.HasOutputPort("ink"):
@@ -73,7 +73,7 @@ class FilmReel:
         start = self._times[0] if self._times else time
         if time < start + len(self._times) * self.speed / self.fps - 1e-9:
             return
-        context = self._station.GetMyContextFromRoot(root)
+        context = self.station.GetMyContextFromRoot(root)
         self._times.append(time)
         self._positions.append(
             np.array(self._plant.GetPositions(self._plant.GetMyContextFromRoot(root)))

@@ -4,27 +4,20 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from PIL import Image
-from pydrake.systems.framework import Diagram
 
 from fmp_drake.errors import RunError
-from fmp_drake.film.board_paint import BoardPaint
 from fmp_drake.film.checks import check_film, check_renderer
 from fmp_drake.film.encode import write_film
-from fmp_drake.film.overlay import (
-    Gauge,
-    Trail,
-    draw_caption,
-    load_font,
-    paint_trail,
-)
+from fmp_drake.film.painting import draw_caption, paint_ink, paint_trail
 from fmp_drake.film.reel import FilmReel
-from fmp_drake.film.scene import FilmCamera, FilmScene
+from fmp_drake.film.scene import FilmScene
 from fmp_drake.primitives.data.files import replaced
 from fmp_drake.runs.metrics import NEAR_FORCE
 from fmp_drake.runs.station_run import StationRun
 from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.station.scenario_parts import CameraConfig
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.surface.surface import place
 
@@ -32,6 +25,8 @@ FILM_SIGNALS = ("measured_position", "normal_force")
 """Names of the signals that a run must keep for its film."""
 
 _FINER = 2  # Pixels rendered for a pixel of a picture, along each edge.
+# Length of the path behind the eraser, and between two of its points, s.
+_TRAIL_SECONDS, _TRAIL_STEP = 4.0, 0.02
 
 
 def film_run(
@@ -44,8 +39,9 @@ def film_run(
 ) -> None:
     """Render the film of a run, seen from the camera of its scenario.
 
-    At a board it shows the normal force with its desired range, and the clean fraction of
-    the demonstrated area.
+    Captions give the time and, at a board, the normal force with its desired range and
+    the clean fraction of the demonstrated area. The path of the last seconds is drawn
+    behind the eraser.
 
     Parameters
     ----------
@@ -65,45 +61,39 @@ def film_run(
     RunError
         Where the film cannot be made; an existing file is then left as it was.
     """
-    camera = run.scenario.camera
-    speed = f", {reel.speed:g} times as fast" if reel.speed != 1 else ""
+    times, measured = run.log_times("measured_position"), run.log("measured_position")
+
+    def trail(now: float) -> NDArray[np.float64]:
+        at = np.arange(max(now - _TRAIL_SECONDS, times[0]), now, _TRAIL_STEP)
+        return np.stack([np.interp(at, times, column) for column in measured.T], axis=1)
+
     render_film(
         path,
-        station=run.station,
-        diagram=run.diagram,
-        grid=run.grid if isinstance(run, WipingRun) else None,
-        times=reel.times,
-        positions=reel.positions,
-        ink=reel.ink,
-        fps=reel.fps,
+        reel,
+        camera=run.scenario.camera,
         size=film_size(width),
-        camera=FilmCamera(eye=camera.eye, target=camera.target),
-        trail=Trail(
-            times=run.log_times("measured_position"),
-            positions=run.log("measured_position"),
-        ),
-        captions=[f"{time:.0f} s{speed}" for time in reel.times],
-        gauges=_gauges(run, reel.times) if isinstance(run, WipingRun) else [],
+        grid=run.grid if isinstance(run, WipingRun) else None,
+        captions=_captions(run, reel),
+        trail=trail,
         track=track,
     )
 
 
-def _gauges(run: WipingRun, times: NDArray[np.float64]) -> list[Gauge]:
-    """Return the gauges of the normal force and the clean fraction."""
+def _captions(run: StationRun, reel: FilmReel) -> list[str]:
+    """Return the text of each frame."""
+    speed = f", {reel.speed:g} times as fast" if reel.speed != 1 else ""
+    texts = [f"{time:.0f} s{speed}" for time in reel.times]
+    if not isinstance(run, WipingRun):
+        return texts
     desired = run.scenario.press.force
-    low, high = max(0.0, desired - NEAR_FORCE), desired + NEAR_FORCE
-    force = np.interp(
-        times, run.log_times("normal_force"), run.log("normal_force")[:, 0]
+    wanted = f"{max(0.0, desired - NEAR_FORCE):g} to {desired + NEAR_FORCE:g} N"
+    forces = np.interp(
+        reel.times, run.log_times("normal_force"), run.log("normal_force")[:, 0]
     )
-    cleaned = 100 * run.cleaned_by(times)
+    cleaned = 100 * run.cleaned_by(reel.times)
     return [
-        Gauge(
-            text=f"force {{:.1f}} N (wanted {low:g} to {high:g})",
-            values=force,
-            most=high + NEAR_FORCE,
-            band=(low, high),
-        ),
-        Gauge(text="cleaned {:.0f} %", values=cleaned, most=100.0),
+        f"{text}\nforce {force:.1f} N (desired {wanted})\ncleaned {percent:.0f} %"
+        for text, force, percent in zip(texts, forces, cleaned, strict=True)
     ]
 
 
@@ -114,19 +104,13 @@ def film_size(width: int) -> tuple[int, int]:
 
 def render_film(
     path: Path,
+    reel: FilmReel,
     *,
-    station: Diagram,
-    diagram: Diagram | None = None,
-    grid: InkGrid | None,
-    times: ArrayLike,
-    positions: ArrayLike,
-    ink: ArrayLike,
-    fps: float,
-    size: tuple[int, int] = (640, 480),
-    camera: FilmCamera,
-    trail: Trail | None = None,
+    camera: CameraConfig,
+    size: tuple[int, int],
+    grid: InkGrid | None = None,
     captions: Sequence[str] | None = None,
-    gauges: Sequence[Gauge] = (),
+    trail: Callable[[float], NDArray[np.float64]] | None = None,
     track: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> None:
     """Render a film of a station without a screen; an existing file is replaced.
@@ -137,29 +121,17 @@ def render_film(
     ----------
     path : pathlib.Path
         Ends in .mp4 or .gif.
-    station : Diagram
-        With subsystems plant and scene_graph; a frame `surface` of the plant is B.
-    diagram : Diagram, optional
-        The root diagram that contains the station; the station itself where None.
-    grid : InkGrid or None
-        None in free space, where the reel has no ink and the trail is not on a board.
-    times : array_like, shape (N,)
-        Simulated time of each frame, s.
-    positions : array_like, shape (N, nq)
-        Of the plant.
-    ink : array_like of uint8, shape (N, ny nx) or (N, ny, nx)
-        Ink that is left in each cell, 0 for none to 255 for all.
-    fps : float
-        Frames per second of the film.
+    reel : FilmReel
+    camera : CameraConfig
     size : tuple of int
         Width and height, pixels; even.
-    camera : FilmCamera
-    trail : Trail, optional
-        Path of the eraser; not drawn where None.
+    grid : InkGrid, optional
+        None in free space, where there is no ink and the trail is not on a board.
     captions : sequence of str, optional
-        A line of text for each frame.
-    gauges : sequence of Gauge
-        Numbers of each frame, one below the other.
+        Text of each frame.
+    trail : callable, optional
+        Returns the points p_B (k, 3) of the tool's path at a time, m. On a board they are
+        drawn at their projection.
     track : callable
         Goes through the numbers of the frames, and may show how far it is.
 
@@ -169,72 +141,43 @@ def render_film(
         Where the film cannot be made; an existing file is then left as it was.
     """
     path = Path(path)
-    check_film(path, fps=fps, size=size)
-    moments, q, inks = _checked_frames(times, positions, ink, grid)
-    if captions is not None and len(captions) != len(moments):
-        raise RunError(f"{len(captions)} captions for {len(moments)} frames.")
-    for gauge in gauges:
-        if np.shape(gauge.values) != moments.shape:
-            raise RunError(
-                f"the gauge {gauge.text!r} has values {np.shape(gauge.values)}; "
-                f"expected {moments.shape}."
-            )
-    if trail is not None:
-        trail.check()
-    scene = FilmScene(station, diagram=diagram, camera=camera, size=size)
-    board = None if grid is None else BoardPaint(grid, rays=scene.rays)
-    focal = camera.core("", size).intrinsics().focal_x()
-    font = load_font(size[1])
+    check_film(path, fps=reel.fps, size=size)
+    scene = FilmScene(reel.station, camera, size)
+    times, positions, inks = reel.times, reel.positions, reel.ink
 
     def frame(i: int) -> NDArray[np.uint8]:
-        shot = scene.render(q[i])
-        visible, points = np.ones(shot.depth.shape, dtype=bool), np.zeros((0, 3))
+        shot = scene.render(positions[i])
+        visible = np.ones(shot.depth.shape, dtype=bool)
+        if grid is not None:
+            visible = paint_ink(shot, grid, inks[i])
         if trail is not None:
-            points = trail.points(float(moments[i]), on_board=grid is not None)
-        if grid is not None and board is not None:
-            visible = board.paint(shot, inks[i].reshape(grid.shape) / np.float32(255))
-            points = place(grid.curvature, points)
-        if trail is not None:
-            paint_trail(
-                shot.color,
-                points,
-                where=visible,
-                X_CB=shot.X_CB,
-                focal=focal,
-                width=max(1, round(size[1] / 220)),
-            )
+            points = trail(times[i])
+            if grid is not None:
+                points = place(grid.curvature, points * [1.0, 1.0, 0.0])
+            paint_trail(shot.color, shot.pixels(points), where=visible)
         picture = Image.fromarray(shot.color)
         if captions is not None:
-            draw_caption(picture, captions[i], font=font)
-        for row, gauge in enumerate(gauges):
-            gauge.draw(picture, i, row=row, font=font)
+            draw_caption(picture, captions[i])
         return np.asarray(picture)
 
-    write_film(path, frame, len(q), fps=fps, track=track)
+    write_film(path, frame, len(times), fps=reel.fps, track=track)
 
 
 def render_picture(
     path: Path,
+    reel: FilmReel,
     *,
-    station: Diagram,
-    diagram: Diagram | None = None,
-    grid: InkGrid | None,
-    positions: ArrayLike,
-    ink: ArrayLike,
-    size: tuple[int, int] = (640, 480),
-    camera: FilmCamera,
+    camera: CameraConfig,
+    size: tuple[int, int],
+    grid: InkGrid | None = None,
 ) -> None:
-    """Render one picture of a station without a screen; an existing file is replaced.
+    """Render the last frame of a reel without a screen; an existing file is replaced.
 
     Parameters
     ----------
     path : pathlib.Path
         In any format that Pillow writes.
-    positions : array_like, shape (nq,)
-        Of the plant.
-    ink : array_like of uint8, shape (ny nx,) or (ny, nx)
-        Ink that is left in each cell, 0 for none to 255 for all.
-    station, diagram, grid, size, camera
+    reel, camera, size, grid
         As for `render_film`.
 
     Raises
@@ -244,29 +187,8 @@ def render_picture(
     """
     check_renderer()
     fine = (size[0] * _FINER, size[1] * _FINER)
-    scene = FilmScene(station, diagram=diagram, camera=camera, size=fine)
-    shot = scene.render(positions)
+    shot = FilmScene(reel.station, camera, fine).render(reel.positions[-1])
     if grid is not None:
-        blend = np.asarray(ink).reshape(grid.shape) / np.float32(255)
-        BoardPaint(grid, rays=scene.rays).paint(shot, blend)
+        paint_ink(shot, grid, reel.ink[-1])
     with replaced(path, RunError) as part:
         Image.fromarray(shot.color).reduce(_FINER).save(part)
-
-
-def _checked_frames(
-    times: ArrayLike, positions: ArrayLike, ink: ArrayLike, grid: InkGrid | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
-    """Return times (N,), positions (N, nq) and ink (N, ny nx) that fit together."""
-    moments = np.asarray(times, dtype=float)
-    q = np.asarray(positions, dtype=float)
-    inks = np.asarray(ink)
-    if inks.dtype != np.uint8:
-        raise RunError(f"the ink of a film is {inks.dtype}; expected uint8, 255ths.")
-    n = len(moments) if moments.ndim == 1 else 0
-    cells = 0 if grid is None else grid.num_cells
-    if n == 0 or q.ndim != 2 or len(q) != n or inks.size != n * cells:
-        raise RunError(
-            f"a film has times {moments.shape}, positions {q.shape} and ink "
-            f"{inks.shape}; expected (N,), (N, nq) and (N, {cells}), N > 0."
-        )
-    return moments, q, inks.reshape(n, cells)

@@ -2,31 +2,36 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from films import read_film
 from PIL import Image, ImageSequence
-from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from fmp_drake.errors import FmpError
-from fmp_drake.film import FilmReel, check_film, checks, render_picture
-from fmp_drake.film.board_paint import BoardPaint
-from fmp_drake.film.overlay import Gauge, Trail, load_font, paint_trail
+from fmp_drake.errors import FmpError, RunError
+from fmp_drake.film import (
+    FilmReel,
+    check_film,
+    checks,
+    film_run,
+    render,
+    render_picture,
+)
+from fmp_drake.film.painting import draw_caption, paint_ink, paint_trail
 from fmp_drake.film.render import render_film
-from fmp_drake.film.scene import FilmCamera, FilmScene
+from fmp_drake.film.scene import FilmScene
+from fmp_drake.station.scenario_parts import CameraConfig
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import ink_colours
 
 GRID = InkGrid(size=(0.5, 0.7), cell=0.05)
-CAMERA = FilmCamera(eye=(1.2, 0.0, 1.0), target=(0.0, 0.0, 0.0))
+CAMERA = CameraConfig(eye=[1.2, 0.0, 1.0], target=[0.0, 0.0, 0.0])
 SIZE = (160, 120)
 BOARD_AND_BOX = """
 <sdf version="1.9"><model name="all">
@@ -86,12 +91,12 @@ def half_inked():
 
 def shoot(station, q, *, ink=None, camera=CAMERA, size=SIZE):
     """Return a painted shot, where the board is seen, and the scene."""
-    scene = FilmScene(station, camera=camera, size=size)
-    shot = scene.render(q)
-    seen = BoardPaint(GRID, rays=scene.rays).paint(
-        shot, half_inked() if ink is None else ink
-    )
-    return shot, seen
+    shot = FilmScene(station, camera, size).render(q)
+    return shot, paint_ink(shot, GRID, bytes_of(half_inked() if ink is None else ink))
+
+
+def bytes_of(ink):
+    return np.rint(255 * ink).astype(np.uint8).ravel()
 
 
 def blue(picture):
@@ -100,12 +105,9 @@ def blue(picture):
     return (b > r + 60) & (b > g + 40)
 
 
-def pixel_of(shot, p_B, *, camera=CAMERA, size=SIZE):
+def pixel_of(shot, p_B):
     """Return row and column at which a point of the board is seen."""
-    x, y, z = shot.X_CB @ np.asarray(p_B, dtype=float)
-    info = camera.core("", size).intrinsics()
-    column = info.focal_x() * x / z + info.center_x()
-    row = info.focal_y() * y / z + info.center_y()
+    ((column, row),) = shot.pixels([p_B])
     return int(row), int(column)
 
 
@@ -151,12 +153,11 @@ class TestInk:
         assert 0.02 < 1 - seen.sum() / seen_open.sum() < 0.3
 
     def test_ink_moves_with_the_board(self, station):
-        scene = FilmScene(station, camera=CAMERA, size=SIZE)
-        paint = BoardPaint(GRID, rays=scene.rays)
+        scene = FilmScene(station, CAMERA, SIZE)
         columns = []
         for y in (0.0, 0.1, 0.0):
             shot = scene.render([y, 3.0])
-            paint.paint(shot, half_inked())
+            paint_ink(shot, GRID, bytes_of(half_inked()))
             columns.append(np.mean(np.nonzero(blue(shot.color))[1]))
             assert blue(shot.color)[pixel_of(shot, [0.1, 0.3, 0.0])]
         # The camera looks along -x: y grows to the right.
@@ -164,7 +165,7 @@ class TestInk:
         assert columns[2] == columns[0]
 
     def test_the_back_of_a_board_shows_no_ink(self, station):
-        below = FilmCamera(eye=(1.2, 0.0, -1.0), target=(0.0, 0.0, 0.0))
+        below = CameraConfig(eye=[1.2, 0.0, -1.0], target=[0.0, 0.0, 0.0])
         shot, seen = shoot(station, FAR_BOX, camera=below)
         assert not seen.any()
         assert not blue(shot.color).any()
@@ -173,43 +174,22 @@ class TestInk:
     def test_the_board_is_found_to_the_pixel(self, station):
         shot, seen = shoot(station, FAR_BOX, size=(640, 480))
         corners = [[x, y, 0.0] for x in (-0.25, 0.25) for y in (-0.35, 0.35)]
-        rows, columns = np.transpose(
-            [pixel_of(shot, corner, size=(640, 480)) for corner in corners]
-        )
+        rows, columns = np.transpose([pixel_of(shot, corner) for corner in corners])
         found = np.nonzero(seen)
         assert abs(found[0].min() - rows.min()) <= 1
         assert abs(found[0].max() - rows.max()) <= 1
         assert abs(found[1].min() - columns.min()) <= 1
         assert abs(found[1].max() - columns.max()) <= 1
 
-    def test_ink_of_another_shape_is_refused(self, station):
-        with pytest.raises(FmpError, match=r"ink of a frame of shape \(3, 4\)"):
-            shoot(station, FAR_BOX, ink=np.zeros((3, 4)))
 
-    def test_positions_of_another_size_are_refused(self, station):
-        with pytest.raises(FmpError, match="NaN or infinite numbers in the positions"):
-            shoot(station, [0.0, np.nan])
-
-
-@pytest.mark.usefixtures("egl")
-def test_a_gauge_shows_its_value_over_its_band():
-    gauge = Gauge(
-        text="force {:.1f} N", values=[0.0, 10.0], most=20.0, band=(5.0, 15.0)
-    )
-    assert gauge.text_of(1) == "force 10.0 N"
-    pictures = [Image.new("RGB", (320, 240), "white") for _ in range(3)]
-    for frame, picture in enumerate(pictures[:2]):
-        gauge.draw(picture, frame, row=0, font=load_font(480))
-    gauge.draw(pictures[2], 1, row=2, font=load_font(480))
-    empty, half, lower = (np.asarray(p).astype(int) for p in pictures)
-    columns = np.flatnonzero(blue(half).any(axis=0))
-    r, g, b = np.moveaxis(empty, -1, 0)
-    band = np.flatnonzero(((g > r + 30) & (g > b + 20)).any(axis=0))
-    assert not blue(empty).any()
-    # The value ends in the middle of its band, which is half as long as the bar.
-    assert columns[-1] == pytest.approx(band.mean(), abs=1.5)
-    assert len(columns) == pytest.approx(len(band), abs=2)
-    assert blue(lower).any(axis=1).argmax() > np.flatnonzero(blue(half).any(axis=1))[-1]
+def test_a_caption_is_drawn_at_the_lower_left():
+    picture = Image.new("RGB", (320, 240), "white")
+    draw_caption(picture, "12 s\nforce 9.8 N")
+    rows, columns = np.nonzero(np.asarray(picture).min(axis=2) < 100)
+    assert rows.min() > 200
+    assert rows.max() < 239
+    assert 0 < columns.min()
+    assert columns.max() < 160
 
 
 def test_a_trail_is_drawn_on_the_board_only(station):
@@ -219,7 +199,7 @@ def test_a_trail_is_drawn_on_the_board_only(station):
     )
     before, seen = shoot(station, [0.0, 0.0], ink=clean)
     color = before.color.copy()
-    paint_trail(color, points, where=seen, X_CB=before.X_CB, focal=143.0, width=3)
+    paint_trail(color, before.pixels(points), where=seen)
     changed = np.any(color != before.color, axis=-1)
     assert changed.sum() > 50
     assert not changed[~seen].any()
@@ -230,72 +210,48 @@ def test_a_trail_is_drawn_on_the_board_only(station):
 @pytest.mark.parametrize(
     "points",
     [
-        [[0.0, 0.0, 1.0]],
-        [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]],
-        [[9.0, 0.0, 1.0], [9.0, 1.0, 1.0]],
+        [[0.0, 0.0, 0.0]],
+        [[0.0, 0.0, 0.0], [2.4, 0.0, 2.0]],
+        [[0.0, 9.0, 0.0], [0.0, 9.0, 0.1]],
     ],
     ids=["one point", "behind the camera", "beside the picture"],
 )
-def test_a_trail_that_is_not_seen_leaves_the_picture(points):
-    color = np.full((12, 16, 3), 200, dtype=np.uint8)
-    where = np.ones((12, 16), dtype=bool)
-    camera = {"X_CB": RigidTransform(), "focal": 10.0}
-    paint_trail(color, np.array(points), where=where, width=1, **camera)
+@pytest.mark.usefixtures("egl")
+def test_a_trail_that_is_not_seen_leaves_the_picture(points, station):
+    shot = FilmScene(station, CAMERA, (64, 48)).render([0.0, 0.0])
+    color = np.full((48, 64, 3), 200, dtype=np.uint8)
+    where = np.ones((48, 64), dtype=bool)
+    paint_trail(color, shot.pixels(points), where=where)
     assert np.all(color == 200)
 
 
-class TestTrail:
-    def test_a_trail_is_the_last_seconds_at_the_height_of_the_board(self):
-        times = np.linspace(0, 10, 1001)
-        path = np.column_stack([times, 2 * times, 0 * times - 0.002])
-        points = Trail(times=times, positions=path, seconds=2.0).points(6.0)
-        assert points[0] == pytest.approx([4.0, 8.0, 0.0])
-        assert np.all(points[:, 0] < 6.0)
-        assert np.all(points[:, 2] == 0.0)
-
-    @pytest.mark.parametrize(
-        ("change", "match"),
-        [
-            ({"positions": np.zeros((3, 2))}, "a trail has"),
-            ({"times": [0.0, 1.0]}, "a trail has"),
-            ({"seconds": 0.0}, "must be positive"),
-        ],
-    )
-    def test_a_bad_trail_is_refused(self, change, match):
-        good = {"times": [0.0, 1.0, 2.0], "positions": np.zeros((3, 3))}
-        with pytest.raises(FmpError, match=match):
-            Trail(**{**good, **change}).check()
+def reel_of(station, count):
+    """Return a film of the box that comes, where half the board is inked."""
+    reel = FilmReel(station, fps=10)
+    context = station.CreateDefaultContext()
+    plant = station.GetSubsystemByName("plant")
+    for i in range(count):
+        context.SetTime(i / 10)
+        q = [0.0, 0.3 * i / max(1, count - 1)]
+        plant.SetPositions(plant.GetMyMutableContextFromRoot(context), q)
+        reel.observe(context)
+    return reel
 
 
-def frames_of(count):
-    """Return a film's arguments: the box comes, and half the board is inked."""
-    ink = np.rint(255 * half_inked()).astype(np.uint8)
-    return {
-        "grid": GRID,
-        "times": np.arange(count) / 10,
-        "positions": np.column_stack([np.zeros(count), np.linspace(0.0, 0.3, count)]),
-        "ink": np.tile(ink.ravel(), (count, 1)),
-        "camera": CAMERA,
-        "size": SIZE,
-    }
+VIEW = {"camera": CAMERA, "size": SIZE, "grid": GRID}
 
 
 @pytest.mark.usefixtures("egl")
 class TestFilms:
     def test_an_mp4_plays_every_frame(self, ffmpeg, station, outputs):
         film = outputs / "film.mp4"
-        render_film(
-            film,
-            station=station,
-            fps=20,
-            captions=[f"{t:.1f} s" for t in range(7)],
-            **frames_of(7),
-        )
+        captions = [f"{t:.1f} s" for t in range(7)]
+        render_film(film, reel_of(station, 7), captions=captions, **VIEW)
         assert list(outputs.iterdir()) == [film]
         frames, about = read_film(ffmpeg, film)
         assert about["codec"] == "h264"
         assert about["pix_fmt"].startswith("yuv420p")
-        assert about["fps"] == 20
+        assert about["fps"] == 10
         assert tuple(about["source_size"]) == SIZE
         assert frames.shape == (7, SIZE[1], SIZE[0], 3)
         for frame in frames:
@@ -304,8 +260,8 @@ class TestFilms:
 
     def test_a_gif_plays_every_frame_in_its_time(self, station, outputs):
         film = outputs / "film.gif"
-        trail = Trail(times=[0.0, 1.0], positions=[[-0.1, -0.2, 0.0], [-0.1, 0.2, 0.0]])
-        render_film(film, station=station, fps=12, trail=trail, **frames_of(7))
+        line = np.array([[-0.1, -0.2, 0.0], [-0.1, 0.2, 0.0]])
+        render_film(film, reel_of(station, 7), trail=lambda _: line, **VIEW)
         assert list(outputs.iterdir()) == [film]
         with Image.open(film) as opened:
             assert opened.size == SIZE
@@ -315,7 +271,7 @@ class TestFilms:
                 frames.append(np.asarray(frame.convert("RGB")))
                 durations.append(frame.info["duration"])
         assert len(frames) == 7
-        assert sum(durations) == pytest.approx(1000 * 7 / 12, abs=10)
+        assert sum(durations) == pytest.approx(1000 * 7 / 10, abs=10)
         assert all(0.05 < blue(frame).mean() < 0.5 for frame in frames)
         # The box keeps its own colour, although it is small.
         r, g, b = np.moveaxis(frames[0].astype(int), -1, 0)
@@ -323,16 +279,9 @@ class TestFilms:
         assert film.stat().st_size < 60_000
 
     def test_a_picture_is_a_frame_of_its_own(self, station, outputs):
-        film = frames_of(1)
         path = outputs / "one.png"
         path.write_bytes(b"older")
-        render_picture(
-            path,
-            station=station,
-            **{name: film[name] for name in ("grid", "camera", "size")},
-            positions=film["positions"][0],
-            ink=film["ink"][0],
-        )
+        render_picture(path, reel_of(station, 1), **VIEW)
         assert list(outputs.iterdir()) == [path]
         with Image.open(path) as opened:
             assert opened.size == SIZE
@@ -350,7 +299,7 @@ class TestFilms:
                 yield number
 
         film = outputs / name
-        render_film(film, station=station, fps=10, track=track, **frames_of(3))
+        render_film(film, reel_of(station, 3), track=track, **VIEW)
         assert seen == [0, 1, 2]
 
     @pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
@@ -359,10 +308,12 @@ class TestFilms:
             pytest.importorskip("imageio_ffmpeg")
         film = outputs / name
         film.write_bytes(b"precious")
-        frames = frames_of(5)
-        frames["positions"][3] = np.nan
-        with pytest.raises(FmpError, match="NaN or infinite numbers in the positions"):
-            render_film(film, station=station, fps=10, **frames)
+
+        def trail(time):
+            raise RunError(f"no trail at {time}")
+
+        with pytest.raises(FmpError, match="no trail"):
+            render_film(film, reel_of(station, 5), trail=trail, **VIEW)
         assert film.read_bytes() == b"precious"
         assert list(outputs.iterdir()) == [film]
 
@@ -377,32 +328,56 @@ class TestFilms:
             "fmp_drake.film.checks.ffmpeg_program", lambda: str(program)
         )
         with pytest.raises(FmpError, match="out of order"):
-            render_film(outputs / "f.mp4", station=station, fps=10, **frames_of(3))
+            render_film(outputs / "f.mp4", reel_of(station, 3), **VIEW)
         assert list(outputs.iterdir()) == [program]
 
     @pytest.mark.parametrize(
         ("change", "match"),
         [
-            ({"ink": np.zeros((3, GRID.num_cells))}, "expected uint8"),
-            ({"ink": np.zeros((2, GRID.num_cells), dtype=np.uint8)}, "a film has"),
-            ({"positions": np.zeros((2, 2))}, "a film has"),
-            ({"times": np.zeros((0,))}, "a film has"),
-            ({"captions": ["one"]}, "1 captions for 3 frames"),
-            (
-                {"gauges": [Gauge(text="force {:.0f} N", values=[1.0], most=20.0)]},
-                "values \\(1,\\); expected \\(3,\\)",
-            ),
             ({"size": (161, 120)}, "must be even"),
-            ({"fps": 0}, "fps is 0"),
-            ({"camera": FilmCamera(eye=(0, 0, 1), target=(0, 0, 0))}, "straight"),
-            ({"camera": replace(CAMERA, fov_y=4.0)}, "fov_y is 4"),
+            (
+                {"camera": CameraConfig(eye=[0.0, 0.0, 1.0], target=[0.0, 0.0, 0.0])},
+                "straight",
+            ),
         ],
     )
     def test_what_does_not_fit_is_refused(self, change, match, station, outputs):
-        arguments = {"fps": 10, **frames_of(3), **change}
         with pytest.raises(FmpError, match=match):
-            render_film(outputs / "film.gif", station=station, **arguments)
+            render_film(outputs / "film.gif", reel_of(station, 1), **{**VIEW, **change})
         assert list(outputs.iterdir()) == []
+
+    @pytest.mark.parametrize("has_board", [True, False])
+    def test_film_of_a_run_has_its_path_and_its_numbers(
+        self, has_board, station, outputs, monkeypatch
+    ):
+        times = np.linspace(0.0, 0.6, 61)
+        path = np.stack([0 * times - 0.1, times - 0.3, 0 * times + 0.002], axis=1)
+        logs = {"measured_position": path, "normal_force": 10 * times[:, np.newaxis]}
+        run = SimpleNamespace(
+            scenario=SimpleNamespace(camera=CAMERA, press=SimpleNamespace(force=10.0)),
+            log=logs.__getitem__,
+            log_times=lambda _: times,
+            grid=GRID,
+            cleaned_by=lambda moments: np.asarray(moments),
+        )
+        frames = []
+        monkeypatch.setattr(render, "WipingRun", SimpleNamespace if has_board else str)
+        monkeypatch.setattr(
+            render, "draw_caption", lambda picture, text: frames.append((picture, text))
+        )
+        film_run(run, reel_of(station, 7), outputs / "film.gif", width=160)
+        picture, text = frames[-1]
+        if has_board:
+            assert text.splitlines() == [
+                "1 s",
+                "force 6.0 N (desired 5 to 15 N)",
+                "cleaned 60 %",
+            ]
+        else:
+            assert text == "1 s"
+        # The box is to the right of the path.
+        r, _, b = np.moveaxis(np.asarray(picture).astype(int), -1, 0)
+        assert np.sum((r > b + 30)[:, :80]) > 20
 
 
 class TestReel:

@@ -38,7 +38,7 @@ def SetStage(meshcat: Meshcat, *, eye: ArrayLike, target: ArrayLike) -> None:
         finite_array(point, f"the camera's {name}", (3,), error=StationError)
         for name, point in (("eye", eye), ("target", target))
     )
-    R_WC = _CameraAxes(eye, target)
+    R_WC = CameraAxes(eye, target)
     meshcat.SetProperty("/Background", "top_color", list(_SKY))
     meshcat.SetProperty("/Background", "bottom_color", list(_GROUND))
     # The background also lights the arm's meshes; no more than the ambient light.
@@ -119,7 +119,7 @@ def _Lamp(position: np.ndarray, intensity: float) -> LightParameter:
     )
 
 
-def _CameraAxes(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
+def CameraAxes(eye: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return R_WC, with the right, down and forward axes of the camera as columns."""
     forward = target - eye
     right = np.cross(forward, [0.0, 0.0, 1.0])
