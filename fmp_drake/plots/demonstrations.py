@@ -1,15 +1,13 @@
 """Pictures of demonstrations: paths, windows and spectra (Fig. 3)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from fmp_drake.plots.panels import (
     Channels,
@@ -20,8 +18,6 @@ from fmp_drake.plots.panels import (
 )
 from fmp_drake.plots.style import (
     DEMONSTRATED,
-    add_colorbar,
-    add_lines,
     component_color,
     save,
 )
@@ -92,12 +88,10 @@ def _title(demonstrations: Sequence[Demonstration]) -> str:
     return f"demonstrated: {len(demonstrations)} recordings, {seconds:.0f} s"
 
 
-def draw_windows_over_time(
-    skill: FourierMovementPrimitive,
-    demonstrations: Demonstrations,
-    axes: Sequence[Axes],
-) -> tuple[Axes, ...]:
-    """Draw the windows that a skill learns from, one over the other.
+def draw_windows_in_plane(
+    skill: FourierMovementPrimitive, demonstrations: Demonstrations, ax: Axes
+) -> Axes:
+    """Draw the windows that a skill learns from, one over the other (Fig. 3b).
 
     At most 60, evenly chosen, each in the colour of its most probable component.
 
@@ -106,38 +100,20 @@ def draw_windows_over_time(
     skill : FourierMovementPrimitive
         Fitted: its parameters are those of the windows.
     demonstrations : Demonstration or sequence of Demonstration
-    axes : sequence of Axes
-        One for each channel.
+    ax : Axes
     """
-    panels = TimePanels(Channels.of_skill(skill), axes)
-    windows, title = _shown_windows(skill, demonstrations)
-    time = np.arange(skill.n_steps) / skill.rate
-    _draw_windows(
-        skill,
-        windows,
-        (
-            (ax, np.stack(np.broadcast_arrays(time, windows[..., i]), -1))
-            for ax, i in panels
-        ),
-    )
-    m = len(skill.components_)
-    cmap, norm = _component_colors(skill)
-    add_colorbar(
-        list(axes) if len(axes) > 1 else axes[0],
-        ScalarMappable(cmap=cmap, norm=norm),
-        "component",
-        ticks=range(0, m, max(1, m // 10)),
-    )
-    return panels.finish(title, xlabel="time in the window (s)")
-
-
-def draw_windows_in_plane(
-    skill: FourierMovementPrimitive, demonstrations: Demonstrations, ax: Axes
-) -> Axes:
-    """Draw the windows of `draw_windows_over_time` in the plane (Fig. 3b)."""
     panel = PlanePanel(Channels.of_skill(skill), ax)
-    windows, title = _shown_windows(skill, demonstrations)
-    _draw_windows(skill, windows, [(panel.ax, windows[:, :, [1, 0]])])
+    windows = _windows(skill, demonstrations)
+    count, seconds = len(windows), skill.n_steps / skill.rate
+    title = f"{count} windows of {seconds:g} s"
+    if count > _MOST_WINDOWS:
+        title = f"{_MOST_WINDOWS} of {title}"
+        windows = windows[np.linspace(0, count - 1, _MOST_WINDOWS).round().astype(int)]
+    weights = skill.analyze(windows)
+    densities = np.stack([c.log_density(weights) for c in skill.components_], axis=-1)
+    numbers = np.argmax(densities + np.log(skill.proportions_), axis=-1)
+    for window, number in zip(windows, numbers, strict=True):
+        panel.path(window, color=component_color(number), linewidth=0.7, alpha=0.8)
     return panel.finish(title)
 
 
@@ -162,43 +138,6 @@ def _windows(
         rate=skill.rate,
         at_least=1,
     ).values
-
-
-def _shown_windows(
-    skill: FourierMovementPrimitive, demonstrations: Demonstrations
-) -> tuple[NDArray[np.float64], str]:
-    """Return the windows to draw and the title."""
-    windows = _windows(skill, demonstrations)
-    count, seconds = len(windows), skill.n_steps / skill.rate
-    title = f"{count} windows of {seconds:g} s"
-    if count > _MOST_WINDOWS:
-        title = f"{_MOST_WINDOWS} of {title}"
-        windows = windows[np.linspace(0, count - 1, _MOST_WINDOWS).round().astype(int)]
-    return windows, title
-
-
-def _component_colors(
-    skill: FourierMovementPrimitive,
-) -> tuple[ListedColormap, BoundaryNorm]:
-    """Return the colours of the numbers of a skill's components."""
-    m = len(skill.components_)
-    cmap = ListedColormap([component_color(j) for j in range(m)])
-    return cmap, BoundaryNorm(np.arange(m + 1) - 0.5, m)
-
-
-def _draw_windows(
-    skill: FourierMovementPrimitive,
-    windows: NDArray[np.float64],
-    pictures: Iterable[tuple[Axes, ArrayLike]],
-) -> None:
-    """Draw lines (N, T, 2) for windows (N, T, D) into each of several axes."""
-    weights = skill.analyze(windows)
-    densities = np.stack([c.log_density(weights) for c in skill.components_], axis=-1)
-    numbers = np.argmax(densities + np.log(skill.proportions_), axis=-1)
-    cmap, norm = _component_colors(skill)
-    style = {"cmap": cmap, "norm": norm, "linewidths": 0.7, "alpha": 0.8}
-    for ax, lines in pictures:
-        add_lines(ax, lines, numbers, **style)
 
 
 def draw_spectra(

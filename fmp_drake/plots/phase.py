@@ -11,6 +11,7 @@ from fmp_drake.plots.panels import Channels, Demonstrations, PlanePanel
 from fmp_drake.plots.style import (
     PLAYED,
     SAMPLED,
+    add_colorbar,
     add_lines,
     component_color,
     set_title,
@@ -55,8 +56,7 @@ def draw_phase(
         style = {"cmap": cmap, "linewidth": 2.5, "zorder": 3.0}
         line = add_lines(first, segments, _PHASES[:-1], **style)
         panel.finish("mean cycle")
-        bar = first.figure.colorbar(line, ax=first, shrink=0.7)
-        bar.set_label("phase (rad)")
+        add_colorbar(first, line, "phase (rad)")
     else:
         first.plot(_PHASES, cycle[:, 0], color=PLAYED)
         first.set_xlabel("phase (rad)")

@@ -1,12 +1,13 @@
 """A page about one run of a station."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from fmp_drake.plots.panels import Channels, PlanePanel
 from fmp_drake.plots.style import (
@@ -57,21 +58,19 @@ def draw_run(run: "StationRun") -> Figure:
     run : StationRun
         Which has kept `RUN_PAGE_SIGNALS`.
     """
-    rows: dict[str, Callable[[Axes, Any], None]] = {
-        "measured - desired (mm)": _draw_error
-    }
+    rows: dict[str, Callable[[Axes, Any], None]] = {}
+    if _has_board(run):
+        rows = {"clean (%)": _draw_cleaned, "normal force (N)": _draw_force}
+    rows["measured - desired (mm)"] = _draw_error
     if run.roles.rotation is not None:
         rows["measured - desired (degrees)"] = _draw_orientation_error
     figure = Figure(figsize=(11, 10.5), layout="constrained")
+    ratios = [2.1] + [1.0] * len(rows)
+    grid = figure.add_gridspec(len(ratios), 2, height_ratios=ratios)
     if _has_board(run):
-        rows = {"clean (%)": _draw_cleaned, "normal force (N)": _draw_force} | rows
-        ratios = [2.1] + [1.0] * len(rows)
-        grid = figure.add_gridspec(len(ratios), 2, height_ratios=ratios)
         _draw_path(figure.add_subplot(grid[0, 0]), run)
         _draw_ink(figure.add_subplot(grid[0, 1]), run)
     else:
-        ratios = [2.1] + [1.0] * len(rows)
-        grid = figure.add_gridspec(len(ratios), 2, height_ratios=ratios)
         _draw_path(figure.add_subplot(grid[0, :]), run)
     axes: list[Axes] = []
     for row, draw in enumerate(rows.values(), 1):
@@ -137,36 +136,15 @@ def _has_board(run: "StationRun") -> "TypeGuard[WipingRun]":
 
 def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
     """Draw the clean fraction over time, with the times to 50, 90 and 99 %."""
-    # This module needs Drake; the other pictures do not.
-    from fmp_drake.systems.ink.grid import CLEAN_BELOW
-
-    inked = run.initial_ink.reshape(run.grid.shape) >= CLEAN_BELOW
-    area = run.demonstrated_area & inked
-    end = float(run.log_times("measured_position")[-1])
-    erased = run.erase_time()
-    times = np.sort(erased[area & np.isfinite(erased)])
-    count = max(1, int(np.count_nonzero(area)))
-    fractions = np.arange(len(times) + 1) / count
-    ax.plot(
-        run.log_times("cleaned_fraction"),
-        100 * run.log("cleaned_fraction")[:, 0],
-        color=DEMONSTRATED,
-        linewidth=1.2,
-        label="whole board",
-    )
-    ax.step(
-        np.concatenate([[0.0], times, [end]]),
-        100 * np.concatenate([fractions, fractions[-1:]]),
-        where="post",
-        color=SAMPLED,
-        linewidth=1.6,
-        label="demonstrated area",
-    )
+    times = run.log_times("cleaned_fraction")
+    board, demonstrated = 100 * run.log("cleaned_fraction")[:, 0], run.cleaned_by(times)
+    ax.plot(times, board, color=DEMONSTRATED, linewidth=1.2, label="whole board")
+    style: dict[str, Any] = {"color": SAMPLED, "linewidth": 1.6}
+    ax.plot(times, 100 * demonstrated, label="demonstrated area", **style)
     for fraction in _MILESTONES:
-        needed = int(np.ceil(fraction * count - 1e-9))
-        if needed > len(times):
+        if demonstrated[-1] < fraction:
             continue
-        at = float(times[needed - 1])
+        at = times[np.argmax(demonstrated >= fraction)]
         ax.plot(at, 100 * fraction, "o", color=SAMPLED, markersize=4, zorder=3)
         ax.annotate(
             f"{100 * fraction:.0f} % after {at:.1f} s",
@@ -179,9 +157,8 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
             color=SAMPLED,
         )
     ax.set_ylim(0, 105)
-    set_title(
-        ax, f"clean area: {100 * fractions[-1]:.1f} % of the demonstrated at the end"
-    )
+    final = f"{100 * demonstrated[-1]:.1f} % of the demonstrated area at the end"
+    set_title(ax, f"clean: {final}")
 
 
 def _draw_force(ax: Axes, run: "WipingRun") -> None:
@@ -205,21 +182,24 @@ def _draw_force(ax: Axes, run: "WipingRun") -> None:
 
 def _draw_error(ax: Axes, run: "StationRun") -> None:
     error = 1e3 * (run.log("measured_position") - run.log("desired_position"))
-    times = run.log_times("measured_position")
-    for i, (name, color) in enumerate(zip("xyz", _AXIS_COLORS, strict=True)):
-        ax.plot(times[::10], error[::10, i], color=color, linewidth=0.8, label=name)
+    _draw_axes(ax, run.log_times("measured_position"), error, POSITION_CHANNELS)
     set_title(ax, "tracking error")
 
 
 def _draw_orientation_error(ax: Axes, run: "StationRun") -> None:
     # The controller's error is desired - measured.
     error = -np.rad2deg(run.log("tracking_error")[:, :3])
-    times = run.log_times("tracking_error")
-    for i, (name, color) in enumerate(
-        zip(ROTATION_CHANNELS, _AXIS_COLORS, strict=True)
-    ):
-        ax.plot(times[::10], error[::10, i], color=color, linewidth=0.8, label=name)
+    _draw_axes(ax, run.log_times("tracking_error"), error, ROTATION_CHANNELS)
     set_title(ax, "error of the orientation")
+
+
+def _draw_axes(
+    ax: Axes, times: ArrayLike, values: ArrayLike, names: Sequence[str]
+) -> None:
+    """Draw every tenth of three values over time, each in the colour of its axis."""
+    few = np.asarray(times)[::10], np.asarray(values)[::10]
+    for name, column, color in zip(names, few[1].T, _AXIS_COLORS, strict=True):
+        ax.plot(few[0], column, color=color, linewidth=0.8, label=name)
 
 
 def _draw_events(ax: Axes, run: "StationRun") -> None:

@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 
 from fmp_drake.plots.demonstrations import (
     draw_demonstrations_in_plane,
+    draw_demonstrations_over_time,
     draw_spectra,
-    draw_windows_over_time,
 )
 from fmp_drake.plots.heatmaps import draw_heatmaps
 from fmp_drake.plots.learned import (
@@ -40,7 +40,7 @@ def draw_skill(
 ) -> Figure:
     """Return a page about a skill and the demonstrations it was learned from.
 
-    A skill of one channel has no plane: its windows and its most frequent component
+    A skill of one channel has no plane: its demonstrations and its most frequent component
     are drawn over time instead. The pictures of a phase model follow where there is one.
 
     Parameters
@@ -88,7 +88,7 @@ def draw_skill(
         top.supxlabel(_TUBE, fontsize="small")
     else:
         a, b = top.subplots(2, 1)
-        draw_windows_over_time(skill, demonstrations, [a])
+        draw_demonstrations_over_time(demonstrations, [a])
         draw_component_over_time(skill, 0, [b])
     left, right = bottom.subfigures(1, 2, width_ratios=[1, 2])
     axes = left.subplots(channels, sharex=True, squeeze=False)[:, 0]

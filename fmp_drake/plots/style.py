@@ -100,27 +100,13 @@ def add_lines(
 
 
 def add_colorbar(
-    axes: Axes | Sequence[Axes],
-    mappable: ScalarMappable,
-    label: str,
-    *,
-    ticks: Sequence[float] | None = None,
-    extend: str = "neither",
+    ax: Axes, mappable: ScalarMappable, label: str, *, extend: str = "neither"
 ) -> None:
-    """Add a colour bar to the right of one picture in the plane, or of a stack."""
-    if isinstance(axes, Axes):
-        # Attached, it stays as high as axes of equal aspect.
-        cax = axes.inset_axes((1.03, 0.0, 0.035, 1.0))
-        bar = axes.figure.colorbar(mappable, cax=cax, label=label, extend=extend)
-    else:
-        stack = list(axes)
-        bar = stack[0].figure.colorbar(
-            mappable, ax=stack, label=label, aspect=40, extend=extend
-        )
+    """Add a colour bar to the right of a picture in the plane."""
+    # Attached, it stays as high as axes of equal aspect.
+    cax = ax.inset_axes((1.03, 0.0, 0.035, 1.0))
+    bar = ax.figure.colorbar(mappable, cax=cax, label=label, extend=extend)
     bar.outline.set_visible(False)
-    if ticks is not None:
-        bar.set_ticks(ticks)
-        bar.minorticks_off()
 
 
 def legend_above(ax: Axes) -> None:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
+from matplotlib.collections import PolyCollection, QuadMesh
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -27,7 +27,6 @@ from fmp_drake.plots.demonstrations import (
     draw_demonstrations_over_time,
     draw_spectra,
     draw_windows_in_plane,
-    draw_windows_over_time,
 )
 from fmp_drake.plots.heatmaps import density, draw_heatmaps, grid_edges
 from fmp_drake.plots.learned import draw_component_in_plane, draw_component_over_time
@@ -95,7 +94,6 @@ def single():
 # Every function, as called with a skill, a demonstration and axes.
 OVER_TIME = {
     "demonstrations": lambda _, d, axes: draw_demonstrations_over_time(d, axes),
-    "windows": draw_windows_over_time,
     "spectra": draw_spectra,
     "component": lambda s, _, axes: draw_component_over_time(s, 0, axes),
     "rollout": lambda s, _, axes: draw_rollout_over_time(
@@ -284,15 +282,12 @@ class TestDemonstrations:
 class TestWindows:
     def test_every_window_is_a_line(self, two):
         skill, demonstration = two
-        for i, ax in enumerate(draw_windows_over_time(skill, demonstration, stack(2))):
-            (lines,) = ax.collections
-            assert isinstance(lines, LineCollection)
-            assert len(lines.get_segments()) == skill.n_windows_
-            for k, line in enumerate(lines.get_segments()):
-                first = k * skill.stride
-                window = demonstration.values[first : first + skill.n_steps, i]
-                np.testing.assert_allclose(line[:, 1], window)
-                np.testing.assert_allclose(line[:, 0], np.arange(24) / 10)
+        ax = draw_windows_in_plane(skill, demonstration, single())
+        assert len(ax.lines) == skill.n_windows_
+        for k, line in enumerate(ax.lines):
+            first = k * skill.stride
+            window = demonstration.values[first : first + skill.n_steps]
+            np.testing.assert_allclose(line.get_xydata(), window[:, ::-1])
 
     def test_a_window_has_the_colour_of_its_most_probable_component(self, skills):
         # Windows near to the mean of a component belong to it.
@@ -300,20 +295,17 @@ class TestWindows:
         for j, component in enumerate(skill.components_):
             window = skill.synthesize(component.mean)
             one = Demonstration(time=np.arange(24) / 10, values=window)
-            lines = draw_windows_in_plane(skill, one, single()).collections[0]
-            lines.update_scalarmappable()
-            np.testing.assert_allclose(
-                lines.get_edgecolor()[0, :3], to_rgb(component_color(j))
-            )
+            (line,) = draw_windows_in_plane(skill, one, single()).lines
+            assert line.get_color() == component_color(j)
 
     def test_many_windows_are_thinned_and_the_title_says_so(self, skills):
         ax = draw_windows_in_plane(skills[2], waves(2, seconds=30.0), single())
-        assert len(ax.collections[0].get_segments()) == 60
+        assert len(ax.lines) == 60
         assert "60 of 93 windows" in ax.get_title(loc="left")
 
     def test_a_recording_shorter_than_a_window_is_an_error(self, two):
         with pytest.raises(DemonstrationError, match="give no windows"):
-            draw_windows_over_time(two[0], waves(2, seconds=2.0), stack(2))
+            draw_windows_in_plane(two[0], waves(2, seconds=2.0), single())
 
 
 class TestSpectra:
@@ -639,24 +631,15 @@ class TestPages:
         cleaned = run_axes(run)[2]
         board, demonstrated, *marks = cleaned.lines
         np.testing.assert_allclose(board.get_ydata(), 25.0)
-        time, percent = demonstrated.get_data()
-        # Ten of the twelve cells get clean, one more every 0.1 s.
-        np.testing.assert_allclose(time[:3], [0.0, 0.0, 0.1])
-        np.testing.assert_allclose(percent[-2:], 1000 / 12)
-        assert time[-1] == pytest.approx(2.0)
-        # Half of them, six, at 0.5 s; never 90 %.
+        np.testing.assert_allclose(
+            demonstrated.get_ydata(), 100 * run.cleaned_by(demonstrated.get_xdata())
+        )
+        # Half of them at 0.5 s; never 90 %.
         dots = [mark for mark in marks if mark.get_marker() == "o"]
         assert len(dots) == 1
-        np.testing.assert_allclose(dots[0].get_xydata(), [[0.5, 50.0]])
+        np.testing.assert_allclose(dots[0].get_xydata(), [[0.5, 50.0]], atol=0.02)
         assert [text.get_text() for text in cleaned.texts] == ["50 % after 0.5 s"]
         assert "83.3 %" in cleaned.get_title(loc="left")
-
-    def test_cells_without_ink_are_not_to_be_cleaned(self, skills):
-        run = fake_run(skills[3], clean=np.arange(10) / 10)
-        run.initial_ink[0, :] = 0.0
-        run.initial_ink[1, :2] = 0.0
-        cleaned = run_axes(run)[2]
-        assert "clean area: 0.0 %" in cleaned.get_title(loc="left")
 
     def test_the_page_of_a_run_marks_re_mappings_and_disturbances(self, skills):
         time = np.linspace(0, 2, 200)
@@ -733,8 +716,6 @@ def fake_run(skill, *, clean=(), events=(), **more):
     }
     ink = np.ones((12, 8))
     ink[-1, 0] = 0.0
-    erase_time = np.full(ink.shape, np.inf)
-    erase_time.flat[: len(clean)] = clean
     area = np.arange(ink.size).reshape(ink.shape) < 12
     return SimpleNamespace(
         skill=skill,
@@ -744,8 +725,9 @@ def fake_run(skill, *, clean=(), events=(), **more):
         log=logs.__getitem__,
         log_times=lambda name: np.linspace(0, 2, len(logs[name])),
         ink=lambda: ink,
-        initial_ink=np.ones_like(ink),
-        erase_time=lambda: erase_time,
+        cleaned_by=lambda times: (
+            np.searchsorted(clean, np.asarray(times) + 1e-9, side="right") / 12
+        ),
         events=lambda: list(events),
         scenario=SimpleNamespace(press=SimpleNamespace(force=10.0)),
         demonstrated_area=area,
