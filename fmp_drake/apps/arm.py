@@ -1,6 +1,5 @@
 """`fmp-drake arm`."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,9 +7,8 @@ import click
 
 from fmp_drake.apps.arm_console import arm_config
 from fmp_drake.apps.options import arm_option, option, options, real_time_option
-from fmp_drake.apps.page import make_console
-from fmp_drake.errors import RunError
-from fmp_drake.primitives.data.files import check_writable, write_text
+from fmp_drake.apps.page import make_console, write_metrics
+from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.arm.arm_bench import ArmBench, NetworkFaults
 from fmp_drake.runs.arm.real_time import request_priority
 from fmp_drake.skills import default_demonstration, load_on_board
@@ -82,5 +80,4 @@ def arm(to: BenchOptions) -> None:
         metrics = bench.metrics()
         for name, value in metrics.items():
             console.print(f"{name}: {value}")
-        if to.report is not None:
-            write_text(to.report, json.dumps(metrics, indent=2) + "\n", RunError)
+        write_metrics(console, metrics, to.report)

@@ -1,15 +1,14 @@
 """Operator console of an arm behind LCM."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
+from fmp_drake.apps.page import write_metrics
 from fmp_drake.apps.terminal import can_ask, is_entered
 from fmp_drake.errors import RunError, StationError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.primitives.data.files import write_text
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.runs import ArmRun, record_arm
 from fmp_drake.station import LcmPanda, Scenario
@@ -119,8 +118,7 @@ def wipe_with_arm(
         metrics["events"] = [event._asdict() for event in events]
         if panel is not None:
             panel.show(mode="ended", level="idle", detail="nothing is sent")
-        if report is not None:
-            write_text(report, json.dumps(metrics, indent=2) + "\n", RunError)
+        write_metrics(console, metrics, report)
 
 
 def arm_in_words(run: ArmRun) -> PanelFields:

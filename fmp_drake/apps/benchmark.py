@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from fmp_drake.apps.options import PATH
-from fmp_drake.apps.page import make_console
+from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.benchmark import all_methods, run_benchmark, write_benchmark
 from fmp_drake.experiments.benchmark.cleaning import run_cleaning
@@ -60,10 +60,7 @@ def benchmark(
     check_number(jobs, "jobs", least=1, whole=True, error=FmpError)
     if not folder.is_dir():
         raise FmpError(f"there is no folder {folder}.")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FmpError(f"cannot write into {out}: {error.strerror}.") from None
+    make_folder(out)
     workers = LocalWorkers(jobs)
 
     def progress(text: str) -> None:

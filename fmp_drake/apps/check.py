@@ -1,10 +1,8 @@
 """`fmp-drake check`."""
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -18,11 +16,10 @@ from fmp_drake.apps.options import (
     option,
     options,
 )
-from fmp_drake.apps.page import advice, make_console, print_next
-from fmp_drake.errors import RunError
+from fmp_drake.apps.page import advice, make_console, print_next, write_metrics
 from fmp_drake.plots import plot_reach
 from fmp_drake.plots.style import check_picture
-from fmp_drake.primitives.data.files import check_writable, write_text
+from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs import check_arm
 from fmp_drake.skills.learning import scenario_skill
 from fmp_drake.station import CheckFeasibility
@@ -78,15 +75,13 @@ def check(
     if plot is not None:
         plot_reach(feasibility, plot)
         console.print(f"wrote {plot}")
-    if report is not None:
-        metrics: dict[str, Any] = {
-            "is_feasible": feasibility.is_feasible,
-            "verdict": feasibility.verdict,
-            "arm": [finding._asdict() for finding in findings],
-        }
-        text = json.dumps(metrics | feasibility.values, indent=2) + "\n"
-        write_text(report, text, RunError)
-        console.print(f"wrote {report}")
+    metrics = {
+        "is_feasible": feasibility.is_feasible,
+        "verdict": feasibility.verdict,
+        "arm": [finding._asdict() for finding in findings],
+        **feasibility.values,
+    }
+    write_metrics(console, metrics, report)
     if feasibility.is_feasible:
         print_next(console, "wipe", *scene.arguments())
     else:

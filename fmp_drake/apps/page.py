@@ -1,19 +1,22 @@
 """The console, the page, and progress bars."""
 
+import json
 import logging
 import shlex
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 
 from pydrake.common import use_native_cpp_logging
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn, track
+from rich.progress import Progress
 
 from fmp_drake.apps.options import SceneOptions
 from fmp_drake.apps.terminal import can_ask, is_entered
-from fmp_drake.errors import FmpError, SystemsError
+from fmp_drake.errors import FmpError, RunError, SystemsError
+from fmp_drake.primitives.data.files import write_text
 from fmp_drake.station.page.page_scene import ShowStill
 from fmp_drake.station.reach.feasibility import Feasibility
 from fmp_drake.station.scenario import Scenario
@@ -130,7 +133,7 @@ def ended_page(panel: PagePanel | None) -> Iterator[None]:
         panel.show(ended=True, progress=None)
 
 
-def wait_for_click(panel: PagePanel | None, names: Mapping[str, str]) -> str | None:
+def wait_for_click(panel: PagePanel, names: Mapping[str, str]) -> str | None:
     """Wait for a click on a button of the page, and return the name of the button.
 
     It returns None after Enter in the terminal, or, without a terminal, when nobody
@@ -138,28 +141,30 @@ def wait_for_click(panel: PagePanel | None, names: Mapping[str, str]) -> str | N
 
     Parameters
     ----------
-    panel : PagePanel, optional
+    panel : PagePanel
     names : mapping from str to str
         Names of the buttons, with their hints.
     """
-    meshcat = None if panel is None else panel.meshcat
-    if panel is not None and meshcat is not None:
-        panel.show(buttons={name: {"hint": hint} for name, hint in names.items()})
-        for name in names:
-            meshcat.AddButton(name)
+    panel.show(buttons={name: {"hint": hint} for name, hint in names.items()})
+    for name in names:
+        panel.meshcat.AddButton(name)
     try:
         while can_ask() or is_watched(panel):
             if is_entered():
                 return None
-            for name in names if meshcat is not None else ():
-                if meshcat is not None and meshcat.GetButtonClicks(name):
+            for name in names:
+                if panel.meshcat.GetButtonClicks(name):
                     return name
             time.sleep(_POLL)
         return None
     finally:
-        for name in names if meshcat is not None else ():
-            if meshcat is not None:
-                meshcat.DeleteButton(name, strict=False)
+        for name in names:
+            panel.meshcat.DeleteButton(name, strict=False)
+
+
+def make_progress(console: Console) -> Progress:
+    """Return a progress bar, which is not shown in a file or a pipe."""
+    return Progress(console=console, disable=not console.is_terminal)
 
 
 def show_progress(
@@ -177,15 +182,7 @@ def show_progress(
     label : str
         Text before the bar.
     """
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:.0f} of {task.total:.0f} s"),
-        TimeRemainingColumn(),
-        console=console,
-        transient=not console.is_terminal,
-        disable=not console.is_terminal,
-    ) as progress:
+    with make_progress(console) as progress:
         bar = progress.add_task(label, total=until)
         for now in times:
             progress.update(bar, completed=now, total=max(until, now))
@@ -193,13 +190,25 @@ def show_progress(
 
 def track_frames(console: Console, frames: Sequence[int]) -> Iterable[int]:
     """Iterate over the frames of a film, with a progress bar."""
-    return track(
-        frames,
-        "rendering",
-        console=console,
-        transient=not console.is_terminal,
-        disable=not console.is_terminal,
-    )
+    with make_progress(console) as progress:
+        yield from progress.track(frames, description="rendering")
+
+
+def write_metrics(
+    console: Console, metrics: Mapping[str, object], path: Path | None
+) -> None:
+    """Write metrics to a file (.json), if one is given."""
+    if path is not None:
+        write_text(path, json.dumps(metrics, indent=2) + "\n", RunError)
+        console.print(f"wrote {path}")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder to write into, if there is none."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FmpError(f"cannot write into {path}: {error.strerror}.") from None
 
 
 def print_next(console: Console, *arguments: str) -> None:

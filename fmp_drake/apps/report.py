@@ -1,6 +1,5 @@
 """Results of a run: a table in the terminal, and files."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fmp_drake.apps.options import option
-from fmp_drake.apps.page import track_frames
+from fmp_drake.apps.page import track_frames, write_metrics
 from fmp_drake.errors import RunError
 from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
 from fmp_drake.plots import plot_run
@@ -91,10 +90,7 @@ class RunFiles:
         title: str,
     ) -> None:
         """Write the files at the end of a run."""
-        if self.report is not None:
-            text = json.dumps(metrics, indent=2) + "\n"
-            write_text(self.report, text, RunError)
-            console.print(f"wrote {self.report}")
+        write_metrics(console, metrics, self.report)
         if self.log is not None:
             run.save_log(self.log, metrics)
             console.print(f"wrote {self.log}")

@@ -7,8 +7,7 @@ import click
 from rich.console import Console
 
 from fmp_drake.apps.options import PATH
-from fmp_drake.apps.page import make_console
-from fmp_drake.errors import FmpError
+from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.experiments import (
     FULL,
     QUICK,
@@ -46,10 +45,7 @@ def reproduce(
     console = make_console()
     profile = QUICK if quick else FULL
     others = [load_own(path) for path in demos]
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FmpError(f"cannot write into {out}: {error.strerror}.") from None
+    make_folder(out)
 
     started = time.perf_counter()
     with console.status("polishing") as status:

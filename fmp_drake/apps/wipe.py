@@ -56,6 +56,7 @@ from fmp_drake.systems.page.page_panel import Level, PagePanel
 _SECONDS, _TEXT = 60.0, 1.0
 # Simulated time between two polls of the page, s.
 _STEP = 0.0999
+_ANYWAY = "run all the same"
 _AFTERWARDS = {
     "run on": "continue the run from here",
     "again": "start again, as at the beginning",
@@ -267,18 +268,16 @@ def _is_run_anyway(
     """
     if panel is None or not is_watched(panel):
         return False
-    buttons, tempo = (
-        {"run all the same": "as --force does"},
-        feasibility.suggested_tempo,
-    )
+    tempo, buttons = feasibility.suggested_tempo, {}
     if tempo is not None:
         hint = "the fastest tempo at which the arm can follow"
-        buttons = {f"set tempo to {tempo:.2f}": hint, **buttons}
+        buttons[f"set tempo to {tempo:.2f}"] = hint
+    buttons[_ANYWAY] = "as --force does"
     panel.show(
         mode="not feasible", level="busy", detail=feasibility.verdict, progress=None
     )
     choice = wait_for_click(panel, buttons)
-    if tempo is not None and choice == f"set tempo to {tempo:.2f}":
+    if tempo is not None and choice not in (None, _ANYWAY):
         scenario.skill.tempo = tempo
     return choice is not None
 
@@ -340,7 +339,7 @@ def _simulate(
         if is_first:
             files.write(console, run, metrics, reel=reel, title=title)
         is_first = False
-        if page.headless:
+        if panel is None:
             return
         if can_ask():
             console.print("the page stays open; press Enter to quit ", end="")

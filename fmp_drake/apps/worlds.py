@@ -7,16 +7,9 @@ from pathlib import Path
 
 import click
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeRemainingColumn,
-)
 
 from fmp_drake.apps.options import Command, option, options
-from fmp_drake.apps.page import make_console
+from fmp_drake.apps.page import make_console, make_progress
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.trials import (
     TrialSpec,
@@ -151,18 +144,7 @@ def _run(
     """Run the missing trials, with a progress bar."""
     steps = run_trials(store, spec, count, workers, force=force)
     try:
-        with (
-            closing(steps),
-            Progress(
-                TextColumn("trials"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeRemainingColumn(),
-                console=console,
-                transient=not console.is_terminal,
-                disable=not console.is_terminal,
-            ) as progress,
-        ):
+        with closing(steps), make_progress(console) as progress:
             bar = progress.add_task("trials", total=None)
             for done, total in steps:
                 progress.update(bar, completed=done, total=total)
