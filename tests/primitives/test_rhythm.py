@@ -221,3 +221,26 @@ def test_recordings_of_one_cycle_each_are_learned_together():
 def test_recordings_that_end_elsewhere_are_not_joined():
     with pytest.raises(DemonstrationError, match="no part of it comes again"):
         find_rhythm(cycles_apart(5, turn=4.0))
+
+
+def several_bouts():
+    """Return recordings of unequal length, not all of which repeat by themselves."""
+    counts, lengths = (170, 75, 120), (50, 53, 47)
+    return [
+        demonstration(drop(i + phases(n, p), 0.1 + 0.003 * i))
+        for i, (n, p) in enumerate(zip(counts, lengths, strict=True))
+    ]
+
+
+@pytest.mark.parametrize("recordings", [several_bouts(), cycles_apart(3)])
+def test_the_order_of_recordings_does_not_matter(recordings):
+    def found(order):
+        rhythm = find_rhythm([recordings[i] for i in order])
+        parts = (*rhythm.bouts, *rhythm.left_out)
+        found = sorted((order[p.recording], p.start, p.end, p.kind) for p in parts)
+        return rhythm.period, rhythm.cycles, rhythm.drift, found
+
+    expected = found((0, 1, 2))
+    assert {part[0] for part in expected[-1]} == {0, 1, 2}
+    for order in ((0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
+        assert found(order) == expected

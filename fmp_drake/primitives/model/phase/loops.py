@@ -27,6 +27,9 @@ class Loops:
     values : ndarray, shape (n, D)
         The recordings without the rests at their ends, one after another; a straight line
         joins the end of one to the beginning of the next.
+    order : tuple of int
+        Indices of the recordings in the order in which they are joined. The other
+        attributes have this order.
     kept : tuple of (int, int)
         First sample of each recording that is kept, and the one after the last.
     begins : tuple of int
@@ -36,6 +39,7 @@ class Loops:
     """
 
     values: Array
+    order: tuple[int, ...]
     kept: tuple[tuple[int, int], ...]
     begins: tuple[int, ...]
     lengths: tuple[int, ...]
@@ -43,8 +47,8 @@ class Loops:
     def parts(self, parts: Sequence[Part], rate: float) -> list[Part]:
         """Return parts of `values` as parts of the recordings, and long rests beside them."""
         out = []
-        loops = zip(self.kept, self.begins, self.lengths, strict=True)
-        for i, ((first, after), begin, length) in enumerate(loops):
+        loops = zip(self.order, self.kept, self.begins, self.lengths, strict=True)
+        for i, (first, after), begin, length in loops:
             rests = ((0, first), (after, length))
             for part in parts:
                 start = max(part.start * rate - begin, 0) + first
@@ -69,7 +73,7 @@ class Loops:
 def join_loops(recordings: Sequence[Array]) -> Loops | None:
     """Join recordings (n, D) that each go around once; None where they do not.
 
-    Each must begin about where the one before ends.
+    Each must begin about where the one before ends, in an order of small gaps.
     """
     if len(recordings) < 2:
         return None
@@ -81,22 +85,49 @@ def join_loops(recordings: Sequence[Array]) -> Loops | None:
     if any(after - first < 2 for first, after in kept):
         return None
     loops = [y[a:b] for y, (a, b) in zip(recordings, kept, strict=True)]
+    order = _order_of_small_gaps(loops)
+    loops = [loops[i] for i in order]
     pieces, begins = [loops[0]], [0]
     for before, loop in pairwise(loops):
         gap = loop[0] - before[-1]
         distance = float(np.linalg.norm(gap))
         if distance > _CLOSED * size:
             return None
-        between = np.linspace(0.0, 1.0, max(1, round(distance / step)) + 1)[1:-1]
+        steps = round(distance / step)
+        if not steps:
+            # Both are one sample.
+            pieces[-1] = pieces[-1][:-1]
+        between = np.linspace(0.0, 1.0, steps + 1)[1:-1]
         pieces.append(before[-1] + gap * between[:, None])
-        begins.append(begins[-1] + len(before) + len(between))
+        begins.append(begins[-1] + len(before) + steps - 1)
         pieces.append(loop)
     return Loops(
         values=np.concatenate(pieces),
-        kept=tuple(kept),
+        order=tuple(order),
+        kept=tuple(kept[i] for i in order),
         begins=tuple(begins),
-        lengths=tuple(len(y) for y in recordings),
+        lengths=tuple(len(recordings[i]) for i in order),
     )
+
+
+def _order_of_small_gaps(loops: Sequence[Array]) -> list[int]:
+    """Return an order of paths (n, D) in which each begins near the end of the one before.
+
+    From each first path the nearest one follows; the order of least total gap is taken.
+    """
+    begins, ends = (np.stack([y[end] for y in loops]) for end in (0, -1))
+    gaps = np.linalg.norm(ends[:, None] - begins, axis=2)
+    best, least = list(range(len(loops))), np.inf
+    for first in range(len(loops)):
+        order, total = [first], 0.0
+        while len(order) < len(loops):
+            left = [i for i in range(len(loops)) if i not in order]
+            following = min(left, key=lambda i: float(gaps[order[-1], i]))
+            total += float(gaps[order[-1], following])
+            order.append(following)
+        if total < least:
+            best, least = order, total
+    return best
 
 
 def _leaves(values: Array, step: float) -> int:

@@ -1,6 +1,6 @@
 """Search for the rhythm of recordings: period, bouts and the phase of every sample."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -68,7 +68,8 @@ _BOUT, _LEFT_OUT, _BACKWARDS, _OTHER = range(4)
 class Found(NamedTuple):
     """A rhythm, with the phase of the samples of its bouts.
 
-    It was found in `recordings` (n, D): those given, or joined where each is one cycle.
+    It was found in `recordings` (n, D): those given, the longest first, or joined where each
+    is one cycle.
     """
 
     rhythm: Rhythm
@@ -135,7 +136,8 @@ def search_rhythm(
     Approach, retreat, lifts, pauses and parts of another movement are left out; each bout
     between them counts. Where the estimated period does not explain the rest, others are
     tried. Where the cycle consists of several equal ones, it is one of these. Recordings in
-    which nothing repeats, but each of which ends where the next begins, are joined.
+    which nothing repeats, but each of which ends where another begins, are joined. The
+    order of the recordings does not matter.
 
     Parameters
     ----------
@@ -152,19 +154,27 @@ def search_rhythm(
         If nothing repeats, there are fewer than 1.3 cycles, or one cycle does not explain
         the recordings.
     """
+    order = sorted(
+        range(len(recordings)),
+        key=lambda i: (-len(recordings[i]), recordings[i].tobytes()),
+    )
+    ordered = [recordings[i] for i in order]
     try:
-        return _search(recordings, rate, period)
+        found = _search(ordered, rate, period)
+        parts: Iterable[Part] = (*found.rhythm.bouts, *found.rhythm.left_out)
     except DemonstrationError as error:
-        loops = join_loops(recordings)
+        loops = join_loops(ordered)
         if loops is None:
             raise
         try:
             found = _search([loops.values], rate, period)
         except DemonstrationError:
             raise error from None
-    rhythm = found.rhythm
-    bouts, left_out = _parted(loops.parts((*rhythm.bouts, *rhythm.left_out), rate))
-    return found._replace(rhythm=replace(rhythm, bouts=bouts, left_out=left_out))
+        parts = loops.parts((*found.rhythm.bouts, *found.rhythm.left_out), rate)
+    parts = (replace(part, recording=order[part.recording]) for part in parts)
+    bouts, left_out = _parted(sorted(parts, key=lambda p: (p.recording, p.start)))
+    rhythm = replace(found.rhythm, bouts=bouts, left_out=left_out)
+    return found._replace(rhythm=rhythm)
 
 
 def _search(recordings: Sequence[Array], rate: float, period: float | None) -> Found:
