@@ -24,6 +24,7 @@ from fmp_drake.primitives import (
     FourierMovementPrimitive,
     save_skill,
 )
+from fmp_drake.primitives.data.channels import ROTATION_CHANNELS
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills.description import skill_in_words
@@ -143,4 +144,8 @@ def learn(
         console.print(f"wrote {skill.board}")
         print_next(console, "wipe", "--scenario", str(skill.board))
     elif not skill.as_recorded:
-        print_next(console, "wipe", "--skill", str(skill.out))
+        # Poses that are not relative to a surface are played in free space.
+        has_poses = ROTATION_CHANNELS[0] in learned.channels_
+        is_free = has_poses and "orientation" not in learning.extra
+        scene = ["--scenario", "stir"] if is_free else []
+        print_next(console, "wipe", *scene, "--skill", str(skill.out))

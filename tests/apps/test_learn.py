@@ -1,6 +1,7 @@
 """Facts about `fmp-drake learn`."""
 
 import re
+from pathlib import Path
 
 import matplotlib.image
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 import recorded_files
 
 from fmp_drake.primitives import load_skill
+
+REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 def test_skill_and_picture_are_written(command, make_npz, outputs):
@@ -23,6 +26,13 @@ def test_skill_and_picture_are_written(command, make_npz, outputs):
     assert learned.frame_ == "board"
     assert np.ptp(matplotlib.image.imread(plot)[..., :3]) > 0.9
     assert len(list(outputs.iterdir())) == 2
+
+
+def test_poses_are_played_where_the_tool_moves_freely(command, outputs):
+    skill = outputs / "skill.npz"
+    stirring = REPOSITORY / "models" / "demonstrations" / "stirring.npz"
+    result = command("learn", stirring, "--out", skill)
+    assert f"next: fmp-drake wipe --scenario stir --skill {skill}" in result.out
 
 
 def test_options_set_window_and_components(command, make_npz, outputs):

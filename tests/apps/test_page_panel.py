@@ -93,6 +93,28 @@ def test_nothing_of_the_panel_is_cut_off_or_over_the_scene(page, panel, size):
         assert page.run(CUT_OFF) == [[], 0, 0]
 
 
+def test_a_long_reason_is_read_in_full_on_a_phone(page, panel):
+    resize(page, 390, 844)
+    mode = "document.getElementById('fmp-mode')"
+    cut_off = f"{mode}.querySelector('p').scrollHeight > {mode}.querySelector('p').clientHeight + 1"
+    panel.show(mode="refused", level="bad", detail="a reason, and what to do; " * 12)
+    page.wait_for(cut_off)
+    page.run(f"{mode}.click()")
+    page.wait_for(f"!({cut_off})")
+    page.run(f"{mode}.click()")
+    panel.show(mode="wiping", level="good", detail="")
+    resize(page, 800, 500)
+
+
+def test_who_only_watches_is_not_told_to_drag_the_arm(panel, tmp_path):
+    with Page(panel.url.split("?")[0], tmp_path) as page:
+        page.wait_for_meshcat()
+        text = page.wait_for(TEXT)
+    assert "This page watches" in text
+    assert "to turn the view" in text
+    assert "Drag the arm" not in text
+
+
 @pytest.mark.parametrize("size", [(390, 844), (800, 600)])
 def test_no_button_of_teaching_takes_the_place_of_one_that_discards(tmp_path, size):
     panel = open_page(title="teach")

@@ -92,6 +92,17 @@ def test_the_log_of_a_run_is_what_it_has_kept(parts, tmp_path):
     assert yaml_load_typed(schema=Scenario, data=log.scenario).start == [0.0, 0.0, 0.0]
 
 
+def test_cells_without_ink_are_not_to_be_cleaned(whole, monkeypatch):
+    ink = np.array(whole.initial_ink)
+    empty = np.flatnonzero(whole.demonstrated_area)[:50]
+    ink.flat[empty] = 0.0
+    erased = np.full(whole.grid.shape, np.inf)
+    erased.flat[empty] = 0.5
+    monkeypatch.setattr(whole, "initial_ink", ink)
+    monkeypatch.setattr(whole, "erase_time", lambda: erased)
+    assert whole.cleaned_by([9.0]) == [0.0]
+
+
 def test_cells_of_the_demonstrated_area_are_cleaned_one_after_the_other(
     whole, monkeypatch
 ):
