@@ -2,16 +2,19 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from fmp_drake.experiments.baselines.method import RATE
 from fmp_drake.experiments.benchmark.built_in import ABLATIONS, FMP, MixtureFMP
-from fmp_drake.experiments.benchmark.report import benchmark_findings
+from fmp_drake.experiments.benchmark.report import benchmark_findings, mean_values
 from fmp_drake.experiments.benchmark.run import (
+    Job,
     MethodScores,
-    all_methods,
+    chosen_methods,
+    run_job,
     score_method,
 )
 from fmp_drake.experiments.benchmark.splits import ALL, make_movement
@@ -49,18 +52,21 @@ def score_demonstrations(
         make_movement(name, [demonstration.resample(RATE).values])
         for name, demonstration in demonstrations.items()
     ]
+    ablations = [method.name for method in ABLATIONS]
     scores: dict[str, MethodScores] = {}
-    for name, method in all_methods().items():
-        if method in ABLATIONS:
+    for name in chosen_methods(()):
+        if name in ablations:
             continue
         scores[name] = MethodScores(method=name)
         for movement in movements:
             progress(f"held out: {movement.name}, {name}")
-            scores[name].add(
-                score_method(
-                    method, movement, instants=profile.instants, places=profile.places
-                )
+            score = partial(
+                score_method,
+                movement=movement,
+                instants=profile.instants,
+                places=profile.places,
             )
+            scores[name].add(run_job(Job(method=name, score=score)))
     return scores
 
 
@@ -79,14 +85,8 @@ def _mean(
     scores: Scores, method: str, movement: str, *, measure: str, cycles: str = ALL
 ) -> float:
     """Return the mean of a measure over the learned parts; NaN where there is none."""
-    values = [
-        row[measure]
-        for row in scores[method].predictions
-        if row["movement"] == movement
-        and row["cycles"] == cycles
-        and row.get(measure) is not None
-    ]
-    return float(np.mean(values)) if values else np.nan
+    values = mean_values(scores[method], measure)
+    return values.get(cycles, {}).get(movement, np.nan)
 
 
 def _best(scores: Scores, movement: str) -> Finding:

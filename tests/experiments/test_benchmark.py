@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,6 +35,7 @@ from fmp_drake.experiments.benchmark.run import (
     MethodScores,
     read_scores,
     run_job,
+    score_method,
     write_scores,
 )
 from fmp_drake.experiments.benchmark.scores import score_playback, score_predictions
@@ -43,6 +45,7 @@ from fmp_drake.experiments.benchmark.splits import (
     load_movements,
     splits,
 )
+from fmp_drake.processes import Done
 
 PERIOD = 41.0
 
@@ -338,9 +341,27 @@ def test_one_method_is_run_again_and_the_others_are_kept(folder, tmp_path):
     assert (tmp_path / "method_replay.json").stat().st_mtime_ns == before
 
 
+@pytest.mark.usefixtures("few")
+def test_rows_do_not_depend_on_which_job_ends_first(folder, tmp_path, monkeypatch):
+    def backwards(function, tasks, _):
+        return (Done(task, 1, function(task)) for task in reversed(tasks))
+
+    written = []
+    for name in ("forwards", "backwards"):
+        out = tmp_path / name
+        out.mkdir()
+        scores = run_benchmark(folder, out, Here(), instants=5)
+        written.append(
+            [(m.method, m.predictions, m.playbacks) for m in scores.values()]
+        )
+        monkeypatch.setattr("fmp_drake.experiments.benchmark.run.run_tasks", backwards)
+    assert written[0] == written[1]
+
+
 def test_job_needs_no_recording_but_its_own_movement():
     movement = Movement(name="ring", parts=(ellipse(300, seed=1),), period=PERIOD)
-    job = Job(method=ReplayMethod.name, movement=movement, instants=5)
+    score = partial(score_method, movement=movement, instants=5)
+    job = Job(method=ReplayMethod.name, score=score)
     here, there = run_job(job), run_job(pickle.loads(pickle.dumps(job)))
     assert {row["movement"] for row in here.predictions} == {"ring"}
     assert there.predictions == here.predictions

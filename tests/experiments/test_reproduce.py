@@ -175,7 +175,7 @@ class Shy(Method):
 def test_held_out_scores_of_a_method_that_cannot_learn(monkeypatch):
     """Also a claim is judged by the methods that can."""
     few = {m.name: m for m in (FMP, MixtureFMP, ReplayMethod, Shy)}
-    monkeypatch.setattr("fmp_drake.experiments.held_out.all_methods", lambda: few)
+    monkeypatch.setattr("fmp_drake.experiments.benchmark.run.all_methods", lambda: few)
     path = HandMotion.make("polishing", seconds=31, seed=1).position[:6000:10]
     values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])
     demonstration = Demonstration(time=np.arange(len(path)) / 20, values=values)

@@ -244,7 +244,7 @@ ABLATIONS: tuple[type[Method], ...] = (
     UncalibratedFMP,
     UnblendedFMP,
 )
-"""Methods that show what a part of FMP is good for."""
+"""FMP without one of its parts each."""
 
 METHODS: tuple[type[Method], ...] = (
     FMP,

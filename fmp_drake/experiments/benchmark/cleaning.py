@@ -4,27 +4,24 @@ Every method plays a minute, and the same station follows the path: the scenario
 its controller, eraser and ink. Nothing but the path differs.
 """
 
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.interpolate import CubicSpline
-from threadpoolctl import threadpool_limits
 
 from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines.method import PAST, RATE, Array, Method
 from fmp_drake.experiments.benchmark.run import (
+    Job,
     MethodScores,
     Progress,
-    all_methods,
     chosen_methods,
     collect_scores,
 )
@@ -52,30 +49,6 @@ _MOST_CYCLES = 4.0
 # Samples of a run, s, and the time in which a path is accelerated from rest, s.
 _PERIOD = 0.05
 _RAMP = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class CleaningJob:
-    """One run of one method: the task of a process.
-
-    Attributes
-    ----------
-    method : str
-        Name.
-    movement : Movement
-        In the frame of the board, m.
-    split : Split
-        Of the movement.
-    seconds : float
-        Simulated time.
-    seed : int
-    """
-
-    method: str
-    movement: Movement
-    split: Split
-    seconds: float
-    seed: int
 
 
 def run_cleaning(
@@ -116,37 +89,13 @@ def run_cleaning(
     names = chosen_methods(methods)
     movement = board_movement(file)
     split = split_to_learn(movement)
+    score = partial(score_cleaning, movement=movement, split=split, seconds=seconds)
     jobs = [
-        CleaningJob(
-            method=name, movement=movement, split=split, seconds=seconds, seed=seed
-        )
+        Job(method=name, score=partial(score, seed=seed))
         for name in names
         for seed in range(seeds)
     ]
-    return collect_scores(out, jobs, run_cleaning_job, workers, progress)
-
-
-def run_cleaning_job(job: CleaningJob) -> MethodScores:
-    """Run a method once."""
-    begin = time.process_time()
-    with threadpool_limits(limits=1):
-        scores = score_cleaning(
-            all_methods()[job.method],
-            job.movement,
-            job.split,
-            seconds=job.seconds,
-            seed=job.seed,
-        )
-    row = {
-        "movement": job.movement.name,
-        "cycles": job.split.cycles,
-        "seed": job.seed,
-    }
-    return MethodScores(
-        method=job.method,
-        cleaning=[row | scores],
-        seconds=time.process_time() - begin,
-    )
+    return collect_scores(out, jobs, workers, progress)
 
 
 def board_movement(file: Path) -> Movement:
@@ -154,7 +103,7 @@ def board_movement(file: Path) -> Movement:
     demonstrations, _ = read_demonstrations([file])
     placed, _ = lay_on_board(demonstrations[0], scenario=LoadScenario(SCENARIO))
     period, parts = rhythmic_parts([placed.resample(RATE).values])
-    return Movement(name=file.stem, parts=tuple(parts), period=period)
+    return Movement(name=file.stem, parts=parts, period=period)
 
 
 def split_to_learn(movement: Movement) -> Split:
@@ -180,13 +129,13 @@ def split_to_learn(movement: Movement) -> Split:
 
 def score_cleaning(
     method: type[Method],
+    *,
     movement: Movement,
     split: Split,
-    *,
     seconds: float,
     seed: int,
-) -> dict[str, Any]:
-    """Let a method clean the board, and return the metrics.
+) -> MethodScores:
+    """Let a method clean the board once.
 
     Parameters
     ----------
@@ -202,9 +151,11 @@ def score_cleaning(
 
     Returns
     -------
-    dict
-        As `clean_board`; or `error`, why the method could not learn or play.
+    MethodScores
+        One row of `cleaning`, as `clean_board`; or `error`, why the method could not learn
+        or play.
     """
+    where = {"movement": movement.name, "cycles": split.cycles, "seed": seed}
     learner = method()
     try:
         learner.fit(split.learned)
@@ -214,14 +165,15 @@ def score_cleaning(
         past = longest[first : first + PAST]
         path = learner.play(past, round(seconds * RATE), seed=seed)
         if path is None:
-            return {"error": "it does not play."}
-        return clean_board(path, movement.parts, seconds=seconds)
+            raise ExperimentError("it does not play.")
+        row = clean_board(path, movement.parts, seconds=seconds)
     except FmpError as error:
-        return {"error": str(error)}
+        row = {"error": str(error)}
+    return MethodScores(method=method.name, cleaning=[where | row])
 
 
 def clean_board(
-    path: Array, demonstrated: tuple[Array, ...], *, seconds: float
+    path: Array, demonstrated: Sequence[Array], *, seconds: float
 ) -> dict[str, Any]:
     """Let the station follow a path, and measure how soon the board is clean.
 
@@ -229,7 +181,7 @@ def clean_board(
     ----------
     path : ndarray, shape (n, 3)
         In the frame of the board at `RATE`, m.
-    demonstrated : tuple of ndarray, shape (n, 3)
+    demonstrated : sequence of ndarray, shape (n, 3)
         Paths whose swept area is to be cleaned.
     seconds : float
         Simulated time.
@@ -245,16 +197,25 @@ def clean_board(
     size = np.array(scenario.board.size) / 2 - np.array(scenario.eraser.footprint) / 2
     if not np.all(np.isfinite(path)) or np.any(np.abs(path[:, :2]) > size):
         raise DemonstrationError("the path leaves the board.")
-    station = _Station(scenario, _from_rest(path, seconds))
-    area = station.grid.swept_by(demonstrated, tuple(scenario.eraser.footprint))
+    builder = DiagramBuilder()
+    trajectory = _from_rest(path, seconds)
+    station = _add_station(builder, scenario, trajectory)
+    ink_board: Any = station.GetSubsystemByName("ink_board")
+    area = ink_board.grid.swept_by(demonstrated, tuple(scenario.eraser.footprint))
+    simulator = Simulator(builder.Build())
+    context = station.GetMyContextFromRoot(simulator.get_context())
+
+    def value(name: str) -> Any:
+        return station.GetOutputPort(name).Eval(context)
+
     times = np.arange(_PERIOD, seconds + 1e-9, _PERIOD)
     cleaned, errors, forces = [], [], []
     for until in times:
-        station.simulator.AdvanceTo(until)
-        ink, error, force = station.measure()
-        cleaned.append(float(np.mean(ink[area] < CLEAN_BELOW)))
-        errors.append(error)
-        forces.append(force)
+        simulator.AdvanceTo(until)
+        cleaned.append(float(np.mean(value("ink")[area.ravel()] < CLEAN_BELOW)))
+        # A rotation vector stands before the translation.
+        errors.append(float(np.linalg.norm(value("tracking_error")[3:])))
+        forces.append(float(value("normal_force")[0]))
     fractions, settled = np.array(cleaned), np.array(forces)[times > 2 * _RAMP]
     reached: dict[str, Any] = {}
     for percent in CLEANED:
@@ -269,42 +230,21 @@ def clean_board(
     }
 
 
-class _Station:
-    """A station whose controller follows a fixed path."""
-
-    def __init__(self, scenario: Scenario, path: PiecewisePolynomial) -> None:
-        builder = DiagramBuilder()
-        start = path.value(0.0).ravel()
-        self._station = MakeStation(scenario, None, task=Wiping(), start=start)
-        builder.AddSystem(self._station)
-        for name in DESIRED:
-            source = builder.AddNamedSystem(name, TrajectorySource(path))
-            port = self._station.GetInputPort(name)
-            builder.Connect(source.get_output_port(), port)
-            path = path.derivative()
-        force = ConstantVectorSource(np.array([scenario.press.force]))
-        builder.AddNamedSystem("desired_normal_force", force)
-        port = self._station.GetInputPort("desired_normal_force")
-        builder.Connect(force.get_output_port(), port)
-        ink_board: Any = self._station.GetSubsystemByName("ink_board")
-        self.grid = ink_board.grid
-        self.simulator = Simulator(builder.Build())
-        self.simulator.Initialize()
-
-    def measure(self) -> tuple[NDArray[np.float64], float, float]:
-        """Return the ink (ny, nx), the distance from the path, m, and the force, N."""
-        context = self._station.GetMyContextFromRoot(self.simulator.get_context())
-        values: list[Any] = [
-            self._station.GetOutputPort(name).Eval(context)
-            for name in ("ink", "tracking_error", "normal_force")
-        ]
-        ink, error, force = values
-        # A rotation vector stands before the translation.
-        return (
-            ink.reshape(self.grid.shape),
-            float(np.linalg.norm(error[3:])),
-            float(force[0]),
-        )
+def _add_station(
+    builder: DiagramBuilder, scenario: Scenario, path: PiecewisePolynomial
+) -> Diagram:
+    """Add a station whose controller follows a fixed path."""
+    start = path.value(0.0).ravel()
+    station = MakeStation(scenario, None, task=Wiping(), start=start)
+    builder.AddSystem(station)
+    sources: list[Any] = [
+        TrajectorySource(path.derivative(order)) for order in range(len(DESIRED))
+    ]
+    sources.append(ConstantVectorSource(np.array([scenario.press.force])))
+    for name, source in zip((*DESIRED, "desired_normal_force"), sources, strict=True):
+        builder.AddNamedSystem(name, source)
+        builder.Connect(source.get_output_port(), station.GetInputPort(name))
+    return station
 
 
 def _from_rest(path: Array, seconds: float) -> PiecewisePolynomial:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from scipy.stats import wilcoxon
 
 from fmp_drake.experiments.baselines.delay_gp import DelayGP
+from fmp_drake.experiments.baselines.method import Array
 from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.benchmark.built_in import FMP, ReplayMethod
 from fmp_drake.experiments.benchmark.run import MethodScores
@@ -22,8 +23,6 @@ from fmp_drake.plots.style import PLAYED, SAMPLED, component_color
 _COLUMNS = (*(f"{cycles:g}" for cycles in CYCLES), ALL)
 _GUARANTEED = (85, 99)  # Per cent of the true samples in the tubes.
 
-# Cycles to movement to a value.
-_ByMovement = dict[str, dict[str, float]]
 _Scores = Mapping[str, MethodScores]
 
 
@@ -40,7 +39,7 @@ def benchmark_findings(scores: _Scores) -> list[Finding]:
     ]
 
 
-def _values(scores: MethodScores, measure: str) -> _ByMovement:
+def mean_values(scores: MethodScores, measure: str) -> dict[str, dict[str, float]]:
     """Return a measure by cycles and movement, the mean over the learned parts."""
     gathered: dict[str, dict[str, list[float]]] = {}
     for row in scores.predictions:
@@ -61,19 +60,18 @@ def _compared(
     compare: Callable[[float, float], float],
 ) -> dict[str, dict[str, list[float]]]:
     """Return method to cycles to comparisons with a reference, one for each movement."""
-    base = _values(scores[reference], measure) if reference in scores else {}
-    compared: dict[str, dict[str, list[float]]] = {}
-    for name, method in scores.items():
-        values = _values(method, measure)
-        compared[name] = {
+    base = mean_values(scores[reference], measure) if reference in scores else {}
+    return {
+        name: {
             cycles: [
                 compare(value, base[cycles][movement])
-                for movement, value in values.get(cycles, {}).items()
+                for movement, value in by_movement.items()
                 if movement in base.get(cycles, {})
             ]
-            for cycles in _COLUMNS
+            for cycles, by_movement in mean_values(method, measure).items()
         }
-    return compared
+        for name, method in scores.items()
+    }
 
 
 def _table(
@@ -82,23 +80,14 @@ def _table(
     show: Callable[[Sequence[float]], str],
 ) -> list[list[str]]:
     """Return a table of methods and cycles; the header counts the movements."""
-    counts = {
-        cycles: len(
-            {
-                row["movement"]
-                for method in scores.values()
-                for row in method.predictions
-                if row["cycles"] == cycles
-            }
-        )
-        for cycles in _COLUMNS
+    cases = {
+        (row["cycles"], row["movement"])
+        for method in scores.values()
+        for row in method.predictions
     }
-    rows = [
-        [
-            "cycles learned from (movements)",
-            *(f"{c} ({n})" for c, n in counts.items()),
-        ]
-    ]
+    counts = {c: sum(cycles == c for cycles, _ in cases) for c in _COLUMNS}
+    header = [f"{cycles} ({count})" for cycles, count in counts.items()]
+    rows = [["cycles learned from (movements)", *header]]
     for name in scores:
         cells = []
         for cycles in _COLUMNS:
@@ -143,46 +132,46 @@ def _errors(scores: _Scores) -> Finding:
 
 
 def _against_the_best(
-    scores: _Scores,
-    measure: str,
-    best: Callable[[Iterable[float]], float],
+    scores: _Scores, measure: str, best: Callable[[Iterable[float]], float]
 ) -> str:
     """Return a sentence that counts the cases no worse than the best simple method."""
-    mine = _values(scores[FMP.name], measure) if FMP.name in scores else {}
     names = [DelayGP.name, PeriodicGP.name]
     if measure != "log_density":
         names = [ReplayMethod.name, *names]
-    rivals = [_values(scores[name], measure) for name in names if name in scores]
+    names = [name for name in names if name in scores]
+    rivals = [_cases(scores, name, measure) for name in names]
     wins = [
         best((value, *theirs)) == value
-        for cycles, by_movement in mine.items()
-        for movement, value in by_movement.items()
-        if (
-            theirs := [
-                r[cycles][movement] for r in rivals if movement in r.get(cycles, ())
-            ]
-        )
+        for case, value in _cases(scores, FMP.name, measure).items()
+        if (theirs := [rival[case] for rival in rivals if case in rival])
     ]
-    best_of = ", ".join(n for n in names if n in scores)
-    text = f"No worse than the best of {best_of} in {sum(wins)} of {len(wins)} cases. "
+    text = (
+        f"No worse than the best of {', '.join(names)} in {sum(wins)} of {len(wins)} "
+        "cases. "
+    )
     return text if wins else ""
+
+
+def _cases(scores: _Scores, method: str, measure: str) -> dict[tuple[str, str], float]:
+    """Return a measure of a method by cycles and movement."""
+    values = mean_values(scores[method], measure) if method in scores else {}
+    return {
+        (cycles, movement): value
+        for cycles, by_movement in values.items()
+        for movement, value in by_movement.items()
+    }
 
 
 def _significance(scores: _Scores) -> str:
     """Return a sentence about paired tests over all cases."""
-    if FMP.name not in scores:
-        return ""
-    mine = _values(scores[FMP.name], "error_mm")
+    mine = _cases(scores, FMP.name, "error_mm")
     parts = []
-    for name, method in scores.items():
-        theirs = _values(method, "error_mm")
+    for name in scores:
         # The mean over cycles of each movement: cases of one movement are not independent.
         logs: dict[str, list[float]] = {}
-        for cycles, by_movement in theirs.items():
-            for movement, value in by_movement.items():
-                if movement in mine.get(cycles, {}):
-                    ratio = np.log(mine[cycles][movement] / value)
-                    logs.setdefault(movement, []).append(float(ratio))
+        for case, value in _cases(scores, name, "error_mm").items():
+            if case in mine:
+                logs.setdefault(case[1], []).append(float(np.log(mine[case] / value)))
         means = [float(np.mean(values)) for values in logs.values()]
         if name != FMP.name and len(means) > 4 and np.any(means):
             p = float(wilcoxon(means).pvalue)
@@ -219,7 +208,7 @@ def _densities(scores: _Scores) -> Finding:
 
 def _coverage(scores: _Scores) -> Finding:
     inside = {
-        name: [_values(method, f"inside_{step}") for step in STEPS]
+        name: [mean_values(method, f"inside_{step}") for step in STEPS]
         for name, method in scores.items()
     }
     compared = {
@@ -251,40 +240,33 @@ def _coverage(scores: _Scores) -> Finding:
 
 
 def _playback(scores: _Scores) -> Finding:
-    measures = ("stays", "size", "tempo", "variety")
-    titles = ("stays near (%)", "size", "tempo", "variety")
-    rows = [["", "minutes", *titles]]
-    figure = Figure(figsize=(12, 0.9 + 0.3 * len(scores)), layout="constrained")
-    axes = figure.subplots(1, 4, sharey=True)
+    def summary(values: Array, form: str) -> str:
+        low, middle, high = np.quantile(values, [0.1, 0.5, 0.9])
+        return f"{middle:{form}} ({low:{form}} to {high:{form}})"
+
     names = [name for name, method in scores.items() if method.playbacks]
-    for row, name in enumerate(names):
-        playbacks = scores[name].playbacks
-        cells = []
-        for ax, measure in zip(axes, measures, strict=True):
-            values = [p[measure] for p in playbacks if p[measure] is not None]
-            percent = 100 if measure == "stays" else 1
-            scaled = percent * np.array(values, dtype=float)
-            color = SAMPLED if name == FMP.name else "0.5"
-            ax.plot(scaled, np.full(len(scaled), row), "|", color=color, alpha=0.6)
-            if not len(scaled):
-                cells.append("-")
-                continue
-            middle = float(np.median(scaled))
-            ax.plot(middle, row, "o", color=PLAYED, markersize=4)
-            low, high = np.quantile(scaled, [0.1, 0.9])
-            places = 0 if measure == "stays" else 2
-            text = f"{middle:.{places}f} ({low:.{places}f} to {high:.{places}f})"
-            lost = len(playbacks) - len(scaled)
-            cells.append(f"{text}, none in {lost}" if lost else text)
-        rows.append([name, str(len(playbacks)), *cells])
-    for ax, title in zip(axes, titles, strict=True):
-        ax.set_title(title, loc="left", fontsize="medium")
-        ax.axvline(100 if title.endswith("(%)") else 1, color="0.8", zorder=0)
-        ax.spines[["top", "right"]].set_visible(False)
+    figure, axes, rows = _runs(
+        {name: scores[name].playbacks for name in names},
+        {
+            "stays": ("stays near (%)", 100.0, ".0f"),
+            "size": ("size", 1.0, ".2f"),
+            "tempo": ("tempo", 1.0, ".2f"),
+            "variety": ("variety", 1.0, ".2f"),
+        },
+        summary,
+        lost="none in {}",
+    )
+    for ax, demonstrated in zip(axes, (100, 1, 1, 1), strict=True):
+        ax.axvline(demonstrated, color="0.8", zorder=0)
     for ax in axes[1:]:
         ax.set_xlim(0, 2)
-    axes[0].set_yticks(range(len(names)), names)
-    axes[0].invert_yaxis()
+    table = [
+        ["", "minutes", *rows[0]],
+        *(
+            [name, str(len(scores[name].playbacks)), *cells]
+            for name, cells in zip(names, rows[1:], strict=True)
+        ),
+    ]
     return Finding(
         name="benchmark_playback",
         title="Playback of a minute",
@@ -294,50 +276,42 @@ def _playback(scores: _Scores) -> Finding:
         "the demonstration; 0 repeats itself exactly. Median, and the range of 80 %; "
         "'none' counts playbacks in which no cycle repeats.",
         figure=figure,
-        table=rows,
+        table=table,
     )
 
 
 def _cleaning(scores: _Scores, recording: str) -> Finding:
     """Return the table and picture of the task metric for a recording."""
-    measures = {
-        "seconds_to_50": ("to 50 % (s)", 1.0, ".1f"),
-        "seconds_to_90": ("to 90 % (s)", 1.0, ".1f"),
-        "seconds_to_99": ("to 99 % (s)", 1.0, ".1f"),
-        "cleaned": ("cleaned (%)", 100.0, ".1f"),
-        "tracking_rms_m": ("tracking error (mm rms)", 1e3, ".1f"),
-        "force_mean_n": ("normal force (N)", 1.0, ".1f"),
-        "force_near": ("within 5 N (%)", 100.0, ".0f"),
-    }
-    rows = [["", "runs", *(title for title, _, _ in measures.values())]]
-    figure = Figure(figsize=(12, 0.9 + 0.3 * len(scores)), layout="constrained")
-    axes = figure.subplots(1, 4, sharey=True)
     every = {
-        name: [run for run in method.cleaning if run["movement"] == recording]
+        name: runs
         for name, method in scores.items()
+        if (runs := [r for r in method.cleaning if r["movement"] == recording])
     }
-    names = [name for name, runs in every.items() if runs]
-    for row, name in enumerate(names):
-        runs = [run for run in every[name] if "error" not in run]
-        cells = [f"{len(runs)} of {len(every[name])}"]
-        for i, (measure, (_, factor, form)) in enumerate(measures.items()):
-            values = [factor * run[measure] for run in runs if run[measure] is not None]
-            if i < len(axes):
-                color = SAMPLED if name == FMP.name else "0.4"
-                axes[i].plot(values, [row] * len(values), "|", color=color)
-            if not values:
-                cells.append("-")
-                continue
-            text = f"{np.mean(values):{form}} ± {np.std(values):{form}}"
-            lost = len(runs) - len(values)
-            cells.append(f"{text}, {lost} never" if lost else text)
-        rows.append([name, *cells])
-    for ax, (title, _, _) in zip(axes, measures.values(), strict=False):
-        ax.set_title(title, loc="left", fontsize="medium")
-        ax.spines[["top", "right"]].set_visible(False)
-    axes[0].set_yticks(range(len(names)), names)
-    axes[0].invert_yaxis()
-    cycles = ", ".join(sorted({run["cycles"] for name in names for run in every[name]}))
+    done = {n: [r for r in runs if "error" not in r] for n, runs in every.items()}
+    figure, _, rows = _runs(
+        done,
+        {
+            "seconds_to_50": ("to 50 % (s)", 1.0, ".1f"),
+            "seconds_to_90": ("to 90 % (s)", 1.0, ".1f"),
+            "seconds_to_99": ("to 99 % (s)", 1.0, ".1f"),
+            "cleaned": ("cleaned (%)", 100.0, ".1f"),
+            "tracking_rms_m": ("tracking error (mm rms)", 1e3, ".1f"),
+            "force_mean_n": ("normal force (N)", 1.0, ".1f"),
+            "force_near": ("within 5 N (%)", 100.0, ".0f"),
+        },
+        lambda v, form: f"{np.mean(v):{form}} ± {np.std(v):{form}}",
+        lost="{} never",
+    )
+    table = [
+        ["", "runs", *rows[0]],
+        *(
+            [name, f"{len(done[name])} of {len(runs)}", *cells]
+            for (name, runs), cells in zip(every.items(), rows[1:], strict=True)
+        ),
+    ]
+    cycles = ", ".join(
+        sorted({run["cycles"] for runs in every.values() for run in runs})
+    )
     return Finding(
         name=f"benchmark_cleaning_{recording}",
         title=f"Task: how soon a minute of each method cleans the board, {recording}",
@@ -346,22 +320,70 @@ def _cleaning(scores: _Scores, recording: str) -> Finding:
         "Times until that part of the area is clean which the whole recording sweeps. "
         "Mean and standard deviation over runs; 'never' counts runs that do not get there.",
         figure=figure,
-        table=rows,
+        table=table,
     )
 
 
+def _runs(
+    runs: Mapping[str, Sequence[Mapping[str, Any]]],
+    measures: Mapping[str, tuple[str, float, str]],
+    summary: Callable[[Array, str], str],
+    *,
+    lost: str,
+) -> tuple[Figure, Sequence[Axes], list[list[str]]]:
+    """Draw the first four measures of runs, and summarise all.
+
+    Parameters
+    ----------
+    runs : mapping of str to sequence of mapping
+        Runs of each method.
+    measures : mapping of str to tuple
+        Title, factor and number format of each measure.
+    summary : callable
+        Returns the text for values and a number format.
+    lost : str
+        Text that counts the runs without a value.
+
+    Returns
+    -------
+    figure : Figure
+        A mark for each run, and a point at the median of each method.
+    axes : sequence of Axes
+    rows : list of list of str
+        The titles, then a row for each method.
+    """
+    figure = Figure(figsize=(12, 0.9 + 0.3 * len(runs)), layout="constrained")
+    axes = figure.subplots(1, 4, sharey=True)
+    rows = [[title for title, _, _ in measures.values()]]
+    for row, (name, own) in enumerate(runs.items()):
+        cells = []
+        for i, (measure, (_, factor, form)) in enumerate(measures.items()):
+            known = [run[measure] for run in own if run[measure] is not None]
+            if not known:
+                cells.append("-")
+                continue
+            values = factor * np.array(known, dtype=float)
+            if i < len(axes):
+                color = SAMPLED if name == FMP.name else "0.5"
+                axes[i].plot(values, [row] * len(values), "|", color=color, alpha=0.6)
+                axes[i].plot(np.median(values), row, "o", color=PLAYED, markersize=4)
+            missing = len(own) - len(known)
+            also = f", {lost.format(missing)}" if missing else ""
+            cells.append(f"{summary(values, form)}{also}")
+        rows.append(cells)
+    for ax, title in zip(axes, rows[0], strict=False):
+        ax.set_title(title, loc="left", fontsize="medium")
+        ax.spines[["top", "right"]].set_visible(False)
+    axes[0].set_yticks(range(len(runs)), list(runs))
+    axes[0].invert_yaxis()
+    return figure, axes, rows
+
+
 def _movements(scores: _Scores) -> Finding:
-    values = {
-        name: _values(method, "error_mm").get(ALL, {})
-        for name, method in scores.items()
-    }
-    movements = sorted({m for by_movement in values.values() for m in by_movement})
+    values = [mean_values(m, "error_mm").get(ALL, {}) for m in scores.values()]
     rows = [["", *scores]]
-    for movement in movements:
-        cells = [
-            f"{values[name][movement]:.1f}" if movement in values[name] else "-"
-            for name in scores
-        ]
+    for movement in sorted(set().union(*values)):
+        cells = [f"{own[movement]:.1f}" if movement in own else "-" for own in values]
         rows.append([movement, *cells])
     return Finding(
         name="benchmark_movements",
@@ -388,21 +410,19 @@ def _lines(
     others = [name for name in compared if name != FMP.name]
     for name, by_cycles in compared.items():
         at = [i for i, c in enumerate(_COLUMNS) if by_cycles.get(c)]
-        if not at:
-            continue
-        is_ours = name == FMP.name
-        style: dict[str, Any] = {"linewidth": 2.6, "color": SAMPLED, "zorder": 4}
-        style |= {"marker": "o", "linestyle": "-"}
-        if not is_ours:
-            color = component_color(others.index(name))
-            style = {"linewidth": 1.1, "color": color, "marker": "."}
-            style["linestyle"] = "--" if others.index(name) >= 10 else "-"
-        means = [mean(by_cycles[_COLUMNS[i]]) for i in at]
-        ax.plot(at, means, label=name, **style)
-        if is_ours:
+        style: dict[str, Any] = {"linewidth": 2.6, "color": SAMPLED, "marker": "o"}
+        if name == FMP.name:
+            style["zorder"] = 4
             for i in at:
                 values = by_cycles[_COLUMNS[i]]
                 ax.plot([i] * len(values), values, "_", color=SAMPLED, alpha=0.5)
+        else:
+            number = others.index(name)
+            style = {"linewidth": 1.1, "color": component_color(number), "marker": "."}
+            style["linestyle"] = "--" if number >= 10 else "-"
+        if at:
+            means = [mean(by_cycles[_COLUMNS[i]]) for i in at]
+            ax.plot(at, means, label=name, **style)
     ax.set_xticks(range(len(_COLUMNS)), _COLUMNS)
     ax.set_xlabel("cycles learned from")
     ax.set_ylabel(label)
@@ -417,27 +437,24 @@ def _lines(
     return figure
 
 
-def failures(scores: Iterable[MethodScores]) -> list[str]:
-    """Return a sentence about every method that could not learn from some splits."""
-    sentences = []
-    for method in scores:
-        failed = [row for row in method.predictions if "error" in row]
-        if failed:
-            sentences.append(
-                f"{method.method} could not learn from {len(failed)} of "
-                f"{len(method.predictions)} splits: {failed[0]['error']}"
-            )
-    return sentences
-
-
 def write_benchmark(out: Path, scores: _Scores, *, folder: Path) -> None:
     """Write report.html of all methods into a folder."""
     count = len({row["movement"] for m in scores.values() for row in m.predictions})
+    failed = {
+        name: [row["error"] for row in method.predictions if "error" in row]
+        for name, method in scores.items()
+    }
+    failures = [
+        f"{name} could not learn from {len(errors)} of {len(scores[name].predictions)} "
+        f"splits: {errors[0]}"
+        for name, errors in failed.items()
+        if errors
+    ]
     introduction = (
         f"{len(scores)} methods on {count} movements in `{folder.name}`, 20 "
         "samples per second. Each method learns from some cycles, observes half a second "
         "of what it has not learned from, and predicts the next second. "
-        + " ".join(failures(scores.values()))
+        + " ".join(failures)
     )
     write_report(
         out,

@@ -2,11 +2,11 @@
 
 import json
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -28,29 +28,20 @@ Progress = Callable[[str], None]
 _PLAYED = ("2", "4", "all")
 
 
-class _Job(Protocol):
-    """A task of one method."""
-
-    @property
-    def method(self) -> str: ...
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
-    """One method on one movement: the task of a process.
+    """One method and how it is scored: the task of a process.
 
     Attributes
     ----------
     method : str
         Name.
-    movement : Movement
-    instants : int
-        Predictions of each split, at most.
+    score : callable
+        Returns the scores of the method's class. It is sent to another process.
     """
 
     method: str
-    movement: Movement
-    instants: int
+    score: Callable[[type[Method]], "MethodScores"]
 
 
 @dataclass(kw_only=True)
@@ -128,11 +119,14 @@ def run_benchmark(
             "parts"
         )
     jobs = [
-        Job(method=name, movement=movement, instants=instants)
+        Job(
+            method=name,
+            score=partial(score_method, movement=movement, instants=instants),
+        )
         for name in names
         for movement in movements
     ]
-    return collect_scores(out, jobs, run_job, workers, progress)
+    return collect_scores(out, jobs, workers, progress)
 
 
 def chosen_methods(names: Sequence[str]) -> list[str]:
@@ -146,40 +140,38 @@ def chosen_methods(names: Sequence[str]) -> list[str]:
     return list(names or available)
 
 
-def collect_scores[J: _Job](
-    out: Path,
-    jobs: Sequence[J],
-    run: Callable[[J], MethodScores],
-    workers: Workers,
-    progress: Progress,
+def collect_scores(
+    out: Path, jobs: Sequence[Job], workers: Workers, progress: Progress
 ) -> dict[str, MethodScores]:
     """Run jobs, write the file of each method when its jobs are done; read all files."""
-    scores = {job.method: MethodScores(method=job.method) for job in jobs}
-    left = Counter(job.method for job in jobs)
-    for done in run_tasks(run, jobs, workers):
+    finished: dict[Job, MethodScores] = {}
+    for done in run_tasks(run_job, jobs, workers):
         if isinstance(done.result, Exception):
             raise done.result
+        finished[done.task] = done.result
         name = done.task.method
-        scores[name].add(done.result)
-        left[name] -= 1
-        if not left[name]:
-            write_scores(out, scores[name])
-            progress(f"{name}: {scores[name].seconds:.0f} s of a core")
+        own = [job for job in jobs if job.method == name]
+        if finished.keys() >= set(own):
+            scores = MethodScores(method=name)
+            for job in own:
+                scores.add(finished[job])
+            write_scores(out, scores)
+            progress(f"{name}: {scores.seconds:.0f} s of a core")
     return read_scores(out)
 
 
 def run_job(job: Job) -> MethodScores:
-    """Score a method on a movement."""
-    method = all_methods()[job.method]
+    """Score a method, and measure its processor time."""
+    begin = time.process_time()
     with threadpool_limits(limits=1):
-        return score_method(method, job.movement, instants=job.instants)
+        scores = job.score(all_methods()[job.method])
+    return replace(scores, seconds=time.process_time() - begin)
 
 
 def score_method(
-    method: type[Method], movement: Movement, *, instants: int, places: int = PLACES
+    method: type[Method], *, movement: Movement, instants: int, places: int = PLACES
 ) -> MethodScores:
     """Score a method on the `splits` of a movement with so many places of each."""
-    begin = time.process_time()
     scores = MethodScores(method=method.name)
     for split in splits(movement, places=places):
         where = {
@@ -199,7 +191,6 @@ def score_method(
             played = score_playback(learner, movement, split, seed=split.place)
             if played is not None:
                 scores.playbacks.append({**where, **played})
-    scores.seconds = time.process_time() - begin
     return scores
 
 
@@ -227,6 +218,4 @@ def read_scores(out: Path) -> dict[str, MethodScores]:
         content: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         scores[content["method"]] = MethodScores(**content)
     order = [name for name in all_methods() if name in scores]
-    return {
-        name: scores[name] for name in [*order, *(n for n in scores if n not in order)]
-    }
+    return {name: scores[name] for name in dict.fromkeys([*order, *scores])}

@@ -38,14 +38,14 @@ class Movement:
     Attributes
     ----------
     name : str
-    parts : tuple of ndarray, shape (n, D)
+    parts : sequence of ndarray, shape (n, D)
         At `RATE`, m.
     period : float
         Samples.
     """
 
     name: str
-    parts: tuple[Array, ...]
+    parts: Sequence[Array]
     period: float
 
     @property
@@ -64,13 +64,13 @@ class Split:
         Number of cycles to learn from, or "all".
     place : int
         Number of the place of the learned part.
-    learned, held : tuple of ndarray, shape (n, D)
+    learned, held : sequence of ndarray, shape (n, D)
     """
 
     cycles: str
     place: int
-    learned: tuple[Array, ...]
-    held: tuple[Array, ...]
+    learned: Sequence[Array]
+    held: Sequence[Array]
 
 
 def load_movements(
@@ -132,13 +132,8 @@ def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
         progress(f"{path.name} is left out: {error}")
         return
     for demonstration in demonstrations:
-        in_metres = [
-            name
-            for name, unit in zip(
-                demonstration.channels, demonstration.units, strict=True
-            )
-            if unit == "m"
-        ]
+        named = zip(demonstration.channels, demonstration.units, strict=True)
+        in_metres = [name for name, unit in named if unit == "m"]
         if not in_metres:
             progress(f"{path.name} is left out: no channel is in metres.")
             continue
@@ -148,7 +143,7 @@ def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
 def make_movement(name: str, recordings: Sequence[Array]) -> Movement:
     """Return a movement of recordings (n, D) at `RATE`, without what is not rhythmic."""
     period, parts = rhythmic_parts(recordings)
-    return Movement(name=name, parts=tuple(parts), period=period)
+    return Movement(name=name, parts=parts, period=period)
 
 
 def rhythmic_parts(recordings: Sequence[Array]) -> tuple[float, list[Array]]:
@@ -204,55 +199,44 @@ def splits(movement: Movement, *, places: int = PLACES) -> Iterator[Split]:
 
 def instants(held: Sequence[Array], most: int) -> list[tuple[Array, Array]]:
     """Return pairs of observed (PAST, D) and following samples (HORIZON, D)."""
-    size = PAST + HORIZON
-    starts = [
-        (i, first) for i, y in enumerate(held) for first in range(len(y) - size + 1)
-    ]
-    chosen = np.linspace(0, len(starts) - 1, min(most, len(starts))).astype(int)
-    pairs = []
-    for index in np.unique(chosen):
-        i, first = starts[index]
-        window = held[i][first : first + size]
-        pairs.append((window[:PAST], window[PAST:]))
-    return pairs
+    view = np.lib.stride_tricks.sliding_window_view
+    windows = np.concatenate([view(y, PAST + HORIZON, axis=0) for y in held])
+    chosen = np.linspace(0, len(windows) - 1, min(most, len(windows))).astype(int)
+    pairs = windows[np.unique(chosen)].swapaxes(1, 2).copy()
+    return [(window[:PAST], window[PAST:]) for window in pairs]
 
 
 def _cut(
     parts: Sequence[Array], size: int, place: int
-) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+) -> tuple[list[Array], list[Array]]:
     """Cut a learned part of so many samples out of parts, at one of several places."""
     if len(parts) == 1:
         (y,) = parts
         first = round(place / (PLACES - 1) * (len(y) - size))
-        return (y[first : first + size],), tuple(
-            long_enough([y[:first], y[first + size :]])
-        )
+        learned = [y[first : first + size]]
+        return learned, long_enough([y[:first], y[first + size :]])
     order = np.roll(np.arange(len(parts)), -place * max(1, len(parts) // PLACES))
-    learned, held, left = [], [], size
+    learned, held = [], []
     for i in order.tolist():
-        taken = min(left, len(parts[i]))
+        taken = min(size, len(parts[i]))
         # A remainder that is too short to be learned is not worth a part.
-        if taken >= PAST + HORIZON:
-            learned.append(parts[i][:taken])
-            held.append(parts[i][taken:])
-            left -= taken
+        if taken < PAST + HORIZON:
+            taken = 0
         else:
-            held.append(parts[i])
-    return tuple(learned), tuple(long_enough(held))
+            learned.append(parts[i][:taken])
+        held.append(parts[i][taken:])
+        size -= taken
+    return learned, long_enough(held)
 
 
-def _fold(
-    parts: Sequence[Array], place: int
-) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+def _fold(parts: Sequence[Array], place: int) -> tuple[list[Array], list[Array]]:
     """Hold out a third of one part, or one of several parts."""
     if len(parts) == 1:
         (y,) = parts
         a, b = (len(y) * place // PLACES, len(y) * (place + 1) // PLACES)
-        return tuple(long_enough([y[:a], y[b:]])), tuple(long_enough([y[a:b]]))
+        return long_enough([y[:a], y[b:]]), long_enough([y[a:b]])
     held = place * max(1, len(parts) // PLACES) % len(parts)
-    return tuple(parts[:held]) + tuple(parts[held + 1 :]), tuple(
-        long_enough([parts[held]])
-    )
+    return [*parts[:held], *parts[held + 1 :]], long_enough([parts[held]])
 
 
 def _is_scorable(learned: Sequence[Array], held: Sequence[Array]) -> bool:
