@@ -100,8 +100,8 @@ def _promp_heatmaps(
     aligned: AlignedProMP, windows: NDArray[np.float64], profile: Profile
 ) -> Finding:
     extent = grid_extent(windows)
-    models: dict[str, ProMP | AlignedProMP] = {
-        "aligned, one period (5a)": aligned,
+    models = {
+        "aligned, one period (5a)": aligned.model_,
         "T = 120, 1 Gaussian (5b)": ProMP(frequencies=(_FREQUENCY,)).fit(windows),
         "T = 120, 10 Gaussians (5c)": ProMP(
             frequencies=(_FREQUENCY,), n_components=10
@@ -136,10 +136,10 @@ def _promp_conditioned(
 ) -> Finding:
     mixture = ProMP(frequencies=(_FREQUENCY,), n_components=10).fit(windows)
     # 6a asks the aligned model for a start of another phase: half a period on.
-    period = aligned.condition([0], [inside])
+    period = aligned.model_.condition([0], [inside])
     elsewhere = period[len(period) // 2]
     paths = {
-        "aligned, other phase (6a)": aligned.condition([0], [elsewhere]),
+        "aligned, other phase (6a)": aligned.model_.condition([0], [elsewhere]),
         "mixture, interpolation (6b)": mixture.condition([0], [inside]),
         "mixture, extrapolation (6c)": mixture.condition([0], [outside]),
     }

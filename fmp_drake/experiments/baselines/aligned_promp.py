@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import softmax
 from sklearn.base import clone
 
@@ -68,14 +67,6 @@ class AlignedProMP(Method):
         self.aligned_ = align_periods(recordings, period=period, n_steps=self.n_steps_)
         self.period_ = float(self.aligned_.durations.mean())
         self.model_ = clone(self.model or _ONE_PERIOD).fit(self.aligned_.values)
-
-    def sample(self, n: int = 1, *, seed: int = 0) -> Array:
-        """Draw n periods without observation noise, shape (n, T, D)."""
-        return self.model_.sample(n, seed=seed)
-
-    def condition(self, steps: ArrayLike, values: ArrayLike) -> Array:
-        """Return the period (T, D) given values (K, D) at its steps (K,)."""
-        return self.model_.condition(steps, values)
 
     def predict(self, past: Array, horizon: int) -> Forecast:
         """Return the expectation over the T phases at which the past (K, D) may start.

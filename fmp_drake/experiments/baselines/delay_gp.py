@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from fmp_drake.errors import ExperimentError
@@ -13,6 +12,7 @@ from fmp_drake.experiments.baselines.method import (
     Array,
     Forecast,
     Method,
+    diagonal,
 )
 
 _MOST_POINTS = 1200
@@ -103,9 +103,3 @@ class DelayGP(Method):
         variances = (self._variances * left).reshape(HORIZON, d)[:horizon]
         values = (scaled[-1] + mean) * self._scale + self._mean
         return Forecast(values=values, covariances=diagonal(variances * self._scale**2))
-
-
-def diagonal(variances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return diagonal covariances (H, D, D) of variances (H, D)."""
-    out: NDArray[np.float64] = variances[:, :, None] * np.eye(variances.shape[1])
-    return out

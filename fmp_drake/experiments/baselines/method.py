@@ -60,16 +60,21 @@ class Forecast:
         ).log_density(truth)
 
 
+def diagonal(variances: Array) -> Array:
+    """Return diagonal covariances (H, D, D) of variances (H, D)."""
+    return variances[..., None] * np.eye(variances.shape[1])
+
+
 def long_enough(recordings: Sequence[Array]) -> list[Array]:
-    """Return the recordings from which a second can be observed and predicted."""
+    """Return the recordings of at least `PAST` + `HORIZON` samples."""
     return [y for y in recordings if len(y) >= PAST + HORIZON]
 
 
 class Method(ABC):
     """A method that learns a rhythmic movement, predicts it and plays it.
 
-    Another one is a subclass of this in a package of its own, with an entry point of the
-    group `fmp_drake.methods`. A method is made without arguments for every fit.
+    A package adds a method with a subclass and an entry point of the group
+    `fmp_drake.methods`. Every fit makes a new instance, without arguments.
 
     Attributes
     ----------

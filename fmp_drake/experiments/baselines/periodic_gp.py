@@ -13,6 +13,7 @@ from fmp_drake.experiments.baselines.method import (
     Array,
     Forecast,
     Method,
+    diagonal,
     long_enough,
 )
 
@@ -121,7 +122,7 @@ class PeriodicGP(Method):
             variances[:, d] = np.diag(covariance)[k:] - left
         return Forecast(
             values=values * self.scale_ + self.mean_,
-            covariances=(variances * self.scale_**2)[..., None] * np.eye(n_channels),
+            covariances=diagonal(variances * self.scale_**2),
         )
 
 

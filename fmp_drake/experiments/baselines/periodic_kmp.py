@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import softmax
 
 from fmp_drake.experiments.baselines.alignment import align_periods, movement_period
-from fmp_drake.experiments.baselines.method import Array, Forecast, Method
+from fmp_drake.experiments.baselines.method import Array, Forecast, Method, diagonal
 
 _REFERENCES = 60  # Phases of the reference trajectory.
 _CANDIDATES = 60  # Phases at which the observed samples may begin.
@@ -83,9 +83,7 @@ class PeriodicKMP(Method):
         covariances = np.concatenate([self._covariances[kept], via])
         values = np.concatenate([self._means[kept], past])
         gram = np.kron(self._kernel(at, at, self.length_), np.eye(d))
-        spread = np.zeros_like(gram)
-        for i, block in enumerate(covariances):
-            spread[i * d : (i + 1) * d, i * d : (i + 1) * d] = block
+        spread = block_diag(*covariances)
         # In units of the movement's variance the kernel has height 1.
         size = float(np.mean(np.var(self._means, axis=0)))
         factor = cho_factor(gram + _REGULAR * spread / size)
@@ -93,15 +91,12 @@ class PeriodicKMP(Method):
         center = self._means.mean(axis=0)
         mean = across @ cho_solve(factor, (values - center).ravel())
         left = across @ cho_solve(factor, across.T)
-        own = size * (1 - np.diagonal(left))
-        out = np.zeros((len(phases) - k, d, d))
+        own = np.maximum(size * (1 - np.diagonal(left)), 0).reshape(-1, d)
         reference = np.interp(
             np.mod(phases[k:], 2 * np.pi), self._phases, np.arange(_REFERENCES)
         ).astype(int)
-        for h in range(len(out)):
-            block = own[h * d : (h + 1) * d]
-            out[h] = np.diag(np.maximum(block, 0)) + self._covariances[reference[h]]
-        return mean.reshape(-1, d) + center, out
+        inside = diagonal(own) + self._covariances[reference]
+        return mean.reshape(-1, d) + center, inside
 
     def _evidence(self, phases: Array, past: Array) -> float:
         """Return the log density of samples at phases, under the reference."""

@@ -102,47 +102,6 @@ class MixturePosterior(NamedTuple):
     means: NDArray[np.float64]
 
 
-def condition_mixture(
-    proportions: NDArray[np.float64],
-    means: NDArray[np.float64],
-    covariances: NDArray[np.float64],
-    *,
-    rows: NDArray[np.float64],
-    values: NDArray[np.float64],
-    noise: ArrayLike,
-) -> MixturePosterior:
-    """Condition a mixture (M,), (M, n), (M, n, n) on rows @ w = values + noise.
-
-    Every component is conditioned as Paraschos et al. (2018) do with their one
-    Gaussian; the probabilities of the components follow from Bayes' rule.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (m, n)
-    values : ndarray, shape (..., m)
-        One observation, or several that are each conditioned on alone.
-    noise : array_like, shape () or (m,)
-        Variance of each observation's noise, positive.
-    """
-    m = len(rows)
-    posteriors, log_joint = [], []
-    for proportion, mean, covariance in zip(
-        proportions, means, covariances, strict=True
-    ):
-        cross = rows @ covariance
-        observed = cross @ rows.T
-        observed[np.diag_indices(m)] += noise
-        factor = cho_factor(observed, lower=True)
-        error = values - rows @ mean
-        solved = cho_solve(factor, error.T).T
-        posteriors.append(mean + solved @ cross)
-        log_root = np.sum(np.log(np.diag(factor[0])))
-        squares = np.sum(error * solved, axis=-1) + m * np.log(2 * np.pi)
-        log_joint.append(np.log(proportion) - 0.5 * squares - log_root)
-    total = logsumexp(log_joint, axis=0)
-    return MixturePosterior(total, np.exp(log_joint - total), np.stack(posteriors))
-
-
 class ProMP(BaseEstimator):  # type: ignore[misc]
     """ProMP-VM and ProMP-VM-Mult of section V, one Gaussian or a mixture.
 
@@ -185,8 +144,6 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         Variance added to every weight.
     tolerance : float
         Variance with which `condition` meets a keypoint.
-    random_state : int
-        Seed of k-means.
 
     Attributes
     ----------
@@ -227,7 +184,6 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         n_components: int = 1,
         reg_covar: float = 1e-6,
         tolerance: float = 1e-8,
-        random_state: int = 0,
     ) -> None:
         self.frequencies = frequencies
         self.n_bases = n_bases
@@ -236,7 +192,6 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         self.n_components = n_components
         self.reg_covar = reg_covar
         self.tolerance = tolerance
-        self.random_state = random_state
 
     def fit(self, windows: ArrayLike) -> Self:
         """Learn from windows.
@@ -284,7 +239,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
                 n_components=min(self.n_components, most),
                 regularization=self.reg_covar,
                 shrinkage=0.0,
-                seed=self.random_state,
+                seed=0,
             )
         except (np.linalg.LinAlgError, SkillError):
             raise ExperimentError(
@@ -358,9 +313,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         y = finite_array(prefix, "the prefix", shape, error=ExperimentError)
         k, d = y.shape
         if self._conditioning is None or self._conditioning[0] != (k, horizon):
-            rows = np.einsum(
-                "kb,de->kdeb", self._rows(np.arange(k + horizon)), np.eye(d)
-            ).reshape(-1, self.means_.shape[1])
+            rows = self._observing(np.arange(k + horizon))
             noise = np.diag(np.tile(self.noise_, k + horizon))
             conditioning = Conditioning(
                 self.proportions_,
@@ -378,22 +331,36 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
     ) -> MixturePosterior:
         """Return the mixture of the weights given values (..., K, D) at any steps (K,).
 
+        Every component is conditioned as Paraschos et al. (2018) do with their one
+        Gaussian; the probabilities of the components follow from Bayes' rule.
+
         Parameters
         ----------
+        steps : array_like, shape (K,)
+        values : array_like, shape (..., K, D)
+            One observation, or several that are each conditioned on alone.
         noise : array_like, shape () or (D,)
-            Variance of each channel.
+            Variance of each channel, positive.
         """
         check_is_fitted(self)
         y = np.asarray(values, dtype=float)
-        rows = np.einsum("kb,de->kdeb", self._rows(steps), np.eye(self.n_channels_))
-        return condition_mixture(
-            self.proportions_,
-            self.means_,
-            self.covariances_,
-            rows=rows.reshape(-1, self.means_.shape[1]),
-            values=y.reshape(*y.shape[:-2], -1),
-            noise=np.broadcast_to(noise, y.shape[-2:]).ravel(),
-        )
+        variances = np.broadcast_to(noise, y.shape[-2:]).ravel()
+        y = y.reshape(*y.shape[:-2], -1)
+        rows = self._observing(steps)
+        posteriors, log_joint = [], []
+        for proportion, mean, covariance in zip(
+            self.proportions_, self.means_, self.covariances_, strict=True
+        ):
+            cross = rows @ covariance
+            factor = cho_factor(cross @ rows.T + np.diag(variances), lower=True)
+            error = y - rows @ mean
+            solved = cho_solve(factor, error.T).T
+            posteriors.append(mean + solved @ cross)
+            log_root = np.sum(np.log(np.diag(factor[0])))
+            squares = np.sum(error * solved, axis=-1) + len(rows) * np.log(2 * np.pi)
+            log_joint.append(np.log(proportion) - 0.5 * squares - log_root)
+        total = logsumexp(log_joint, axis=0)
+        return MixturePosterior(total, np.exp(log_joint - total), np.stack(posteriors))
 
     def trajectory(
         self, weights: NDArray[np.float64], steps: ArrayLike
@@ -418,6 +385,12 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         """Return Phi at steps (K,), all of a window where None, shape (K, B)."""
         at = np.arange(self.n_steps_) if steps is None else np.asarray(steps)
         return self.basis.rows(at / self.n_steps_)
+
+    def _observing(self, steps: ArrayLike) -> NDArray[np.float64]:
+        """Return the matrix from weights to values at steps (K,), (K * D, D * B)."""
+        channels = np.eye(self.n_channels_)
+        rows = np.einsum("kb,de->kdeb", self._rows(steps), channels)
+        return rows.reshape(-1, self.means_.shape[1])
 
 
 def _factor(covariance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 from scipy.special import softmax
 
 from fmp_drake.experiments.baselines.alignment import movement_period
-from fmp_drake.experiments.baselines.delay_gp import diagonal
-from fmp_drake.experiments.baselines.method import Array, Forecast, Method
+from fmp_drake.experiments.baselines.method import Array, Forecast, Method, diagonal
 
 _MOST_POINTS = 1200
 _PHASES = 48
@@ -144,14 +142,12 @@ class RecordingGP(Method):
         return plans
 
 
-def _kernel(
-    parameters: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _kernel(parameters: Array, a: Array, b: Array) -> Array:
     """Return the covariance between times a (n,) and b (m,) without noise, (n, m)."""
     s, length, s_1, r_1, s_2, r_2, _, period = parameters
     gaps = a[:, None] - b
     cycle = np.exp(-2 * (np.sin(np.pi * gaps / period) / length) ** 2)
     decay = s_1**2 * np.exp(-0.5 * (gaps / r_1) ** 2)
-    out: NDArray[np.float64] = cycle * (s**2 + decay)
+    out: Array = cycle * (s**2 + decay)
     out += s_2**2 * np.exp(-0.5 * (gaps / r_2) ** 2)
     return out

@@ -23,11 +23,11 @@ def polished(bundled):
 def test_it_knows_one_period(polished):
     assert polished.n_steps_ == 40
     assert polished.period_ == pytest.approx(40, rel=0.02)
-    assert polished.sample(7, seed=1).shape == (7, 40, 3)
+    assert polished.model_.sample(7, seed=1).shape == (7, 40, 3)
 
 
 def test_its_samples_are_as_the_aligned_periods(polished):
-    samples, periods = polished.sample(4000, seed=1), polished.aligned_.values
+    samples, periods = polished.model_.sample(4000, seed=1), polished.aligned_.values
     assert_allclose(samples.mean(axis=0), periods.mean(axis=0), atol=2e-3)
     assert_allclose(samples.std(axis=0), periods.std(axis=0), atol=3e-3)
 
@@ -35,7 +35,7 @@ def test_its_samples_are_as_the_aligned_periods(polished):
 def test_from_another_phase_the_period_starts_there(polished):
     """Fig. 6a: it has to leave its distribution to start in another region."""
     start = polished.aligned_.values.mean(axis=0)[20]  # Half a period off.
-    assert_allclose(polished.condition([0], [start])[0], start, atol=1e-3)
+    assert_allclose(polished.model_.condition([0], [start])[0], start, atol=1e-3)
 
 
 def test_it_finds_the_phase_of_a_prefix(bundled, split_windows):
