@@ -1,4 +1,4 @@
-"""Many tasks in many processes: of this machine, or of a Dask cluster."""
+"""Parallel tasks in processes of this machine or of a Dask cluster."""
 
 import os
 import signal
@@ -42,11 +42,11 @@ class Workers(Protocol):
         """Return an executor whose processes end with its context."""
 
     def places(self) -> int:
-        """Return how many tasks may be with the executor at once."""
+        """Return the greatest number of tasks in the executor at once."""
 
 
 class Done[T, R](NamedTuple):
-    """A task, how often it was begun, and its result or why there is none."""
+    """A task, its number of attempts, and its result or the reason why there is none."""
 
     task: T
     attempts: int
@@ -56,11 +56,11 @@ class Done[T, R](NamedTuple):
 def run_tasks[T, R](
     function: Callable[[T], R], tasks: Iterable[T], workers: Workers
 ) -> Generator[Done[T, R]]:
-    """Call a function with each task; yield each as it is done, in any order.
+    """Call a function with each task; yield finished tasks in any order.
 
-    A task whose process is killed is begun again, as often as the workers attempt; the
-    last time it is alone, so that it is known who ends the processes. Close the iterator to
-    end what runs.
+    A task whose process is killed is started again, up to the workers' number of attempts.
+    Its last attempt runs alone, so that a crash can be attributed to it. Close the iterator
+    to end the running tasks.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def run_tasks[T, R](
 def uninterrupted_start() -> Iterator[None]:
     """Start processes in which Ctrl-C is blocked, from their first instant on.
 
-    Ctrl-C in a terminal is sent to all processes; it is the driver's to handle.
+    A terminal sends Ctrl-C to all processes; only the driver handles it.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -125,9 +125,9 @@ class LocalWorkers:
     Parameters
     ----------
     jobs : int
-        How many.
+        Number of processes.
     attempts : int
-        How often a task is begun at most.
+        Greatest number of attempts at a task.
     """
 
     def __init__(self, jobs: int, *, attempts: int = ATTEMPTS) -> None:
@@ -137,7 +137,7 @@ class LocalWorkers:
 
     @contextmanager
     def executor(self) -> Iterator[Executor]:
-        """Return an executor of fresh processes; whatever they do ends at its exit."""
+        """Return an executor of new processes, which end with its context."""
         before = {name: os.environ.get(name) for name in _THREADS}
         os.environ.update(dict.fromkeys(_THREADS, "1"))
         context = get_context("spawn")
@@ -162,10 +162,10 @@ class LocalWorkers:
 
 
 def _end_with(reader: Connection) -> None:
-    """Let this process end when nobody can write into a pipe any more.
+    """End this process when the other end of a pipe is closed.
 
     The operating system closes the driver's end of the pipe also when it is killed.
-    Ctrl-C is the driver's to handle.
+    Only the driver handles Ctrl-C.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -181,15 +181,15 @@ def _end_with(reader: Connection) -> None:
 class ClusterWorkers:
     """The workers of a Dask cluster, which must have this version of the package.
 
-    Start them with one thread each; what they are sent is pickled and not encrypted,
-    unless the cluster's address begins with tls://.
+    Start them with one thread each. Tasks are sent pickled and unencrypted, unless the
+    cluster's address begins with tls://.
 
     Parameters
     ----------
     address : str
         Of the scheduler, such as tcp://127.0.0.1:8786.
     patience : float
-        How long it is tried to reach it, s.
+        Longest time to connect, s.
 
     Raises
     ------
@@ -231,5 +231,5 @@ class ClusterWorkers:
                 executor.shutdown(wait=False)
 
     def places(self) -> int:
-        """Return two for each worker that is there now."""
+        """Return twice the current number of workers."""
         return 2 * max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
