@@ -198,3 +198,13 @@ def test_surfaces_robots_and_tasks_are_drawn():
     curved = [s.board.radius for s in drawn if s.board.shape != "plane"]
     assert min(curved) < 0.3
     assert max(curved) > 0.4
+
+
+def test_empty_list_is_a_value():
+    kept, emptied = (
+        TrialSpec(f"base: tilted\n{t}") for t in ("", "fields: {posture: []}")
+    )
+    assert len(kept.draw(seed=0, number=0).fields["posture"]) == 7
+    assert emptied.draw(seed=0, number=0).fields["posture"] == []
+    with pytest.raises(FmpError, match=r"board\.translation"):
+        TrialSpec("fields: {board.translation: []}")

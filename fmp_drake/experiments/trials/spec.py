@@ -63,19 +63,16 @@ class Distribution:
             Where the values do not fit; it says what is allowed.
         """
         ((kind, values),) = given.items()
-        numbers = isinstance(values, list) and all(map(is_number, values))
-        fits = {
-            "uniform": numbers
-            and len(values) == 2
-            and values[0] <= values[1]
-            and max(map(abs, values)) <= _GREATEST,
-            "log_uniform": numbers and len(values) == 2 and 0 < values[0] <= values[1],
-            "normal": numbers
-            and len(values) == 4
-            and values[1] > 0
-            and values[2] <= values[0] <= values[3],
-            "choice": isinstance(values, list) and len(values) > 0,
-        }[kind]
+        fits = isinstance(values, list) and len(values) > 0
+        if fits and kind != "choice":
+            fits = len(values) == (4 if kind == "normal" else 2)
+            fits = fits and all(map(is_number, values))
+        if fits and kind == "uniform":
+            fits = values[0] <= values[1] and max(map(abs, values)) <= _GREATEST
+        elif fits and kind == "log_uniform":
+            fits = 0 < values[0] <= values[1]
+        elif fits and kind == "normal":
+            fits = values[1] > 0 and values[2] <= values[0] <= values[3]
         if not fits:
             raise ExperimentError(
                 f"{name} is {{{kind}: {shown(values)}}}; expected {kind}: {KINDS[kind]}."
@@ -167,8 +164,8 @@ class TrialSpec:
         names = self._base.values if isinstance(self._base, Distribution) else [base]
         self._robot = _read("robot", given.get("robot"))
         self._bases = {name: self._load(str(name)) for name in names}
-        self._fields = {n: _read(n, v) for n, v in _leaves(given.get("fields") or {})}
-        self._offsets = {n: _read(n, v) for n, v in _leaves(given.get("offsets") or {})}
+        self._fields = dict(_leaves(given.get("fields") or {}))
+        self._offsets = dict(_leaves(given.get("offsets") or {}))
         pushes = given.get("disturbances") or {"count": 0}
         if not isinstance(pushes, dict) or not set(pushes) <= {"count", "each"}:
             raise ExperimentError(
@@ -176,7 +173,7 @@ class TrialSpec:
                 "each."
             )
         self._count = _read(_COUNT, pushes.get("count", 1))
-        self._each = {n: _read(n, v) for n, v in _leaves(pushes.get("each") or {})}
+        self._each = dict(_leaves(pushes.get("each") or {}))
         self._check()
 
     @classmethod
@@ -245,13 +242,13 @@ class TrialSpec:
             if name != _TASK or fields["board"]["shape"] != "none":
                 _put(fields, name, chosen)
         for name, value in self._offsets.items():
-            offset, before = take(f"{name}, offset", value), _get(fields, name)
-            if not (is_number(offset) and is_number(before)):
+            offset, (place, key) = take(f"{name}, offset", value), _place(fields, name)
+            if not (is_number(offset) and is_number(place[key])):
                 raise ExperimentError(
-                    f"the offset {shown(offset)} of {name}, which is {shown(before)}; "
-                    "expected two numbers."
+                    f"the offset {shown(offset)} of {name}, which is "
+                    f"{shown(place[key])}; expected two numbers."
                 )
-            _put(fields, name, before + offset)
+            place[key] += offset
         if robot not in (None, fields["robot"]):
             self._replace_robot(fields, robot)
         for i in range(take(_COUNT, self._count)):
@@ -272,10 +269,8 @@ class TrialSpec:
             *self._each.values(),
         ]
         extremes = [d.extremes() for d in drawn if isinstance(d, Distribution)]
-        counts = [self._count]
-        if isinstance(self._count, Distribution):
-            counts = list(self._count.extremes())
-        for count in counts:
+        is_drawn = isinstance(self._count, Distribution)
+        for count in self._count.extremes() if is_drawn else [self._count]:
             check_number(
                 count,
                 _COUNT,
@@ -331,18 +326,18 @@ def _as_mapping(value: Any) -> Any:
 
 
 def _leaves(given: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the names and values of nested mappings and lists.
+    """Yield the names and values or distributions of nested mappings and lists.
 
-    Keys may be dotted names themselves. A distribution is a value.
+    Keys may be dotted names themselves.
     """
     if isinstance(given, Mapping) and not _is_distribution(given):
         for key, value in given.items():
             yield from _leaves(value, f"{name}.{key}".lstrip("."))
-    elif isinstance(given, list):
+    elif isinstance(given, list) and given:
         for i, value in enumerate(given):
             yield from _leaves(value, f"{name}[{i}]")
     else:
-        yield name, given
+        yield name, _read(name, given)
 
 
 def _is_distribution(given: Any) -> bool:
@@ -351,30 +346,24 @@ def _is_distribution(given: Any) -> bool:
 
 
 def _put(fields: dict[str, Any], name: str, value: Any) -> None:
-    """Set the value of a dotted name such as ``board.rpy[2]``.
+    """Set the value of a dotted name such as ``board.rpy[2]``."""
+    place, key = _place(fields, name)
+    place[key] = value
+
+
+def _place(fields: dict[str, Any], name: str) -> tuple[Any, str | int]:
+    """Return the mapping or list that holds the value of a dotted name, and its key there.
 
     Parameters
     ----------
     fields : dict
-        Of `as_mapping`.
+        Of `_as_mapping`.
 
     Raises
     ------
     ExperimentError
         Where there is no such name; it lists the allowed ones.
     """
-    place, key = _place(fields, name)
-    place[key] = value
-
-
-def _get(fields: dict[str, Any], name: str) -> Any:
-    """Return the value of a dotted name, as for `put`."""
-    place, key = _place(fields, name)
-    return place[key]
-
-
-def _place(fields: dict[str, Any], name: str) -> tuple[Any, str | int]:
-    """Return the mapping or list that holds a value, and its key there."""
     place: Any = fields
     keys = [int(k) if k.isdigit() else k for k in re.findall(r"[^.\[\]]+", name)]
     for i, key in enumerate(keys):

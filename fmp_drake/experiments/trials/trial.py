@@ -159,84 +159,71 @@ def most_tilt(trial: Trial) -> float:
 
 
 def _faults(trial: Trial) -> list[Fault]:
-    m: Mapping[str, Any] = trial.metrics or {}
-    violations = []
+    metrics = trial.metrics or {}
+    pushes = trial.fields["disturbances"]
+    desired = trial.fields["press"]["force"] if trial.has_board else 0.0
+    found: list[Fault] = []
+
+    def value(name: str, default: float = 0.0) -> float:
+        measured = metrics.get(name)
+        return default if measured is None else measured
+
+    def judge(kind: str, severity: float, words: str) -> None:
+        if severity > 1:
+            found.append(Fault(kind, severity, words))
+
     not_numbers = [
-        name
-        for name, value in m.items()
-        if isinstance(value, float) and math.isnan(value)
+        name for name, v in metrics.items() if isinstance(v, float) and math.isnan(v)
     ]
     if not_numbers:
-        violations.append(Fault("nan", 1e5, f"has NaN in {', '.join(not_numbers)}"))
-
-    def exceeds(kind: str, name: str, limit: float, words: str) -> None:
-        value = m.get(name)
-        if value is not None and value > limit:
-            violations.append(Fault(kind, value / limit, words))
-
-    deep = m.get("penetration_max_m", 0.0)
-    exceeds(
-        "through",
-        "penetration_max_m",
-        TOLERANCE,
-        f"something hard is {1e3 * deep:.1f} mm below the surface",
-    )
+        judge("nan", 1e5, f"has NaN in {', '.join(not_numbers)}")
+    deep = value("penetration_max_m")
+    words = f"something hard is {1e3 * deep:.1f} mm below the surface"
+    judge("through", deep / TOLERANCE, words)
     for name, limit, unit, what in (
         ("torque_ratio_max", 1.0, " of its limit", "a joint's torque"),
         ("joint_speed_ratio_max", 1.0, " of its limit", "a joint's speed"),
         ("torque_rate_max_nm_per_s", trial.max_torque_rate, " Nm/s", "a torque's rate"),
     ):
-        value = m.get(name) or 0.0
-        exceeds("limit", name, limit * (1 + 1e-9), f"{what} reaches {value:.4g}{unit}")
-    margin = m.get("joint_limit_margin_min_rad")
-    if margin is not None and margin < 0:
-        violations.append(
-            Fault("limit", 1 - margin, f"a joint is {-margin:.3f} rad beyond its limit")
-        )
-    rms, most = on_board_rms(trial), m.get("tracking_max_m", 0.0)
-    if rms > MOST_RMS:
-        words = (
-            f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most"
-        )
-        violations.append(Fault("path", rms / MOST_RMS, words))
-    wanted, pushes = trial.fields["press"]["force"], trial.fields["disturbances"]
+        most = value(name)
+        words = f"{what} reaches {most:.4g}{unit}"
+        judge("limit", most / (limit * (1 + 1e-9)), words)
+    margin = value("joint_limit_margin_min_rad")
+    judge("limit", 1 - margin, f"a joint is {-margin:.3f} rad beyond its limit")
+    rms, most = on_board_rms(trial), value("tracking_max_m")
+    words = f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most"
+    judge("path", rms / MOST_RMS, words)
     if not pushes:
-        name, limit = "orientation_rms_deg", most_tilt(trial)
-        words = f"is {m.get(name) or 0.0:.2f} degrees rms off its orientation"
-        exceeds("tilt", name, limit, f"{words}, above {limit:g}")
-        name = "normal_force_error_rms_n"
-        words = f"is {m.get(name) or 0.0:.2f} N rms off the force of the skill"
-        exceeds("press", name, MOST_FORCE_ERROR, f"{words}, above {MOST_FORCE_ERROR:g}")
-    if not trial.has_board:
-        wanted = 0.0
-    pressed = m.get("normal_force_wanted_fraction", 1.0)
-    if not pushes and wanted > 0 and pressed < LEAST_PRESSED:
+        tilt, limit = value("orientation_rms_deg"), most_tilt(trial)
+        words = f"is {tilt:.2f} degrees rms off its orientation, above {limit:g}"
+        judge("tilt", tilt / limit, words)
+        error = value("normal_force_error_rms_n")
+        words = f"is {error:.2f} N rms off the force of the skill, above "
+        judge("press", error / MOST_FORCE_ERROR, f"{words}{MOST_FORCE_ERROR:g}")
+    if not pushes and desired > 0:
+        pressed = value("normal_force_wanted_fraction", 1.0)
         words = (
-            f"presses within 5 N of the wanted {wanted:.1f} N for "
+            f"presses within 5 N of the desired {desired:.1f} N for "
             f"{100 * pressed:.0f} % of the time in contact (90 % from "
-            f"{m['normal_force_p05_n']:.1f} to {m['normal_force_p95_n']:.1f} N)"
-            if m["contact_fraction"] > 0
-            else "never touches the board"
+            f"{value('normal_force_p05_n'):.1f} to {value('normal_force_p95_n'):.1f} N)"
         )
-        violations.append(Fault("press", 1 + LEAST_PRESSED - pressed, words))
-    contact = m.get("desired_contact_fraction", 1.0)
-    if not pushes and wanted > 0 and pressed > 0 and contact < LEAST_CONTACT:
+        if value("contact_fraction") <= 0:
+            words = "never touches the board"
+        judge("press", 1 + LEAST_PRESSED - pressed, words)
+        contact = value("desired_contact_fraction", 1.0)
         words = f"is in contact for {100 * contact:.0f} % of the time that it should be"
-        violations.append(Fault("press", 1 + LEAST_CONTACT - contact, words))
-    most_force = 2 * wanted + largest_push(trial) + MOST_EXCESS
-    exceeds(
-        "force",
-        "normal_force_max_n",
-        most_force,
-        f"presses with up to {m.get('normal_force_max_n', 0.0):.0f} N, above "
-        f"{most_force:.0f} N",
+        if pressed > 0:
+            judge("press", 1 + LEAST_CONTACT - contact, words)
+    force, limit = (
+        value("normal_force_max_n"),
+        2 * desired + largest_push(trial) + MOST_EXCESS,
     )
-    stopped = m.get("protective_stop_s", 0.0)
-    if stopped > 0:
-        words = f"is in a protective stop for {stopped:.2f} s"
-        violations.append(Fault("stop", 1 + stopped, words))
-    touched = m.get("arm_on_board_s", 0.0)
-    if touched > 0:
-        words = f"a link of the arm touches the board for {touched:.2f} s"
-        violations.append(Fault("touch", 1 + touched, words))
-    return violations
+    words = f"presses with up to {force:.0f} N, above {limit:.0f} N"
+    judge("force", force / limit, words)
+    for kind, name, what in (
+        ("stop", "protective_stop_s", "is in a protective stop"),
+        ("touch", "arm_on_board_s", "a link of the arm touches the board"),
+    ):
+        seconds = value(name)
+        judge(kind, 1 + seconds, f"{what} for {seconds:.2f} s")
+    return found
