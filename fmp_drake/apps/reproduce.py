@@ -12,13 +12,12 @@ from fmp_drake.experiments import (
     FULL,
     QUICK,
     Profile,
-    run_experiments,
     write_report,
 )
 from fmp_drake.experiments.benchmark.report import benchmark_findings
 from fmp_drake.experiments.benchmark.run import run_benchmark
 from fmp_drake.experiments.report import Section
-from fmp_drake.experiments.reproduction import load_own
+from fmp_drake.experiments.reproduction import load_own, run_experiments
 from fmp_drake.processes import LocalWorkers
 
 

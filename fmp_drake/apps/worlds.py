@@ -13,10 +13,10 @@ from fmp_drake.apps.page import make_console, make_progress
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.trials import (
     TrialSpec,
-    TrialsReport,
     TrialStore,
     run_trials,
 )
+from fmp_drake.experiments.trials.report import TrialsReport
 from fmp_drake.experiments.trials.running import replay_trial
 from fmp_drake.experiments.trials.store import check_parquet
 from fmp_drake.experiments.trials.trial import faults

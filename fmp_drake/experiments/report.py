@@ -8,12 +8,13 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.primitives.data.files import replaced, write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure  # Slow to import.
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 70rem;
@@ -117,7 +118,7 @@ class Finding:
     shows: str
     claim: str = ""
     agrees: bool | None = None
-    figure: Figure | None = None
+    figure: "Figure | None" = None
     table: list[list[str]] | None = None
 
 
@@ -217,7 +218,7 @@ def _inline(text: str) -> str:
     return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(text))
 
 
-def _picture(folder: Path, name: str, figure: Figure) -> bytes:
+def _picture(folder: Path, name: str, figure: "Figure") -> bytes:
     """Write a figure as PNG, and return it."""
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=110, format="png")

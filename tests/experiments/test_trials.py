@@ -19,11 +19,11 @@ from fmp_drake import ExperimentError
 from fmp_drake.apps import worlds as worlds_command
 from fmp_drake.experiments.trials import (
     TrialSpec,
-    TrialsReport,
     TrialStore,
     run_trials,
 )
 from fmp_drake.experiments.trials.pictures import draw_success, interval
+from fmp_drake.experiments.trials.report import TrialsReport
 from fmp_drake.experiments.trials.running import code_version, replay_trial, run_trial
 from fmp_drake.experiments.trials.trial import (
     LEAST_CONTACT,

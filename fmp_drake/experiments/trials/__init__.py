@@ -1,12 +1,12 @@
 """Randomised scenarios: drawn from distributions, checked, run and judged.
 
 A `TrialSpec` has the distributions, `run_trials` runs those trials that a `TrialStore`
-does not have yet, and `TrialsReport` writes the results.
+does not have yet, and the `TrialsReport` of `fmp_drake.experiments.trials.report` writes the
+results.
 """
 
-from fmp_drake.experiments.trials.report import TrialsReport
 from fmp_drake.experiments.trials.running import run_trials
 from fmp_drake.experiments.trials.spec import TrialSpec
 from fmp_drake.experiments.trials.store import TrialStore
 
-__all__ = ["TrialSpec", "TrialStore", "TrialsReport", "run_trials"]
+__all__ = ["TrialSpec", "TrialStore", "run_trials"]

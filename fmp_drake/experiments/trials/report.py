@@ -82,6 +82,9 @@ class TrialsReport:
         )
         self._unknown = "" if measured else _UNKNOWN
         self._failed.sort(key=lambda t: -self._faults[t.number][0].severity)
+        # Of one core, with the time for those that are refused.
+        self._cpu_seconds = sum(trial.cpu_seconds for trial in self._trials)
+        self._run_per_hour = 3600 * len(self._run) / max(self._cpu_seconds, 1e-3)
 
     def write(self, page: Path | None = None) -> None:
         """Write report.html into the folder of the store, and optionally a Markdown page."""
@@ -97,7 +100,8 @@ class TrialsReport:
             "refused": len(self._refused),
             "faults": self._count(self._run),
             "worst": [trial.number for trial in self._failed[:_ROWS]],
-            "cpu_seconds": sum(trial.cpu_seconds for trial in self._trials),
+            "cpu_seconds": self._cpu_seconds,
+            "run_per_hour": self._run_per_hour,
         }
         write_report(
             self._folder,
@@ -118,12 +122,12 @@ class TrialsReport:
             for kind, what in _NEVER.items()
             if counts[kind]
         ]
-        hours = sum(trial.cpu_seconds for trial in self._trials) / 3600
         return (
             f"Of {len(self._trials)} trials, drawn with seed {self._plan['seed']}, the "
             f"feasibility check refuses {len(self._refused)}. Of the {n} others {passed} "
             f"passed ({_percent(passed, n)}), {', '.join(violations) or _CLEAN}. They took "
-            f"{hours:.2f} hours of one core, with the code "
+            f"{self._cpu_seconds / 3600:.2f} hours of one core, which ran "
+            f"{self._run_per_hour:.0f} of them in an hour, with the code "
             f"{', '.join(sorted({trial.code for trial in self._trials}))}.{self._unknown}"
         )
 

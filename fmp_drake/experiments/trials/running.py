@@ -1,11 +1,12 @@
 """Runs of trials: one in this process, the missing ones of a store, or one again."""
 
+import ctypes
 import hashlib
 import importlib.metadata
 import json
 import time
 from collections.abc import Callable, Generator, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -19,7 +20,6 @@ from fmp_drake.errors import ExperimentError, FmpError, RunError
 from fmp_drake.experiments.trials.spec import TrialSpec
 from fmp_drake.experiments.trials.store import TrialStore
 from fmp_drake.experiments.trials.trial import Trial
-from fmp_drake.film import FILM_SIGNALS, FilmReel, film_run
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.processes import Workers, run_tasks
 from fmp_drake.runs import MakeRun, StationRun
@@ -124,11 +124,18 @@ def _run(trial: Trial, seconds: float, force: bool) -> None:
     feasibility = CheckFeasibility(scenario, skill)
     trial.is_feasible, trial.verdict = feasibility.is_feasible, feasibility.verdict
     trial.checked = as_stored(feasibility.values)
+    _free_memory()
     if trial.is_feasible or force:
         run = make_run(trial.scenario)
         run.advance_to(seconds)
         trial.metrics = as_stored(run.metrics())
         trial.events = "; ".join(event.text for event in run.events())
+
+
+def _free_memory() -> None:
+    """Return memory that learning and checking have freed to the operating system."""
+    with suppress(AttributeError):  # Only the C library of GNU has it.
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def replay_trial(
@@ -149,6 +156,8 @@ def replay_trial(
     dict
         The metrics, as the store keeps them.
     """
+    from fmp_drake.film import FILM_SIGNALS, FilmReel, film_run  # Slow to import.
+
     with threadpool_limits(limits=1):
         run = make_run(
             trial.scenario,
