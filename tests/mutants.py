@@ -2,23 +2,17 @@
 
     python tests/mutants.py [--each 20] [--seed 0] [MODULE ...]
 
-In each mutant one operator, comparison or number of a module is another one. The tests beside
-`NEAREST` run on it, and the survivors are printed to be read: a survivor needs a test, or an
-argument that nothing changes.
-
-A process forked from one that has imported the package gives the functions and numbers of the
-module new values, which takes as long as the tests do. Where functions are compiled it imports
-a copy of the package instead.
+Each mutant is a copy of the package in which one operator, comparison or number is another
+one. The tests beside `NEAREST` run on it, in a process forked from this one, and the survivors
+are printed to be read: a survivor needs a test, or an argument that nothing changes.
 """
 
 import argparse
 import ast
 import contextlib
 import copy
-import functools
 import importlib
 import os
-import pkgutil
 import random
 import resource
 import shlex
@@ -27,7 +21,6 @@ import signal
 import sys
 import tempfile
 import time
-import types
 from pathlib import Path
 
 import pytest
@@ -139,79 +132,24 @@ class Alone:
         config.workerinput = {}
 
 
-def functions(owner):
-    """Return the functions and methods of a module or class, by their names."""
-    found = {}
-    for name, value in vars(owner).items():
-        if isinstance(value, type) and value.__module__ == owner.__name__:
-            found |= {f"{name}.{k}": v for k, v in functions_of_class(value).items()}
-        elif (function := function_of(value)) is not None:
-            found[name] = function
-    return found
-
-
-def functions_of_class(owner):
-    """Return the methods of a class, by their names."""
-    found = {name: function_of(value) for name, value in vars(owner).items()}
-    return {name: function for name, function in found.items() if function is not None}
-
-
-def function_of(value):
-    """Return the plain function that a name stands for, or None."""
-    if isinstance(value, property):
-        value = value.fget
-    elif isinstance(value, functools.cached_property):
-        value = value.func
-    elif isinstance(value, staticmethod | classmethod):
-        value = value.__func__
-    while hasattr(value, "__wrapped__"):
-        value = value.__wrapped__
-    return value if isinstance(value, types.FunctionType) else None
-
-
-def change(name, text):
-    """Give the functions and numbers of an imported module those of another text."""
-    module = importlib.import_module(f"fmp_drake.{name[:-3].replace('/', '.')}")
-    other = types.ModuleType(module.__name__)
-    vars(other).update({k: v for k, v in vars(module).items() if k[:2] == "__"})
-    exec(compile(text, module.__file__, "exec"), vars(other))  # noqa: S102
-    theirs = functions(other)
-    for place, function in functions(module).items():
-        if function.__module__ == module.__name__ and place in theirs:
-            function.__code__ = theirs[place].__code__
-            function.__defaults__ = theirs[place].__defaults__
-            function.__kwdefaults__ = theirs[place].__kwdefaults__
-    for key, value in vars(other).items():
-        if not (callable(value) or isinstance(value, types.ModuleType)):
-            vars(module)[key] = value
-
-
-def run(work, name, text, limit):
-    """Return whether the tests pass on a text of a module, and their processor time, s.
+def run(tree, tests, limit):
+    """Return whether the tests pass on a tree, and their processor time, s.
 
     They fail where they take more of it than the limit: a loaded machine is not a failure.
     """
-    tree = work / "tree"
     if (child := os.fork()) == 0:
         os.setsid()
         resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
-        os.dup2(os.open(work / "log", os.O_CREAT | os.O_TRUNC | os.O_WRONLY), 1)
+        os.dup2(os.open(tree / "log", os.O_CREAT | os.O_WRONLY), 1)
         os.dup2(1, 2)
-        if "fmp_drake" in sys.modules:
-            change(name, text)
-        else:
-            shutil.copytree(work / "whole", tree / "fmp_drake", copy_function=os.link)
-            (tree / "models").symlink_to(REPOSITORY / "models")
-            (tree / "fmp_drake" / name).unlink()
-            (tree / "fmp_drake" / name).write_bytes(text)
-            sys.path[:0] = [str(tree), str(REPOSITORY / "tests")]
-            os.environ["PYTHONPATH"] = str(tree)
-        os.environ["FMP_COMPILED"] = str(work / "log")
+        sys.path[:0] = [str(tree), str(REPOSITORY / "tests")]
+        os.environ["PYTHONPATH"] = str(tree)
+        os.environ["FMP_COMPILED"] = str(tree / "log")
         wanted = ["-xq", "-m", "not slow and not browser", "-p", "no:cacheprovider"]
         wanted += ["-p", "no:rerunfailures", "-p", "no:cov"]
         words = [
             str(REPOSITORY / "tests" / word) if word.endswith(".py") else word
-            for word in shlex.split(NEAREST[name])
+            for word in shlex.split(tests)
         ]
         os._exit(int(pytest.main([*wanted, *words], plugins=[Alone()])))
     end, status = time.monotonic() + 20 * limit, (0, 0, None)
@@ -222,42 +160,7 @@ def run(work, name, text, limit):
         os.killpg(child, signal.SIGKILL)
     if status[0] == 0:
         status = os.wait4(child, 0)
-    for kept in ("tree", "learned", "checked"):
-        shutil.rmtree(work / kept, ignore_errors=True)
     return status[1] == 0, status[2].ru_utime + status[2].ru_stime
-
-
-def import_package():
-    """Import the package as the tests do, and all of its modules."""
-    sys.path.insert(0, str(REPOSITORY / "tests"))
-    importlib.import_module("conftest")
-    package = importlib.import_module("fmp_drake")
-    for module in pkgutil.walk_packages(package.__path__, "fmp_drake."):
-        if not module.name.endswith("__main__"):
-            importlib.import_module(module.name)
-
-
-def try_module(work, name, options):
-    """Run the mutants of a module, and print those that survive."""
-    source = (PACKAGE / name).read_text(encoding="utf-8")
-    chosen = mutants(source)
-    if len(chosen) > options.each:
-        chosen = sorted(random.Random(options.seed).sample(chosen, options.each))
-    if "\n@compiled" not in source:
-        import_package()
-    passed, seconds = run(work, name, source.encode(), 600)
-    if not passed:
-        print(f"{name}: its tests fail", (work / "log").read_text()[-2000:])
-        return
-    caught = 0
-    for line, words, text in chosen:
-        passed, _ = run(work, name, text, 10 + round(3 * seconds))
-        caught += not passed
-        if passed:
-            print(f"  survives: {name}:{line}: {words}", flush=True)
-    print(
-        f"{name}: {caught} of {len(chosen)} caught ({seconds:.1f} s each)", flush=True
-    )
 
 
 def main():
@@ -272,11 +175,32 @@ def main():
     work = Path(tempfile.mkdtemp(prefix="mutants_"))
     shutil.copytree(PACKAGE, work / "whole")
     for name in options.modules or NEAREST:
-        if (child := os.fork()) == 0:
-            try_module(work, name, options)
-            sys.stdout.flush()
-            os._exit(0)
-        os.waitpid(child, 0)
+        source = (PACKAGE / name).read_text(encoding="utf-8")
+        chosen = [(0, "nothing", source.encode()), *mutants(source)]
+        if len(chosen) > options.each + 1:
+            some = random.Random(options.seed).sample(chosen[1:], options.each)
+            chosen = [chosen[0], *sorted(some)]
+        caught, limit = 0, 600
+        for line, words, text in chosen:
+            tree = work / "tree"
+            shutil.copytree(work / "whole", tree / "fmp_drake", copy_function=os.link)
+            (tree / "models").symlink_to(REPOSITORY / "models")
+            if line:
+                (tree / "fmp_drake" / name).unlink()
+                (tree / "fmp_drake" / name).write_bytes(text)
+            passed, seconds = run(tree, NEAREST[name], limit)
+            if not line:
+                limit = 10 + round(3 * seconds)
+                if not passed:
+                    print(f"{name}: its tests fail", (tree / "log").read_text()[-2000:])
+                    break
+            elif passed:
+                print(f"  survives: {name}:{line}: {words}", flush=True)
+            caught += line > 0 and not passed
+            shutil.rmtree(tree)
+        else:
+            print(f"{name}: {caught} of {len(chosen) - 1} caught", flush=True)
+        shutil.rmtree(work / "tree", ignore_errors=True)
     shutil.rmtree(work)
 
 
