@@ -115,7 +115,9 @@ def test_a_velocity_that_is_10_percent_too_large_is_found():
 
 @pytest.mark.parametrize("drift", [-0.1, 0.1])
 @pytest.mark.parametrize("speed", [0.0, 0.3])
-def test_a_position_that_drifts_is_found_before_three_quarters_of_a_degree(drift, speed):
+def test_a_position_that_drifts_is_found_before_three_quarters_of_a_degree(
+    drift, speed
+):
     true = moving(speed=speed, amplitude=0.2, noise=1e-9)
     false = [(t, q + drift * (t - 1), v) for t, q, v in true]
     first = next(i for i, fault in enumerate(faults_of(false)) if fault)
@@ -139,7 +141,9 @@ def test_a_frozen_state_that_moves_is_found_within_20_ms(rate):
 
 @pytest.mark.parametrize("rate", [200, 1000])
 @pytest.mark.parametrize("part", [1, 2])
-def test_positions_or_velocities_that_are_frozen_alone_are_found_within_20_ms(rate, part):
+def test_positions_or_velocities_that_are_frozen_alone_are_found_within_20_ms(
+    rate, part
+):
     statuses = [list(status) for status in moving(rate=rate, speed=0.3)]
     for status in statuses[rate // 10 :]:
         status[part] = statuses[rate // 10][part]
