@@ -76,6 +76,16 @@ def test_a_window_is_no_longer_than_the_recording(model):
     assert skill.n_windows_ >= 1
 
 
+def test_a_window_longer_than_the_longest_bout_is_shortened_with_a_remark(tmp_path):
+    skill = FourierMovementPrimitive(window=8.0).fit(demonstration(drop(phases(110))))
+    assert (skill.model_, skill.n_steps, skill.n_windows_) == ("phase", 110, 1)
+    assert "the window is 5.5 s instead of 8 s" in skill.model_reason_
+    save_skill(skill, tmp_path / "s.npz")
+    assert load_skill(tmp_path / "s.npz").n_steps == 110
+    assert skill.fit(demonstration(drop(phases(400)))).window == 8.0
+    assert "instead" not in skill.model_reason_
+
+
 def test_a_skill_file_keeps_the_rhythm(tmp_path):
     skill = FourierMovementPrimitive().fit(demonstration(synthetic_recording(6).values))
     save_skill(skill, tmp_path / "s.npz")

@@ -86,7 +86,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
     n_steps : int, optional
         T, samples in a window. Where None it is 3.2 periods, but at most 6 s (or 120
         samples at rates below 20 Hz) and the longest bout, unless 1.2 periods are more.
-        The mixture has 6 s, or half of a short recording.
+        The mixture has 6 s, or half of a short recording. A window that is longer than the
+        longest bout is shortened to it; `model_reason_` says so.
     stride : int, optional
         Samples between the starts of two windows; a sixtieth of a window (2 samples of
         120) where None.
@@ -134,7 +135,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     model_reason_ : str
         Reason for the choice of the model.
     n_steps_ : int
-        T that was chosen; only where `n_steps` is None.
+        T that was chosen; only where `n_steps` is None or a rhythm was found.
     rhythm_ : Rhythm or None
         Period, cycles and bouts of the demonstrations, and the parts that are left out.
     phase_model_ : PhaseModel or None
@@ -317,8 +318,14 @@ class FourierMovementPrimitive(TrajectoryMixture):
         """Learn the phase model of a rhythm."""
         self.model_: Literal["phase", "mixture"] = "phase"
         self.rhythm_: Rhythm | None = found.rhythm.shifted(start)
-        if self._given_steps is None and not are_windows:
+        if not are_windows:
             self.n_steps_ = self._steps_for(found)
+        given = self._given_steps
+        if given is not None and self.n_steps < given:
+            self.model_reason_ += (
+                f"; the window is {self.window:g} s instead of {given / self.rate:g} s, "
+                "which no bout lasts"
+            )
         most = self.n_components
         self.phase_model_, self.components_, self.calibration_ = fit_phase_model(
             found.track,
@@ -421,9 +428,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
     def _fits(self, found: Found, *, are_windows: bool) -> bool:
         """Return whether the phase model has few enough values to be learned."""
-        steps = self.n_steps
-        if self._given_steps is None and not are_windows:
-            steps = self._steps_for(found)
+        steps = self.n_steps if are_windows else self._steps_for(found)
         if (count := steps * self.n_channels_) <= _MOST_VALUES:
             return True
         self.model_reason_ = (
@@ -439,15 +444,15 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
     @property
     def n_steps(self) -> int:
-        """T, samples in a window: as given, or what `fit` has chosen."""
-        if self._given_steps is not None:
-            return self._given_steps
-        chosen: int = self.__dict__.get("n_steps_", self._most_steps)
+        """T, samples in a window: what `fit` has chosen, or as given."""
+        given = self._most_steps if self._given_steps is None else self._given_steps
+        chosen: int = self.__dict__.get("n_steps_", given)
         return chosen
 
     @n_steps.setter
     def n_steps(self, value: int | None) -> None:
         self._given_steps = value
+        self.__dict__.pop("n_steps_", None)
 
     @property
     def _most_steps(self) -> int:
@@ -456,8 +461,10 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
     def _steps_for(self, found: Found) -> int:
         """Return the samples in a window for a rhythm, within what can be learned."""
-        values = max(_DEFAULT_STEPS, _MOST_VALUES // self.n_channels_)
         longest = max(map(len, found.track.recordings))
+        if self._given_steps is not None:
+            return min(self._given_steps, max(longest, 4 * self.overlap))
+        values = max(_DEFAULT_STEPS, _MOST_VALUES // self.n_channels_)
         most = min(self._most_steps, values, longest)
         return _window_of(found.rhythm.period * self.rate, self.overlap, most)
 

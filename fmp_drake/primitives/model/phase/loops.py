@@ -93,13 +93,13 @@ def join_loops(recordings: Sequence[Array]) -> Loops | None:
         distance = float(np.linalg.norm(gap))
         if distance > _CLOSED * size:
             return None
-        steps = round(distance / step)
-        if not steps:
+        count = round(distance / step)
+        if not count:
             # Both are one sample.
             pieces[-1] = pieces[-1][:-1]
-        between = np.linspace(0.0, 1.0, steps + 1)[1:-1]
+        between = np.linspace(0.0, 1.0, count + 1)[1:-1]
         pieces.append(before[-1] + gap * between[:, None])
-        begins.append(begins[-1] + len(before) + steps - 1)
+        begins.append(begins[-1] + len(before) + count - 1)
         pieces.append(loop)
     return Loops(
         values=np.concatenate(pieces),
