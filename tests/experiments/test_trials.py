@@ -712,3 +712,13 @@ def test_inconsistent_options_are_refused(
     monkeypatch.chdir(tmp_path)
     assert message in refused("worlds", *call)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_report_says_how_many_trials_an_hour_of_a_core_runs(make_store):
+    def run(trial):
+        done = passed(trial) if trial.number else refused_trial(trial)
+        return replace(done, cpu_seconds=9.0)
+
+    # In 36 s three are run and one is refused.
+    verdict = TrialsReport(make_store(run, 4)).verdict()
+    assert "0.01 hours of one core, which ran 300 of them in an hour" in verdict
