@@ -66,6 +66,12 @@ def stacked(y):
     return np.concatenate([y[:, d] for d in range(y.shape[1])])
 
 
+def window_of(w, d):
+    """(8): the window (T, D) of weights (2TD,), of which (8) keeps the real part."""
+    t = len(w) // (2 * d)
+    return (phi_of(range(t), t, d) @ w).real.reshape(d, t).T
+
+
 def block_diagonal(block, d):
     """(20): D copies of a matrix on the diagonal."""
     rows, columns = block.shape

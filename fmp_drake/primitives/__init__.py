@@ -16,7 +16,7 @@ from fmp_drake.primitives.editing.modulation import modulate_skill
 from fmp_drake.primitives.editing.spectrum import skill_spectrum
 from fmp_drake.primitives.editing.transforms import scale_tempo, transform_space
 from fmp_drake.primitives.model.basis import FourierBasis
-from fmp_drake.primitives.model.keypoint import Keypoint
+from fmp_drake.primitives.model.mapping import Keypoint
 from fmp_drake.primitives.model.movement_primitive import (
     PAPER_SETTINGS,
     FourierMovementPrimitive,

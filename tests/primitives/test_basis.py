@@ -94,20 +94,6 @@ def test_map_to_the_paper_is_an_isometry_up_to_root_t(t):
 
 
 @pytest.mark.parametrize("t", LENGTHS)
-def test_map_from_the_paper_undoes_the_map_to_it(t):
-    basis = FourierBasis(t)
-    w = basis.analyze(windows(t, 3))
-    assert_allclose(basis.from_paper(basis.to_paper(w)), w, atol=1e-12)
-
-
-def test_map_from_the_paper_drops_what_is_no_real_signal():
-    basis = FourierBasis(9)
-    w = np.random.default_rng(0).standard_normal(18)
-    y = (dense_paper.phi(9) @ w).real
-    assert_allclose(basis.synthesize(basis.from_paper(w))[:, 0], y, atol=1e-13)
-
-
-@pytest.mark.parametrize("t", LENGTHS)
 def test_rows_at_the_samples_are_the_series(t):
     basis = FourierBasis(t)
     n = np.arange(t)

@@ -15,6 +15,12 @@ from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.mapping import MappingPlan
 
 
+def candidates_of(components, y, **options):
+    """Return the weights (14) of every component, as if it were the only one."""
+    plans = [MappingPlan(np.ones(1), (c,), **options) for c in components]
+    return np.stack([plan.map(y).weights for plan in plans])
+
+
 def observations(skill, k, count=6, spread=0.02):
     """Return partial trajectories (count, K, D) near and off the demonstrations."""
     rng = np.random.default_rng(k)
@@ -31,12 +37,8 @@ def test_candidates_costs_and_choice_are_those_of_14_to_16(
     t, d, lam = skill.n_steps, skill.n_channels_, 1e-6
     pi, mu, sigma = paper_mixture(skill)
     rows = dense_paper.phi_of(range(k), t, d)
-    plan = MappingPlan(
-        pi,
-        skill.components_,
-        rows=skill.observation_rows(np.arange(k)),
-        tolerance=lam,
-    )
+    options = {"rows": skill.observation_rows(np.arange(k)), "tolerance": lam}
+    plan = MappingPlan(pi, skill.components_, **options)
     for y in observations(skill, k):
         w, j, candidates, costs = dense_paper.map_partial(
             dense_paper.stacked(y), rows, pi, mu, sigma, lam
@@ -44,7 +46,7 @@ def test_candidates_costs_and_choice_are_those_of_14_to_16(
         mapping = plan.map(y.ravel())
         assert mapping.component == j
         assert_allclose(mapping.costs, np.array(costs) / lam, rtol=1e-6)
-        ours = plan.candidates(y.ravel())
+        ours = candidates_of(skill.components_, y.ravel(), **options)
         for mine, theirs in zip(ours, candidates, strict=True):
             trajectory = dense_paper.phi_of(range(t), t, d) @ theirs
             assert_allclose(trajectory.imag, 0, atol=1e-9)
@@ -53,7 +55,8 @@ def test_candidates_costs_and_choice_are_those_of_14_to_16(
                 trajectory.real,
                 atol=1e-7,
             )
-            assert_allclose(mine, skill.basis.from_paper(theirs), atol=1e-7)
+            window = dense_paper.window_of(theirs, d)
+            assert_allclose(mine, skill.basis.analyze(window), atol=1e-7)
         assert_allclose(skill.basis.to_paper(mapping.weights), w, atol=1e-6)
 
 
@@ -66,12 +69,8 @@ def test_complex_normal_equations_only_loosen_the_observation(
     noise = skill.components_[0].noise
     pi, mu, sigma = paper_mixture(skill)
     rows = dense_paper.phi_of(range(k), skill.n_steps, 2)
-    plan = MappingPlan(
-        pi,
-        skill.components_,
-        rows=skill.observation_rows(np.arange(k)),
-        tolerance=lam + noise,
-    )
+    options = {"rows": skill.observation_rows(np.arange(k)), "tolerance": lam + noise}
+    plan = MappingPlan(pi, skill.components_, **options)
     for y in observations(skill, k):
         _, j, candidates, costs = dense_paper.map_partial(
             dense_paper.stacked(y),
@@ -85,8 +84,9 @@ def test_complex_normal_equations_only_loosen_the_observation(
         mapping = plan.map(y.ravel())
         assert mapping.component == j
         assert_allclose(mapping.costs, np.array(costs) / lam, rtol=1e-6)
-        ours = skill.basis.synthesize(plan.candidates(y.ravel()))
-        theirs = skill.basis.synthesize(skill.basis.from_paper(np.real(candidates)))
+        ours = candidates_of(skill.components_, y.ravel(), **options)
+        ours = skill.basis.synthesize(ours)
+        theirs = [dense_paper.window_of(np.real(w), 2) for w in candidates]
         assert_allclose(ours, theirs, atol=1e-7)
 
 
@@ -100,7 +100,8 @@ def test_partial_trajectories_may_start_anywhere(small_skill, paper_mixture):
     )
     mapping = skill.map_partial(y, first_step=7)
     assert mapping.component == j
-    assert_allclose(mapping.weights, skill.basis.from_paper(w), atol=1e-7)
+    window = dense_paper.window_of(w, 2)
+    assert_allclose(mapping.weights, skill.basis.analyze(window), atol=1e-7)
 
 
 def test_mapped_trajectory_meets_the_observation(wiping_skill):
@@ -152,7 +153,8 @@ def test_keypoints_with_a_tolerance_each_are_posterior_means(problem):
         cross = rows @ dense_paper.dense(c)
         observed = cross @ rows.T + np.diag(tolerance)
         expected.append(c.mean + cross.T @ np.linalg.solve(observed, y - rows @ c.mean))
-    assert_allclose(plan.candidates(y), expected, rtol=1e-8, atol=1e-8)
+    ours = candidates_of(components, y, rows=rows, tolerance=tolerance)
+    assert_allclose(ours, expected, rtol=1e-8, atol=1e-8)
     mapping = plan.map(y)
     assert_allclose(mapping.weights, expected[mapping.component], atol=1e-8)
     # (15), each square weighed by its own tolerance, divided by lambda.
@@ -222,11 +224,6 @@ def test_observation_of_another_length_is_refused():
 def test_observation_that_is_not_finite_is_refused(bad):
     with pytest.raises(SkillError, match="NaN or infinite"):
         plan_of_two().map([0.0, bad])
-
-
-def test_candidates_of_another_shape_are_refused():
-    with pytest.raises(SkillError, match=r"shape \(3,\); expected \(2,\)"):
-        plan_of_two().candidates(np.zeros(3))
 
 
 def test_observations_that_only_tolerance_could_tell_apart_are_refused():

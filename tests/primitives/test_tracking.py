@@ -295,5 +295,5 @@ def test_exponential_tracker_is_stable_for_any_gain(beta):
 
 @pytest.mark.parametrize("beta", [0.0, -1.0, np.nan, np.inf, "high", None])
 def test_exponential_gain_that_is_not_positive_is_refused(beta):
-    with pytest.raises(SkillError, match=f"beta is {beta}; it must be positive"):
+    with pytest.raises(SkillError, match=f"beta is {beta!r}; it must be positive"):
         ExponentialTracker(beta=beta)

@@ -438,7 +438,7 @@ def test_starts_at_any_time(system, small_skill, start, t0):
 
 
 def test_start_that_is_not_finite_is_refused(system):
-    with pytest.raises(SkillError, match="expected 2 finite numbers"):
+    with pytest.raises(SkillError, match="NaN or infinite numbers in the start"):
         simulator_at(system, [0.0, np.nan])
 
 

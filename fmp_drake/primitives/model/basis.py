@@ -228,19 +228,6 @@ class FourierBasis:
         out = np.concatenate([spectrum.real, spectrum.imag], axis=-1)
         return out.reshape(*w.shape[:-2], -1, 2 * n).reshape(*w.shape[:-2], -1)
 
-    def from_paper(self, weights: ArrayLike) -> NDArray[np.float64]:
-        """Return the weights (..., D*T) of this basis from the paper's (..., D*2T).
-
-        The part of the paper's weights that describes no real signal is
-        dropped, as the real part of (8) does.
-        """
-        w = np.asarray(weights, dtype=float)
-        n = self.n_steps
-        w = w.reshape(*w.shape[:-1], -1, 2 * n)
-        spectrum = w[..., :n] + 1j * w[..., n:]
-        samples = np.fft.ifft(spectrum, axis=-1).real
-        return self.analyze(np.swapaxes(samples, -1, -2))
-
 
 def closing_samples(n_steps: int) -> int:
     """Return the number of samples at the end of a closed window that are not played."""

@@ -1,6 +1,6 @@
 """Mapping of a partial trajectory to Fourier weights: Algorithm 1 of the paper."""
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,6 +14,40 @@ from fmp_drake.numeric import GREATEST, as_floats, finite_array
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 Selection = Literal["cost", "evidence"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Keypoint:
+    """Values of some channels that a movement has to pass at one step of a window.
+
+    Attributes
+    ----------
+    step : float
+        Time in samples from the start of the window, 0 to T - 1.
+    values : array_like, shape (C,)
+        Values of the C channels, in their units, per second^derivative.
+    channels : sequence of str or int, optional
+        Names or indices of the channels; all D where None.
+    derivative : int
+        0 for values, 1 for velocities, 2 for accelerations.
+    tolerance : float or array_like, shape (C,), optional
+        lambda of (13), in squared units of the values; the skill's where None.
+
+    Examples
+    --------
+    Through x = 0.1 m at step 40, upwards at 0.2 m/s in the middle of the window:
+
+    >>> at = Keypoint(step=40, values=[0.1], channels=["x"])
+    >>> fast = Keypoint(step=60, values=[0.2], channels=["z"], derivative=1)
+
+    `FourierMovementPrimitive.map_keypoints` takes them.
+    """
+
+    step: float
+    values: ArrayLike
+    channels: Sequence[str | int] | None = None
+    derivative: int = 0
+    tolerance: ArrayLike | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,15 +193,6 @@ class MappingPlan:
             component=j,
             costs=costs,
         )
-
-    def candidates(self, values: ArrayLike) -> NDArray[np.float64]:
-        """Return the candidate weights (14) of every component, shape (M, D*T)."""
-        y = finite_array(values, "the observation", (self.size,))
-        delta = y - self._expected
-        out: NDArray[np.float64] = self._means + np.einsum(
-            "jna,ja->jn", self._gains, delta
-        )
-        return out
 
 
 class LruCache[T]:

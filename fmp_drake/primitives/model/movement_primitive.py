@@ -233,7 +233,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if n_steps is None and window is None:
             nominal_overlap = _at_least(10, 0.5, rate)
         if window is not None:
-            n_steps = _samples_in(window, rate)
+            check_number(rate, "rate", least=1e-6, most=1e6, unit="Hz")
+            check_number(window, "window", least=8 / rate, most=1e6 / rate, unit="s")
+            n_steps = round(window * rate)
             nominal_overlap = max(2, min(round(0.5 * rate), n_steps // 4))
         self.model = model
         self.n_steps = n_steps
@@ -466,7 +468,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
             return min(self._given_steps, max(longest, 4 * self.overlap))
         values = max(_DEFAULT_STEPS, _MOST_VALUES // self.n_channels_)
         most = min(self._most_steps, values, longest)
-        return _window_of(found.rhythm.period * self.rate, self.overlap, most)
+        period = found.rhythm.period * self.rate
+        nominal = min(_PERIODS * period, float(most))
+        return max(round(max(nominal, _LEAST_PERIODS * period)), 4 * self.overlap)
 
     def mixture_steps(self, longest: int) -> int:
         """Return the samples that are chosen for a window where nothing repeats.
@@ -481,27 +485,52 @@ class FourierMovementPrimitive(TrajectoryMixture):
         return {**parameters, "n_steps": self._given_steps}
 
     def check_parameters(self) -> None:
-        """Raise SkillError where a parameter is out of range."""
-        _check_ranges(self.get_params())
+        """Raise SkillError where a parameter is out of range.
 
-
-def _samples_in(window: float, rate: float) -> int:
-    """Return the samples in a window of some seconds."""
-    check_number(rate, "rate", least=1e-6, most=1e6, unit="Hz")
-    check_number(window, "window", least=8 / rate, most=1e6 / rate, unit="s")
-    return round(window * rate)
+        `scales` is checked where it is used, against the channels.
+        """
+        values = self.get_params()
+        model = values["model"]
+        if not isinstance(model, str) or model not in ("mixture", "phase", "automatic"):
+            raise SkillError(
+                f"model is {model!r}; it must be 'mixture', 'phase' or 'automatic'."
+            )
+        least_positive = 1 / GREATEST
+        steps = values["n_steps"]
+        if steps is None:
+            steps = _at_least(_DEFAULT_STEPS, _DEFAULT_WINDOW, values["rate"])
+        check_number(steps, "n_steps", least=8, whole=True)
+        half = steps // 2
+        check_number(values["overlap"], "overlap", least=2, most=half, whole=True)
+        if values["stride"] is not None:
+            check_number(values["stride"], "stride", least=1, whole=True)
+        components = values["n_components"]
+        is_named = isinstance(components, str) and components in ("automatic", "bic")
+        if not (is_named or (is_whole(components) and components >= 1)):
+            raise SkillError(
+                f"n_components is {components!r}; it must be a whole number, at least 1, "
+                "'automatic' or 'bic'."
+            )
+        seed = values["random_state"]
+        check_number(seed, "random_state", least=0, most=2**32 - 1, whole=True)
+        check_number(values["rate"], "rate", least=1e-6, most=1e6, unit="Hz")
+        check_number(
+            values["explained_variance"], "explained_variance", above=0.0, most=1.0
+        )
+        check_number(values["regularization"], "regularization", least=least_positive)
+        check_number(values["shrinkage"], "shrinkage", least=0.0)
+        check_number(values["tolerance"], "tolerance", least=least_positive)
+        selection = values["selection"]
+        if not isinstance(selection, str) or selection not in ("cost", "evidence"):
+            raise SkillError(
+                f"selection is {selection!r}; it must be 'cost' or 'evidence'."
+            )
 
 
 def _at_least(samples: int, seconds: float, rate: float) -> int:
     """Return the samples in a time, or a least number; that for an invalid rate."""
     is_valid = isinstance(rate, int | float) and 0 < rate <= GREATEST
     return max(samples, round(seconds * rate)) if is_valid else samples
-
-
-def _window_of(period: float, overlap: int, most: int) -> int:
-    """Return the samples in a window for a period in samples."""
-    usual = min(_PERIODS * period, float(most))
-    return max(round(max(usual, _LEAST_PERIODS * period)), 4 * overlap)
 
 
 def build_skill(
@@ -548,45 +577,3 @@ def copy_skill(
     return build_skill(
         {**skill.get_params(deep=False), **(parameters or {})}, {**kept, **fitted}
     )
-
-
-def _check_ranges(values: Mapping[str, Any]) -> None:
-    """Raise SkillError where a parameter of `FourierMovementPrimitive` is out of range.
-
-    `scales` is checked where it is used, against the channels.
-    """
-    model = values["model"]
-    if not isinstance(model, str) or model not in ("mixture", "phase", "automatic"):
-        raise SkillError(
-            f"model is {model!r}; it must be 'mixture', 'phase' or 'automatic'."
-        )
-    least_positive = 1 / GREATEST
-    steps = values["n_steps"]
-    if steps is None:
-        steps = _at_least(_DEFAULT_STEPS, _DEFAULT_WINDOW, values["rate"])
-    check_number(steps, "n_steps", least=8, whole=True)
-    half = steps // 2
-    check_number(values["overlap"], "overlap", least=2, most=half, whole=True)
-    if values["stride"] is not None:
-        check_number(values["stride"], "stride", least=1, whole=True)
-    components = values["n_components"]
-    is_named = isinstance(components, str) and components in ("automatic", "bic")
-    if not (is_named or (is_whole(components) and components >= 1)):
-        raise SkillError(
-            f"n_components is {components!r}; it must be a whole number, at least 1, "
-            "'automatic' or 'bic'."
-        )
-    seed = values["random_state"]
-    check_number(seed, "random_state", least=0, most=2**32 - 1, whole=True)
-    check_number(values["rate"], "rate", least=1e-6, most=1e6, unit="Hz")
-    check_number(
-        values["explained_variance"], "explained_variance", above=0.0, most=1.0
-    )
-    check_number(values["regularization"], "regularization", least=least_positive)
-    check_number(values["shrinkage"], "shrinkage", least=0.0)
-    check_number(values["tolerance"], "tolerance", least=least_positive)
-    selection = values["selection"]
-    if not isinstance(selection, str) or selection not in ("cost", "evidence"):
-        raise SkillError(
-            f"selection is {selection!r}; it must be 'cost' or 'evidence'."
-        )

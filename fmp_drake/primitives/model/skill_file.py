@@ -253,19 +253,13 @@ def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None
         }
     else:
         return None
-    # Earlier files have factors alone, or errors that the components do not contain.
-    none = np.zeros((np.size(values["ahead"]), d, d))
-    if "changes" not in values:
-        values |= {"errors": none, "changes": none}
     ahead, factors = values["ahead"], values["factors"]
     n = ahead.size
-    shapes = {
-        "ahead": (n,),
-        "factors": (n,),
-        "errors": (n, d, d),
-        "changes": (n, d, d),
-    }
-    for name, shape in shapes.items():
+    # Earlier files have factors alone, or errors that the components do not contain.
+    if "changes" not in values:
+        values |= dict.fromkeys(("errors", "changes"), np.zeros((n, d, d)))
+    shapes = ((n,), (n,), (n, d, d), (n, d, d))
+    for name, shape in zip(_CALIBRATION, shapes, strict=True):
         if values[name].shape != shape:
             raise SkillFileError(f"calibration_{name} has shape {values[name].shape}")
     if not (n and np.all(np.diff(ahead) > 0) and np.all(factors > 0)):

@@ -14,9 +14,14 @@ from fmp_drake.numeric import as_floats, check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.windows import Windows, as_windows
 from fmp_drake.primitives.model.basis import FourierBasis
-from fmp_drake.primitives.model.keypoint import Keypoint, stack_keypoints
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.mapping import LruCache, Mapping, MappingPlan, Selection
+from fmp_drake.primitives.model.mapping import (
+    Keypoint,
+    LruCache,
+    Mapping,
+    MappingPlan,
+    Selection,
+)
 from fmp_drake.primitives.model.mixture import log_densities
 from fmp_drake.primitives.model.phase.calibration import Calibration, variance_factor
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
@@ -393,15 +398,39 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         """Return the weights whose trajectory passes the keypoints (Algorithm 1).
 
         The keypoints may be at any steps, of any channels and derivatives.
+
+        Raises
+        ------
+        SkillError
+            If a keypoint does not fit the skill, or there is none.
         """
         self.check_fitted()
-        rows, values, tolerances = stack_keypoints(
-            keypoints,
-            names=self.channels_,
-            tolerance=self._tolerances(),
-            rows_of=self.observation_rows,
-        )
-        return self._plan(rows, tolerances).map(values)
+        if not isinstance(keypoints, Sequence) or not all(
+            isinstance(point, Keypoint) for point in keypoints
+        ):
+            raise SkillError(f"{keypoints!r} is not a list of Keypoint; give one.")
+        if not keypoints:
+            raise SkillError("there is no keypoint; give at least one.")
+        rows, values, tolerances = [], [], []
+        for point in keypoints:
+            check_number(point.step, "the step of a keypoint")
+            name = f"of the keypoint at step {point.step:g}"
+            index = channel_indices(point.channels, self.channels_)
+            rows.append(
+                self.observation_rows(
+                    point.step, channels=index, derivative=point.derivative
+                )
+            )
+            shape = (len(index),)
+            values.append(finite_array(point.values, f"the values {name}", shape))
+            allowed = self._tolerances()[index]
+            if point.tolerance is not None:
+                allowed = as_floats(point.tolerance, f"the tolerance {name}")
+                if allowed.ndim == 0:
+                    allowed = np.full(shape, allowed)
+            tolerances.append(as_floats(allowed, f"the tolerance {name}", shape))
+        plan = self._plan(np.concatenate(rows), np.concatenate(tolerances))
+        return plan.map(np.concatenate(values))
 
     def _tolerances(self) -> NDArray[np.float64]:
         """Return lambda of each channel, in its squared unit, shape (D,)."""

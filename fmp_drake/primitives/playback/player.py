@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import all_finite, as_floats, check_number, is_number, is_whole
+from fmp_drake.numeric import as_floats, check_number, finite_array
 from fmp_drake.primitives.model.basis import closing_samples
 from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
@@ -138,16 +138,9 @@ class Player:
         if margin == "automatic":
             margin = automatic_margin(skill)
         self.region = None if margin is None else DemonstratedRegion(skill, margin)
-        if not (is_number(blend_time) and blend_time >= 1e-3):
-            raise SkillError(
-                f"blend_time is {blend_time} s; it must be positive, at least 1 ms."
-            )
-        if not (is_number(confidence) and 0 < confidence <= 1):
-            raise SkillError(f"confidence is {confidence}; it must be in (0, 1].")
-        if not (is_whole(seed) and seed >= 0):
-            raise SkillError(
-                f"seed is {seed}; it must be a whole number that is not negative."
-            )
+        check_number(blend_time, "blend_time", least=1e-3, unit="s")
+        check_number(confidence, "confidence", above=0.0, most=1.0)
+        check_number(seed, "seed", least=0, whole=True)
         self.skill = skill
         self.sample = sample
         self.seed = int(seed)
@@ -191,11 +184,7 @@ class Player:
         seed : int, optional
             Instead of the player's.
         """
-        y = as_floats(position, "the start")
-        if y.shape != (self.skill.n_channels_,) or not all_finite(y):
-            raise SkillError(
-                f"the start is {y}; expected {self.skill.n_channels_} finite numbers."
-            )
+        y = finite_array(position, "the start", (self.skill.n_channels_,))
         state = PlaybackState(
             weights=self.skill.components_[0].mean,
             target=self.skill.components_[0].mean,
@@ -244,12 +233,7 @@ class Player:
         """
         values, plan = state.history, self._remap_plan
         if observed is not None:
-            values = as_floats(observed, "what is mapped")
-            if values.shape != state.history.shape or not all_finite(values):
-                raise SkillError(
-                    f"what is mapped has shape {values.shape}; expected "
-                    f"{state.history.shape} finite values."
-                )
+            values = finite_array(observed, "what is mapped", state.history.shape)
             plan = self._push_plan
         motion = self.motion(state)[:2]
         state = replace(
@@ -597,8 +581,7 @@ class Player:
             As `motion` gives them: `.position` has the shape (ticks + 1, D), `.time`
             (ticks + 1,).
         """
-        if not (is_number(duration) and duration >= 0):
-            raise SkillError(f"duration is {duration} s; it must not be negative.")
+        check_number(duration, "duration", least=0, unit="s")
         starts = as_floats(start, "the start")
         ticks = int(np.floor(duration * self.skill.rate * (1 + 1e-9)))
         rows = np.atleast_2d(starts)
@@ -631,13 +614,7 @@ def _checked_target(
         return None
     if sample:
         raise SkillError("give either a target or sample=True, not both.")
-    weights = as_floats(target, "the target")
-    n = skill.components_[0].dim
-    if weights.shape != (n,) or not all_finite(weights):
-        raise SkillError(
-            f"the target has shape {weights.shape}; expected ({n},) finite weights."
-        )
-    return weights
+    return finite_array(target, "the target", (skill.components_[0].dim,))
 
 
 def _start_variances(
@@ -649,10 +626,7 @@ def _start_variances(
     all channels of a unit together, which a rotation does not change. A force is met by
     the offset only: before there is contact it says nothing about the movement.
     """
-    if not (is_number(fraction) and fraction >= 0):
-        raise SkillError(
-            f"start_tolerance is {fraction}; it must be 0 (exact) or positive."
-        )
+    check_number(fraction, "start_tolerance", least=0)
     n, d = skill.n_steps, skill.n_channels_
     square, mean = np.zeros(d), np.zeros(d)
     for proportion, c in zip(skill.proportions_, skill.components_, strict=True):

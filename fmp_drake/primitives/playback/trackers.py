@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import GREATEST, is_number
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 
@@ -176,7 +176,7 @@ class LqrTracker:
     def __post_init__(self) -> None:
         """Check the parameters."""
         for name in ("time_constant", "shortest"):
-            _check_positive(name, getattr(self, name))
+            check_number(getattr(self, name), name, above=0)
 
     def relaxation(
         self,
@@ -204,7 +204,7 @@ class _GainTracker:
 
     def __post_init__(self) -> None:
         """Check the gain."""
-        _check_positive("beta", self.beta)
+        check_number(self.beta, "beta", above=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,8 +313,3 @@ def paper_precision_diagonal(
     single = [0, n_steps - 1] if n_steps % 2 == 0 else [0]
     out[:, single] = ours[:, single] / n_steps
     return out.ravel()
-
-
-def _check_positive(name: str, value: float) -> None:
-    if not (is_number(value) and value > 1 / GREATEST):
-        raise SkillError(f"{name} is {value}; it must be positive.")
