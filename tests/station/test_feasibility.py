@@ -213,15 +213,19 @@ def test_distance_of_the_links_is_that_of_the_simulated_shapes():
     assert compared > 10
 
 
-def test_joint_may_briefly_be_near_its_limit():
-    """It went well when it was run: for 1.3 % of the path a joint is near its limit."""
-    trial = TrialSpec.load("default").draw(seed=31, number=31)
+@pytest.mark.parametrize(("number", "is_feasible"), [(114, True), (96, False)])
+def test_joint_may_be_at_its_limit_spring_where_the_others_take_over(
+    number, is_feasible
+):
+    """Runs of 10 s: the first 2.9 mm rms and 0.1 rad from the limit, the other failed."""
+    trial = TrialSpec.load("surfaces").draw(seed=2312, number=number)
     scenario = ParseScenario(trial.scenario)
     skill, _ = shared_skill(scenario)
-    assert CheckFeasibility(scenario, skill).is_feasible
-    strict = FollowingBounds(brief=0.01)
-    refused = CheckFeasibility(scenario, skill, bounds=strict)
-    assert "1.3 % of the path is at a joint-limit spring" in refused.verdict
+    found = CheckFeasibility(scenario, skill)
+    assert found.is_feasible == is_feasible
+    assert found.values["wall_fraction"] > 0.08
+    # The joint stays where the spring begins, as in the run.
+    assert_allclose(found.values["smallest_joint_margin"], 0.1, atol=1e-3)
 
 
 def test_press_whose_friction_drags_the_eraser_is_refused(bundled_skill):

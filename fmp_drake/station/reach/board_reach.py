@@ -42,11 +42,10 @@ class FollowingBounds:
         Of the eraser against the board, rad: its end then lifts by 6 mm, a fifth of the
         felt.
     joint_reserve : float
-        What the joints must keep to their walls but for `brief` of the samples, rad. Where
-        nothing was limited, runs came up to 0.03 from the angles that are foreseen here.
+        Margin from a joint-limit spring at which a joint counts as being at it, rad.
     brief : float
-        Fraction of the samples in which a joint may be nearer to its wall, or above its
-        greatest speed, where it lags for a moment.
+        Fraction of the samples that may be above a joint's speed limit, where the eraser
+        lags for a moment.
     clearance : float
         Of the arm's links from the board, m.
     torque_fraction : float
@@ -185,9 +184,9 @@ class BoardReach:
     def missed(
         self, motion: PredictedMotion, *, has_rotation: bool = False
     ) -> tuple[Flags, Flags, Array]:
-        """Return which samples are out of reach or at a wall, (B, T), and the room.
+        """Return which samples are out of reach or at a limit spring, (B, T), and the margin.
 
-        The room of each joint to its limit is in rad, shape (B, T, n). A skill without
+        The margin of each joint to its limit is in rad, shape (B, T, n). A skill without
         rotation channels may be off about the normal.
         """
         bounds, error = self._bounds, motion.error
@@ -273,11 +272,11 @@ class BoardReach:
             postures=postures,
             R_TE=None if R_TE is None else R_TE[few],
         )
-        out, at_wall, _ = self.missed(motion, has_rotation=R_TE is not None)
+        out, _, _ = self.missed(motion, has_rotation=R_TE is not None)
         near = self.clearance(X_WB, motion, moved)[0] < self._bounds.clearance
         is_free = not self._scenario.has_board
         what = "the motion (board.translation)" if is_free else "the board"
-        fractions = np.mean((out | at_wall | near).reshape(len(moves), -1), axis=1)
+        fractions = np.mean((out | near).reshape(len(moves), -1), axis=1)
         return [
             (f"move {what} {100 * far:.0f} cm {way}", far * direction)
             for (far, way, direction), fraction in zip(moves, fractions, strict=True)
@@ -285,7 +284,7 @@ class BoardReach:
         ]
 
     def cells(self, posture: Array) -> tuple[Array, Array, Array]:
-        """Return how far the joints are from their walls over the assumed board.
+        """Return the margin of the joints to their limit springs over the assumed board.
 
         Parameters
         ----------

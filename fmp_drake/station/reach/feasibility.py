@@ -1,12 +1,12 @@
 """Feasibility of a skill on a board, before anything moves."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_dump_typed
 from scipy.spatial.transform import Rotation
 
@@ -32,7 +32,7 @@ type Values = dict[str, np.floating | float]
 _SAMPLES, _WINDOWS, _EVERY = 6000, (8, 48), 2
 # Windows that are played from the start, each with a seed of its own.
 _BEGINNINGS = 3
-# A slower tempo is checked as this one: the joints' way is the same, and slow enough.
+# A slower tempo is checked as this one: the joint motion is the same, and slow enough.
 _SLOWEST = 0.25
 # Of so many times the windows the longest are taken, as a run takes what wipes most.
 _DRAWN = 16
@@ -54,7 +54,7 @@ class Feasibility:
     values : dict
         ``reachable_fraction`` of the samples, ``largest_distance`` (m) that is left to
         one, ``smallest_joint_margin`` to a limit (rad), ``wall_fraction`` of the samples
-        with a joint at its limit spring, ``smallest_manipulability`` (sqrt det J Jᵀ, m³),
+        with a joint at its limit spring, where the others take over, ``smallest_manipulability`` (sqrt det J Jᵀ, m³),
         ``smallest_clearance`` of the arm's links from the board (m),
         ``largest_speed_ratio`` to the joints' limits, ``braking_lag`` of the eraser where
         joints are braked (rms, m), ``largest_torque_ratio``, ``drag``
@@ -155,7 +155,7 @@ def CheckFeasibility(
 
 
 class _Check:
-    """One check: the paths, what the arm makes of them, and how that is judged."""
+    """One check: paths of the skill, predicted motion of the arm, and verdict."""
 
     def __init__(
         self,
@@ -165,21 +165,10 @@ class _Check:
     ) -> None:
         self._scenario, self._skill, self._bounds = scenario, skill, bounds
         self._reach = BoardReach(scenario, bounds)
-        plays, board = scenario.skill, scenario.board
-        roles = SkillRoles(skill)
-        self._tempo = max(plays.tempo, _SLOWEST)
+        board, roles = scenario.board, SkillRoles(skill)
+        self._tempo = max(scenario.skill.tempo, _SLOWEST)
         self._step = _EVERY / (self._tempo * skill.rate)
-        values = skill_paths(
-            skill,
-            start=_start_channels(scenario, skill, roles),
-            position=roles.position,
-            tempo=self._tempo,
-            sample=plays.sample,
-            seed=plays.seed,
-            beginnings=_BEGINNINGS,
-            windows=int(np.clip(_SAMPLES // skill.n_steps, *_WINDOWS)),
-            every=_EVERY,
-        )
+        values = self._skill_paths(roles)
         self._shown = values[..., list(roles.position)]
         self._R_TE: Array | None = None
         if roles.rotation is not None and roles.reference is not None:
@@ -199,10 +188,38 @@ class _Check:
         phase = (phase + omega * self._step * np.arange(length))[..., None]
         self._moved = np.sin(phase) * rail
         self._faults: list[str] = []
-        # What may help: a move of the board, a slower tempo, a smaller normal force (N).
+        # Remedies: a move of the board, a slower tempo, a smaller normal force (N).
         self._is_far = False
         self._slower: float | None = None
         self._softer: float | None = None
+
+    def _skill_paths(self, roles: ChannelRoles) -> Array:
+        """Play beginnings from the start, and draw windows from the whole mixture.
+
+        Half of the windows are any samples, half the longest of many: a run prefers samples
+        that wipe much, which are long and fast.
+
+        Returns
+        -------
+        array, shape (B, T, D)
+            Channels of the skill, positions in B, m, a step apart; beginnings first.
+        """
+        skill, plays = self._skill, self._scenario.skill
+        start = _start_channels(self._scenario, skill, roles)
+        begun = np.empty((_BEGINNINGS, skill.n_steps, skill.n_channels_))
+        player = Player(skill, sample=plays.sample, seed=plays.seed)
+        for i in range(_BEGINNINGS):
+            state = player.start(start, tempo=self._tempo, seed=plays.seed + i)
+            for k in range(skill.n_steps):
+                begun[i, k] = player.motion(state)[0]
+                state = player.advance(state, player.tick_seconds / self._tempo)
+        windows = int(np.clip(_SAMPLES // skill.n_steps, *_WINDOWS))
+        drawn = skill.sample(_DRAWN * windows, seed=plays.seed, with_noise=False)
+        steps = np.diff(drawn[..., list(roles.position)], axis=1)
+        lengths = np.sum(np.linalg.norm(steps, axis=2), axis=1)
+        longest = np.argsort(lengths[windows // 2 :])[windows // 2 - windows :]
+        chosen = [*range(windows // 2), *(windows // 2 + longest)]
+        return np.concatenate([begun, drawn[chosen]])[:, ::_EVERY]
 
     def result(self) -> Feasibility:
         """Follow the paths and judge."""
@@ -322,17 +339,14 @@ class _Check:
             tilt = (
                 f" and {np.rad2deg(np.max(angle)):.0f} degrees" if has_rotation else ""
             )
+            spring = (
+                f", where joint {_joint(-room)} is at a joint-limit spring"
+                if np.any(out & at_wall)
+                else ""
+            )
             self._faults.append(
                 f"{100 * np.mean(out):.1f} % of the path is out of reach, by up to "
-                f"{1e3 * np.max(distance):.0f} mm{tilt}"
-            )
-        # Half-way into its spring, a joint needs all of its torque.
-        deep = np.min(room, axis=-1) < self._scenario.impedance.walls.width / 2
-        if self._often(deep) or np.mean(at_wall) > self._bounds.brief:
-            self._faults.append(
-                f"{100 * np.mean(at_wall):.1f} % of the path is at a joint-limit spring, "
-                f"and joint {_joint(-room)} comes within {max(np.min(room), 0.0):.2f} rad "
-                "of its limit"
+                f"{1e3 * np.max(distance):.0f} mm{tilt}{spring}"
             )
         if self._often(near):
             self._faults.append(
@@ -352,15 +366,15 @@ class _Check:
             "smallest_joint_margin": np.min(room),
             "wall_fraction": np.mean(at_wall),
             "smallest_manipulability": np.min(motion.manipulability),
-        }, out | at_wall | near
+        }, out | near
 
     def _judge_speed(self, motion: PredictedMotion) -> Values:
         speed = np.abs(motion.v) / self._reach.limits.speed
         fastest = np.max(speed, axis=-1)
         # Where the controller brakes a joint, the eraser lags behind its path.
         allowed = self._scenario.impedance.walls.speed_fraction
-        usual = np.quantile(fastest, 1 - self._bounds.exceptions)
-        tempo = self._tempo * allowed / usual
+        ratio = np.quantile(fastest, 1 - self._bounds.exceptions)
+        tempo = self._tempo * allowed / ratio
         lags = self._reach.braking_lag(motion, self._step)
         lag, angle = np.sqrt(np.mean(lags**2, axis=(0, 1)))
         is_late = lag > self._bounds.distance or angle > self._bounds.tilt
@@ -368,14 +382,14 @@ class _Check:
         # Out of reach, and at a wall, the joints' speed says nothing.
         if (is_late or above > self._bounds.brief) and not self._faults:
             self._faults.append(
-                f"joint {_joint(speed)} needs {100 * usual:.0f} % of its greatest speed, "
+                f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed, "
                 f"above 100 % on {100 * above:.1f} % of the path, and is braked from "
                 f"{100 * allowed:.0f} % on, by which the eraser lags "
                 f"{1e3 * lag:.0f} mm and {np.rad2deg(angle):.0f} degrees rms"
             )
             self._slower = tempo
         return {
-            "largest_speed_ratio": usual,
+            "largest_speed_ratio": ratio,
             "braking_lag": lag,
             "largest_tempo": tempo,
         }
@@ -439,58 +453,3 @@ def _start_channels(
         vector = rotation_vectors(held, roles.reference, near=middle)
         start[list(roles.rotation)] = vector
     return start
-
-
-def skill_paths(
-    skill: FourierMovementPrimitive,
-    *,
-    start: ArrayLike,
-    tempo: float,
-    sample: bool,
-    seed: int,
-    beginnings: int,
-    windows: int,
-    every: int,
-    position: Sequence[int] = (0, 1, 2),
-) -> Array:
-    """Play beginnings from a start, and draw windows from the whole mixture.
-
-    Half of the windows are any samples, half the longest of many: a run prefers samples
-    that wipe much, which are long and fast.
-
-    Parameters
-    ----------
-    skill : FourierMovementPrimitive
-        Fitted.
-    start : array_like, shape (D,)
-        Channels of the skill; p_BE, m, among them.
-    tempo : float
-        1 is as demonstrated.
-    sample, seed
-        Of the beginnings, as for `Player`; the windows are always samples.
-    beginnings, windows : int
-        How many.
-    every : int
-        Samples of a window from one to the next that is returned.
-    position : sequence of 3 ints
-        Indices of x, y and z among the channels.
-
-    Returns
-    -------
-    array, shape (beginnings + windows, T, D)
-        Channels of the skill, positions in B, m, ``every / (tempo * skill.rate)`` seconds apart; beginnings
-        first.
-    """
-    begun = np.empty((beginnings, skill.n_steps, skill.n_channels_))
-    player = Player(skill, sample=sample, seed=seed)
-    for i in range(beginnings):
-        state = player.start(start, tempo=tempo, seed=seed + i)
-        for k in range(skill.n_steps):
-            begun[i, k] = player.motion(state)[0]
-            state = player.advance(state, player.tick_seconds / tempo)
-    drawn = skill.sample(_DRAWN * windows, seed=seed, with_noise=False)
-    steps = np.diff(drawn[..., list(position)], axis=1)
-    lengths = np.sum(np.linalg.norm(steps, axis=2), axis=1)
-    longest = np.argsort(lengths[windows // 2 :])[windows // 2 - windows :]
-    chosen = [*range(windows // 2), *(windows // 2 + longest)]
-    return np.concatenate([begun, drawn[chosen]])[:, ::every]

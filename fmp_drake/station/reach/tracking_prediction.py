@@ -12,6 +12,7 @@ from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.interface.arm_model import ArmModel
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 # Damps the inverse where the arm is singular, as a multiple of the springs' compliance,
 # (rad/s)². Elsewhere the corrections leave an error of less than 0.5 mm.
@@ -53,7 +54,8 @@ class TrackingPredictor:
     Differential inverse kinematics: the dynamically consistent (minimum kinetic energy)
     inverse resolves the joint motion, with the posture's spring and damper in the
     nullspace. The springs' compliance distributes an error that cannot be removed. The
-    joints stay within their limits; the springs at the joint limits have no effect.
+    joints stay out of the springs at their limits, which are far stiffer; the other joints
+    take over where one is there.
 
     Parameters
     ----------
@@ -93,8 +95,9 @@ class TrackingPredictor:
         step : float
             Time from sample to sample, s.
         """
-        config, lower = self._config, self._arm.GetPositionLowerLimits()
-        upper = self._arm.GetPositionUpperLimits()
+        config, width = self._config, self._config.walls.width
+        lower = self._arm.GetPositionLowerLimits() + width
+        upper = self._arm.GetPositionUpperLimits() - width
         pull = step * config.posture_frequency**2
         brake = 2 * step * config.posture_damping_ratio * config.posture_frequency
         damping = np.zeros((*R_WB.shape[:2], 6, 6))
@@ -117,6 +120,16 @@ class TrackingPredictor:
             for _ in range(_CORRECTIONS):
                 pose_error = _errors(self._poses(q), path[:, k], R_WE[:, at])
                 dq = _shortened(_times(inverse, pose_error), _LONGEST_STEP)
+                # A joint at its limit cannot help; the others do without it.
+                is_free = (lower <= q + dq) & (q + dq <= upper)
+                stuck = ~np.all(is_free, axis=-1)
+                if np.any(stuck):
+                    others = _inverse(
+                        M[stuck], J[stuck], damping[stuck, at], is_free[stuck]
+                    )
+                    dq[stuck] = _shortened(
+                        _times(others, pose_error[stuck]), _LONGEST_STEP
+                    )
                 q = np.clip(q + dq, lower, upper)
             M, Cv, X, J = self._read(q, v)
             inverse = _inverse(M, J, damping[:, at])
@@ -185,8 +198,14 @@ def _errors(X_WE: Array, p_WE: Array, R_WE: Array) -> Array:
     return np.concatenate([rotations, p_WE - X_WE[..., 3]], axis=1)
 
 
-def _inverse(M: Array, J: Array, damping: Array) -> Array:
-    """Return the damped, dynamically consistent inverse of the Jacobian, (B, n, 6)."""
+def _inverse(M: Array, J: Array, damping: Array, is_free: Flags | None = None) -> Array:
+    """Return the damped, dynamically consistent inverse of the Jacobian, (B, n, 6).
+
+    Joints that are not free, of shape (B, n), do not move.
+    """
+    if is_free is not None:
+        J = J * is_free[:, None]
+        M = np.where(is_free[:, None] & is_free[..., None], M, np.eye(M.shape[-1]))
     MJ = np.linalg.solve(M, J.mT)
     return MJ @ np.linalg.inv(J @ MJ + damping)
 
