@@ -138,7 +138,9 @@ def _check_arrays(skill: FourierMovementPrimitive) -> None:
         or proportions.shape != (len(skill.components_),)
         or any(c.dim != d * skill.n_steps for c in skill.components_)
         # Only the window of a rhythm is shortened to its bouts.
-        or (phase is None and skill.get_params()["n_steps"] not in (None, skill.n_steps))
+        or (
+            phase is None and skill.get_params()["n_steps"] not in (None, skill.n_steps)
+        )
         or (phase is not None and not phase.fits(proportions.size, d, skill.n_steps))
     ):
         raise SkillFileError("its arrays do not fit together")
