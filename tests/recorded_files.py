@@ -224,6 +224,28 @@ def tum(folder):
     return write(folder, text, "d.txt")
 
 
+def time_by_its_unit(folder):
+    return write(folder, xyz(header="Zeit [s],x,y,z"))
+
+
+def rows_twice(folder):
+    """Write a table in which every fourth row is there twice."""
+    twice = np.sort(np.r_[np.arange(400), np.arange(0, 400, 4)])
+    return write(folder, xyz(TIME[twice], PATH[twice], header="time,x,y,z"))
+
+
+def rows_out_of_order(folder):
+    """Write a table whose rows are swapped two by two."""
+    order = [0, *(np.arange(1, 399).reshape(-1, 2)[:, ::-1].ravel()), 399]
+    return write(folder, xyz(TIME[order], PATH[order], header="time,x,y,z"))
+
+
+def columns_by_the_names_of_channels(folder):
+    """Write numbers without names: `inspect` calls them c0 to c3."""
+    text = lines(TIME, np.cos(TIME), *PATH.T)
+    return write(folder, text, columns="x=c1,y=c2,z=c3")
+
+
 # Arrays ---------------------------------------------------------------------
 
 
@@ -628,6 +650,26 @@ def vicon_trajectories(folder):
     return write(folder, f"{devices}\n{markers}\n")
 
 
+def vicon_two_markers(folder):
+    """Write markers A and B, the second with a gap."""
+    second = 1e3 * PATH + 100
+    second[50:80] = np.nan
+    section = vicon_section(
+        "Trajectories",
+        "Wand:A,,,Wand:B",
+        ["X", "Y", "Z"] * 2,
+        ["mm"] * 6,
+        np.column_stack([1e3 * PATH, second]),
+    )
+    return write(folder, f"{section}\n".replace("nan", ""))
+
+
+def vicon_one_marker_of_two(folder):
+    file = vicon_two_markers(folder)
+    columns = ",".join(f"{a}=Wand:A {a.upper()}" for a in "xyz")
+    return Written(file.path, {"columns": columns})
+
+
 def vicon_objects(folder):
     angles = np.rad2deg(TURNS.as_euler("xyz"))
     text = vicon_section(
@@ -725,6 +767,13 @@ def matlab(folder):
     return Written(folder / "d.mat")
 
 
+def matlab_matrix(folder):
+    from scipy.io import savemat
+
+    savemat(folder / "d.mat", {"data": np.column_stack([TIME, PATH])})
+    return Written(folder / "d.mat")
+
+
 def json_lines(folder):
     rows = [
         {"time": t, "pose": {"position": dict(zip("xyz", p, strict=True))}, "who": "me"}
@@ -739,6 +788,16 @@ def json_list(folder):
         for s, p in zip(STAMPS, PATH.tolist(), strict=True)
     ]
     return write(folder, json.dumps(rows, indent=1), "d.json")
+
+
+def json_rows(folder):
+    rows = np.column_stack([TIME, PATH]).tolist()
+    return write(folder, json.dumps(rows), "d.json")
+
+
+def json_list_in_an_object(folder):
+    rows = [{"t": t, "xyz": p} for t, p in zip(TIME, PATH.tolist(), strict=True)]
+    return write(folder, json.dumps({"robot": "a", "samples": rows}), "d.json")
 
 
 def json_columns(folder):
@@ -759,6 +818,20 @@ def excel_sheet(folder):
 
 
 # Compressed -----------------------------------------------------------------
+
+
+def npz_by_gzip(folder):
+    np.savez(folder / "d.npz", time=TIME, position=PATH)
+    path = folder / "d.npz.gz"
+    path.write_bytes(gzip.compress((folder / "d.npz").read_bytes()))
+    return Written(path)
+
+
+def table_in_zip_of_a_mac(folder):
+    with zipfile.ZipFile(folder / "d.zip", "w") as archive:
+        archive.writestr("d.csv", xyz(header="time,x,y,z"))
+        archive.writestr("__MACOSX/._d.csv", b"\0")
+    return Written(folder / "d.zip")
 
 
 def table_by_gzip(folder):

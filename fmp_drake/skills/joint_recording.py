@@ -11,19 +11,16 @@ from pydrake.multibody.tree import JointIndex
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
+from fmp_drake.primitives.data.reading.reading_options import columns_option
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario_parts import EraserConfig
 
-# Names without a robot's are taken for a Panda's where the angles are possible.
+# Prefix, if any, and number of a joint; prefixes of a Panda and of other robots.
 _JOINT = re.compile(
-    r"(?:.*(?:panda|fr3|franka|fer)\d*_)?(?:joint|q|j)[_.]?(\d)([_.]pos(ition)?)?",
-    re.IGNORECASE,
+    r"(?:(.*)_)?(?:joints?|q|j|a)[_.]?(\d)(?:[_.]pos(?:ition)?)?", re.IGNORECASE
 )
-# Of another robot that was named, with any prefix but a Panda's.
-_ANY_JOINT = re.compile(
-    r"(?:(?!.*(?:panda|fr3|franka)).*_)?(?:joints?|q|j|a)[_.]?(\d)([_.]pos(ition)?)?",
-    re.IGNORECASE,
-)
+_PANDA = re.compile(r".*(?:panda|fr3|franka|fer)\d*", re.IGNORECASE)
+_OTHER = re.compile(r"(?!.*(?:panda|fr3|franka)).*", re.IGNORECASE)
 _MARGIN = 0.05  # rad
 
 
@@ -46,32 +43,25 @@ def RobotJoints(
     plant : MultibodyPlant, optional
         Model of that robot, if there is one already.
     """
-    if robot == "panda":
-        return _numbered(demonstration, _JOINT, 7)
     names = _joint_names(plant or MakeRobotModel(LoadRobot(robot)).plant)
     if set(names) <= set(demonstration.channels):
         return names
-    return _numbered(demonstration, _ANY_JOINT, len(names))
+    prefix = _PANDA if robot == "panda" else _OTHER
+    numbers = {}
+    for channel in demonstration.channels:
+        match = _JOINT.fullmatch(channel)
+        if match and (match[1] is None or prefix.fullmatch(match[1])):
+            numbers[int(match[2])] = channel
+    for first in (1, 0):
+        if sorted(numbers) == list(range(first, first + len(names))):
+            return [numbers[i] for i in sorted(numbers)]
+    return []
 
 
 def _joint_names(plant: MultibodyPlant) -> list[str]:
     joints = [plant.get_joint(JointIndex(i)) for i in range(plant.num_joints())]
     moving = [joint for joint in joints if joint.num_positions() == 1]
     return [j.name() for j in sorted(moving, key=lambda j: int(j.position_start()))]
-
-
-def _numbered(
-    demonstration: Demonstration, form: re.Pattern[str], count: int
-) -> list[str]:
-    numbers = {
-        int(match[1]): name
-        for name in demonstration.channels
-        if (match := form.fullmatch(name))
-    }
-    for first in (1, 0):
-        if sorted(numbers) == list(range(first, first + count)):
-            return [numbers[i] for i in sorted(numbers)]
-    return []
 
 
 def EraserPath(
@@ -129,10 +119,17 @@ def EraserPath(
     outside = (angles < lower - _MARGIN) | (angles > upper + _MARGIN)
     if np.any(outside):
         sample, i = np.argwhere(outside)[0]
+        radians = np.deg2rad(angles)
+        is_degrees = np.all((lower - _MARGIN < radians) & (radians < upper + _MARGIN))
+        advice = (
+            "Of another robot, name it (--robot), or record the position of its tool."
+        )
+        if is_degrees:
+            option = columns_option({name: f"{name} [deg]" for name in joints})
+            advice = f"Degrees? Add {option}"
         raise DemonstrationError(
             f"{joints[i]} is {angles[sample, i]:.3g} in sample {sample}; a {whose}'s joint "
-            f"{i + 1} is from {lower[i]:.3g} to {upper[i]:.3g} rad. Of another robot, "
-            "record the position of its tool; of this one, give radians."
+            f"{i + 1} is from {lower[i]:.3g} to {upper[i]:.3g} rad. {advice}"
         )
     context = plant.CreateDefaultContext()
     path = np.empty((len(angles), 3))

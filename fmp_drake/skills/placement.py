@@ -16,6 +16,7 @@ from fmp_drake.primitives.data.channels import (
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
 )
+from fmp_drake.primitives.data.reading.reading_options import columns_option
 from fmp_drake.skills.joint_recording import EraserPath, RobotJoints
 from fmp_drake.skills.surface_placement import (
     curved_surface_remark,
@@ -287,6 +288,19 @@ def _played_channels(demonstration: Demonstration, *, is_placed: bool) -> list[s
     return names
 
 
+def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
+    """Return what to do with a recording without x, y and z."""
+    names, units, advice = demonstration.channels, demonstration.units, ""
+    if "rad" in units:
+        advice = f"Joints of another robot than {robot}? Name it (learn --robot). "
+    if len(names) < len(POSITION_CHANNELS):
+        return f"{advice}Learn it as it is: learn --as-recorded"
+    lengths = [n for n, unit in zip(names, units, strict=True) if unit == "m"]
+    first = lengths if len(lengths) >= len(POSITION_CHANNELS) else names
+    example = columns_option(dict(zip(POSITION_CHANNELS, first, strict=False)))
+    return f"{advice}If they are among the channels, name them, such as {example}"
+
+
 def _listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
@@ -310,25 +324,22 @@ def lay_on_board(
     remarks = []
     names = demonstration.channels
     if not set(POSITION_CHANNELS) <= set(names):
-        listed = ", ".join(names)
         robots = (scenario.robot, "panda")
-        if robot := next(
-            (r for r in robots if RobotJoints(demonstration, robot=r)), ""
-        ):
-            demonstration = EraserPath(
-                demonstration, eraser=scenario.eraser, robot=robot
-            )
-            whose = "Panda" if robot == "panda" else Path(robot).stem
-            remarks.append(
-                f"the eraser's path by a {whose}'s kinematics, from {listed}"
-            )
-        elif needs_board:
+        robot = next((r for r in robots if RobotJoints(demonstration, robot=r)), None)
+        if robot is None:
+            if not needs_board:
+                return demonstration, [
+                    "as recorded: without x, y and z there is no board"
+                ]
             raise DemonstrationError(
-                f"the channels are {listed}; the board needs x, y and z. Say which "
-                "columns they are (--columns x=NAME,y=NAME,z=NAME)."
+                f"the channels are {', '.join(names)}; the board needs x, y and z. "
+                f"{_advice_without_position(demonstration, scenario.robot)}"
             )
-        else:
-            return demonstration, ["as recorded: without x, y and z there is no board"]
+        demonstration = EraserPath(demonstration, eraser=scenario.eraser, robot=robot)
+        whose = "Panda" if robot == "panda" else Path(robot).stem
+        remarks.append(
+            f"the eraser's path by a {whose}'s kinematics, from {', '.join(names)}"
+        )
     elif len(names) > 3:
         kept = _played_channels(demonstration, is_placed=transform is None)
         others = ", ".join(name for name in names if name not in kept)

@@ -11,6 +11,7 @@ from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, find_rhythm
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
+    FORCE_COMPONENTS,
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
 )
@@ -20,6 +21,7 @@ from fmp_drake.primitives.data.orientation import (
     rotations_of,
     unit_quaternion,
 )
+from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.skills.surface_fit import FittedSurface, fit_surface
 from fmp_drake.station.models.eraser import FeltPressLimit
 from fmp_drake.station.scenario import Scenario
@@ -208,14 +210,17 @@ def _contact(demonstration: Demonstration) -> _Contact:
     """Find where the tool touches, by the force and by the bouts of the movement."""
     path = demonstration.select(POSITION_CHANNELS)
     in_bout = np.zeros(len(path.time), dtype=bool)
-    time = path.time - path.time[0]
+    parts = path.split_at_gaps(DEFAULT_RATE) or [path]
     try:
-        for part in find_rhythm(path).bouts:
-            in_bout |= (time >= part.start) & (time <= part.end)
+        for bout in find_rhythm(parts).bouts:
+            time = path.time - parts[bout.recording].time[0]
+            in_bout |= (time >= bout.start) & (time <= bout.end)
     except DemonstrationError:  # Too short for a rhythm.
         in_bout[:] = True
-    names = [c for c in demonstration.channels if c.lower().startswith(FORCE_CHANNEL)]
-    if len(names) not in (1, 3):
+    channels = set(demonstration.channels)
+    forces = (FORCE_COMPONENTS, (FORCE_CHANNEL,))
+    names = next((f for f in forces if set(f) <= channels), None)
+    if names is None:
         return _Contact(touching=in_bout, in_bout=in_bout, force=None)
     force = demonstration.select(names).values
     magnitude = np.linalg.norm(force, axis=1)

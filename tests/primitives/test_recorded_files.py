@@ -1,6 +1,7 @@
 """Facts about files as people have them: read exactly, or refused with advice."""
 
 import re
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -71,6 +72,16 @@ POSITIONS = (
     files.table_by_gzip,
     files.array_by_gzip,
     files.table_in_zip,
+    files.table_in_zip_of_a_mac,
+    files.npz_by_gzip,
+    files.time_by_its_unit,
+    files.rows_twice,
+    files.rows_out_of_order,
+    files.columns_by_the_names_of_channels,
+    files.vicon_one_marker_of_two,
+    files.json_rows,
+    files.json_list_in_an_object,
+    files.matlab_matrix,
 )
 # Read as x, y, z and an orientation.
 POSES = (
@@ -118,8 +129,10 @@ REFUSED = {
     files.letter_by_gzip: r"d\.txt\.gz has no line of numbers",
     files.bomb_by_gzip: "holds 256 MB; at most 256",
     files.optitrack_without_header: "no row `Frame,Time .* export it from Motive",
+    files.vicon_two_markers: r"some samples have no value; several positions \(Wand:A X, "
+    r"Wand:B X \.\.\.\): choose with --columns 'x=Wand:A X,y=Wand:A Y,z=Wand:A Z'$",
     files.vicon_without_positions: "none of the sections Objects, .* from Nexus",
-    files.aloha: "no column tells the time; .*--sample-rate HZ",
+    files.aloha: "no column tells the time; .*--sample-rate 100",
     files.bytes_of("d.csv", b"1,2\0\0\0,3"): "not a text file",
     files.bytes_of("d.mp4", b"\0\0\0\x18ftypmp42"): "a film; a demonstration is",
     files.bytes_of("d.csv", b"0," + b"1" * 140_000): "line cannot be split into cells",
@@ -202,6 +215,8 @@ def test_what_cannot_be_read_is_refused_with_advice(make, tmp_path):
         (files.optitrack_in_millimetres, "x, y, z were in another unit: now in m"),
         (files.repeated_stamps, "2 samples with the time of the one before left out"),
         (files.gaps_between_topics, "400 rows without a value left out"),
+        (files.rows_out_of_order, "samples put in the order of time"),
+        (files.rows_twice, "100 samples with the time of the one before left out"),
         (files.no_header, "column 1, which grows, is taken for the time"),
         (files.words_beside, "task left out: words"),
         (files.npz_of_someone, "gains .* left out"),
@@ -218,6 +233,52 @@ def test_what_was_recognised_is_said(make, said, tmp_path):
     (found,), remarks = read(make, tmp_path)
     assert re.search(said, remarks)
     assert found.note in remarks
+
+
+def test_a_last_line_that_was_not_written_to_its_end_is_left_out(tmp_path):
+    text = files.xyz(header="time,x,y,z").rpartition(",")[0]
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.values, files.PATH[:-1], atol=1e-12)
+    assert remarks == ["d.csv: line 401, the last, is cut: left out"]
+
+
+def test_components_of_a_force_have_standard_names(tmp_path):
+    columns = (files.TIME, *files.PATH.T, *files.PATH.T)
+    text = files.lines(*columns, header="time,x,y,z,fx,fy,fz")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z", "force_x", "force_y", "force_z")
+    assert found.units[3:] == ("N", "N", "N")
+
+
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+def test_a_quaternion_in_numbered_columns_has_the_stated_order(order, tmp_path):
+    quaternions = np.roll(files.QUATERNIONS, 1 if order == "wxyz" else 0, axis=1)
+    columns = (files.TIME, *files.PATH.T, *quaternions.T)
+    text = files.lines(*columns, header="time,x,y,z,q0,q1,q2,q3")
+    path = files.write(tmp_path, text).path
+    (found,), remarks = read_demonstrations([path], ReadingOptions(quaternions=order))
+    turned = rotations_of(found.values[:, 3:], found.rotation_reference)
+    assert np.max((turned * files.TURNS.inv()).magnitude()) < 1e-6
+    assert f"the quaternion from q0 is read as {', '.join(order)}" in remarks[0]
+
+
+def test_named_components_of_a_quaternion_need_no_order(tmp_path):
+    file = files.tum(tmp_path).path
+    found, _ = read_demonstrations([file], ReadingOptions(quaternions="wxyz"))
+    expected, _ = read_demonstrations([file])
+    assert np.array_equal(found[0].values, expected[0].values)
+
+
+def test_a_refusal_for_a_missing_time_gives_an_option_that_works(tmp_path):
+    text = files.lines(*files.PATH.T, files.TIME, header="x,y,z,when")
+    path = files.write(tmp_path, text).path
+    with pytest.raises(FmpError, match="--columns") as refusal:
+        read_demonstrations([path])
+    (option,) = shlex.split(str(refusal.value).partition("--columns ")[2])
+    (found,), _ = read_demonstrations(
+        [path], ReadingOptions.parse(f"{option},x=x,y=y,z=z")
+    )
+    assert_allclose(found.values, files.PATH, atol=1e-12)
 
 
 @pytest.mark.parametrize("make", [files.lerobot_2, files.lerobot_3], ids=name_of)

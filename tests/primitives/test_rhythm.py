@@ -254,3 +254,11 @@ def test_the_order_of_recordings_does_not_matter(recordings):
     assert {part[0] for part in expected[-1]} == {0, 1, 2}
     for order in ((0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
         assert found(order) == expected
+
+
+def test_a_rhythm_is_found_beside_a_gap():
+    time = np.concatenate([np.arange(0, 12, 0.05), np.arange(15, 30, 0.05)])
+    circles = 0.1 * np.column_stack([np.cos(3 * time), np.sin(3 * time)])
+    rhythm = find_rhythm(Demonstration(time=time, values=circles))
+    assert rhythm.period == pytest.approx(2 * np.pi / 3, rel=0.01)
+    assert rhythm.cycles == pytest.approx(27 * 3 / (2 * np.pi), rel=0.05)

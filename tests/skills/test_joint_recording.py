@@ -1,5 +1,7 @@
 """Facts about recordings of a Panda's joints."""
 
+import shlex
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -83,6 +85,13 @@ def test_angles_that_a_panda_cannot_have_are_refused():
         DemonstrationError, match=r"q2 is -45.8 .* from -1\.76 to 1\.76 rad"
     ):
         EraserPath(recorded(values=np.rad2deg(JOINTS), name="q{}"))
+
+
+def test_degrees_are_recognised_and_the_option_for_them_is_given():
+    with pytest.raises(DemonstrationError, match="Degrees") as refusal:
+        EraserPath(recorded(values=np.rad2deg(JOINTS), name="q{}"))
+    (option,) = shlex.split(str(refusal.value).partition("--columns ")[2])
+    assert option == ",".join(f"q{i}=q{i} [deg]" for i in range(1, 8))
 
 
 def of_robot(robot, names, *, swing=0.3):

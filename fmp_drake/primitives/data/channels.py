@@ -16,8 +16,9 @@ ROTATION_CHANNELS = ("rx", "ry", "rz")
 # Unit quaternion of a recorded orientation.
 QUATERNION_CHANNELS = ("qx", "qy", "qz", "qw")
 
-# A normal force, N.
+# A normal force, and the components of a measured force, N.
 FORCE_CHANNEL = "force"
+FORCE_COMPONENTS = ("force_x", "force_y", "force_z")
 
 Quaternion = tuple[float, float, float, float]
 ChannelScales = Literal["units"] | ArrayLike

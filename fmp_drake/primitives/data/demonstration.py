@@ -29,15 +29,11 @@ from fmp_drake.primitives.data.orientation import (
     unit_quaternion,
 )
 from fmp_drake.primitives.data.reading.arrays import FORMAT, METADATA
-from fmp_drake.primitives.data.reading.columns import (
-    check_quaternions,
-    recognise_columns,
-)
+from fmp_drake.primitives.data.reading.columns import recognise_columns
 from fmp_drake.primitives.data.reading.kinds import read_tables
 from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
-from fmp_drake.primitives.data.reading.table import Table
+from fmp_drake.primitives.data.reading.table import LONGEST_GAP, Table
 
-_MAX_GAP_SECONDS = 0.5
 _LEAST_SAMPLES = 4
 _UNIFORM = 1e-3
 
@@ -415,17 +411,7 @@ def read_demonstrations(
                 recording = _from_table(recognise_columns(table, options))
                 if set(QUATERNION_CHANNELS) <= set(recording.channels):
                     quaternions = recording.select(QUATERNION_CHANNELS).values
-                    if options.quaternions == "wxyz":
-                        quaternions = np.roll(quaternions, -1, axis=1)
-                    check_quaternions(quaternions)
                     orientations[len(demonstrations)] = path, quaternions
-                gaps = np.count_nonzero(np.diff(recording.time) > _MAX_GAP_SECONDS)
-                if gaps:
-                    note = (
-                        f"gaps of more than {_MAX_GAP_SECONDS} s, not bridged: {gaps}"
-                    )
-                    notes = [recording.note, note] if recording.note else [note]
-                    recording = replace(recording, note="; ".join(notes))
                 if recording.note:
                     remarks.append(f"{path.name}: {recording.note}")
                 demonstrations.append(recording)
@@ -468,7 +454,7 @@ def _named(path: Path) -> Iterator[None]:
 
 def _longest_gap(rate: float) -> float:
     """Return the longest gap that can be interpolated for a sample rate, s."""
-    return max(_MAX_GAP_SECONDS, 2 / rate)
+    return max(LONGEST_GAP, 2 / rate)
 
 
 def _names(what: str, value: Any) -> tuple[str, ...]:

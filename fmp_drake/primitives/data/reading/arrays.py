@@ -1,7 +1,7 @@
 """Readers of arrays: NumPy files, Parquet, LeRobot datasets."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from fmp_drake.primitives.data.reading.table import (
     Table,
     check_size,
     readable,
+    topic_choice,
 )
 
 FORMAT = FileFormat(
@@ -46,7 +47,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     if "metadata" not in arrays and not {"time", name} <= set(arrays):
         if len(arrays) == 1:
             arrays = {"": next(iter(arrays.values()))}
-        return [table_of(path, arrays)]
+        return [table_of(path, arrays, options)]
     time, values = (arrays.get(key) for key in ("time", name))
     if time is None or values is None:
         raise SkillFileError(f"{path} holds no `time` or no `values`.")
@@ -59,7 +60,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
         saved |= {key: metadata[key] for key in METADATA if key in metadata}
         return [Table(saved=saved)]
     if options.columns or (options.all_arrays and len(arrays) > 2):
-        return [table_of(path, arrays)]
+        return [table_of(path, arrays, options)]
     if time.shape != values.shape[:1] or values.ndim > 2:
         return [Table(saved=saved)]  # The demonstration names the error.
     values = values.reshape(len(time), -1)
@@ -76,7 +77,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     ]
 
 
-def read_npy(path: Path, _options: ReadingOptions) -> list[Table]:
+def read_npy(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the columns of one array (N,), (N, D) or with named fields."""
     try:
         # Mapped: a truncated file is refused before memory is allocated.
@@ -94,7 +95,7 @@ def read_npy(path: Path, _options: ReadingOptions) -> list[Table]:
     check_size(path, array.nbytes)
     fields = array.dtype.names
     arrays = {name: array[name] for name in fields} if fields else {"": array}
-    return [table_of(path, arrays)]
+    return [table_of(path, arrays, options)]
 
 
 def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -113,16 +114,20 @@ def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def table_of(
-    path: Path, arrays: Mapping[str, NDArray[Any]], *, rate: float | None = None
+    path: Path,
+    arrays: Mapping[str, NDArray[Any]],
+    options: ReadingOptions,
+    *,
+    rate: float | None = None,
 ) -> Table:
     """Return a table of arrays (N,) and (N, k) of equal length.
 
-    The columns of an array (N, 3) are named `name_x` and so on, those of quaternions
-    `name_x` to `name_w`, those of others `name_1`. Shorter arrays are left out. With a rate
-    (Hz) there is a column of times.
+    The columns of an array (N, 3) are named `name_x` and so on, those of quaternions in the
+    order of the options `name_x` to `name_w`, those of others `name_1`. Shorter arrays are
+    left out. With a rate (Hz) there is a column of times.
     """
     count = max((len(a) for a in arrays.values() if a.ndim in (1, 2)), default=0)
-    names, parts, omitted = [], [], []
+    names, parts, omitted, remarks = [], [], [], []
     for name, array in arrays.items():
         is_numbers = array.dtype.kind in "biufM"
         if array.ndim not in (1, 2) or len(array) != count or not is_numbers:
@@ -133,7 +138,10 @@ def table_of(
         columns = np.asarray(array, dtype=float).reshape(count, -1)
         width = columns.shape[1]
         is_quaternion = width == 4 and "quat" in name
-        axes = "xyzw"[:width] if width == 3 or is_quaternion else range(1, width + 1)
+        axes: Sequence[Any] = "xyz" if width == 3 else range(1, width + 1)
+        if is_quaternion:
+            axes = options.quaternions
+            remarks.append(options.quaternion_remark(name))
         names += [
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
         ]
@@ -147,16 +155,17 @@ def table_of(
         names.insert(0, "time")
         parts.insert(0, np.arange(count)[:, None] / rate)
     units = ("s", *[""] * (len(names) - 1)) if rate is not None else ()
-    remarks = (f"{', '.join(omitted)} left out",) if omitted else ()
+    if omitted:
+        remarks.append(f"{', '.join(omitted)} left out")
     return Table(
         names=tuple(names),
         values=np.column_stack(parts),
         units=units,
-        remarks=remarks,
+        remarks=tuple(remarks),
     )
 
 
-def read_parquet(path: Path, _options: ReadingOptions) -> list[Table]:
+def read_parquet(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the columns of a Parquet file; columns of lists are split.
 
     Raises
@@ -164,10 +173,12 @@ def read_parquet(path: Path, _options: ReadingOptions) -> list[Table]:
     SkillFileError
         Where it cannot be read, or pyarrow is not installed.
     """
-    return [_parquet_table(path, None)]
+    return [_parquet_table(path, options, None)]
 
 
-def _parquet_table(path: Path, columns: list[str] | None) -> Table:
+def _parquet_table(
+    path: Path, options: ReadingOptions, columns: list[str] | None
+) -> Table:
     """Return some columns of a Parquet file, or all."""
     with readable(path, "a Parquet file", extra="parquet"):
         from pyarrow import parquet
@@ -181,7 +192,7 @@ def _parquet_table(path: Path, columns: list[str] | None) -> Table:
         check_size(path, max(sum(groups), 8 * metadata.num_rows))
         content = file.read(columns)
         arrays = {name: _array(content[name]) for name in content.column_names}
-    return table_of(path, arrays)
+    return table_of(path, arrays, options)
 
 
 def _array(column: Any) -> NDArray[Any]:
@@ -220,15 +231,14 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
     if feature not in named:
         numeric = [n for n, kind in named.items() if "float" in str(kind.get("dtype"))]
         raise SkillFileError(
-            f"{folder} has no feature {feature}; choose with --topic among "
-            f"{', '.join(numeric)}."
+            f"{folder} has no feature {feature}; {topic_choice(numeric)}"
         )
     files = sorted((folder / "data").rglob("*.parquet"))
     if not files:
         raise SkillFileError(f"{folder} has no data/**/*.parquet.")
     check_size(folder, sum(f.stat().st_size for f in files), MOST_BYTES / 4)
     column_names = [feature, "timestamp", "episode_index"]
-    tables = [_parquet_table(file, column_names) for file in files]
+    tables = [_parquet_table(file, options, column_names) for file in files]
     first = tables[0].names
     if any(table.names != first for table in tables):
         raise SkillFileError(f"{folder}: its files have different columns.")

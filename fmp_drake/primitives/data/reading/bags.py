@@ -148,7 +148,8 @@ def _topic(path: Path, types: dict[str, str], wanted: str) -> str:
         if topics:
             break
     raise SkillFileError(
-        f"{path} has the topics {listed or '(none)'}; choose one with --topic."
+        f"{path} has the topics {listed or '(none)'}; choose one with "
+        f"--topic, such as --topic {next(iter(sorted(types)), 'NAME')}"
     )
 
 

@@ -1,23 +1,28 @@
-"""Recognition of time, position, orientation and counters among the columns."""
+"""Recognition of time, position, orientation, force and counters among the columns."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.primitives.data.channels import (
+    FORCE_COMPONENTS,
     POSITION_CHANNELS,
     QUATERNION_CHANNELS,
     default_channels,
 )
 from fmp_drake.primitives.data.reading.reading_options import (
     ReadingOptions,
+    columns_option,
     shown_columns,
 )
 from fmp_drake.primitives.data.reading.table import (
+    ANGLES,
     LENGTHS,
+    LONGEST_GAP,
     TIMES,
     Table,
     seconds,
@@ -28,14 +33,20 @@ from fmp_drake.primitives.data.reading.table import (
 # In order of preference: a sensor's stamp before the time of receipt.
 _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
-    re.compile(r"(.*_)?(time|timestamps?|t|times|datetime|elapsed|sec|secs|seconds)"),
+    re.compile(
+        r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
+    ),
 )
+_NANOSECONDS = ("nsecs", "nsec", "nanosec")
+# Groups of columns: prefix and axis.
 _POSITION = re.compile(
     r"(.*?)_?(?:p|t|pos|position|translation|point|trans|xyz|ee|eef|tcp)?_?([xyz])"
 )
 _QUATERNION = re.compile(
     r"(.*?)_?(?:q|quat|quaternion|orientation|rotation|rot)_?([xyzw])"
 )
+_NUMBERED_QUATERNION = re.compile(r"(.*?)_?(?:q|quat|quaternion)_?([0-3])")
+_FORCE = re.compile(r"(.*?)_?(?:f|force)_?([xyz])")
 _NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|vel|acc|gyro|mag|angular"
     r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau)$"
@@ -53,9 +64,54 @@ _UNITS = (
     (re.compile(r"(.*_)?(force(_?[xyz])?|f_?[xyz])"), "N"),
     (re.compile(r"(.*_)?torque(_?[xyz])?"), "Nm"),
 )
-# Greatest fraction of samples whose time repeats, and error of a quaternion's length.
-_MOST_REPEATED = 0.1
+# Greatest fraction of samples whose time repeats with other values, and with any.
+_MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
+# Greatest error of a quaternion's length.
 _LENGTH_ERROR = 0.1
+# Error of the length of four numbered columns that are a quaternion.
+_EXACT = 1e-3
+# Steps backwards in time, in sample intervals, up to which samples are put in order.
+_DISORDER = 3.0
+
+
+class _Column(NamedTuple):
+    """A column of a table, with its number from 0.
+
+    `plain` is its name in lower case, words joined by underscores, without a unit at its
+    end, which is the `suffix`. `stated` is the unit of its header.
+    """
+
+    number: int
+    name: str
+    plain: str
+    suffix: str
+    stated: str
+    values: NDArray[np.float64]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the header, or of the name."""
+        return self.stated or self.suffix
+
+    @property
+    def source(self) -> str:
+        """Name or number of the column for the option `--columns`."""
+        is_safe = self.name and not set(self.name) & set(",=[(")
+        return self.name if is_safe else str(self.number + 1)
+
+    @property
+    def grows(self) -> bool:
+        """Whether the values increase strictly."""
+        return len(self.values) > 1 and bool(np.all(np.diff(self.values) > 0))
+
+    @property
+    def counts(self) -> bool:
+        """Whether the column only counts rows or messages."""
+        return bool(
+            _COUNTER.fullmatch(self.plain)
+            and self.grows
+            and np.all(self.values % 1 == 0)
+        )
 
 
 def recognise_columns(table: Table, options: ReadingOptions) -> Table:
@@ -70,42 +126,66 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     DemonstrationError
         Where the numbers cannot be used.
     """
-    names = [_plain(name) for name in table.names]
     remarks = list(table.remarks)
-    stamp, time_columns = _time(table, names, options, remarks)
-    index = {c: options.column(c, table.names) for c in options.columns if c != "time"}
-    if not index:
-        others = [
-            i
-            for i in range(len(names))
-            if i not in time_columns and not _counts(names[i], table.values[:, i])
-        ]
-        index = _channels(table, names, others, remarks)
-    if not index:
+    columns = []
+    for i, (name, stated) in enumerate(zip(table.names, table.units, strict=True)):
+        plain, suffix = suffixed_unit(_plain(name))
+        columns.append(_Column(i, name, plain, suffix, stated, table.values[:, i]))
+    stamp, time_columns = _time(columns, options, remarks)
+    others = [c for c in columns if c.number not in time_columns and not c.counts]
+    if set(options.columns) - {"time"}:
+        # A column without a name is found by that of its channel.
+        names = list(table.names)
+        for column, label in zip(others, _labels(others), strict=True):
+            names[column.number] = label
+        chosen = {
+            channel: columns[options.column(channel, tuple(names))]
+            for channel in options.columns
+            if channel != "time"
+        }
+    else:
+        chosen = _channels(others, options, remarks)
+        if len(chosen) < len(others):
+            raise SkillFileError(
+                f"names of columns repeat: {shown_columns(table.names)}. Choose by their "
+                "numbers from 1, such as --columns time=1,x=2"
+            )
+    if not chosen:
         raise SkillFileError(
             f"there is a time but no channel; {shown_columns(table.names)}."
         )
-    has_value = ~np.all(np.isnan(table.values[:, list(index.values())]), axis=1)
-    if not np.all(has_value):
-        remarks.append(f"{np.sum(~has_value)} rows without a value left out")
-    time, is_new = _clock(stamp, has_value, options, remarks)
-    rows = np.flatnonzero(has_value)[is_new]
-    columns, units = [time], ["s"]
-    converted: dict[str, list[str]] = {}
-    for channel, i in index.items():
+    values = np.column_stack([c.values for c in chosen.values()])
+    rows = np.flatnonzero(~np.all(np.isnan(values), axis=1))
+    if len(rows) == 0:
+        raise DemonstrationError(f"there is no number in {', '.join(chosen)}.")
+    if len(rows) < len(values):
+        remarks.append(f"{len(values) - len(rows)} rows without a value left out")
+    time, kept = _clock(stamp, rows, values[rows], options, remarks)
+    values = values[rows[kept]]
+    choice = next((r for r in remarks if r.startswith("several positions")), "")
+    if choice and np.any(np.isnan(values)):
+        raise DemonstrationError(f"some samples have no value; {choice}")
+    units, converted = ["s"], dict[str, list[str]]()
+    for i, (channel, column) in enumerate(chosen.items()):
         stated = options.source(channel)[1] if channel in options.columns else ""
-        factor, unit = standard_unit(_unit(table, names, i, channel, stated, options))
-        columns.append(factor * table.values[rows, i])
+        factor, unit = standard_unit(stated or _unit(column, channel, options))
+        values[:, i] *= factor
         units.append(unit)
         if factor != 1:
             converted.setdefault(unit, []).append(channel)
     for unit, channels in converted.items():
         were = "were" if len(channels) > 1 else "was"
         remarks.append(f"{', '.join(channels)} {were} in another unit: now in {unit}")
+    if gaps := np.count_nonzero(np.diff(time) > LONGEST_GAP):
+        remarks.append(f"gaps of more than {LONGEST_GAP} s, not bridged: {gaps}")
+    if set(QUATERNION_CHANNELS) <= set(chosen):
+        _check_quaternions(
+            values[:, [list(chosen).index(q) for q in QUATERNION_CHANNELS]]
+        )
     return Table(
-        names=("time", *index),
+        names=("time", *chosen),
         units=tuple(units),
-        values=np.column_stack(columns),
+        values=np.column_stack([time, values]),
         frame=table.frame,
         remarks=tuple(remarks),
     )
@@ -116,180 +196,215 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
-def _counts(name: str, values: NDArray[np.float64]) -> bool:
-    """Return whether a column only counts rows or messages."""
-    return bool(
-        _COUNTER.fullmatch(name)
-        and len(values) > 1
-        and np.all(np.diff(values) >= 1)
-        and np.all(values % 1 == 0)
-    )
-
-
-def _grows(values: NDArray[np.float64]) -> bool:
-    return len(values) > 1 and bool(np.all(np.diff(values) > 0))
+def _labels(columns: Sequence[_Column]) -> tuple[str, ...]:
+    """Return the names of channels; those of columns without a name are x, y, z, c0 ..."""
+    if not any(column.plain for column in columns):
+        return default_channels(len(columns))
+    return tuple(column.name or f"c{n}" for n, column in enumerate(columns))
 
 
 def _time(
-    table: Table, names: Sequence[str], options: ReadingOptions, remarks: list[str]
+    columns: Sequence[_Column], options: ReadingOptions, remarks: list[str]
 ) -> tuple[tuple[NDArray[np.float64], str] | None, set[int]]:
     """Return the times with their unit, and the indices of all columns of times."""
-    bare = [suffixed_unit(name) for name in names]
     candidates = [
-        i
+        column
         for form in _TIMES
-        for i, (name, unit) in enumerate(bare)
-        if form.fullmatch(name) and (not unit or unit in TIMES)
+        for column in columns
+        if form.fullmatch(column.plain)
+        and (not column.suffix or column.suffix in TIMES)
     ]
-    parts = _stamp_parts(names)
-    time_columns = {*candidates, *parts}
-    if len(table.values) > 1:  # Stamps that were never set are constant.
-        changing = [i for i in candidates if np.ptp(table.values[:, i]) != 0]
-        candidates = changing or candidates
+    candidates = candidates or [c for c in columns if c.stated in TIMES and c.grows]
+    parts = _stamp_parts(columns)
+    indices = {column.number for column in (*candidates, *parts)}
+    names = tuple(column.name for column in columns)
     if options.rate is not None:
-        return None, time_columns
+        return None, indices
     if "time" in options.columns:
-        i = options.column("time", table.names)
-        stated = options.source("time")[1] or table.units[i] or bare[i][1]
-        return (table.values[:, i], stated), {*time_columns, i}
+        column = columns[options.column("time", names)]
+        stated = options.source("time")[1] or column.unit
+        return (column.values, stated), {*indices, column.number}
     if parts:
-        whole, nanoseconds = (table.values[:, i] for i in parts)
+        whole, nanoseconds = (column.values for column in parts)
         remarks.append("the time is that of the stamps")
-        return (whole - whole[0] + 1e-9 * nanoseconds, "s"), time_columns
+        return (whole - whole[0] + 1e-9 * nanoseconds, "s"), indices
+    # Stamps that were never set are constant.
+    changing = [c for c in candidates if np.any(c.values != c.values[0])]
+    candidates = changing or candidates
     if not candidates:
-        unnamed = [i for i, name in enumerate(names) if not name][:1]
-        candidates = [
-            i
-            for i in unnamed
-            if _grows(table.values[:, i]) and not _counts(names[i], table.values[:, i])
-        ]
+        unnamed = [c for c in columns if not c.plain][:1]
+        candidates = [c for c in unnamed if c.grows and not c.counts]
         if not candidates:
-            raise SkillFileError(
-                f"no column tells the time; {shown_columns(table.names)}. Name it "
-                "(--columns time=NAME), or give the sample rate (--sample-rate HZ)."
-            )
+            raise SkillFileError(_without_time(columns, remarks))
         remarks.append(
-            f"column {candidates[0] + 1}, which grows, is taken for the time"
+            f"column {candidates[0].number + 1}, which grows, is taken for the time"
         )
-    i = candidates[0]
+    column = candidates[0]
     if len(candidates) > 1:
-        remarks.append(f"the time is {table.names[i]}")
-    return (table.values[:, i], table.units[i] or bare[i][1]), {*time_columns, i}
+        remarks.append(f"the time is {column.name}")
+    return (column.values, column.unit), {*indices, column.number}
 
 
-def _stamp_parts(names: Sequence[str]) -> list[int]:
+def _without_time(columns: Sequence[_Column], remarks: Sequence[str]) -> str:
+    """Return why there is no time, and what to do."""
+    names = tuple(column.name for column in columns)
+    omitted = "; ".join(
+        remark for remark in remarks if remark.endswith("left out: words")
+    )
+    beside = f" ({omitted})" if omitted else ""
+    grows = next((c for c in columns if c.grows and not c.counts), None)
+    named = (
+        f", or the column: {columns_option({'time': grows.source})}" if grows else ""
+    )
+    return (
+        f"no column tells the time; {shown_columns(names)}"
+        f"{beside}. Give the sample rate in Hz, such as --sample-rate 100{named}"
+    )
+
+
+def _stamp_parts(columns: Sequence[_Column]) -> list[_Column]:
     """Return the columns of seconds and nanoseconds of one stamp, or an empty list."""
-    for i, name in enumerate(names):
-        match = re.fullmatch(r"(.*_)?(secs?)", name)
-        if match:
-            prefix = match[1] or ""
-            nanoseconds = [
-                names.index(prefix + n)
-                for n in ("nsecs", "nsec", "nanosec")
-                if prefix + n in names
-            ]
-            if nanoseconds:
-                return [i, nanoseconds[0]]
+    named = {_plain(column.name): column for column in reversed(columns)}
+    for column in columns:
+        match = re.fullmatch(r"(.*_)?secs?", _plain(column.name))
+        names = [f"{match[1] or ''}{n}" for n in _NANOSECONDS] if match else []
+        for name in names:
+            if name in named:
+                return [column, named[name]]
     return []
 
 
 def _channels(
-    table: Table, names: Sequence[str], indices: Sequence[int], remarks: list[str]
-) -> dict[str, int]:
-    """Return the column of each channel; position and orientation get standard names."""
-    if not any(names[i] for i in indices):
-        return dict(zip(default_channels(len(indices)), indices, strict=True))
-    renamed: dict[int, str] = {}
-    bare = {i: suffixed_unit(names[i]) for i in indices}
-    positions = _groups(
-        (i, name)
-        for i, (name, unit) in bare.items()
-        if not unit or unit in LENGTHS
-        if not _NO_POSITION.search(name[:-1].strip("_"))
+    columns: Sequence[_Column], options: ReadingOptions, remarks: list[str]
+) -> dict[str, _Column]:
+    """Return the column of each channel.
+
+    Position, orientation and force get standard names.
+    """
+    labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
+    positions = _groups([c for c in columns if _is_length(c)], _POSITION, "xyz")
+    orientations = _groups(columns, _QUATERNION, "xyzw")
+    if not orientations:
+        orientations = _numbered_quaternions(columns, options, remarks)
+    roles = (
+        (positions, POSITION_CHANNELS),
+        (orientations, QUATERNION_CHANNELS),
+        (_groups(columns, _FORCE, "xyz"), FORCE_COMPONENTS),
     )
+    for groups, names in roles:
+        if len(groups) == 1:
+            (group,) = groups.values()
+            for column, name in zip(group, names, strict=True):
+                labels[column.number] = name
     if len(positions) > 1:
-        named = ", ".join(table.names[group[0]] for group in positions)
-        remarks.append(
-            f"several positions ({named} ...): choose with --columns x=NAME,y=NAME,z=NAME"
-        )
-    elif positions:
-        renamed.update(zip(positions[0], POSITION_CHANNELS, strict=True))
-    orientations = _groups(((i, names[i]) for i in indices), _QUATERNION, "xyzw")
-    if len(orientations) == 1:
-        renamed.update(zip(orientations[0], QUATERNION_CHANNELS, strict=True))
-    channels = {
-        renamed.get(i) or table.names[i] or f"c{n}": i for n, i in enumerate(indices)
-    }
-    if len(channels) < len(indices):
-        raise SkillFileError(
-            f"names of columns repeat: {shown_columns(table.names)}. Choose by their "
-            "numbers from 1 (--columns time=1,x=2)."
-        )
-    return channels
+        listed = ", ".join(group[0].name for group in positions.values())
+        prefix, group = next(iter(positions.items()))
+        sources = [c.source for c in (*group, *orientations.get(prefix, ()))]
+        pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
+        option = columns_option(dict(zip(pose, sources, strict=False)))
+        remarks.append(f"several positions ({listed} ...): choose with {option}")
+    return {labels[column.number]: column for column in columns}
+
+
+def _is_length(column: _Column) -> bool:
+    """Return whether a column may be a coordinate of a position."""
+    if column.unit:
+        return column.unit in LENGTHS
+    return not _NO_POSITION.search(column.plain[:-1].strip("_"))
 
 
 def _groups(
-    names: Iterable[tuple[int, str]],
-    form: re.Pattern[str] = _POSITION,
-    axes: str = "xyz",
-) -> list[tuple[int, ...]]:
-    """Return groups of columns that belong together, one column for each axis."""
-    groups: dict[str, dict[str, int]] = {}
-    for i, name in names:
-        match = form.fullmatch(name)
+    columns: Sequence[_Column], form: re.Pattern[str], axes: str
+) -> dict[str, tuple[_Column, ...]]:
+    """Return groups of columns by their prefixes, with one column for each axis."""
+    groups: dict[str, dict[str, _Column]] = {}
+    for column in columns:
+        match = form.fullmatch(column.plain)
         if match:
-            groups.setdefault(match[1], {}).setdefault(match[2], i)
-    whole = {k: g for k, g in groups.items() if set(g) == set(axes)}
-    if "" in whole:
-        whole = {"": whole[""]}
-    return [tuple(group[axis] for axis in axes) for group in whole.values()]
+            groups.setdefault(match[1], {}).setdefault(match[2], column)
+    whole = {
+        prefix: tuple(group[axis] for axis in axes)
+        for prefix, group in groups.items()
+        if set(group) == set(axes)
+    }
+    return {"": whole[""]} if "" in whole else whole
+
+
+def _numbered_quaternions(
+    columns: Sequence[_Column], options: ReadingOptions, remarks: list[str]
+) -> dict[str, tuple[_Column, ...]]:
+    """Return groups of four numbered columns of unit length, in the order x, y, z, w."""
+    groups = {}
+    for prefix, group in _groups(columns, _NUMBERED_QUATERNION, "0123").items():
+        lengths = np.linalg.norm([column.values for column in group], axis=0)
+        if np.all(np.abs(lengths - 1) < _EXACT):
+            groups[prefix] = tuple(group[options.quaternions.index(a)] for a in "xyzw")
+            remarks.append(options.quaternion_remark(group[0].name))
+    return groups
 
 
 def _clock(
     stamp: tuple[NDArray[np.float64], str] | None,
-    has_value: NDArray[np.bool_],
+    rows: NDArray[np.int64],
+    values: NDArray[np.float64],
     options: ReadingOptions,
     remarks: list[str],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the times of the rows with a new time, s, and which of the rows these are."""
-    count = int(np.sum(has_value))
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return increasing times, s, and the indices among the rows that have them."""
+    count = len(rows)
     if stamp is None:
-        return np.arange(count) / (options.rate or 1.0), np.ones(count, dtype=bool)
-    time, unit = seconds(stamp[0][has_value], stamp[1])
+        return np.arange(count) / (options.rate or 1.0), np.arange(count)
+    time, unit = seconds(stamp[0][rows], stamp[1])
     if unit != "s":
         remarks.append(f"the time is in {unit}")
-    is_new = np.concatenate([[True], np.diff(time) != 0])[:count]
-    repeated = count - int(np.sum(is_new))
-    if repeated > _MOST_REPEATED * count:
+    order, steps = np.arange(count), np.diff(time)
+    forward = steps[steps > 0]
+    interval = float(np.median(forward)) if len(forward) else 0.0
+    farthest = -float(np.min(steps, initial=0.0))
+    if farthest > _DISORDER * interval:
+        row = int(np.argmax(steps < 0))
+        raise DemonstrationError(
+            f"time does not increase after sample {row} ({time[row]:g} s, then "
+            f"{time[row + 1]:g} s). Cut the file there, or, if the samples are at equal "
+            f"intervals, give their rate: --sample-rate {_rate(interval)}"
+        )
+    if farthest > 0:
+        remarks.append("samples put in the order of time")
+        order = np.argsort(time, kind="stable")
+        time, values = time[order], values[order]
+    is_new = np.concatenate([[True], np.diff(time) != 0])
+    is_other = np.concatenate([[False], np.any(np.diff(values, axis=0) != 0, axis=1)])
+    repeated = int(np.count_nonzero(~is_new))
+    is_coarse = np.count_nonzero(~is_new & is_other) > _MOST_REPEATED * count
+    if is_coarse or repeated > _MOST_EQUAL * count:
         raise DemonstrationError(
             f"the time stays the same in {repeated} of {count} samples: it is too coarse. "
-            "Give the sample rate instead (--sample-rate HZ)."
+            "Give the sample rate instead: --sample-rate "
+            f"{_rate((time[-1] - time[0]) / count)}"
         )
     if repeated:
         remarks.append(f"{repeated} samples with the time of the one before left out")
-    return time[is_new], is_new
+    return time[is_new], order[is_new]
 
 
-def _unit(
-    table: Table,
-    names: Sequence[str],
-    i: int,
-    channel: str,
-    stated: str,
-    options: ReadingOptions,
-) -> str:
-    """Return the unit of a channel: stated, in its name, by option, or by its kind."""
-    if stated or table.units[i]:
-        return stated or table.units[i]
+def _rate(interval: float) -> str:
+    """Return the sample rate of an interval in s, for a command."""
+    return f"{1 / interval:.6g}" if interval > 0 else "100"
+
+
+def _unit(column: _Column, channel: str, options: ReadingOptions) -> str:
+    """Return the unit of a channel: of its header, its name, an option, or its kind."""
+    if column.stated or column.suffix in ANGLES:
+        return column.unit
     if channel in POSITION_CHANNELS:
-        return suffixed_unit(names[i])[1] or options.unit or "m"
+        return column.suffix or options.unit or "m"
     for form, unit in _UNITS:
         if form.fullmatch(_plain(channel)):
             return unit
     return "1"
 
 
-def check_quaternions(quaternions: NDArray[np.float64]) -> None:
+def _check_quaternions(quaternions: NDArray[np.float64]) -> None:
     """Refuse quaternions (N, 4) that are not of unit length, to a tenth."""
     lengths = np.linalg.norm(quaternions, axis=1)
     worst = float(np.max(np.abs(lengths - 1), initial=0.0))

@@ -1,6 +1,7 @@
 """Kinds of recorded files, recognised by their first bytes, and their readers."""
 
 import gzip
+import shlex
 import tempfile
 import zipfile
 import zlib
@@ -62,7 +63,8 @@ def _reader_of_folder(path: Path) -> _Reader:
         return read_bag
     raise SkillFileError(
         f"{path} is a folder, but neither a ROS 2 bag (metadata.yaml) nor a LeRobot "
-        f"dataset (meta/info.json). Name its files: fmp-drake inspect {path}/*."
+        "dataset (meta/info.json). Name its files: fmp-drake inspect "
+        f"{shlex.quote(str(path))}/*"
     )
 
 
@@ -82,9 +84,10 @@ def _reader_of_file(path: Path, first: bytes) -> _Reader:
             "ROS 2 bag, .mcap, or a LeRobot dataset. Write one of these, for example by "
             "numpy.savez('recording.npz', time=time, position=position)."
         )
-    if reader := _ENDINGS.get(path.suffix.lower()):
-        return reader
-    if first.lstrip()[:1] in (b"{", b"[") and b'"' in first:
+    if path.suffix.lower() in _ENDINGS:
+        return _ENDINGS[path.suffix.lower()]
+    start = b"".join(first.split())[:2]
+    if start == b"[[" or (start[:1] in (b"{", b"[") and b'"' in first):
         return read_json
     return read_vicon if is_vicon(first) else read_text
 
@@ -123,10 +126,17 @@ def _unpacked(path: Path) -> tuple[str, bytes]:
         with gzip.open(path) as stream:
             return path.stem, stream.read(MOST_BYTES + 1)
     with zipfile.ZipFile(path) as archive:
-        names = [name for name in archive.namelist() if not name.endswith("/")]
+        names = [
+            name
+            for name in archive.namelist()
+            # A Mac adds a folder of hidden files.
+            if not name.endswith("/") and not Path(name).name.startswith(".")
+        ]
         if len(names) != 1:
+            listed = shlex.join(names)
             raise SkillFileError(
-                f"{path} holds {len(names)} files; unpack it and name them: unzip {path}."
+                f"{path} holds {len(names)} files; unpack it and name them: unzip "
+                f"{shlex.quote(str(path))} && fmp-drake inspect {listed}"
             )
         with archive.open(names[0]) as member:
             return Path(names[0]).name, member.read(MOST_BYTES + 1)

@@ -1,8 +1,10 @@
 """Options for reading files that lack a unit, a rate or the names of columns."""
 
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import check_number
@@ -57,16 +59,8 @@ class ReadingOptions:
             )
 
     @classmethod
-    def parse(
-        cls,
-        columns: str,
-        *,
-        unit: str = "",
-        rate: float | None = None,
-        topic: str = "",
-        quaternions: str = "xyzw",
-    ) -> "ReadingOptions":
-        """Return the options whose columns are written as `time=stamp,x=3`."""
+    def parse(cls, columns: str, **others: Any) -> "ReadingOptions":
+        """Return options whose columns are written as `time=stamp,x=3`."""
         pairs = [part.partition("=") for part in columns.split(",") if part.strip()]
         wrong = [name for name, _, source in pairs if not (name and source.strip())]
         if wrong:
@@ -75,8 +69,14 @@ class ReadingOptions:
                 "time=stamp,x=px,y=py,z=pz."
             )
         sources = {name.strip(): source.strip() for name, _, source in pairs}
-        return cls(
-            columns=sources, unit=unit, rate=rate, topic=topic, quaternions=quaternions
+        return cls(columns=sources, **others)
+
+    def quaternion_remark(self, name: str) -> str:
+        """Return in which order four numbers without names are read, and the other one."""
+        other = "wxyz" if self.quaternions == "xyzw" else "xyzw"
+        return (
+            f"the quaternion from {name} is read as {', '.join(self.quaternions)}; if it is "
+            f"{', '.join(other)}, add --quaternions {other}"
         )
 
     def source(self, channel: str) -> tuple[str, str]:
@@ -95,6 +95,12 @@ class ReadingOptions:
         raise SkillFileError(
             f"there is no column {source!r} for {channel}; {shown_columns(names)}."
         )
+
+
+def columns_option(sources: Mapping[str, str]) -> str:
+    """Return the option of the command line that reads channels from columns."""
+    pairs = ",".join(f"{channel}={source}" for channel, source in sources.items())
+    return f"--columns {shlex.quote(pairs)}"
 
 
 def shown_columns(names: tuple[str, ...]) -> str:

@@ -21,6 +21,7 @@ from fmp_drake.primitives.data.reading.table import (
     Table,
     check_size,
     readable,
+    topic_choice,
 )
 from fmp_drake.primitives.data.reading.text import (
     number_in,
@@ -35,7 +36,7 @@ _TIME = re.compile(r"(?:.*/)?(time|times|timestamps?|t)")
 _RATES = ("fps", "rate", "frequency", "control_freq", "sample_rate")
 
 
-def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
+def read_json(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the numbers of JSON lines, a list of objects, or an object of lists.
 
     Names of nested values are joined by dots: `pose.position.x`.
@@ -46,7 +47,7 @@ def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
         Where the file is not JSON of this form; a broken line is named.
     """
     try:
-        return [table_of(path, _json_columns(path, read_lines(path)))]
+        return [table_of(path, _json_columns(path, read_lines(path)), options)]
     except (ValueError, RecursionError) as reason:
         if isinstance(reason, SkillFileError):
             raise
@@ -70,7 +71,10 @@ def _json_columns(path: Path, lines: list[str]) -> dict[str, NDArray[Any]]:
                     f"{path}: line {number} is not JSON ({reason}); expected an object "
                     'in each line, such as {"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}.'
                 ) from None
-    if isinstance(content, list) and all(isinstance(item, dict) for item in content):
+    if isinstance(content, dict):
+        lists = [value for value in content.values() if _is_objects(value)]
+        content = lists[0] if len(lists) == 1 else content
+    if _is_objects(content):
         rows = [dict(_flat(item)) for item in content]
         columns = {}
         for name in dict.fromkeys(name for row in rows for name in row):
@@ -80,6 +84,8 @@ def _json_columns(path: Path, lines: list[str]) -> dict[str, NDArray[Any]]:
                 columns[name] = np.array([row.get(name, missing) for row in rows])
     elif isinstance(content, dict):
         columns = {name: np.asarray(value) for name, value in _flat(content)}
+    elif isinstance(content, list) and all(isinstance(row, list) for row in content):
+        columns = {"": np.asarray(content)}
     else:
         raise SkillFileError(
             f"{path} holds neither objects nor lists of numbers; write an object in each "
@@ -88,7 +94,13 @@ def _json_columns(path: Path, lines: list[str]) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def read_matlab(path: Path, _options: ReadingOptions) -> list[Table]:
+def _is_objects(content: Any) -> bool:
+    """Return whether a value from JSON is a list of objects."""
+    is_list = isinstance(content, list) and len(content) > 0
+    return is_list and all(isinstance(item, dict) for item in content)
+
+
+def read_matlab(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the arrays of one length in a MATLAB file, also those in structures."""
     from scipy.io import loadmat, whosmat  # Slow to import.
 
@@ -98,7 +110,9 @@ def read_matlab(path: Path, _options: ReadingOptions) -> list[Table]:
         content = loadmat(path, simplify_cells=True)
     variables = {k: v for k, v in content.items() if not k.startswith("__")}
     arrays = {k: np.asarray(v) for k, v in _flat(variables)}
-    return [table_of(path, align_arrays(arrays))]
+    if len(arrays) == 1:  # Of one matrix the columns have no names.
+        arrays = {"": next(iter(arrays.values()))}
+    return [table_of(path, align_arrays(arrays), options)]
 
 
 def read_excel(path: Path, _options: ReadingOptions) -> list[Table]:
@@ -153,16 +167,16 @@ def read_hdf5(path: Path, options: ReadingOptions) -> list[Table]:
             }
             rate = _rate(file) or _rate(data)
             return [
-                _group_table(path, group, options.topic, rate, name)
+                _group_table(path, group, options, rate, name)
                 for name, group in (episodes or {"": file}).items()
             ]
 
 
 def _group_table(
-    path: Path, group: Any, topic: str, rate: float | None, episode: str
+    path: Path, group: Any, options: ReadingOptions, rate: float | None, episode: str
 ) -> Table:
     """Return the table of one group, with a time from the rate where there is none."""
-    sets: dict[str, Any] = {}
+    sets, topic = dict[str, Any](), options.topic
 
     def visit(name: str, item: Any) -> None:  # Links into other files are not visited.
         if not hasattr(item, "dtype") or item.is_virtual or item.external:
@@ -174,8 +188,7 @@ def _group_table(
     names = [name for name in sets if topic and f"/{name}".endswith(f"/{topic}")]
     if topic and not names:
         raise SkillFileError(
-            f"{path} has no dataset {topic}; choose with --topic among "
-            f"{', '.join(sets) or '(none)'}."
+            f"{path} has no dataset {topic}; {topic_choice(list(sets))}"
         )
     names = (
         names
@@ -190,7 +203,7 @@ def _group_table(
     arrays: dict[str, NDArray[Any]] = {}
     for name in names:
         arrays[name.rsplit("/", 1)[-1]] = np.asarray(sets[name])
-    table = table_of(path, align_arrays(arrays), rate=None if times else rate)
+    table = table_of(path, align_arrays(arrays), options, rate=None if times else rate)
     remark = ", ".join(names) + (f" at {rate:g} Hz" if rate and not times else "")
     return Table(
         names=table.names,

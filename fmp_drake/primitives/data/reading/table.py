@@ -1,7 +1,8 @@
 """Tables of numbers, which all readers return, and the units of their columns."""
 
 import re
-from collections.abc import Iterator, Mapping
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +14,8 @@ from fmp_drake.errors import DemonstrationError, FmpError, SkillFileError
 
 # Greatest size of a recording, bytes of numbers or of text.
 MOST_BYTES = 2**28
+# Longest gap between samples that is bridged, s.
+LONGEST_GAP = 0.5
 # Factors to seconds, metres and radians.
 TIMES = {
     **dict.fromkeys(("s", "sec", "secs", "seconds"), 1.0),
@@ -21,7 +24,7 @@ TIMES = {
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), 1e-9),
 }
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
-_ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
+ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
 # Symbols of units that headers spell out.
 _SYMBOLS = {
     **dict.fromkeys(("meters", "metres"), "m"),
@@ -31,7 +34,7 @@ _SYMBOLS = {
     **dict.fromkeys(("radians", "radian"), "rad"),
     **dict.fromkeys(("degrees", "degree"), "deg"),
 }
-_SUFFIXES = "|".join(sorted({*TIMES, *LENGTHS, *_ANGLES}, key=len, reverse=True))
+_SUFFIXES = "|".join(sorted({*TIMES, *LENGTHS, *ANGLES}, key=len, reverse=True))
 # Least time since 1970 in each unit.
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (0.0, "s"))
 # Plausible sample intervals of a recorded movement, s.
@@ -113,6 +116,14 @@ def readable(
         raise SkillFileError(f"{path} is {message}.") from None
 
 
+def topic_choice(names: Sequence[str]) -> str:
+    """Return the names that `--topic` may have, and an example."""
+    if not names:
+        return "there is nothing to choose with --topic"
+    example = shlex.quote(names[0])
+    return f"choose with --topic among {', '.join(names)}: --topic {example}"
+
+
 def named_unit(header: str) -> tuple[str, str]:
     """Split a header into name and unit: `x [mm]`, `Time (s)`; "" without a unit."""
     match = re.fullmatch(r"(.*?)[\s_]*[\[(](.*?)[\])]\s*", header)
@@ -134,7 +145,7 @@ def suffixed_unit(name: str) -> tuple[str, str]:
 
 def standard_unit(unit: str) -> tuple[float, str]:
     """Return the factor from a unit to metres or radians, and the new unit."""
-    for factors, standard in ((LENGTHS, "m"), (_ANGLES, "rad")):
+    for factors, standard in ((LENGTHS, "m"), (ANGLES, "rad")):
         if unit in factors:
             return factors[unit], standard
     return 1.0, unit

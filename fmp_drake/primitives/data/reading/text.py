@@ -39,17 +39,18 @@ def read_text(path: Path, _options: ReadingOptions) -> list[Table]:
     SkillFileError
         Where the file is not such a table; the line is named.
     """
-    return [table_of_lines(path, read_lines(path))]
+    text = _decoded(path)
+    # A file that was not written to its end stops within a line.
+    return [table_of_lines(path, text.splitlines(), is_cut=text[-1:] not in "\r\n")]
 
 
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file, whatever its encoding."""
-    check_size(path, path.stat().st_size, MOST_BYTES / 2)
     return _decoded(path).splitlines()
 
 
-def table_of_lines(path: Path, lines: list[str]) -> Table:
-    """Return the table in the lines of a file; see `read_text`."""
+def table_of_lines(path: Path, lines: list[str], *, is_cut: bool = False) -> Table:
+    """Return the table in the lines of a file; the last may be cut. See `read_text`."""
     if not any(map(str.strip, lines)):
         raise SkillFileError(f"{path} is empty.")
     start, delimiter = _first_row(path, lines)
@@ -57,23 +58,26 @@ def table_of_lines(path: Path, lines: list[str]) -> Table:
     width = len(first)
     header, units = _header(path, lines[:start], delimiter, first)
     words = [i for i, cell in enumerate(first) if number_in(cell) is None]
-    numbers = array("d")
+    numbers, remarks = array("d"), []
     has_commas = False
     for number, line in enumerate(lines[start:], start + 1):
         if not line.strip() or _COMMENT.match(line):
             continue
         cells = split_cells(line, delimiter)
+        if len(cells) < width and is_cut and number == len(lines):
+            remarks.append(f"line {number}, the last, is cut: left out")
+            continue
         if len(cells) != width:
             raise SkillFileError(
                 f"{path}: line {number} has {len(cells)} cells; line {start + 1} has "
-                f"{width}."
+                f"{width}. Correct or delete that line."
             )
         for i, cell in enumerate(cells):
             value = np.nan if i in words else number_in(cell)
             if value is None:
                 raise SkillFileError(
                     f"{path}: line {number}: {cell!r} in the column "
-                    f"{header[i] or i + 1} is not a number."
+                    f"{header[i] or i + 1} is not a number. Correct or delete that line."
                 )
             numbers.append(value)
         has_commas = has_commas or (delimiter != "," and "," in line)
@@ -82,7 +86,6 @@ def table_of_lines(path: Path, lines: list[str]) -> Table:
         i for i in range(width) if not header[i] and np.all(np.isnan(values[:, i]))
     ]
     columns = [i for i in range(width) if i not in {*words, *empty}]
-    remarks = []
     if delimiter != "," or has_commas:
         remarks.append(
             f"{'decimal commas, ' if has_commas else ''}{_DELIMITERS[delimiter]} between "
@@ -101,6 +104,7 @@ def table_of_lines(path: Path, lines: list[str]) -> Table:
 
 def _decoded(path: Path) -> str:
     """Return the text of a file in UTF-8, UTF-16 or the encoding of old spreadsheets."""
+    check_size(path, path.stat().st_size, MOST_BYTES / 2)
     raw = path.read_bytes()
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encodings = ["utf-16"]

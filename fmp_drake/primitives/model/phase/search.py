@@ -121,7 +121,8 @@ def find_rhythm(
     """
     if isinstance(demonstrations, Demonstration):
         demonstrations = [demonstrations]
-    parts = cut_demonstrations(demonstrations, start, end, rate)
+    cut = cut_demonstrations(demonstrations, start, end, rate)
+    parts = [part for d in cut for part in d.split_at_gaps(rate) or [d]]
     values = [part.resample(rate).values for part in parts]
     scales = channel_scales("units", np.concatenate(values), parts[0].units)
     found = search_rhythm([y / scales for y in values], rate=rate, period=period)
