@@ -207,7 +207,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
 
     @property
     def tempos_(self) -> NDArray[np.float64]:
-        """PhaseVelocity of each demonstrated cycle, 1 is the mean, shape (C,)."""
+        """Tempo of each demonstrated cycle relative to the mean, shape (C,)."""
         model = self._with_phase()
         return model.period / model.history.lengths
 

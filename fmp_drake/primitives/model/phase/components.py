@@ -111,9 +111,9 @@ def grid_gaussians(
     grid: PhaseGrid,
     steps: NDArray[np.int64],
 ) -> Callable[[int], tuple[Array, Array]]:
-    """Return what gives mean (n, D) and covariance (n D, n D) at each phase of a grid.
+    """Return a function that gives mean (n, D) and covariance (n D, n D) at a grid phase.
 
-    They are those of samples. The parameters are those of `phase_components`; `steps` (n,)
+    Both are those of samples. The argument is the index of the phase. The parameters are those of `phase_components`; `steps` (n,)
     are the increasing times of the samples relative to the reference step.
     """
     cycle, velocity = track.cycle, track.velocity

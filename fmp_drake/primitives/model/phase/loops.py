@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 # Distance between the end of one recording and the beginning of the next, relative to the
 # size of the movement, up to which both are one place.
 _CLOSED = 0.3
-# Rest at an end, relative to the rest of the recording, that is not worth a word.
+# Rest at an end, relative to the rest of the recording, that is not reported.
 _SHORT = 0.1
 
 
@@ -131,6 +131,6 @@ def _order_of_small_gaps(loops: Sequence[Array]) -> list[int]:
 
 
 def _leaves(values: Array, step: float) -> int:
-    """Return the last sample of a path (n, D) before it goes a step from where it begins."""
+    """Return the last sample of a path (n, D) within one step of its first sample."""
     away = np.linalg.norm(values - values[0], axis=1) > step
     return int(np.argmax(away)) - 1 if away.any() else len(values)
