@@ -113,8 +113,9 @@ def grid_gaussians(
 ) -> Callable[[int], tuple[Array, Array]]:
     """Return a function that gives mean (n, D) and covariance (n D, n D) at a grid phase.
 
-    Both are those of samples. The argument is the index of the phase. The parameters are those of `phase_components`; `steps` (n,)
-    are the increasing times of the samples relative to the reference step.
+    Both are those of samples. The argument is the index of the phase. The parameters are
+    those of `phase_components`; `steps` (n,) are the increasing times of the samples
+    relative to the reference step.
     """
     cycle, velocity = track.cycle, track.velocity
     d, n_steps, reference_step = cycle.coefficients.shape[1], len(steps), -int(steps[0])
