@@ -20,6 +20,7 @@ from fmp_drake.primitives import (
     scale_tempo,
     transform_space,
 )
+from fmp_drake.primitives.model.phase.calibration import calibrate_replay
 from fmp_drake.primitives.model.phase.components import leading_eigenvectors
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.search import search_rhythm
@@ -709,3 +710,11 @@ def test_a_mixture_knows_no_phase_of_a_playback(small_skill):
     player = Player(small_skill)
     with pytest.raises(SkillError, match="a mixture, which knows no phase"):
         player.phase(player.start([0.1, 0.0]))
+
+
+def test_uncertainty_grows_farther_ahead_than_left_out_parts_reach():
+    steps = np.random.default_rng(2).standard_normal((50, 2))
+    path = np.cumsum(np.cumsum(steps, axis=0), axis=0)
+    calibration = calibrate_replay([path], 10, 20).at(20)
+    variances = np.trace(calibration.errors, axis1=1, axis2=2)
+    assert np.all(np.diff(variances[10:]) > 0)

@@ -18,7 +18,7 @@ _PLACE = 0.2
 # Width of the kernel over similar pasts relative to the variance of the recordings, greatest
 # number of pasts that count, and the samples in which an offset to the present, and one of the
 # velocity, decay.
-_WIDTH, _MOST_PASTS, _DECAY, _VELOCITY_DECAY = 0.01, 60, 20.0, 4.0
+_WIDTH, _MOST_PASTS, _DECAY, _VELOCITY_DECAY = 0.002, 60, 20.0, 4.0
 # Velocities that an extrapolation regards.
 _VELOCITIES = 5
 # Relative ridge of its regression, and its least variance in squared scaled units.

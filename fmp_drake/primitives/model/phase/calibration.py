@@ -40,12 +40,12 @@ _ERROR, _ERROR_PARTS = 0.4, 2.0
 _LACKING, _LACKING_PARTS = 4.5, 6.0
 # Cycles after which the model's covariances count as much as the errors do.
 _MODEL_CYCLES = 5.0
-# Fraction of the errors that the spread of similar futures takes; of the errors' covariance
-# that counts as independent between channels; and least relative variance of a channel.
-_LOCAL, _INDEPENDENT, _LEAST_RELATIVE = 0.4, 0.3, 0.003
+# Fraction of the errors that the spread of similar futures takes, and least relative variance
+# of a channel.
+_LOCAL, _LEAST_RELATIVE = 0.4, 0.003
 # The model's variances of few cycles are themselves uncertain: 1 + _UNSURE / cycles. All grow
 # with the horizon, from the middle one on, by a power that falls from _GROWTH with cycles.
-_UNSURE, _GROWTH, _GROWTH_CYCLES, _MIDDLE = 1.5, 0.5, 3.0, 7.0
+_UNSURE, _GROWTH, _GROWTH_CYCLES, _MIDDLE = 1.5, 0.5, 3.0, 10.0
 # Left-out parts of n cycles count at least as n^2 / _CYCLES_OF_MANY.
 _CYCLES_OF_MANY = 8.0
 # Degrees of freedom without, and for the square of the number of cycles.
@@ -314,10 +314,16 @@ def _calibration(
     pooled = (count * pooled.T + _ERROR_PARTS * _ERROR**2 * changes.T) / (
         count + _ERROR_PARTS
     )
-    pooled = pooled.T
+    pooled, total = pooled.T, np.trace(changes, axis1=1, axis2=2)
+    if count.any():
+        # Farther ahead than the parts reach, the errors grow as the changes do.
+        last = int(np.flatnonzero(count)[-1])
+        pooled[last:] = np.multiply.outer(total[last:] / total[last], pooled[last])
     variance = np.trace(pooled, axis1=1, axis2=2) / d
     even = variance[:, None, None] * np.eye(d)
-    pooled = pooled - _INDEPENDENT * pooled * (1 - np.eye(d)) + _LEAST_RELATIVE * even
+    # Few parts do not show how the errors of many channels depend on each other.
+    independent = d / (d + max(1.0, float(count.max())))
+    pooled = pooled - independent * pooled * (1 - np.eye(d)) + _LEAST_RELATIVE * even
     growth = (ahead / _MIDDLE) ** (_GROWTH * _GROWTH_CYCLES / (_GROWTH_CYCLES + cycles))
     lacking = np.log(variance_factor(cycles))
     logs = (scaled * logs + _LACKING_PARTS * lacking) / (scaled + _LACKING_PARTS)
@@ -326,7 +332,6 @@ def _calibration(
     of_errors = 1 / (1 + (cycles / _MODEL_CYCLES) ** 2) if weight > 0 else 1.0
     # A model of many cycles replays none of them.
     local = _LOCAL if weight < 1 else 0.0
-    total = np.trace(changes, axis1=1, axis2=2)
     return Calibration(
         ahead=ahead.astype(float),
         factors=growth * (1 - of_errors) * (1 + _UNSURE / cycles) * factors
