@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder, EventStatus
 from station_run import StationRun, check_limits
 
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.scenario_parts import BoardError, BoardMotion, SensorConfig
+from fmp_drake.station.scenario_parts import BoardMotion, PoseConfig, SensorConfig
 from fmp_drake.station.scene import AddBoardScene
 from fmp_drake.station.station import MakeWipingStation
 from fmp_drake.systems.impedance.status import StatusFlag
@@ -212,7 +212,7 @@ def poses(scene):
 def test_error_moves_the_real_board_and_not_the_assumed_one(amplitude):
     scenario = LoadScenario("tilted")
     assumed = scenario.board.pose()
-    scenario.board.error = BoardError(translation=[0.01, -0.02, 0.03], rpy=[0, 0, 0.1])
+    scenario.board.error = PoseConfig(translation=[0.01, -0.02, 0.03], rpy=[0, 0, 0.1])
     scenario.board.motion.amplitude = amplitude
     error = RigidTransform(RollPitchYaw(0, 0, 0.1), [0.01, -0.02, 0.03])
     begin = RigidTransform([0.0, -amplitude, 0.0])

@@ -292,7 +292,8 @@ def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second():
         message = status(
             wall_time,
             joint_position=(Q + 1e-3 * i * speed).tolist(),
-            joint_velocity=[speed] * 7,
+            # No encoder gives the same velocity again and again.
+            joint_velocity=[speed + 1e-9 * i] * 7,
         )
         gate = gate_step(
             AT_ONCE,

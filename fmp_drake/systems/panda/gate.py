@@ -224,7 +224,7 @@ class GateState(NamedTuple):
         return self.stamp - EXPIRED_AGE * is_last
 
     def vectors(self) -> tuple[Array, Array, Array, Array]:
-        """Return torque (7,), numbers (7,), track (37,) and fingerprints (128,)."""
+        """Return torque (7,), numbers (7,), track (44,) and fingerprints (128,)."""
         numbers = np.array(self[1:-2], dtype=float)
         return self.torque, numbers, self.track.vector(), self.sent
 

@@ -21,9 +21,9 @@ _STEP_MARGIN = 0.005
 _MISMATCH, _MISMATCH_TIME, _SCALE_ERROR = 0.005, 0.1, 0.05
 # What stays the same to the last bit for this time, s, and so many statuses is constant.
 _CONSTANT_TIME, _CONSTANT_STATUSES = 0.005, 3
-# A faster joint moves, rad/s, and so does one with a longer step, rad. A torque that
-# changes by more, Nm, moves an arm at rest.
-_MOVING, _STEP, _TORQUE_CHANGE = 0.02, 1e-6, 0.1
+# A faster joint moves, rad/s, and so does one that has moved farther, rad, than an
+# encoder's noise. A torque that changes by more, Nm, moves an arm at rest.
+_MOVING, _MOVED, _TORQUE_CHANGE = 0.02, 1e-4, 0.1
 # Parts of a status that may be constant.
 _POSITIONS, _VELOCITIES, _ROBOT_TIME = range(3)
 # After a longer silence, s, nothing can be compared.
@@ -52,6 +52,8 @@ class StatusTrack(NamedTuple):
         Decaying difference between the positions and the integrated velocities, rad.
     torque : array, shape (7,)
         Torque that was sent when the state was new, Nm.
+    origin : array, shape (7,)
+        Positions when the velocities were new, rad.
     """
 
     time: float
@@ -62,17 +64,18 @@ class StatusTrack(NamedTuple):
     state: Array
     mismatch: Array
     torque: Array
+    origin: Array
 
     @classmethod
     def from_vector(cls, values: ArrayLike) -> "StatusTrack":
         """Return the memory that `vector` describes."""
         vector = np.array(values, dtype=float)
-        sizes = [3, 3, 3, 2 * JOINTS, JOINTS]
+        sizes = [3, 3, 3, 2 * JOINTS, JOINTS, JOINTS]
         numbers, *arrays = np.split(vector, np.cumsum(sizes))
         return cls(*numbers.tolist(), *arrays)
 
     def vector(self) -> Array:
-        """Return all values, shape (37,)."""
+        """Return all values, shape (44,)."""
         return np.concatenate([self[:3], *self[3:]])
 
     @property
@@ -87,7 +90,7 @@ def initial_track() -> StatusTrack:
     """Return the memory before the first status."""
     nothing, state = np.zeros(JOINTS), np.zeros(2 * JOINTS)
     return StatusTrack(
-        -np.inf, 0.0, 0.0, np.zeros(3), np.zeros(3), state, nothing, nothing
+        -np.inf, 0.0, 0.0, np.zeros(3), np.zeros(3), state, nothing, nothing, nothing
     )
 
 
@@ -140,6 +143,7 @@ def track_status(track: StatusTrack, reading: ArmReading, torque: Array) -> Stat
         reading.state,
         mismatch,
         start_torque,
+        reading.state[:JOINTS] if is_new[_VELOCITIES] else track.origin,
     )
 
 
@@ -180,9 +184,10 @@ def implausible(
         faults |= GateFault.INCONSISTENT
     is_constant = after.is_constant
     is_moving = _is_moving(reading)
+    has_moved = np.any(np.abs(q - after.origin) > _MOVED)
     if (
         (is_constant[_POSITIONS] and is_moving)
-        or (is_constant[_VELOCITIES] and np.any(np.abs(step) > _STEP))
+        or (is_constant[_VELOCITIES] and has_moved)
         or (is_constant[:_ROBOT_TIME].all() and after.is_pushed)
         or (is_constant[_ROBOT_TIME] and after.robot_time > 0)
     ):
