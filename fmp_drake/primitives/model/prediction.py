@@ -202,9 +202,6 @@ class Extrapolation:
     def __init__(self, recordings: Sequence[Array], seen: int, horizon: int) -> None:
         self._order = p = min(_VELOCITIES, seen - 1)
         d = recordings[0].shape[1]
-        self._coefficients = np.empty((0, p, d))
-        self._covariances = np.empty((0, d, d))
-        self._leverages = np.empty((0, d, p, p))
         view = np.lib.stride_tricks.sliding_window_view
         coefficients, covariances, leverages = [], [], []
         for ahead in range(1, horizon + 1):
@@ -232,10 +229,9 @@ class Extrapolation:
             independent = d * ahead / (count + d * ahead)
             covariance -= independent * covariance * (1 - np.eye(d))
             covariances.append(covariance + _LEAST_VARIANCE * np.eye(d))
-        if coefficients:
-            self._coefficients = np.stack(coefficients)
-            self._covariances = np.stack(covariances)
-            self._leverages = np.stack(leverages)
+        self._coefficients = np.reshape(coefficients, (-1, p, d))
+        self._covariances = np.reshape(covariances, (-1, d, d))
+        self._leverages = np.reshape(leverages, (-1, d, p, p))
 
     def blended(
         self, past: Array, values: Array, covariances: Array

@@ -170,16 +170,12 @@ class _Errors(NamedTuple):
 
         Also return the number of parts (A,) with values that are not NaN.
         """
-        first = values.reshape(*values.shape[:2], -1)[..., 0]
+        known = np.isfinite(values.reshape(*values.shape[:2], -1)[..., 0])
         means, counts = np.zeros(values.shape[1:]), np.zeros(values.shape[1])
         for part in np.unique(self.part):
             of = self.part == part
-            known = np.isfinite(first[of])
-            total = np.where(
-                known.reshape(*known.shape, *(1,) * (values.ndim - 2)), values[of], 0.0
-            ).sum(axis=0)
-            number = known.sum(axis=0)
-            means += (total.T / np.maximum(number, 1)).T
+            number = known[of].sum(axis=0)
+            means += (np.nansum(values[of], axis=0).T / np.maximum(number, 1)).T
             counts += number > 0
         return (means.T / np.maximum(counts, 1)).T, counts
 
@@ -214,10 +210,8 @@ def calibrate(
             near = ahead <= _BLENDED
             change = (errors.model - errors.replay)[:, near]
             left = np.sum((errors.truth - errors.replay)[:, near] * change, axis=2)
-            ratio = np.nansum(left) / max(
-                float(np.nansum(np.where(np.isfinite(left), np.sum(change**2, 2), 0))),
-                1e-300,
-            )
+            squares = np.sum(change**2, axis=2)[np.isfinite(left)]
+            ratio = np.nansum(left) / max(float(squares.sum()), 1e-300)
             weight = errors.parts * float(np.clip(ratio, 0, _MOST_WEIGHT))
             weight += _WEIGHT_PARTS * _WEIGHT
             weight = min(1.0, weight / (errors.parts + _WEIGHT_PARTS))

@@ -117,17 +117,14 @@ def _order_of_small_gaps(loops: Sequence[Array]) -> list[int]:
     """
     begins, ends = (np.stack([y[end] for y in loops]) for end in (0, -1))
     gaps = np.linalg.norm(ends[:, None] - begins, axis=2)
-    best, least = list(range(len(loops))), np.inf
+    orders = []
     for first in range(len(loops)):
-        order, total = [first], 0.0
+        order, left = [first], gaps.copy()
         while len(order) < len(loops):
-            left = [i for i in range(len(loops)) if i not in order]
-            following = min(left, key=lambda i: float(gaps[order[-1], i]))
-            total += float(gaps[order[-1], following])
-            order.append(following)
-        if total < least:
-            best, least = order, total
-    return best
+            left[:, order] = np.inf
+            order.append(int(np.argmin(left[order[-1]])))
+        orders.append(order)
+    return min(orders, key=lambda order: float(gaps[order[:-1], order[1:]].sum()))
 
 
 def _leaves(values: Array, step: float) -> int:

@@ -52,9 +52,7 @@ def autocorrelation(
     return np.where(norm > 1e-12 * norm[0], above, 0) / np.where(norm > 0, norm, 1.0)
 
 
-def fundamental_period(
-    recordings: Sequence[NDArray[np.float64]], *, shortest: float = _SHORTEST
-) -> float:
+def fundamental_period(recordings: Sequence[NDArray[np.float64]]) -> float:
     """Return the period, in samples, after which all channels repeat together.
 
     It is the first of the highest peaks of the autocorrelation, refined by a parabola and
@@ -64,24 +62,20 @@ def fundamental_period(
     Parameters
     ----------
     recordings : sequence of ndarray, shape (n, D)
-    shortest : float
-        Shortest period to consider, samples.
 
     Raises
     ------
     DemonstrationError
         If nothing repeats. A period must fit 1.7 times into the longest recording.
     """
-    return _fundamental(_correlated(recordings, shortest), shortest)
+    return _fundamental(_correlated(recordings))
 
 
-def possible_periods(
-    recordings: Sequence[NDArray[np.float64]], *, shortest: float = 8.0
-) -> list[float]:
+def possible_periods(recordings: Sequence[NDArray[np.float64]]) -> list[float]:
     """Return the fundamental period and other candidates, in samples.
 
-    The others increase: fractions and multiples of the first, from `shortest`, and the
-    first peaks of the autocorrelation. Where the tempo varies a lot, a later and higher
+    The others increase: fractions and multiples of the first, and the first peaks of the
+    autocorrelation. Where the tempo varies a lot, a later and higher
     peak may be the period of the tempo.
 
     Raises
@@ -89,38 +83,36 @@ def possible_periods(
     DemonstrationError
         As for `fundamental_period`.
     """
-    r = _correlated(recordings, _SHORTEST)
-    period, longest = _fundamental(r, _SHORTEST), len(r) - 2
+    r = _correlated(recordings)
+    period, longest = _fundamental(r), len(r) - 2
     inner = np.arange(1, longest + 1)
     peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (r[1:-1] > 0)]
     first = [parabola_top(r, int(top)) for top in peaks[:_FIRST_PEAKS]]
     found = [period]
     for other in sorted([*first, period / 3, period / 2, 2 * period, 3 * period]):
         different = all(abs(other - p) > 0.05 * p for p in found)
-        if different and shortest <= other <= longest:
+        if different and _SHORTEST_LAG <= other <= longest:
             found.append(other)
     return found
 
 
-def _correlated(
-    recordings: Sequence[NDArray[np.float64]], shortest: float
-) -> NDArray[np.float64]:
+def _correlated(recordings: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Return the autocorrelation up to a lag after the longest period, (longest + 2,)."""
     longest_recording = max((len(y) for y in recordings), default=0)
     longest = int(0.6 * longest_recording)
-    if longest < shortest + 2:
+    if longest < _SHORTEST + 2:
         raise DemonstrationError(
             f"the longest recording has {longest_recording} samples; at least "
-            f"{int(np.ceil((shortest + 2) / 0.6))} are needed to find a period."
+            f"{int(np.ceil((_SHORTEST + 2) / 0.6))} are needed to find a period."
         )
     return autocorrelation(recordings, longest=longest + 1)
 
 
-def _fundamental(r: NDArray[np.float64], shortest: float) -> float:
+def _fundamental(r: NDArray[np.float64]) -> float:
     """Return the period of an autocorrelation; see `fundamental_period`."""
     longest = len(r) - 2
     inner = np.arange(1, longest + 1)
-    peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (inner >= shortest)]
+    peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (inner >= _SHORTEST)]
     # A peak before the first zero crossing is not a period.
     crossed = np.flatnonzero(r <= 0.0)
     dip = int(crossed[0]) if len(crossed) else int(np.argmin(r[: longest + 1]))
@@ -128,7 +120,7 @@ def _fundamental(r: NDArray[np.float64], shortest: float) -> float:
     if not len(peaks) or r[peaks].max() < _LEAST_CORRELATION:
         best = float(r[peaks].max()) if len(peaks) else 0.0
         raise DemonstrationError(
-            f"no period from {shortest:g} to {longest} samples was found (the best "
+            f"no period from {_SHORTEST:g} to {longest} samples was found (the best "
             f"correlates with {best:.2f}); record at least two full cycles."
         )
     first = int(peaks[np.argmax(r[peaks] >= _ALMOST * r[peaks].max())])
