@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.impedance.algebra import Pose, rotation_vector
+from fmp_drake.systems.impedance.algebra import Pose, eigen, rotation_vector
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
 from fmp_drake.systems.impedance.joints import (
@@ -218,6 +218,34 @@ def test_double_diagonalization_reproduces_inertia_and_stiffness(seed):
     np.testing.assert_allclose(B @ B.T @ inverse_inertia, np.eye(6), atol=1e-6)
     np.testing.assert_allclose(B * omega**2 @ B.T, K, atol=1e-6 * np.abs(K).max())
     assert not bounded
+
+
+@pytest.mark.parametrize("function", [eigen, eigen.py_func])
+@given(seeds, st.integers(min_value=1, max_value=7), st.integers(0, 12))
+def test_eigenvectors_diagonalize_a_symmetric_matrix(function, seed, size, decades):
+    rng = np.random.default_rng(seed)
+    Q, _ = np.linalg.qr(rng.normal(size=(size, size)))
+    # Also with equal eigenvalues, negative ones and zero.
+    exact = np.sort(
+        np.round(rng.normal(size=size), 1) * 10.0 ** rng.integers(decades + 1)
+    )
+    A = (Q * exact) @ Q.T
+    A = 0.5 * (A + A.T)
+    before = A.copy()
+    values, vectors = function(A)
+    np.testing.assert_array_equal(A, before)
+    largest = np.abs(exact).max() + 1e-300
+    np.testing.assert_allclose(values / largest, exact / largest, atol=1e-14)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(size), atol=1e-14)
+    np.testing.assert_allclose(
+        A @ vectors / largest, vectors * values / largest, atol=1e-14
+    )
+
+
+def test_eigenvectors_of_a_diagonal_matrix_are_its_axes_in_order():
+    values, vectors = eigen(np.diag([3.0, 0.0, 2.0]))
+    np.testing.assert_array_equal(values, [0.0, 2.0, 3.0])
+    np.testing.assert_array_equal(vectors, np.eye(3)[:, [1, 2, 0]])
 
 
 @given(seeds, st.floats(min_value=0.1, max_value=0.95))

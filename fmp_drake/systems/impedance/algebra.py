@@ -13,6 +13,11 @@ from fmp_drake.compiled import compiled
 
 Array = NDArray[np.float64]
 
+# Sweeps of Jacobi's method; it converges quadratically, after five or six.
+_MAX_SWEEPS = 30
+# Ratio to the diagonal below which an element counts as zero.
+_ROUNDING = 1e-16
+
 
 class Pose(NamedTuple):
     """Pose of a frame: rotation matrix, shape (3, 3), and position, shape (3,), m."""
@@ -22,16 +27,50 @@ class Pose(NamedTuple):
 
 
 @compiled
+def dot(x: Array, y: Array) -> float:
+    """Return the scalar product of two vectors."""
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i] * y[i]
+    return total
+
+
+@compiled
+def norm(x: Array) -> float:
+    """Return the length of a vector."""
+    return math.sqrt(dot(x, x))
+
+
+@compiled
+def applied(A: Array, x: Array) -> Array:
+    """Return ``A x`` for a matrix, shape (n, m), and a vector, shape (m,)."""
+    y = np.empty(A.shape[0])
+    for i in range(A.shape[0]):
+        y[i] = dot(A[i], x)
+    return y
+
+
+@compiled
+def product(A: Array, B: Array) -> Array:
+    """Return ``A B`` for matrices, shapes (n, k) and (k, m)."""
+    C = np.empty((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            C[i, j] = dot(A[i], B[:, j])
+    return C
+
+
+@compiled
 def compose(X_AB: Pose, X_BC: Pose) -> Pose:
     """Return X_AC."""
-    return Pose(X_AB.R @ X_BC.R, X_AB.R @ X_BC.p + X_AB.p)
+    return Pose(product(X_AB.R, X_BC.R), applied(X_AB.R, X_BC.p) + X_AB.p)
 
 
 @compiled
 def relative(X_AB: Pose, X_AC: Pose) -> Pose:
     """Return X_BC."""
     R_BA = X_AB.R.T
-    return Pose(R_BA @ X_AC.R, R_BA @ (X_AC.p - X_AB.p))
+    return Pose(product(R_BA, X_AC.R), applied(R_BA, X_AC.p - X_AB.p))
 
 
 @compiled
@@ -91,7 +130,7 @@ def rotation_from_quaternion(wxyz: Array) -> Array:
 @compiled
 def rotation_from_vector(phi: Array) -> Array:
     """Return the rotation matrix, shape (3, 3), of a rotation vector in rad."""
-    half = 0.5 * math.sqrt(phi @ phi)
+    half = 0.5 * norm(phi)
     s = 0.5 * math.sin(half) / half if half > 1e-8 else 0.5
     return rotation_from_quaternion(
         np.array((math.cos(half), s * phi[0], s * phi[1], s * phi[2]))
@@ -142,7 +181,8 @@ def rotation_angle(R: Array, S: Array) -> float:
     """Return the angle between two orientations in rad."""
     trace = 0.0
     for i in range(3):
-        trace += R[i] @ S[i]
+        for j in range(3):
+            trace += R[i, j] * S[i, j]
     cosine = 0.5 * (trace - 1)
     return math.acos(min(max(cosine, -1.0), 1.0))
 
@@ -160,7 +200,7 @@ def inverse_left_jacobian(phi: Array, x: Array) -> Array:
         φ of length θ, rad.
     x : array, shape (3,)
     """
-    squared = phi @ phi
+    squared = dot(phi, phi)
     if squared > 1e-4:
         theta = math.sqrt(squared)
         c = 1 / squared - 0.5 / (theta * math.tan(0.5 * theta))
@@ -213,3 +253,66 @@ def solve_lower(L: Array, B: Array) -> Array:
         for j in range(X.shape[1]):
             X[i, j] /= L[i, i]
     return X
+
+
+@compiled
+def eigen(A: Array) -> tuple[Array, Array]:
+    """Compute the eigenvalues, ascending, and eigenvectors of a symmetric matrix.
+
+    Parameters
+    ----------
+    A : array, shape (n, n)
+        Symmetric and finite.
+
+    Returns
+    -------
+    values : array, shape (n,)
+    vectors : array, shape (n, n)
+        In columns.
+
+    Notes
+    -----
+    Jacobi's method with cyclic sweeps [1]_: for 6 rows it is as fast as LAPACK, and
+    the result does not depend on the processor.
+
+    References
+    ----------
+    .. [1] G. H. Golub, C. F. Van Loan, "Matrix Computations", 4th edition, 2013,
+       section 8.5.
+    """
+    n, D, V = len(A), A.copy(), np.eye(len(A))
+    for _ in range(_MAX_SWEEPS):
+        is_diagonal = True
+        for p in range(n):
+            for q in range(p + 1, n):
+                if abs(D[p, q]) > _ROUNDING * math.sqrt(abs(D[p, p] * D[q, q])):
+                    is_diagonal = False
+                    _rotate(D, V, p, q)
+        if is_diagonal:
+            break
+    values, vectors = np.empty(n), np.empty((n, n))
+    for i in range(n):
+        rank = 0
+        for j in range(n):
+            rank += D[j, j] < D[i, i] or (D[j, j] == D[i, i] and j < i)
+        values[rank] = D[i, i]
+        for k in range(n):
+            vectors[k, rank] = V[k, i]
+    return values, vectors
+
+
+@compiled
+def _rotate(D: Array, V: Array, p: int, q: int) -> None:
+    """Make the elements p, q of a symmetric D zero by a rotation, and rotate V."""
+    tau = 0.5 * (D[q, q] - D[p, p]) / D[p, q]
+    tangent = math.copysign(1.0, tau) / (abs(tau) + math.hypot(1.0, tau))
+    c = 1 / math.hypot(1.0, tangent)
+    s = tangent * c
+    for k in range(len(D)):
+        x, y = D[k, p], D[k, q]
+        D[k, p], D[k, q] = c * x - s * y, s * x + c * y
+    for k in range(len(D)):
+        x, y = D[p, k], D[q, k]
+        D[p, k], D[q, k] = c * x - s * y, s * x + c * y
+        x, y = V[k, p], V[k, q]
+        V[k, p], V[k, q] = c * x - s * y, s * x + c * y

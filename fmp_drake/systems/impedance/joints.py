@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fmp_drake.compiled import compiled
 from fmp_drake.errors import SystemsError
 from fmp_drake.settings import bounded, check_settings
-from fmp_drake.systems.impedance.algebra import cholesky, solve_lower
+from fmp_drake.systems.impedance.algebra import applied, cholesky, solve_lower
 
 Array = NDArray[np.float64]
 
@@ -277,7 +277,7 @@ def speed_limited(
     """
     L, _ = cholesky(M)
     root = solve_lower(L, np.eye(len(v)))
-    acceleration = root.T @ (root @ (torque - Cv))
+    acceleration = applied(root.T, applied(root, torque - Cv))
     duration = period * (1 + 0.5 * np.max(np.abs(torque - Cv)) / max_change)
     overspeed = unavoidable = False
     for i in range(len(v)):
@@ -294,7 +294,7 @@ def speed_limited(
         if wall[i] != 0 and v[i] * (torque[i] - previous[i] - change[i]) < 0:
             change[i] = torque[i] - previous[i]
     if np.max(np.abs(change)) <= max_change:
-        change -= M @ v / _STOPPING_TIME
+        change -= applied(M, v) / _STOPPING_TIME
     return previous + towards(change, wall, max_change), True
 
 

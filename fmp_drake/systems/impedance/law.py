@@ -29,8 +29,13 @@ from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
 from fmp_drake.systems.impedance.algebra import (
+    applied,
     cholesky,
+    dot,
+    eigen,
     inverse_left_jacobian,
+    norm,
+    product,
     solve_lower,
     stacked,
 )
@@ -61,6 +66,18 @@ class ArmDynamics(NamedTuple):
     Cv: Array
     J: Array
     Jdot_v: Array
+
+
+@compiled
+def re_expressed(arm: ArmDynamics, rotation: Array) -> ArmDynamics:
+    """Express Jacobian and bias acceleration in another frame, by a matrix (6, 6)."""
+    return ArmDynamics(
+        arm.v,
+        arm.M,
+        arm.Cv,
+        product(rotation, arm.J),
+        applied(rotation, arm.Jdot_v),
+    )
 
 
 class LawTorque(NamedTuple):
@@ -107,19 +124,13 @@ class TaskModes(NamedTuple):
 
 
 @compiled
-def _eigen(A: Array) -> tuple[Array, Array]:
-    """Return the eigenvalues, ascending, and the eigenvectors of a symmetric matrix."""
-    return np.linalg.eigh(A)
-
-
-@compiled
 def mobility(M: Array, J: Array) -> Array:
     """Return ``Λ⁻¹ = J M⁻¹ Jᵀ``, shape (6, 6); NaN where M is not positive definite."""
     L, positive = cholesky(M)
     if not positive:
         return np.full((6, 6), np.nan)
     Y = solve_lower(L, J.T)
-    return Y.T @ Y
+    return product(Y.T, Y)
 
 
 @compiled
@@ -155,27 +166,27 @@ def task_modes(
     for i in range(3):
         scale[i, 0] = characteristic_length
     L, _ = cholesky(stiffness)
-    squared, V = _eigen(L.T @ mobility @ L)
+    squared, V = eigen(product(L.T, product(mobility, L)))
     if squared[0] > 0:
         omega = np.sqrt(squared)
-        B = L @ V / omega
+        B = product(L, V) / omega
         # The trace of the scaled Λ is more than its largest eigenvalue.
         if np.sum((B / scale) ** 2) < max_effective_mass:
             return TaskModes(B, omega, False)
-    values, U = _eigen(scale * mobility * scale.T)
+    values, U = eigen(scale * mobility * scale.T)
     root = np.sqrt(np.maximum(values, 1 / max_effective_mass))
     # Λ = Wᵀ W and Λ⁻¹ = H Hᵀ.
     W = (U / root).T * scale.T
     H = U * root / scale
-    squared, V = _eigen(H.T @ stiffness @ H)
+    squared, V = eigen(product(H.T, product(stiffness, H)))
     omega = np.sqrt(np.maximum(squared, 0.0))
-    return TaskModes(W.T @ V, omega, values[0] * max_effective_mass < 1)
+    return TaskModes(product(W.T, V), omega, values[0] * max_effective_mass < 1)
 
 
 @compiled
 def shortened(x: Array, limit: float) -> Array:
     """Return a vector of the same direction whose length is clipped to a limit."""
-    return x * (limit / max(math.sqrt(x @ x), limit))
+    return x * (limit / max(norm(x), limit))
 
 
 @compiled
@@ -204,12 +215,12 @@ def spring_wrench(
         Whether the error was clipped.
     """
     rotation, translation = error[:3], error[3:]
-    clipped = (
-        math.sqrt(rotation @ rotation) > max_rotation
-        or math.sqrt(translation @ translation) > max_translation
-    )
-    wrench = stiffness @ stacked(
-        shortened(rotation, max_rotation), shortened(translation, max_translation)
+    clipped = norm(rotation) > max_rotation or norm(translation) > max_translation
+    wrench = applied(
+        stiffness,
+        stacked(
+            shortened(rotation, max_rotation), shortened(translation, max_translation)
+        ),
     )
     torque = inverse_left_jacobian(rotation, wrench[:3])
     return stacked(torque, wrench[3:]), clipped
@@ -269,15 +280,15 @@ def impedance_law(
     )
     posture -= 2 * config.posture_damping_ratio * config.posture_frequency * arm.v
     # Jᵀ (Λ x + D y) = (Bᵀ J)ᵀ (Bᵀ x + d Bᵀ y); Nᵀ M a = M a − Jᵀ Λ J a.
-    BJ = B.T @ arm.J
-    y = B.T @ desired_twist - BJ @ arm.v
+    BJ = product(B.T, arm.J)
+    y = applied(B.T, desired_twist) - applied(BJ, arm.v)
     damping = 2 * config.damping_ratio * omega * y
-    x = B.T @ (desired_acceleration - arm.Jdot_v) - BJ @ posture
+    x = applied(B.T, desired_acceleration - arm.Jdot_v) - applied(BJ, posture)
     spring, clipped = spring_wrench(
         stiffness, error, config.max_rotation_error, config.max_translation_error
     )
     wrench = spring + feedforward_wrench
-    torque = BJ.T @ (x + damping) + arm.J.T @ wrench
-    torque += arm.M @ posture + arm.Cv
-    normal_force = -float(wrench[5] + B[5] @ damping)
-    return LawTorque(torque, float(y @ damping), normal_force, clipped, bounded)
+    torque = applied(BJ.T, x + damping) + applied(arm.J.T, wrench)
+    torque += applied(arm.M, posture) + arm.Cv
+    normal_force = -float(wrench[5] + dot(B[5], damping))
+    return LawTorque(torque, dot(y, damping), normal_force, clipped, bounded)

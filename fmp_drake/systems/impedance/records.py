@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fmp_drake.compiled import compiled, inlined
 from fmp_drake.systems.impedance.algebra import (
     Pose,
+    applied,
     rotation_from_quaternion,
     stacked,
     twist_rotation,
@@ -316,8 +317,8 @@ def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInput
         ),
         ports["feedforward_wrench"][:],
         X_WT,
-        rotation @ ports["task_frame_velocity"][:],
-        rotation @ frame_acceleration,
+        applied(rotation, ports["task_frame_velocity"][:]),
+        applied(rotation, frame_acceleration),
         age if ports["has_target_time"] else math.nan,
         ports["stiffness"][:].reshape(6, 6),
         ports["covariance"][:].reshape(3, 3),

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from fmp_drake.compiled import compiled, inlined
 from fmp_drake.systems.impedance.algebra import (
     Pose,
+    applied,
     compose,
     cross,
+    dot,
     relative,
     twist_rotation,
 )
@@ -29,7 +31,7 @@ from fmp_drake.systems.impedance.joints import (
     limited_torque,
     rate_scale,
 )
-from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
+from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law, re_expressed
 from fmp_drake.systems.impedance.records import (
     LAYOUT,
     MEMORY,
@@ -207,7 +209,7 @@ def _next_torque(
     period, X_WT = config.control_period, inputs.X_WT
     X_TE = relative(X_WT, X_WE)
     rotation = twist_rotation(X_WT.R.T)
-    arm_T = ArmDynamics(arm.v, arm.M, arm.Cv, rotation @ arm.J, rotation @ arm.Jdot_v)
+    arm_T = re_expressed(arm, rotation)
 
     target_W = compose(X_WT, inputs.target.X)
     flags, last = _checked_target(config, memory, inputs, X_WE, target_W, rotation)
@@ -320,7 +322,11 @@ def _checked_target(
             config.watchdog,
             memory.target,
             X_WE,
-            TaskTarget(target_W, rotation.T @ moving.V, rotation.T @ moving.A),
+            TaskTarget(
+                target_W,
+                applied(rotation.T, moving.V),
+                applied(rotation.T, moving.A),
+            ),
             inputs.age,
             config.control_period,
         )
@@ -412,7 +418,7 @@ def _task_wrench(
     )
     # The tool's speed relative to T, along z.
     w, p = inputs.frame_twist, X_TE.p
-    rising = arm_T.J[5] @ arm_T.v - w[5] - (w[0] * p[1] - w[1] * p[0])
+    rising = dot(arm_T.J[5], arm_T.v) - w[5] - (w[0] * p[1] - w[1] * p[0])
     factor = approach_factor(config, memory.force.surface, height, -rising)
     factor *= engagement(-height - config.search_range, settings.engage_height)
     wrench[5] += pressing * (1 - factor) + lifting
@@ -515,7 +521,7 @@ def measured_motion(
     R_WT, frame = inputs.X_WT.R, inputs.frame_twist
     X_TE = relative(inputs.X_WT, Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3]))
     motion = np.empty(12)
-    velocity = R_WT.T @ V_WE[3:] - frame[3:] - cross(frame[:3], X_TE.p)
+    velocity = applied(R_WT.T, V_WE[3:]) - frame[3:] - cross(frame[:3], X_TE.p)
     error = task_error(X_TE, inputs.target.X)
     for i in range(3):
         motion[i], motion[3 + i] = X_TE.p[i], velocity[i]

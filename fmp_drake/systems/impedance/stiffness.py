@@ -8,7 +8,12 @@ from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
 from fmp_drake.settings import bounded
-from fmp_drake.systems.impedance.algebra import cholesky, solve_lower
+from fmp_drake.systems.impedance.algebra import (
+    applied,
+    cholesky,
+    dot,
+    solve_lower,
+)
 
 Array = NDArray[np.float64]
 
@@ -132,7 +137,7 @@ def stiffness_from_covariance(
     for i in range(3):
         for j in range(3):
             if chosen[i] and chosen[j]:
-                K[3 + i, 3 + j] = span * (inverse[:, i].copy() @ inverse[:, j].copy())
+                K[3 + i, 3 + j] = span * dot(inverse[:, i], inverse[:, j])
         if chosen[i]:
             K[3 + i, 3 + i] += config.min_stiffness
     return K
@@ -195,7 +200,7 @@ def admit_stiffness(
        control with variable stiffness", ICRA 2013.
     """
     change = wanted - stiffness
-    cost = 0.5 * float(error @ (change @ error))
+    cost = 0.5 * dot(error, applied(change, error))
     if cost <= energy:
         return wanted, energy - max(cost, 0.0), False
     return stiffness + (energy / cost) * change, 0.0, True

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
 from fmp_drake.settings import bounded
-from fmp_drake.systems.impedance.algebra import Pose, rotation_angle
+from fmp_drake.systems.impedance.algebra import Pose, norm, rotation_angle
 from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.stiffness import filter_fraction
 from fmp_drake.systems.impedance.target import TaskTarget
@@ -173,18 +173,18 @@ def target_faults(
         For the next update.
     """
     V, A = target.V, target.A
-    speed = math.sqrt(V[3:] @ V[3:])
+    speed = norm(V[3:])
     flags, frozen_time, drift = 0, 0.0, np.zeros(3)
     if (
         speed > config.max_speed
-        or math.sqrt(V[:3] @ V[:3]) > config.max_angular_speed
-        or math.sqrt(A[3:] @ A[3:]) > config.max_acceleration
-        or math.sqrt(A[:3] @ A[:3]) > config.max_angular_acceleration
+        or norm(V[:3]) > config.max_angular_speed
+        or norm(A[3:]) > config.max_acceleration
+        or norm(A[:3]) > config.max_angular_acceleration
     ):
         flags |= _IMPLAUSIBLE
     if last.known:
         shift = target.X.p - last.X.p
-        moved = math.sqrt(shift @ shift)
+        moved = norm(shift)
         if (
             moved > config.max_jump + speed * period
             or rotation_angle(target.X.R, last.X.R) > config.max_rotation
@@ -193,7 +193,7 @@ def target_faults(
         else:
             drift += max(1 - period / config.max_age, 0.0) * last.drift
             drift += shift - period * V[3:]
-        if math.sqrt(drift @ drift) > config.max_jump:
+        if norm(drift) > config.max_jump:
             flags |= _IMPLAUSIBLE
         if math.isnan(age):
             if speed > _STILL:
@@ -203,7 +203,7 @@ def target_faults(
             age = frozen_time
     else:
         shift = target.X.p - measured.p
-        if math.sqrt(shift @ shift) > config.max_start_distance:
+        if norm(shift) > config.max_start_distance:
             flags |= _JUMP
     if age > config.max_age:
         flags |= _STALE
@@ -339,7 +339,7 @@ def supervised(
         Time between updates, s.
     """
     shift = target.p - held.p
-    distance, angle = math.sqrt(shift @ shift), rotation_angle(target.R, held.R)
+    distance, angle = norm(shift), rotation_angle(target.R, held.R)
     watched = watch(config, state, fault, distance, angle, period)
     stopped_now = watched.mode == STOPPED and state.mode != STOPPED
     return watched, measured if stopped_now else held

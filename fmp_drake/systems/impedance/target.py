@@ -10,6 +10,9 @@ from fmp_drake.compiled import compiled
 from fmp_drake.systems.impedance.algebra import (
     Pose,
     cross,
+    dot,
+    norm,
+    product,
     rotation_from_vector,
     rotation_vector,
     stacked,
@@ -48,7 +51,9 @@ def task_error(measured: Pose, desired: Pose) -> Array:
     array, shape (6,)
         ``(log(R_TE_desired R_TEᵀ), p_TE_desired − p_TE)``: rad and m, in T.
     """
-    return stacked(rotation_vector(desired.R @ measured.R.T), desired.p - measured.p)
+    return stacked(
+        rotation_vector(product(desired.R, measured.R.T)), desired.p - measured.p
+    )
 
 
 @compiled
@@ -71,13 +76,13 @@ def unwrapped(error: Array, previous: Array) -> Array:
     array, shape (6,)
     """
     phi = error[:3]
-    angle = math.sqrt(phi @ phi)
+    angle = norm(phi)
     # Below 90 degrees the shortest rotation is the nearer one; NaN returns here, too.
-    if not angle > 0.5 * math.pi or phi @ previous >= 0:
+    if not angle > 0.5 * math.pi or dot(phi, previous) >= 0:
         return error
     other = (1 - 2 * math.pi / angle) * phi
     this_way, other_way = phi - previous, other - previous
-    if other_way @ other_way < this_way @ this_way:
+    if norm(other_way) < norm(this_way):
         return stacked(other, error[3:])
     return error
 
@@ -95,7 +100,7 @@ def blended(target: TaskTarget, X_TE: Pose, fraction: float, rate: float) -> Tas
         Blend of pose and target, and its derivative in 1/s.
     """
     error = task_error(X_TE, target.X)
-    R = rotation_from_vector(fraction * error[:3]) @ X_TE.R
+    R = product(rotation_from_vector(fraction * error[:3]), X_TE.R)
     X = Pose(R, X_TE.p + fraction * error[3:])
     return TaskTarget(X, fraction * target.V + rate * error, fraction * target.A)
 
