@@ -264,10 +264,13 @@ class MouseHand(LeafSystem):
         values.set_value(self._state, new)
 
     def _calc_forces(self, context: Any, output: Any) -> None:
-        s, config, board = self._read_state(context), self._config, self._board
-        if not s["started"] or not (s["guiding"] or config.holds):
+        config, board = self._config, self._board
+        # This comes at every step of the plant, so it is fast where nothing is to do.
+        values: Any = context.get_discrete_state(self._state).value()
+        if not values[0] or not (values[1] or config.holds):
             output.set_value([])
             return
+        s = values.view(STATE)[0]
         body, point = self._led(s)
         here, velocity = self._point(context, body, point)
         normal, height = None, 0.0

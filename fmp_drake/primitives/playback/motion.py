@@ -1,6 +1,7 @@
 """Desired motion of a playback, in closed form up to its next re-mapping."""
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -309,7 +310,11 @@ def look_ahead_at_once(
 
 
 def look_ahead(
-    skill: FourierMovementPrimitive, relaxation: Relaxation, state: PlaybackState
+    skill: FourierMovementPrimitive,
+    relaxation: Relaxation,
+    state: PlaybackState,
+    *,
+    responses: bool = True,
 ) -> LookAhead:
     """Return the values at the coming ticks, at a state's tempo (1 where that is 0).
 
@@ -323,11 +328,17 @@ def look_ahead(
         That of the tracked component.
     state : PlaybackState
         Before the last sample of its window.
+    responses : bool
+        Whether the response is computed; else r is 0.
     """
     d, n = skill.n_channels_, skill.n_steps
     directions = skill.components_[state.component].basis
+    if not responses:
+        directions = directions[:, :0]
     deviations = np.column_stack([state.weights - state.target, directions])
     whole = np.column_stack([state.target, directions]).reshape(d, n, -1)
+    if not deviations.any():  # Weights on target have nothing to decay.
+        relaxation = replace(relaxation, modes=np.empty((d * n, 0)), rates=np.empty(0))
     inside, residual = relaxation.split(deviations.T)
     modes = np.eye(d * n) if relaxation.modes is None else relaxation.modes
 

@@ -443,18 +443,7 @@ class Player:
         values : ndarray, shape (N, D)
             Values at the ticks up to the end of the present window.
         """
-        skill, relaxation = self.skill, self.relaxations[state.component]
-        seconds = len(values) * self.tick_seconds
-        wait = (seconds - state.time_since_tick) / (state.tempo or 1.0)
-        end = replace(
-            state,
-            weights=relaxation.after(state.weights, state.target, seconds),
-            step=state.step + len(values),
-            history=np.concatenate([state.history, values])[-skill.overlap :],
-            offset=decayed_offset(state.offset, state.blend_time, wait)[:2],
-            time_since_tick=0.0,
-            sample=False,
-        )
+        skill, end = self.skill, replace(self._later(state, values), sample=False)
         after = self.remap(end)
         ahead = look_ahead(skill, self.relaxations[after.component], after)
         return ahead.steady[: self.ticks_between_remaps]
@@ -542,28 +531,51 @@ class Player:
         covariances : ndarray, shape (ticks + 1, D, D)
             Their covariances (18).
         """
-        d = self.skill.n_channels_
-        values, covariances = np.empty((ticks + 1, d)), np.empty((ticks + 1, d, d))
-        values[0], covariances[0] = self.motion(state)[0], self.covariance(state)
+        values, covariances = [self.motion(state)[:1]], [self.covariance(state)[None]]
         # At constant tempo, and at tempo 1 where the state's is 0.
         tempo = state.tempo if state.tempo > 0 else 1.0
         state = replace(state, tempo=tempo, tempo_rate=0.0)
-        for i in range(1, ticks + 1):
-            state = self._tick(state, state.seconds_until(self.tick_seconds))
-            values[i], covariances[i] = (
-                state.history[-1],
-                self._covariance_at_tick(state),
-            )
-        return values, covariances
+        last = self.skill.overlap - 1 + self.ticks_between_remaps
+        while ticks > 0:
+            relaxation = self.relaxations[state.component]
+            count = max(1, min(ticks, last - state.step))
+            ahead = look_ahead(self.skill, relaxation, state, responses=False)
+            values.append(ahead.steady[:count])
+            table = self._covariance_table(state.component)
+            covariances.append(table[state.step + 1 : state.step + 1 + count])
+            state = self._later(state, values[-1])
+            if state.step >= last:
+                state = self.remap(state)
+                table = self._covariance_table(state.component)
+                covariances[-1] = np.concatenate(
+                    [covariances[-1][:-1], table[state.step][None]]
+                )
+            ticks -= count
+        return np.concatenate(values), np.concatenate(covariances)
 
-    def _covariance_at_tick(self, state: PlaybackState) -> NDArray[np.float64]:
-        """Return the covariance (18) at the last tick of a state, from a table."""
-        j = state.component
-        if j not in self._covariances:
-            self._covariances[j] = np.array(
-                [self.skill.covariance(j, step) for step in range(self.skill.n_steps)]
+    def _later(
+        self, state: PlaybackState, values: NDArray[np.float64]
+    ) -> PlaybackState:
+        """Return the state after some ticks of its window, with their values (N, D)."""
+        relaxation = self.relaxations[state.component]
+        seconds = len(values) * self.tick_seconds
+        wait = (seconds - state.time_since_tick) / (state.tempo or 1.0)
+        return replace(
+            state,
+            weights=relaxation.after(state.weights, state.target, seconds),
+            step=state.step + len(values),
+            history=np.concatenate([state.history, values])[-self.skill.overlap :],
+            offset=decayed_offset(state.offset, state.blend_time, wait)[:2],
+            time_since_tick=0.0,
+        )
+
+    def _covariance_table(self, component: int) -> NDArray[np.float64]:
+        """Return the covariances (18) at the samples of a window, shape (T, D, D)."""
+        if component not in self._covariances:
+            self._covariances[component] = np.array(
+                [self.skill.covariance(component, k) for k in range(self.skill.n_steps)]
             )
-        return self._covariances[j][state.step]
+        return self._covariances[component]
 
     def rollout(self, start: ArrayLike, duration: float) -> Motion:
         """Play from one or several starts for some seconds, sampled at every tick.
