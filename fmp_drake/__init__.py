@@ -5,11 +5,12 @@ The packages, each importing only from those before it:
 - `fmp_drake.primitives` learns and plays rhythmic skills (NumPy, SciPy,
   scikit-learn; no Drake);
 - `fmp_drake.systems` wraps them as Drake systems;
-- `fmp_drake.station` wires robot, task and controller, as a scenario says;
+- `fmp_drake.station` wires robot, task and controller by a scenario;
 - `fmp_drake.skills` finds, learns and places the skill of a scenario;
 - `fmp_drake.runs`, `fmp_drake.plots` and `fmp_drake.film` measure, draw and film
-  runs of it;
-- `fmp_drake.experiments` repeats the paper's section V;
+  its runs;
+- `fmp_drake.experiments` repeats the paper's section V, compares methods and runs
+  randomised scenarios;
 - `fmp_drake.apps` is the command line.
 
 The method is Kulak, Silvério and Calinon, "Fourier movement primitives: an
@@ -59,7 +60,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import the skill layer when one of its names is first asked for."""
+    """Import the skill layer at the first use of one of its names."""
     if name in __all__:
         from fmp_drake import primitives
 
@@ -68,5 +69,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """List the public names, also those that are not imported yet."""
+    """List the public names, including those not imported yet."""
     return sorted({*globals(), *__all__})

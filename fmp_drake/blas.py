@@ -1,4 +1,4 @@
-"""Matrices so small that a second thread only waits for the first."""
+"""Limit of one BLAS thread, which is fastest for small matrices."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

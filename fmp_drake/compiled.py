@@ -1,7 +1,7 @@
 """Compilation of plain numerical functions, in every environment.
 
-`compiled` is `numba.njit` with a cache on disk. The function as it was written stays
-at its attribute `py_func`, which is what the tests compare with.
+`compiled` is `numba.njit` with a cache on disk. The attribute `py_func` is the function
+before compilation; tests compare with it.
 """
 
 import atexit
@@ -26,16 +26,16 @@ class _Announcer(event.Listener):
     """Log message at the first compilation, which takes seconds."""
 
     def __init__(self) -> None:
-        self._said = False
+        self._has_announced = False
 
     def on_start(self, event: Any = None) -> None:  # noqa: ARG002
-        """Log it at the first function that is not in the cache."""
-        if not self._said:
-            self._said = True
+        """Log the message at the first function that is not in the cache."""
+        if not self._has_announced:
+            self._has_announced = True
             logger.info("compiling, once per machine; it takes up to half a minute")
 
     def on_end(self, event: Any) -> None:
-        """Nothing is said at the end."""
+        """Log nothing at the end of a compilation."""
 
 
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "no_cfunc_wrapper": True}
@@ -44,15 +44,16 @@ announcer = _Announcer()
 event.register("numba:compile", announcer)  # type: ignore[no-untyped-call]
 
 function_counts: Counter[Path] = Counter()
-"""How many compiled functions each folder has."""
+"""Number of compiled functions in each folder."""
 
 
 def compiled[F: Callable[..., Any]](function: F) -> F:
     """Compile a function of arrays, numbers and named tuples of them at its first call.
 
-    Its cache is beside the module, in the user's cache folder where that is read-only,
-    or else in a temporary folder that lasts as long as the process. It may call compiled
-    functions of its own folder, and of no other.
+    Its cache is beside the module. Where that folder is read-only, it is in the user's
+    cache folder, or else in a temporary folder that is deleted with the process. The
+    function may call compiled functions of the same folder only: the cache is
+    invalidated by folder.
     """
     folder = Path(inspect.getfile(function)).parent
     _forget_outdated(folder)
@@ -62,16 +63,17 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
         return compile_later(function)
     except RuntimeError:
         # numba refuses to compile without a place for its cache.
-        place = tempfile.mkdtemp(prefix="fmp_drake_")
-        atexit.register(shutil.rmtree, place, ignore_errors=True)
-        numba.config.CACHE_DIR = place  # type: ignore[attr-defined]
+        cache_dir = tempfile.mkdtemp(prefix="fmp_drake_")
+        atexit.register(shutil.rmtree, cache_dir, ignore_errors=True)
+        numba.config.CACHE_DIR = cache_dir  # type: ignore[attr-defined]
         return compile_later(function)
 
 
 def inlined[F: Callable[..., Any]](function: F) -> F:
-    """Compile a function as a part of the only one that calls it.
+    """Compile a function as a part of its only caller.
 
-    It is not compiled on its own before, which takes as long as what it calls is large.
+    It is not compiled separately before, which would take time in proportion to the
+    functions that it calls.
     """
     return numba.njit(inline="always", **_OPTIONS)(function)
 
@@ -80,12 +82,12 @@ def inlined[F: Callable[..., Any]](function: F) -> F:
 def _forget_outdated(folder: Path) -> None:
     """Delete the compiled functions of a folder that are older than a module in it.
 
-    numba notices a change of a function's own file, and not of those that it calls.
+    numba detects a change of a function's own file, but not of the functions it calls.
     """
     modules = [Path(__file__), *folder.glob("*.py")]
     newest = max(module.stat().st_mtime for module in modules)
-    for kept in (folder / "__pycache__").glob("*.nb[ci]"):
-        # Another process may be doing the same, or nobody may write here.
+    for cache_file in (folder / "__pycache__").glob("*.nb[ci]"):
+        # Another process may delete it at the same time, or the folder is read-only.
         with contextlib.suppress(OSError):
-            if kept.stat().st_mtime < newest:
-                kept.unlink()
+            if cache_file.stat().st_mtime < newest:
+                cache_file.unlink()

@@ -1,8 +1,8 @@
-"""The errors that fmp_drake raises on bad input."""
+"""Errors that fmp_drake raises for invalid input."""
 
 
 class FmpError(Exception):
-    """Base of every error that this package raises on purpose."""
+    """Base of all errors that this package raises for invalid input."""
 
 
 class DemonstrationError(FmpError, ValueError):
@@ -18,7 +18,7 @@ class SkillFileError(FmpError, ValueError):
 
 
 class SystemsError(FmpError, ValueError):
-    """A value that a Drake system of this package cannot be built from."""
+    """A value for which a Drake system of this package cannot be built."""
 
 
 class StationError(FmpError, ValueError):

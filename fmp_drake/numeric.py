@@ -1,4 +1,4 @@
-"""Checks of numbers and arrays that come from outside, with errors that name them."""
+"""Checks of numbers and arrays of the user, with errors that name them."""
 
 import operator
 from typing import Any
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fmp_drake.errors import FmpError, SkillError
 
-# Squares and products of greater numbers overflow.
+# Products of several greater numbers overflow.
 GREATEST = 1e100
 
 
@@ -25,13 +25,13 @@ def as_floats(
     ----------
     value : array_like
     what : str
-        The name of the value, for the error.
+        Name of the value, for the error.
     shape : tuple of int and str, optional
-        The length of each axis; a name stands for any length but 0, a leading "..." for
-        any further axes. Where one axis is expected, a number is an array of length 1.
+        Length of each axis. A name stands for any length but 0, a leading "..." for
+        any number of axes. Where one axis is expected, a number is an array of length 1.
         None is any shape.
     error : type
-        Raised where the shape differs or there is anything but real numbers.
+        Raised where the shape differs, or a value is not a real number.
     """
     try:
         array = np.asarray(value)
@@ -46,10 +46,10 @@ def as_floats(
         lengths = [length for length in shape if length != "..."]
         any_more = len(lengths) < len(shape) and array.ndim > len(lengths)
         fits = any_more or array.ndim == len(lengths)
-        last = array.shape[array.ndim - len(lengths) :]
+        trailing = array.shape[array.ndim - len(lengths) :]
         if not fits or not all(
-            have > 0 if isinstance(want, str) else have == want
-            for have, want in zip(last, lengths, strict=True)
+            length > 0 if isinstance(expected, str) else length == expected
+            for length, expected in zip(trailing, lengths, strict=True)
         ):
             form = ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "")
             raise error(f"cannot use {what} of shape {array.shape}; expected ({form}).")
@@ -68,7 +68,7 @@ def finite_array(
     Parameters
     ----------
     value, what, shape, error
-        As for `as_floats`; also NaN, infinity and numbers above `GREATEST` are errors.
+        As for `as_floats`. NaN, infinity and numbers above `GREATEST` are errors, too.
     """
     array = as_floats(value, what, shape, error=error)
     if not all_finite(array):
@@ -89,14 +89,14 @@ def check_number(
     hint: str = "",
     error: type[FmpError] = SkillError,
 ) -> None:
-    """Raise an error, with the value and what is allowed, for a number out of range.
+    """Raise an error with the value and the allowed range, for a number outside it.
 
     Parameters
     ----------
     value : object
-        What should be one real, finite number.
+        Expected to be one real, finite number.
     what : str
-        The name of the value, for the error.
+        Name of the value, for the error.
     above, least, below, most : float, optional
         Limits: excluded and included lower one, excluded and included upper one.
     whole : bool
@@ -104,8 +104,9 @@ def check_number(
     unit : str
         Of the value, for the error.
     hint : str
-        What to do instead, for the error.
+        Advice, for the error.
     error : type
+        Raised.
     """
     limits = (
         (above, "greater than", operator.gt),
@@ -113,17 +114,17 @@ def check_number(
         (below, "less than", operator.lt),
         (most, "at most", operator.le),
     )
-    given = [(limit, text, fits) for limit, text, fits in limits if limit is not None]
+    bounds = [(limit, text, fits) for limit, text, fits in limits if limit is not None]
     is_kind = is_whole(value) if whole else is_number(value)
-    if not is_kind or not all(fits(value, limit) for limit, _, fits in given):
+    if not is_kind or not all(fits(value, limit) for limit, _, fits in bounds):
         unit = f" {unit}" if unit else ""
         texts = [
             "positive"
             if (limit, text) == (0, "greater than")
             else f"{text} {limit}{unit}"
-            for limit, text, _ in given
+            for limit, text, _ in bounds
         ]
-        kind = ["a whole number"] if whole else [] if given else ["a finite number"]
+        kind = ["a whole number"] if whole else [] if bounds else ["a finite number"]
         allowed = ", ".join([*kind, " and ".join(texts)] if texts else kind)
         is_long = isinstance(value, str) or (is_whole(value) and abs(value) > GREATEST)
         text = shown(value) if is_long else value
@@ -132,7 +133,7 @@ def check_number(
 
 
 def shown(value: Any) -> str:
-    """Return a value as an error message shows it: at most 60 characters."""
+    """Return a value as text for an error message, at most 60 characters."""
     if is_whole(value) and abs(value) > GREATEST:
         # Python refuses to write integers of more than 4300 digits.
         return f"an integer of more than {len(str(int(GREATEST))) - 1} digits"
@@ -141,13 +142,13 @@ def shown(value: Any) -> str:
 
 
 def all_finite(array: NDArray[np.float64]) -> bool:
-    """Return whether no number is NaN, infinite or so great that its square may be."""
+    """Return whether no number is NaN, infinite or above `GREATEST`."""
     # Comparisons with NaN are false. No copies: windows may fill a gigabyte.
     return array.size == 0 or bool(array.max() < GREATEST and array.min() > -GREATEST)
 
 
 def read_only[T: np.generic](array: NDArray[T]) -> NDArray[T]:
-    """Return an array itself, after which nobody can write into it."""
+    """Return an array itself, now read-only."""
     array.setflags(write=False)
     return array
 

@@ -21,12 +21,12 @@ from typing import Any, NamedTuple, Protocol
 from fmp_drake.errors import ExperimentError
 
 ATTEMPTS = 3
-"""Greatest number of attempts at a task whose process ends before it does."""
+"""Greatest number of attempts at a task whose process crashes."""
 
-# Matrices are small here: more threads would only spin, and round differently.
+# Matrices are small: more threads would only spin, and round differently.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-# Tasks for each process, after which it is replaced: a diagram of Drake that Python
-# has built is never freed, 20 MB for each wiping station.
+# Tasks for each process, after which it is replaced: this frees the memory of diagrams
+# that Drake and Python keep alive between them, 20 MB for each wiping station.
 _TASKS_OF_A_PROCESS = 25
 
 
@@ -42,11 +42,11 @@ class Workers(Protocol):
         """Return an executor whose processes end with its context."""
 
     def places(self) -> int:
-        """Return the greatest number of tasks in the executor at once."""
+        """Return the greatest number of concurrent tasks."""
 
 
 class Done[T, R](NamedTuple):
-    """A task, its number of attempts, and its result or the reason why there is none."""
+    """A task, its number of attempts, and its result or the error of the last one."""
 
     task: T
     attempts: int
@@ -58,16 +58,16 @@ def run_tasks[T, R](
 ) -> Generator[Done[T, R]]:
     """Call a function with each task; yield finished tasks in any order.
 
-    A task whose process is killed is started again, up to the workers' number of attempts.
+    A task whose process crashes is repeated, up to the workers' number of attempts.
     Its last attempt runs alone, so that a crash can be attributed to it. Close the iterator
     to end the running tasks.
 
     Parameters
     ----------
     function : callable
-        Of a module, so that other processes find it.
+        Defined at the top of a module, so that other processes can import it.
     tasks : iterable
-        Arguments, each small.
+        Arguments of the function. They are pickled, so each should be small.
     workers : Workers
     """
     waiting = deque((task, 1) for task in tasks)
@@ -77,10 +77,10 @@ def run_tasks[T, R](
             started, usable = 0, True
             while running or (waiting and usable):
                 while waiting and usable:
-                    beside = (waiting[0], *running.values())
-                    last = max(attempts for _, attempts in beside)
-                    alone = last == workers.attempts > 1
-                    if len(running) >= (1 if alone else workers.places()):
+                    concurrent = (waiting[0], *running.values())
+                    most = max(attempts for _, attempts in concurrent)
+                    runs_alone = most == workers.attempts > 1
+                    if len(running) >= (1 if runs_alone else workers.places()):
                         break
                     try:
                         with uninterrupted_start():
@@ -108,19 +108,19 @@ def run_tasks[T, R](
 
 @contextmanager
 def uninterrupted_start() -> Iterator[None]:
-    """Start processes in which Ctrl-C is blocked, from their first instant on.
+    """Block Ctrl-C in processes that are started in a block, from their first instant.
 
-    A terminal sends Ctrl-C to all processes; only the driver handles it.
+    A terminal sends Ctrl-C to all processes; only the parent handles it.
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 class LocalWorkers:
-    """Processes of this machine, each with one thread, that end with their driver.
+    """Processes of this machine, each with one thread, that end with their parent.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class LocalWorkers:
     @contextmanager
     def executor(self) -> Iterator[Executor]:
         """Return an executor of new processes, which end with its context."""
-        before = {name: os.environ.get(name) for name in _THREADS}
+        environment = {name: os.environ.get(name) for name in _THREADS}
         os.environ.update(dict.fromkeys(_THREADS, "1"))
         context = get_context("spawn")
         reader, writer = context.Pipe(duplex=False)
@@ -151,7 +151,7 @@ class LocalWorkers:
             writer.close()
             executor.shutdown(cancel_futures=True)
             reader.close()
-            for name, value in before.items():
+            for name, value in environment.items():
                 os.environ.pop(name)
                 if value is not None:
                     os.environ[name] = value
@@ -164,8 +164,8 @@ class LocalWorkers:
 def _end_with(reader: Connection) -> None:
     """End this process when the other end of a pipe is closed.
 
-    The operating system closes the driver's end of the pipe also when it is killed.
-    Only the driver handles Ctrl-C.
+    The operating system closes the parent's end of the pipe even if the parent is killed.
+    Only the parent handles Ctrl-C.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -179,7 +179,7 @@ def _end_with(reader: Connection) -> None:
 
 
 class ClusterWorkers:
-    """The workers of a Dask cluster, which must have this version of the package.
+    """Workers of a Dask cluster, which must have this version of the package.
 
     Start them with one thread each. Tasks are sent pickled and unencrypted, unless the
     cluster's address begins with tls://.

@@ -23,8 +23,8 @@ def bounded(default: float | Sequence[float] | None, **limits: Any) -> Any:
     ----------
     default : float, sequence of floats or None
         Each instance gets a list of its own. A list must be as long as its default,
-        unless that is empty: the number of a robot's joints is not known here. With
-        None the number may be None.
+        unless that is empty, as for a list with a value for each joint of any robot.
+        With None the number may be None.
     **limits : float or str
         Its limits `above`, `least`, `below`, `most`, and a `hint`, as for
         `check_number`.
@@ -41,36 +41,36 @@ def bounded(default: float | Sequence[float] | None, **limits: Any) -> Any:
 def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None:
     """Check every number of a dataclass, and of the dataclasses in it.
 
-    Numbers must be finite and in the range that `bounded` declared. What ranges cannot
-    say, a dataclass says in a method `inconsistency`, which returns an error message, or
-    an empty string.
+    Numbers must be finite and in the range that `bounded` declared. For conditions
+    beyond ranges a dataclass has a method `inconsistency`. It returns an error message,
+    or an empty string.
 
     Parameters
     ----------
     settings : dataclass
     error : type
-        What to raise.
+        Raised.
     name : str
-        What the names in messages begin with.
+        Prefix of the names in messages.
 
     Raises
     ------
     FmpError
-        Of the given type, naming the value and what is allowed.
+        Of the given type, with the name, the value and the allowed range.
     """
     for field in dataclasses.fields(settings):
-        value, place = getattr(settings, field.name), f"{name}{field.name}"
+        value, path = getattr(settings, field.name), f"{name}{field.name}"
         default = field.default
         if field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
         if dataclasses.is_dataclass(value):
-            check_settings(value, error, f"{place}.")
+            check_settings(value, error, f"{path}.")
         elif isinstance(default, list):
-            _check_list(value, default, field.metadata, error, place)
+            _check_list(value, default, field.metadata, error, path)
         elif value is default is None:
             continue
         elif isinstance(default, float | int) or field.metadata:
-            check_number(value, place, error=error, **field.metadata)
+            check_number(value, path, error=error, **field.metadata)
     if hasattr(settings, "inconsistency") and (message := settings.inconsistency()):
         raise error(message)
 
@@ -86,7 +86,7 @@ def _check_list(
     for i, value in enumerate(values):
         if dataclasses.is_dataclass(value):
             check_settings(value, error, f"{name}[{i}].")
-        elif not isinstance(value, list):  # A list of lists holds no numbers but names.
+        elif not isinstance(value, list):  # Lists in a list contain names, no numbers.
             check_number(value, f"{name}[{i}]", error=error, **limits)
 
 
@@ -99,20 +99,21 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
     name : str
         Of the text, for errors.
     error : type
-        What to raise.
+        Raised.
 
     Raises
     ------
     FmpError
-        Of the given type, where the text is no YAML, is too long, too deep or, with its
-        aliases in full, too large, or holds an integer that no float can be.
+        Of the given type. The text is not YAML, is too long, too deep or, with its
+        aliases expanded, too large, or contains an integer beyond the range of floats.
     """
     if len(text) > _MOST_BYTES:
         raise error(
             f"{name} is {len(text)} bytes long; at most {_MOST_BYTES} are read."
         )
     sizes: dict[str, int] = {}  # Nodes of each anchor; 0 until its end.
-    open_anchors: list[tuple[str, int]] = []  # Anchors around, and nodes before them.
+    # Enclosing anchors, each with the number of nodes before it.
+    open_anchors: list[tuple[str, int]] = []
     count = 0
     try:
         for event in yaml.parse(text, Loader=yaml.CSafeLoader):
@@ -120,13 +121,13 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
             if isinstance(event, yaml.AliasEvent):
                 count += sizes.get(anchor, 1)
                 if sizes.get(anchor) == 0:
-                    raise error(f"{name} holds itself, by its alias *{anchor}.")
+                    raise error(f"{name} contains itself, by its alias *{anchor}.")
             elif isinstance(event, yaml.ScalarEvent):
                 count += 1
                 sizes |= {anchor: 1} if anchor else {}
                 if _LONG_INTEGER.fullmatch(event.value):
                     raise error(
-                        f"{name} holds {event.value[:20]}..., an integer of "
+                        f"{name} contains {event.value[:20]}..., an integer of "
                         f"{len(event.value)} digits, which no setting can be."
                     )
             elif isinstance(event, yaml.CollectionStartEvent):
@@ -143,8 +144,8 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
                 )
             if count > _MOST_NODES:
                 raise error(
-                    f"{name} has more than {_MOST_NODES} values, its aliases in full, "
-                    "which is more than is read."
+                    f"{name} has more than {_MOST_NODES} values with its aliases "
+                    "expanded; no larger text is read."
                 )
     except (yaml.YAMLError, UnicodeError) as reason:
         raise error(
