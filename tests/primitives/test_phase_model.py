@@ -175,7 +175,7 @@ def test_automatic_takes_the_mixture_where_no_cycle_comes_again_and_says_why():
     skill.fit(demonstration)
     assert skill.model_ == "mixture"
     assert "the phase cannot be tracked" in skill.model_reason_
-    with pytest.raises(SkillError, match="knows no phase"):
+    with pytest.raises(SkillError, match="has no phase"):
         skill.phase(demonstration.values)
     skill.set_params(model="phase")
     with pytest.raises(DemonstrationError, match="no phase that could be learned"):
@@ -706,9 +706,9 @@ def test_the_phase_of_a_playback_runs_on_from_cycle_to_cycle(small):
         assert steps.max() < 3 * steps.mean()
 
 
-def test_a_mixture_knows_no_phase_of_a_playback(small_skill):
+def test_playback_of_a_mixture_has_no_phase(small_skill):
     player = Player(small_skill)
-    with pytest.raises(SkillError, match="a mixture, which knows no phase"):
+    with pytest.raises(SkillError, match="a mixture, which has no phase"):
         player.phase(player.start([0.1, 0.0]))
 
 

@@ -585,8 +585,8 @@ def test_ticks_between_remaps_fit_into_a_window(small_skill, every):
 @pytest.mark.parametrize(
     ("observed", "message"),
     [
-        (np.zeros((3, 2)), r"what is mapped of shape \(3, 2\); expected \(4, 2\)"),
-        (np.full((4, 2), np.nan), "NaN or infinite numbers in what is mapped"),
+        (np.zeros((3, 2)), r"the observed values of shape \(3, 2\); expected \(4, 2\)"),
+        (np.full((4, 2), np.nan), "NaN or infinite numbers in the observed values"),
     ],
 )
 def test_observation_that_does_not_fit_is_refused(small_skill, observed, message):

@@ -241,7 +241,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         self.check_fitted()
         if self.phase_model_ is None:
             raise SkillError(
-                "the skill is a mixture, which knows no phase; learn it with "
+                "the skill is a mixture, which has no phase; learn it with "
                 "model='phase' or 'automatic' from 1.3 cycles or more."
             )
         return self.phase_model_

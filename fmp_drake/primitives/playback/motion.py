@@ -269,7 +269,7 @@ def mode_coefficients(
 
 
 class LookAhead(NamedTuple):
-    """Values at the coming ticks of a window, an affine function of the target.
+    """Values at the next ticks of a window, an affine function of the target.
 
     Attributes
     ----------
@@ -289,14 +289,14 @@ def look_ahead_at_once(
     state: PlaybackState,
     motion: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the values at the coming ticks where the weights are replaced at once.
+    """Return the values at the next ticks where the weights are replaced at once.
 
     The offset absorbs the difference, so that position and velocity, (2, D), do not jump.
 
     Returns
     -------
     steady : ndarray, shape (N, D)
-        Contribution of the motion to the values at the coming ticks.
+        Contribution of the motion to the values at the next ticks.
     rows : ndarray, shape (N, T)
         Factors of the new weights of a channel.
     """
@@ -316,7 +316,7 @@ def look_ahead(
     *,
     responses: bool = True,
 ) -> LookAhead:
-    """Return the values at the coming ticks, at a state's tempo (1 where that is 0).
+    """Return the values at the next ticks, at a state's tempo (1 where that is 0).
 
     They equal those of `Player.retarget` and `Player.advance` for each target.
 
@@ -360,7 +360,7 @@ def look_ahead(
     out, decaying = rows @ whole, decayed(rows, relaxation.decay(since_tick))
     out[..., 0] += decaying[..., 0]
     out[..., 1:] -= decaying[..., 1:]
-    # The offset absorbs the change of value and velocity that another target makes now.
+    # The offset absorbs the change of value and velocity at a change of the target.
     rows = skill.basis.local_rows(min(state.step + now * skill.rate, n - 1))[:2]
     rows[1] *= skill.rate
     change = rows @ whole - decayed(rows, relaxation.decay(now))

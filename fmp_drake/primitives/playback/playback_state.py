@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 class PlaybackState:
     """Complete state of a playback at one instant; it determines the continuation.
 
-    The weights are those at the last tick, the last sample of the window that was passed.
-    All other values are those at the instant itself.
+    The weights are those at the last tick: the newest sample of the window at or before
+    the instant. All other values are those at the instant.
 
     Attributes
     ----------

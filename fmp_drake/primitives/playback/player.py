@@ -29,22 +29,22 @@ from fmp_drake.primitives.playback.trackers import LqrTracker, Tracker
 
 type Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-# How closely the mapped weights meet the motion of a pushed robot, as a fraction of the
+# Tolerance of the mapped weights to the motion of a pushed robot, as a fraction of the
 # movement's half width.
 _PUSH_TOLERANCE = 0.05
-# Variance of a start's force, by that of the movement.
-_UNKNOWN = 1e6
+# Variance of the force at a start, as a factor of that of the movement.
+_FORCE_VARIANCE = 1e6
 # Rounding error of a time, as a fraction of a tick.
 _ROUNDING = 1e-6
-# Largest factor on a sample's distance from the mean; of a phase model on its deviation
-# from the cycle. Chosen on the bundled wiping: with 3 an eraser that follows exactly
-# cleans polishing and the 8 sooner than with 1.5 or 2, too; 4 and 6 are alike.
+# Largest factor on the distance of a sample from the mean, or, with a phase model, from
+# the cycle. Chosen on the bundled wiping: with 3, an eraser that follows exactly also
+# cleans polishing and the 8 sooner than with 1.5 or 2; 4 and 6 are no better.
 _WIDENING = 1.5
 _WIDENING_RESIDUAL = 3.0
-# Greatest number of samples that are tried for one whose movement stays in the region.
+# Greatest number of samples that are tried until a movement stays in the region.
 _TRIES = 8
-# Phases that are compared with a motion, and the greatest distance of these from the
-# component's phase, rad; Gauss-Newton steps from the best of them.
+# Number of phases that are compared with a motion, their greatest distance from the
+# component's phase, rad, and the number of Gauss-Newton steps from the best of them.
 _PHASES = 41
 _LARGEST_PHASE_ERROR = 1.5
 _PHASE_STEPS = 4
@@ -57,20 +57,20 @@ class Player:
     their target while the window is played to its end. Then the last K values
     are mapped onto the first K samples of a new window (Algorithm 1), which may
     change the component, and the movement continues from sample K - 1. This repeats
-    every T - K ticks or more often. All that determines how a playback continues is in
-    a `PlaybackState`; the methods of a player return a new state and change none.
+    every T - K ticks or more often. A `PlaybackState` determines the continuation of a
+    playback; the methods of a player return a new state and change none.
 
-    A mapped window meets the observation partly by the component's isotropic noise,
-    which is white in time: a peak at the observed samples, nothing between
-    or after them. A robot should not follow that (from a start 10 cm above
-    a demonstration that never left the board it fell at 2 m/s). Far from the
-    demonstrations it meets the observation by variations that were never shown (from
-    the middle of a wiping pattern, 22 standard deviations: a stroke three times
-    as wide as the widest demonstrated). So the weights are kept in the span of the
-    component and inside its ellipsoid of a given confidence. The remaining difference in
-    position and velocity is an offset that decays like a critically damped
-    spring. It also makes position and velocity exactly continuous at every
-    re-mapping, and lets the movement start at rest.
+    A mapped window fits the observation partly by the component's isotropic noise,
+    which is white in time: a peak at the observed samples, and 0 between
+    and after them. A robot should not follow that: from a start 10 cm above
+    a demonstration that never left the board it fell at 2 m/s. Far from the
+    demonstrations the window fits the observation by variations that were not
+    demonstrated: from the middle of a wiping pattern, 22 standard deviations, a stroke
+    three times as wide as the widest demonstrated. So the weights are projected to the
+    span of the component, and into its ellipsoid of a given confidence. The remaining
+    difference in position and velocity is an offset that decays like a critically damped
+    spring. The offset also makes position and velocity exactly continuous at every
+    re-mapping, and starts the movement at rest.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Player:
         Controller of the weights; `LqrTracker()` where None. With a phase model it is used
         only for a `target`.
     sample : bool
-        Track a sample of the component, drawn again at every mapping, instead of its
+        Track a new sample of the component after every mapping, instead of its
         mean (`skill.expected`): more variation (Fig. 10b).
     target : array_like, shape (D*T,), optional
         Weights to track instead, from `skill.analyze`.
@@ -89,13 +89,13 @@ class Player:
     blend_time : float
         Time constant of the offset's decay, s.
     confidence : float
-        Fraction of a component's own samples inside the ellipsoid that mapped weights
-        are kept in, in (0, 1]; 1 is no bound.
+        Fraction of a component's samples inside the ellipsoid that bounds mapped
+        weights, in (0, 1]; 1 is no bound.
     start_tolerance : float
-        How closely the mapped weights meet the start, as a fraction of the movement's
-        half width; the offset absorbs the rest. 0 uses the skill's tolerance, which
-        gains millimetres where the demonstrations did not vary and costs metres where
-        they did.
+        Tolerance of the mapped weights to the start, as a fraction of the movement's
+        half width; the offset absorbs the remaining difference. 0 uses the skill's
+        tolerance, which gains millimetres where the demonstrations did not vary and
+        costs metres where they did.
     margin : float or "automatic", optional
         Largest distance of samples from the demonstrated paths, m; None for no bound. See
         `DemonstratedRegion` and `track_sample`. "automatic" is a fifth of the movement's
@@ -233,7 +233,7 @@ class Player:
         """
         values, plan = state.history, self._remap_plan
         if observed is not None:
-            values = finite_array(observed, "what is mapped", state.history.shape)
+            values = finite_array(observed, "the observed values", state.history.shape)
             plan = self._push_plan
         motion = self.motion(state)[:2]
         state = replace(
@@ -316,11 +316,12 @@ class Player:
 
         Where the player has a region, samples are moved towards the mean until they stay
         in the region up to the next re-mapping, or leave it hardly farther than the mean
-        does. Among these, the first is tracked after which the next window's mean also
-        stays inside: the speed at the end of a window may otherwise carry the movement
-        out. With a score, too, samples are moved away from the mean by up to 1.5 times
-        their difference from it, or 3 times that from the cycle of a phase model, as far
-        as the region allows: the best samples often lie at its boundary.
+        does. Among these, the first one is tracked after which the next window's mean
+        also stays inside: the speed at the end of a window may otherwise carry the
+        movement out. With a score, samples are also moved away from the mean, as far as
+        the region allows, because the best samples often lie at its boundary: by up to
+        1.5 times their difference from the mean, or 3 times that from the cycle of a
+        phase model.
 
         Parameters
         ----------
@@ -360,7 +361,7 @@ class Player:
             expected = skill.expected(state.component, past)
             centre = np.concatenate([centre, expected[None]])
             deviation = np.concatenate([deviation, np.zeros_like(expected)[None]])
-        steady, values = self._coming_values(state, centre, deviation)
+        steady, values = self._next_values(state, centre, deviation)
         # Up to the next re-mapping.
         ticks = skill.overlap - 1 + self.ticks_between_remaps - state.step
         steady, values = steady[..., :ticks, :], values[:, :ticks]
@@ -402,13 +403,13 @@ class Player:
         at_once = self.skill.phase_model_ is not None
         return self.retarget(state, target, at_once=at_once)
 
-    def _coming_values(
+    def _next_values(
         self,
         state: PlaybackState,
         centre: NDArray[np.float64],
         deviation: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the values of S targets at the coming ticks, as two summands.
+        """Return the values of S targets at the next ticks, as two summands.
 
         Returns
         -------
@@ -479,7 +480,7 @@ class Player:
         """
         model = self.skill.phase_model_
         if model is None:
-            raise SkillError("the skill is a mixture, which knows no phase.")
+            raise SkillError("the skill is a mixture, which has no phase.")
         velocity, rate = model.velocity.mean, self.skill.rate
         # In units of the cycle, per radian.
         motion = self.motion(replace(state, tempo=1.0, tempo_rate=0.0))[:2]
@@ -522,7 +523,7 @@ class Player:
         ----------
         state : PlaybackState
         ticks : int
-            Number of ticks to look ahead.
+            Length of the continuation.
 
         Returns
         -------
@@ -590,7 +591,7 @@ class Player:
         Returns
         -------
         Motion, shape (ticks + 1, 3, D) or (S, ticks + 1, 3, D)
-            As `motion` gives them: `.position` has the shape (ticks + 1, D), `.time`
+            As returned by `motion`: `.position` has the shape (ticks + 1, D), `.time`
             (ticks + 1,).
         """
         check_number(duration, "duration", least=0, unit="s")
@@ -635,8 +636,8 @@ def _start_variances(
     """Return lambda of (13) for a start, per channel, shape (D,).
 
     `fraction` is that of the movement's half width: root 2 of its standard deviation over
-    all channels of a unit together, which a rotation does not change. A force is met by
-    the offset only: before there is contact it says nothing about the movement.
+    all channels of a unit together, which a rotation does not change. Only the offset
+    adapts to a measured force, because without contact it is not informative.
     """
     check_number(fraction, "start_tolerance", least=0)
     n, d = skill.n_steps, skill.n_channels_
@@ -650,5 +651,5 @@ def _start_variances(
     units = np.array(skill.units_)
     squares = np.array([2 * variances[units == unit].sum() for unit in units])
     is_force = np.char.endswith(units, "N")  # Also kN.
-    squares = np.where(is_force, _UNKNOWN * squares, fraction**2 * squares)
+    squares = np.where(is_force, _FORCE_VARIANCE * squares, fraction**2 * squares)
     return np.maximum(squares, skill.tolerance * np.square(skill.scales_))

@@ -1,4 +1,4 @@
-"""Controllers that bring Fourier weights to their target: Algorithm 2."""
+"""Controllers that move Fourier weights to their target: Algorithm 2."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -16,7 +16,7 @@ class Relaxation:
     """Decay of the weights' deviation from their target under one component.
 
     Along each mode (a column of an orthonormal basis) the deviation decays exponentially
-    with a rate of its own, in the orthogonal complement of the modes with a common one.
+    with its own rate, in the orthogonal complement of the modes with a common rate.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Tracker(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class LqrTracker:
-    """Linear-quadratic regulator in closed form: the paper's future work.
+    """Linear-quadratic regulator in closed form, which the paper leaves to future work.
 
     Minimises the integral of ``(w - mu)' Sigma^-1 (w - mu) + rho |dw/dt|^2`` over
     all time. In the eigenbasis of Sigma every coordinate decays with its own time
@@ -308,8 +308,8 @@ def paper_precision_diagonal(
     ((Sigma^-1)_ii + 1 / noise) / (2 T) for a weight that has a conjugate copy
     and (Sigma^-1)_ii / T for the mean and the Nyquist weight.
     """
-    ours = component.precision_diagonal().reshape(-1, n_steps)
-    out = (ours + 1 / component.noise) / (2 * n_steps)
+    precision = component.precision_diagonal().reshape(-1, n_steps)
+    out = (precision + 1 / component.noise) / (2 * n_steps)
     single = [0, n_steps - 1] if n_steps % 2 == 0 else [0]
-    out[:, single] = ours[:, single] / n_steps
+    out[:, single] = precision[:, single] / n_steps
     return out.ravel()
