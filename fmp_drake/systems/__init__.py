@@ -1,7 +1,7 @@
-"""Drake systems: the primitive, an impedance controller, ink, people and visualizers.
+"""Drake systems: primitive, impedance controller, ink, models of a hand, visualizers.
 
-Every module directly in here and in `page` is one LeafSystem of its name: what acts, and
-what only shows it. The mathematics is in the other folders.
+Every module directly in this folder is one LeafSystem of its name; the visualizers are in
+`page`. The mathematics is in the other folders.
 """
 
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem

@@ -75,8 +75,8 @@ class EraseTimes(LeafSystem):
         ink: Any = self._ink.Eval(context)
         state = context.get_discrete_state()
         times: NDArray[np.float64] = state.value(self._times)
-        new = self._inked & (ink < CLEAN_BELOW) & (times == NEVER)
-        return np.where(new, state.value(self._since), times)
+        is_new = self._inked & (ink < CLEAN_BELOW) & (times == NEVER)
+        return np.where(is_new, state.value(self._since), times)
 
     def _calc_erase_time(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._erase_times(context))

@@ -35,10 +35,10 @@ MAX_TEMPO = 4.0
 
 # The tempo changes at most by this, per second.
 _TEMPO_RATE = 5.0
-# How fast the desired motion comes to a robot that is led elsewhere, s.
+# Time constant of the offset after a re-mapping to a pushed robot, s.
 _PUSHED_BLEND_TIME = 0.15
-# A measured value is plausible up to so many widths of what was shown in its unit from
-# the middle, and at least up to these distances.
+# Largest distance of a plausible measured value from the middle, in widths of the
+# demonstrated values of its unit, and the least value of that distance.
 _PLAUSIBLE_WIDTHS = 10.0
 _PLAUSIBLE = {"m": 2.0, "rad": 4 * math.pi}
 # Time for which the last plausible measurement is used instead of a missing one, s.
@@ -57,37 +57,37 @@ class FourierPrimitiveSystem(LeafSystem):
     they are exact at every time between two events, and no re-mapping makes them jump.
 
     In the reactive mode the movement waits for a robot that is pushed off its path: it
-    slows down from half of `push_threshold` on and stands still beyond it. And
-    once that has lasted for `push_dwell`, the last K measured positions are mapped to a
-    new window, so that the movement goes on from where the robot was led to.
+    slows down above half of `push_threshold` and stands still beyond it. After
+    `push_dwell` beyond it the last K measured positions are mapped to a
+    new window, so that the movement continues from the present position of the robot.
 
-    A measured position that is not finite, or far outside what was shown, is an error at
-    initialisation. Later, in the reactive mode, the last plausible one is used instead,
+    A measured position that is not finite, or far outside the demonstrations, is an error
+    at initialisation. Later, in the reactive mode, the last plausible one is used instead,
     for 0.5 s. Then the movement stands still until the measurement is plausible again.
 
     A simulation may begin at any time. A Context that has been played, saved or cloned
-    goes on in another Simulator; to begin anew, give it the default state first.
+    continues in another Simulator; to begin anew, give it the default state first.
 
     Input ports
     -----------
     measured_position : (D,)
-        Where the robot is, in the frame of the skill; read at initialisation and, in
+        Position of the robot in the frame of the skill; read at initialisation and, in
         the reactive mode, at every event.
     tempo : (1,), optional
-        How fast the movement is played, from 0 to `MAX_TEMPO`; 1 where unconnected.
+        Skill time per real time, from 0 to `MAX_TEMPO`; 1 where unconnected.
         Read at every event; the tempo changes by at most 5 per second.
     sample : (1,), optional
-        From 0.5 on, what is tracked after the next re-mapping is a sample, below a
-        mean; the parameter where unconnected.
+        Whether a sample (0.5 or more) or a mean is tracked after the next re-mapping;
+        the parameter where unconnected.
     ink : (ny nx,)
-        What is left in the cells of the choice's grid; only where there is a choice.
+        Remaining ink in the cells of the choice's grid; only with a choice.
 
     Output ports
     ------------
     position, velocity, acceleration : (D,)
         Desired, in the frame and units of the skill, per second and per second^2.
     motion : (3*D,)
-        The three of them, one after the other: one evaluation for who needs all.
+        Position, velocity and acceleration, by one evaluation.
     covariance : (D*D,)
         Of the desired position (18), row by row.
     weights : (D*T,)
@@ -95,11 +95,10 @@ class FourierPrimitiveSystem(LeafSystem):
     component : (1,)
         Index of the active component j*.
     phase : (1,)
-        Where in its cycle the desired motion is, rad, from 0 to 2 pi; only where the
-        skill has a phase model.
+        Phase of the desired motion, rad, from 0 to 2 pi; only where the skill has a
+        phase model.
     plan : (P*D,)
-        Desired positions from the last event on, tick by tick: where the movement
-        leads to if nothing interferes.
+        Desired positions at the ticks from the last event on, if nothing interferes.
     plan_covariance : (P*D*D,)
         Of the plan (18).
     remaps : (2,)
@@ -122,19 +121,19 @@ class FourierPrimitiveSystem(LeafSystem):
         Distance between measured and desired position above which the robot counts as
         pushed, over the channels in m (over all where none is); None for no reactive mode.
     push_dwell : float
-        How long it must have been pushed before its motion is mapped, s.
+        Duration of a push before the motion is mapped, s.
     plan_seconds : float
         Length of the plan, s.
     choice : CoverageChoice, optional
-        At the start and after each re-mapping, of several samples the one is tracked that
-        passes over the most ink until the next one. For skills of 3 position channels in the frame of the
-        board.
+        Choice of the sample that passes over the most ink until the next re-mapping, at
+        the start and after each re-mapping. For skills of 3 position channels in the
+        frame of the board.
     margin : float or "automatic", optional
-        How far samples may leave the demonstrated paths, m, as for `Player`; None for no
-        bound.
+        Largest distance of samples from the demonstrated paths, m, as for `Player`; None
+        for no bound.
     soft_start : bool
-        Begin with the tempo 0, so that a robot at rest goes along the path of the skill, not
-        beside it by up to what the skill moves in 0.15 s.
+        Begin with the tempo 0, so that a robot at rest follows the path of the skill from
+        the start, and not beside it by the motion of the skill in 0.15 s.
 
     Examples
     --------
@@ -179,7 +178,7 @@ class FourierPrimitiveSystem(LeafSystem):
         for name, value in (("push_dwell", push_dwell), ("plan_seconds", plan_seconds)):
             check_number(value, name, above=0, unit="s", error=SystemsError)
         self._push_threshold = push_threshold
-        # A distance is one of lengths; rotations and forces have no part in it.
+        # The distance of a push is that of lengths, without rotations and forces.
         lengths = [i for i, unit in enumerate(skill.units_) if unit == "m"]
         self._lengths = lengths or list(range(skill.n_channels_))
         low, high = skill.extent_
@@ -202,9 +201,9 @@ class FourierPrimitiveSystem(LeafSystem):
         self._playback = [
             int(self.DeclareDiscreteState(array)) for array in start.to_arrays()
         ]
-        # When the last event and the start were (never: minus infinity), since when the
-        # robot is pushed (infinity where it is not), number of reactive re-mappings, and
-        # since when no plausible position is measured (infinity where one is).
+        # Times of the last event and of the start (minus infinity: never), start of the
+        # present push (infinity: none), number of reactive re-mappings, and time of the
+        # first of the present implausible measurements (infinity: none).
         events = np.array([-math.inf, -math.inf, math.inf, 0.0, math.inf])
         self._events = int(self.DeclareDiscreteState(events))
         # The last K measured positions, the newest last.
@@ -260,7 +259,7 @@ class FourierPrimitiveSystem(LeafSystem):
     # State --------------------------------------------------------------------
 
     def playback_state(self, context: Context) -> PlaybackState:
-        """Return where the playback stands at the time of a context."""
+        """Return the state of the playback at the time of a context."""
         elapsed = context.get_time() - self._last_event(context)
         return self._player.advance(self._read(context), elapsed)
 
@@ -296,7 +295,7 @@ class FourierPrimitiveSystem(LeafSystem):
         player, time = self._player, context.get_time()
         last, begin, *_ = context.get_discrete_state().value(self._events).tolist()
         if begin < time and 0 <= time - last <= player.tick_seconds * (1 + 1e-9):
-            return EventStatus.DidNothing()  # It goes on from where it stands.
+            return EventStatus.DidNothing()  # The playback continues.
         measured: Any = self._measured.Eval(context)
         self._check_start(measured)
         tempo = 0.0 if self._soft_start else self._wanted_tempo(context)
@@ -365,12 +364,12 @@ class FourierPrimitiveSystem(LeafSystem):
             lowest, highest = self._centre - self._most, self._centre + self._most
             raise SystemsError(
                 f"{self.get_name()}: the measured position is {measured}; it must be from "
-                f"{lowest} to {highest}, near what was shown. Check the measurement, its "
-                "frame and its unit."
+                f"{lowest} to {highest}, near the demonstrations. Check the measurement, "
+                "its frame and its unit."
             )
 
     def _chosen(self, context: Context, state: PlaybackState) -> PlaybackState:
-        """Return the state that tracks the sample of the choice, where there is one."""
+        """Return the state that tracks the sample of the choice, if there is a choice."""
         if self._choice is None or not state.sample:
             return state
         ink: Any = self._ink.Eval(context)

@@ -1,4 +1,4 @@
-"""A model of a person who guides the arm by hand."""
+"""Model of the hand of a person who guides the arm."""
 
 from typing import Any
 
@@ -33,8 +33,9 @@ ROTATIONAL_STIFFNESS, ROTATIONAL_DAMPING = 60.0, 6.0
 class HumanHand(LeafSystem):
     """Simulated kinesthetic teaching: a spring to a moving target, and a normal force.
 
-    A motion with a height has a spring along the normal, too, and no normal force. One with
-    rotation channels rotates the tool, and one with a force changes the normal force.
+    For a motion with a height the spring also acts along the normal, and there is no
+    normal force. Rotation channels of a motion are the orientation of the tool, and a
+    force channel is the normal force.
 
     Input ports
     -----------
@@ -184,7 +185,7 @@ class HumanHand(LeafSystem):
             R_BT, offset = self._to_tangent(p_BE, target)
             R_WE = self._X_WB.rotation() @ R_BT @ self._R_TE
             w_WE = w_WE - self._normal_rotation(target, target_velocity)
-            # From here in T, which is B on a plane.
+            # The frame from here on is T, which is B on a plane.
             R_BW, target, p_BE = R_BT.inverse() @ R_BW, offset, np.zeros(3)
         f_B = -DAMPING * (R_BW @ V_WE.translational())
         f_B[:n] += STIFFNESS * (target - p_BE[:n])
@@ -208,9 +209,9 @@ def hand_torque(
     Parameters
     ----------
     R : RotationMatrix
-        From the orientation of the tool to the wanted one, in W.
+        From the orientation of the tool to its target, in W.
     angular_velocity : ndarray, shape (3,)
-        Of the tool relative to the wanted one, in W, rad/s.
+        Of the tool relative to its target, in W, rad/s.
     most : float
         Greatest torque, Nm.
     """

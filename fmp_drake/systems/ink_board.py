@@ -1,4 +1,4 @@
-"""A system that wears the ink off a whiteboard where an eraser rubs it."""
+"""Ink on a whiteboard, removed where an eraser rubs it."""
 
 import math
 from typing import Any
@@ -44,9 +44,10 @@ class InkBoard(LeafSystem):
 
     At the end of every period the hydroelastic contact surfaces between eraser and
     board are projected on the board and moved along the eraser's path since the last
-    update. The ink under them is worn by pressure times path, see `exposure` and `wear`. With 50 ms the ink of a board of 0.4 m x 0.3 m is within
-    0.003 (root mean square) of that with 2 ms after a felt has wiped at 0.4 m/s, and
-    within 0.02 after a stroke in which it also landed or was lifted.
+    update. The ink under them is worn by pressure times path, see `exposure` and `wear`.
+    With 50 ms the ink of a board of 0.4 m x 0.3 m is within 0.003 (root mean square) of
+    that with 2 ms after a felt has wiped at 0.4 m/s. It is within 0.02 after a stroke that
+    includes landing or lifting.
 
     .. code-block:: none
 
@@ -182,7 +183,7 @@ class InkBoard(LeafSystem):
         self.DeclareVectorOutputPort(
             "contact_area", 1, self._calc_contact_area, contact
         )
-        # One use, so that nothing is compiled in the middle of a run.
+        # One use compiles the functions before a run.
         rest = PlanarMotion(*[0.0] * len(motion))
         rectangular = rectangle(np.zeros(6))
         rubbing = exposure(self._cells, rectangular, rest, rest, self._worn).ravel()
@@ -301,7 +302,7 @@ class InkBoard(LeafSystem):
     def _turns(
         self, before: PlanarMotion, now: PlanarMotion, patch: Patch
     ) -> list[tuple[PlanarMotion, PlanarMotion]]:
-        """Return a motion on all turns around a wound board that come to its cells."""
+        """Return the motion on each turn around a wound board that reaches its cells."""
         motions = [(before, now)]
         for axis, name in enumerate(("x", "y")):
             if not self._grid.is_wound(axis):

@@ -1,4 +1,4 @@
-"""The hand of somebody who drags the arm on the page."""
+"""Hand guiding by a mouse or finger on the page."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -36,7 +36,7 @@ from fmp_drake.systems.teaching.mouse_drag import (
 )
 
 TURN_SWITCH = "turn the tool"
-"""Name of the switch of the page with which a drag turns the tool."""
+"""Name of the page's switch that makes a drag turn the tool."""
 MOST_TORQUE = 15.0
 """Greatest torque of the hand, Nm."""
 
@@ -45,15 +45,14 @@ class MouseHand(LeafSystem):
     """Forces of a mouse that guides a tool over a board, or pulls a dragged body.
 
     With a `board` a drag of any movable body guides the tool parallel to the board,
-    for any view of the page's camera. Without one, it pulls at the point of the body that
-    was dragged, in the plane of the screen. The mouse is an external input: it is sampled
-    at a fixed rate, and the sample is the state. A page without a message for 0.3 s
-    although the arm moves counts as closed, and a jump of the cursor ends the drag; see
-    `follow`.
+    for any view of the page's camera. Without one, a drag pulls at the dragged point of
+    the body, in the plane of the screen. The mouse is an external input: it is sampled
+    at a fixed rate, and the sample is the state. A drag ends at a jump of the cursor, or
+    where the page sends no message for 0.3 s although the arm moves; see `follow`.
 
-    With an orientation at rest, `R_WE`, the hand holds the tool's orientation, too, and the
-    page gets a switch, `TURN_SWITCH`. While it is on, a drag turns the tool around its end:
-    what was grabbed follows the cursor. The initialisation of a simulation adds the switch.
+    With an orientation at rest, `R_WE`, the hand also holds the tool's orientation, and the
+    page has a switch, `TURN_SWITCH`. While it is on, a drag turns the tool around its end:
+    the grabbed point follows the cursor. The initialisation of a simulation adds the switch.
 
     Input ports
     -----------
@@ -67,14 +66,14 @@ class MouseHand(LeafSystem):
     spatial_forces : abstract
         For the plant's applied_spatial_force port.
     leading : (1,)
-        1 while somebody guides the arm, else 0.
+        1 while the arm is guided, else 0.
     cursor_interval : (1,)
-        Between two positions of the cursor, as the page sends them, s.
+        Time between two positions of the cursor from the page, s.
 
     Parameters
     ----------
     plant : MultibodyPlant
-        Finalized; knows the masses.
+        Finalized; source of the masses.
     meshcat : Meshcat, optional
         Its page sends the pose of its camera (``?tracked_camera=on``).
     specific_stiffness : float
@@ -120,7 +119,9 @@ class MouseHand(LeafSystem):
         super().__init__()
         self.set_name("mouse_hand")
         if (tip is None) != (board is None):
-            raise SystemsError("give both a tip and a board to lead it on, or neither.")
+            raise SystemsError(
+                "give both a tip and a board to guide it on, or neither."
+            )
         if R_WE is not None and tip is None:
             raise SystemsError("a tool that may be turned needs a tip.")
         for name, value in {
@@ -141,7 +142,7 @@ class MouseHand(LeafSystem):
             if R_WE is not None:
                 self._R_WL = R_WE @ X_LE.rotation().inverse()
                 self.DeclareInitializationPublishEvent(self._show)
-        # What must not be dragged has no mass here.
+        # Bodies that must not be dragged have mass 0.
         self._masses = np.zeros(plant.num_bodies())
         for i in range(plant.num_bodies()) if bodies is None else map(int, bodies):
             self._masses[i] = plant.get_body(BodyIndex(i)).default_mass()
@@ -185,7 +186,7 @@ class MouseHand(LeafSystem):
         return poses[body].translation() + p_BoQ_W, v
 
     def _show(self, _: Context) -> None:
-        """Show the switch, which is off."""
+        """Show the switch, initially off."""
         page = self._meshcat
         if page is None:
             return
@@ -199,8 +200,8 @@ class MouseHand(LeafSystem):
         page = self._meshcat
         if page is None or self._R_WL is None:
             return False
-        is_there = TURN_SWITCH in page.GetSliderNames()
-        return is_there and page.GetSliderValue(TURN_SWITCH) > 0.5
+        has_switch = TURN_SWITCH in page.GetSliderNames()
+        return has_switch and page.GetSliderValue(TURN_SWITCH) > 0.5
 
     def _lean(self, context: Context) -> Array | None:
         """Return the rotation vector of the tool from its orientation at rest, in W."""
@@ -213,8 +214,8 @@ class MouseHand(LeafSystem):
         lean: Array = rotation.angle() * rotation.axis()
         return lean
 
-    def _led(self, state: Any) -> tuple[int, Array]:
-        """Return the body that the hand acts at, and where on it."""
+    def _guided_point(self, state: Any) -> tuple[int, Array]:
+        """Return the body that the hand acts on, and the point p_BoQ_B."""
         if self._board is not None:
             return self._tip_body, self._p_LE
         return int(state["body"]), state["point"]
@@ -244,9 +245,9 @@ class MouseHand(LeafSystem):
         s = state.view(STATE)[0]
         grabs = self._board is None and not s["guiding"] and drag is not None
         if grabs and drag is not None:
-            here = drag.anchor
+            p_WQ = drag.anchor
         else:
-            here, _ = self._point(context, *self._led(s))
+            p_WQ, _ = self._point(context, *self._guided_point(s))
         page = self._meshcat
         camera = None if page is None else page.GetTrackedCameraPose()
         new = follow(
@@ -254,7 +255,7 @@ class MouseHand(LeafSystem):
             drag,
             time=context.get_time(),
             period=self._period,
-            here=here,
+            here=p_WQ,
             eye=self._eye if camera is None else np.array(camera.translation()),
             config=self._config,
             board=self._board,
@@ -264,20 +265,17 @@ class MouseHand(LeafSystem):
         values.set_value(self._state, new)
 
     def _calc_forces(self, context: Any, output: Any) -> None:
-        config, board = self._config, self._board
-        # This comes at every step of the plant, so it is fast where nothing is to do.
-        values: Any = context.get_discrete_state(self._state).value()
-        if not values[0] or not (values[1] or config.holds):
+        s, config, board = self._read_state(context), self._config, self._board
+        if not s["started"] or not (s["guiding"] or config.holds):
             output.set_value([])
             return
-        s = values.view(STATE)[0]
-        body, point = self._led(s)
-        here, velocity = self._point(context, body, point)
+        body, point = self._guided_point(s)
+        p_WQ, velocity = self._point(context, body, point)
         normal, height = None, 0.0
         if board is not None and board.is_solid:
-            normal, height = board.normal(here), board.height(here)
+            normal, height = board.normal(p_WQ), board.height(p_WQ)
         f_W = hand_force(
-            s["wanted"] - here, velocity, config=config, normal=normal, height=height
+            s["wanted"] - p_WQ, velocity, config=config, normal=normal, height=height
         )
         tau_W = np.zeros(3)
         if self._R_WL is not None:

@@ -137,13 +137,13 @@ from fmp_drake.systems.interface.arm_model import (
 from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
 
 ENGAGE_HEIGHT = 0.01
-"""Default height over the surface below which the normal force comes in, m."""
+"""Default height over the surface below which the normal force acts, m."""
 
 Array = NDArray[np.float64]
 
 # Groups of the discrete state.
 _TORQUE, _STATUS, _MEMORY = range(3)
-# Which ports what is measured depends on.
+# Input ports of the measured pose, velocity and error.
 _POSE = ("task_frame",)
 _VELOCITY = ("task_frame", "task_frame_velocity")
 _ERROR = ("task_frame", "desired_position", "desired_orientation")
@@ -277,7 +277,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         settings = self._settings.view(np.uint8)
         self._step = partial(impedance_step, settings, joints)
         self._measured_motion = partial(measured_motion, settings)
-        # One update, so that nothing is compiled in the middle of a run.
+        # One update compiles the functions before a run.
         n = plant.num_velocities()
         zeros, at_rest = np.zeros(PACKED_SIZE), np.zeros(2 * n)
         plant_context, memory = plant.CreateDefaultContext(), self._initial_memory()
@@ -297,14 +297,14 @@ class OperationalSpaceImpedanceController(LeafSystem):
             "normal_force": config.force_control.enabled,
         }
         used = [name for name in OPTIONAL if enabled.get(name, True)]
-        self._often = [*REQUIRED, "desired_normal_force"]
-        self._seldom = [name for name in used if name not in self._often]
-        # Most of them are not connected: that is found once, not at every update.
+        self._usual = [*REQUIRED, "desired_normal_force"]
+        self._rare = [name for name in used if name not in self._usual]
+        # Most of them are not connected; the cache finds that out once.
         self._packed = declare_cache(
             self,
-            "packed inputs that are seldom connected",
+            "packed inputs that are rarely connected",
             self._calc_packed,
-            {self._ports[name].ticket() for name in self._seldom},
+            {self._ports[name].ticket() for name in self._rare},
         )
 
     def _declare_outputs(self, n: int) -> None:
@@ -341,7 +341,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         discrete = context.get_discrete_state()
         packed = eval_cache(self, self._packed, context).copy()
         torque, status, memory = self._step(
-            self._pack(context, self._often, packed),
+            self._pack(context, self._usual, packed),
             context.get_time(),
             discrete.value(_TORQUE),
             discrete.value(_MEMORY),
@@ -357,10 +357,10 @@ class OperationalSpaceImpedanceController(LeafSystem):
         return cast(Context, eval_cache(self, self._plant_context, context))
 
     def _calc_packed(self, context: Any, value: Any) -> None:
-        value.set_value(self._pack(context, self._seldom, np.zeros(PACKED_SIZE)))
+        value.set_value(self._pack(context, self._rare, np.zeros(PACKED_SIZE)))
 
     def _pack(self, context: Context, names: Iterable[str], values: Array) -> Array:
-        """Write the values of some ports to an array that `unpack` takes; return it."""
+        """Write the values of some ports to an array for `unpack`; return it."""
         for name in names:
             port = self._ports[name]
             if name in REQUIRED or port.HasValue(context):
@@ -369,10 +369,10 @@ class OperationalSpaceImpedanceController(LeafSystem):
                 values[flag] = 1.0
         return values
 
-    # What is measured is computed when somebody asks.
+    # Measured outputs are computed on demand.
 
     def _measure(self, context: Context, names: Iterable[str]) -> Array:
-        """Return `measured_motion` by what comes in at some ports."""
+        """Return `measured_motion` with the values of some ports."""
         return self._measured_motion(
             self._pack(context, names, np.zeros(PACKED_SIZE)),
             *self._arm.motion(

@@ -12,8 +12,8 @@ from fmp_drake.systems.interface.callbacks import weakly
 class OptionalSpatialForces(LeafSystem):
     """Forces on bodies, or none where nothing is connected.
 
-    With it a diagram can export the input of Drake's
-    `ExternallyAppliedSpatialForceMultiplexer`, which must be connected, as an optional one.
+    A diagram exports its input in place of that of Drake's
+    `ExternallyAppliedSpatialForceMultiplexer`, which must be connected.
 
     Input ports
     -----------
@@ -27,8 +27,8 @@ class OptionalSpatialForces(LeafSystem):
 
     Examples
     --------
-    >>> outside = OptionalSpatialForces()
-    >>> outside.GetOutputPort("spatial_forces").Eval(outside.CreateDefaultContext())
+    >>> forces = OptionalSpatialForces()
+    >>> forces.GetOutputPort("spatial_forces").Eval(forces.CreateDefaultContext())
     []
     """
 

@@ -103,7 +103,7 @@ class ScriptedDisturbances(LeafSystem):
     Input ports
     -----------
     body_poses, body_spatial_velocities
-        Abstract: the plant's; needed where there is a grasp.
+        Abstract: the plant's; only a grasp needs them.
 
     Output ports
     ------------
@@ -115,7 +115,7 @@ class ScriptedDisturbances(LeafSystem):
     Parameters
     ----------
     grip : Frame
-        Of the plant: they act at its origin.
+        Of the plant; the forces act at its origin.
     disturbances : sequence of Push or Grasp
 
     Examples

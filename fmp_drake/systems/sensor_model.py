@@ -67,13 +67,13 @@ class SensorModel(LeafSystem):
         first = np.array(initial, dtype=float)
         n = first.size // 2
         self._period = 1 / rate
-        self._late = round(delay * rate)
+        self._delay = round(delay * rate)  # Samples.
         self._seed = int(seed)
         self._deviation = np.repeat([position_noise, velocity_noise], n)
         self._state = self.DeclareVectorInputPort("state", 2 * n)
         delivered = self.DeclareDiscreteState(first)
-        # What is on its way, the newest first.
-        self.DeclareDiscreteState(np.tile(first, max(self._late, 1)))
+        # Samples that have not arrived, the newest first.
+        self.DeclareDiscreteState(np.tile(first, max(self._delay, 1)))
         self.DeclareStateOutputPort("measured_state", delivered)
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._update)
 
@@ -83,9 +83,9 @@ class SensorModel(LeafSystem):
             number = round(context.get_time() / self._period)
             noise = np.random.default_rng([self._seed, number])
             measured += self._deviation * noise.standard_normal(measured.size)
-        if self._late == 0:
+        if self._delay == 0:
             values.set_value(0, measured)
             return
-        line = context.get_discrete_state().value(1)
-        values.set_value(0, line[-measured.size :])
-        values.set_value(1, np.concatenate([measured, line[: -measured.size]]))
+        queue = context.get_discrete_state().value(1)
+        values.set_value(0, queue[-measured.size :])
+        values.set_value(1, np.concatenate([measured, queue[: -measured.size]]))

@@ -1,4 +1,4 @@
-"""Coordinates of a tool over a curved board, and the orientation along its normal."""
+"""Coordinates of a tool over a curved board, and its orientation along the normal."""
 
 from typing import Any
 
@@ -87,8 +87,8 @@ class SurfaceCoordinates(LeafSystem):
     def _calc_angular_velocity(self, context: Context, output: BasicVector) -> None:
         v_BE: Any = self._velocity.Eval(context)
         p_BE, uvh = self._position(context), self._uvh(context)
-        later = surfaces.project(self._surface, p_BE + _STEP * v_BE, uvh[:2])
-        rate = (later[:2] - uvh[:2]) / _STEP
+        next_uvh = surfaces.project(self._surface, p_BE + _STEP * v_BE, uvh[:2])
+        rate = (next_uvh[:2] - uvh[:2]) / _STEP
         _, _, V_BT, _ = surfaces.moving_frame(
             self._surface, uvh[:2].copy(), rate, np.zeros(2)
         )

@@ -1,4 +1,4 @@
-"""A system that watches whether anything hard is below a surface, or the arm touches it."""
+"""Supervision of a board: hard parts below its surface, and contacts of the arm."""
 
 from typing import Any
 
@@ -28,8 +28,8 @@ class SurfaceMonitor(LeafSystem):
 
     A hard point there has passed through the board, or is about to. Contact is compliant,
     so a small penetration is normal: 0.1 mm for the face of an eraser and 4 mm for a
-    corner that bears 80 N. More than `TOLERANCE` is reported in the status, and so is a
-    contact of any link but the tool with the board.
+    corner under 80 N. The status reports more than `TOLERANCE`, and a contact of the
+    board with any link except the tool.
 
     Input port ``body_poses``: abstract, list of `RigidTransform` X_WBody; the plant's.
     Output ports, both discrete state:
@@ -147,12 +147,12 @@ def along(curvature: Surface, p_B: FloatArray) -> FloatArray:
 
 
 def deepest(p: FloatArray, radii: FloatArray, box: FloatArray) -> float:
-    """Return how far the deepest of N balls is below z = 0 within a board's edges.
+    """Return the depth of the deepest of N spheres below z = 0, within a board's edges.
 
     Parameters
     ----------
     p : ndarray, shape (N, 3)
-        The balls' centres in the coordinates of the board, m.
+        Centres of the spheres in the coordinates of the board, m.
     radii : ndarray, shape (N,)
         m.
     box : ndarray, shape (2, 3)
@@ -168,12 +168,12 @@ def deepest(p: FloatArray, radii: FloatArray, box: FloatArray) -> float:
 
 
 def clearances(p: FloatArray, radii: FloatArray, box: FloatArray) -> FloatArray:
-    """Return the distances of balls from a box, m; negative where they are in it.
+    """Return the distances of spheres from a box, m; negative inside it.
 
     Parameters
     ----------
     p : ndarray, shape (..., N, 3)
-        The balls' centres, m.
+        Centres of the spheres, m.
     radii : ndarray, shape (N,)
         m.
     box : ndarray, shape (2, 3)

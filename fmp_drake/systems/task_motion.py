@@ -1,4 +1,4 @@
-"""The motion of a skill as the inputs of an impedance controller, and what is measured."""
+"""Conversion between the channels of a skill and the ports of an impedance controller."""
 
 from functools import partial
 from typing import Any
@@ -65,7 +65,7 @@ class TaskMotion(LeafSystem):
     task_frame_velocity, task_frame_acceleration : (6,)
         V_WT and its time derivative in W, rotation first.
     measured : (D,)
-        The channels of the skill as they are measured.
+        Measured values of the skill's channels.
 
     Parameters
     ----------
@@ -118,9 +118,9 @@ class TaskMotion(LeafSystem):
             -1 if roles.force is None else roles.force,
             np.array([w, x, y, z]),
         )
-        self._still = np.zeros(24)
-        self._still[:9] = X_WS.rotation().matrix().ravel()
-        self._still[9:12] = X_WS.translation()
+        self._fixed_frame = np.zeros(24)
+        self._fixed_frame[:9] = X_WS.rotation().matrix().ravel()
+        self._fixed_frame[9:12] = X_WS.translation()
         self._declare_inputs(is_moving)
         self._declare_outputs(is_moving)
 
@@ -140,16 +140,16 @@ class TaskMotion(LeafSystem):
         self._desired = declare_cache(
             self, "desired motion", self._calc_desired, desired
         )
-        left_out: set[str] = set()
+        unused: set[str] = set()
         if self._roles.rotation is None:
-            left_out |= set(_ROTATION)
+            unused |= set(_ROTATION)
         if self._roles.force is None:
-            left_out.add("desired_normal_force")
+            unused.add("desired_normal_force")
         if self._surface.is_plane and not is_moving:
-            left_out |= set(_FRAME)
+            unused |= set(_FRAME)
         first = 0
         for name, size in DESIRED.items():
-            if name not in left_out:
+            if name not in unused:
                 self.DeclareVectorOutputPort(
                     name,
                     size,
@@ -168,7 +168,7 @@ class TaskMotion(LeafSystem):
         )
 
     def _calc_desired(self, context: Any, value: Any) -> None:
-        frame = self._still
+        frame = self._fixed_frame
         if self._frame:
             pose, velocity, acceleration = (
                 np.array(port.Eval(context)) for port in self._frame

@@ -84,7 +84,7 @@ class TorqueGate(LeafSystem):
     initial : array_like, shape (7,)
         Joint angles of `state` before the first status, rad.
     limits : JointLimits
-        Of the arm: torques, and what is plausible in a status.
+        Of the arm: torques, and plausible values of a status.
     send : callable, optional
         Called with each torque (7,), Nm, and its time of the wall clock, s; not called
         while the torque stays zero.
@@ -122,10 +122,8 @@ class TorqueGate(LeafSystem):
         wall_time = self.DeclareVectorInputPort("wall_time", 1)
         go = self.DeclareVectorInputPort("go", 1)
         command = self.DeclareAbstractInputPort("command", AbstractValue.Make(b""))
-        self._command = command
-        self._torque, self._status, self._wall_time, self._go = (
-            torque, status, wall_time, go,
-        )  # fmt: skip
+        self._torque, self._status, self._command = torque, status, command
+        self._wall_time, self._go = wall_time, go
         torque_index, gate_index, *_ = map(
             self.DeclareDiscreteState, initial_gate().vectors()
         )
@@ -207,7 +205,7 @@ class TorqueGate(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         wall_time: Any = self._wall_time.Eval(context)
         go: Any = self._go.Eval(context)
-        after = gate_step(
+        state = gate_step(
             self._config,
             self._state(context),
             limits=self._limits,
@@ -218,7 +216,7 @@ class TorqueGate(LeafSystem):
             go=float(go[0]),
         )
         values.set_value(_READING, self._measurement(context))
-        for index, vector in enumerate(after.vectors()):
+        for index, vector in enumerate(state.vectors()):
             values.set_value(index, vector)
 
     def _publish(self, context: Context) -> None:

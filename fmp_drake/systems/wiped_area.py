@@ -1,4 +1,4 @@
-"""Area that an eraser has wiped, estimated from position and normal force."""
+"""Estimate of the wiped area from position and normal force."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _PERIOD = 0.05
 class WipedArea(LeafSystem):
     """Cells of a board that an eraser has wiped.
 
-    It replaces the ink of an `InkBoard` where no ink is measured: a cell is assumed clean
+    It replaces the ink of an `InkBoard` where no ink is measured: it assumes a cell clean
     after one pass of the eraser in contact.
 
     Input ports
@@ -28,7 +28,7 @@ class WipedArea(LeafSystem):
     Output ports
     ------------
     ink : (ny nx,)
-        1 in each cell, 0 once it was wiped; discrete state.
+        1 in each cell, 0 after it was wiped; discrete state.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class WipedArea(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         position: Any = self._position.Eval(context)
         force: Any = self._force.Eval(context)
-        pressed = bool(force[0] > CONTACT_FORCE)
+        is_in_contact = bool(force[0] > CONTACT_FORCE)
         last = context.get_discrete_state(self._last).value()
-        if pressed and last[3] > 0:
+        if is_in_contact and last[3] > 0:
             path = np.array([[*last[:2], 0.0], [*position[:2], 0.0]])
-            wiped = self._grid.swept_area(path, self._footprint)
-            ink = context.get_discrete_state(self._ink).value() * (1.0 - wiped.ravel())
+            area = self._grid.swept_area(path, self._footprint)
+            ink = context.get_discrete_state(self._ink).value() * (1.0 - area.ravel())
             values.set_value(self._ink, ink)
-        values.set_value(self._last, np.array([*position, float(pressed)]))
+        values.set_value(self._last, np.array([*position, float(is_in_contact)]))

@@ -444,7 +444,7 @@ def test_start_that_is_not_finite_is_refused(system):
 
 @pytest.mark.parametrize("far", [1e11, -1e11, 9.0])
 def test_start_far_from_what_was_shown_is_refused(system, start, far):
-    with pytest.raises(SystemsError, match="near what was shown"):
+    with pytest.raises(SystemsError, match="near the demonstrations"):
         simulator_at(system, [start[0], far])
 
 

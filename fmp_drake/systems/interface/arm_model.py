@@ -2,20 +2,20 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import CacheIndex, Context, LeafSystem
+from pydrake.systems.framework import CacheIndex, Context, LeafSystem, ValueProducer
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems.impedance.joints import JointLimits
-from fmp_drake.systems.interface.callbacks import declare_plant_context
 
 Array = NDArray[np.float64]
 ArmReading = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
 
 
 class ArmModel:
-    """Reads an arm's kinematics and dynamics from its plant; holds no values.
+    """Kinematics and dynamics of an arm, computed by its plant; has no state.
 
     Parameters
     ----------
@@ -38,11 +38,19 @@ class ArmModel:
         self._origin = np.zeros(3)
 
     def declare_context(self, system: LeafSystem) -> CacheIndex:
-        """Declare a Context of the plant, for a system to overwrite at every use."""
-        return declare_plant_context(system, self._plant)
+        """Declare a Context of the plant that a system overwrites at every use."""
+        plant = self._plant
+        return system.DeclareCacheEntry(
+            "plant context, overwritten at every use",
+            ValueProducer(
+                allocate=lambda: AbstractValue.Make(plant.CreateDefaultContext()),
+                calc=lambda _context, _value: None,
+            ),
+            prerequisites_of_calc={system.nothing_ticket()},
+        ).cache_index()
 
     def read(self, plant_context: Context, state: Array) -> ArmReading:
-        """Return what `impedance_step` wants to know of the arm, in its order.
+        """Return the kinematics and dynamics for `impedance_step`, as its arguments.
 
         Parameters
         ----------
@@ -52,8 +60,8 @@ class ArmModel:
             ``[q, v]``, rad and rad/s.
         """
         plant = self._plant
-        known = _is_finite(state)
-        if not known:
+        is_finite = _is_finite(state)
+        if not is_finite:
             state = np.zeros_like(state)
         plant.SetPositionsAndVelocities(plant_context, state)
         X_WE = self._end_effector.CalcPoseInWorld(plant_context).GetAsMatrix34()
@@ -67,7 +75,7 @@ class ArmModel:
         )
         # Drake's matrices are stored by columns; their transposes by rows.
         return (
-            known,
+            is_finite,
             state,
             plant.CalcMassMatrix(plant_context).T,
             plant.CalcBiasTerm(plant_context),
@@ -93,7 +101,7 @@ class ArmModel:
         return self._jacobian(plant_context)
 
     def motion(self, plant_context: Context, state: Array) -> tuple[Array, Array]:
-        """Return what `measured_motion` wants to know: transposed X_WE (4, 3), V_WE (6,).
+        """Return the arguments of `measured_motion`: transposed X_WE (4, 3), V_WE (6,).
 
         Both are NaN where the state, shape (2n,), is not finite.
         """
@@ -106,7 +114,7 @@ class ArmModel:
 
 
 def _is_finite(state: Array) -> bool:
-    """Return whether a state is finite, and far from an overflow."""
+    """Return whether a state is finite, and its squares are far from an overflow."""
     return bool(state.dot(state) < 1e24)
 
 
@@ -124,7 +132,7 @@ def joint_limits(plant: MultibodyPlant) -> JointLimits:
 
 
 def _check_plant(plant: MultibodyPlant) -> None:
-    """Refuse a plant that is not one fully actuated arm."""
+    """Raise an error for a plant that is not one fully actuated arm."""
     if not plant.is_finalized():
         raise SystemsError("The controller's plant must be finalized first.")
     n = plant.num_velocities()
@@ -149,9 +157,9 @@ def checked_posture(
     """Return a copy of the posture in rad, or the middle of the joints' ranges."""
     lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
     if q_posture is None:
-        limited = np.isfinite(lower) & np.isfinite(upper)
+        has_limits = np.isfinite(lower) & np.isfinite(upper)
         middle = np.zeros(plant.num_positions())
-        middle[limited] = 0.5 * (lower[limited] + upper[limited])
+        middle[has_limits] = 0.5 * (lower[has_limits] + upper[has_limits])
         return middle
     q = np.array(q_posture, dtype=float)
     if q.shape != lower.shape or not np.all((lower <= q) & (q <= upper)):

@@ -1,8 +1,8 @@
 """Callbacks, cache entries and ports that several systems declare.
 
-The callbacks do not keep their system alive. Drake holds the function of a cache entry or
-of an abstract output port where Python's garbage collection does not see it, and a
-`CacheEntry` holds its system. A system that passed its own methods, or kept a
+The callbacks do not keep their system alive. Drake stores references to the function of a
+cache entry or of an abstract output port, and from a `CacheEntry` to its system, that
+Python's garbage collection does not see. A system that passed its own methods, or stored a
 `CacheEntry`, would never be freed, nor the diagram around it: 20 MB for a wiping station.
 """
 
@@ -10,7 +10,7 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
@@ -26,7 +26,7 @@ from pydrake.systems.framework import (
 
 
 def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that calls a method, and does not keep its object alive."""
+    """Return a function that calls a method through a weak reference to its object."""
     reference = weakref.WeakMethod(method)
 
     def call(*arguments: Any) -> Any:
@@ -54,22 +54,10 @@ def declare_cache(
     ).cache_index()
 
 
-def declare_plant_context(system: LeafSystem, plant: MultibodyPlant) -> CacheIndex:
-    """Declare a Context of a plant, for a system to overwrite at every use."""
-    return system.DeclareCacheEntry(
-        "plant context, overwritten at every use",
-        ValueProducer(
-            allocate=lambda: AbstractValue.Make(plant.CreateDefaultContext()),
-            calc=lambda _context, _value: None,
-        ),
-        prerequisites_of_calc={system.nothing_ticket()},
-    ).cache_index()
-
-
 def collision_ids(plant: MultibodyPlant, body: RigidBody) -> frozenset[int]:
     """Return the values of the identifiers of a body's collision geometries.
 
-    Each `GeometryId` that a plant returns would keep it alive.
+    A `GeometryId` from a plant would keep the plant alive.
     """
     identifiers = plant.GetCollisionGeometriesForBody(body)
     return frozenset(identifier.get_value() for identifier in identifiers)
