@@ -1,8 +1,9 @@
-"""Stations: a robot with a tool at a board, and what moves it, wired for simulation.
+"""Stations: a robot with a tool at a board and its operator, wired as a diagram.
 
-`LoadScenario` reads what is built, and `MakeStation` builds it: a skill, or a hand that
-guides the arm, for a simulated arm or a real one. `CheckFeasibility` says before whether the
-arm can follow a skill. The `Add...` functions add its parts to a diagram of your own.
+`LoadScenario` reads a scenario, and `MakeStation` builds its station: with a skill, or a
+hand that guides the arm, for a simulated arm or a real one. `CheckFeasibility` predicts
+whether the arm can follow a skill. The `Add...` functions add parts of a station to a diagram
+of your own.
 """
 
 from fmp_drake.station.arm_controller import AddArmController

@@ -1,4 +1,4 @@
-"""The arm's controller and what it measures, added to a scene."""
+"""Controller and driver of an arm, added to a scene."""
 
 from dataclasses import replace
 from typing import Any
@@ -27,20 +27,20 @@ def AddArmController(
 ) -> OperationalSpaceImpedanceController:
     """Add the controller, and the driver between it and the arm.
 
-    The controller's torque drives the plant of a simulated arm, which has no weight there.
-    Systems: controller; driver of `MakeDriver`, whose torque_measured has the weight of
-    arm and eraser; task_frame, task_frame_velocity and task_frame_acceleration where the
-    board moves.
+    The controller's torque drives the plant of a simulated arm, where the arm has no
+    weight. Systems: controller; driver of `MakeDriver`, whose torque_measured includes the
+    weight of arm and eraser; task_frame, task_frame_velocity and task_frame_acceleration
+    where the board moves.
 
     Parameters
     ----------
     builder : DiagramBuilder
     scene : BoardScene
     config : ImpedanceConfig
-        Where it has none, the robot's values are taken.
+        The robot's values replace missing ones.
     driver : Driver, optional
-        A simulated arm with ideal sensors by default. Its period, if it asks for one, is
-        the controller's.
+        A simulated arm with ideal sensors by default. The controller has its period, if it
+        requires one.
     lcm : DrakeLcmInterface, optional
         As for `MakeDriver`.
     """
@@ -89,7 +89,7 @@ def AddArmController(
 def AddNormalForceEstimator(
     builder: DiagramBuilder, scene: BoardScene, driver: System
 ) -> OutputPort:
-    """Measure the normal force by the external torque of a `MakeDriver`.
+    """Estimate the normal force from the external torque of a `MakeDriver`.
 
     System: normal_force_estimator.
     """
@@ -117,16 +117,14 @@ def _AddBoardFrame(
     plant = scene.plant
     joint: Any = plant.GetJointByName("rail", scene.whiteboard)
     axis_W = scene.X_WA.rotation() @ np.array(joint.translation_axis())
-    # X_WA is where the board is assumed to be at time 0.
+    # X_WA is the assumed pose of the board at time 0.
     start = scene.X_WA.translation() - joint.get_default_translation() * axis_W
-    still, moving = np.zeros((4, 2)), np.outer(axis_W, [1.0, 0.0])
+    position = np.vstack([np.zeros((4, 2)), np.outer(axis_W, [1.0, 0.0])])
     rotation = scene.X_WA.rotation().ToQuaternion().wxyz()
-    frame = AffineSystem(
-        D=np.vstack([still, moving]), y0=np.concatenate([rotation, start])
-    )
-    turning = np.zeros((3, 2))
-    velocity = MatrixGain(np.vstack([turning, np.outer(axis_W, [0.0, 1.0])]))
-    acceleration = MatrixGain(np.vstack([turning[:, :1], axis_W[:, None]]))
+    frame = AffineSystem(D=position, y0=np.concatenate([rotation, start]))
+    no_rotation = np.zeros((3, 2))
+    velocity = MatrixGain(np.vstack([no_rotation, np.outer(axis_W, [0.0, 1.0])]))
+    acceleration = MatrixGain(np.vstack([no_rotation[:, :1], axis_W[:, None]]))
     measured = plant.get_state_output_port(scene.whiteboard)
     for name, system, source in (
         ("task_frame", frame, measured),

@@ -1,4 +1,4 @@
-"""Forces on the simulated arm from outside: disturbances, and the mouse on the page."""
+"""External forces on the simulated arm: disturbances, and the mouse on the page."""
 
 from dataclasses import replace
 
@@ -33,8 +33,7 @@ def AddExternalForces(
     """Export the plant's port for forces, and add the scenario's disturbances to it.
 
     Systems: disturbances where the scenario has any, with their sum exported as
-    disturbance; optional_spatial_forces and spatial_force_sum where there is more than
-    the exported port.
+    disturbance; with these or a mouse optional_spatial_forces and spatial_force_sum.
 
     Parameters
     ----------
@@ -44,8 +43,8 @@ def AddExternalForces(
         The mouse's forces.
     """
     sources = [] if pull is None else [pull]
-    if disturbed := scene.scenario.disturbances:
-        script = [_scripted(config, scene.X_WB) for config in disturbed]
+    if configs := scene.scenario.disturbances:
+        script = [_scripted(config, scene.X_WB) for config in configs]
         disturbances = builder.AddSystem(
             ScriptedDisturbances(grip=scene.robot.tip, disturbances=script)
         )
@@ -59,9 +58,9 @@ def AddExternalForces(
     if not sources:
         builder.ExportInput(forces, _PORT)
         return
-    outside = builder.AddSystem(OptionalSpatialForces())
-    builder.ExportInput(outside.get_input_port(), _PORT)
-    sources.insert(0, outside.get_output_port())
+    exported = builder.AddSystem(OptionalSpatialForces())
+    builder.ExportInput(exported.get_input_port(), _PORT)
+    sources.insert(0, exported.get_output_port())
     total = builder.AddNamedSystem(
         "spatial_force_sum", ExternallyAppliedSpatialForceMultiplexer(len(sources))
     )
@@ -95,11 +94,11 @@ def AddMousePull(
     scene_graph: SceneGraph,
     meshcat: Meshcat,
 ) -> OutputPort:
-    """Add a spring between the mouse and the body that it drags in the page.
+    """Add a spring between the mouse and the body that it drags on the page.
 
     A drag begins with the left button or a finger on a body that Drake's
-    MeshcatVisualizer shows; on Meshcat's own page it needs the Ctrl key, too. The spring pulls at the point that was grabbed, towards
-    the mouse in the plane of the screen.
+    MeshcatVisualizer shows; on Meshcat's own page it also needs the Ctrl key. The spring
+    pulls the grabbed point towards the mouse, in the plane of the screen.
 
     Systems: meshcat_mouse_spring (Drake's), mouse_hand.
 
@@ -114,13 +113,13 @@ def AddMousePull(
     Returns
     -------
     OutputPort
-        The forces, for the plant's applied_spatial_force port or a sum in front of
-        it; the caller connects it.
+        The forces; the caller connects them to the plant's applied_spatial_force port,
+        or to a sum before it.
 
     Raises
     ------
     StationError
-        Where the plant's port is connected already.
+        If the plant's port is already connected.
     """
     hand = MouseHand(plant, specific_stiffness=_SPECIFIC_STIFFNESS)
     _Connect(builder, hand, plant, scene_graph, meshcat)
@@ -132,26 +131,27 @@ def AddMouseHand(
 ) -> MouseHand:
     """Add a mouse that guides the eraser over the board.
 
-    A drag of the eraser or of any link moves the eraser parallel to the board, slower where
-    the board curves and the tool turns; after the drag its position is held. On Meshcat's own page a drag needs the Ctrl key. Systems:
-    meshcat_mouse_spring (Drake's), mouse_hand.
+    A drag of the eraser or of any link moves the eraser parallel to the board, slower on a
+    curved board, where the tool turns. After the drag the hand holds the position. On
+    Meshcat's own page a drag needs the Ctrl key. Systems: meshcat_mouse_spring (Drake's),
+    mouse_hand.
 
     Parameters
     ----------
     builder : DiagramBuilder
     scene : BoardScene
-        Nothing is connected to its plant's applied_spatial_force port yet; the caller
+        The applied_spatial_force port of its plant is not connected yet; the caller
         connects the hand's port to it.
     meshcat : Meshcat
-        With ``?tracked_camera=on`` in its address it sends the pose of its camera; the
-        scenario's is assumed otherwise.
+        With ``?tracked_camera=on`` in its address it sends the pose of its camera;
+        otherwise the scenario's is assumed.
     """
     scenario, plant, curvature = scene.scenario, scene.plant, scene.curvature
     free = np.array(scenario.board.size) - scenario.eraser.footprint
     robot, config = scene.robot, GUIDING_DRAG
     if not curvature.is_plane:
-        turns = max(abs(curvature.kx), abs(curvature.ky))
-        speed = min(config.max_speed, MAX_TURN_RATE / turns)
+        greatest = max(abs(curvature.kx), abs(curvature.ky))
+        speed = min(config.max_speed, MAX_TURN_RATE / greatest)
         config = replace(config, max_speed=speed)
     hand = MouseHand(
         plant,
@@ -183,7 +183,7 @@ def _Connect(
     meshcat: Meshcat,
 ) -> None:
     """Connect a hand to Drake's mouse spring and to the plant."""
-    before = len(builder.GetSystems())
+    count = len(builder.GetSystems())
     config = VisualizationConfig(
         publish_illustration=False,
         publish_proximity=False,
@@ -201,16 +201,14 @@ def _Connect(
         lcm=DrakeLcm("memq://null"),
     )
     # Drake skips a plant whose port is connected.
-    if len(builder.GetSystems()) == before:
+    if len(builder.GetSystems()) == count:
         raise StationError(
             "the plant's applied_spatial_force is connected already; add the mouse "
-            "first, and connect the sum of all forces then."
+            "first, and connect the sum of all forces afterwards."
         )
     spring = builder.GetSystems()[-1]
-    # Drake gives it to the plant; here it goes through the hand.
-    builder.Disconnect(
-        spring.get_output_port(), plant.GetInputPort("applied_spatial_force")
-    )
+    # Drake connects it to the plant; the hand comes in between.
+    builder.Disconnect(spring.get_output_port(), plant.GetInputPort(_PORT))
     builder.AddSystem(hand)
     builder.Connect(spring.get_output_port(), hand.GetInputPort("spring"))
     for port in ("body_poses", "body_spatial_velocities"):

@@ -1,4 +1,4 @@
-"""Scenarios: everything that a whiteboard station is built from, as YAML."""
+"""Scenarios: all settings of a station, as YAML."""
 
 import dataclasses
 import re
@@ -40,7 +40,7 @@ from fmp_drake.systems.surface.surface import place, rotation
 
 @dataclass(kw_only=True)
 class Scenario:
-    """Everything that a whiteboard station is built from.
+    """All settings of a station.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Scenario:
         `eraser`; in free space also `spoon`, or a model file (SDF or URDF) with the frames
         `mount` and `tip`, relative to the scenario's.
     scenery : str
-        What is only seen, at the origin of B: nothing or `pot`.
+        Body without contact at the origin of B: nothing or `pot`.
     impedance : ImpedanceConfig
         The controller.
     friction : FrictionConfig
@@ -170,7 +170,7 @@ class Scenario:
         return 2 * felt * board / (felt + board) if felt + board else 0.0
 
     def eraser_orientation(self) -> RotationMatrix:
-        """Return R_TE, how the eraser is held over the board; T is B on a flat one."""
+        """Return R_TE, the orientation of the eraser over the board; T is B if flat."""
         return RotationMatrix(RollPitchYaw(np.array(self.impedance.orientation)))
 
     def eraser_pose(self, position: ArrayLike) -> RigidTransform:
@@ -184,15 +184,15 @@ class Scenario:
 
 
 def ListScenarios() -> list[str]:
-    """Return the names of the scenarios that come with the package."""
+    """Return the names of the bundled scenarios."""
     return sorted(path.stem for path in (models_dir() / "scenarios").glob("*.yaml"))
 
 
 def LoadScenario(path: str | Path, *, robot: str | None = None) -> Scenario:
     """Load a scenario from a YAML file, over the defaults of `Scenario`.
 
-    A bare name, such as `table_top`, means a scenario that comes with the package.
-    Files that a scenario names are looked for beside it.
+    A bare name, such as `table_top`, is that of a bundled scenario. Paths in a scenario
+    are relative to its folder.
 
     Parameters
     ----------
@@ -203,8 +203,7 @@ def LoadScenario(path: str | Path, *, robot: str | None = None) -> Scenario:
     Raises
     ------
     StationError
-        Where the file is missing, or holds keys or values that do not fit; it lists
-        what is allowed.
+        If the file is missing, or has invalid keys or values; it lists the allowed ones.
 
     Examples
     --------
@@ -225,7 +224,7 @@ def LoadScenario(path: str | Path, *, robot: str | None = None) -> Scenario:
 def ParseScenario(text: str | bytes, *, name: str = "this") -> Scenario:
     """Read a scenario from YAML text, over the defaults of `Scenario`.
 
-    Files that it names are not looked for.
+    Paths in it stay as they are.
 
     Parameters
     ----------
@@ -236,7 +235,7 @@ def ParseScenario(text: str | bytes, *, name: str = "this") -> Scenario:
     Raises
     ------
     StationError
-        Where it holds keys or values that do not fit; it lists what is allowed.
+        If it has invalid keys or values; it lists the allowed ones.
 
     Examples
     --------
@@ -266,7 +265,7 @@ def _Parse(
 
 
 def _Locate(scenario: Scenario, folder: Path) -> None:
-    """Make the files that a scenario names relative to where it is."""
+    """Make the paths in a scenario relative to its folder."""
     skill, ink = scenario.skill, scenario.ink
     if skill.demonstration.endswith((".csv", ".npz")):
         skill.demonstration = str(folder / skill.demonstration)
@@ -280,47 +279,47 @@ def _Locate(scenario: Scenario, folder: Path) -> None:
         scenario.robot = str(folder / scenario.robot)
 
 
-def _check_types(given: Any, default: Any, name: str = "") -> None:
-    """Refuse what cannot stand in place of a default value, and say what can."""
+def _check_types(value: Any, default: Any, name: str = "") -> None:
+    """Raise an error for a value whose type is not that of its default value."""
     fields = field_names(default)
     if fields:
-        place, allowed = name or "a scenario", ", ".join(fields)
-        if not isinstance(given, Mapping):
+        path, allowed = name or "a scenario", ", ".join(fields)
+        if not isinstance(value, Mapping):
             raise StationError(
-                f"{place} is {shown(given)} ({type(given).__name__}); expected a mapping "
+                f"{path} is {shown(value)} ({type(value).__name__}); expected a mapping "
                 f"with any of: {allowed}."
             )
-        for key, value in given.items():
+        for key, item in value.items():
             if key not in fields:
                 raise StationError(
-                    f"{place} has no key {shown(key)}; allowed are: {allowed}."
+                    f"{path} has no key {shown(key)}; allowed are: {allowed}."
                 )
-            _check_types(value, getattr(default, key), f"{name}.{key}".lstrip("."))
-    elif default == [] and isinstance(given, list):
+            _check_types(item, getattr(default, key), f"{name}.{key}".lstrip("."))
+    elif default == [] and isinstance(value, list):
         example = Disturbance() if name == "disturbances" else 0.0
-        for i, item in enumerate(given):
+        for i, item in enumerate(value):
             _check_types(item, example, f"{name}[{i}]")
-    elif not _fits(given, default):
+    elif not _fits(value, default):
         expected = f"a list like {default}" if isinstance(default, list) else "a number"
         expected = _EXPECTED.get(type(default), expected)
-        raise StationError(f"{name} is {shown(given)}; expected {expected}.")
+        raise StationError(f"{name} is {shown(value)}; expected {expected}.")
 
 
 _EXPECTED = {bool: "true or false", str: "text", type(None): "a number or null"}
 
 
-def _fits(given: Any, default: Any) -> bool:
+def _fits(value: Any, default: Any) -> bool:
     if isinstance(default, list):
-        return isinstance(given, list) and all(
-            _fits(item, default[0] if default else 0.0) for item in given
+        return isinstance(value, list) and all(
+            _fits(item, default[0] if default else 0.0) for item in value
         )
     if isinstance(default, bool | str):
-        return isinstance(given, type(default))
-    if given is None:
+        return isinstance(value, type(default))
+    if value is None:
         return default is None
-    if isinstance(given, str):  # YAML 1.1 reads 1e-3, without a point, as text.
-        return re.fullmatch(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+", given) is not None
-    return isinstance(given, int | float) and not isinstance(given, bool)
+    if isinstance(value, str):  # YAML 1.1 reads 1e-3, without a point, as text.
+        return re.fullmatch(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+", value) is not None
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def field_names(value: Any) -> list[str]:

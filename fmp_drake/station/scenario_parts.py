@@ -1,6 +1,6 @@
-"""The parts of a scenario, as dataclasses that mirror the YAML files.
+"""Parts of a scenario, as dataclasses that mirror the YAML files.
 
-`Scenario.check` checks their values, because loading YAML does not construct anew.
+`Scenario.check` checks their values, because loading YAML does not call constructors.
 """
 
 import math
@@ -40,9 +40,9 @@ def in_one_line(what: str, hint: str = "") -> Iterator[None]:
     Parameters
     ----------
     what : str
-        Before the first line of the error.
+        Text before the first line of the error.
     hint : str
-        After it.
+        Text after it.
     """
     try:
         yield
@@ -60,7 +60,7 @@ def in_one_line(what: str, hint: str = "") -> Iterator[None]:
 
 
 def load_yaml(schema: type, text: str) -> Any:
-    """Load a dataclass from YAML text, which was checked, over its defaults."""
+    """Load a dataclass from checked YAML text, over its defaults."""
     return yaml_load_typed(  # type: ignore[no-untyped-call]
         schema=schema, data=text, defaults=schema()
     )
@@ -68,7 +68,7 @@ def load_yaml(schema: type, text: str) -> Any:
 
 @dataclass(kw_only=True)
 class BoardMotion:
-    """A board that slides to and fro on a rail.
+    """Oscillation of a board on a rail.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class BoardMotion:
     frequency: float = bounded(0.1, above=0)
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
         if not np.any(self.axis):
             return "board.motion.axis is 0; expected a direction."
         return ""
@@ -131,7 +131,7 @@ class BoardConfig:
     Attributes
     ----------
     shape : str
-        `plane`, `cylinder`, `dome`, `bowl`, or `none` where there is no board at all.
+        `plane`, `cylinder`, `dome`, `bowl`, or `none` for free space without a board.
     radius : float
         Of a cylinder, dome or bowl, m.
     axis : str
@@ -171,7 +171,7 @@ class BoardConfig:
     motion: BoardMotion = field(default_factory=BoardMotion)
 
     def assumed_pose(self) -> RigidTransform:
-        """Return X_WB as the controller takes it to be, at the middle of the rail."""
+        """Return the controller's assumption of X_WB, at the middle of the rail."""
         return PoseConfig(translation=self.translation, rpy=self.rpy).transform()
 
     def pose(self) -> RigidTransform:
@@ -191,32 +191,32 @@ class BoardConfig:
         return Surface(kx=kx / self.radius, ky=ky / self.radius)
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
         if self.shape not in _SHAPES:
             return f"board.shape is {self.shape}; choose one of: {', '.join(_SHAPES)}."
         if self.axis not in ("x", "y"):
             return f"board.axis is {self.axis}; expected x or y."
         if self.shape == "none" and self.motion.amplitude > 0:
-            return "board.shape is none, so nothing can move: set board.motion.amplitude to 0."
+            return "board.shape is none: set board.motion.amplitude to 0."
         if self.curvature().is_plane:
             return ""
         if self.shape == "cylinder":
             width = self.size[1 if self.axis == "x" else 0]
-            most, what = 2 * np.pi * self.radius, "its circumference"
+            limit, description = 2 * np.pi * self.radius, "its circumference"
         else:
             width = math.hypot(*self.size)
-            most, what = np.pi * self.radius, "a hemisphere across its corners"
-        if width > 1.000001 * most:
+            limit, description = np.pi * self.radius, "a hemisphere across its corners"
+        if width > 1.000001 * limit:
             return (
                 f"board.size is {self.size} m, {width:.3f} m around a {self.shape} of "
-                f"{self.radius:g} m; expected {most:.3f} m or less, {what}."
+                f"{self.radius:g} m; expected {limit:.3f} m or less, {description}."
             )
         return ""
 
 
 @dataclass(kw_only=True)
 class EraserConfig:
-    """The eraser in the robot's hand.
+    """The eraser at the robot's flange.
 
     Attributes
     ----------
@@ -227,7 +227,7 @@ class EraserConfig:
     friction : float
         Coefficient of friction of its felt.
     worn : float
-        Fraction of the felt's face that does not rub any more, from 0 to 1.
+        Fraction of the felt's face that no longer removes ink, from 0 to 1.
 
     Examples
     --------
@@ -251,10 +251,10 @@ class PressConfig:
     force : float
         Along the board's normal, N; not negative.
     engage_height : float
-        Height of the target over the board below which the force comes in smoothly, m.
+        Height of the target over the board below which the force increases smoothly, m.
     by_torque : bool
-        Whether `impedance.force_control` measures the force by the arm's external torque,
-        as behind LCM, instead of the simulated contact.
+        Whether `impedance.force_control` uses the normal force from the arm's external
+        torque, as behind LCM, instead of that of the simulated contact.
 
     Examples
     --------
@@ -279,11 +279,12 @@ class InkConfig:
     period : float
         Seconds between updates.
     words : str
-        What is written on the board, instead of ink all over.
+        Text on the board, instead of ink all over.
     picture : str
-        File of a picture that is drawn on the board, relative to the scenario's.
+        File of a picture on the board, relative to the scenario's.
     size : float or None
-        Height of the capital letters, or width of the picture, m; None for as large as fits.
+        Height of the capital letters, or width of the picture, m; None for the largest
+        that fits.
 
     Examples
     --------
@@ -299,7 +300,7 @@ class InkConfig:
     size: float | None = bounded(None, above=0)
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
         if self.words and self.picture:
             return "ink has words and a picture; give one of them."
         return ""
@@ -307,7 +308,7 @@ class InkConfig:
 
 @dataclass(kw_only=True)
 class Disturbance:
-    """A person who disturbs the arm at its eraser, at given times.
+    """Disturbance of the arm at its eraser by a person, at given times.
 
     Attributes
     ----------
@@ -316,7 +317,7 @@ class Disturbance:
     start, duration : float
         s.
     every : float
-        Again after so many seconds; 0 for once.
+        Period of its repetition, s; 0 for once.
     force : list of 3 floats
         Of a push, in B, N.
     position : list of 3 floats
@@ -345,7 +346,7 @@ class Disturbance:
     max_force: float = bounded(60.0, above=0)
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
         if self.kind not in DISTURBANCES:
             return (
                 f"a disturbance's kind is {self.kind}; choose one of: "
@@ -366,9 +367,9 @@ class SensorConfig:
     Attributes
     ----------
     rate : float
-        Measurements per second; 0 for a direct look at the simulated state.
+        Measurements per second; 0 for the simulated state itself.
     delay : float
-        Age of what arrives, s.
+        Age of a measurement when it arrives, s.
     position_noise, velocity_noise : float
         Standard deviations, rad and rad/s.
     seed : int
@@ -390,7 +391,7 @@ class SensorConfig:
     seed: int = bounded(0, least=0)
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
         for name in ("delay", "position_noise", "velocity_noise"):
             if self.rate == 0 and getattr(self, name) > 0:
                 return f"sensors.{name} needs a sensors.rate, 1000 Hz for example."
@@ -413,7 +414,7 @@ class CameraConfig:
     target: list[float] = bounded([0.37, 0.0, 0.20])
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
         if self.eye == self.target:
             return "camera.eye and camera.target are the same point."
         return ""
@@ -421,7 +422,7 @@ class CameraConfig:
 
 @dataclass(kw_only=True)
 class ShowConfig:
-    """Items on the page beside arm, eraser and board; each can be switched off.
+    """Optional items on the page beside arm, eraser and board.
 
     Examples
     --------
@@ -449,31 +450,32 @@ class SkillConfig:
     Attributes
     ----------
     demonstration : str
-        Bundled (eight, polishing, pulsing, stirring, wiping) or a file, relative to the scenario's, to
-        learn from.
+        Recording to learn from: a bundled one (eight, polishing, pulsing, stirring,
+        wiping) or a file, relative to the scenario's.
     file : str
         A learned skill to play instead.
-    window, components
-        Of the learning: seconds and Gaussians; None for as many as the recordings allow.
+    window : float
+        Length of the windows to learn from, s.
+    components : int or None
+        Number of Gaussians; None for as many as the recordings allow.
     model : str
-        What is learned: automatic, phase or mixture, as for `FourierMovementPrimitive`.
+        automatic, phase or mixture, as for `FourierMovementPrimitive`.
     sample : bool
         Whether to track samples of the components or their means.
     candidates : int
-        How many samples are drawn at the start and at each re-mapping; the one that
-        passes over the most ink of the demonstrated area is tracked. 1 for any sample,
-        as in the paper.
+        Number of samples at the start and at each re-mapping; the one that passes over
+        the most ink of the demonstrated area is tracked. 1 for any sample, as in the paper.
     margin : float
-        How far samples may leave the demonstrated paths, m.
+        Largest distance of samples from the demonstrated paths, m.
     seed : int
         Of the samples.
     tempo : float
         1 is as demonstrated.
     push_threshold : float or None
-        Distance from the path, m, from which on the movement waits for a pushed
+        Distance from the path, m, above which the movement waits for a pushed
         robot; None for the periodic mode only.
     push_dwell : float
-        Seconds until the motion of a pushed robot is mapped.
+        Duration of a push until the motion of the robot is mapped, s.
 
     Examples
     --------
@@ -496,7 +498,7 @@ class SkillConfig:
     push_dwell: float = bounded(0.2, above=0)
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
-        if self.model not in (known := get_args(ModelChoice)):
-            return f"skill.model is {self.model}; choose one of: {', '.join(known)}."
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
+        if self.model not in (models := get_args(ModelChoice)):
+            return f"skill.model is {self.model}; choose one of: {', '.join(models)}."
         return ""

@@ -1,4 +1,4 @@
-"""The scene that every station shares: arm, eraser and whiteboard."""
+"""Scene of every station: arm, eraser and whiteboard."""
 
 import math
 from dataclasses import dataclass
@@ -42,20 +42,20 @@ _SERVO = 120.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoardScene:
-    """The parts of a scene that was added to a builder.
+    """Parts of a scene in a builder.
 
     Attributes
     ----------
     scenario : Scenario
     plant, scene_graph
         Arm, eraser and board. If they are simulated, arm and eraser have no weight, because
-        the real arm compensates it by itself. Otherwise the board is where it is assumed,
-        and neither is in the diagram.
+        the real arm compensates for it. Otherwise the board has its assumed pose, and
+        neither is in the diagram.
     is_simulated : bool
     robot : Robot
         In `plant`.
     model : Robot
-        What the controller knows: the arm and its eraser with their weight, no board.
+        Model of the controller: arm and eraser with their weight, without a board.
     whiteboard : ModelInstanceIndex or None
         None in free space.
     surface : Frame
@@ -65,9 +65,9 @@ class BoardScene:
     X_WB : RigidTransform
         The board in the world at time 0.
     X_WA : RigidTransform
-        The assumed board: what the controller takes for X_WB.
+        The controller's assumption of X_WB.
     rail : Sine or None
-        The wanted motion of a board on a rail: position, velocity, acceleration.
+        Desired motion of a board on a rail: position, velocity, acceleration.
 
     Examples
     --------
@@ -108,9 +108,9 @@ def AddBoardScene(
     builder : DiagramBuilder
     scenario : Scenario
     start : array_like, shape (3,)
-        p_BE, m: where the board is assumed to be.
+        p_BE, m, in the frame of the assumed board.
     q : array_like, shape (n,), optional
-        Joint angles in which the arm begins instead, wherever the eraser then is, rad.
+        Initial joint angles instead of those for the start, rad.
     visuals : str
         Of the arm: `own` or `drake_models`.
     simulated : bool
@@ -119,13 +119,13 @@ def AddBoardScene(
     Raises
     ------
     StationError
-        Where the scenario has values that do not fit, or the arm cannot reach the start.
+        If the scenario has invalid values, or the arm cannot reach the start.
     """
     scenario.check()
     if not simulated and scenario.board.motion.amplitude > 0:
         raise StationError(
-            f"board.motion.amplitude is {scenario.board.motion.amplitude} m; nothing "
-            "measures a real board's motion. Set it to 0."
+            f"board.motion.amplitude is {scenario.board.motion.amplitude} m; the motion "
+            "of a real board is not measured. Set it to 0."
         )
     config = LoadRobot(scenario.robot)
     model = MakeRobotModel(config, scenario.held_tool())
@@ -135,8 +135,8 @@ def AddBoardScene(
         plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()
         plant.RegisterAsSourceForSceneGraph(scene_graph)
     robot = AddRobot(plant, config, scenario.held_tool(), visuals=visuals)
-    for weightless in (robot.arm, robot.tool):
-        plant.set_gravity_enabled(weightless, False)
+    for instance in (robot.arm, robot.tool):
+        plant.set_gravity_enabled(instance, False)
     board = scenario.board
     X_WB = board.pose() if simulated else board.assumed_pose()
     whiteboard = None
@@ -205,7 +205,7 @@ def _Mount(
     board: BoardConfig,
     X_WB: RigidTransform,
 ) -> None:
-    """Weld a board to the world, or put it on the joint `rail` with a stiff servo."""
+    """Weld a board to the world, or mount it on the joint `rail` with a stiff servo."""
     surface = plant.GetFrameByName("surface", whiteboard)
     if board.motion.amplitude == 0:
         plant.WeldFrames(plant.world_frame(), surface, X_WB)
@@ -241,7 +241,7 @@ def _AddRail(
     whiteboard: ModelInstanceIndex,
     scenario: Scenario,
 ) -> Sine | None:
-    """Add what drives a board on a rail: systems rail and rail_state."""
+    """Add the desired motion of a board on a rail: systems rail and rail_state."""
     motion = scenario.board.motion
     if motion.amplitude == 0:
         return None

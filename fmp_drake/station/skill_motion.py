@@ -1,4 +1,4 @@
-"""The primitive that moves a robot, wired to its controller."""
+"""Playback of a skill, wired to a robot's controller."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,9 +42,9 @@ class Playback:
     roles : ChannelRoles
         Of the skill.
     position : OutputPort
-        The measured position, m; (u, v, h) over a curved board.
+        Measured position, m; (u, v, h) over a curved board.
     force : InputPort
-        Of the desired normal force, N; with a force channel, of the nominal one.
+        Desired normal force, N; with a force channel, the nominal one.
     """
 
     primitive: FourierPrimitiveSystem
@@ -61,13 +61,13 @@ class Playback:
 def ChoiceByInk(
     scenario: Scenario, skill: FourierMovementPrimitive
 ) -> tuple[CoverageChoice | None, NDArray[np.bool_] | None]:
-    """Return how samples are chosen by the ink, if they are, and what is to be cleaned.
+    """Return the choice of samples by the ink, if there is one, and the area to clean.
 
     Parameters
     ----------
     scenario : Scenario
     skill : FourierMovementPrimitive
-        Fitted; the area is what its demonstrations passed over, None where it knows none.
+        Fitted. The area is that of its demonstrated paths; None if it has none.
     """
     grid = BoardGrid(scenario)
     x, y = scenario.eraser.footprint
@@ -93,7 +93,7 @@ def SkillRoles(skill: FourierMovementPrimitive) -> ChannelRoles:
     Raises
     ------
     StationError
-        If a robot cannot play the skill: it has no position, or a channel without a role.
+        If the skill has no position, or a channel without a role.
     """
     skill.check_fitted()
     if skill.n_channels_ == 3 and set(skill.units_) == {"m"}:
@@ -107,7 +107,7 @@ def SkillRoles(skill: FourierMovementPrimitive) -> ChannelRoles:
 
 
 def CheckForceChannel(scenario: Scenario, roles: ChannelRoles) -> None:
-    """Refuse a skill with a force channel where there is nothing to press on.
+    """Check that there is a board for a skill with a force channel.
 
     Raises
     ------
@@ -115,8 +115,8 @@ def CheckForceChannel(scenario: Scenario, roles: ChannelRoles) -> None:
     """
     if roles.force is not None and not scenario.has_board:
         raise StationError(
-            "the skill has a force channel, and board.shape is none: there is nothing to "
-            "press on. Take a scenario with a board, or learn the skill without the channel."
+            "the skill has a force channel, but board.shape is none. Take a scenario with "
+            "a board, or learn the skill without the channel."
         )
 
 
@@ -131,7 +131,7 @@ def AddSkill(
     sample: bool | None,
     seed: int | None,
 ) -> Playback:
-    """Add a skill that commands a controller, and export what it shows.
+    """Add a skill that commands a controller, and export its outputs.
 
     Systems: fourier_primitive, desired_motion; of a skill of more than positions, or on a
     curved surface, task_motion, skill_position, position_covariance of a simulated arm,
@@ -153,17 +153,17 @@ def AddSkill(
     sample, seed
         Instead of the scenario's, unless None.
     """
-    roles, plays = SkillRoles(skill), scene.scenario.skill
+    roles, config = SkillRoles(skill), scene.scenario.skill
     choice = None if measured.ink is None else ChoiceByInk(scene.scenario, skill)[0]
     primitive = FourierPrimitiveSystem(
         skill,
         tracker=tracker,
-        sample=plays.sample if sample is None else sample,
-        seed=plays.seed if seed is None else seed,
-        push_threshold=plays.push_threshold,
-        push_dwell=plays.push_dwell,
+        sample=config.sample if sample is None else sample,
+        seed=config.seed if seed is None else seed,
+        push_threshold=config.push_threshold,
+        push_dwell=config.push_dwell,
         choice=choice,
-        margin=plays.margin if skill.paths_ else None,
+        margin=config.margin if skill.paths_ else None,
         soft_start=True,
     )
     builder.AddSystem(primitive)
@@ -220,8 +220,8 @@ def _AddTaskMotion(
     primitive: FourierPrimitiveSystem,
     controller: System,
 ) -> TaskMotion:
-    """Turn a skill's motion into the inputs of a controller, but for the normal force."""
-    # On a rail a curved surface moves under a task frame that moves itself.
+    """Convert a skill's motion to the controller's inputs, except for the normal force."""
+    # A curved surface on a rail moves, and the task frame moves over it.
     on_rail = builder.HasSubsystemNamed("task_frame") and not scene.curvature.is_plane
     task = TaskMotion(roles, scene.curvature, X_WS=scene.X_WA, is_moving=on_rail)
     builder.AddSystem(task)
@@ -247,10 +247,10 @@ def _AddTaskMotion(
 def _AddForceChannel(
     builder: DiagramBuilder, scene: BoardScene, task: TaskMotion, force: InputPort
 ) -> InputPort:
-    """Let a skill's force channel say the force, and return the port of its nominal force.
+    """Connect a skill's force channel, and return the port of the nominal force.
 
-    What comes in at the port, less the scenario's normal force, is added to the channel: a
-    page's slider shifts the force that was demonstrated.
+    The value at the port, less the scenario's normal force, is added to the channel: a
+    page's slider shifts the demonstrated force.
     """
     total = builder.AddNamedSystem("force_channel", Adder(3, 1))
     nominal = builder.AddNamedSystem(
@@ -268,7 +268,7 @@ def _AddForceChannel(
 def _Select(
     builder: DiagramBuilder, name: str, source: OutputPort, rows: Sequence[int]
 ) -> OutputPort:
-    """Add a system that passes on some elements of a vector."""
+    """Add a system that selects some elements of a vector."""
     part = builder.AddNamedSystem(name, MatrixGain(np.eye(source.size())[[*rows]]))
     builder.Connect(source, part.get_input_port())
     return part.get_output_port()

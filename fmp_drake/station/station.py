@@ -1,4 +1,4 @@
-"""The station: a robot at a board, and what moves it."""
+"""Station: the diagram of a robot at a board with its operator."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -120,7 +120,7 @@ def MakeStation(
     start : array_like, shape (3,), optional
         p_BE of the eraser at time 0, m; the scenario's, or the hand's, where None.
     q : array_like, shape (n,), optional
-        Joint angles in which the arm begins instead, at rest, rad.
+        Initial joint angles instead, at rest, rad.
     tracker : Tracker, optional
         As for `FourierPrimitiveSystem`.
     sample, seed : optional
@@ -128,17 +128,17 @@ def MakeStation(
     visuals : str
         Of the arm: `own`, or `drake_models` for those that Drake downloads.
     meshcat : Meshcat, optional
-        Where to show the scene, as far as the scenario's `show` says.
+        Page of the scene, with the items of the scenario's `show`.
     panel : PagePanel, optional
-        Where to say what goes on.
+        Panel for the status of the run.
     demonstrated : sequence of ndarray, shape (N, 3)
         Paths in B to show, m.
 
     Raises
     ------
     StationError
-        Where a channel of the skill has no role, the arm cannot reach the start, the
-        normal force is more than it bears there, or nothing measures a real board's motion.
+        If a channel of the skill has no role, the arm cannot reach the start, the normal
+        force there exceeds its torque limits, or a real board moves.
 
     Examples
     --------
@@ -196,7 +196,7 @@ def MakeStation(
                 demonstrated=demonstrated,
             )
     if measured.normal_force is not None:
-        # Used where the impedance's configuration enables it.
+        # The controller uses it if its configuration enables force control.
         builder.Connect(measured.normal_force, controller.GetInputPort("normal_force"))
     name = "arm_station"
     if playback is not None and scene.is_simulated:
@@ -240,9 +240,9 @@ def _AddNominalMotion(
     playback: Playback,
     controls: PageControls | None,
 ) -> OutputPort:
-    """Connect tempo and normal force, of the page or else of the scenario.
+    """Connect tempo and normal force of the page or else of the scenario.
 
-    Systems: tempo and desired_normal_force, where no page has controls for them.
+    Systems: tempo and desired_normal_force, unless a page has controls for them.
 
     Returns
     -------
@@ -278,7 +278,7 @@ def _ExportArm(
     driver: System,
     playback: Playback | None,
 ) -> None:
-    """Export the inputs of an arm that nothing here commands, and what it measures."""
+    """Export the inputs and outputs of an arm that nothing in the station commands."""
     force = controller.GetInputPort("desired_normal_force")
     inputs: list[tuple[System, str]] = [(driver, "wall_time"), (driver, "go")]
     if playback is None:
@@ -327,15 +327,15 @@ def _MakeTeachingStation(
     builder.Connect(forces, plant.GetInputPort("applied_spatial_force"))
     position = controller.GetOutputPort("measured_position")
     if not scene.curvature.is_plane:
-        over = builder.AddSystem(
+        surface = builder.AddSystem(
             SurfaceCoordinates(scene.curvature, scenario.eraser_orientation())
         )
         for name in ("measured_pose", "measured_velocity"):
-            builder.Connect(controller.GetOutputPort(name), over.GetInputPort(name))
+            builder.Connect(controller.GetOutputPort(name), surface.GetInputPort(name))
         for name in ("orientation", "angular_velocity"):
             desired = controller.GetInputPort(f"desired_{name}")
-            builder.Connect(over.GetOutputPort(name), desired)
-        position = over.GetOutputPort("coordinates")
+            builder.Connect(surface.GetOutputPort(name), desired)
+        position = surface.GetOutputPort("coordinates")
     LogVectorOutput(position, builder, 1 / DEFAULT_RATE).set_name("recorder")
     for name in recorded:
         source: System = controller

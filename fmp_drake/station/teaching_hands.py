@@ -1,4 +1,4 @@
-"""Hand guiding: hands that guide the arm, and the recording of the motion."""
+"""Kinesthetic teaching: hands that guide the arm, and the recording of the motion."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -60,9 +60,9 @@ class TeachingHand(Protocol):
 
 @dataclass(frozen=True)
 class SimulatedHand:
-    """A model of a person's hand, that leads all the time.
+    """Model of a person's hand that guides the arm all the time.
 
-    It is slower where a curved board turns the tool; see `HandMotion.slowed`.
+    On a curved board, where the tool turns, it is slower; see `HandMotion.slowed`.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class SimulatedHand:
         if scene.whiteboard is None and "z" not in self.motion.channels:
             raise StationError(
                 f"the motion has {', '.join(self.motion.channels)}, and the scenario no board "
-                "to lead the tool over; take a motion with a height, such as stirring, or a "
+                "to guide the tool over; take a motion with a height, such as stirring, or a "
                 "scenario with a board."
             )
         hand = builder.AddSystem(
@@ -156,7 +156,7 @@ def DemonstrationFromRecorder(
 ) -> Demonstration:
     """Return the recording of a teaching station, with and without guiding.
 
-    The channels are x, y and z, and orientation and force where the hand guides them.
+    The channels are x, y and z, and orientation and force if the hand guides them.
 
     Parameters
     ----------
@@ -171,12 +171,12 @@ def DemonstrationFromRecorder(
     recorder: Any = diagram.GetSubsystemByName("recorder")
     log = recorder.FindLog(context)
     times = log.sample_times()
-    keep = times >= skip - 1e-9
-    values = log.data()[:, keep].T
+    mask = times >= skip - 1e-9
+    values = log.data()[:, mask].T
     channels: tuple[str, ...] = POSITION_CHANNELS
     units: tuple[str, ...] = ("m",) * 3
     recorded = {
-        name: _logged(diagram, context, f"record_{name}")[:, keep].T
+        name: _logged(diagram, context, f"record_{name}")[:, mask].T
         for name in ("measured_pose", "normal_force")
         if diagram.HasSubsystemNamed(f"record_{name}")
     }
@@ -184,7 +184,7 @@ def DemonstrationFromRecorder(
         values = np.column_stack([values, recorded["normal_force"]])
         channels, units = (*channels, FORCE_CHANNEL), (*units, "N")
     demonstration = Demonstration(
-        time=np.round(times[keep] - skip, 9),
+        time=np.round(times[mask] - skip, 9),
         values=np.array(values),
         channels=channels,
         units=units,
@@ -198,6 +198,6 @@ def DemonstrationFromRecorder(
 
 
 def _logged(diagram: Diagram, context: Context, name: str) -> NDArray[np.float64]:
-    """Return what a log sink of a diagram has recorded, shape (size, N)."""
+    """Return the data of a log sink of a diagram, shape (size, N)."""
     sink: Any = diagram.GetSubsystemByName(name)
     return np.array(sink.FindLog(context).data())

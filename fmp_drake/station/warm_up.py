@@ -1,4 +1,4 @@
-"""Compilation of what stations need, before it is needed."""
+"""Compilation of the functions of stations before a run."""
 
 import atexit
 import inspect
@@ -37,13 +37,10 @@ _FAST_COMPILATION = {
 
 
 class LawCompilation:
-    """Compilation of the control law by another process, while this one does something else.
+    """Compilation of the control law by another process, in parallel to this one.
 
     The process writes the law, and the functions that it calls, into the cache. It is not
-    started where the cache holds the law. Only one process at a time should compile the
-    functions of a folder. It optimizes at level 1 and without vector instructions, which
-    takes three tenths less time than numba's level 3. The law is as fast, and its results
-    are the same to the last bit.
+            env={**os.environ, **_FAST_COMPILATION, "NUMBA_CACHE_DIR": cache_dir},
     """
 
     def __init__(self) -> None:
@@ -54,10 +51,10 @@ class LawCompilation:
         if any(self._cache.glob(f"*.{python.__name__}-*.nbc")):
             return
         announcer.on_start()
-        place = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+        cache_dir = numba.config.CACHE_DIR  # type: ignore[attr-defined]
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _COMPILE],
-            env={**os.environ, **_FAST_COMPILATION, "NUMBA_CACHE_DIR": place},
+            env={**os.environ, **_FAST_COMPILATION, "NUMBA_CACHE_DIR": cache_dir},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -67,24 +64,24 @@ class LawCompilation:
     def progress(self) -> Iterator[float]:
         """Wait for the end of the process, and yield the compiled fraction meanwhile.
 
-        If the process fails, the law is compiled when it is called first.
+        If the process fails, the law is compiled at its first call.
         """
         while self._process is not None and self._process.poll() is None:
-            # The last function, into which the others are linked, takes a third of the time.
+            # The last function, which includes the others, takes a third of the time.
             yield min(1.0, len([*self._cache.glob("*.nbi")]) / self._count) * 2 / 3
             time.sleep(0.1)
 
 
 def WarmUp(report: Callable[[float], object] = lambda _: None) -> None:
-    """Compile what a station of the Panda and its page compile when they first need it.
+    """Compile the functions that a station of the Panda and its page use.
 
-    That takes up to half a minute, once per machine, in two processes. Later it is read from
-    the cache, in about a second, and nothing waits for it in the middle of a run.
+    This takes up to half a minute, once per machine, in two processes. Later it takes about
+    a second to read them from the cache. No run then waits for a compilation.
 
     Parameters
     ----------
     report : callable, optional
-        Called with the compiled fraction of the control law while only that is missing.
+        Called with the compiled fraction of the control law while only the law is missing.
 
     Examples
     --------
@@ -99,7 +96,7 @@ def WarmUp(report: Callable[[float], object] = lambda _: None) -> None:
         ).fit(circles)
         for model in ("phase", "mixture")
     ]
-    # What a page draws.
+    # Functions of a page.
     rod_mesh(circles, 0.01)
     place(PLANE, circles)
     for fraction in law.progress():
