@@ -1,9 +1,9 @@
-"""Section V of the paper again: experiments, held-out scores and a report.
+"""Reproduction of the paper's section V: experiments, held-out scores and a report.
 
-`run_experiments` of `fmp_drake.experiments.reproduction` reruns the paper's experiments at
-the sizes of a `Profile`; each result is a `Finding`, and `write_report` makes a page of
-them. `fmp_drake.experiments.benchmark` compares methods on any recordings,
-`fmp_drake.experiments.baselines` has the movement primitives that FMP is compared with, and
+`run_experiments` of `fmp_drake.experiments.reproduction` repeats the paper's experiments
+with the sizes of a `Profile`. Each result is a `Finding`, and `write_report` writes a page
+of them. `fmp_drake.experiments.benchmark` compares methods on any recordings,
+`fmp_drake.experiments.baselines` contains the other movement primitives, and
 `fmp_drake.experiments.trials` runs randomised scenarios.
 """
 

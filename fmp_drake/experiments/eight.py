@@ -13,7 +13,7 @@ from fmp_drake.experiments.metrics import (
     RATE,
     SENSITIVITY_BINS,
     SENSITIVITY_FLOORS,
-    Closeness,
+    DemonstratedPath,
     cut,
     divergences,
     draw_grids,
@@ -21,7 +21,7 @@ from fmp_drake.experiments.metrics import (
     grid_extent,
     millimetres,
     play,
-    roughness,
+    rms_jerk,
 )
 from fmp_drake.experiments.report import Finding, Profile
 from fmp_drake.plots import draw_demonstrations_in_plane
@@ -48,19 +48,19 @@ def eight(
 ) -> tuple[list[Finding], dict[str, dict[str, float]]]:
     """Run the experiments of the 8-shape; also return Table I."""
     recorded = demonstration.resample(RATE)
-    near = Closeness(recorded.values)
+    path = DemonstratedPath(recorded.values)
     skill, samples = learn_and_sample(recorded, profile)
     table = table_one(samples, recorded.values)
     low, high = skill.extent_
     middle, half = (low + high) / 2, (high - low) / 2
     corners = np.array([[1.8, 1.4, 0], [-1.8, 1.4, 0], [0, 0, 0], [1.8, -1.4, 0]])
     return [
-        _samples(samples, recorded, near),
+        _samples(samples, recorded, path),
         _heatmaps(samples, recorded.values, table),
         _table(table),
         _sensitivity(samples, recorded.values),
-        _from_starts(skill, middle + corners * half, recorded, near),
-        _played(recorded, near),
+        _from_starts(skill, middle + corners * half, recorded, path),
+        _played(recorded, path),
     ], table
 
 
@@ -69,22 +69,22 @@ def learn_and_sample(
 ) -> tuple[FourierMovementPrimitive, Samples]:
     """Learn with every method of Table I and draw trajectories from each."""
     n = profile.samples
-    few = cut([recorded], stride=PAPER_STRIDE)
-    many = cut([recorded], stride=FMP_STRIDE)
+    sparse = cut([recorded], stride=PAPER_STRIDE)
+    dense = cut([recorded], stride=FMP_STRIDE)
     # ProMP-VM-Mult of V-C; its best with as many Gaussians as FMP.
-    mult = ProMP(frequencies=(1.0, 2.0, 3.0, 4.0, 5.0), n_components=10).fit(few)
-    mult_own = ProMP(frequencies=5, n_components=80).fit(many)
-    paper = FourierMovementPrimitive(**PAPER_SETTINGS, random_state=0).fit(few)
-    mixture = FourierMovementPrimitive(model="mixture", random_state=0).fit(many)
-    phase = FourierMovementPrimitive(model="automatic").fit(many)
-    remembered = np.random.default_rng(0).integers(len(many), size=n)
+    mult = ProMP(frequencies=(1.0, 2.0, 3.0, 4.0, 5.0), n_components=10).fit(sparse)
+    mult_own = ProMP(frequencies=5, n_components=80).fit(dense)
+    paper = FourierMovementPrimitive(**PAPER_SETTINGS, random_state=0).fit(sparse)
+    mixture = FourierMovementPrimitive(model="mixture", random_state=0).fit(dense)
+    phase = FourierMovementPrimitive(model="automatic").fit(dense)
+    indices = np.random.default_rng(0).integers(len(dense), size=n)
     return mixture, {
         MULT: mult.sample(n),
         FMP_PAPER: paper.sample(n, seed=0, with_noise=False),
         FMP: mixture.sample(n, seed=0, with_noise=False),
         PHASE: phase.sample(n, seed=0, with_noise=False),
         MULT_OWN: mult_own.sample(n),
-        REPLAY: many[remembered],
+        REPLAY: dense[indices],
     }
 
 
@@ -111,7 +111,9 @@ def table_rows(table: dict[str, dict[str, float]]) -> list[list[str]]:
     ]
 
 
-def _samples(samples: Samples, recorded: Demonstration, near: Closeness) -> Finding:
+def _samples(
+    samples: Samples, recorded: Demonstration, demonstrated: DemonstratedPath
+) -> Finding:
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
     draw_demonstrations_in_plane([recorded], ax=axes[0])
@@ -122,20 +124,20 @@ def _samples(samples: Samples, recorded: Demonstration, near: Closeness) -> Find
         ax.set(aspect="equal", xlabel=axes[0].get_xlabel())
         ax.locator_params(nbins=6)
     same_limits(axes)
-    rough = {name: roughness(samples[name][:500], RATE) for name in (MULT, FMP_PAPER)}
-    recorded_roughness = roughness(recorded.values, RATE)
-    far = {
-        name: float(np.mean(near.distances(samples[name][:200])))
+    jerk = {name: rms_jerk(samples[name][:500], RATE) for name in (MULT, FMP_PAPER)}
+    distance = {
+        name: float(np.mean(demonstrated.distances(samples[name][:200])))
         for name in (MULT, FMP_PAPER)
     }
     return Finding(
         name="fig7",
         title="Fig. 7: samples of the learned 8-shape distribution",
-        shows=f"Mean distance to the demonstrated path: {MULT} {millimetres(far[MULT])}, "
-        f"FMP {millimetres(far[FMP_PAPER])}. Rms jerk: {MULT} {rough[MULT]:.1f}, FMP "
-        f"{rough[FMP_PAPER]:.1f}, demonstrated {recorded_roughness:.1f} m/s^3.",
+        shows="Mean distance to the demonstrated path: "
+        f"{MULT} {millimetres(distance[MULT])}, FMP {millimetres(distance[FMP_PAPER])}. "
+        f"Rms jerk: {MULT} {jerk[MULT]:.1f}, FMP {jerk[FMP_PAPER]:.1f}, demonstrated "
+        f"{rms_jerk(recorded.values, RATE):.1f} m/s^3.",
         claim="FMP's samples are smoother and closer to the demonstrations.",
-        agrees=far[FMP_PAPER] < far[MULT] and rough[FMP_PAPER] < rough[MULT],
+        agrees=distance[FMP_PAPER] < distance[MULT] and jerk[FMP_PAPER] < jerk[MULT],
         figure=figure,
     )
 
@@ -175,11 +177,11 @@ def _table(table: dict[str, dict[str, float]]) -> Finding:
         shows=f"With 10 Gaussians and windows 10 samples apart for both, FMP's "
         f"divergences are {ratios[0]:.2f} (forward) and {ratios[1]:.2f} (reverse) of "
         f"{MULT}'s; with 80, 2 samples apart, and the movement's own frequencies, "
-        f"{equal[0]:.2f} and {equal[1]:.2f}. All learned from what they are compared "
-        "with, so replaying it is best: see the held-out tables. "
+        f"{equal[0]:.2f} and {equal[1]:.2f}. All methods are compared with the data that "
+        "they learned from, so replay is best: see the held-out tables. "
         f"Grid of {BINS} x {BINS} cells over the demonstrated "
         f"box and 15 % around it; {FLOOR:g} is added to every cell of both heatmaps "
-        "before they are normalised, which settles the empty ones.",
+        "before they are normalised, because of empty cells.",
         claim="FMP is about twice as close to the demonstrations (0.55 and 0.53).",
         agrees=max(ratios) <= 0.55,
         table=rows,
@@ -225,7 +227,7 @@ def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding
         shows=f"Over grids of {SENSITIVITY_BINS[0]} to {SENSITIVITY_BINS[-1]} cells and "
         f"floors of {SENSITIVITY_FLOORS[0]:g} to {SENSITIVITY_FLOORS[-1]:g} the ratio "
         f"is at most {worst:.2f}.",
-        claim="FMP is closer than half, whatever the grid.",
+        claim="FMP's divergence is less than half on every grid.",
         agrees=worst <= 0.5,
         figure=figure,
     )
@@ -235,36 +237,36 @@ def _from_starts(
     skill: FourierMovementPrimitive,
     starts: NDArray[np.float64],
     recorded: Demonstration,
-    near: Closeness,
+    demonstrated: DemonstratedPath,
 ) -> Finding:
     played = play(skill, starts, 12.0)
     paths = {f"start {i}": path for i, path in enumerate(played, start=1)}
-    last = near.distances(played[:, -round(3 * RATE) :]).max(axis=1)
+    distances = demonstrated.distances(played[:, -round(3 * RATE) :]).max(axis=1)
     return Finding(
         name="fig9",
         title="Fig. 9: the 8-shape from different initial positions with FMP",
         shows="The last 3 s of 12 s are within "
-        + ", ".join(millimetres(d) for d in last)
+        + ", ".join(millimetres(d) for d in distances)
         + " of the demonstrations.",
         claim="FMP returns to the demonstrations, also with superposed frequencies.",
-        agrees=bool(np.all(last < 0.01)),
+        agrees=bool(np.all(distances < 0.01)),
         figure=draw_paths(recorded, paths, rows=2),
     )
 
 
-def _played(recorded: Demonstration, near: Closeness) -> Finding:
+def _played(recorded: Demonstration, demonstrated: DemonstratedPath) -> Finding:
     skill = FourierMovementPrimitive().fit(recorded)
     starts = np.repeat(recorded.values[:1], 4, axis=0)
     played = Player(skill, sample=True).rollout(starts, 60.0).position
-    away = near.distances(played)
-    mean, most = float(away.mean()), float(np.quantile(away, 0.99))
+    distances = demonstrated.distances(played)
+    mean, most = float(distances.mean()), float(np.quantile(distances, 0.99))
     paths = {f"seed {i}": path for i, path in enumerate(played[:2])}
     return Finding(
         name="eight_played",
         title="Beyond the paper: samples of the phase model played for 60 s",
         shows=f"From four seeds the path is {millimetres(mean)} from the demonstrations on "
         f"average, and 99 % of it within {millimetres(most)}.",
-        claim="Samples stay with what was shown: 2 mm on average, 8 mm for 99 %.",
+        claim="Samples stay near the demonstration: 2 mm on average, 8 mm for 99 %.",
         agrees=mean <= 0.002 and most <= 0.008,
         figure=draw_paths(recorded, paths),
     )

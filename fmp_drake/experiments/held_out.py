@@ -44,7 +44,7 @@ def score_demonstrations(
     demonstrations : mapping of str to Demonstration
         Name to a recording whose channels are in metres.
     profile : Profile
-        Sets how many learned parts of each length there are, and how many predictions.
+        Sets the numbers of learned parts of each length and of predictions.
     progress : callable
         Called with a sentence about each step.
     """
@@ -84,7 +84,7 @@ def held_out_findings(scores: Scores) -> list[Finding]:
 def _mean(
     scores: Scores, method: str, movement: str, *, measure: str, cycles: str = ALL
 ) -> float:
-    """Return the mean of a measure over the learned parts; NaN where there is none."""
+    """Return the mean of a measure over the learned parts; NaN without a value."""
     values = mean_values(scores[method], measure)
     return values.get(cycles, {}).get(movement, np.nan)
 
@@ -96,14 +96,14 @@ def _best(scores: Scores, movement: str) -> Finding:
         means = {
             name: _mean(scores, name, movement, measure=measure) for name in scores
         }
-        ours, mixture = means.pop(FMP.name), means.pop(MixtureFMP.name)
+        fmp, mixture = means.pop(FMP.name), means.pop(MixtureFMP.name)
         rival = better(
             (name for name in means if np.isfinite(means[name])),
             key=means.__getitem__,
         )
-        wins += better(ours, means[rival]) == ours
+        wins += better(fmp, means[rival]) == fmp
         comparisons.append(
-            f"{title}: FMP {ours:.2f}, its mixture {mixture:.2f}; best other "
+            f"{title}: FMP {fmp:.2f}, its mixture {mixture:.2f}; best other "
             f"{means[rival]:.2f} ({rival})"
         )
     return Finding(

@@ -99,7 +99,7 @@ def kl_divergence(p: ArrayLike, q: ArrayLike, *, floor: float) -> float:
     p, q : array_like
         Of the same shape, each summing to 1.
     floor : float
-        Positive number added to every cell before both are normalised again; an empty
+        Positive number added to every cell before both are normalised; an empty
         cell would make the divergence infinite.
     """
     check_number(floor, "floor", above=0.0, error=ExperimentError)
@@ -187,8 +187,8 @@ def draw_paths(
     return figure
 
 
-class Closeness:
-    """Distances from trajectories to a demonstrated path.
+class DemonstratedPath:
+    """Demonstrated path, for the distances of trajectories to it.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class Closeness:
         return self._tree.query(flat)[0].reshape(trajectories.shape[:-1])
 
 
-def roughness(trajectories: NDArray[np.float64], rate: float) -> float:
+def rms_jerk(trajectories: NDArray[np.float64], rate: float) -> float:
     """Return the rms jerk of trajectories (..., ticks, D), in units per s^3."""
     third = np.diff(trajectories, n=3, axis=-2) * rate**3
     return float(np.sqrt(np.mean(np.sum(third**2, axis=-1))))

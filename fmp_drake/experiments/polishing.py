@@ -11,7 +11,7 @@ from fmp_drake.experiments.metrics import (
     N_STEPS,
     PAPER_STRIDE,
     RATE,
-    Closeness,
+    DemonstratedPath,
     cut,
     divergences,
     draw_grids,
@@ -37,7 +37,7 @@ def polishing(demonstration: Demonstration, profile: Profile) -> list[Finding]:
     """Run the polishing experiments on a demonstration."""
     recorded = demonstration.resample(RATE)
     windows = cut([recorded], stride=PAPER_STRIDE)
-    near = Closeness(recorded.values)
+    path = DemonstratedPath(recorded.values)
     # With the paper's cosines as bases.
     aligned = AlignedProMP(model=ProMP(frequencies=(1.0,)))
     aligned.fit(joined_recordings(windows))
@@ -48,9 +48,9 @@ def polishing(demonstration: Demonstration, profile: Profile) -> list[Finding]:
     outside = (low + high) / 2 + (high - low) * np.array([1.0, 0.75, 0.0])
     return [
         _demonstrations(recorded, skill),
-        _from_starts(play(skill, [inside, outside], _SECONDS), recorded, near),
+        _from_starts(play(skill, [inside, outside], _SECONDS), recorded, path),
         _promp_heatmaps(aligned, windows, profile),
-        _promp_conditioned(aligned, windows, inside, outside, recorded, near),
+        _promp_conditioned(aligned, windows, inside, outside, recorded, path),
     ]
 
 
@@ -66,8 +66,8 @@ def _demonstrations(
         name="fig3",
         title="Fig. 3: demonstrations of polishing",
         shows=f"{recorded.duration:.0f} s of guided polishing, the first 20 s over time, "
-        f"and windows of {N_STEPS / RATE:g} s in the plane, in the colours of their components; they "
-        "start at any phase.",
+        f"and windows of {N_STEPS / RATE:g} s in the plane, in the colours of their "
+        "components; they start at any phase.",
         figure=figure,
     )
 
@@ -78,16 +78,18 @@ def _last_period(paths: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _from_starts(
-    played: NDArray[np.float64], recorded: Demonstration, near: Closeness
+    played: NDArray[np.float64],
+    recorded: Demonstration,
+    demonstrated: DemonstratedPath,
 ) -> Finding:
     paths = dict(zip(("interpolation", "extrapolation"), played, strict=True))
-    distances = near.distances(_last_period(played)).max(axis=1)
-    away = float(near.distances(played[1, :1])[0])
+    distances = demonstrated.distances(_last_period(played)).max(axis=1)
+    start_distance = float(demonstrated.distances(played[1, :1])[0])
     return Finding(
         name="fig4",
         title="Fig. 4: polishing from different initial positions with FMP",
-        shows=f"From {millimetres(away)} outside the demonstrations (right) the last 2 s "
-        f"of {_SECONDS:g} s are within {millimetres(distances[1])} of them; from "
+        shows=f"From {millimetres(start_distance)} outside the demonstrations (right) the "
+        f"last 2 s of {_SECONDS:g} s are within {millimetres(distances[1])} of them; from "
         f"inside (left) {millimetres(distances[0])}.",
         claim="FMP interpolates and extrapolates: the movement returns to the "
         "demonstrated limit cycle.",
@@ -119,8 +121,8 @@ def _promp_heatmaps(
         shows="Forward KL to the demonstrations: aligned "
         f"{period:.2f}, unaligned with one Gaussian {one:.2f}, unaligned with ten "
         f"{ten:.2f}.",
-        claim="ProMP-VM fits aligned periods; without alignment one Gaussian fails, and "
-        "a mixture mends it.",
+        claim="ProMP-VM fits aligned periods; without alignment one Gaussian does not, and "
+        "a mixture does.",
         agrees=period < 0.5 * one and ten < 0.5 * one,
         figure=draw_grids(samples, extent=extent),
     )
@@ -132,18 +134,20 @@ def _promp_conditioned(
     inside: NDArray[np.float64],
     outside: NDArray[np.float64],
     recorded: Demonstration,
-    near: Closeness,
+    demonstrated: DemonstratedPath,
 ) -> Finding:
     mixture = ProMP(frequencies=(_FREQUENCY,), n_components=10).fit(windows)
-    # 6a asks the aligned model for a start of another phase: half a period on.
+    # 6a conditions the aligned model on a start of another phase: half a period later.
     period = aligned.model_.condition([0], [inside])
-    elsewhere = period[len(period) // 2]
+    opposite = period[len(period) // 2]
     paths = {
-        "aligned, other phase (6a)": aligned.model_.condition([0], [elsewhere]),
+        "aligned, other phase (6a)": aligned.model_.condition([0], [opposite]),
         "mixture, interpolation (6b)": mixture.condition([0], [inside]),
         "mixture, extrapolation (6c)": mixture.condition([0], [outside]),
     }
-    a, b, c = (near.distances(_last_period(path)).max() for path in paths.values())
+    a, b, c = (
+        demonstrated.distances(_last_period(path)).max() for path in paths.values()
+    )
     return Finding(
         name="fig6",
         title="Fig. 6: conditioning on the initial position with ProMP-VM",

@@ -97,9 +97,9 @@ class Finding:
     shows : str
         One sentence, with the numbers.
     claim : str
-        Claim of the paper or of this package; "" where there is none.
+        Claim of the paper or of this package; "" for none.
     agrees : bool or None
-        Whether it holds in this run; None where there is no claim.
+        Whether the claim holds in this run; None without a claim.
     figure : Figure or None
     table : list of rows of str, or None
         The first row is the header.

@@ -78,14 +78,14 @@ def run_experiments(
 
 
 def load_own(path: Path) -> Demonstration:
-    """Load a recording, its two widest channels first: those of the heatmaps."""
+    """Load a recording with its two widest channels, those of the heatmaps, first."""
     demonstration = Demonstration.load(path)
-    least = (N_STEPS + PAPER_STRIDE) / RATE
-    if demonstration.duration < least or demonstration.n_channels < 2:
+    shortest = (N_STEPS + PAPER_STRIDE) / RATE
+    if demonstration.duration < shortest or demonstration.n_channels < 2:
         raise FmpError(
             f"{path.name} lasts {demonstration.duration:.3g} s and has "
             f"{demonstration.n_channels} channels; the experiments need at least "
-            f"{least:g} s and 2 channels."
+            f"{shortest:g} s and 2 channels."
         )
     widest = np.argsort(-np.ptp(demonstration.values, axis=0), kind="stable")
     return demonstration.select([demonstration.channels[i] for i in widest])

@@ -20,7 +20,7 @@ _SIZE = (480, 360)
 
 
 class ScenarioRun(NamedTuple):
-    """Metrics of one run, and whether there is a picture of it."""
+    """Metrics of one run, and whether a picture of it was written."""
 
     metrics: Metrics
     has_picture: bool
@@ -100,10 +100,10 @@ def scenario_page(runs: Mapping[str, ScenarioRun], *, duration: float) -> str:
     lines += [
         "",
         (
-            "The normal force, and the fraction within 5 to 15 N (with a force channel: "
-            "within 5 N of the force of the moment), are of the time in "
-            "contact; in free space there is none. Torque and speed are relative to the joint limits. Protective "
-            "stops and joints at their limits are listed below where there were any."
+            "The normal force, and the fraction of time within 5 to 15 N (with a force "
+            "channel: within 5 N of the desired force), refer to the time in contact. "
+            "Torque and speed are relative to the joint limits. Protective stops and "
+            "joints at their limits are listed in the section of the scenario."
         ),
     ]
     for name, run in runs.items():

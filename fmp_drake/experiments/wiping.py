@@ -16,20 +16,20 @@ _START = (0.05, 0.20, 0.05)
 def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
     """Play wiping for 400 samples, tracking mean and samples, also with the robot."""
     skill = FourierMovementPrimitive().fit(demonstration)
-    played, visited = {}, {}
+    paths, cells = {}, {}
     for sample, title in ((False, "tracking the mean"), (True, "tracking a sample")):
         path = Player(skill, sample=sample).rollout(_START, 60.0)[:, 0]
-        played[title] = path[: _LENGTH + 1]
-        visited[sample] = _visited(path)
+        paths[title] = path[: _LENGTH + 1]
+        cells[sample] = _visited_cells(path)
     findings = [
         Finding(
             name="fig10",
             title="Fig. 10: generated trajectories of length 400 (20 s)",
-            shows=f"In 60 s the tool visits {visited[False]} cells of 5 mm tracking the "
-            f"means (left), {visited[True]} tracking samples (right).",
+            shows=f"In 60 s the tool visits {cells[False]} cells of 5 mm tracking the "
+            f"means (left), {cells[True]} tracking samples (right).",
             claim="Movements of any length; sampling gives them much more variability.",
-            agrees=visited[True] > 2 * visited[False],
-            figure=draw_paths(demonstration, played),
+            agrees=cells[True] > 2 * cells[False],
+            figure=draw_paths(demonstration, paths),
         )
     ]
     runs, errors = {}, {}
@@ -60,7 +60,7 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
     return findings
 
 
-def _visited(path: NDArray[np.float64]) -> int:
+def _visited_cells(path: NDArray[np.float64]) -> int:
     """Return the number of 5 mm cells in the plane that a path (ticks, D) visits."""
     ticks = np.arange(len(path))
     fine = np.linspace(0, len(path) - 1, 20 * len(path))

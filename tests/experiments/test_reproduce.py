@@ -18,10 +18,10 @@ from fmp_drake.experiments.benchmark.built_in import (
 from fmp_drake.experiments.eight import FMP_PAPER, MULT, MULT_OWN, PHASE, REPLAY
 from fmp_drake.experiments.held_out import held_out_findings, score_demonstrations
 from fmp_drake.experiments.metrics import (
-    Closeness,
+    DemonstratedPath,
     divergences,
     grid_extent,
-    roughness,
+    rms_jerk,
 )
 from fmp_drake.experiments.report import QUICK, Finding, write_report
 from fmp_drake.primitives import Demonstration
@@ -148,16 +148,16 @@ def test_divergences_of_the_demonstrations_themselves_are_zero():
     assert divergences(path, path, extent=grid_extent(path)) == (0.0, 0.0)
 
 
-def test_closeness_is_the_distance_to_the_nearest_sample():
-    near = Closeness(np.array([[0.0, 0.0], [1.0, 0.0]]))
+def test_distance_to_a_path_is_that_to_the_nearest_sample():
+    path = DemonstratedPath(np.array([[0.0, 0.0], [1.0, 0.0]]))
     np.testing.assert_allclose(
-        near.distances(np.array([[[0.0, 0.3], [0.9, 0.0]]])), [[0.3, 0.1]]
+        path.distances(np.array([[[0.0, 0.3], [0.9, 0.0]]])), [[0.3, 0.1]]
     )
 
 
-def test_roughness_of_a_cubic_is_its_third_derivative():
+def test_rms_jerk_of_a_cubic_is_its_third_derivative():
     t = np.arange(0, 1, 0.01)
-    assert roughness((t**3)[:, None], 100.0) == pytest.approx(6.0, rel=1e-6)
+    assert rms_jerk((t**3)[:, None], 100.0) == pytest.approx(6.0, rel=1e-6)
 
 
 class Shy(Method):
