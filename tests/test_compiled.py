@@ -55,7 +55,7 @@ def test_compiled_functions_call_only_those_of_their_folder():
         assert called == {name.rpartition(".")[0]}, name
 
 
-def test_compiled_function_is_what_was_written():
+def test_compiled_function_equals_its_source():
     offset = np.array([[0.1, -0.2], [0.3, 0.0]])
     np.testing.assert_allclose(
         decayed_offset(offset, 0.4, 0.07),
@@ -64,7 +64,7 @@ def test_compiled_function_is_what_was_written():
     )
 
 
-def test_a_change_of_a_called_function_is_noticed(tmp_path):
+def test_change_of_a_called_function_invalidates_the_cache(tmp_path):
     inner = tmp_path / "inner.py"
     head = "from fmp_drake.compiled import compiled\n"
     body = "@compiled\ndef {}(x):\n    return {}\n"
@@ -109,7 +109,7 @@ print(sum(step.stats.cache_hits.values()), sum(step.stats.cache_misses.values())
 
 
 @pytest.mark.slow
-def test_control_law_is_compiled_beside_and_then_found_as_it_is_called(
+def test_control_law_compiled_in_another_process_is_found_in_the_cache(
     tmp_path, monkeypatch
 ):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))

@@ -105,7 +105,7 @@ def test_every_example_is_run_here():
 
 
 @pytest.mark.parametrize("name", FACTS)
-def test_example_shows_what_it_says(run, name):
+def test_example_prints_its_documented_output(run, name):
     pattern, holds = FACTS[name]
     printed = run(name)
     found = re.search(pattern, printed)

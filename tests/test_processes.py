@@ -57,7 +57,7 @@ def test_every_task_is_done_once(tmp_path):
     assert sorted(begun(tmp_path)[0]) == list(range(9))
 
 
-def test_task_of_a_killed_process_is_done_again(tmp_path):
+def test_task_of_a_killed_process_is_repeated(tmp_path):
     tasks = [(tmp_path, i, 0.1, "kill once" if i == 1 else "") for i in range(5)]
     done = {d.task[1]: d for d in run_tasks(square, tasks, LocalWorkers(2))}
     assert [done[i].result for i in range(5)] == [0, 1, 4, 9, 16]
@@ -117,7 +117,7 @@ def test_task_that_a_broken_executor_does_not_take_is_done_by_the_next(tmp_path)
     assert workers.executors == 2
 
 
-def test_nothing_goes_on_where_the_iterator_is_closed(tmp_path):
+def test_closing_the_iterator_ends_all_tasks(tmp_path):
     tasks = [(tmp_path, i, 0 if i == 0 else 60, "") for i in range(3)]
     running = run_tasks(square, tasks, LocalWorkers(2))
     assert next(running).result == 0

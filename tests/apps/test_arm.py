@@ -54,7 +54,7 @@ def test_arm_names_a_bus_or_a_file(tmp_path):
         (["--arm", "lcm:no bus", "--go"], "there is no bus 'no bus'"),
     ],
 )
-def test_what_cannot_be_done_with_an_arm_is_refused(
+def test_impossible_options_of_an_arm_are_refused(
     options, message, capsys, monkeypatch, tmp_path
 ):
     monkeypatch.chdir(tmp_path)
@@ -65,7 +65,7 @@ def test_what_cannot_be_done_with_an_arm_is_refused(
     assert message in capsys.readouterr().err
 
 
-def test_an_arm_that_says_nothing_is_not_good_and_cannot_be_recorded(
+def test_silent_arm_fails_the_check_and_cannot_be_recorded(
     capsys, monkeypatch, tmp_path
 ):
     monkeypatch.chdir(tmp_path)
@@ -140,7 +140,7 @@ def test_a_guided_arm_is_recorded_until_enter(command, outputs, monkeypatch, ent
     ("press", "reason"),
     [(10, "nobody can say go"), (60, "friction holds the eraser")],
 )
-def test_what_a_person_teaches_an_arm_is_kept_and_played_where_it_may_be(
+def test_skill_taught_to_an_arm_is_saved_and_played(
     refused, outputs, monkeypatch, tmp_path, press, reason
 ):
     scenario = tmp_path / "scene.yaml"
@@ -158,7 +158,7 @@ def test_what_a_person_teaches_an_arm_is_kept_and_played_where_it_may_be(
 
 
 @pytest.mark.usefixtures("no_precedence")
-def test_enter_lets_an_arm_go_and_stops_it_and_the_page_says_so(
+def test_enter_enables_and_stops_an_arm_and_the_page_reports_it(
     command, outputs, monkeypatch, enter
 ):
     skill = outputs / "skill.npz"
@@ -197,7 +197,7 @@ def test_enter_lets_an_arm_go_and_stops_it_and_the_page_says_so(
 
 @pytest.mark.slow
 @needs_network
-def test_killed_frozen_and_started_again_an_arm_moves_only_when_asked(tmp_path):
+def test_after_kill_freeze_and_restart_an_arm_moves_only_when_enabled(tmp_path):
     skill, *_ = scenario_skill(LoadScenario("table_top"), model=ARM_MODEL)
     save_skill(skill, tmp_path / "skill.npz")
     plays = ("wipe", "--headless", "--go", "--skill", tmp_path / "skill.npz")

@@ -16,7 +16,7 @@ def far(tmp_path):
     return path
 
 
-def test_what_can_be_followed_is_said_and_drawn(command, outputs):
+def test_feasible_skill_is_reported_and_drawn(command, outputs):
     plot, report = outputs / "reach.png", outputs / "figures.json"
     result = command("check", "--plot", plot, "--report", report)
     assert result.code == 0
@@ -27,7 +27,7 @@ def test_what_can_be_followed_is_said_and_drawn(command, outputs):
     assert figures["reachable_fraction"] == 1
 
 
-def test_what_cannot_be_followed_ends_with_a_code_and_a_picture(command, outputs, far):
+def test_infeasible_skill_ends_with_a_code_and_a_picture(command, outputs, far):
     plot = outputs / "reach.svg"
     result = command("check", "--scenario", far, "--plot", plot)
     assert result.code == 1
@@ -41,7 +41,7 @@ def test_start_that_is_out_of_reach_cannot_be_followed(command):
     assert "the start is out of reach" in " ".join(result.out.split())
 
 
-def test_wiping_what_cannot_be_followed_is_refused_unless_forced(command, refused, far):
+def test_wiping_an_infeasible_skill_is_refused_unless_forced(command, refused, far):
     run = ("wipe", "--headless", "--duration", 0.05, "--scenario", far)
     assert "--force" in refused(*run)
     forced = command(*run, "--force")

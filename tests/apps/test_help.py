@@ -34,7 +34,7 @@ assert not {HEAVY} & set(sys.modules)
     assert "fmp-drake" in done.stdout or "wipe" in done.stdout
 
 
-def test_help_says_of_each_command_what_the_command_says_of_itself(command):
+def test_help_lists_the_description_of_each_command(command):
     said = " ".join(command("--help").out.split())
     with Context(app) as context:
         for name in app.list_commands(context):
@@ -53,7 +53,7 @@ def test_a_command_computes_with_one_thread_of_blas():
         assert {pool["num_threads"] for pool in threadpool_info()} == {1}
 
 
-def test_what_the_package_logs_is_one_line_on_stderr(command, capsys):
+def test_log_messages_are_one_line_on_stderr(command, capsys):
     command("--help")
     command("--help")
     logging.getLogger("fmp_drake").info("compiling")

@@ -8,9 +8,7 @@ import pytest
 import recorded_files as files
 
 
-def test_five_lines_and_a_picture_tell_what_is_in_a_recording(
-    command, make_npz, outputs
-):
+def test_five_lines_and_a_picture_describe_a_recording(command, make_npz, outputs):
     plot = outputs / "d.png"
     result = command("inspect", make_npz(seconds=30), "--plot", plot)
     assert result.code == 0
@@ -27,7 +25,7 @@ def test_five_lines_and_a_picture_tell_what_is_in_a_recording(
     assert np.ptp(matplotlib.image.imread(plot)[..., :3]) > 0.5
 
 
-def test_gaps_are_said_and_not_bridged(command, make_npz):
+def test_gaps_are_reported_and_not_bridged(command, make_npz):
     time = np.r_[0:10:0.05, 12:20:0.05]
     path = make_npz("gap.npz", time=time, position=np.column_stack([np.sin(time)] * 3))
     shown = command("inspect", path).out
@@ -35,7 +33,7 @@ def test_gaps_are_said_and_not_bridged(command, make_npz):
     assert "learning: possible" in shown
 
 
-def test_reasons_against_learning_are_said(command, make_npz, tmp_path):
+def test_reasons_against_learning_are_reported(command, make_npz, tmp_path):
     short = command("inspect", make_npz("short.npz", seconds=2)).out
     assert "cycles: none found" in short
     assert "Record at least" in short
@@ -45,7 +43,7 @@ def test_reasons_against_learning_are_said(command, make_npz, tmp_path):
     )
 
 
-def test_options_say_what_the_file_does_not(command, tmp_path):
+def test_options_complete_the_file(command, tmp_path):
     file = files.columns_by_name(tmp_path)
     result = command("inspect", file.path, "--columns", file.options["columns"])
     assert "the time is in ms" in result.out

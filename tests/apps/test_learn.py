@@ -44,7 +44,7 @@ def test_options_set_window_and_components(command, make_npz, outputs):
     assert len(learned.components_) <= 3
 
 
-def test_the_model_is_chosen_and_said(command, make_npz, outputs):
+def test_model_is_chosen_and_reported(command, make_npz, outputs):
     skill = outputs / "skill.npz"
     said = {}
     for model in ("mixture", "phase"):
@@ -134,7 +134,7 @@ def test_units_that_cannot_be_right_are_refused_with_a_guess(command, refused, o
     np.testing.assert_allclose(*learned, atol=1e-9)
 
 
-def test_what_makes_no_sense_on_the_board_is_refused_and_learned_as_it_is(
+def test_path_implausible_for_the_board_is_refused_and_learned_as_recorded(
     command, refused, outputs
 ):
     time, path = circles()

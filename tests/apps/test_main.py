@@ -142,9 +142,7 @@ def test_demonstration_with_wrong_numbers_is_refused(
         ("time,x,y,z\n0,1,2,3\n", "1 samples"),
     ],
 )
-def test_table_that_is_no_demonstration_is_refused(
-    refused, outputs, tmp_path, text, reason
-):
+def test_invalid_table_is_refused(refused, outputs, tmp_path, text, reason):
     path = tmp_path / "table.csv"
     path.write_text(text, encoding="utf-8")
     assert reason in refused("learn", path, "--out", outputs / "skill.npz")
@@ -159,7 +157,7 @@ def test_bytes_of_no_meaning_are_refused(refused, tmp_path, option):
     assert path.name in refused("wipe", "--headless", option, path)
 
 
-def test_demonstration_is_no_skill_and_a_skill_no_demonstration(
+def test_demonstration_is_not_a_skill_and_a_skill_not_a_demonstration(
     command, refused, make_npz, outputs
 ):
     demo, skill = make_npz(), outputs / "skill.npz"
@@ -236,7 +234,7 @@ def test_other_errors_of_the_interpreter_are_shown(command, monkeypatch):
         command("wipe")
 
 
-def test_what_drake_only_mentions_is_not_said(command, caplog):
+def test_debug_messages_of_drake_are_not_printed(command, caplog):
     command("--version")
     with caplog.at_level(logging.DEBUG, "drake"):
         logging.getLogger("drake").info("listening")

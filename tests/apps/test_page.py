@@ -239,7 +239,7 @@ except urllib.error.HTTPError as error:
 """
 
 
-def test_a_wrong_address_is_no_business_of_python_in_a_thread_of_meshcat():
+def test_wrong_address_runs_no_python_in_a_thread_of_meshcat():
     done = subprocess.run(
         [sys.executable, "-c", SAYS_WHAT_PYTHON_LOGS],
         capture_output=True,

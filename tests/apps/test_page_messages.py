@@ -48,28 +48,28 @@ def test_messages_are_kept_in_their_order(panel):
     assert panel.shown["messages"][-1]["text"] == "199"
 
 
-def test_page_says_why_a_program_ends(panel):
+def test_page_reports_why_a_program_ends(panel):
     with pytest.raises(FmpError), ended_page(panel):
         raise FmpError("the start is out of reach")
     assert panel.shown["detail"] == "the start is out of reach"
     assert panel.shown["ended"]
 
 
-def test_normal_end_is_no_error(panel):
+def test_normal_end_is_not_an_error(panel):
     panel.show(mode="finished", level="idle")
     with ended_page(panel):
         pass
     assert (panel.shown["level"], panel.shown["ended"]) == ("idle", True)
 
 
-def test_run_that_nobody_watches_ends_by_itself(command, watched):
+def test_run_without_a_viewer_ends_by_itself(command, watched):
     watched(0)
     result = command("wipe", "--rate", 0)
     assert result.code == 0
     assert simulated(result.out) == [0.2]
 
 
-def test_run_goes_on_while_somebody_watches(command, watched):
+def test_run_continues_while_a_page_is_open(command, watched):
     watched(3)
     assert simulated(command("wipe", "--rate", 0).out) == [0.5]
 

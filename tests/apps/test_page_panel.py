@@ -67,7 +67,7 @@ def wait_until(condition):
         time.sleep(0.05)
 
 
-def test_the_page_says_what_is_seen_and_how_to_drag(page):
+def test_page_describes_the_scene_and_how_to_drag(page):
     text = page.wait_for(TEXT)
     assert page.run("document.title") == "table_top"
     for said in (
@@ -154,7 +154,7 @@ def test_a_stop_is_shown_with_its_reason_while_it_lasts(page, panel):
     page.wait_for(f"!{TEXT}.includes('no board was found')")
 
 
-def test_the_pause_button_says_what_it_does_next(page, panel):
+def test_pause_button_is_labelled_with_its_next_action(page, panel):
     with RunButtons(panel.meshcat, panel) as buttons:
         assert not buttons.paused
         pause = BUTTON % RunButtons.PAUSE
@@ -200,7 +200,7 @@ def test_the_sliders_of_the_panel_are_those_of_the_diagram(page, panel):
     page.wait_for(f"{tempo} === null")
 
 
-def test_the_viewer_s_own_menu_is_closed_until_it_is_asked_for(page):
+def test_the_viewer_s_own_menu_is_initially_closed(page):
     menu = "viewer.gui.domElement"
     assert page.run(f"{menu}.offsetHeight") == 0
     page.run("document.getElementById('fmp-viewer').click()")
@@ -223,7 +223,7 @@ def test_the_camera_of_the_page_is_known(page, panel):
     wait_until(seen)
 
 
-def test_a_page_without_its_program_says_so(tmp_path):
+def test_page_without_its_program_reports_it(tmp_path):
     panel = open_page()
     with Page(panel.url, tmp_path) as page:
         page.wait_for_meshcat()

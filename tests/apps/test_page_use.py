@@ -145,7 +145,7 @@ def press(page, name):
     page.click((left + right) / 2, y)
 
 
-def test_a_drag_with_ctrl_moves_the_eraser_and_lets_go(begun, page):
+def test_drag_with_ctrl_moves_the_eraser_and_releases_it(begun, page):
     at = page.grab("drake", "bodies", "eraser", "eraser")
     rest = begun.eraser()
     to = [at[0] + 80, at[1]]

@@ -28,7 +28,7 @@ def test_recording_is_a_demonstration_to_learn_from(command, outputs):
     assert "laid onto" not in played.out
 
 
-def test_seed_decides_what_is_recorded_and_the_name_how(command, outputs):
+def test_seed_determines_the_recording_and_the_name_its_format(command, outputs):
     recordings = {}
     for name, seed in (("a.npz", 3), ("b.csv", 3), ("c.npz", 4)):
         options = ("--minutes", 0.01, "--seed", seed, "--out", outputs / name)

@@ -24,9 +24,7 @@ def test_folder_that_cannot_be_made_is_refused(refused, tmp_path):
         assert f"cannot write into {out}: " in refused("reproduce", "--out", out)
 
 
-def test_claim_that_fails_is_printed_with_what_was_found(
-    command, monkeypatch, tmp_path
-):
+def test_failed_claim_is_printed_with_its_numbers(command, monkeypatch, tmp_path):
     findings = [
         Finding(name=name, title=name, claim=f"{name} > 1.", shows=shows, agrees=agrees)
         for name, shows, agrees in (("a", "a = 0.5.", False), ("b", "b = 2.", True))

@@ -70,5 +70,5 @@ def test_another_robot_is_checked_with_its_own_posture(command, tmp_path):
         ("record", "--arm", "lcm", "--robot", "ur5e", "--out", "x.npz"),
     ],
 )
-def test_an_arm_behind_panda_messages_is_no_other_robot(refused, arguments):
+def test_arm_behind_panda_messages_must_be_a_panda(refused, arguments):
     assert "is simulated only; the arm behind LCM is a Panda" in refused(*arguments)

@@ -94,7 +94,7 @@ def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
     assert len(list(outputs.iterdir())) == 3
 
 
-def test_page_says_what_was_measured():
+def test_page_contains_the_metrics():
     measured = {"table_top": ScenarioRun(METRICS, True)}
     page = scenario_page(measured, duration=60.0)
     (row,) = rows(page)[2:]

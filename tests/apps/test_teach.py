@@ -27,7 +27,7 @@ DRAW = "viewer.renderer.render = viewer.renderer.kept; viewer.set_dirty();"
 
 
 @pytest.mark.slow
-def test_the_page_opens_and_says_where(command, outputs):
+def test_page_opens_and_its_address_is_printed(command, outputs):
     result = command(
         *("teach", "--duration", 0.2, "--out", outputs / "a.npz"),
         *("--skill", outputs / "b.npz"),
@@ -37,7 +37,7 @@ def test_the_page_opens_and_says_where(command, outputs):
     assert list(outputs.iterdir()) == []
 
 
-def test_what_a_button_does_is_said(command, outputs, monkeypatch):
+def test_effect_of_each_button_is_described(command, outputs, monkeypatch):
     pressed = []
 
     def open_and_press(*arguments, **options):
@@ -68,7 +68,7 @@ def test_what_a_button_does_is_said(command, outputs, monkeypatch):
         (("--skill", "missing/b.npz"), "there is no folder"),
     ],
 )
-def test_what_cannot_be_done_is_refused_in_one_line(refused, options, reason):
+def test_impossible_requests_are_refused_in_one_line(refused, options, reason):
     assert reason in refused("teach", *options)
 
 

@@ -71,7 +71,7 @@ def test_older_film_is_kept_unless_told(ffmpeg, command, refused, make_frames, o
 
 
 @pytest.mark.usefixtures("ffmpeg")
-def test_what_is_no_archive_of_frames_is_refused(refused, tmp_path, outputs):
+def test_invalid_archive_of_frames_is_refused(refused, tmp_path, outputs):
     film = outputs / "film.mp4"
     assert "no frame archive" in refused("video", tmp_path / "nowhere.tar", film)
     noise = tmp_path / "noise.tar"

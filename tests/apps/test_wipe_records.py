@@ -216,7 +216,7 @@ def test_one_part_is_hidden_alone(command, runs, pages, outputs):
     assert vars(runs[0].scenario.show) == vars(ShowConfig(ink=False))
 
 
-def test_hidden_part_that_is_none_lists_the_parts(refused):
+def test_unknown_hidden_part_lists_the_parts(refused):
     message = refused("wipe", *SHORT, "--hide", "legs")
     for part in ("legs", *PARTS):
         assert part in message
@@ -274,7 +274,7 @@ def test_log_has_all_signals_and_the_metrics(command, runs, outputs, write):
     assert scenario.description == "Pushed."
 
 
-def test_run_keeps_what_its_files_need_and_no_more(command, runs, outputs):
+def test_run_keeps_only_the_signals_of_its_files(command, runs, outputs):
     wiped(command)
     wiped(command, "--plot", outputs / "run.png")
     assert runs[0].kept == set()

@@ -15,7 +15,7 @@ def test_heatmap_counts_each_sample_in_its_cell():
     np.testing.assert_array_equal(heatmap(points, bins=2, extent=EXTENT), expected)
 
 
-def test_heatmap_puts_what_is_outside_into_the_nearest_cell():
+def test_heatmap_counts_samples_outside_in_the_nearest_cell():
     out = heatmap([[-5.0, 0.1], [5.0, 9.0]], bins=2, extent=EXTENT)
     np.testing.assert_array_equal(out, [[0.5, 0.0], [0.0, 0.5]])
 

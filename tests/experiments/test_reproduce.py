@@ -95,7 +95,7 @@ def test_results_hold_table_one_the_held_out_scores_and_the_settings(reproduced)
     assert set(results["demonstrations"]["mine"]) == set(results["table1"])
 
 
-def test_table_one_compares_equals_and_names_what_was_only_remembered(reproduced):
+def test_table_one_compares_equal_settings_and_names_the_replay(reproduced):
     table = json.loads((reproduced[0] / "results.json").read_text())["table1"]
     for divergence in ("forward_kl", "reverse_kl"):
         # With the paper's settings for both there is little between them.
@@ -218,7 +218,7 @@ def test_benchmark_of_a_folder_is_a_section_of_the_report(
     assert f"wrote {out / 'report.html'}" in result.out.replace("\n", "")
 
 
-def test_report_escapes_what_it_prints(tmp_path):
+def test_report_escapes_its_text(tmp_path):
     finding = Finding(name="a", title="<b>", shows="1 < 2", claim="x & y", agrees=False)
     write_report(
         tmp_path, sections=[("S", [finding])], introduction="", results={"a": 1}

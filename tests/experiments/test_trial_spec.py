@@ -38,7 +38,7 @@ def test_trial_depends_on_text_seed_and_number_only():
     assert drawn(1) == trials[:1]
 
 
-def test_scenario_has_what_was_drawn_and_the_rest_of_its_base():
+def test_scenario_has_the_drawn_values_and_those_of_its_base():
     seen = set()
     for trial in drawn():
         p, s = trial.parameters, ParseScenario(trial.scenario)
@@ -118,7 +118,7 @@ def test_distribution_has_its_mean_and_deviation(kind, values, mean, deviation):
         ("disturbances: {each: {kind: kick}}", "choose one of: push, grasp"),
     ],
 )
-def test_what_does_not_fit_is_named(text, message):
+def test_invalid_names_and_values_are_named(text, message):
     with pytest.raises(FmpError, match=message):
         TrialSpec(text)
 
@@ -162,7 +162,7 @@ def test_normal_distribution_of_narrow_bounds_is_drawn_between_them(least, most)
     assert np.ptp(drawn) > 0.8 * (most - least) or least == most
 
 
-def test_files_are_looked_for_beside_the_spec(tmp_path, make_npz):
+def test_paths_are_relative_to_the_spec(tmp_path, make_npz):
     make_npz("mine.npz")
     path = tmp_path / "mine.yaml"
     path.write_text("fields: {skill.demonstration: {choice: [mine.npz]}}")

@@ -247,7 +247,7 @@ for i in range(40):
 
 
 @pytest.mark.slow
-def test_store_killed_while_its_plan_is_written_goes_on(tmp_path):
+def test_store_continues_after_a_kill_during_its_plan(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", KILLED, tmp_path],
         capture_output=True,
@@ -278,7 +278,7 @@ def test_half_plan_of_a_store_with_trials_is_refused(tmp_path):
         TrialStore(tmp_path, {"spec": "", "seed": "0", "seconds": "1.0"})
 
 
-def test_full_disk_ends_in_words_and_keeps_what_is_stored(
+def test_full_disk_is_reported_and_keeps_stored_trials(
     spec_file, refused, tmp_path, monkeypatch
 ):
     def run(trial):
@@ -308,7 +308,7 @@ def test_report_reads_no_text_as_html(make_store):
     assert "<script>" not in page
 
 
-def test_ctrl_c_leaves_a_valid_store_and_tells_how_to_continue(
+def test_ctrl_c_leaves_a_valid_store_and_prints_how_to_continue(
     command, spec_file, tmp_path, monkeypatch
 ):
     def run(trial):
@@ -586,7 +586,7 @@ def test_older_trial_with_the_whole_distance_only_is_judged_by_it(make_store):
 
 
 @pytest.mark.parametrize(("base", "is_told"), [("table_top", True), ("stir", False)])
-def test_report_names_what_was_not_measured_at_a_board(make_store, base, is_told):
+def test_report_lists_metrics_not_measured_at_a_board(make_store, base, is_told):
     store = make_store(passed, 1, spec=f"base: {base}")
     assert ("was not measured" in TrialsReport(store).verdict()) == is_told
 
@@ -630,7 +630,7 @@ def test_report_counts_by_demonstration(make_store):
 
 
 @pytest.mark.parametrize("where", ["everywhere", "in one trial"])
-def test_report_of_trials_in_free_space_leaves_out_what_has_no_board(make_store, where):
+def test_report_of_trials_in_free_space_omits_the_board(make_store, where):
     boards = {"cleaned_fraction_of_demonstrated_area", "normal_force_wanted_fraction"}
 
     def run(trial):
@@ -714,7 +714,7 @@ def test_inconsistent_options_are_refused(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_report_says_how_many_trials_an_hour_of_a_core_runs(make_store):
+def test_report_states_the_trials_per_core_hour(make_store):
     def run(trial):
         done = passed(trial) if trial.number else refused_trial(trial)
         return replace(done, cpu_seconds=9.0)

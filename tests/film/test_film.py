@@ -113,7 +113,7 @@ def pixel_of(shot, p_B):
 
 @pytest.mark.usefixtures("egl")
 class TestInk:
-    def test_ink_is_blue_and_what_is_wiped_stays_as_it_was(self, station):
+    def test_ink_is_blue_and_wiped_cells_are_unchanged(self, station):
         bare, _ = shoot(station, FAR_BOX, ink=np.zeros(GRID.shape))
         shot, seen = shoot(station, FAR_BOX)
         painted = blue(shot.color)
@@ -140,7 +140,7 @@ class TestInk:
             atol=2.0,
         )
 
-    def test_what_stands_on_the_board_hides_its_ink(self, station):
+    def test_bodies_on_the_board_hide_its_ink(self, station):
         inked = np.ones(GRID.shape)
         open_board, seen_open = shoot(station, FAR_BOX, ink=inked)
         hidden, seen = shoot(station, [0.0, 0.0], ink=inked)
@@ -440,7 +440,7 @@ class TestChecks:
             ("no/film.gif", {}, "there is no folder"),
         ],
     )
-    def test_what_cannot_be_made_is_refused(self, name, options, match, outputs):
+    def test_films_that_cannot_be_made_are_refused(self, name, options, match, outputs):
         with pytest.raises(FmpError, match=match):
             check_film(outputs / name, **options)
 
@@ -479,7 +479,7 @@ def test_a_machine_without_egl_is_found_out(monkeypatch):
 @pytest.mark.parametrize(
     "failure", [OSError("no python"), subprocess.TimeoutExpired("python", 1)]
 )
-def test_a_probe_that_cannot_run_is_no_egl(failure, monkeypatch):
+def test_without_a_running_probe_there_is_no_egl(failure, monkeypatch):
     def fail(*_, **__):
         raise failure
 

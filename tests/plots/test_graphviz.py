@@ -41,7 +41,7 @@ def dot():
         pytest.skip("pictures of diagrams need Graphviz")
 
 
-def test_picture_shows_what_is_connected_and_what_is_exported(loop, outputs):
+def test_picture_shows_connections_and_exported_ports(loop, outputs):
     write_graph(loop, outputs / "d.dot")
     text = (outputs / "d.dot").read_text()
     for name in ("controller", "sum", "plant", "idle", "feed_forward", "state"):

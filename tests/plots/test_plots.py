@@ -298,7 +298,7 @@ class TestWindows:
             (line,) = draw_windows_in_plane(skill, one, single()).lines
             assert line.get_color() == component_color(j)
 
-    def test_many_windows_are_thinned_and_the_title_says_so(self, skills):
+    def test_many_windows_are_thinned_and_the_title_states_it(self, skills):
         ax = draw_windows_in_plane(skills[2], waves(2, seconds=30.0), single())
         assert len(ax.lines) == 60
         assert "60 of 93 windows" in ax.get_title(loc="left")
@@ -676,7 +676,7 @@ class TestPages:
                 if len(line.get_xdata()) > 1
             )
 
-    def test_the_page_of_a_run_says_what_went_wrong(self, skills):
+    def test_page_of_a_run_lists_its_events(self, skills):
         text = "contact lost from 0.5 to 0.9 s"
         run = fake_run(skills[3], events=[RunEvent(0.5, 0.9, "contact lost", text)])
         assert run_page.draw_run(run).get_suptitle() == text
@@ -685,7 +685,7 @@ class TestPages:
             assert shaded.get_extents().width > 0
         assert run_page.draw_run(fake_run(skills[3])).get_suptitle() == ""
 
-    def test_where_the_board_is_found_is_said_and_not_shaded(self, skills):
+    def test_contact_with_the_board_is_labelled_and_not_shaded(self, skills):
         event = RunEvent(0.0, 2.0, "board found", "the board is 3 mm lower")
         run = fake_run(skills[3], events=[event])
         assert run_page.draw_run(run).get_suptitle() == event.text

@@ -236,7 +236,7 @@ def test_path_may_be_a_string(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["npz", "csv"])
-def test_saving_where_there_is_no_folder_says_so(tmp_path, suffix):
+def test_saving_into_a_missing_folder_is_an_error(tmp_path, suffix):
     with pytest.raises(SkillFileError, match="cannot write"):
         example().save(tmp_path / "nowhere" / f"d.{suffix}")
 

@@ -121,7 +121,7 @@ def test_fit_repeats_and_clones(primitive, demonstrations):
         ),
     ],
 )
-def test_what_cannot_be_learned_from_is_refused(x, message):
+def test_unusable_training_data_are_refused(x, message):
     with pytest.raises(DemonstrationError, match=message):
         DiscreteMovementPrimitive().fit(x)
 

@@ -249,7 +249,7 @@ def test_selection_of_the_skill_is_used(small_skill):
         (Keypoint(step=3, values=[0, 0], derivative=-1), "derivative is -1"),
     ],
 )
-def test_keypoints_that_cannot_be_met_say_why(small_skill, point, message):
+def test_error_of_infeasible_keypoints_gives_the_reason(small_skill, point, message):
     good = Keypoint(step=1, values=[0.0, 0.0])
     with pytest.raises(SkillError, match=message):
         small_skill.map_keypoints([good, point])
@@ -262,7 +262,7 @@ def test_no_keypoint_is_refused(small_skill, points):
 
 
 @pytest.mark.parametrize("points", [None, 3, [[0.0, 0.0]], "xy"])
-def test_what_is_not_a_list_of_keypoints_is_refused(small_skill, points):
+def test_invalid_lists_of_keypoints_are_refused(small_skill, points):
     with pytest.raises(SkillError, match="is not a list of Keypoint"):
         small_skill.map_keypoints(points)
 

@@ -243,7 +243,7 @@ def test_integer_weights_are_repeated_windows():
         assert_allclose(dense_paper.dense(two), dense_paper.dense(one), atol=1e-8)
 
 
-def test_progress_tells_about_the_parts_of_the_fit():
+def test_progress_reports_the_parts_of_the_fit():
     said = []
     fit_mixture(clusters(), **{**OPTIONS, "n_components": 2}, progress=said.append)
     assert said[0] == "principal directions of 240 windows of 10 weights"

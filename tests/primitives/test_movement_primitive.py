@@ -66,7 +66,7 @@ def test_a_mixture_has_a_component_for_seven_windows(seconds, count):
     assert len(skill.components_) == count
 
 
-def test_few_components_foretell_more_of_a_short_recording(polishing_demonstration):
+def test_few_components_predict_a_short_recording_better(polishing_demonstration):
     values = polishing_demonstration.resample(20).values
     learned, unseen = values[:400], values[400:1600]
     likelihood = [
@@ -245,7 +245,7 @@ def test_windows_and_demonstrations_teach_the_same(polishing_demonstration):
         (None, r"shape \(\); expected"),
     ],
 )
-def test_what_cannot_be_learned_from_is_refused(x, message):
+def test_unusable_training_data_are_refused(x, message):
     with pytest.raises(DemonstrationError, match=message):
         tiny(rate=20.0).fit(x)
 
@@ -296,7 +296,7 @@ def test_window_without_samples_is_refused(window):
         FourierMovementPrimitive(window=window)
 
 
-def test_fitted_skill_shows_what_was_learned(polishing_demonstration):
+def test_fitted_skill_describes_itself(polishing_demonstration):
     assert repr(tiny()).startswith("FourierMovementPrimitive(")
     mixture = tiny(n_components=2).fit(polishing_demonstration)
     assert "mixture of 2 components; x (m), y (m)" in repr(mixture)
@@ -325,7 +325,7 @@ def test_arrays_are_recordings_at_the_rate_of_the_skill(polishing_demonstration)
     assert whole.score(y) == whole.score(Demonstration(time=time, values=y))
 
 
-def test_short_demonstration_says_how_long_it_must_be():
+def test_error_of_a_short_demonstration_states_the_least_length():
     short = Demonstration(time=np.arange(8) / 20, values=np.zeros((8, 3)))
     with pytest.raises(DemonstrationError, match=r"Record at least 0\.4 s"):
         tiny().fit(short)
@@ -610,7 +610,7 @@ def test_window_of_no_weight_is_left_out():
     assert np.array_equal(zero.extent_, without.extent_)
 
 
-def test_windows_count_as_often_as_their_weight_says():
+def test_weight_of_a_window_equals_its_repetition():
     x = arcs(20)
     times = np.random.default_rng(0).integers(1, 4, 20)
     one = arc_learner(n_components=1).fit(x, weights=times)

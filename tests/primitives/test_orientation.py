@@ -149,7 +149,7 @@ def test_rotation_vectors_do_not_jump_around_a_half_turn(axis, seed):
         assert np.all(steps < 1.1 * max(bound, 1.0) * turned.max() + 1e-9)
 
 
-def test_first_sample_is_taken_near_to_what_is_given():
+def test_first_sample_is_chosen_near_the_given_rotation():
     almost = about([0, 0, 1], 3.5)  # The short way: 2 pi - 3.5 the other way round.
     short = rotation_vectors(almost, IDENTITY)
     assert_allclose(short, [0, 0, 3.5 - 2 * np.pi])

@@ -169,7 +169,7 @@ def test_many_channels_are_learned_by_the_mixture_or_refused_with_what_to_do():
         skill.fit(values)
 
 
-def test_automatic_takes_the_mixture_where_no_cycle_comes_again_and_says_why():
+def test_automatic_takes_the_mixture_without_a_repeated_cycle_and_reports_why():
     demonstration = recorded(wavering(62, period=55))
     skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="automatic")
     skill.fit(demonstration)
@@ -267,7 +267,7 @@ def test_the_next_second_of_the_eight_is_predicted_with_honest_covariances(eight
     assert 0.9 < np.mean(inside) < 0.99
 
 
-def test_of_what_twenty_seconds_teach_the_covariances_hold_too(eight):
+def test_covariances_of_a_model_of_twenty_seconds_are_calibrated(eight):
     _, known, held = eight
     demonstration = Demonstration(time=np.arange(400) / RATE, values=known[:400])
     skill = FourierMovementPrimitive(model="phase").fit(demonstration)
@@ -294,7 +294,7 @@ def test_of_what_twenty_seconds_teach_the_covariances_hold_too(eight):
 
 
 @pytest.mark.parametrize("cycles", [1.6, 3.0, 4.5])
-def test_covariances_hold_of_what_follows_few_cycles(cycles):
+def test_covariances_of_a_model_of_few_cycles_are_calibrated(cycles):
     coverage = []
     for seed in range(6):
         y = recorded(wavering(600, seed=seed), seed=seed + 100).values
@@ -377,7 +377,7 @@ def test_two_predictions_of_equal_variance_are_no_more_certain_than_one():
     assert_allclose(covariances, variances, rtol=1e-4)
 
 
-def test_what_is_too_short_to_extrapolate_keeps_its_prediction():
+def test_prediction_is_unchanged_beyond_the_extrapolated_samples():
     y = two_tones(18)
     values, covariances = np.ones((20, 2)), np.broadcast_to(np.eye(2), (20, 2, 2))
     after = Extrapolation([y], 10, 20).blended(y[:10], values, covariances)
@@ -387,7 +387,7 @@ def test_what_is_too_short_to_extrapolate_keeps_its_prediction():
 
 
 @pytest.mark.parametrize("count", [24, 40, 70])
-def test_what_nothing_repeats_in_is_predicted_with_covariances_too(count):
+def test_prediction_without_repetition_has_covariances(count):
     rng = np.random.default_rng(3)
     path = np.cumsum(np.cumsum(rng.normal(0, 1e-3, (400, 2)), axis=0), axis=0)
     skill = FourierMovementPrimitive(rate=RATE, n_steps=20, overlap=5).fit(path[:count])

@@ -72,7 +72,7 @@ def assert_states_equal(one, two):
 
 
 @pytest.mark.parametrize("tempo", [0.0, 0.7, 1.0])
-def test_starts_at_rest_exactly_where_asked(player, tempo):
+def test_playback_starts_at_rest_exactly_at_the_start(player, tempo):
     for position in (player.skill.extent_.mean(axis=0), outside(player.skill)):
         state = player.start(position, tempo=tempo)
         value, velocity, _ = player.motion(state)
@@ -121,7 +121,7 @@ def test_start_tolerance_that_is_negative_is_refused(small_skill):
 @pytest.mark.parametrize(
     "start", [[0.0], [0, 0, 0], [[0, 0]], [0, np.nan], [0, np.inf]]
 )
-def test_start_that_is_no_position_is_refused(small_skill, start):
+def test_invalid_start_is_refused(small_skill, start):
     with pytest.raises(
         SkillError, match=r"the start of shape .* expected \(2,\)|NaN or .* the start"
     ):
@@ -178,7 +178,7 @@ def test_history_holds_the_last_desired_values(player):
         assert_allclose(state.history[-count:], values[-count:], atol=1e-12)
 
 
-def test_remapping_comes_every_t_minus_k_ticks(player):
+def test_remapping_happens_every_t_minus_k_ticks(player):
     assert player.ticks_between_remaps == 20
     remaps = [s.remaps for s in ticks(player, player.start(outside(player.skill)), 65)]
     assert remaps == [i // 20 for i in range(1, 66)]
@@ -192,7 +192,7 @@ def test_weights_relax_to_their_target(player):
     assert np.all(np.diff(distances) < 0)
 
 
-def test_first_values_repeat_what_was_mapped(small_skill):
+def test_first_values_repeat_the_mapped_values(small_skill):
     # A re-mapped window follows the last K values of the one before.
     player = Player(small_skill)
     state = player.advance(player.start(small_skill.extent_.mean(axis=0)), 2.0)
@@ -253,7 +253,7 @@ def test_return_from_outside_does_not_swing_out(wiping_skill):
 
 
 @pytest.mark.parametrize("confidence", [0.0, -0.1, 1.1, np.nan])
-def test_confidence_that_is_no_share_is_refused(small_skill, confidence):
+def test_confidence_that_is_not_a_fraction_is_refused(small_skill, confidence):
     with pytest.raises(SkillError, match=r"confidence is .* positive and at most 1\.0"):
         Player(small_skill, confidence=confidence)
 
@@ -305,7 +305,7 @@ def test_samples_differ_from_the_mean_and_repeat_with_the_seed(small_skill):
     assert np.max(np.abs(one[:, 0] - other[:, 0])) > 0.005
 
 
-def test_samples_are_drawn_anew_at_every_remapping(small_skill):
+def test_new_samples_are_drawn_at_every_remapping(small_skill):
     player = Player(small_skill, sample=True)
     state = player.start(small_skill.extent_.mean(axis=0))
     targets = [s.target for s in ticks(player, state, 60)]
@@ -492,7 +492,7 @@ def test_own_target_is_one_for_all_starts(small_skill):
         ("mean", "'mean' cannot be read as real numbers"),
     ],
 )
-def test_target_that_is_no_weights_is_refused(small_skill, target, message):
+def test_invalid_target_is_refused(small_skill, target, message):
     with pytest.raises(SkillError, match=message):
         Player(small_skill, target=target)
 
@@ -503,13 +503,13 @@ def test_target_and_samples_exclude_each_other(small_skill):
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, None, "one"])
-def test_seed_that_is_no_whole_number_is_refused(small_skill, seed):
+def test_seed_that_is_not_a_whole_number_is_refused(small_skill, seed):
     with pytest.raises(SkillError, match=r"seed is .* whole number"):
         Player(small_skill, seed=seed)
 
 
 @pytest.mark.parametrize("start", [[0.0], [[[0.0, 0.0]]], [[0, np.nan]], "here", None])
-def test_rollout_from_what_is_no_start_is_refused(small_skill, start):
+def test_rollout_from_an_invalid_start_is_refused(small_skill, start):
     with pytest.raises(SkillError, match="the start"):
         Player(small_skill).rollout(start, 1.0)
 
@@ -570,7 +570,7 @@ def test_plan_is_the_coming_ticks(small_skill, sample):
 
 
 @pytest.mark.parametrize("every", [1, 7, 20])
-def test_playback_is_mapped_anew_as_often_as_was_asked(small_skill, every):
+def test_remappings_have_the_given_interval(small_skill, every):
     player = Player(small_skill, remap_ticks=every)
     *_, state = ticks(player, player.start([0.1, 0.0]), 40)
     assert state.remaps == 40 // every

@@ -199,7 +199,7 @@ def test_poses_are_read_with_an_orientation_that_does_not_jump(make, tmp_path):
 
 
 @pytest.mark.parametrize("make", REFUSED, ids=name_of)
-def test_what_cannot_be_read_is_refused_with_advice(make, tmp_path):
+def test_unreadable_files_are_refused_with_advice(make, tmp_path):
     with pytest.raises(FmpError, match=REFUSED[make]) as refusal:
         read(make, tmp_path)
     assert str(tmp_path) in str(refusal.value)
@@ -229,7 +229,7 @@ def test_what_cannot_be_read_is_refused_with_advice(make, tmp_path):
     ],
     ids=lambda each: getattr(each, "__name__", ""),
 )
-def test_what_was_recognised_is_said(make, said, tmp_path):
+def test_recognised_columns_are_reported(make, said, tmp_path):
     (found,), remarks = read(make, tmp_path)
     assert re.search(said, remarks)
     assert found.note in remarks
@@ -325,7 +325,7 @@ def drop(column, path):
         ),
     ],
 )
-def test_a_dataset_says_what_it_lacks(damage, message, tmp_path):
+def test_error_of_a_dataset_lists_missing_parts(damage, message, tmp_path):
     dataset = written(files.lerobot_2, tmp_path).path
     damage(dataset)
     with pytest.raises(FmpError, match=message):
@@ -479,7 +479,7 @@ def test_a_file_that_cannot_be_read_is_named():
         ("d.h5", b"\x89HDF\r\n\x1a\n", "h5py", r"HDF5 file; .*'fmp-drake\[hdf5\]'"),
     ],
 )
-def test_what_reads_a_file_is_named_where_it_is_missing(
+def test_missing_reader_is_named_with_its_extra(
     name, content, package, message, tmp_path, monkeypatch
 ):
     monkeypatch.setitem(sys.modules, package, None)

@@ -51,7 +51,7 @@ def papers_skill(demonstration):
 # The measure itself -----------------------------------------------------------
 
 
-def test_tube_holds_what_a_component_draws(skill):
+def test_tube_contains_samples_of_a_component(skill):
     tube = tube_of(skill)
     rng = np.random.default_rng(0)
     for j in (0, 7, 30):
@@ -78,7 +78,7 @@ def test_box_is_twice_as_wide_as_demonstrated(skill):
     assert_allclose(np.abs(starts - middle).max(axis=0) / half, 2.0, atol=0.02)
 
 
-def test_tube_holds_what_was_demonstrated(skill, mixture, demonstration):
+def test_tube_contains_the_demonstrations(skill, mixture, demonstration):
     assert demonstrated_inside(skill, demonstration) > 0.96
     # A mixture is too sure where a window ends: what it plays is in its tube for that.
     assert demonstrated_inside(mixture, demonstration) < 0.85

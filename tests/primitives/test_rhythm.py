@@ -69,7 +69,7 @@ def test_learning_and_inspection_agree_on_the_rhythm():
 
 
 @pytest.mark.parametrize("model", ["automatic", "phase"])
-def test_a_window_is_no_longer_than_the_recording(model):
+def test_window_is_at_most_as_long_as_the_recording(model):
     skill = FourierMovementPrimitive(model=model).fit(demonstration(drop(phases(110))))
     assert skill.model_ == "phase"
     assert skill.n_steps <= 110
@@ -113,7 +113,7 @@ def test_a_steady_movement_has_no_remark():
     assert found.describe() == ["12.0 cycles of 2.50 s"]
 
 
-def test_a_reversed_direction_is_no_pause():
+def test_reversal_is_not_a_pause():
     phase = phases(1200)
     phase = np.concatenate([phase[:700], 2 * phase[700] - phase[700:]])
     found = find_rhythm(demonstration(drop(phase)))
@@ -153,7 +153,7 @@ def test_a_part_without_samples_is_refused():
         find_rhythm(demonstration(drop(phases(600))), start=40.0, end=50.0)
 
 
-def test_where_nothing_comes_again_there_is_no_rhythm():
+def test_recording_without_repetition_has_no_rhythm():
     path = eased(np.zeros(2), np.ones(2), 200)
     with pytest.raises(DemonstrationError, match="no part of it comes again"):
         find_rhythm(demonstration(path))

@@ -68,7 +68,7 @@ def test_no_sample_that_is_played_leaves_the_region(skills, model, seed):
 
 
 @MODELS
-def test_samples_do_not_wander_from_what_was_shown_by_default(skills, model):
+def test_samples_stay_near_the_demonstrations_by_default(skills, model):
     skill = skills[model]
     width = np.linalg.norm(np.ptp(skill.extent_, axis=0)) / 2
     player = Player(skill, sample=True, seed=1)
@@ -175,7 +175,7 @@ TRACKERS = (LqrTracker(), ExponentialTracker(beta=2e-8), ProportionalTracker(bet
 
 @pytest.mark.parametrize("tracker", TRACKERS, ids=lambda t: type(t).__name__)
 @pytest.mark.parametrize(("tempo", "passed"), [(1.0, 2.0), (1.0, 2.73), (1.9, 1.07)])
-def test_look_ahead_equals_what_is_played(small_skill, tracker, tempo, passed):
+def test_look_ahead_equals_the_played_motion(small_skill, tracker, tempo, passed):
     player = Player(small_skill, sample=True, seed=2, tracker=tracker)
     state = player.advance(player.start([0.3, 0.1], tempo=tempo), passed)
     assert state.remaps == 1

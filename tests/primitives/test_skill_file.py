@@ -119,12 +119,12 @@ def test_parameter_that_cannot_be_written_leaves_the_file(saved, small_skill):
     assert os.listdir(saved.parent) == ["skill.npz"]
 
 
-def test_saving_where_there_is_no_folder_says_so(tmp_path, small_skill):
+def test_saving_into_a_missing_folder_is_an_error(tmp_path, small_skill):
     with pytest.raises(SkillFileError, match=r"cannot write .*No such file"):
         save_skill(small_skill, tmp_path / "nowhere" / "s.npz")
 
 
-def test_saving_over_a_folder_says_so(tmp_path, small_skill):
+def test_saving_over_a_folder_is_an_error(tmp_path, small_skill):
     (tmp_path / "s.npz").mkdir()
     with pytest.raises(SkillFileError, match="cannot write"):
         save_skill(small_skill, tmp_path / "s.npz")

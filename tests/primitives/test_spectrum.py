@@ -188,7 +188,7 @@ def test_spectrum_is_read_only():
         (np.zeros((2, T, 1)), {"reference_harmonic": 31}, "at least 1 and at most 30"),
     ],
 )
-def test_what_has_no_spectrum_is_refused(windows, options, message):
+def test_data_without_a_spectrum_are_refused(windows, options, message):
     with pytest.raises(SkillError, match=message):
         window_spectrum(windows, **{"rate": RATE, **options})
 

@@ -69,7 +69,7 @@ def test_demonstrations_are_resampled_to_the_rate():
     assert np.allclose(np.diff(windows[:4, :, 0], axis=1), 0.5)
 
 
-def test_windows_of_a_path_that_comes_back_are_joined_where_all_samples_agree():
+def test_windows_of_a_closed_path_are_joined_where_all_samples_agree():
     path = np.array([0.0, 5, 1, 5, 2, 3, 4, 6, 7, 8, 9, 5])[:, None]
     windows = sliding_windows(path, n_steps=6, stride=3)
     (joined,) = as_windows(windows, n_steps=6, stride=3, rate=20.0).recordings()
@@ -89,7 +89,7 @@ def test_different_channels_are_refused():
         as_windows([counting(50), other], n_steps=8, stride=1, rate=20.0)
 
 
-def test_too_short_a_demonstration_says_how_long_it_must_be():
+def test_error_of_a_short_demonstration_states_the_least_duration():
     with pytest.raises(DemonstrationError) as caught:
         as_windows([counting(25)], n_steps=24, stride=10, rate=20.0)
     assert "give 1 window of 1.2 s" in str(caught.value)

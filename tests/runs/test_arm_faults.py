@@ -136,7 +136,7 @@ def moved_by_hand(network, offset):
 
 
 @pytest.mark.parametrize("joints", [(0, 1, 3), (4, 5, 6)])
-def test_an_arm_that_was_taken_elsewhere_comes_back_slowly(skill, joints):
+def test_displaced_arm_returns_slowly(skill, joints):
     network = FailingNetwork(skill).begin()
     network.run.stop()
     network.advance(400)

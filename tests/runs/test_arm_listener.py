@@ -13,7 +13,7 @@ from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems import HandMotion
 
 
-def test_an_arm_that_may_be_let_go_passes_the_check(monkeypatch):
+def test_arm_that_may_be_enabled_passes_the_check(monkeypatch):
     bus = Bus(monkeypatch)
     found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
     assert all(each.is_good for each in found), found
@@ -37,7 +37,7 @@ class Odd:
         self.lcm.Publish("PANDA_STATUS", self.message.encode())
 
 
-def test_a_mode_without_a_name_is_said_as_a_number(monkeypatch):
+def test_unnamed_mode_is_reported_by_its_number(monkeypatch):
     bus = Bus(monkeypatch, speaks=False)
     bus.bench = Odd(bus.lcm)
     found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
@@ -76,7 +76,7 @@ def test_an_arm_that_was_sent_nonsense_is_in_a_reflex(monkeypatch):
         ({}, {"start": [0.2, 0.2, 0.1]}, "from the start"),
     ],
 )
-def test_what_is_wrong_with_an_arm_is_said(monkeypatch, bench, scenario, word):
+def test_faults_of_an_arm_are_reported(monkeypatch, bench, scenario, word):
     bus = Bus(monkeypatch, **bench)
     for name, value in scenario.items():
         setattr(bus.scenario, name, value)
@@ -110,7 +110,7 @@ def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
     assert bus.bench.metrics()["followed_ms"] == 0
 
 
-def test_where_nothing_is_heard_or_nothing_moves_there_is_no_recording(monkeypatch):
+def test_silent_or_resting_arm_has_no_recording(monkeypatch):
     for speaks, word in ((False, "nothing was heard"), (True, "nothing moved")):
         bus = Bus(monkeypatch, speaks=speaks)
         with pytest.raises(RunError, match=word):

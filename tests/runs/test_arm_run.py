@@ -160,7 +160,7 @@ def test_a_silent_arm_gets_no_torque_and_the_run_waits_for_a_go(skill):
     assert_stopped_until_go(loop, GateFault.STALE)
 
 
-def test_a_controller_that_was_killed_begins_anew_only_when_asked(skill):
+def test_restarted_controller_moves_the_arm_only_when_enabled(skill):
     loop = Loop(skill).begin().advance(300)
     assert np.any(loop.bench.commanded)
     before = speed(loop)
@@ -179,7 +179,7 @@ def test_a_controller_that_was_killed_begins_anew_only_when_asked(skill):
     assert loop.bench.torque_rate <= 900 + 1e-6
 
 
-def test_an_arm_that_was_started_again_is_moved_only_when_asked(skill):
+def test_restarted_arm_is_moved_only_when_enabled(skill):
     loop = Loop(skill).begin().advance(200)
     loop.bench = None
     loop.advance(150, arm=False)
@@ -189,7 +189,7 @@ def test_an_arm_that_was_started_again_is_moved_only_when_asked(skill):
     assert loop.bench.torque_rate <= 900 + 1e-6
 
 
-def test_the_press_is_closed_over_what_the_arm_feels(skill):
+def test_force_loop_is_closed_over_the_external_torque(skill):
     loop = Loop(skill, press=True).begin().advance(1500)
     status = int(loop.run.output("status")[0])
     assert status & StatusFlag.FORCE_CONTROL
@@ -334,7 +334,7 @@ def machine(monkeypatch):
     "refused",
     [(), ("SCHED_FIFO",), ("locked memory",), ("SCHED_FIFO", "locked memory")],
 )
-def test_what_a_machine_does_not_allow_is_said_with_how_to_allow_it(machine, refused):
+def test_missing_permission_is_reported_with_advice(machine, refused):
     machine.update(refused)
     why = {"SCHED_FIFO": "not permitted", "locked memory": "Cannot allocate memory"}
     said = request_priority()
@@ -345,7 +345,7 @@ def test_what_a_machine_does_not_allow_is_said_with_how_to_allow_it(machine, ref
         assert "/etc/security/limits.conf" in line
 
 
-def test_where_it_is_not_linux_there_is_no_precedence(monkeypatch):
+def test_other_systems_than_linux_have_no_precedence(monkeypatch):
     monkeypatch.delattr(os, "sched_setscheduler")
     assert request_priority() == ["SCHED_FIFO and memory locking are Linux's only"]
 

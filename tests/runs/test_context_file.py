@@ -92,7 +92,7 @@ def saved(tmp_path):
     return tmp_path / "state.npz", simulator
 
 
-def test_a_saved_context_goes_on_as_the_one_that_was_not_saved(saved):
+def test_loaded_context_continues_as_the_original(saved):
     path, simulator = saved
     again = make()
     context = again.CreateDefaultContext()
@@ -123,7 +123,7 @@ save_context(simulator.get_context(), end)
 """
 
 
-def test_the_wiping_station_goes_on_in_another_process(wiping_skill, tmp_path):
+def test_wiping_station_continues_in_another_process(wiping_skill, tmp_path):
     skill, start, end = (tmp_path / f"{n}.npz" for n in ("skill", "start", "end"))
     save_skill(wiping_skill, skill)
     station = MakeWipingStation(LoadScenario("table_top"), wiping_skill)

@@ -48,7 +48,7 @@ def write(path, signals):
     )
 
 
-def test_a_log_comes_back_as_it_was(signals, path):
+def test_loaded_log_equals_the_saved_one(signals, path):
     assert [p.name for p in path.parent.iterdir()] == ["run.npz"]
     log = RunLog.load(path)
     assert list(log.signals) == list(signals)
@@ -98,7 +98,7 @@ def test_a_log_is_read_without_the_package_and_shares_its_times(signals, path):
     np.testing.assert_array_equal(times, signals["normal_force"][0])
 
 
-def test_version_of_what_is_not_installed_as_a_package_is_unknown(monkeypatch):
+def test_version_of_a_missing_package_is_unknown(monkeypatch):
     def version(package):
         if package == "drake":
             raise PackageNotFoundError(package)
@@ -248,7 +248,7 @@ def test_rows_come_back_whole_and_in_blocks(row):
     np.testing.assert_array_equal(np.concatenate(blocks), rows)
 
 
-def test_what_was_read_stays_when_more_is_appended():
+def test_values_read_before_an_append_are_unchanged():
     spill = Spill((2,), np.uint8)
     assert spill.array().shape == (0, 2)
     spill.append([[1, 2]])

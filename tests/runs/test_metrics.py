@@ -100,7 +100,7 @@ def test_chunks_of_any_length_give_the_same_metrics(samples, seconds):
     assert metrics_in_chunks(samples, seconds) == pytest.approx(whole, rel=1e-12)
 
 
-def test_metrics_are_what_their_names_say(samples):
+def test_metrics_match_their_names(samples):
     found = metrics_in_chunks(samples, 1.0)
     force = samples["normal_force"].values[:, 0]
     since = force[np.argmax(force > 0.5) :]
@@ -166,7 +166,7 @@ def test_jumps_between_two_chunks_are_seen():
     assert metrics.result()["torque_rate_max_nm_per_s"] == pytest.approx(1500)
 
 
-def test_what_the_velocity_explains_is_no_jump():
+def test_motion_with_its_velocity_is_not_a_jump():
     """x moves at 1 m/s, y at -2 m/s, z jumps by 10 mm at once."""
     times = 0.005 * np.arange(20)
     velocity = np.tile([1.0, -2.0, 0.0], (20, 1))
@@ -304,7 +304,7 @@ def test_distance_to_the_paths_counts_from_when_they_were_reached(chunks):
     assert off_paths([0.5, 0.1], chunks)["measured_off_paths_max_m"] is None
 
 
-def test_distance_to_unknown_paths_is_none():
+def test_distance_without_paths_is_none():
     metrics, far = RegionMetrics(None), Samples(np.zeros(1), np.ones((1, 3)))
     metrics.update({"desired_position": far, "measured_position": far})
     assert set(metrics.result().values()) == {None}

@@ -119,7 +119,7 @@ def test_a_click_on_reset_begins_again(clicks):
         assert_array_equal(one, two)
 
 
-def test_a_pause_stops_the_simulation_and_a_reset_in_it_goes_to_the_start(clicks):
+def test_pause_stops_the_simulation_and_a_reset_returns_to_the_start(clicks):
     calls = {0.55: lambda: clicks.click(RunButtons.PAUSE)}
     simulator, _ = make(calls)
     times = []

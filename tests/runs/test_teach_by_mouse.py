@@ -27,7 +27,7 @@ def begin(board="table_top", **options):
     ("board", "shape", "frames", "latency", "error"),
     [("table_top", "eight", 60, 0.05, 0.005), ("vertical", "square", 10, 0.1, 0.015)],
 )
-def test_what_is_dragged_is_recorded_learned_and_wiped(
+def test_dragged_motion_is_recorded_learned_and_wiped(
     board, shape, frames, latency, error
 ):
     eye = [-0.85, 1.45, 1.2] if board == "vertical" else None
@@ -45,7 +45,7 @@ def test_what_is_dragged_is_recorded_learned_and_wiped(
     assert "wiping: 0 %" not in taught.session.status
 
 
-def test_what_is_shown_by_pulling_while_it_plays_is_learned_too():
+def test_pulls_during_playback_are_learned():
     taught = begin(panel=True)
     taught.press()
     taught.drag("circle", 4.3)
@@ -96,7 +96,7 @@ def moved(taught, seconds, say=lambda: None, *, steps=20):
     return farthest
 
 
-def test_a_page_that_freezes_in_mid_drag_lets_go_and_can_go_on(dragged):
+def test_page_frozen_during_a_drag_releases_the_arm_and_can_continue(dragged):
     dragged.frame([0.0, 0.15])
     assert moved(dragged, 2.0) < ABUSED
     assert not dragged.session.is_guided
@@ -140,14 +140,14 @@ def test_two_pages_that_drag_at_once_cannot_tear_the_arm(dragged):
     assert moved(dragged, 1.0, lambda: dragged.frame([0.05, next(sides)])) < ABUSED
 
 
-def test_a_page_that_says_nonsense_is_not_followed(dragged):
+def test_invalid_messages_of_a_page_are_ignored(dragged):
     here = dragged.pose("eraser/eraser").translation()
     ways = np.array([[0, 0, 1e9], [np.inf, 0, 0], [-5, -5, -5]])
     far = iter([*(here + ways)] * 20)
     assert moved(dragged, 0.5, lambda: dragged.mouse.send(here, next(far))) < ABUSED
 
 
-def test_handle_of_a_spoon_is_led_round_learned_and_played():
+def test_handle_of_a_spoon_is_guided_learned_and_played():
     taught = begin("stir")
     session, tip = taught.session, taught.tip()
     taught.meshcat.SetSliderValue(TURN_SWITCH, 1.0)

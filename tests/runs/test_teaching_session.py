@@ -49,7 +49,7 @@ def test_it_begins_with_teaching():
     assert session.missing == 2.0
 
 
-def test_it_says_how_much_is_missing_and_goes_on_teaching():
+def test_it_reports_the_missing_time_and_continues_teaching():
     session = begin()
     session.advance(1.2)
     session.press("learn")
@@ -60,7 +60,7 @@ def test_it_says_how_much_is_missing_and_goes_on_teaching():
     assert "learn first" in session.remark
 
 
-def test_again_forgets_what_was_shown():
+def test_again_discards_the_demonstrations():
     session = begin()
     session.advance(1.0)
     assert session.demonstrations
@@ -71,7 +71,7 @@ def test_again_forgets_what_was_shown():
     assert 0.6 < shown.duration <= 0.8
 
 
-def test_undo_brings_back_what_again_has_discarded():
+def test_undo_restores_discarded_demonstrations():
     session, other = begin(), begin()
     for each in (session, other):
         each.advance(1.0)
@@ -108,7 +108,7 @@ def test_after_learning_it_plays_from_where_the_arm_is(taught):
     assert not v.any()
 
 
-def test_after_learning_it_says_what_the_arm_cannot_follow():
+def test_infeasibility_is_reported_after_learning():
     session = begin(press=60.0)
     session.advance(2.2)
     session.press("learn")
@@ -118,7 +118,7 @@ def test_after_learning_it_says_what_the_arm_cannot_follow():
     assert "friction holds the eraser" in why
 
 
-def test_what_was_taught_is_saved_and_what_plays_cleans_the_board(taught):
+def test_taught_skill_is_saved_and_cleans_the_board(taught):
     session, _, _, folder = taught
     session.advance(1.0)
     assert "% of what was shown is clean" in session.status
@@ -129,7 +129,7 @@ def test_what_was_taught_is_saved_and_what_plays_cleans_the_board(taught):
     assert load_skill(folder / "skill.npz").n_windows_ == session.skill.n_windows_
 
 
-def test_it_goes_to_and_fro_between_teaching_and_playing(taught):
+def test_it_alternates_between_teaching_and_playing(taught):
     session, *_ = taught
     if session.mode == "teach":
         session.press("play")
@@ -161,7 +161,7 @@ def test_more_is_learned_together_with_the_first(taught):
     assert session.skill.n_windows_ > 1.7 * windows
 
 
-def test_nothing_to_save_is_said(tmp_path):
+def test_nothing_to_save_is_reported(tmp_path):
     session = begin(out=tmp_path / "a.npz", skill_file=tmp_path / "b.npz")
     session.press("save")
     assert "nothing to save yet" in session.remark
@@ -202,7 +202,7 @@ def test_a_new_movement_does_not_take_the_place_of_a_saved_one(taught):
     assert any(np.array_equal(values, before.values) for values in kept)
 
 
-def test_a_file_that_cannot_be_written_is_said_and_the_session_goes_on(tmp_path):
+def test_write_error_is_reported_and_the_session_continues(tmp_path):
     session = begin(out=tmp_path / "missing" / "a.npz")
     session.advance(1.0)
     session.press("save")
@@ -210,7 +210,7 @@ def test_a_file_that_cannot_be_written_is_said_and_the_session_goes_on(tmp_path)
     assert session.mode == "teach"
 
 
-def test_a_machine_that_is_too_slow_is_said_and_the_rhythm_is_the_hands():
+def test_slow_machine_is_reported_and_the_rhythm_is_that_of_the_hand():
     ticks = iter(np.arange(0.0, 1000.0, 0.1))
     # One look at the clock for each sample: 20 samples in 2 s.
     session = begin(clock=lambda: float(next(ticks)))

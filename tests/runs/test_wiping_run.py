@@ -79,7 +79,7 @@ def test_a_run_that_was_not_recorded_has_no_page(whole):
         whole.html()
 
 
-def test_the_log_of_a_run_is_what_it_has_kept(parts, tmp_path):
+def test_log_of_a_run_contains_its_kept_signals(parts, tmp_path):
     parts.save_log(tmp_path / "run.npz", {"tempo": 1.0})
     log = RunLog.load(tmp_path / "run.npz")
     at_the_end = {n for n, kind in SIGNALS.items() if not np.isfinite(kind.period)}

@@ -17,9 +17,7 @@ from fmp_drake.skills.placement import lay_on_board
 from fmp_drake.station.scenario import Scenario
 
 
-def test_skill_that_does_not_hold_its_paths_is_said_to_be_unbounded(
-    tmp_path, wiping_skill
-):
+def test_skill_without_paths_is_reported_as_unbounded(tmp_path, wiping_skill):
     file = tmp_path / "skill.npz"
     without_paths = modulate_skill(wiping_skill, harmonics=[1], gain=1.0)
     for skill, remarked in ((wiping_skill, False), (without_paths, True)):
@@ -72,7 +70,7 @@ def test_channels_that_the_board_does_not_need_are_left_out_and_named():
     ],
     ids=["pause", "way", "drift", "tempo"],
 )
-def test_what_is_odd_about_the_demonstrated_cycles_is_said(values, said):
+def test_unusual_cycles_are_reported(values, said):
     shown = Demonstration(time=0.05 * np.arange(len(values)), values=values)
     skill = FourierMovementPrimitive(model="phase", n_steps=60, stride=3).fit(shown)
     (odd,) = skill_in_words(skill)[2:-1]

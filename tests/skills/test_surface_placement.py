@@ -200,7 +200,7 @@ def test_missing_channels_and_forces_are_refused():
         place_on_fitted_surface([weak], scenario=Scenario())
 
 
-def test_force_is_limited_to_what_the_felt_bears():
+def test_force_is_limited_by_the_felt():
     recording, *_ = posed("plane")
     values = recording.values.copy()
     values[:, 3:6] *= 10

@@ -202,7 +202,7 @@ def add_official_arm(packages):
     )
 
 
-def test_without_a_download_the_error_says_what_to_do(official):
+def test_error_without_a_download_gives_advice(official):
     packages, _ = official
     packages.Remove("drake_models")
     packages.AddRemote(

@@ -67,7 +67,7 @@ def test_both_arms_have_the_same_ports_and_lcm_has_its_own_besides(restless_skil
             assert skilled.HasInputPort("tempo")
 
 
-def test_a_simulated_robot_goes_where_it_is_told():
+def test_simulated_robot_follows_its_inputs():
     scenario = LoadScenario("table_top")
     board = MakeStation(scenario, None, driver=SimulatedDriver())
     simulator = Simulator(board)

@@ -177,7 +177,7 @@ def test_reactive_mode_makes_no_jump(grasped):
         check_limits(run)
 
 
-def test_movement_goes_on_after_the_grasp(grasped):
+def test_movement_continues_after_the_grasp(grasped):
     for run in grasped.values():
         after = run.log("measured_position")[ms(RELEASE + 0.5) :]
         assert np.ptp(after[:, 1]) > 0.15

@@ -152,7 +152,7 @@ def opened(arm, **gate):
     return bench, torque
 
 
-def test_torque_goes_over_lcm_once_the_operator_says_go(arm):
+def test_torque_is_sent_over_lcm_once_the_operator_enables_it(arm):
     bench, torque = opened(arm)
     assert_array_equal(torque, np.full(7, 3.0))
     assert_allclose(bench.show("state")[:4], [0.0, 0.4, 0.0, -2.2], atol=1e-5)
@@ -203,7 +203,7 @@ def test_a_fault_on_the_way_stops_the_arm_until_go(arm, wrong, fault):
 # Configurations -----------------------------------------------------------------------
 
 
-def test_yaml_says_which_arm(tmp_path):
+def test_yaml_selects_the_arm(tmp_path):
     path = tmp_path / "arm.yaml"
     path.write_text("panda: !LcmPanda {url: 'memq://', gate: {expiry: 0.02}}")
     loaded = LoadPanda(path)
@@ -212,7 +212,7 @@ def test_yaml_says_which_arm(tmp_path):
     assert LoadPanda(path) == SimulatedDriver(sensors=SensorConfig(rate=500.0))
 
 
-def test_what_yaml_or_settings_cannot_mean_is_refused(tmp_path, arm):
+def test_invalid_yaml_or_settings_are_refused(tmp_path, arm):
     path = tmp_path / "arm.yaml"
     for text in ("panda: !OtherArm {}", "panda: !LcmPanda {speed: 3}", "arm: 3"):
         path.write_text(text)

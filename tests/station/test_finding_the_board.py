@@ -43,7 +43,7 @@ def test_a_board_that_is_lower_or_higher_is_pressed_as_wanted(wiping_skill, heig
     assert float(found.split()[2]) == pytest.approx(9, abs=4)
 
 
-def test_where_there_is_no_board_a_protective_stop_says_so(wiping_skill):
+def test_missing_board_is_reported_by_a_protective_stop(wiping_skill):
     run, force, status = wiped(wiping_skill, 3.5, height=-0.15)
     assert force.max() == 0
     flags = status[:, 0].astype(int)
@@ -83,7 +83,7 @@ def test_a_person_who_lifts_the_eraser_is_soon_forgotten(
     assert 2.0 < lost.end < 2.0 + soon
 
 
-def test_an_eraser_pushed_off_the_board_comes_back_onto_it(wiping_skill):
+def test_eraser_pushed_off_the_board_returns_to_it(wiping_skill):
     """The push is more than the arm can hold; before, it hooked behind the frame."""
     push = [-80.0, 0.0, 0.0]
     run, force, status = wiped(wiping_skill, 4.5, name="vertical", push=push)

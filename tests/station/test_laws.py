@@ -132,7 +132,7 @@ def test_page_recording_log_and_film_change_nothing(skills, panel, tempo, name):
 
 
 @pytest.mark.parametrize("name", ["table_top", "pushed", "stir"])
-def test_station_goes_on_identically_from_a_clone(skills, name):
+def test_station_continues_identically_from_a_clone(skills, name):
     station = MakeStation(scenario_at(0.9, name), skills[name])
     simulator = Simulator(station)
     context = simulator.get_context()
@@ -158,7 +158,7 @@ def continue_run(folder, until):
     np.savez(folder / "state.npz", **state_of(station, simulator.get_context()))
 
 
-def test_station_goes_on_identically_in_another_process(restless_skill, tmp_path):
+def test_station_continues_identically_in_another_process(restless_skill, tmp_path):
     save_skill(restless_skill, tmp_path / "skill.npz")
     station = MakeWipingStation(scenario_at(0.9), restless_skill)
     simulator = Simulator(station)

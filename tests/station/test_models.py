@@ -264,7 +264,7 @@ def test_eraser_inertia_is_that_of_its_four_solids(arm_with_eraser):
 # Contact.
 
 
-def test_what_wipes_and_what_is_wiped_is_compliant_and_the_arm_is_not():
+def test_eraser_and_board_are_compliant_and_the_arm_is_not():
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), builder)
     AddRobot(plant, LoadRobot("panda"))

@@ -99,7 +99,7 @@ def test_a_far_drag_pulls_like_a_person(scene):
     assert np.linalg.norm(force.F_Bq_W.translational()) < 40.001
 
 
-def test_the_end_of_a_drag_lets_go(scene):
+def test_end_of_a_drag_releases_the_arm(scene):
     scene.drag(BODIES[0], [0.0, 0.1, 0.0])
     assert len(scene.forces()) == 1
     scene.mouse.release()
@@ -107,7 +107,7 @@ def test_the_end_of_a_drag_lets_go(scene):
     assert scene.forces() == []
 
 
-def test_a_page_that_freezes_lets_go(scene):
+def test_frozen_page_releases_the_arm(scene):
     scene.drag(BODIES[0], [0.0, 0.1, 0.0])
     scene.advance(0.4)
     assert scene.forces() == []

@@ -166,14 +166,14 @@ def test_sliding_board_is_wiped_within_the_limits(moved):
     assert not np.any(flags & int(StatusFlag.PROTECTIVE_STOP | StatusFlag.STALE))
 
 
-def test_controller_is_told_how_the_board_moves(moved):
+def test_controller_receives_the_motion_of_the_board(moved):
     assert_told_where_the_board_is(moved)
     for name in (*FRAME, "rail", "rail_state"):
         assert moved.station.HasSubsystemNamed(name)
 
 
 @pytest.mark.parametrize("name", ["table_top", "wrong_height"])
-def test_board_that_stands_still_needs_no_task_frame(name, restless_skill):
+def test_fixed_board_needs_no_task_frame(name, restless_skill):
     station = MakeWipingStation(LoadScenario(name), restless_skill)
     for part in (*FRAME, "rail", "rail_state"):
         assert not station.HasSubsystemNamed(part)

@@ -40,7 +40,7 @@ def pose(arm, q):
 @pytest.mark.parametrize("x", [0.35, 0.55, 0.7])
 @pytest.mark.parametrize("y", [-0.3, 0.0, 0.3])
 @pytest.mark.parametrize("z", [0.1, 0.3])
-def test_eraser_comes_exactly_to_where_it_shall(arm, x, y, z):
+def test_eraser_reaches_its_pose_exactly(arm, x, y, z):
     q = solve(arm, RigidTransform(DOWN, [x, y, z]))
     X_WE = pose(arm, q)
     assert_allclose(X_WE.translation(), [x, y, z], atol=5e-6)

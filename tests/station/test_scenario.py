@@ -42,7 +42,7 @@ def test_table_top_is_the_default():
     assert dump(scenario) == dump(Scenario())
 
 
-def test_every_bundled_scenario_says_what_it_is():
+def test_every_bundled_scenario_has_a_description():
     assert BUNDLED == ListScenarios()
     assert len({LoadScenario(name).description for name in BUNDLED}) == len(BUNDLED)
     for name in BUNDLED:
@@ -72,7 +72,7 @@ def test_name_and_path_mean_the_same():
     assert dump(LoadScenario(str(path))) == dump(LoadScenario("table_top"))
 
 
-def test_what_is_left_out_keeps_its_default(write):
+def test_missing_keys_have_their_defaults(write):
     scenario = LoadScenario(write("press: {force: 6.5}\n"))
     assert scenario.press.force == 6.5
     scenario.press.force = Scenario().press.force
@@ -191,7 +191,7 @@ def test_missing_file_is_named(tmp_path):
         ("impedance: {orientation: [0.0]}", ["impedance.orientation"]),
     ],
 )
-def test_file_that_is_no_scenario_is_refused_in_one_line(write, text, reasons):
+def test_invalid_scenario_file_is_refused_in_one_line(write, text, reasons):
     with pytest.raises(StationError, match=r"scene\.yaml is not a scenario") as caught:
         LoadScenario(write(text))
     for reason in reasons:

@@ -141,7 +141,7 @@ def test_only_a_board_with_legs_has_legs():
 
 
 @pytest.mark.parametrize("size", [(0.5, 0.7), (0.1, 0.1), (1.5, 0.4)])
-def test_what_is_drawn_of_a_board_leaves_its_surface_free(size):
+def test_drawing_of_a_board_leaves_its_surface_free(size):
     _, inspector, _ = _Board(size=size)
     for g in inspector.GetAllGeometryIds(Role.kIllustration):
         if inspector.GetName(g) in ("whiteboard::slab", "whiteboard::slab_rendered"):

@@ -146,6 +146,6 @@ def test_films_have_one_lamp_that_casts_shadows():
         ([0, 0, 0], [np.nan, 0, 0], "infinite numbers in the camera's target"),
     ],
 )
-def test_a_camera_that_looks_nowhere_is_an_error(eye, target, complaint):
+def test_camera_without_a_valid_direction_is_an_error(eye, target, complaint):
     with pytest.raises(StationError, match=complaint):
         SetStage(Meshcat(), eye=eye, target=target)

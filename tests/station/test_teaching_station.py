@@ -88,7 +88,7 @@ def test_recording_is_uniform_at_20_hertz(lesson):
     assert len(demonstration.time) == 20 * (SECONDS - SETTLE) + 1
 
 
-def test_recording_says_what_it_is(lesson):
+def test_recording_describes_itself(lesson):
     demonstration = recorded(lesson)
     assert demonstration.channels == ("x", "y", "z")
     assert demonstration.units == ("m", "m", "m")
@@ -96,7 +96,7 @@ def test_recording_says_what_it_is(lesson):
     assert demonstration.note == "a test"
 
 
-def test_recording_is_what_the_port_said(lesson):
+def test_recording_equals_the_output_port(lesson):
     expected = lesson.log("position")[int(1000 * SETTLE) :: 50]
     # The recorder's and the plant's event of one instant come in either order.
     assert_allclose(recorded(lesson).values, expected, atol=2e-3)
@@ -115,7 +115,7 @@ def test_eraser_stays_on_the_board(lesson):
     assert np.mean(z < 0) > 0.7
 
 
-def test_arm_goes_where_the_hand_wants(lesson):
+def test_arm_follows_the_hand(lesson):
     demonstration = recorded(lesson)
     wanted = np.array([lesson.motion.at(t + SETTLE)[0] for t in demonstration.time])
     distance = np.linalg.norm(demonstration.values[:, :2] - wanted, axis=1)

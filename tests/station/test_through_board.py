@@ -47,13 +47,15 @@ def pushed(skill, *, felt=1.25e4, press=10.0, force=0.0, hard=True):
 @pytest.mark.parametrize(
     "load", [{"force": 34.0}, {"press": 60.0, "force": 30.0, "felt": 3e3}]
 )
-def test_what_is_hard_stays_above_the_board(bundled_skill, load):
+def test_hard_parts_stay_above_the_board(bundled_skill, load):
     depth, flags = pushed(bundled_skill, **load)
     assert depth < 0.002
     assert StatusFlag.BELOW_SURFACE not in flags
 
 
-def test_without_what_is_hard_it_goes_through_and_the_status_says_so(bundled_skill):
+def test_without_hard_parts_the_eraser_passes_through_and_the_status_reports_it(
+    bundled_skill,
+):
     depth, flags = pushed(bundled_skill, force=34.0, hard=False)
     assert depth > 0.02
     assert StatusFlag.BELOW_SURFACE in flags

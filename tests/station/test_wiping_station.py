@@ -141,7 +141,7 @@ def test_documentation_names_every_port_and_system():
     assert set(PORTS) | SYSTEMS <= set(words)
 
 
-def test_only_what_the_contact_tells_follows_a_push_at_once(wiped):
+def test_only_outputs_of_the_contact_follow_a_push_at_once(wiped):
     station = wiped.station
     outputs = range(station.num_output_ports())
     assert {
@@ -163,7 +163,7 @@ def test_eraser_starts_exactly_where_it_shall(wiped, from_outside, outside):
         assert_allclose(run.log("desired_velocity")[0], 0.0, atol=1e-9)
 
 
-def test_desired_motion_goes_to_what_was_demonstrated(run, bundled_demonstration):
+def test_desired_motion_converges_to_the_demonstrations(run, bundled_demonstration):
     low = bundled_demonstration.values.min(axis=0)
     high = bundled_demonstration.values.max(axis=0)
     desired = run.log("desired_position")[int(1000 * ARRIVED) :]
@@ -234,7 +234,7 @@ def test_outputs_agree_with_each_other(from_outside):
 # What becomes of the ink.
 
 
-def test_most_of_what_was_demonstrated_is_erased(wiped, bundled_demonstration):
+def test_most_of_the_demonstrated_area_is_erased(wiped, bundled_demonstration):
     grid = wiped.station.GetSubsystemByName("ink_board").grid
     ink = wiped.log("ink")[-1].reshape(grid.shape)
     area = grid.swept_area(bundled_demonstration.values, FOOTPRINT)
@@ -256,7 +256,7 @@ def test_ink_only_goes_and_only_where_the_eraser_has_been(wiped):
 # Re-mapping.
 
 
-def test_remapping_comes_every_window_less_its_overlap(wiped):
+def test_remapping_happens_every_window_less_its_overlap(wiped):
     before_and_after = np.repeat(np.arange(REMAPS + 1), 2)[1:-1]
     assert wiped.remaps == before_and_after.tolist()
     assert remaps(wiped) == REMAPS
@@ -304,7 +304,7 @@ def test_restarted_simulator_repeats_the_run(alone, restless_skill):
     assert_same_logs(alone[0], run.restart().advance(1.0))
 
 
-def test_one_seed_gives_one_run_whatever_runs_beside_it(alone, restless_skill):
+def test_one_seed_gives_one_run_beside_other_processes(alone, restless_skill):
     assert remaps(alone[0]) == 1
     pair = [seeded(restless_skill, seed) for seed in (3, 4)]
     for time in (0.1, 0.35, 0.5, 0.8, 1.0):

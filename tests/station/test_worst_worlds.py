@@ -46,7 +46,7 @@ def metrics(spec, number, seconds):
     ("number", "why"),
     [(283, "panda_link4 touches the board")],
 )
-def test_what_went_wrong_is_foreseen(spec, number, why):
+def test_failures_are_predicted_by_the_check(spec, number, why):
     run = make(spec, number)
     found = CheckFeasibility(run.scenario, run.skill)
     assert not found.is_feasible

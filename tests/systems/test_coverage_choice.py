@@ -46,7 +46,7 @@ def test_ink_under_the_eraser_is_counted_once():
     assert on_ink([here, at_cell(20, 31), here]) == CELLS + 11
 
 
-def test_only_what_is_left_of_the_ink_counts():
+def test_only_remaining_ink_counts():
     ink = np.zeros(GRID.shape)
     ink[30, 20], ink[32, 25], ink[33, 20] = 0.5, 0.25, 1.0
     # The last is beyond the eraser, which reaches from row 28 to row 32.
@@ -56,7 +56,7 @@ def test_only_what_is_left_of_the_ink_counts():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_paths_wipe_what_the_grid_says_they_sweep(seed):
+def test_paths_wipe_the_area_swept_on_the_grid(seed):
     ink = np.random.default_rng(100 + seed).uniform(size=GRID.shape)
     paths = np.array([walk(10 * seed + i) for i in range(3)])
     beyond = np.abs(paths[..., :2]) > np.array(GRID.size) / 2
@@ -66,7 +66,7 @@ def test_paths_wipe_what_the_grid_says_they_sweep(seed):
     assert_allclose(make_choice().wiped(ink, paths), swept)
 
 
-def test_what_hangs_over_the_edge_wipes_nothing_there():
+def test_eraser_over_the_edge_wipes_nothing_there():
     columns, rows = GRID.shape[1], GRID.shape[0]
     assert on_ink([at_cell(0, 30)]) == 6 * 5
     assert on_ink([at_cell(columns - 1, 30)]) == 6 * 5
@@ -79,7 +79,7 @@ def test_what_hangs_over_the_edge_wipes_nothing_there():
         assert on_ink([far]) == 0
 
 
-def test_what_is_above_the_height_wipes_nothing():
+def test_samples_above_the_height_wipe_nothing():
     here, there = at_cell(20, 30), at_cell(20, 50)
     for z, counted in ((-0.02, 2), (0.0099, 2), (0.0101, 1), (0.3, 1)):
         assert on_ink([here, [*there[:2], z]]) == counted * CELLS

@@ -64,7 +64,7 @@ def test_a_cell_is_clean_from_the_update_on_that_cleaned_it(watched):
         np.testing.assert_allclose(erase_time(simulator), expected)
 
 
-def test_a_run_that_is_continued_from_a_clone_knows_as_much(watched):
+def test_continued_clone_has_the_same_erase_times(watched):
     simulator = Simulator(watched)
     simulator.AdvanceTo(0.163)
     other = Simulator(watched, simulator.get_context().Clone())
@@ -81,6 +81,6 @@ def test_a_run_that_is_continued_from_a_clone_knows_as_much(watched):
         ({"initial_ink": [1.0], "period": 0.0}, "period is 0.0"),
     ],
 )
-def test_what_is_no_ink_and_no_period_is_refused(options, message):
+def test_invalid_ink_or_period_is_refused(options, message):
     with pytest.raises(SystemsError, match=message):
         EraseTimes(**options)

@@ -197,7 +197,7 @@ def test_tick_and_remapping_of_one_instant_both_happen_once(system, start):
         assert system.playback_state(context).step == 4
 
 
-def test_remapping_comes_every_t_minus_k_ticks(system, start):
+def test_remapping_happens_every_t_minus_k_ticks(system, start):
     simulator = simulator_at(system, start)
     instants, last = [], 0
     for i in range(1, 121):
@@ -335,7 +335,7 @@ ODD_INSTANTS = np.cumsum(np.random.default_rng(0).uniform(0.05, 0.3, 20))
 
 @pytest.mark.parametrize("tempo", [0.5, 0.9, 1.0, 1.37])
 @pytest.mark.parametrize("threshold", [None, 0.02])
-def test_cloned_context_goes_on_identically(small_skill, start, tempo, threshold):
+def test_cloned_context_continues_identically(small_skill, start, tempo, threshold):
     system = FourierPrimitiveSystem(small_skill, sample=True, push_threshold=threshold)
     context = context_at(system, start)
     system.GetInputPort("tempo").FixValue(context, tempo)
@@ -443,7 +443,7 @@ def test_start_that_is_not_finite_is_refused(system):
 
 
 @pytest.mark.parametrize("far", [1e11, -1e11, 9.0])
-def test_start_far_from_what_was_shown_is_refused(system, start, far):
+def test_start_far_from_the_demonstrations_is_refused(system, start, far):
     with pytest.raises(SystemsError, match="near the demonstrations"):
         simulator_at(system, [start[0], far])
 
@@ -486,7 +486,7 @@ def test_tempo_is_that_of_the_player(small_skill, start, tempo):
     assert_allclose(played[:, :2], np.array(expected)[:, :2], atol=1e-6)
 
 
-def test_a_soft_start_goes_from_rest_along_the_path_that_was_shown():
+def test_soft_start_follows_the_demonstrated_path_from_rest():
     t = np.arange(1200) / 20
     circles = np.stack([np.cos(2 * t), np.sin(2 * t)], axis=1)
     windows = np.stack([circles[i : i + 120] for i in range(0, 1080, 5)])
@@ -512,7 +512,7 @@ def test_changing_tempo_makes_no_jump_of_position_and_velocity(system, start):
     assert np.median(np.abs(acceleration - between)) < 1e-3
 
 
-def test_tempo_of_zero_stands_still_and_goes_on(system, start):
+def test_tempo_of_zero_pauses_the_movement(system, start):
     motion = played_at(system, start, lambda t: float(not 2 <= t < 5), 7)
     # The tempo comes down to 0 within a quarter of a second; offsets go on.
     still = motion[400:500]
@@ -552,7 +552,7 @@ def test_port_chooses_between_samples_and_means(small_skill, start):
 
 
 @pytest.mark.parametrize("sample", [False, True])
-def test_plan_is_what_is_played_later(small_skill, start, sample):
+def test_plan_equals_the_later_motion(small_skill, start, sample):
     system = FourierPrimitiveSystem(small_skill, sample=sample, plan_seconds=2.5)
     simulator = simulator_at(system, start)
     context = simulator.get_context()
@@ -598,7 +598,7 @@ def test_robot_on_its_path_is_played_as_without_the_reactive_mode(
     assert np.array_equal(calm, pushed(system, start, [0, 0], 4.5, every=0.005))
 
 
-def test_movement_waits_for_a_short_push_and_then_goes_on(system, reactive, start):
+def test_movement_waits_for_a_short_push_and_then_continues(system, reactive, start):
     short = pushed(reactive, start, [0.1, 0], 2.9, end=1.25)
     assert short[-1, 3] == 0
     free = pushed(system, start, [0, 0], 2.9)
@@ -625,7 +625,7 @@ def test_reactive_remapping_makes_the_desired_motion_no_jump(reactive, start):
     assert np.abs(np.diff(rows[:, :2], n=2, axis=0)).max() < 2e-4
 
 
-def test_reactive_remapping_goes_on_where_the_robot_was_led(reactive, small_skill):
+def test_reactive_remapping_continues_from_the_pushed_robot(reactive, small_skill):
     # Held near one end of the demonstrated range, the movement comes there.
     low, high = small_skill.extent_
     simulator = simulator_at(reactive, (low + high) / 2)

@@ -134,7 +134,7 @@ def test_start_and_every_remapping_track_the_candidate_that_wipes_most(system):
 
 
 @pytest.mark.parametrize("number", [2, 5])
-def test_choice_goes_where_the_ink_is_left(system, number):
+def test_choice_follows_the_remaining_ink(system, number):
     state = at_start(simulator_of(system, ink=GRID.full()))
     targets, paths = candidates(system, state)
     inner = tuple(np.array(CHOICE.footprint) - 2 * CHOICE.margin)

@@ -428,7 +428,7 @@ def test_a_target_with_a_time_is_stale_when_it_is_old(worst_limits):
     assert held[-1]
 
 
-def test_a_state_that_is_not_finite_brings_the_torque_to_zero_and_back():
+def test_state_that_is_not_finite_takes_the_torque_to_zero_and_back():
     rest = Rest(Q_START, seed=0)
     rest.config.max_torque_rate = 900.0
     controller = OperationalSpaceImpedanceController(
@@ -662,7 +662,7 @@ def test_the_covariance_makes_the_arm_loose_and_stiff():
     assert not flags_seen(logs) & StatusFlag.PROTECTIVE_STOP
 
 
-def test_a_stiffness_that_is_no_spring_is_refused_and_the_last_is_kept():
+def test_stiffness_that_is_not_positive_definite_is_refused():
     def stiffness(t):
         diagonal = np.array([30.0, 30, 30, 500, 500, 500])
         return np.diag(diagonal).ravel() * (1 if t < 0.5 else -1)

@@ -67,7 +67,7 @@ def test_a_force_that_is_too_small_is_increased():
     assert later.state.surface < once.state.surface < 0
 
 
-def test_a_surface_is_looked_for_no_farther_than_is_allowed_and_left_at_once():
+def test_surface_is_searched_within_its_range_and_left_at_once():
     result = pushed(1.0, steps=10000)
     assert result.limited
     assert result.state.surface == -FORCE.search_range
@@ -82,7 +82,7 @@ def test_the_surface_stands_still_for_limited_torque_and_a_far_target(measured, 
     assert found.state.surface == 0.002
 
 
-def test_what_was_found_is_forgotten_when_nothing_is_wanted_there():
+def test_found_surface_is_forgotten_without_a_desired_force():
     for measured in (6.0, 14.0):
         held = pushed(measured, steps=100)
         assert abs(held.state.surface) > 1e-3
@@ -138,7 +138,7 @@ def test_the_approach_is_slow_near_the_surface_and_quick_far_from_it():
     assert factor(0.3, 0.5) == 2
 
 
-def test_the_force_comes_in_as_a_smooth_step():
+def test_desired_force_increases_as_a_smooth_step():
     heights = np.linspace(-0.01, 0.02, 3001)
     part = np.array([engagement(z, 0.01) for z in heights])
     assert_array_equal(part[heights <= 0], 1.0)
@@ -196,7 +196,7 @@ def test_the_normal_keeps_its_own_stiffness_by_default():
     assert found[3, 4] != 0
 
 
-def test_what_is_no_covariance_or_spring_is_told():
+def test_invalid_covariance_or_stiffness_is_reported():
     assert is_covariance(np.zeros((3, 3)))
     assert is_covariance(np.diag([1.0, 0.0, 1e-9]))
     assert not is_covariance(np.diag([1.0, -0.1, 1.0]))
@@ -218,7 +218,7 @@ def test_a_stiffer_spring_that_is_not_stretched_is_free():
 
 
 @given(seeds, st.floats(0, 10))
-def test_the_tank_pays_for_what_the_spring_gains(seed, energy):
+def test_tank_supplies_the_energy_of_a_stiffer_spring(seed, energy):
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(6, 6))
     wanted = A @ A.T + np.eye(6)

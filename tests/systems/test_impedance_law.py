@@ -117,7 +117,7 @@ def test_inputs_are_left_as_they_were():
         np.testing.assert_array_equal(array, old)
 
 
-def test_a_mass_matrix_that_is_none_gives_no_torque():
+def test_invalid_mass_matrix_gives_no_torque():
     rng = np.random.default_rng(1)
     arm = random_arm(rng, 7)._replace(M=-np.eye(7))
     arguments = [random_stiffness(rng), *np.zeros((4, 6)), np.zeros(7)]
@@ -143,7 +143,7 @@ def test_the_rotation_vector_is_accurate_at_its_ends(angle, axis):
     np.testing.assert_allclose(sign * found, angle * axis, rtol=1e-9, atol=1e-15)
 
 
-def test_the_error_is_what_rotates_and_moves_the_measured_pose_to_the_desired():
+def test_error_transforms_the_measured_pose_to_the_desired_one():
     rng = np.random.default_rng(2)
     R, R_d = Rotation.random(2, random_state=rng).as_matrix()
     p, p_d = rng.normal(size=(2, 3))
@@ -182,7 +182,7 @@ def test_the_spring_gives_back_its_energy(seed, angle):
     assert power == pytest.approx(loss, rel=1e-4, abs=1e-3)
 
 
-def test_a_small_displacement_feels_exactly_the_stiffness():
+def test_small_displacement_meets_exactly_the_stiffness():
     K = random_stiffness(np.random.default_rng(3))
     e = 1e-7 * np.arange(1, 7)
     np.testing.assert_allclose(unclipped(K, e), K @ e, rtol=1e-6, atol=1e-9)
@@ -432,7 +432,7 @@ def test_yaml_overrides_single_values():
         ),
     ],
 )
-def test_a_config_that_cannot_be_used_says_what_is_allowed(values, message):
+def test_error_of_an_invalid_config_states_the_allowed_range(values, message):
     config = ImpedanceConfig(**values)
     with pytest.raises(SystemsError, match=message):
         config.stiffness()

@@ -119,7 +119,7 @@ def test_a_recovery_keeps_to_its_speeds_and_is_smooth(distance, angle):
     assert_allclose(np.gradient(fraction, 0.001)[:-2], rate[:-2], atol=0.05)
 
 
-def test_after_a_lost_state_comes_a_stop():
+def test_lost_state_is_followed_by_a_stop():
     lost = WatchdogState(LOST, 0.0, 0.0)
     assert walk(lost, [False])[-1].mode == STOPPED
 
@@ -191,7 +191,7 @@ def test_a_joint_without_an_effort_limit_still_has_a_wall():
 # The rotation error through 180 degrees.
 
 
-def test_an_error_goes_through_180_degrees_without_a_jump():
+def test_error_passes_180_degrees_without_a_jump():
     axis = np.array([0.6, 0.0, 0.8])
     previous, seen = np.zeros(3), []
     for angle in np.radians(np.arange(0, 260)):
@@ -206,7 +206,7 @@ def test_an_error_goes_through_180_degrees_without_a_jump():
     assert np.linalg.norm(seen[-1]) == pytest.approx(np.radians(259))
 
 
-def test_an_error_of_more_than_270_degrees_goes_the_short_way():
+def test_error_of_more_than_270_degrees_takes_the_short_way():
     previous = np.radians([269.9, 0, 0])
     error = np.array([*np.radians([-89.8, 0, 0]), 0, 0, 0])
     assert_array_equal(unwrapped(error, previous), error)
@@ -314,7 +314,7 @@ def test_a_target_of_the_future_is_implausible():
     assert faults([0.0] * 3, age=-0.11)[0] == StatusFlag.IMPLAUSIBLE
 
 
-def test_a_target_that_moves_otherwise_than_its_velocity_says_is_implausible():
+def test_target_whose_motion_contradicts_its_velocity_is_implausible():
     def flags(path, speed, n=300):
         last, found = None, []
         for k in range(n):
@@ -334,7 +334,7 @@ def test_a_target_that_moves_otherwise_than_its_velocity_says_is_implausible():
     assert any(flags(lambda t: 0.02 * t, -3.0))
 
 
-def test_a_target_is_old_by_its_time_or_because_it_stands_still():
+def test_target_is_old_by_its_time_stamp_or_without_a_change():
     assert faults([0.0] * 3, age=0.11)[0] == StatusFlag.STALE
     assert faults([0.0] * 3, age=0.09, speed=0.3)[0] == 0
     # It stands still also where it dithers.
@@ -371,7 +371,7 @@ def test_a_force_that_oscillates_is_a_fault(frequency):
     assert found.index(StatusFlag.FORCE_OSCILLATION) < 400
 
 
-def test_a_force_that_rises_or_rubs_is_no_oscillation():
+def test_rising_or_rubbing_force_is_not_an_oscillation():
     assert not any(force_flags(lambda t: 15.0 * (t > 0.1)))
     assert not any(force_flags(lambda t: 10 + 8 * np.sin(2 * np.pi * t)))
     # Noise above the band, from sample to sample.

@@ -107,7 +107,7 @@ def assert_equal_updates(found, known):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_compiled_update_is_the_plain_one(seed, monkeypatch):
+def test_compiled_update_equals_the_plain_one(seed, monkeypatch):
     rng = np.random.default_rng(seed)
     ports = [name for name in PORTS if name not in OPTIONAL or rng.random() < 0.6]
     settings, joints, packed, previous, memory, arm = random_step(rng, ports)
@@ -130,7 +130,7 @@ def test_the_compiled_update_is_the_plain_one(seed, monkeypatch):
         ("desired_velocity", np.full(3, np.nan), StatusFlag.NOT_FINITE),
     ],
 )
-def test_what_no_stiffness_can_follow_from_leaves_it_as_it_was(
+def test_invalid_covariance_or_stiffness_leaves_the_last_stiffness(
     port, value, flag, monkeypatch
 ):
     settings, joints, packed, previous, memory, arm = random_step(
@@ -305,7 +305,7 @@ def test_the_desired_normal_force_is_that_part_of_the_wrench():
     assert_allclose(normal_force_of(controller, z, -3.0), 0.0, atol=1e-9)
 
 
-def test_far_beside_its_target_a_low_tool_is_lifted_and_a_high_one_comes_down():
+def test_far_from_its_target_a_low_tool_is_lifted_and_a_high_one_lowered():
     config = ImpedanceConfig(max_torque_rate=1e9)
     z = start_pose().translation()[2]
     controller = make_controller(config, engage_height=100.0)
@@ -432,7 +432,7 @@ def wavering(kind):
         "moving frame",
     ],
 )
-def test_a_clone_continues_bit_identically_whatever_was_looked_at(kind):
+def test_clone_continues_bit_identically_after_any_evaluation(kind):
     signals, config = wavering(kind)
     loop = ArmLoop(
         signals, config=config, X_WT=X_WT_TILTED, log=False, engage_height=10.0

@@ -147,7 +147,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_no_input_brings_a_joint_above_its_speed_limit(case):
+def test_no_input_makes_a_joint_exceed_its_speed_limit(case):
     signals, flag = CASES[case]
     logs = ArmLoop(signals).run(END)
     ratio = np.max(np.abs(logs["state"][:, 7:]) / SPEED_LIMIT)

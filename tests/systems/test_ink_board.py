@@ -155,7 +155,7 @@ def test_both_orders_of_the_contact_pair_are_met_in_these_tests():
 
 
 @pytest.mark.parametrize("speed", [0.05, 1.0])
-def test_a_stroke_leaves_what_the_wear_law_says_at_any_speed(speed):
+def test_ink_after_a_stroke_follows_the_wear_law_at_any_speed(speed):
     scene = make_scene()
     simulator = scene.start(p=(0.0, -0.1), v=(0.0, speed))
     simulator.AdvanceTo(0.2 / speed)
@@ -216,7 +216,7 @@ def test_spinning_in_place_wears_the_outside_but_not_the_centre(scene):
 
 
 @pytest.mark.parametrize("force", [3.0, 10.0, 15.0])
-def test_normal_force_is_what_is_pressed(force):
+def test_normal_force_equals_the_applied_force(force):
     scene = make_scene(force=force)
     simulator = scene.start(p=(0.0, -0.1), v=(0.0, 0.2))
     simulator.AdvanceTo(0.5)

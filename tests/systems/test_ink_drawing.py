@@ -46,7 +46,7 @@ def test_words_fill_the_board_up_to_its_margin(turns):
     assert high[along] == pytest.approx(free, abs=0.004)
 
 
-def test_letters_have_the_height_that_is_asked_for_around_the_middle():
+def test_letters_have_the_given_height_around_the_middle():
     ink = draw_words(GRID, "HI", height=0.1, quarter_turns=0)
     low, high = extent(ink)
     assert high[1] - low[1] == pytest.approx(0.1, abs=0.003)
@@ -122,7 +122,7 @@ def test_words_without_ink_are_refused(text, options, what):
         (RigidTransform(RollPitchYaw(0, -np.pi / 2, 0), [0.6, 0, 0.5]), (-1, 0.3, 0.6)),
     ],
 )
-def test_upright_writing_goes_to_the_right_for_the_eye(X_WB, eye):
+def test_upright_text_runs_to_the_right_in_the_camera_s_view(X_WB, eye):
     turns = upright_turns(GRID, X_WB=X_WB, eye=eye)
     angle = 0.5 * np.pi * turns
     along_B = np.array([np.cos(angle), np.sin(angle), 0.0])
@@ -154,7 +154,7 @@ def picture(tmp_path):
     return path
 
 
-def test_dark_is_ink_and_white_is_none(picture):
+def test_dark_pixels_are_ink_and_white_ones_are_not(picture):
     ink = draw_picture(GRID, picture, size=0.2, quarter_turns=0)
     top = ink[(GRID.y > 0.002) & (GRID.y < 0.048)]
     bottom = ink[(GRID.y < -0.002) & (GRID.y > -0.048)]
@@ -173,7 +173,7 @@ def test_a_picture_fills_the_board_and_turns(picture):
     assert by_quarters(ink)[0].sum() > by_quarters(ink)[1].sum()
 
 
-def test_transparent_is_no_ink(tmp_path):
+def test_transparent_pixels_are_not_ink(tmp_path):
     pixels = np.zeros((8, 8, 4), dtype=np.uint8)
     pixels[:4, :, 3] = 255
     path = tmp_path / "half.png"

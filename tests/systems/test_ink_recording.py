@@ -140,7 +140,7 @@ setTimeout(() => {
 
 @pytest.mark.browser
 @needs_chromium
-def test_the_replay_wipes_the_ink_and_brings_it_back(meshcat, tmp_path):
+def test_replay_wipes_the_ink_and_restores_it_at_its_start(meshcat, tmp_path):
     meshcat.Delete()
     record(meshcat)
     meshcat.SetTransform("ink", X_WB)

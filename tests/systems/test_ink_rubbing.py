@@ -161,7 +161,7 @@ def test_a_patch_over_the_edge_of_the_grid_is_clipped():
     assert np.count_nonzero(pressure) == 12 * 5
 
 
-def test_ink_wears_as_the_law_says():
+def test_wear_of_ink_follows_its_law():
     felt = np.array([0.0, 10.0, 20.0, 60.0, 60.0])
     initial = np.array([1.0, 1.0, 1.0, 1.0, 0.05])
     ink = initial.copy()

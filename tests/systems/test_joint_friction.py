@@ -68,7 +68,7 @@ def test_values_that_are_no_friction_are_refused(values, message):
         panda_friction(**values)
 
 
-def test_a_robot_completes_what_is_not_given():
+def test_robot_completes_missing_values():
     config = FrictionConfig(enabled=True, gain=0.9, height=[2.0])
     robot = FrictionConfig(gain=0.5, height=[1.0], slope=[5.0], shift=[0.1])
     assert config.completed(robot) == FrictionConfig(

@@ -100,7 +100,7 @@ def test_a_drag_guides_to_the_cursor_over_the_board():
     assert_allclose(hand["wanted"], [0.1, -0.15, 0], atol=1e-9)
 
 
-def test_what_is_grabbed_beside_the_tool_moves_it_by_as_much():
+def test_drag_beside_the_tool_moves_it_by_the_same_distance():
     hand = Hand()
     hand.here = np.array([0.02, 0.0, -0.3])
     hand.dragged(0.05, 0.08).silent(0.1, 0.05, 0.08)
@@ -135,14 +135,14 @@ def test_a_slow_page_guides_as_steadily_as_a_fast_one(each):
     assert np.mean(steps < 1e-5) < 0.2
 
 
-def test_a_silent_page_moves_the_arm_by_no_more_than_the_limit_and_lets_go():
+def test_silent_page_moves_the_arm_at_most_to_the_limit_and_then_releases_it():
     hand = Hand().over(0, 0).over(0.19, 0)
     hand.silent(2.0, 0.19, 0)
     assert not hand["guiding"]
     assert 0.03 < hand.here[0] <= GUIDING_DRAG.max_ahead + 1e-9
 
 
-def test_a_silent_page_goes_on_when_it_wakes_up():
+def test_silent_page_continues_after_a_new_message():
     hand = Hand().over(0, 0).over(0.12, 0)
     hand.silent(2.0, 0.12, 0)
     hand.over(0.121, 0, anchor=hand.here)
@@ -157,7 +157,7 @@ def test_a_still_mouse_on_a_still_arm_is_not_a_silent_page():
     assert_allclose(hand.here, at, atol=1e-6)
 
 
-def test_a_cursor_that_jumps_has_let_go_until_it_grabs_anew():
+def test_jump_of_the_cursor_ends_the_drag_until_the_next_one():
     hand = Hand().dragged(0.05, 0)
     hand.over(-0.19, 0.25)
     assert not hand["guiding"]
@@ -170,13 +170,13 @@ def test_a_cursor_that_jumps_has_let_go_until_it_grabs_anew():
     assert hand["guiding"]
 
 
-def test_a_cursor_at_the_horizon_has_let_go():
+def test_cursor_at_the_horizon_ends_the_drag():
     hand = Hand().dragged(0.05, 0)
     hand.look(Drag(5, np.zeros(3), np.zeros(3), np.array([2.0, 0, 1])))
     assert not hand["guiding"]
 
 
-def test_the_tool_is_led_to_the_edge_of_the_board_and_not_beyond():
+def test_tool_is_guided_up_to_the_edge_of_the_board():
     hand = Hand().dragged(0.5, 0, steps=100).silent(0.2, 0.5, 0)
     assert hand["guiding"]
     assert_allclose(hand["wanted"], [0.2, 0, 0], atol=1e-9)
@@ -185,7 +185,7 @@ def test_the_tool_is_led_to_the_edge_of_the_board_and_not_beyond():
     assert hand["wanted"][0] < 0
 
 
-def test_let_go_the_place_is_kept():
+def test_after_a_drag_the_position_is_held():
     hand = Hand().dragged(0.1, 0.1)
     at = hand.here.copy()
     hand.look(None)
@@ -200,7 +200,7 @@ def test_a_drag_from_before_the_beginning_does_nothing_until_it_moves():
     assert not hand["guiding"]
 
 
-def test_who_turns_the_camera_of_another_page_does_not_turn_the_drag():
+def test_camera_of_another_page_does_not_rotate_the_drag():
     hand = Hand().over(0, 0)
     for _ in range(20):
         hand.state = follow(
@@ -361,13 +361,13 @@ class TurningHand(Hand):
         ((-0.03, 0), (0, -0.1, 0)),
     ],
 )
-def test_what_is_grabbed_follows_the_cursor_around_the_end_of_the_tool(way, lean):
+def test_grabbed_point_follows_the_cursor_around_the_end_of_the_tool(way, lean):
     hand = TurningHand()
     assert_allclose(hand.leant(*way), lean, atol=1e-9)
     assert_array_equal(hand["wanted"], np.zeros(3))
 
 
-def test_tool_is_turned_on_from_the_way_it_leans_and_keeps_it():
+def test_tool_is_turned_from_its_present_orientation_and_keeps_it():
     hand = TurningHand(lean=(0.0, 0.2, 0.0))
     assert_allclose(hand.leant(0.06, 0.0), [0, 0.4, 0], atol=1e-9)
     hand.look(None)
@@ -385,7 +385,7 @@ def test_tool_is_turned_neither_faster_nor_farther_than_allowed():
     assert leans[-1] == pytest.approx(GUIDING_DRAG.max_lean)
 
 
-def test_page_that_says_nothing_turns_the_tool_no_farther():
+def test_silent_page_does_not_turn_the_tool_farther():
     hand = TurningHand()
     hand.to(0.15, 0.0)
     for _ in range(100):

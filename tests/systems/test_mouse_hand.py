@@ -164,7 +164,7 @@ def test_a_body_that_must_not_be_dragged_guides_nothing(plant):
     assert output(hand, simulator, "leading")[0] == 1
 
 
-def test_let_go_a_led_arm_is_held_and_a_pulled_one_is_not(plant):
+def test_released_arm_is_held_after_guiding_but_not_after_pulling(plant):
     for make, count in ((guiding, 1), (pulling, 0)):
         hand = make(plant)
         simulator = begin(hand)
@@ -218,7 +218,7 @@ def test_the_interval_of_the_pages_pictures_is_known(plant):
     assert interval == pytest.approx(0.096, abs=0.001)
 
 
-def test_the_mouse_is_read_at_a_rate_and_what_was_read_is_the_state(plant):
+def test_mouse_is_sampled_at_a_rate_and_the_sample_is_the_state(plant):
     hand = pulling(plant, period=0.1)
     simulator = begin(hand)
     drag(hand, simulator, [0, 0, 0.01], seconds=0.05)
@@ -229,7 +229,7 @@ def test_the_mouse_is_read_at_a_rate_and_what_was_read_is_the_state(plant):
     assert len(hand.GetOutputPort("spatial_forces").Eval(copy)) == 1
 
 
-def test_a_cloned_context_goes_on_alike(plant):
+def test_cloned_context_of_a_drag_continues_identically(plant):
     hand = guiding(plant)
     simulator = begin(hand)
     drag(hand, simulator, [0, 0, 0], [0, 0.01, 0])

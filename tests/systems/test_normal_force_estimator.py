@@ -46,7 +46,7 @@ def test_the_normal_part_of_any_wrench_on_the_tool_is_found(q):
         assert estimate(system, state, torque) == pytest.approx(wrench_T[5], abs=1e-9)
 
 
-def test_what_is_not_finite_is_no_force():
+def test_force_of_inputs_that_are_not_finite_is_nan():
     system = estimator(make_arm())
     state, torque = np.full(14, 0.1), np.zeros(7)
     for broken in (state, torque):

@@ -700,7 +700,7 @@ def test_a_step_does_not_overshoot_at_critical_damping(p_start, axis):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", range(6))
-def test_every_mode_overshoots_as_its_damping_ratio_says(plant, p_start, mode):
+def test_overshoot_of_every_mode_follows_its_damping_ratio(plant, p_start, mode):
     """A start displaced along one mode: its coordinate rings, the others rest."""
     ratio = 0.4
     context = plant.CreateDefaultContext()

@@ -79,7 +79,7 @@ def test_the_page_is_meshcat_s_with_a_panel_and_a_title(panel):
     assert "new MeshCat.Viewer" in page
 
 
-def test_what_the_page_needs_besides_comes_from_meshcat(panel):
+def test_other_files_of_the_page_come_from_meshcat(panel):
     _, _, page = ask(panel, "/")
     script = page.split('src="cas-v1/')[1].split('"')[0]
     status, _, text = ask(panel, f"/cas-v1/{script}")
@@ -88,7 +88,7 @@ def test_what_the_page_needs_besides_comes_from_meshcat(panel):
     assert ask(panel, "/nothing")[0] == 404
 
 
-def test_a_browser_is_told_what_is_shown_and_what_changes(panel):
+def test_browser_receives_the_panel_and_its_changes(panel):
     panel.show(mode="wiping", time=1.0)
     events = told(panel)
     first = {"mode": "wiping", "time": 1.0}
@@ -201,7 +201,7 @@ def test_only_paths_of_its_own_are_served(panel, path, capfd):
     assert capfd.readouterr().err == ""
 
 
-def test_connections_that_say_nothing_take_a_bounded_number_of_threads(panel):
+def test_silent_connections_take_a_bounded_number_of_threads(panel):
     parts = urlsplit(panel.url)
     address = parts.hostname, parts.port
     silent = [socket.create_connection(address, timeout=20) for _ in range(80)]
@@ -345,7 +345,7 @@ def test_a_control_frame_that_claims_to_be_long_is_dropped():
     assert len(pickle.dumps(kept)) < 10_000
 
 
-def test_nobody_can_change_anything_through_the_panel_s_server(panel):
+def test_the_panel_s_server_is_read_only(panel):
     parts = urlsplit(panel.url)
     connection = http.client.HTTPConnection(parts.hostname, parts.port, timeout=20)
     connection.request("POST", "/panel", body="{}")
@@ -353,7 +353,7 @@ def test_nobody_can_change_anything_through_the_panel_s_server(panel):
     connection.close()
 
 
-def test_closing_ends_the_server_and_lets_browsers_go(panel):
+def test_closing_ends_the_server_and_the_connections(panel):
     events = told(panel)
     next(events)
     panel.close()
@@ -363,7 +363,7 @@ def test_closing_ends_the_server_and_lets_browsers_go(panel):
     panel.show(mode="nobody is told")
 
 
-def test_a_panel_that_nobody_keeps_ends_its_server():
+def test_server_ends_with_the_last_reference_to_its_panel():
     panel = PagePanel(Meshcat())
     url = urlsplit(panel.url)
     del panel
@@ -387,14 +387,14 @@ def test_two_panels_have_addresses_of_their_own(panel):
     other.close()
 
 
-def test_a_saved_page_gets_a_panel_that_says_what_it_is_given():
+def test_saved_page_contains_a_panel_with_the_given_text():
     page = add_panel(Meshcat().StaticHtml(), {"title": "run"})
     assert page.count("<title>") == 1
     assert "<title>run</title>" in page
     assert page.rstrip().endswith("</html>")
 
 
-def test_a_panel_in_what_is_no_page_is_refused():
+def test_panel_in_a_file_that_is_not_a_page_is_refused():
     with pytest.raises(SystemsError, match="a head and a body"):
         add_panel("<p>nothing</p>", {})
 
@@ -409,7 +409,7 @@ def test_a_host_at_which_nothing_can_be_served_is_refused():
 
 @pytest.mark.browser
 @needs_chromium
-def test_a_notebook_shows_what_meshcat_shows(tmp_path):
+def test_notebook_shows_the_page_of_meshcat(tmp_path):
     meshcat = Meshcat()
     meshcat.SetObject("box", Box(1.0, 1.0, 1.0), Rgba(1.0, 0.0, 0.0))
     meshcat.SetCameraPose([2.0, 0.0, 0.5], [0.0, 0.0, 0.0])
@@ -420,11 +420,11 @@ def test_a_notebook_shows_what_meshcat_shows(tmp_path):
     assert np.mean((red > 0.3) & (green < 0.2 * red)) > 0.02
 
 
-def test_where_no_page_can_be_shown_its_size_is_said():
+def test_inline_page_shows_its_size_as_text():
     assert repr(InlinePage("x" * 2_340_000)) == "InlinePage of 2.3 MB"
 
 
-def test_server_whose_program_has_ended_says_nothing():
+def test_server_without_its_program_prints_nothing():
     server = subprocess.Popen(
         [sys.executable, page_server.__file__, hidden_meshcat().web_url(), "localhost"],
         stdin=subprocess.PIPE,

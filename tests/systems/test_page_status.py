@@ -67,7 +67,7 @@ def test_ports_have_names_and_sizes(panel):
     assert status.num_output_ports() == 0
 
 
-def test_it_shows_time_force_component_and_what_is_clean_of_the_area(panel):
+def test_panel_shows_time_force_component_and_cleaned_fraction(panel):
     make_simulator(panel).AdvanceTo(0.03)
     shown = panel.shown
     assert (shown["time"], shown["force"], shown["mode"]) == (0.0, 9.0, "wiping")

@@ -122,13 +122,13 @@ def test_a_band_lies_flat_and_descends_so_that_overlaps_are_drawn_once():
     assert_allclose(heights[-1], 0.01)
 
 
-def test_what_is_below_the_surface_is_drawn_on_it():
+def test_points_below_the_surface_are_drawn_on_it():
     points = np.array([[0.1, 0.2, -0.01], [0.1, 0.2, 0.03]])
     assert_allclose(lifted(points), [[0.1, 0.2, LIFT], [0.1, 0.2, 0.03 + LIFT]])
     assert points[0, 2] == -0.01
 
 
-def test_one_point_is_no_path(meshcat):
+def test_one_point_is_not_a_path(meshcat):
     for draw in (
         lambda path, points: draw_line(meshcat, path, points, color=RED),
         lambda path, points: draw_rod(meshcat, path, points, radius=0.01, color=RED),

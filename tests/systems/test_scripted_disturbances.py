@@ -82,7 +82,7 @@ def test_push_acts_from_its_start_for_its_duration(plant, tip, time, acts):
     assert len(forces) == int(acts)
 
 
-def test_disturbance_comes_again():
+def test_disturbance_repeats():
     again = Push(start=1.0, duration=0.5, every=2.0, force=np.ones(3))
     for time in (1.2, 3.2, 41.4):
         assert again.acts(time)

@@ -94,7 +94,7 @@ def test_a_cylinder_keeps_every_length():
         ),
     ],
 )
-def test_points_are_where_geometry_says(surface, uv, expected):
+def test_points_match_the_geometry(surface, uv, expected):
     np.testing.assert_allclose(point(surface, *uv), expected, atol=1e-12)
 
 
@@ -137,7 +137,7 @@ def test_velocity_and_acceleration_of_the_frame_are_derivatives(surface):
         np.testing.assert_allclose(p, point(surface, *way(t)[0]), atol=1e-15)
 
 
-def test_sagitta_is_what_the_surface_bends_away_under_the_tool():
+def test_sagitta_is_the_gap_under_the_tool():
     pipe = Surface(0.0, 1 / 0.3)
     assert pipe.sagitta((0.12, 0.0)) == 0.0
     edge = 0.3 - np.sqrt(0.3**2 - 0.025**2)

@@ -57,11 +57,11 @@ def test_ports_are_state_of_these_names():
     assert not monitor.HasAnyDirectFeedthrough()
 
 
-def test_what_is_over_the_surface_is_not_below_it():
+def test_points_over_the_surface_are_not_below_it():
     assert look(make_monitor(), [0.0, 0.0, 0.021]) == (0.0, 0)
 
 
-def test_the_ball_that_goes_deepest_counts():
+def test_deepest_sphere_determines_the_penetration():
     depth, flags = look(make_monitor(), [0.1, 0.1, 0.018])
     assert depth == pytest.approx(0.002)
     assert flags == 0
@@ -74,7 +74,7 @@ def test_the_ball_that_goes_deepest_counts():
 
 
 @pytest.mark.parametrize("beside", [[0.26, 0.0, -0.1], [0.0, -0.36, -0.1]])
-def test_what_is_beside_the_board_is_not_below_its_surface(beside):
+def test_points_beside_the_board_are_not_below_its_surface(beside):
     assert look(make_monitor(), beside) == (0.0, 0)
 
 

@@ -91,7 +91,7 @@ def test_ports_follow_the_roles_and_the_surface():
         assert system.GetOutputPort("measured").size() == roles.count
 
 
-def test_desired_outputs_do_not_wait_for_what_is_measured():
+def test_desired_outputs_do_not_depend_on_measurements():
     system = TaskMotion(ALL, PIPE, X_WS=X_WS)
     pose = system.GetInputPort("measured_pose").get_index()
     for i in range(system.num_output_ports()):
@@ -111,7 +111,7 @@ def test_outputs_are_the_same_without_caching():
             )
 
 
-def test_plane_passes_positions_and_turns_as_the_skill_says():
+def test_plane_passes_positions_and_rotations_of_the_skill():
     values = outputs(TaskMotion(POSE, PLANE, X_WS=X_WS), 0.7)
     motion = motion_at(0.7, 6)
     np.testing.assert_array_equal(values["desired_position"], motion[:3])
@@ -122,7 +122,7 @@ def test_plane_passes_positions_and_turns_as_the_skill_says():
 
 
 @pytest.mark.parametrize("surface", [PIPE, BOWL], ids=["pipe", "bowl"])
-def test_tool_stands_over_the_surface_as_the_channels_say(surface):
+def test_pose_over_the_surface_follows_from_the_channels(surface):
     values = outputs(TaskMotion(POSE, surface, X_WS=X_WS), 0.7)
     motion = motion_at(0.7, 6)
     p_SE = place(surface, motion[None, :3])[0]
@@ -209,7 +209,7 @@ def test_a_tool_beside_its_target_is_measured_along_the_pipe_and_against_its_nor
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_measured_rotation_goes_on_beyond_half_a_turn(sign):
+def test_measured_rotation_is_continuous_beyond_half_a_turn(sign):
     motion = np.zeros(18)
     motion[3:6] = sign * np.array([0.0, 0.0, 3.6])
     system = TaskMotion(POSE, PLANE, X_WS=X_WS)

@@ -118,7 +118,7 @@ def test_torque_changes_by_at_most_its_rate_times_the_wall_time(steps):
 
 
 @given(STEPS)
-def test_a_gate_that_is_not_open_lets_nothing_grow(steps):
+def test_torque_of_a_gate_that_is_not_open_does_not_grow(steps):
     for before, after, _ in play(steps):
         if after.mode is not GateMode.OPEN:
             assert np.all(np.abs(after.torque) <= np.abs(before.torque))
@@ -165,7 +165,7 @@ def test_a_gate_is_four_vectors(steps):
     st.lists(st.floats(-100, 100), min_size=7, max_size=7),
     st.floats(0, 1),
 )
-def test_a_limited_change_goes_straight_to_what_is_wanted(previous, wanted, most):
+def test_limited_change_keeps_its_direction(previous, wanted, most):
     previous = np.clip(previous, -LIMIT, LIMIT)
     wanted = np.clip(wanted, -LIMIT, LIMIT)
     change = limited_change(previous, wanted, most, LIMIT) - previous
@@ -201,7 +201,7 @@ def last_of(steps, config=None):
 OPENED = [step(), step(go=1), *[step()] * 20]
 
 
-def test_torque_is_zero_until_go_and_comes_in_at_its_rate():
+def test_torque_is_zero_until_enabled_and_then_increases_at_its_rate():
     assert not np.any(last_of([step()] * 50).torque)
     opened = [after.torque[0] for _, after, _ in play(OPENED)]
     assert np.allclose(opened[:8], [0, 0.9, 1.8, 2.7, 3.6, 4.5, 5.0, 5.0], atol=1e-3)
@@ -225,7 +225,7 @@ def test_torque_is_zero_until_go_and_comes_in_at_its_rate():
         ({"go": -1}, GateFault.STOPPED),
     ],
 )
-def test_a_fault_stops_the_arm_until_the_operator_says_go(wrong, fault):
+def test_fault_stops_the_arm_until_the_operator_enables_it(wrong, fault):
     stopped = last_of([*OPENED, step(**wrong)])
     assert stopped.mode is GateMode.STOPPED
     assert stopped.faults & fault == fault
@@ -280,7 +280,7 @@ def test_full_torque_is_zero_after_a_tenth_of_a_second():
     assert not np.any(last_of([*full, step(age=1.0), *[step(torque=80.0)] * 90]).torque)
 
 
-def test_after_a_frozen_second_torque_goes_on_from_where_it_was():
+def test_torque_continues_after_a_frozen_second():
     after = last_of([*OPENED, step(elapsed=1.0, torque=-80.0)])
     assert after.torque[0] == pytest.approx(5.0 - 0.9)
 

@@ -142,7 +142,7 @@ def test_two_interleaved_simulations_draw_the_same(meshcat, drawn):
             assert_array_equal(points, same_points)
 
 
-def test_a_continued_run_shows_its_trail_at_once_and_goes_on_with_it(meshcat, drawn):
+def test_continued_run_shows_its_trail_at_once_and_continues_it(meshcat, drawn):
     diagram, _ = make_diagram(meshcat, period=0.1)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(1.03)

@@ -30,7 +30,7 @@ def test_ports():
     assert not system.HasAnyDirectFeedthrough()
 
 
-def test_what_was_passed_over_under_pressure_is_clean():
+def test_cells_passed_in_contact_are_clean():
     path = [(-0.1, 0.0), (0.0, 0.05), (0.1, 0.0), (0.1, -0.1)]
     ink = wipe(path, [10.0, 10.0, 10.0, 0.0])
     swept = GRID.swept_area([[*p, 0.0] for p in path[:3]], FOOTPRINT)

@@ -20,7 +20,7 @@ def polished(bundled):
     return learn(recording[: 3 * len(recording) // 4])
 
 
-def test_it_knows_one_period(polished):
+def test_model_covers_one_period(polished):
     assert polished.n_steps_ == 40
     assert polished.period_ == pytest.approx(40, rel=0.02)
     assert polished.model_.sample(7, seed=1).shape == (7, 40, 3)

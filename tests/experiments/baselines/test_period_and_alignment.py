@@ -13,7 +13,7 @@ from fmp_drake.primitives.model.phase.period import autocorrelation, fundamental
 
 
 @pytest.mark.parametrize("stride", [1, 7, 10])
-def test_windows_are_joined_to_what_they_were_cut_from(stride):
+def test_joined_windows_equal_their_recording(stride):
     y = np.random.default_rng(0).standard_normal((95, 2))
     windows = sliding_windows(y, n_steps=30, stride=stride)
     (joined,) = joined_recordings(windows)

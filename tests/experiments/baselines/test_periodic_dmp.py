@@ -83,7 +83,7 @@ def test_a_prediction_starts_at_the_last_sample_and_returns_to_the_cycle(model):
     assert np.linalg.norm(path[45:, None] - fine, axis=2).min(axis=1).max() < 2e-3
 
 
-def test_a_prediction_from_one_sample_goes_on_with_the_speed_of_the_cycle(model):
+def test_prediction_from_one_sample_continues_with_the_speed_of_the_cycle(model):
     cycle = model.cycle(0.7 + model.frequency_ * np.arange(21))
     assert_allclose(model.predict(cycle[:1], 20).values, cycle[1:], atol=5e-3)
 

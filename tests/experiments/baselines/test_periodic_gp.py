@@ -29,7 +29,7 @@ def test_it_finds_the_period(model):
     assert_allclose(model.parameters_[:, 6], 40, rtol=0.16)
 
 
-def test_a_prediction_is_conditioned_on_what_was_seen(model, eight):
+def test_prediction_is_conditioned_on_the_observed_samples(model, eight):
     prediction = model.predict(eight[:10], 20)
     for d in range(2):
         both = literal(model, d, 30)

@@ -109,7 +109,7 @@ def test_prediction_is_the_mixture_of_dense_regressions(model, eight_windows):
     assert_allclose(model.predict(prefix, horizon).values, expected, atol=1e-7)
 
 
-def test_a_prediction_goes_on_past_the_window(model, eight_windows):
+def test_prediction_continues_past_the_window(model, eight_windows):
     far = model.predict(eight_windows[0, :10], 200).values
     assert_allclose(far[:40], far[40:80], atol=1e-9)  # f = 2 and 4 in T = 80.
 
