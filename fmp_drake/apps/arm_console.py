@@ -21,7 +21,7 @@ ARM_MODEL: ModelChoice = "mixture"
 """Model of the skills of an arm, which does not wait: with its choice of samples it is
 re-mapped in 11 ms, a phase model in 36."""
 
-# Steps between two looks at the keyboard, and between two requests of --go.
+# Steps between two checks of the keyboard, and between two requests by --go.
 _LOOK, _ANSWER = 100, 500
 
 

@@ -83,7 +83,7 @@ _HANDLER = _StderrHandler()
 
 
 def log_to_stderr() -> None:
-    """Write what the package logs, and what Drake warns of, to stderr."""
+    """Write log messages of the package and warnings of Drake to stderr."""
     # Drake logs Meshcat's address, which the commands print themselves. A filter, because
     # Drake resets the level of its logger when it is imported.
     logging.getLogger("drake").addFilter(_is_warning)

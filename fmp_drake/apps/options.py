@@ -329,7 +329,7 @@ class LearningOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RhythmOptions:
-    """Part and period of recordings, where they are known better than found."""
+    """Part and period of recordings, given instead of searched."""
 
     start: float | None = option(
         None, "Part to learn from: seconds at which it begins.", flag="--from"

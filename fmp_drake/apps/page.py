@@ -117,7 +117,7 @@ def is_watched(panel: PagePanel | None) -> bool:
 
 @contextmanager
 def ended_page(panel: PagePanel | None) -> Iterator[None]:
-    """Let the page say, at the end of a block, that the program ends, and why."""
+    """Report on the page, at the end of a block, that the program ends, and why."""
     if panel is None:
         yield
         return
@@ -204,7 +204,7 @@ def write_metrics(
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder to write into, if there is none."""
+    """Create an output folder if it is missing."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -212,7 +212,7 @@ def make_folder(path: Path) -> None:
 
 
 def print_next(console: Console, *arguments: str) -> None:
-    """Print the command that comes next."""
+    """Print the next command."""
     line = shlex.join(["fmp-drake", *arguments])
     console.print(f"next: {line}", markup=False, soft_wrap=True)
 

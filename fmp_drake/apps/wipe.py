@@ -52,7 +52,7 @@ from fmp_drake.station.scenario_parts import ShowConfig
 from fmp_drake.station.warm_up import LawCompilation
 from fmp_drake.systems.page.page_panel import Level, PagePanel
 
-# Simulated time of a run that nobody watches, and between two updates of the page, s.
+# Simulated time of a run without a viewer, and between two updates of the page, s.
 _SECONDS, _TEXT = 60.0, 1.0
 # Simulated time between two polls of the page, s.
 _STEP = 0.0999
@@ -91,7 +91,7 @@ class PlayOptions:
 
     @property
     def seconds(self) -> float:
-        """Simulated time after which a run ends if nobody watches it, s."""
+        """Simulated time after which a run without a viewer ends, s."""
         return _SECONDS if self.duration is None else self.duration
 
     def check(self) -> None:
@@ -262,7 +262,7 @@ def wipe(
 def _is_run_anyway(
     panel: PagePanel | None, feasibility: Feasibility, scenario: Scenario
 ) -> bool:
-    """Return whether somebody on the page runs a skill that the arm cannot follow.
+    """Return whether a viewer of the page runs a skill that the arm cannot follow.
 
     Where a slower tempo helps, a button sets it.
     """
@@ -292,7 +292,7 @@ def _simulate(
     about: dict[str, Any],
     title: str,
 ) -> None:
-    """Simulate a run to its end, report its metrics, and again as long as it is wanted."""
+    """Simulate runs and report their metrics, until no other run is requested."""
     panel = None if page.headless else run.panel
     reel = files.begin(console, run)
     rate = play.rate

@@ -58,7 +58,7 @@ class TrialsOutput:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
-    """One trial again."""
+    """Repetition of one trial."""
 
     replay: int | None = option(None, "Run this trial of the folder SOURCE again.")
     html: Path | None = option(None, "Write a page that replays it.")

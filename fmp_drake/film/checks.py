@@ -40,7 +40,7 @@ def check_film(
     Parameters
     ----------
     path : pathlib.Path, optional
-        Its ending says in which format; None is fine.
+        Its suffix determines the format; None is allowed.
     fps : float
         Frames per second, at most 120, in a .gif 50.
     speed : float

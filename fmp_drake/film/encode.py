@@ -23,7 +23,7 @@ type Frame = NDArray[np.uint8]
 _SAMPLES = 6
 # Of a .gif: with 64, 20 s of wiping are 3.6 MB, with 128 4.7 MB.
 _COLORS = 64
-# A colour counts by this power of its pixels, so that a palette keeps rare ones.
+# Exponent of a colour's number of pixels as its weight, so that rare ones are kept.
 _RARE = 0.5
 # What every player and browser plays: H.264 of even sizes in the common colour format.
 _ENCODING = (
@@ -63,7 +63,7 @@ def write_film(
     fps : float
         Frames per second.
     track : callable
-        Goes through the numbers of the frames, and may show how far it is.
+        Iterates over the numbers of the frames, and may show the progress.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def convert_frames(
     fps : float
         Frames per second.
     track : callable
-        Goes through the numbers of the frames, and may show how far it is.
+        Iterates over the numbers of the frames, and may show the progress.
 
     Raises
     ------
@@ -142,7 +142,9 @@ def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
     ]
     with tempfile.TemporaryFile() as log:
         with (
-            contextlib.suppress(BrokenPipeError),  # It ended early; the log says why.
+            contextlib.suppress(
+                BrokenPipeError
+            ),  # It ended early; its log has the reason.
             subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=log, stderr=log
             ) as process,
@@ -161,7 +163,7 @@ def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
 def _write_gif(
     part: Path, frames: Iterator[Frame], fps: float, palette: Image.Image
 ) -> None:
-    """Write frames of one palette, so that what does not move costs nothing."""
+    """Write frames with one palette, so that unchanged pixels cost nothing."""
     pictures = [
         Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
         for frame in frames

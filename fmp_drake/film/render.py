@@ -54,7 +54,7 @@ def film_run(
     width : int
         Pixels, 4 to 3.
     track : callable
-        Goes through the numbers of the frames, and may show how far it is.
+        Iterates over the numbers of the frames, and may show the progress.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def render_film(
         Returns the points p_B (k, 3) of the tool's path at a time, m. On a board they are
         drawn at their projection.
     track : callable
-        Goes through the numbers of the frames, and may show how far it is.
+        Iterates over the numbers of the frames, and may show the progress.
 
     Raises
     ------

@@ -20,7 +20,7 @@ from fmp_drake.station.page.stage import FIELD_OF_VIEW, CameraAxes, RenderLights
 from fmp_drake.station.scenario_parts import CameraConfig
 
 _RENDERER = "film"
-_NEAR, _FAR = 0.05, 10.0  # Of what is rendered, m.
+_NEAR, _FAR = 0.05, 10.0  # Rendered distances, m.
 
 
 class Shot(NamedTuple):

@@ -25,7 +25,7 @@ from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.data.windows import as_windows
 from fmp_drake.primitives.editing.spectrum import polar
 
-_MOST_WINDOWS = 60  # More could not be told apart.
+_MOST_WINDOWS = 60  # More could not be distinguished.
 # Harmonics are drawn up to this fraction of the power, and at least so many.
 _SHOWN_ENERGY = 0.99
 _FEWEST_HARMONICS = 12

@@ -1,4 +1,4 @@
-"""Pictures of what was learned: samples and components."""
+"""Pictures of a learned skill: samples and components."""
 
 from collections.abc import Sequence
 

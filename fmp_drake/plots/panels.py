@@ -84,7 +84,7 @@ class PlanePanel:
     channels : Channels
         At least two.
     ax : Axes, optional
-        Where None, a new figure is made, and fitted to what is drawn.
+        A new figure, fitted to its content, where None.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Pictures of what a player plays: from a start in the plane, and over time."""
+"""Pictures of a playback: from a start in the plane, and over time."""
 
 from collections.abc import Sequence
 
@@ -33,7 +33,7 @@ def draw_way_back(
     demonstrations: Demonstrations = (),
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw what is played from a start, coloured by time (Figs. 4, 9 and 10).
+    """Draw the playback from a start, coloured by time (Figs. 4, 9 and 10).
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def draw_rollout_over_time(
     *,
     duration: float = 30.0,
 ) -> tuple[Axes, ...]:
-    """Draw what is played over time, and the tracked component as a strip below.
+    """Draw the playback over time, and the tracked component as a strip below.
 
     Dotted lines are the re-mapping instants; the band is 2 standard deviations of
     the tracked component (18).

@@ -42,7 +42,7 @@ _COMPONENTS = (
 TIME_MAP: Colormap = LinearSegmentedColormap.from_list(
     "fmp_time", matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, 256))
 )
-# From white, so that what is rarely visited fades out.
+# From white, so that rarely visited cells fade out.
 DENSITY_MAP: Colormap = LinearSegmentedColormap.from_list(
     "fmp_density", [(1, 1, 1, 1), *matplotlib.colormaps["magma_r"](np.linspace(0.1, 1))]
 )
@@ -158,7 +158,7 @@ def check_picture(path: Path | None) -> None:
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure; the ending of the name says in which format."""
+    """Write a figure in the format of the name's suffix."""
     path = Path(path)
     # Text stays text in a PDF.
     with (

@@ -27,7 +27,7 @@ ADVICE = {
         StatusFlag.OVERSPEED: "Lower the tempo, or the stiffness.",
     }.items()
 }
-"""Advice to somebody who watches, by kinds of events."""
+"""Advice to a viewer, by kinds of events."""
 
 _STOPS = {**STOP_REASONS, StatusFlag.JUMP: "the target was {:.0f} cm away"}
 

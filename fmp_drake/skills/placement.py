@@ -263,7 +263,7 @@ def _curved_surface(path: Path, reading: ReadingOptions | None) -> str:
 def load_as_recorded(
     paths: Sequence[Path], *, stretch: float, reading: ReadingOptions | None = None
 ) -> tuple[list[Demonstration], list[str]]:
-    """Load demonstrations with all their channels, and remarks on what was recognised."""
+    """Load demonstrations with all their channels, and remarks on recognised parts."""
     check_number(stretch, "stretch", above=0, error=DemonstrationError)
     demonstrations, remarks = read_demonstrations(paths, reading)
     if stretch != 1.0:

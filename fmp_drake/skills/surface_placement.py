@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 EXTRA_CHANNELS = ("orientation", "force")
-"""Names of what is placed beside the position."""
+"""Names of the channels that are placed beside the position."""
 
 # Force above which the tool touches, relative to its 95 % quantile; height without a force, m.
 _PRESSED, _TOUCH = 0.3, 0.01
@@ -297,7 +297,7 @@ def _normal_force(
     contact: _Contact,
     scenario: Scenario,
 ) -> tuple[Array, str]:
-    """Return the normal force, N, at most what the felt bears, with a remark.
+    """Return the normal force, N, limited by the felt, with a remark.
 
     Of three components it is that along their mean direction in contact, as in the tool's
     frame, or along the surface's normal, as in the frame D, whichever explains more of them.

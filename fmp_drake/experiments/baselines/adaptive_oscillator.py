@@ -73,7 +73,7 @@ class AdaptiveOscillatorDMP(Method):
         off = np.concatenate([off, 3 * (speed - np.diff(signal))], axis=1)
         first = grid[int(np.argmin(np.sum(off**2, axis=1)))]
         _, omega, _ = _follow(signal, first, self.frequency_, self._series, learn=0.0)
-        # A tenth of a period says little of its frequency.
+        # A tenth of a period hardly determines its frequency.
         limit = 0.2 * self.frequency_
         omega = float(np.clip(omega, self.frequency_ - limit, self.frequency_ + limit))
         return Forecast(values=self._dmp.continued(past, horizon, frequency=omega))

@@ -124,7 +124,7 @@ class UnblendedFMP(FMP):
 
 
 class ReplayMethod(Method):
-    """The nearest neighbours of the observed samples, and what followed them.
+    """The nearest neighbours of the observed samples, and their continuations.
 
     The median of five continuations is offset to begin at the present value; the offset
     decays within a second. The covariances are those of predictions inside the

@@ -141,7 +141,7 @@ def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
 
 
 def make_movement(name: str, recordings: Sequence[Array]) -> Movement:
-    """Return a movement of recordings (n, D) at `RATE`, without what is not rhythmic."""
+    """Return a movement of recordings (n, D) at `RATE`, without parts that are not rhythmic."""
     period, parts = rhythmic_parts(recordings)
     return Movement(name=name, parts=parts, period=period)
 

@@ -41,7 +41,7 @@ class Distribution:
     kind : str
         One of `KINDS`. Uniform between whole numbers draws whole numbers.
     values : tuple
-        As `KINDS` says.
+        One of `KINDS`.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Distribution:
         Raises
         ------
         ExperimentError
-            Where the values do not fit; it says what is allowed.
+            If the values do not fit; it lists the allowed ones.
         """
         ((kind, values),) = given.items()
         fits = isinstance(values, list) and len(values) > 0
@@ -205,7 +205,7 @@ class TrialSpec:
         return cls(text, folder=file.parent)
 
     def plan(self, *, seed: int, seconds: float) -> dict[str, str]:
-        """Return what all trials of a store have in common."""
+        """Return the common settings of all trials of a store."""
         return {"spec": self.text, "seed": str(seed), "seconds": repr(float(seconds))}
 
     def draw(self, *, seed: int, number: int) -> Trial:

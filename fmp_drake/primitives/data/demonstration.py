@@ -389,7 +389,7 @@ def read_demonstrations(
     -------
     demonstrations : list of Demonstration
     remarks : list of str
-        What was recognised and what was left out, by file.
+        Remarks on recognised and omitted parts, by file.
 
     Raises
     ------

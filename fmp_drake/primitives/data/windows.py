@@ -16,7 +16,7 @@ class UnstatedRate(float):
     """Default sample rate (Hz) of a skill, which does not apply to arrays without times."""
 
 
-# Sample rate of skills and of what they are learned from, Hz.
+# Sample rate of skills and of their training data, Hz.
 DEFAULT_RATE = 20.0
 UNSTATED_RATE = UnstatedRate(DEFAULT_RATE)
 

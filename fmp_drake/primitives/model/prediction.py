@@ -93,7 +93,7 @@ class Replayed(NamedTuple):
 
 
 class Replay:
-    """Prediction by what followed similar pasts of recordings (kernel regression).
+    """Prediction by the continuations of similar pasts (kernel regression).
 
     Pasts are similar that have the same shape and are near. What followed begins at the
     present value and velocity; the offsets decay.

@@ -29,7 +29,7 @@ from fmp_drake.systems.panda.status import GateFault
 
 # Time for the controller to settle on the start before the gate opens, s.
 _SETTLE = 0.3
-# Steps between two looks at the page's controls, and between two moves of the logged
+# Steps between two checks of the page's controls, and between two moves of the logged
 # samples into the metrics.
 _SELDOM, _CHUNK = 20, 250
 
@@ -229,7 +229,7 @@ class ArmRun(StationRun):
         }
 
     def events(self) -> list[RunEvent]:
-        """Return what went wrong in the run so far, in the order of time."""
+        """Return the events of the run so far, in the order of time."""
         stops = [
             RunEvent(at, at, "arm stopped", f"arm stopped at {at:.1f} s: {fault.name}")
             for at, fault in self.stops

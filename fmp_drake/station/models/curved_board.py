@@ -1,4 +1,4 @@
-"""The contact and the look of a curved board: one mesh for every surface."""
+"""Contact and visual geometry of a curved board: one mesh for every surface."""
 
 import math
 from typing import Any
@@ -172,7 +172,7 @@ def FilterHull(
     """Exclude contact without hydroelastic shapes for a board whose hull is not its surface.
 
     Everything else touches a mesh as its convex hull: over a bowl that is an invisible lid.
-    What hard bodies do there the `SurfaceMonitor` says.
+    The `SurfaceMonitor` reports hard bodies there.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     board, and give way by 0.03 mm for 100 N on the whole face. Thrown flat at the board
     at 1.7 m/s with 10 kg behind it, the core goes 2.1 mm in with a felt of 3e3 Pa.
 
-    The same law says which moduli make sense. Wool, of 1310 kg/m^3 and about 3 GPa,
+    The same law gives the plausible moduli. Wool, of 1310 kg/m^3 and about 3 GPa,
     resists squeezing by half with k E phi^3 (2^3 - 1), with k about 0.01 and phi the
     fraction of the volume that is filled: 2.5e3 Pa for a fleece of 30 kg/m^3, 1.2e4 Pa
     for one of 50, 2e5 Pa for a felt of 130 kg/m^3. Felts also get stiffer with the load
@@ -125,7 +125,7 @@ def FeltPressLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
 
 
 def _Contacts(config: EraserConfig) -> list[str]:
-    """Return what touches: the felt, and behind it what is hard."""
+    """Return the contact geometry: the felt, and the hard parts behind it."""
     x, y = config.footprint
     core = Box(x - 2 * _INSET, y - 2 * _INSET, _THICK - _BARE)
     handle = Box(x + _RIM, y + _RIM, 0.020)

@@ -40,9 +40,9 @@ def models_dir() -> Path:
 
 
 def AddFmpDrakePackage(parser: Parser) -> None:
-    """Teach a parser what ``package://fmp_drake/...`` means.
+    """Add the package of ``package://fmp_drake/...`` to a parser.
 
-    A parser that knows it already stays as it is.
+    A parser that has it already is not changed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A cooking pot to look at."""
+"""Cooking pot without contact geometry."""
 
 from math import cos, pi, sin
 

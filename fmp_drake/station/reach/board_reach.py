@@ -205,7 +205,7 @@ class BoardReach:
     def clearance(
         self, X_WB: list[RigidTransform], motion: PredictedMotion, moved: Array
     ) -> tuple[Array, str]:
-        """Return how near the arm's links come to the board, and which comes nearest.
+        """Return the least distance of the arm's links to the board, and the nearest link.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Balls on the outside of hard bodies: how near they come to a board."""
+"""Sphere approximation of hard bodies, for their distance to a board."""
 
 from itertools import product
 from typing import Any, NamedTuple
@@ -20,14 +20,14 @@ _ROUND = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
 
 
 class HardPoints(NamedTuple):
-    """Balls that touch as a model does, but for what is soft of it.
+    """Sphere approximation of a model's rigid collision geometry.
 
     Attributes
     ----------
     bodies : array of int, shape (N,)
         Indices in the plant.
     points : array, shape (N, 3)
-        The balls' centres in the frames of their bodies, m.
+        Centres of the spheres in the frames of their bodies, m.
     radii : array, shape (N,)
         m.
     """
@@ -40,7 +40,7 @@ class HardPoints(NamedTuple):
 def CollectHardPoints(
     plant: MultibodyPlant, scene_graph: SceneGraph, model: ModelInstanceIndex
 ) -> HardPoints:
-    """Collect the balls of a model: corners, rims, and five along each capsule."""
+    """Collect the spheres of a model: corners, rims, and five along each capsule."""
     inspector = scene_graph.model_inspector()
     bodies, points, radii = [], [], []
     for g in inspector.GetAllGeometryIds(Role.kProximity):
@@ -77,7 +77,7 @@ class ArmClearance:
     def nearest(
         self, q: Array, X_BW: Array, box: Array, curvature: Surface = PLANE
     ) -> tuple[Array, str]:
-        """Return the distance to a board, and the link that comes nearest of all.
+        """Return the distance to a board, and the nearest link.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class ArmClearance:
 
 
 def _balls(shape: Any) -> tuple[Array, float]:
-    """Return centres, shape (N, 3), and radius of balls on a shape's outside, m."""
+    """Return centres, shape (N, 3), and radius of spheres on a shape's surface, m."""
     ends = (-0.5, 0.0, 0.5)
     if isinstance(shape, Box):
         return np.array(list(product(ends, ends, ends))) * shape.size(), 0.0

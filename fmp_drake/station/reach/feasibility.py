@@ -379,7 +379,7 @@ class _Check:
         lag, angle = np.sqrt(np.mean(lags**2, axis=(0, 1)))
         is_late = lag > self._bounds.distance or angle > self._bounds.tilt
         above = np.mean(fastest > 1)
-        # Out of reach, and at a wall, the joints' speed says nothing.
+        # Out of reach, or at a joint-limit spring, the joints' speed is meaningless.
         if (is_late or above > self._bounds.brief) and not self._faults:
             self._faults.append(
                 f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed, "
@@ -424,7 +424,7 @@ class _Check:
         }
 
     def _drag(self) -> float:
-        """Return how far friction holds the eraser back, per newton of press, m/N."""
+        """Return the lag of the eraser by friction per newton of normal force, m/N."""
         config = self._scenario.impedance
         stiffness = min(config.translational_stiffness[:2])
         soft = config.covariance_stiffness

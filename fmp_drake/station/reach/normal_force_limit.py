@@ -20,7 +20,7 @@ def ArmPressLimit(
     R_WB: RotationMatrix,
     friction: float,
 ) -> float:
-    """Return the largest normal force that an arm's joints bear in a posture, N.
+    """Return the largest normal force within an arm's torque limits in a posture, N.
 
     A press F along -z of B goes with a friction of mu F along any edge of the board. The
     joints bear ``tau = g(q) + J^T F (-z + mu t)``, t any of +-x and +-y; the press is the
@@ -68,7 +68,7 @@ def ArmPressLimit(
 
 
 def CheckPress(scene: BoardScene) -> None:
-    """Refuse a normal force that is more than the arm bears where it starts.
+    """Raise an error for a normal force above the arm's torque limits at the start.
 
     Raises
     ------

@@ -60,7 +60,7 @@ class TrackingPredictor:
     Parameters
     ----------
     arm : MultibodyPlant
-        What the controller knows: the arm and its eraser.
+        Model of the controller: the arm and its eraser.
     tip : Frame
         E.
     config : ImpedanceConfig

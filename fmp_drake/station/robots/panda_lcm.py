@@ -156,7 +156,7 @@ def LoadPanda(path: str | Path) -> Driver:
     Raises
     ------
     StationError
-        Where the file cannot be read; it says why.
+        Where the file cannot be read; it gives the reason.
 
     Examples
     --------
@@ -185,7 +185,7 @@ def OpenLcm(url: str) -> DrakeLcm:
     Raises
     ------
     StationError
-        Where the bus cannot be opened; it says why.
+        Where the bus cannot be opened; it gives the reason.
     """
     try:
         return DrakeLcm(url)

@@ -32,7 +32,7 @@ _TOOL = "tool"  # Stands for the tool's bodies in a group of `contact_free`.
 
 @dataclass(kw_only=True)
 class RobotConfig:
-    """An arm of n joints: everything that its model does not say.
+    """Settings of an arm of n joints that are not in its model.
 
     Attributes
     ----------
@@ -255,14 +255,14 @@ def MakeRobotModel(
     *,
     scene_graph: SceneGraph | None = None,
 ) -> Robot:
-    """Make what a controller knows: a plant of the arm and its tool, with their weight.
+    """Make the model of a controller: a plant of the arm and its tool with their weight.
 
     Parameters
     ----------
     config : RobotConfig
     tool : EraserConfig or str, optional
     scene_graph : SceneGraph, optional
-        Where to register the geometry, for those who ask about it.
+        Where to register the geometry, for geometry queries.
     """
     plant = MultibodyPlant(time_step=0.0)
     plant.set_name("arm")

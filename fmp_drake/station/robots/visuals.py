@@ -9,7 +9,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from fmp_drake.errors import StationError
 
-# Drake knows its own elements by this prefix.
+# Prefix of Drake's own elements.
 ET.register_namespace("drake", "http://drake.mit.edu")
 
 VISUALS = ("own", "drake_models")
@@ -32,7 +32,7 @@ def AddArm(
     model : Path
         URDF or SDF file.
     packages : PackageMap
-        Knows ``fmp_drake``, and ``drake_models`` where that is asked for.
+        With the package ``fmp_drake``, and ``drake_models`` for these visuals.
     visuals : {"own", "drake_models"}
         Meshes of the model, or the official ones, which Drake downloads when it first
         needs them.

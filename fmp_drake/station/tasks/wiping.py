@@ -23,7 +23,7 @@ class Wiping(Task):
     """An eraser that wipes a board.
 
     In simulation the ink, the contact force and the distance of hard points from the
-    surface are measured. Of a real arm, whose ink nobody sees, the normal force follows
+    surface are measured. Of a real arm, whose ink is not measured, the normal force follows
     from its external torque, and the ink from where it pressed.
 
     Examples

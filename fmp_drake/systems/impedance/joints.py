@@ -135,14 +135,14 @@ def wall_torque(
         strength = min(limits.upper_effort[i], -limits.lower_effort[i])
         if not math.isfinite(strength):
             strength = inertia[i] / config.braking_time**2
-        # The speed towards the limit, and what is too much of it.
+        # Speed towards the limit, and its excess.
         speed = side * v[i]
         most = config.speed_fraction * limits.speed[i]
         stoppable = math.sqrt(
             2 * config.braking_acceleration * max(margin - config.width, 0.0)
         )
         excess = max(speed - min(most, stoppable), 0.0) + min(speed + most, 0.0)
-        # The wall gives back little of what it took.
+        # The spring returns little of the stored energy.
         excess += min(speed, 0.0) * min(2 * depth, 1.0)
         torque[i] = -side * (
             2 * depth * strength + inertia[i] / config.braking_time * excess

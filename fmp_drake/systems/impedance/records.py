@@ -195,7 +195,7 @@ def _dtype(value: Any) -> np.dtype[Any]:
 LAYOUT = settings_of(
     ImpedanceConfig(), X_WT=Pose(np.eye(3), np.zeros(3)), engage_height=1.0
 ).dtype
-"""The type of what `settings_of` returns."""
+"""Type of the result of `settings_of`."""
 
 # Inputs.
 

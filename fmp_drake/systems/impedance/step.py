@@ -308,7 +308,7 @@ def _checked_target(
     target_W: Pose,
     rotation: Array,
 ) -> tuple[int, LastTarget]:
-    """Return the flags of what is wrong with the target, and the target to remember.
+    """Return the flags of the target's faults, and the target to store.
 
     `rotation` expresses twists of W in T.
     """

@@ -49,7 +49,7 @@ class CovarianceStiffnessConfig:
     axes: list[bool] = bounded([True, True, False])
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
         if self.max_stiffness >= self.min_stiffness:
             return ""
         return (
@@ -83,7 +83,7 @@ class EnergyTankConfig:
     stored_fraction: float = bounded(0.9, least=0, most=1)
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
         if self.initial_energy <= self.capacity:
             return ""
         return (
@@ -108,7 +108,7 @@ def stiffness_from_covariance(
     covariance : array, shape (3, 3)
         Σ of the desired p_TE, in T, m². Positive semidefinite.
     stiffness : array, shape (6, 6)
-        Of what does not follow the covariance, in T.
+        Of the directions that do not follow the covariance, in T.
 
     Returns
     -------

@@ -332,7 +332,7 @@ def supervised(
     state : WatchdogState
         Of the update before.
     held, measured, target : Pose
-        X_WE where the arm was stopped, where it is, and where it is wanted.
+        X_WE at the stop, measured, and desired.
     fault : bool
         Whether something is wrong with the target now.
     period : float

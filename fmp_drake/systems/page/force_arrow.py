@@ -28,7 +28,7 @@ _WEAKEST = 0.3
 
 
 class ForceArrow(LeafSystem):
-    """Draws the force that a body feels where it touches others.
+    """Arrow of the contact force on a body.
 
     The arrow begins in the middle of the contact, weighted by the forces, and is drawn
     over what stands before it, so that the body itself does not hide it. It is moved

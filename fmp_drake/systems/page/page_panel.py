@@ -112,7 +112,7 @@ class PanelFields(TypedDict, total=False):
     messages : list of Message
         The latest one is shown, the others are in the log.
     progress : float or None
-        Fraction of what is being done, from 0 to 1; None for no bar.
+        Progress, from 0 to 1; None for no bar.
     rate : float
         Simulated seconds per second; shown below 0.9.
     summary : list of tuple of 2 str
@@ -167,7 +167,7 @@ def hidden_meshcat() -> Meshcat:
 
 
 class PagePanel:
-    """Meshcat's page with a panel that says what is going on, at an address of its own.
+    """Meshcat's page with a status panel, at its own address.
 
     The panel's sliders and buttons are those of the Meshcat. Only the page at `url`, which
     carries a token, may move them and pull the arm; without the token it may watch. That
@@ -242,12 +242,12 @@ class PagePanel:
         return self._shown
 
     def close(self) -> None:
-        """End the page; what is open in browsers stays as it is."""
+        """End the page; open browsers keep their content."""
         self._finalizer()
 
 
 def _stop(process: subprocess.Popen[bytes]) -> None:
-    """End the server, by the end of what it reads."""
+    """End the server by closing its input."""
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
             pipe.close()
@@ -262,7 +262,7 @@ def add_panel(page: str, fields: PanelFields) -> str:
     page : str
         HTML, as `Meshcat.StaticHtml` returns it.
     fields : PanelFields
-        What the panel says.
+        Content of the panel.
 
     Raises
     ------
@@ -299,11 +299,11 @@ class InlinePage:
         self._height = height
 
     def __repr__(self) -> str:
-        """Return what is shown where there is no page."""
+        """Return the text that replaces the page where it cannot be shown."""
         return f"InlinePage of {len(self._html) / 1e6:.1f} MB"
 
     def _repr_html_(self) -> str:
-        """Return what IPython shows."""
+        """Return the HTML for IPython."""
         return (
             f'<iframe class="replay" title="replay" width="100%" height="{self._height}"\n'
             f'srcdoc="{escape(self._html)}"></iframe>'

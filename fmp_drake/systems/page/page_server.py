@@ -60,7 +60,7 @@ def with_panel(page: str, fields: Mapping[str, Any], **start: bool) -> str:
     page : str
         HTML.
     fields : mapping
-        What the panel says, at first.
+        Initial content of the panel.
     **start : bool
         `live`: whether the panel follows a server. `watching`: whether the page may only
         watch.
@@ -225,7 +225,7 @@ class _Server(ThreadingHTTPServer):
                 return
 
     def keep(self, connection: socket.socket, purpose: str) -> bool:
-        """Let a connection stay; False where there is no room for it."""
+        """Accept a connection; False if there is no place for it."""
         with self._lock:
             watching = sum(each == _WATCHING for each in self._purposes.values())
             is_full = purpose == _WATCHING and watching >= _MAX_WATCHING
@@ -338,7 +338,7 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
                 time.sleep(_PAUSE)
 
         def _pass_on(self, path: str) -> None:
-            """Fetch what the page needs besides from Meshcat."""
+            """Fetch the other files of the page from Meshcat."""
             try:
                 status, body, headers = fetch(path)
             except (OSError, HTTPException):
@@ -374,7 +374,7 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
 
 
 def _answer(line: str) -> None:
-    """Tell the program that started this one the port, or why there is none."""
+    """Report the port, or the error, to the parent program."""
     try:
         sys.stdout.write(f"{line}\n")
         sys.stdout.flush()

@@ -280,7 +280,7 @@ def show_during(
     until: float = inf,
     end: float,
 ) -> None:
-    """Show what is at a path only for some time, s, of an animation that has an end."""
+    """Show a path only in an interval, s, of an animation of finite duration."""
     # Meshcat loops each path by itself: let all last equally long.
     first, last = 0, max(1, animation.frame(end))
     for time, visible in ((since, True), (until, False)):

@@ -1,4 +1,4 @@
-"""The plan in Meshcat: where the skill is about to go, and how surely."""
+"""The plan in Meshcat: the next desired positions with their covariances."""
 
 import colorsys
 from collections.abc import Iterable, Sequence
@@ -179,7 +179,7 @@ class PlanVisualizer(LeafSystem):
             )
 
     def _draw_axes(self, values: NDArray[np.float64]) -> None:
-        """Draw how the tool is turned at some points of the plan (n, D)."""
+        """Draw the orientation of the tool at some points of the plan (n, D)."""
         if self._reference is None or not self._rotation:
             return
         rows = np.linspace(0, len(values) - 1, _AXES).astype(int)

@@ -150,7 +150,7 @@ def track_status(track: StatusTrack, reading: ArmReading, torque: Array) -> Stat
 def implausible(
     limits: JointLimits, before: StatusTrack, after: StatusTrack, reading: ArmReading
 ) -> GateFault:
-    """Return what cannot be true of a status.
+    """Return the faults of implausible values in a status.
 
     A frozen measurement is told from an arm at rest by the noise of a real encoder: at
     rest, too, the last bits of 14 numbers differ from one status to the next. A

@@ -355,7 +355,7 @@ def follow(
 
 
 def _place(s: Any, here: Array) -> Array:
-    """Return what a drag moves, m: the guided point, or the end of a lever."""
+    """Return the point that a drag moves, m: the guided point, or the end of a lever."""
     return s["lean"] * _LEVER if s["turning"] else here
 
 

@@ -54,7 +54,7 @@ class Table:
     units : tuple of str
         Units of the columns; "" where unknown. All unknown where not given.
     remarks : tuple of str
-        What was recognised, and what was left out.
+        Remarks on recognised and omitted parts.
     frame : str
         Name of the frame of the values; "" where unknown.
     saved : mapping, optional

@@ -1,1 +1,1 @@
-"""The phase of a rhythmic movement, and the model that knows it."""
+"""Phase of a rhythmic movement, and its model."""

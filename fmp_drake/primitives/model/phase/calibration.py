@@ -271,7 +271,7 @@ def _calibration(
     weight: float,
     cycles: float,
 ) -> Calibration:
-    """Return the calibration that left-out parts ask for, shrunk towards priors.
+    """Return the calibration by left-out parts, shrunk towards priors.
 
     Covariances are a sum: those of the model, scaled, and those of the errors. The fewer
     cycles, the more the errors count, and the more is added for what few errors say.

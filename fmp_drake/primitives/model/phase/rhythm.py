@@ -1,4 +1,4 @@
-"""Rhythmic parts of recordings, and what lies beside them."""
+"""Rhythmic parts of recordings, and parts of other movements."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -146,7 +146,7 @@ class Rhythm:
         return lines + self.remarks()
 
     def remarks(self) -> list[str]:
-        """Return what a user should know about the recordings; nothing if all is well."""
+        """Return remarks on unusual recordings; none if all is well."""
         out = []
         kinds = {part.kind for part in self.left_out}
         if "backwards" in kinds:
@@ -205,7 +205,7 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
 
 
 def recurrent_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
-    """Return which samples (n,) of recordings (n, D) come again in another cycle.
+    """Return which samples (n,) of recordings (n, D) recur in another cycle.
 
     Position and velocity count. The limit of their distance follows from the samples that
     are part of two similar neighbouring cycles.
@@ -238,7 +238,7 @@ def recurrent_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
     for distance, rest, core, (_, part) in zip(
         distances, rests, cores, found, strict=True
     ):
-        # Of fewer than two cycles a part does not come again.
+        # With fewer than two cycles a part does not recur.
         mask = ((distance <= limit) | (core & part)) & ~rest
         gap = max(3.0, _LEAST_GAP * period)
         for a, b in runs(~mask):

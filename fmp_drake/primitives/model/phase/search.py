@@ -101,7 +101,7 @@ def find_rhythm(
     rate : float
         Hz, to which they are resampled.
     start, end : float, optional
-        Part of every demonstration to look at, s from its first sample.
+        Part of every demonstration to search, s from its first sample.
     period : float, optional
         Duration of a cycle, s; estimated where None.
 
@@ -364,7 +364,7 @@ def _rhythm(recordings: Sequence[Array], attempt: _Attempt, rate: float) -> Rhyt
 
 
 def _parted(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
-    """Return the bouts among parts, and what is left out."""
+    """Return the bouts among parts, and the omitted parts."""
     bouts = tuple(part for part in parts if part.kind == "bout")
     return bouts, tuple(part for part in parts if part.kind != "bout")
 
