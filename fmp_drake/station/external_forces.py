@@ -1,6 +1,7 @@
 """External forces on the simulated arm: disturbances, and the mouse on the page."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
@@ -70,18 +71,13 @@ def AddExternalForces(
 
 
 def _scripted(config: Disturbance, X_WB: RigidTransform) -> Push:
+    timing: dict[str, Any] = {
+        name: getattr(config, name) for name in ("start", "duration", "every")
+    }
     if config.kind == "push":
-        return Push(
-            start=config.start,
-            duration=config.duration,
-            every=config.every,
-            force=X_WB.rotation() @ np.array(config.force),
-        )
+        return Push(**timing, force=X_WB.rotation() @ np.array(config.force))
     return Grasp(
-        start=config.start,
-        duration=config.duration,
-        every=config.every,
-        force=np.zeros(3),
+        **timing,
         point=X_WB @ np.array(config.position),
         stiffness=config.stiffness,
         max_force=config.max_force,

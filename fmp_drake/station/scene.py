@@ -167,20 +167,14 @@ def AddBoardScene(
     posture = finite_array(q, "q", (len(config.posture),), error=StationError)
     plant.SetDefaultPositions(robot.arm, posture)
     if simulated and scenario.friction.enabled:
+        completed = scenario.friction.completed(config.friction)
         friction = builder.AddSystem(
-            JointFriction(
-                plant,
-                arm=robot.arm,
-                config=scenario.friction.completed(config.friction),
-            )
+            JointFriction(plant, arm=robot.arm, config=completed)
         )
-        builder.Connect(
-            plant.get_state_output_port(robot.arm), friction.GetInputPort("state")
-        )
-        builder.Connect(
-            friction.get_output_port(),
-            plant.get_applied_generalized_force_input_port(),
-        )
+        state = plant.get_state_output_port(robot.arm)
+        builder.Connect(state, friction.get_input_port())
+        force = plant.get_applied_generalized_force_input_port()
+        builder.Connect(friction.get_output_port(), force)
     return BoardScene(
         scenario=scenario,
         plant=plant,
@@ -193,9 +187,7 @@ def AddBoardScene(
         curvature=board.curvature(),
         X_WB=X_WB @ displacement,
         X_WA=X_WA,
-        rail=None
-        if whiteboard is None
-        else _AddRail(builder, plant, whiteboard, scenario),
+        rail=_AddRail(builder, plant, whiteboard, scenario),
     )
 
 
@@ -238,12 +230,12 @@ def _AddPlant(
 def _AddRail(
     builder: DiagramBuilder,
     plant: MultibodyPlant,
-    whiteboard: ModelInstanceIndex,
+    whiteboard: ModelInstanceIndex | None,
     scenario: Scenario,
 ) -> Sine | None:
     """Add the desired motion of a board on a rail: systems rail and rail_state."""
     motion = scenario.board.motion
-    if motion.amplitude == 0:
+    if whiteboard is None or motion.amplitude == 0:
         return None
     # It starts at rest, at one end.
     rail = Sine(

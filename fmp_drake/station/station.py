@@ -249,19 +249,10 @@ def _AddNominalMotion(
     OutputPort
         The normal force, N.
     """
+    tempo, force = playback.primitive.GetInputPort("tempo"), scenario.nominal_force()
     for name, system, port, value in (
-        (
-            "tempo",
-            "tempo",
-            playback.primitive.GetInputPort("tempo"),
-            scenario.skill.tempo,
-        ),
-        (
-            "normal_force",
-            "desired_normal_force",
-            playback.force,
-            scenario.nominal_force(),
-        ),
+        ("tempo", "tempo", tempo, scenario.skill.tempo),
+        ("normal_force", "desired_normal_force", playback.force, force),
     ):
         if controls is not None and controls.HasOutputPort(name):
             source = controls.GetOutputPort(name)

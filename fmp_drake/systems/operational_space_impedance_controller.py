@@ -115,6 +115,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_number
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.records import (
@@ -254,10 +255,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self.set_name("operational_space_impedance_controller")
         self._arm = ArmModel(plant, end_effector)
         self._X_WT = X_WT
-        if not (np.isfinite(engage_height) and engage_height > 0):
-            raise SystemsError(
-                f"engage_height must be finite and greater than 0, got {engage_height}"
-            )
+        check_number(engage_height, "engage_height", above=0, error=SystemsError)
         self._settings = settings_of(
             config,
             X_WT=Pose(X_WT.rotation().matrix().copy(), np.array(X_WT.translation())),
@@ -311,18 +309,20 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self.DeclareStateOutputPort("torque", self.DeclareDiscreteState(n))
         status = self.DeclareDiscreteState(STATUS_SIZE)
         self.DeclareDiscreteState(self._initial_memory())
-        for name, size, calc, inputs in (
-            ("measured_position", 3, self._calc_measured_position, _POSE),
-            ("measured_velocity", 3, self._calc_measured_velocity, _VELOCITY),
-            ("tracking_error", 6, self._calc_tracking_error, _ERROR),
+        first = 0
+        for name, size, inputs in (
+            ("measured_position", 3, _POSE),
+            ("measured_velocity", 3, _VELOCITY),
+            ("tracking_error", 6, _ERROR),
         ):
             tickets = {self._ports[name].ticket() for name in inputs}
             self.DeclareVectorOutputPort(
                 name,
                 size,
-                calc,
+                partial(self._calc_measured, slice(first, first + size), inputs),
                 prerequisites_of_calc={self._state.ticket(), *tickets},
             )
+            first += size
         self.DeclareStateOutputPort("status", status)
         frame = self._ports["task_frame"]
         self.DeclareVectorOutputPort(
@@ -371,20 +371,17 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     # Measured outputs are computed on demand.
 
-    def _measure(self, context: Context, names: Iterable[str]) -> Array:
-        """Return `measured_motion` with the values of some ports."""
-        return self._measured_motion(
+    def _calc_measured(
+        self, part: slice, names: Iterable[str], context: Context, output: BasicVector
+    ) -> None:
+        """Set a part of `measured_motion` with the values of some ports."""
+        measured = self._measured_motion(
             self._pack(context, names, np.zeros(PACKED_SIZE)),
             *self._arm.motion(
                 self._eval_plant_context(context), _eval(self._state, context)
             ),
         )
-
-    def _calc_measured_position(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._measure(context, _POSE)[:3])
-
-    def _calc_measured_velocity(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._measure(context, _VELOCITY)[3:6])
+        output.SetFromVector(measured[part])
 
     def _calc_measured_pose(self, context: Context, output: BasicVector) -> None:
         X_WE, _ = self._arm.motion(
@@ -403,9 +400,6 @@ class OperationalSpaceImpedanceController(LeafSystem):
         X_TE = X_WT.inverse() @ RigidTransform(R_WE, X_WE[3])
         wxyz = X_TE.rotation().ToQuaternion().wxyz()
         output.SetFromVector(np.concatenate([wxyz, X_TE.translation()]))
-
-    def _calc_tracking_error(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._measure(context, _ERROR)[6:])
 
 
 def _eval(port: InputPort, context: Context) -> Array:

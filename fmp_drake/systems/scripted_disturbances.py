@@ -1,7 +1,7 @@
 """Scripted disturbances: pushes and grasps of the tool at given times."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ class Push:
     every : float
         Period of its repetition, s; 0 for once.
     force : ndarray, shape (3,)
-        In W, N; a `Grasp` ignores it.
+        In W, N.
 
     Examples
     --------
@@ -46,7 +46,7 @@ class Push:
     start: float
     duration: float
     every: float = 0.0
-    force: NDArray[np.float64]
+    force: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     def acts(self, time: float) -> bool:
         """Return whether the push is active at a time, s."""
@@ -59,6 +59,8 @@ class Push:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grasp(Push):
     """A grasp that pulls the tool to a point like a spring of limited force.
+
+    Its constant `force` is added.
 
     Attributes
     ----------
@@ -74,7 +76,6 @@ class Grasp(Push):
     >>> grasp = Grasp(
     ...     start=2.0,
     ...     duration=1.0,
-    ...     force=np.zeros(3),
     ...     point=np.array([0.5, 0.0, 0.1]),
     ...     stiffness=1000.0,
     ...     max_force=60.0,

@@ -15,7 +15,6 @@ PUSH = Push(start=1.0, duration=0.5, force=np.array([1.0, 2.0, 3.0]))
 GRASP = Grasp(
     start=2.0,
     duration=1.0,
-    force=np.zeros(3),
     point=np.array([0.1, 0.2, 0.3]),
     stiffness=500.0,
     max_force=20.0,
