@@ -18,7 +18,7 @@ help:
 	@echo "make wheel  build the wheel, here"
 	@echo "make clean  remove the environment"
 
-# uv can bring its own Python 3.12; without it, a Python 3.12 must be there.
+# uv installs its own Python 3.12; without uv, Python 3.12 must be installed.
 $(STAMP): pyproject.toml constraints.txt .python-version
 	@if command -v uv >/dev/null 2>&1; then \
 	    rm -rf $(VENV) && uv venv --quiet --seed $(VENV); \
@@ -26,7 +26,7 @@ $(STAMP): pyproject.toml constraints.txt .python-version
 	    "$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null || { \
 	        echo "fmp-drake needs Python 3.12 or newer, but '$(PYTHON)' is" \
 	            "$$("$(PYTHON)" --version 2>&1)." \
-	            "Install Python 3.12 (or uv, which brings it), or name one:" \
+	            "Install Python 3.12 (or uv, which installs it), or name one:" \
 	            "make PYTHON=/path/to/python3.12" >&2; exit 1; }; \
 	    "$(PYTHON)" -m venv --clear $(VENV); \
 	fi
