@@ -23,7 +23,7 @@ from fmp_drake.primitives.data.orientation import (
 )
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.skills.surface_fit import FittedSurface, fit_surface
-from fmp_drake.station.models.eraser import FeltPressLimit
+from fmp_drake.station.models.eraser import FeltForceLimit
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.surface import surface as surfaces
 
@@ -319,7 +319,7 @@ def _normal_force(
         if np.sum(along_normal[on] ** 2) > np.sum(along_mean[on] ** 2):
             normal, how = along_normal, "along the surface's normal"
     x, y = scenario.eraser.footprint
-    limit = FeltPressLimit(
+    limit = FeltForceLimit(
         scenario.eraser, sagitta=scenario.board.curvature().sagitta((x, y))
     )
     above = f", limited to the felt's {limit:.0f} N" * bool(np.any(normal > limit))

@@ -17,7 +17,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import shown
 from fmp_drake.settings import bounded, check_settings, check_yaml
-from fmp_drake.station.models.eraser import FeltPressLimit
+from fmp_drake.station.models.eraser import FeltForceLimit
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.robots.robot import LoadRobot
 from fmp_drake.station.scenario_parts import (
@@ -26,7 +26,7 @@ from fmp_drake.station.scenario_parts import (
     Disturbance,
     EraserConfig,
     InkConfig,
-    PressConfig,
+    NormalForceConfig,
     SensorConfig,
     ShowConfig,
     SkillConfig,
@@ -62,7 +62,7 @@ class Scenario:
     friction : FrictionConfig
         Of the simulated arm's joints, if enabled.
     sensors : SensorConfig
-    press : PressConfig
+    press : NormalForceConfig
     ink : InkConfig
     skill : SkillConfig
     disturbances : list of Disturbance
@@ -104,7 +104,7 @@ class Scenario:
     impedance: ImpedanceConfig = field(default_factory=ImpedanceConfig)
     friction: FrictionConfig = field(default_factory=FrictionConfig)
     sensors: SensorConfig = field(default_factory=SensorConfig)
-    press: PressConfig = field(default_factory=PressConfig)
+    press: NormalForceConfig = field(default_factory=NormalForceConfig)
     ink: InkConfig = field(default_factory=InkConfig)
     skill: SkillConfig = field(default_factory=SkillConfig)
     disturbances: list[Disturbance] = field(default_factory=list)
@@ -128,7 +128,7 @@ class Scenario:
         """Return what is wrong beyond the ranges."""
         x, y = self.eraser.footprint
         sagitta = self.board.curvature().sagitta((x, y))
-        limit = FeltPressLimit(self.eraser, sagitta=sagitta)
+        limit = FeltForceLimit(self.eraser, sagitta=sagitta)
         if self.press.force > 1.000001 * limit:
             return (
                 f"press.force is {self.press.force:g} N; the felt is squeezed to its "

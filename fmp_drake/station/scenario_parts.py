@@ -243,7 +243,7 @@ class EraserConfig:
 
 
 @dataclass(kw_only=True)
-class PressConfig:
+class NormalForceConfig:
     """Normal force of the eraser on the board.
 
     Attributes
@@ -259,7 +259,7 @@ class PressConfig:
     Examples
     --------
     >>> from fmp_drake.station import Scenario
-    >>> Scenario(press=PressConfig(force=8.0)).press.force
+    >>> Scenario(press=NormalForceConfig(force=8.0)).press.force
     8.0
     """
 

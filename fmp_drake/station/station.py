@@ -15,7 +15,7 @@ from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.station.arm_controller import AddArmController
 from fmp_drake.station.external_forces import AddExternalForces
 from fmp_drake.station.page.page_scene import AddBodies, AddPage, AddPageStatus
-from fmp_drake.station.reach.normal_force_limit import CheckPress
+from fmp_drake.station.reach.normal_force_limit import CheckNormalForce
 from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scene import AddBoardScene
@@ -173,7 +173,7 @@ def MakeStation(
     position = controller.GetOutputPort("measured_position")
     if operator is not None:
         if scene.is_simulated and scenario.has_board:
-            CheckPress(scene)
+            CheckNormalForce(scene)
         playback = AddSkill(
             builder,
             scene,

@@ -214,7 +214,7 @@ class MouseHand(LeafSystem):
         lean: Array = rotation.angle() * rotation.axis()
         return lean
 
-    def _guided_point(self, state: Any) -> tuple[int, Array]:
+    def _led(self, state: Any) -> tuple[int, Array]:
         """Return the body that the hand acts on, and the point p_BoQ_B."""
         if self._board is not None:
             return self._tip_body, self._p_LE
@@ -247,7 +247,7 @@ class MouseHand(LeafSystem):
         if grabs and drag is not None:
             p_WQ = drag.anchor
         else:
-            p_WQ, _ = self._point(context, *self._guided_point(s))
+            p_WQ, _ = self._point(context, *self._led(s))
         page = self._meshcat
         camera = None if page is None else page.GetTrackedCameraPose()
         new = follow(
@@ -269,13 +269,13 @@ class MouseHand(LeafSystem):
         if not s["started"] or not (s["guiding"] or config.holds):
             output.set_value([])
             return
-        body, point = self._guided_point(s)
-        p_WQ, velocity = self._point(context, body, point)
+        body, point = self._led(s)
+        here, velocity = self._point(context, body, point)
         normal, height = None, 0.0
         if board is not None and board.is_solid:
-            normal, height = board.normal(p_WQ), board.height(p_WQ)
+            normal, height = board.normal(here), board.height(here)
         f_W = hand_force(
-            s["wanted"] - p_WQ, velocity, config=config, normal=normal, height=height
+            s["wanted"] - here, velocity, config=config, normal=normal, height=height
         )
         tau_W = np.zeros(3)
         if self._R_WL is not None:

@@ -14,7 +14,7 @@ from fmp_drake.station import scene as scene_module
 from fmp_drake.station import skill_motion as skill_motion_module
 from fmp_drake.station.models import curved_board
 from fmp_drake.station.models.curved_board import cell_of, curved_slab
-from fmp_drake.station.models.eraser import AddEraser, FeltPressLimit
+from fmp_drake.station.models.eraser import AddEraser, FeltForceLimit
 from fmp_drake.station.models.whiteboard import AddWhiteboard
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
 from fmp_drake.station.scenario import LoadScenario, Scenario
@@ -195,11 +195,11 @@ def test_turning_round_a_pipe_costs_joint_speed():
 
 def test_felt_has_less_depth_on_a_curved_board():
     eraser = EraserConfig()
-    flat = FeltPressLimit(eraser)
+    flat = FeltForceLimit(eraser)
     config = board("dome", radius=0.3)
     sagitta = config.curvature().sagitta((0.12, 0.05))
     assert sagitta == pytest.approx((0.06**2 + 0.025**2) / 0.6)
-    assert FeltPressLimit(eraser, sagitta=sagitta) == pytest.approx(
+    assert FeltForceLimit(eraser, sagitta=sagitta) == pytest.approx(
         flat * (0.012 - sagitta) / 0.012
     )
     Scenario(board=board("plane")).check()

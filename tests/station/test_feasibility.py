@@ -236,7 +236,7 @@ def test_press_whose_friction_drags_the_eraser_is_refused(bundled_skill):
     assert "press with at most 30 N" in found.verdict
 
 
-def test_start_out_of_reach_is_reported_without_an_error(bundled_skill):
+def test_start_out_of_reach_is_said_and_not_raised(bundled_skill):
     found = check(bundled_skill, start=(0.0, 0.0, 1.2))
     assert not found.is_feasible
     assert "the start is out of reach" in found.verdict

@@ -351,7 +351,9 @@ def part(height, engage_height):
 
 @pytest.mark.parametrize("height", [0.0, -0.01, np.nan, np.inf])
 def test_an_engage_height_that_is_not_positive_is_refused(height):
-    with pytest.raises(SystemsError, match=f"engage_height is {height}; it must be positive"):
+    with pytest.raises(
+        SystemsError, match=f"engage_height is {height}; it must be positive"
+    ):
         make_controller(engage_height=height)
 
 

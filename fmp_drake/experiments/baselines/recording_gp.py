@@ -64,7 +64,7 @@ class RecordingGP(Method):
         few = slice(0, min(len(times), _MOST_FOR_LIKELIHOOD))
         units = np.ones(8)
         units[[3, 5, 7]] = period
-        self._units, self._period = units, period
+        self._period = period
 
         def cost(logs: Array, y: Array) -> float:
             covariance = _kernel(np.exp(logs) * units, times[few], times[few])

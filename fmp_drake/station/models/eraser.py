@@ -99,7 +99,7 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     )
 
 
-def FeltPressLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
+def FeltForceLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
     """Return the normal force that squeezes a felt to its core, N.
 
     It is the felt's pressure at the depth of the core on the whole footprint,
@@ -116,7 +116,7 @@ def FeltPressLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
 
     Examples
     --------
-    >>> round(FeltPressLimit(EraserConfig(footprint=[0.1, 0.05], modulus=1e4)), 6)
+    >>> round(FeltForceLimit(EraserConfig(footprint=[0.1, 0.05], modulus=1e4)), 6)
     40.0
     """
     x, y = config.footprint

@@ -19,7 +19,7 @@ _SOFT = "eraser::felt"
 _ROUND = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
 
 
-class HardPoints(NamedTuple):
+class CollisionSpheres(NamedTuple):
     """Sphere approximation of a model's rigid collision geometry.
 
     Attributes
@@ -37,9 +37,9 @@ class HardPoints(NamedTuple):
     radii: Array
 
 
-def CollectHardPoints(
+def CollectCollisionSpheres(
     plant: MultibodyPlant, scene_graph: SceneGraph, model: ModelInstanceIndex
-) -> HardPoints:
+) -> CollisionSpheres:
     """Collect the spheres of a model: corners, rims, and five along each capsule."""
     inspector = scene_graph.model_inspector()
     bodies, points, radii = [], [], []
@@ -53,7 +53,7 @@ def CollectHardPoints(
         points.append(centres @ R_BodyG.T + X_BodyG.translation())
         bodies += [int(body.index())] * len(centres)
         radii += [radius] * len(centres)
-    return HardPoints(np.array(bodies), np.vstack(points), np.array(radii))
+    return CollisionSpheres(np.array(bodies), np.vstack(points), np.array(radii))
 
 
 class ArmClearance:
@@ -68,7 +68,7 @@ class ArmClearance:
         self._graph = SceneGraph()
         robot = MakeRobotModel(config, scene_graph=self._graph)
         self._plant = robot.plant
-        hard = CollectHardPoints(robot.plant, self._graph, robot.arm)
+        hard = CollectCollisionSpheres(robot.plant, self._graph, robot.arm)
         indices, self._owner = np.unique(hard.bodies, return_inverse=True)
         self._links = [self._plant.get_body(BodyIndex(i)) for i in indices]
         self._points, self._radii = hard.points, hard.radii

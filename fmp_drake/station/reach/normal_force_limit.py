@@ -13,7 +13,7 @@ from fmp_drake.systems.surface.surface import rotation
 _FRACTION = 0.8
 
 
-def ArmPressLimit(
+def ArmForceLimit(
     model: Robot,
     *,
     q: ArrayLike,
@@ -43,7 +43,7 @@ def ArmPressLimit(
     >>> from pydrake.systems.framework import DiagramBuilder
     >>> from fmp_drake.station import AddBoardScene, Scenario
     >>> scene = AddBoardScene(DiagramBuilder(), Scenario(), start=[0.0, 0.0, 0.05])
-    >>> limit = ArmPressLimit(
+    >>> limit = ArmForceLimit(
     ...     scene.model,
     ...     q=scene.robot.default_posture,
     ...     R_WB=scene.X_WB.rotation(),
@@ -67,7 +67,7 @@ def ArmPressLimit(
     return float(max(0.0, np.min(remaining / np.maximum(np.abs(per_newton), 1e-9))))
 
 
-def CheckPress(scene: BoardScene) -> None:
+def CheckNormalForce(scene: BoardScene) -> None:
     """Raise an error for a normal force above the arm's torque limits at the start.
 
     Raises
@@ -77,7 +77,7 @@ def CheckPress(scene: BoardScene) -> None:
     scenario = scene.scenario
     u, v, _ = scenario.start
     R_BT = RotationMatrix(rotation(scene.curvature, u, v))
-    limit = ArmPressLimit(
+    limit = ArmForceLimit(
         scene.model,
         q=scene.robot.default_posture,
         R_WB=scene.X_WA.rotation() @ R_BT,

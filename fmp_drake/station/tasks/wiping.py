@@ -7,7 +7,7 @@ from pydrake.systems.primitives import Adder
 
 from fmp_drake.station.arm_controller import AddNormalForceEstimator
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.reach.clearance import CollectHardPoints
+from fmp_drake.station.reach.clearance import CollectCollisionSpheres
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scene import BoardScene
 from fmp_drake.station.tasks.task import Measurements, Task
@@ -145,7 +145,7 @@ def AddSurfaceWatch(
     """
     plant = scene.plant
     arm, eraser = (
-        CollectHardPoints(plant, scene.scene_graph, model)
+        CollectCollisionSpheres(plant, scene.scene_graph, model)
         for model in (scene.robot.arm, scene.robot.tool)
     )
     monitor = builder.AddSystem(

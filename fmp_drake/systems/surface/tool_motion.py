@@ -41,8 +41,6 @@ DESIRED = {
 }
 """Inputs of the impedance controller that follow from the motion, with their sizes."""
 
-SIZE = sum(DESIRED.values())
-
 
 class ToolChannels(NamedTuple):
     """Channel roles for compiled functions.
