@@ -703,3 +703,10 @@ def test_covariance_of_no_component_is_refused(small_skill, component):
 def test_covariance_outside_the_window_is_refused(small_skill, step):
     with pytest.raises(SkillError, match="at least 0 and at most 23"):
         small_skill.covariance(0, step)
+
+
+def test_invalid_observations_are_refused(small_skill):
+    with pytest.raises(SkillError, match="all channels are observed"):
+        small_skill.infer(np.zeros((5, 2)), [0, 1])
+    with pytest.raises(SkillError, match=r"3 samples were observed; .* the last 4"):
+        small_skill.predict(np.zeros((3, 2)), 6)

@@ -206,6 +206,23 @@ def test_unreadable_files_are_refused_with_advice(make, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("\n50\n", "\n0\n", "has no rate, or no columns, in Trajectories"),
+        (",X,Y,Z", ",,,", "has no rate, or no columns, in Trajectories"),
+        ("\n7,0,", "\n7,0,lost", r"line 12: 'lost.*' is not a number"),
+    ],
+)
+def test_broken_vicon_files_are_refused(old, new, message, tmp_path):
+    columns = ["X", "Y", "Z"], ["mm"] * 3, files.PATH
+    text = files.vicon_section("Trajectories", "Wand:Tip", *columns)
+    assert text.count(old) == 1
+    path = files.write(tmp_path, text.replace(old, new)).path
+    with pytest.raises(FmpError, match=message):
+        read_demonstrations([path])
+
+
+@pytest.mark.parametrize(
     ("make", "said"),
     [
         (files.milliseconds, "the time is in ms"),
@@ -516,9 +533,10 @@ def test_degrees_become_radians(tmp_path):
     [
         ({"unit": "furlong"}, "unit is 'furlong'; choose one of m, cm, mm"),
         ({"rate": -1}, "sample rate is -1"),
+        ({"quaternions": "zyxw"}, "quaternions is 'zyxw'; choose xyzw or wxyz"),
     ],
 )
-def test_options_that_mean_nothing_are_refused(given, message):
+def test_invalid_reading_options_are_refused(given, message):
     with pytest.raises(FmpError, match=message):
         ReadingOptions(**given)
 

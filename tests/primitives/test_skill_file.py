@@ -216,6 +216,26 @@ def test_skill_whose_proportions_are_no_probabilities_is_refused(saved, proporti
         load_skill(saved)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("channels", ["x"]), ("channels", ["x", 2]), ("units", ["m", "m", "m"])],
+)
+def test_skill_without_a_name_and_a_unit_for_each_channel_is_refused(
+    saved, name, value
+):
+    rewritten(saved, lambda metadata: metadata.update({name: value}))
+    with pytest.raises(SkillFileError, match="a name and a unit for each channel"):
+        load_skill(saved)
+
+
+def test_skill_with_a_basis_that_is_not_orthonormal_is_refused(saved):
+    with np.load(saved) as file:
+        bases = file["bases"]
+    rewritten(saved, bases=1.01 * bases)
+    with pytest.raises(SkillFileError, match="a component is not orthonormal"):
+        load_skill(saved)
+
+
 @pytest.mark.parametrize("parameters", [{"n_steps": 30}, {"colour": 1}, {"overlap": 1}])
 def test_skill_with_parameters_that_do_not_fit_is_refused(saved, parameters):
     rewritten(saved, lambda m: m["parameters"].update(parameters))

@@ -7,7 +7,11 @@ from hypothesis import strategies as st
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, sliding_windows
-from fmp_drake.primitives.data.windows import as_windows, weighted_windows
+from fmp_drake.primitives.data.windows import (
+    as_windows,
+    cut_demonstrations,
+    weighted_windows,
+)
 
 
 def counting(count, rate=20.0, start=0.0, **names):
@@ -79,6 +83,13 @@ def test_windows_of_a_closed_path_are_joined_where_all_samples_agree():
 def test_no_demonstration_is_refused():
     with pytest.raises(DemonstrationError, match="at least one"):
         as_windows([], n_steps=8, stride=1, rate=20.0)
+
+
+def test_part_of_windows_is_refused():
+    windows = np.zeros((3, 8, 2))
+    with pytest.raises(DemonstrationError, match="windows have no start and end"):
+        cut_demonstrations(windows, 1.0, None, 20.0)
+    assert cut_demonstrations(windows, None, None, 20.0) is windows
 
 
 def test_different_channels_are_refused():
