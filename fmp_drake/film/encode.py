@@ -142,9 +142,7 @@ def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
     ]
     with tempfile.TemporaryFile() as log:
         with (
-            contextlib.suppress(
-                BrokenPipeError
-            ),  # It ended early; its log has the reason.
+            contextlib.suppress(BrokenPipeError),  # Its log has the reason.
             subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=log, stderr=log
             ) as process,
