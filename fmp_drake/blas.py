@@ -16,8 +16,8 @@ def _libraries() -> ThreadpoolController:
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread in a block or, as a decorator, in a function.
 
-    Products of some hundred numbers take ten times as long with the two threads of a
-    quiet machine as with one, and a hundred times where other processes run.
+    Products of some hundred numbers take ten times as long with two threads as with one,
+    and a hundred times on a busy machine.
     """
     with _libraries().limit(limits=1, user_api="blas"):
         yield

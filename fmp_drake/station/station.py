@@ -97,8 +97,8 @@ def MakeStation(
     (7,) where the hand turns the tool.
 
     An arm that is not simulated, and one without skill and hand, has the outputs of the
-    controller and of `MakeDriver`, among them torque_measured and torque_external, and
-    normal_force, N, from the external torque. With a skill there are the outputs of the
+    controller and of `MakeDriver`, such as torque_measured and torque_external. It also
+    has normal_force, N, from the external torque. With a skill there are the outputs of the
     skill, and with controls on a page page_tempo (1,) and page_normal_force (1,), which are
     not connected. Its inputs are desired_normal_force
     (1,), N; tempo (1,) of a skill or else desired_position, desired_velocity,

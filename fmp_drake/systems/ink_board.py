@@ -45,8 +45,8 @@ class InkBoard(LeafSystem):
     At the end of every period the hydroelastic contact surfaces between eraser and
     board are projected on the board and moved along the eraser's path since the last
     update. The ink under them is worn by pressure times path, see `exposure` and `wear`.
-    With 50 ms the ink of a board of 0.4 m x 0.3 m is within 0.003 (root mean square) of
-    that with 2 ms after a felt has wiped at 0.4 m/s. It is within 0.02 after a stroke that
+    With 50 ms the ink of a board of 0.4 m x 0.3 m differs from that with 2 ms by 0.003
+    (root mean square) after a wipe at 0.4 m/s. It differs by 0.02 after a stroke that
     includes landing or lifting.
 
     .. code-block:: none

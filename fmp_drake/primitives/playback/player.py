@@ -314,7 +314,7 @@ class Player:
     ) -> PlaybackState:
         """Track a sample of a state's component; the motion does not jump.
 
-        Where the player has a region, samples are moved towards the mean until they stay
+        Where the player has a region, samples are moved towards the mean. They then stay
         in the region up to the next re-mapping, or leave it hardly farther than the mean
         does. Among these, the first one is tracked after which the next window's mean
         also stays inside: the speed at the end of a window may otherwise carry the

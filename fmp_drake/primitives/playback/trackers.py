@@ -303,10 +303,10 @@ def paper_precision_diagonal(
     """Return diag(Sigma^-1) of the paper's weights for ours, shape (n,).
 
     The paper's 2T weights of a channel are sqrt(T) G w with G isometric, and its
-    regulariser also fills the T dimensions that describe no real signal. With an
-    isotropic variance `noise` here and T * noise there, the paper's diagonal is
-    ((Sigma^-1)_ii + 1 / noise) / (2 T) for a weight that has a conjugate copy
-    and (Sigma^-1)_ii / T for the mean and the Nyquist weight.
+    regulariser also fills the T dimensions that describe no real signal. The isotropic
+    variance is `noise` here and T * noise there. Then the paper's diagonal is
+    ((Sigma^-1)_ii + 1 / noise) / (2 T) for a weight that has a conjugate copy.
+    For the mean and the Nyquist weight it is (Sigma^-1)_ii / T.
     """
     precision = component.precision_diagonal().reshape(-1, n_steps)
     out = (precision + 1 / component.noise) / (2 * n_steps)

@@ -1,9 +1,9 @@
 """Callbacks, cache entries and ports that several systems declare.
 
-The callbacks do not keep their system alive. Drake stores references to the function of a
-cache entry or of an abstract output port, and from a `CacheEntry` to its system, that
-Python's garbage collection does not see. A system that passed its own methods, or stored a
-`CacheEntry`, would never be freed, nor the diagram around it: 20 MB for a wiping station.
+The callbacks do not keep their system alive. Drake stores the function of a cache entry or
+of an abstract output port outside of Python's garbage collection. A `CacheEntry` likewise
+refers to its system. A system that passed its own methods, or stored a `CacheEntry`, would
+never be freed, nor the diagram around it: 20 MB for a wiping station.
 """
 
 import weakref
