@@ -285,8 +285,9 @@ def test_torque_continues_after_a_frozen_second():
     assert after.torque[0] == pytest.approx(5.0 - 0.9)
 
 
-def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second():
-    gate, speed, torques = initial_gate(), 0.1, []
+@pytest.mark.parametrize("torque", [0.0, 1.0])
+def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second(torque):
+    gate, speed, gates = initial_gate(), 0.1, []
     for i in range(400):
         wall_time = NOW + 1e-3 * i
         message = status(
@@ -301,15 +302,24 @@ def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second():
             limits=LIMITS,
             command=lcmt_panda_command(),
             reading=read_status(message),
-            torque=np.ones(7),
+            torque=np.full(7, torque),
             wall_time=wall_time,
             go=1.0 if 0 < i < 50 else -1.0,
         )
-        torques.append(gate.torque)
+        gates.append(gate)
     damping = np.array([37.5, 50, 37.5, 25, 5, 3.75, 2.5])
-    assert np.allclose(torques[10:50], 1.0)
+    torques = np.array([gate.torque for gate in gates])
+    assert np.allclose(torques[10:50], torque)
+    # It grows without a pause, and the robot gets each torque.
+    assert np.all(np.diff(torques[49:60, 1]) <= 0)
+    assert all(gate.command_time == gate.wall_time for gate in gates[1:349])
     assert np.allclose(torques[60:348], -damping * speed)
     assert not np.any(torques[358:])
+    # One expired command ends the stop, and nothing follows.
+    live = [gate.is_live for gate in gates]
+    (end,) = np.flatnonzero(~torques.any(axis=1) & live & (np.arange(400) > 50))
+    assert gates[end].command_time < gates[end].wall_time
+    assert not any(live[end + 1 :])
 
 
 def test_a_gate_opens_wide_when_the_torque_was_small_for_a_tenth_of_a_second():

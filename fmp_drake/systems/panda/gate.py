@@ -352,6 +352,7 @@ def gate_step(
         wall_time=wall_time,
         go=go,
     )
+    was_active = state.mode.is_enabled or bool(state.torque.any())
     mode, reasons, timer = state.mode, state.faults, state.timer
     elapsed = wall_time - state.wall_time
     if mode.is_enabled:
@@ -374,8 +375,8 @@ def gate_step(
             mode = GateMode.OPEN
     elif mode is GateMode.STOPPED:
         timer += max(elapsed, 0.0) if math.isfinite(elapsed) else _BRAKE_TIME
-        # Once the torque is zero, nothing is sent again.
-        if state.is_live and timer < _BRAKE_TIME and not reasons & _UNTRUSTED:
+        # Once a stop has brought the torque to zero, nothing is sent again.
+        if was_active and timer < _BRAKE_TIME and not reasons & _UNTRUSTED:
             wanted = brake_torque(limits, reading)
     if config.dry:
         wanted = np.zeros(JOINTS)
@@ -385,7 +386,7 @@ def gate_step(
         largest_change(config, elapsed),
         np.array(config.max_torque),
     )
-    is_live = is_time and (mode.is_enabled or bool(state.torque.any()))
+    is_live = is_time and (mode.is_enabled or was_active)
     fingerprints = state.sent
     if is_live:
         fingerprint = command_fingerprint(command_utime(wall_time), sent)
