@@ -3,8 +3,9 @@
     python tests/mutants.py [--each 20] [--seed 0] [MODULE ...]
 
 Each mutant is a copy of the package in which one operator, comparison or number is another
-one. The tests beside `NEAREST` run on it, in a process forked from this one, and the survivors
-are printed to be read: a survivor needs a test, or an argument that nothing changes.
+one. The module's tests run on it up to the first failure, in a process forked from this one:
+those in `NEAREST`, or else the test files that import the module. Survivors are printed to be
+read: a survivor needs a test, or an argument that nothing changes.
 """
 
 import argparse
@@ -31,7 +32,7 @@ NEAREST = {
     "station/reach/feasibility.py": "station/test_feasibility.py",
     "station/reach/board_reach.py": "station/test_feasibility.py",
     "station/reach/clearance.py": "station/test_feasibility.py",
-    "station/reach/normal_force_limit.py": "station/test_feasibility.py",
+    "station/reach/normal_force_limit.py": "station/test_normal_force_limit.py",
     "station/reach/tracking_prediction.py": "station/test_feasibility.py",
     "runs/metrics.py": "runs/test_metrics.py",
     "experiments/trials/trial.py": "experiments/test_trials.py -k 'fault or judged'",
@@ -44,8 +45,8 @@ NEAREST = {
     "systems/ink/rubbing.py": "systems/test_ink_rubbing.py",
     "systems/ink/patch.py": "systems/test_ink_rubbing.py systems/test_ink_board.py",
     "systems/ink/grid.py": "systems/test_ink_grid.py",
-    "primitives/data/channels.py": "primitives/test_scaling.py "
-    "primitives/test_demonstration.py",
+    "primitives/data/channels.py": "primitives/test_channels.py "
+    "primitives/test_scaling.py primitives/test_demonstration.py",
     "primitives/data/reading/table.py": "primitives/test_recorded_files.py",
     "primitives/data/reading/columns.py": "primitives/test_recorded_files.py",
     "primitives/model/phase/calibration.py": "primitives/test_phase_model.py",
@@ -124,6 +125,22 @@ def mutants(source):
     return found
 
 
+def nearest(name):
+    """Return the tests of a module, as words of a command line of pytest."""
+    if name in NEAREST:
+        return NEAREST[name]
+    tests = REPOSITORY / "tests"
+    wanted = f"fmp_drake.{name.removesuffix('.py').replace('/', '.')} import"
+    found = [
+        str(path.relative_to(tests))
+        for path in sorted(tests.rglob("test_*.py"))
+        if wanted in path.read_text(encoding="utf-8")
+    ]
+    if not found:
+        raise SystemExit(f"no test file has '{wanted}'; add its tests to NEAREST.")
+    return " ".join(found)
+
+
 class Alone:
     """Plugin that compiles nothing beforehand."""
 
@@ -175,6 +192,7 @@ def main():
     work = Path(tempfile.mkdtemp(prefix="mutants_"))
     shutil.copytree(PACKAGE, work / "whole")
     for name in options.modules or NEAREST:
+        tests = nearest(name)
         source = (PACKAGE / name).read_text(encoding="utf-8")
         chosen = [(0, "nothing", source.encode()), *mutants(source)]
         if len(chosen) > options.each + 1:
@@ -188,7 +206,7 @@ def main():
             if line:
                 (tree / "fmp_drake" / name).unlink()
                 (tree / "fmp_drake" / name).write_bytes(text)
-            passed, seconds = run(tree, NEAREST[name], limit)
+            passed, seconds = run(tree, tests, limit)
             if not line:
                 limit = 10 + round(3 * seconds)
                 if not passed:

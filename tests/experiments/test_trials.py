@@ -30,7 +30,9 @@ from fmp_drake.experiments.trials.trial import (
     MOST_EXCESS,
     Trial,
     faults,
+    is_pushed,
     largest_push,
+    misses_by_height,
 )
 from fmp_drake.film import checks
 from fmp_drake.processes import ClusterWorkers
@@ -504,6 +506,26 @@ def test_trials_with_disturbances_are_judged_by_their_greatest_force_only(make_s
     for force, kinds in ((97.9, []), (98.1, ["force"])):
         metrics = trial.metrics | {"normal_force_max_n": force}
         assert [f.kind for f in faults(replace(trial, metrics=metrics))] == kinds
+
+
+def test_trial_is_pushed_where_a_disturbance_starts_before_its_end(make_store):
+    spec = """
+    disturbances: {count: 1, each: {start: 2.0, force: [0.0, 20.0, 0.0]}}
+    """
+    trial = make_store(passed, 1, spec=spec).trial(0)
+    assert [is_pushed(trial, seconds) for seconds in (1.9, 2.1)] == [False, True]
+    assert not is_pushed(drawn(), 1e9)
+
+
+def test_path_is_missed_by_height_where_the_distance_on_the_board_is_small():
+    for whole, on_board, misses in (
+        (0.011, 0.009, True),
+        (0.009, 0.008, False),
+        (0.012, 0.011, False),
+    ):
+        trial = drawn(tracking_rms_m=whole, tracking_on_board_rms_m=on_board)
+        assert misses_by_height(trial) == misses
+    assert not misses_by_height(replace(drawn(), metrics=None))
 
 
 def test_trials_of_an_older_version_are_still_reported(make_store):

@@ -20,12 +20,21 @@ from fmp_drake.primitives import (
     scale_tempo,
     transform_space,
 )
-from fmp_drake.primitives.model.phase.calibration import calibrate_replay
+from fmp_drake.primitives.model.phase.calibration import (
+    Calibration,
+    calibrate_replay,
+    variance_factor,
+)
 from fmp_drake.primitives.model.phase.components import leading_eigenvectors
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.search import search_rhythm
 from fmp_drake.primitives.model.phase.tracking import best_path, phase_path
-from fmp_drake.primitives.model.prediction import Extrapolation, Prediction, Replay
+from fmp_drake.primitives.model.prediction import (
+    Extrapolation,
+    Prediction,
+    Replay,
+    Replayed,
+)
 from fmp_drake.primitives.model.trajectory_mixture import PredictionPlan
 
 RATE = 20.0
@@ -718,3 +727,32 @@ def test_uncertainty_grows_farther_ahead_than_left_out_parts_reach():
     calibration = calibrate_replay([path], 10, 20).at(20)
     variances = np.trace(calibration.errors, axis1=1, axis2=2)
     assert np.all(np.diff(variances[10:]) > 0)
+
+
+def test_variances_of_few_cycles_fall_short_by_a_factor_that_vanishes():
+    # (1 + 4.5 n^-1.5)^2
+    for cycles, factor in ((1.0, 5.5**2), (4.0, 1.5625**2), (9.0, (7 / 6) ** 2)):
+        assert variance_factor(cycles) == pytest.approx(factor)
+
+
+@pytest.mark.parametrize(("distance", "added"), [(0.03, 0.0), (0.06, 0.75 * 0.02)])
+def test_prediction_is_a_blend_with_what_followed_similar_pasts(distance, added):
+    shape = np.array([[0.75, 0.1], [0.1, 0.25]])
+    calibration = Calibration(
+        ahead=np.array([1.0]),
+        factors=np.array([2.0]),
+        errors=np.zeros((1, 2, 2)),
+        changes=shape[None],
+        weight=0.25,
+        local=0.4,
+    )
+    model, covariance = np.array([[1.0, 2.0]]), np.array([[[3.0, 1.0], [1.0, 2.0]]])
+    spread = np.array([[[0.5, 0.2], [0.2, 0.4]]])
+    replayed = Replayed(np.array([[0.6, 1.2]]), spread, distance)
+    # The variance of the recordings is 1: a squared distance of 0.04 is not new.
+    mean, out = calibration.combined(model, covariance, replayed, 1.0)
+    np.testing.assert_allclose(mean, 0.25 * model + 0.75 * replayed.values)
+    apart = (model - replayed.values)[0]
+    expected = covariance[0] + 2.0 * 0.25 * 0.75 * np.outer(apart, apart)
+    expected = expected + 0.4 * spread[0] + added / 2 * (shape + np.eye(2) / 2)
+    np.testing.assert_allclose(out[0], expected)

@@ -259,6 +259,29 @@ def test_a_last_line_that_was_not_written_to_its_end_is_left_out(tmp_path):
     assert remarks == ["d.csv: line 401, the last, is cut: left out"]
 
 
+def test_stamps_in_seconds_and_nanoseconds_are_exact(tmp_path):
+    whole, nanoseconds = np.divmod(files.STAMPS, 10**9)
+    names = "header.stamp.sec,header.stamp.nanosec,x,y,z"
+    text = files.lines(whole, nanoseconds, *files.PATH.T, header=names)
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, files.TIME, atol=1e-10)
+
+
+def test_stamps_that_were_never_set_are_not_the_time(tmp_path):
+    columns = (np.zeros(400), files.TIME, *files.PATH.T)
+    text = files.lines(*columns, header="stamp,time,x,y,z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, files.TIME, atol=1e-12)
+
+
+@pytest.mark.parametrize(("gap", "is_bridged"), [(0.49, True), (0.51, False)])
+def test_gaps_up_to_half_a_second_are_bridged(gap, is_bridged, tmp_path):
+    time = files.TIME + (np.arange(400) > 200) * (gap - 0.02)
+    text = files.xyz(time=time, header="time,x,y,z")
+    _, remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert any("not bridged: 1" in remark for remark in remarks) != is_bridged
+
+
 def test_components_of_a_force_have_standard_names(tmp_path):
     columns = (files.TIME, *files.PATH.T, *files.PATH.T)
     text = files.lines(*columns, header="time,x,y,z,fx,fy,fz")

@@ -243,6 +243,14 @@ def test_torque_rate_is_per_period_of_the_controller(control_period):
     assert metrics.result()["torque_rate_max_nm_per_s"] == pytest.approx(900)
 
 
+def test_the_largest_force_counts_below_the_contact_threshold_too():
+    metrics = ForceMetrics(10.0)
+    metrics.update(
+        {"normal_force": Samples(np.arange(3.0), np.array([[0.0], [0.3], [0.1]]))}
+    )
+    assert metrics.result()["normal_force_max_n"] == 0.3
+
+
 def test_a_run_without_contact_has_no_force():
     metrics = Together()
     none = {n: Samples(np.zeros(1), np.zeros((1, s))) for n, (s, _) in PERIODS.items()}

@@ -1,5 +1,7 @@
 """Facts about laying a demonstration onto a board."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,12 +10,13 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives import Demonstration
+from fmp_drake.primitives import Demonstration, add_orientation
 from fmp_drake.skills.placement import (
     Placement,
     check_width,
     fit_placement,
     lay_on_board,
+    load_as_recorded,
 )
 from fmp_drake.station import Scenario
 
@@ -214,3 +217,46 @@ def test_force_is_played_where_the_recording_is_of_the_board_already(
     placed, remarks = lay_on_board(recording, scenario=Scenario(), transform=transform)
     assert len(placed.channels) == kept
     assert any("force left out" in remark for remark in remarks) == (kept == 3)
+
+
+def test_tool_that_is_turned_is_played_where_the_recording_is_of_the_board():
+    path, orientation = strokes(), Rotation.from_rotvec([0.1, 0.0, 0.2])
+    recording = demonstration(path)
+    turned = add_orientation(recording, Rotation.concatenate([orientation] * 600))
+    for each, count in ((turned, 6), (recording, 3)):
+        placed, _ = lay_on_board(replace(each, frame="board"), scenario=Scenario())
+        assert len(placed.channels) == count
+
+
+def test_recording_is_stretched_in_time(tmp_path):
+    recording = demonstration(strokes())
+    recording.save(tmp_path / "d.npz")
+    (slow,), _ = load_as_recorded([tmp_path / "d.npz"], stretch=2.0)
+    assert_allclose(slow.time, 2 * recording.time)
+    assert_allclose(slow.values, recording.values)
+
+
+@pytest.mark.parametrize("is_accepted", [True, False])
+def test_path_may_be_scaled_down_to_three_tenths(is_accepted):
+    scenario = Scenario()
+    usable = np.array(scenario.board.size) - scenario.eraser.footprint - 0.02
+    path = strokes(noise=0.0, lift=0.0)
+    path *= usable[0] / np.ptp(path[:, 0]) / (0.301 if is_accepted else 0.299)
+    if is_accepted:
+        _, remarks = lay_on_board(demonstration(path), scenario=scenario)
+        assert "at 30 % of its size" in remarks[0]
+        return
+    with pytest.raises(DemonstrationError, match="at 30 % of its size; at least 30 %"):
+        lay_on_board(demonstration(path), scenario=scenario)
+
+
+def test_recording_without_a_position_is_kept_where_no_board_is_needed():
+    values = np.random.default_rng(0).normal(size=(50, 2))
+    recording = Demonstration(
+        time=np.arange(50) / 50, values=values, channels=("a", "b"), units=("1", "1")
+    )
+    kept, remarks = lay_on_board(recording, scenario=Scenario(), needs_board=False)
+    assert kept is recording
+    assert remarks == ["as recorded: without x, y and z there is no board"]
+    with pytest.raises(DemonstrationError, match="the board needs x, y and z"):
+        lay_on_board(recording, scenario=Scenario())

@@ -38,6 +38,7 @@ from fmp_drake.systems.impedance.supervision import (
     WatchdogConfig,
     WatchdogState,
     force_faults,
+    supervised,
     target_faults,
     target_fraction,
     watch,
@@ -92,6 +93,38 @@ def test_a_stop_ends_when_the_target_was_good_for_the_settle_time():
     waited = modes.index(RECOVERING)
     assert waited == pytest.approx(1000 * WATCHDOG.settle_time, abs=2)
     assert modes[-1] == TRACKING
+
+
+def test_an_arm_is_held_where_a_stop_began_and_recovers_from_there():
+    def pose(x, angle):
+        c, s = np.cos(angle), np.sin(angle)
+        return Pose(
+            np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]),
+            np.array([x, 0.0, 0.0]),
+        )
+
+    start, stop, target = pose(0.0, 0.0), pose(0.3, 0.0), pose(1.5, 0.0)
+    for faults, held, x in (([False], start, 0.0), ([True, True], stop, 0.3)):
+        state, found = WatchdogState(), start
+        for i, fault in enumerate(faults):
+            # It moves on while it is stopped.
+            measured = stop if i == 0 else pose(0.4, 0.0)
+            state, found = supervised(
+                values_of(WATCHDOG), state, found, measured, target, fault, 0.001
+            )
+        assert found.p[0] == held.p[0] == x
+    # From 0.3 m to 1.5 m, and back by 1.2 rad, with smooth steps.
+    for there, duration in (
+        (target, 1.5 * 1.2 / 0.2),
+        (pose(0.3, 1.2), 1.5 * 1.2 / 0.8),
+    ):
+        stopped = WatchdogState(STOPPED, 1.0, 0.0)
+        state, found = supervised(
+            values_of(WATCHDOG), stopped, stop, start, there, False, 0.001
+        )
+        assert state.mode == RECOVERING
+        assert state.duration == pytest.approx(duration)
+        assert found.p[0] == 0.3
 
 
 def test_a_fault_while_recovering_stops_again():

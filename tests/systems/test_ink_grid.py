@@ -35,6 +35,21 @@ def test_pitch_adapts_so_that_the_cells_fill_the_rectangle():
     np.testing.assert_allclose(grid.pitch, [0.1 / 3, 0.026])
 
 
+def test_board_smaller_than_half_a_cell_is_one_cell():
+    grid = InkGrid(size=(0.1, 0.004), cell=0.01)
+    assert grid.shape == (1, 10)
+    np.testing.assert_allclose(grid.pitch, [0.01, 0.004])
+    # The path is sampled by the shorter edge: a step of the longer one would pass by.
+    path = np.array([[0.0, -0.0075, 0.0], [0.0, 0.0075, 0.0]])
+    assert grid.swept_area(path, (0.02, 0.0045)).any()
+
+
+def test_centre_on_the_edge_of_the_footprint_counts():
+    swept = GRID.swept_area([[-0.1025, 0.0, 0.0], [-0.1025, 0.0, 0.0]], FELT)
+    assert np.count_nonzero(swept.any(axis=0)) == 25
+    assert np.count_nonzero(swept.any(axis=1)) == 10
+
+
 def test_grid_is_an_immutable_value():
     assert InkGrid(size=(0.4, 0.3)) == GRID
     with pytest.raises(AttributeError):
@@ -118,19 +133,22 @@ def test_cleaned_fraction_counts_cells_below_a_tenth():
         cleaned_fraction(ink, [True] * 3)
 
 
-def test_grid_round_a_pipe_is_swept_on_both_sides_of_its_seam():
-    pipe = Surface(0.0, 10.0)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_grid_round_a_pipe_is_swept_on_both_sides_of_its_seam(axis):
+    pipe = Surface(*np.roll([10.0, 0.0], axis))
     edge = 2 * np.pi * 0.1
-    grid = InkGrid(size=(0.3, edge), cell=0.01, curvature=pipe)
-    path = np.array([[0.0, edge / 2 - 0.02, 0.0], [0.0, edge / 2 + 0.02, 0.0]])
-    rows = grid.swept_area(path, (0.05, 0.02)).any(axis=1)
-    expected = np.abs(grid.y) > edge / 2 - 0.03
+    size, felt = (tuple(np.roll(pair, axis)) for pair in ([edge, 0.3], [0.02, 0.05]))
+    grid = InkGrid(size=size, cell=0.01, curvature=pipe)
+    path = np.zeros((2, 3))
+    path[:, axis] = [edge / 2 - 0.02, edge / 2 + 0.02]
+    rows = grid.swept_area(path, felt).any(axis=axis)
+    expected = np.abs((grid.x, grid.y)[axis]) > edge / 2 - 0.03
     assert np.array_equal(rows, expected)
     # The second turn is the first.
-    path[:, 1] -= edge
-    assert np.array_equal(grid.swept_area(path, (0.05, 0.02)).any(axis=1), expected)
-    choice = CoverageChoice(grid=grid, footprint=(0.05, 0.02), candidates=1, margin=0)
+    path[:, axis] -= edge
+    assert np.array_equal(grid.swept_area(path, felt).any(axis=axis), expected)
+    choice = CoverageChoice(grid=grid, footprint=felt, candidates=1, margin=0)
     assert choice.wiped(grid.full(), path[None])[0] > 0
-    flat = InkGrid(size=(0.3, edge), cell=0.01)
-    path[:, 1] += edge
-    assert not flat.swept_area(path, (0.05, 0.02)).any(axis=1)[0]
+    flat = InkGrid(size=size, cell=0.01)
+    path[:, axis] += edge
+    assert not flat.swept_area(path, felt).any(axis=axis)[0]

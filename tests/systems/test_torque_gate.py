@@ -186,6 +186,31 @@ def test_any_message_is_a_reading(data):
         assert not reading.is_finite or np.all(np.isfinite(np.r_[reading[1:4]]))
 
 
+def test_faults_can_be_told_apart_when_they_are_combined():
+    bits = [fault.value for fault in GateFault]
+    assert all(bit & (bit - 1) == 0 for bit in bits)
+    assert len(bits) == len(GateFault.__members__) == len(set(bits))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["joint_position", "joint_velocity", "joint_torque", "joint_torque_external"],
+)
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_numbers_of_a_status_are_below_1000(name, sign):
+    for value, is_finite in ((999.0, True), (1001.0, False)):
+        numbers = [0.0] * 6 + [sign * value]
+        assert read_status(status(**{name: numbers})).is_finite == is_finite
+
+
+def test_status_that_cannot_be_read_is_an_empty_one_of_the_same_shape():
+    good, broken = read_status(status()), read_status(None)
+    assert broken.faults is GateFault.CORRUPT
+    assert broken.time == -np.inf
+    assert [np.shape(x) for x in broken] == [np.shape(x) for x in good]
+    assert read_status(status(num_joints=6)).faults is GateFault.CORRUPT
+
+
 # One after the other -----------------------------------------------------------------
 
 
