@@ -6,11 +6,13 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from posed_recordings import demonstration
 from pydrake.geometry import Role
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
 from fmp_drake.experiments.trials import TrialSpec
+from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.skills.learning import shared_skill
 from fmp_drake.station import (
     AddBoardScene,
@@ -234,6 +236,37 @@ def test_press_whose_friction_drags_the_eraser_is_refused(bundled_skill):
     # 0.5 * 34 N at 1500 N/m; a run of 10 s was 11.6 mm rms off its path.
     assert_allclose(found.values["drag"], 0.01133, rtol=1e-3)
     assert "press with at most 30 N" in found.verdict
+
+
+def test_force_of_a_skill_counts_as_its_normal_force():
+    shown = demonstration(height=-0.004, force=(0.3, 0.2))
+    found = CheckFeasibility(Scenario(), FourierMovementPrimitive().fit(shown))
+    assert found.is_feasible
+    # 0.5 * 0.5 N at 1500 N/m, whatever the scenario says.
+    assert found.values["drag"] == pytest.approx(0.5 * 0.5 / 1500, rel=0.1)
+
+
+def test_motion_of_the_board_adds_to_the_speed_of_the_joints(bundled_skill):
+    ratios = []
+    for frequency in (0.05, 1.0):
+        scenario = Scenario()
+        scenario.board.motion.amplitude = 0.05
+        scenario.board.motion.frequency = frequency
+        found = CheckFeasibility(scenario, bundled_skill)
+        ratios.append(found.values["largest_speed_ratio"])
+    assert ratios[1] > 1.3 * ratios[0]
+
+
+def test_longest_windows_of_many_are_among_those_that_are_checked(bundled_skill):
+    found = check(bundled_skill)
+    beginnings, windows = 3, 48
+    assert len(found.paths) == beginnings + windows
+    drawn = bundled_skill.sample(16 * windows, seed=0, with_noise=False)[..., :3]
+    steps = np.linalg.norm(np.diff(drawn, axis=1), axis=2)
+    any_of_them, rest = np.split(np.arange(len(drawn)), [windows // 2])
+    longest = rest[np.argsort(np.sum(steps[rest], axis=1))[-windows // 2 :]]
+    expected = drawn[[*any_of_them, *longest], ::2]
+    np.testing.assert_array_equal(found.paths[beginnings:], expected)
 
 
 def test_start_out_of_reach_is_said_and_not_raised(bundled_skill):
