@@ -8,6 +8,7 @@ import json
 import pickle
 import zipfile
 from collections import namedtuple
+from datetime import datetime, timedelta
 from functools import cache
 
 import numpy as np
@@ -25,6 +26,9 @@ TURNS = Rotation.from_rotvec(np.outer(2 + 1.5 * np.sin(2 * TIME), [0, 0, 1]))
 QUATERNIONS = TURNS.as_quat() * np.where(TIME % 2 < 1, 1, -1)[:, None]
 JOINTS = [0, -0.8, 0, -2.3, 0, 1.6, 0.8] + 0.2 * np.sin(np.outer(TIME, np.arange(1, 8)))
 STAMPS = 1_700_000_000_000_000_000 + np.round(TIME * 1e9).astype(np.int64)
+
+
+SWAPPED = str.maketrans(",.", ".,")
 
 
 def write(folder, text, name="d.csv", encoding="utf-8", **options):
@@ -244,6 +248,147 @@ def columns_by_the_names_of_channels(folder):
     """Write numbers without names: `inspect` calls them c0 to c3."""
     text = lines(TIME, np.cos(TIME), *PATH.T)
     return write(folder, text, columns="x=c1,y=c2,z=c3")
+
+
+def dates_by_day(folder):
+    """Write German dates, that begin shortly before midnight."""
+    moments = [datetime(2024, 3, 31, 23, 59, 58) + timedelta(seconds=t) for t in TIME]
+    dates = [f"{m:%d.%m.%Y %H:%M:%S},{m.microsecond // 1000:03d}" for m in moments]
+    text = lines(dates, *PATH.T, delimiter=";", header="Zeit;x;y;z", form=german)
+    return write(folder, text)
+
+
+def dates_by_month(folder):
+    moments = [datetime(2024, 3, 25, 12, 59, 58) + timedelta(seconds=t) for t in TIME]
+    dates = [f"{m:%m/%d/%Y %I:%M:%S.%f %p}" for m in moments]
+    return write(folder, lines(dates, *PATH.T, header="Time,x,y,z"))
+
+
+def points_between_thousands(folder):
+    """Write micrometres as `12.345,6`."""
+    rows = [
+        [german(float(t)), *(f"{1e6 * v:,.9f}".translate(SWAPPED) for v in p)]
+        for t, p in zip(TIME, PATH, strict=True)
+    ]
+    text = "\n".join(["time;x (UM);y (UM);z (UM)", *map(";".join, rows)])
+    return write(folder, text + "\n")
+
+
+def units_in_words(folder):
+    return write(
+        folder, xyz(path=1e3 * PATH, header="time in s,x in mm,y in mm,z in mm")
+    )
+
+
+def header_of_numbers(folder):
+    return write(folder, xyz(header="0,1,2,3"))
+
+
+def measured_and_commanded(folder):
+    names = [f"{kind}_{axis}" for kind in ("target", "actual") for axis in "xyz"]
+    columns = (TIME, *(PATH + 0.01).T, *PATH.T)
+    return write(folder, lines(*columns, header=",".join(["time", *names])))
+
+
+def numbered(name, count, first=0):
+    return [f"{name}{i}" for i in range(first, first + count)]
+
+
+def positions_by_number(folder):
+    header = ",".join(["time", *numbered("ee_pos_", 3)])
+    return write(folder, xyz(header=header))
+
+
+def matrices():
+    X = np.tile(np.eye(4), (len(TIME), 1, 1))
+    X[:, :3, :3], X[:, :3, 3] = TURNS.as_matrix(), PATH
+    return X
+
+
+def libfranka(folder, name="O_T_EE_{}", *others):
+    """Write the matrices of a Franka arm by columns."""
+    poses = np.swapaxes(matrices(), 1, 2).reshape(-1, 16)
+    names = [n.format(i) for n in (name, *others) for i in range(16)]
+    columns = (TIME, *poses.T, *(c for _ in others for c in poses[::-1].T))
+    return write(folder, lines(*columns, header=",".join(["time", *names])))
+
+
+def libfranka_desired_too(folder):
+    return libfranka(folder, "O_T_EE[{}]", "O_T_EE_d[{}]")
+
+
+def rostopic_of_franka(folder):
+    return libfranka(folder, "field.O_T_EE{}")
+
+
+def npz_of_matrices(folder):
+    np.savez(folder / "d.npz", time=TIME, pose=matrices())
+    return Written(folder / "d.npz")
+
+
+def npz_of_poses(folder):
+    np.savez(folder / "d.npz", time=TIME, pose=np.hstack([PATH, QUATERNIONS]))
+    return Written(folder / "d.npz")
+
+
+def tum_without_header(folder):
+    columns = (TIME, *PATH.T, *QUATERNIONS.T)
+    return write(folder, lines(*columns, delimiter=" "), "d.txt")
+
+
+def quaternion_from_1(folder):
+    names = ["time", *"xyz", *numbered("q", 4, 1)]
+    columns = (TIME, *PATH.T, *QUATERNIONS.T)
+    return write(folder, lines(*columns, header=",".join(names)))
+
+
+def quaternion_without_a_word(folder):
+    columns = (TIME, *PATH.T, *np.roll(QUATERNIONS, 1, 1).T)
+    return write(folder, lines(*columns, header="time,px,py,pz,w,x,y,z"))
+
+
+def ur_rtde(folder):
+    """Write what Universal Robots' recorder writes, rotation vectors among it."""
+    names = [
+        "timestamp",
+        *numbered("actual_q_", 6),
+        *numbered("actual_TCP_pose_", 6),
+        *numbered("actual_TCP_force_", 6),
+        *numbered("target_TCP_pose_", 6),
+    ]
+    poses = np.hstack([PATH, TURNS.as_rotvec()])
+    columns = (*JOINTS[:, :6].T, *poses.T, *(10 * poses).T, *poses[::-1].T)
+    text = lines(TIME, *columns, delimiter=" ", header=" ".join(names))
+    return write(folder, text)
+
+
+def joint_states(folder, name, *, joints=7, words=()):
+    """Write positions, velocities and efforts of joints, by the names of the columns."""
+    kinds = {"position": JOINTS[:, :joints]}
+    kinds |= dict.fromkeys(("velocity", "effort"), 0 * JOINTS[:, :joints])
+    names = ["%time", *(name.format("name", i) for i in range(len(words)))]
+    columns = [STAMPS, *([word] * len(TIME) for word in words)]
+    for kind, values in kinds.items():
+        names += [name.format(kind, i) for i in range(joints)]
+        columns += list(values.T)
+    return write(folder, lines(*columns, header=",".join(names)))
+
+
+def sheet_after_notes(folder):
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.append(["Wiping by hand"])
+    sheet = book.create_sheet("run")
+    for row in [["time", "x", "y", "z"], *np.column_stack([TIME, PATH]).tolist()]:
+        sheet.append(row)
+    book.save(folder / "d.xlsx")
+    return Written(folder / "d.xlsx")
+
+
+def npz_with_a_rate(folder):
+    np.savez(folder / "d.npz", xyz=PATH.T, dt=1 / RATE)
+    return Written(folder / "d.npz")
 
 
 # Arrays ---------------------------------------------------------------------
@@ -891,10 +1036,20 @@ def time_backwards(folder):
     return write(folder, xyz(np.r_[TIME[:200], TIME[:200]], header="time,x,y,z"))
 
 
-def missing_value(folder):
+def edited(folder, rows, edit):
+    """Write a table with some of its lines changed."""
     text = xyz(header="time,x,y,z").split("\n")
-    text[8] = text[8].rsplit(",", 1)[0] + ","
+    for row in rows:
+        text[row] = edit(text[row])
     return write(folder, "\n".join(text))
+
+
+def values_missing(folder, rows=range(8, 260)):
+    return edited(folder, rows, lambda line: line.rsplit(",", 1)[0] + ",")
+
+
+def broken_lines(folder, rows=range(8, 20)):
+    return edited(folder, rows, lambda line: line.rsplit(",", 2)[0])
 
 
 def unknown_column(folder):

@@ -412,10 +412,10 @@ def test_csv_of_a_spreadsheet_may_start_with_a_byte_order_mark(tmp_path):
         ("\n\n", "is empty"),
         ("a,x,y\n" + FIVE, "no column tells the time; the columns are a, x, y"),
         ("time\n0\n1\n2\n3\n", "a time but no channel"),
-        ("time,x,y\n0,1,2\n0.1,1\n", "line 3 has 2 cells; line 2 has 3"),
+        ("time,x,y\n0,1,2\n0.1,1\n", r"1 row of 2 broken \(line 3: 2 cells"),
         (
             "time,x,y\n0,1,2\n\n0.1,one,2\n",
-            "line 4: 'one' in the column x is not a number",
+            r"1 row of 2 broken \(line 4: 'one' in the column x\); delete them: sed ",
         ),
         ("time,x\n" + FIVE, "line 2 has 3 cells; the header has 2"),
     ],
@@ -432,7 +432,7 @@ def test_csv_in_another_encoding_is_read(tmp_path):
 
 
 def test_csv_numbers_that_cannot_be_used_name_the_file(tmp_path):
-    path = csv_file(tmp_path, "time,x,y\n" + FIVE.replace("0.3,3", "0.3,nan"))
+    path = csv_file(tmp_path, "time,x,y\n" + FIVE.replace("0.3,3", "0.3,inf"))
     with pytest.raises(DemonstrationError, match=r"d\.csv: values holds 1 NaN"):
         Demonstration.load(path)
     path = csv_file(tmp_path, "time,x,y\n0,1,2\n")

@@ -3,6 +3,7 @@
 import re
 import shlex
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -82,6 +83,15 @@ POSITIONS = (
     files.json_rows,
     files.json_list_in_an_object,
     files.matlab_matrix,
+    files.dates_by_day,
+    files.dates_by_month,
+    files.points_between_thousands,
+    files.units_in_words,
+    files.header_of_numbers,
+    files.measured_and_commanded,
+    files.positions_by_number,
+    files.sheet_after_notes,
+    files.npz_with_a_rate,
 )
 # Read as x, y, z and an orientation.
 POSES = (
@@ -97,13 +107,30 @@ POSES = (
     files.ros1_out_of_order,
     files.optitrack,
     files.optitrack_in_millimetres,
+    files.libfranka,
+    files.libfranka_desired_too,
+    files.rostopic_of_franka,
+    files.npz_of_matrices,
+    files.npz_of_poses,
+    files.tum_without_header,
+    files.quaternion_from_1,
+    files.quaternion_without_a_word,
 )
 REFUSED = {
     files.no_time: r"no column tells the time; .* x, y, z\. .*--sample-rate",
     files.counted_time: r"counts 1, 2, 3 \.\.\.: samples, or milliseconds\? Give",
     files.coarse_time: r"stays the same in 392 of 400 samples: .*--sample-rate",
     files.time_backwards: r"does not increase after sample 199 \(3\.98 s, then 0 s\)",
-    files.missing_value: r"values holds 1 NaN .* sample 7",
+    files.values_missing: r"252 of 400 samples have no value of z; leave them out: "
+    r"--columns x=x,y=y$",
+    files.broken_lines: r"12 rows of 400 broken \(line 9: 2 cells instead of 4\); delete "
+    r"them: sed -i\.orig '9d;10d;.*20d' ",
+    files.bytes_of("d.csv", b""): r"is empty: .* fmp-drake record --out demo\.csv$",
+    files.bytes_of("d.csv", b"time,x\n"): r"no line of numbers .* --out demo\.csv$",
+    files.bytes_of("d.xls", b"\xd0\xcf\x11\xe0"): "soffice --convert-to csv ",
+    files.bytes_of("d.tar", bytes(257) + b"ustar"): "an archive; .*: tar xf ",
+    files.bytes_of("d.c3d", b"\x02P" + bytes(9)): r"a C3D file; export it as \.csv",
+    files.bytes_of("d.xlsx", b"PK\x03\x04"): r"not a readable Excel file .*as \.csv",
     files.unknown_column: r"no column 'px' for x; the columns are time, x, y, z",
     files.repeated_names: r"names of columns repeat: .* time, a, a, a",
     files.no_quaternions: r"not unit quaternions \(lengths from 5 to 5\)",
@@ -129,7 +156,7 @@ REFUSED = {
     files.letter_by_gzip: r"d\.txt\.gz has no line of numbers",
     files.bomb_by_gzip: "holds 256 MB; at most 256",
     files.optitrack_without_header: "no row `Frame,Time .* export it from Motive",
-    files.vicon_two_markers: r"some samples have no value; several positions \(Wand:A X, "
+    files.vicon_two_markers: r"30 of 400 samples have no value of Wand:B X, .*; several positions \(Wand:A X, "
     r"Wand:B X \.\.\.\): choose with --columns 'x=Wand:A X,y=Wand:A Y,z=Wand:A Z'$",
     files.vicon_without_positions: "none of the sections Objects, .* from Nexus",
     files.aloha: "no column tells the time; .*--sample-rate 100",
@@ -288,6 +315,94 @@ def test_components_of_a_force_have_standard_names(tmp_path):
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert found.channels == ("x", "y", "z", "force_x", "force_y", "force_z")
     assert found.units[3:] == ("N", "N", "N")
+
+
+@pytest.mark.parametrize(
+    ("make", "rows", "said"),
+    [
+        (files.values_missing, [8], "1 sample without a value of z left out"),
+        (
+            files.broken_lines,
+            [8],
+            "1 broken line left out .line 9: 2 cells instead of 4",
+        ),
+        (files.broken_lines, [7, 8, 9], r"3 broken lines left out .line 8: "),
+    ],
+)
+def test_few_broken_rows_are_left_out(make, rows, said, tmp_path):
+    (found,), remarks = read_demonstrations([make(tmp_path, rows).path])
+    kept = np.delete(np.arange(400), np.array(rows) - 1)
+    assert_allclose(found.values, files.PATH[kept], atol=1e-12)
+    assert_allclose(found.time, files.TIME[kept], atol=1e-12)
+    assert re.search(said, remarks[0])
+
+
+def test_a_row_that_is_left_out_does_not_move_the_others_in_time(tmp_path):
+    file = files.values_missing(tmp_path, [8])
+    (found,), _ = read_demonstrations([file.path], ReadingOptions(rate=files.RATE))
+    assert_allclose(found.time, np.delete(files.TIME, 7), atol=1e-12)
+
+
+def test_broken_lines_can_be_deleted_with_the_given_command(tmp_path):
+    file = files.broken_lines(tmp_path).path
+    with pytest.raises(FmpError) as refusal:
+        read_demonstrations([file])
+    subprocess.run(shlex.split(str(refusal.value).partition("them: ")[2]), check=True)
+    (found,), _ = read_demonstrations([file])
+    assert len(found.time) == 400 - 12
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("field.{}{}", []),
+        ("{}_{}", [f"panda_joint{i}" for i in range(1, 8)]),
+        ("/joint_states/panda_joint{1}/{0}", []),
+    ],
+)
+def test_of_joint_states_in_a_table_the_positions_are_read(name, words, tmp_path):
+    file = files.joint_states(tmp_path, name, words=words)
+    (found,), remarks = read_demonstrations([file.path])
+    assert len(found.channels) == 7
+    assert all(channel in name or "joint" in channel for channel in found.channels)
+    assert not words or found.channels == tuple(words)
+    assert set(found.units) == {"rad"}
+    assert_allclose(found.values, files.JOINTS, atol=1e-12)
+    assert "velocities and efforts of joints left out" in remarks[0]
+
+
+def test_forces_of_a_universal_robot_are_read_beside_its_pose(tmp_path):
+    (found,), remarks = read_demonstrations([files.ur_rtde(tmp_path).path])
+    assert "target_tcp_pose_qw left out: commanded, not measured" in remarks[0]
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+    vectors = found.select(["rx", "ry", "rz"]).values
+    turned = rotations_of(vectors, found.rotation_reference)
+    assert np.max((turned * files.TURNS.inv()).magnitude()) < 1e-6
+    units = dict(zip(found.channels, found.units, strict=True))
+    assert [units[f"force_{a}"] for a in "xyz"] == ["N"] * 3
+    assert_allclose(found.select(["force_x"]).values[:, 0], 10 * files.PATH[:, 0])
+    assert units["actual_q_5"] == "rad"
+    assert units["actual_tcp_torque_z"] == "Nm"
+
+
+def test_angles_beyond_two_revolutions_are_taken_for_degrees(tmp_path):
+    angles = np.column_stack([3 * np.sin(files.TIME), 90 + files.TIME])
+    text = files.lines(files.TIME, *angles.T, header="time,roll,joint_1")
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.values, np.deg2rad(angles), atol=1e-12)
+    assert "roll, joint_1 reach 98 and are taken for degrees" in remarks[0]
+    text = files.lines(files.TIME, angles[:, 1], header="time,joint_1 [rad]")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.values[:, 0], angles[:, 1], atol=1e-12)
+
+
+def test_joints_of_a_dataset_have_one_unit(tmp_path):
+    pytest.importorskip("pyarrow")
+    names = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"]
+    file = files.dataset(tmp_path, "v3.0", names, files.JOINTS[:, :5])
+    found, _ = read_demonstrations([file.path])
+    assert found[0].channels == tuple(names)
+    assert set(found[0].units) == {"1"}
 
 
 @pytest.mark.parametrize("order", ["xyzw", "wxyz"])

@@ -13,6 +13,7 @@ from fmp_drake.primitives.data.files import FileFormat, read_npz
 from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
+    TIME_NAME,
     Table,
     check_size,
     readable,
@@ -27,6 +28,7 @@ FORMAT = FileFormat(
 )
 METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 """Fields of a demonstration in the metadata of a saved file."""
+_RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
 # The feature of a dataset that is read unless another is named.
 _STATE = "observation.state"
 
@@ -47,7 +49,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     if "metadata" not in arrays and not {"time", name} <= set(arrays):
         if len(arrays) == 1:
             arrays = {"": next(iter(arrays.values()))}
-        return [table_of(path, arrays, options)]
+        return [table_of(path, arrays)]
     time, values = (arrays.get(key) for key in ("time", name))
     if time is None or values is None:
         raise SkillFileError(f"{path} holds no `time` or no `values`.")
@@ -60,7 +62,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
         saved |= {key: metadata[key] for key in METADATA if key in metadata}
         return [Table(saved=saved)]
     if options.columns or (options.all_arrays and len(arrays) > 2):
-        return [table_of(path, arrays, options)]
+        return [table_of(path, arrays)]
     if time.shape != values.shape[:1] or values.ndim > 2:
         return [Table(saved=saved)]  # The demonstration names the error.
     values = values.reshape(len(time), -1)
@@ -77,7 +79,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     ]
 
 
-def read_npy(path: Path, options: ReadingOptions) -> list[Table]:
+def read_npy(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the columns of one array (N,), (N, D) or with named fields."""
     try:
         # Mapped: a truncated file is refused before memory is allocated.
@@ -95,17 +97,20 @@ def read_npy(path: Path, options: ReadingOptions) -> list[Table]:
     check_size(path, array.nbytes)
     fields = array.dtype.names
     arrays = {name: array[name] for name in fields} if fields else {"": array}
-    return [table_of(path, arrays, options)]
+    return [table_of(path, arrays)]
 
 
 def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return arrays with the samples along the first axis: (N,), (N, k).
 
-    N is the greatest length of an axis. Arrays (1, N) and (N, 1) become (N,).
+    N is the greatest length of an axis. Arrays (1, N) and (N, 1) become (N,), matrices
+    (N, 4, 4) become (N, 16).
     """
     count = max((n for a in arrays.values() for n in a.shape), default=0)
     aligned = {}
     for name, array in arrays.items():
+        if array.shape[1:] == (4, 4):
+            array = array.reshape(len(array), 16)
         if array.ndim == 2 and 1 in array.shape:
             array = array.ravel()
         is_transposed = array.ndim == 2 and array.shape[1] == count != array.shape[0]
@@ -116,18 +121,21 @@ def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 def table_of(
     path: Path,
     arrays: Mapping[str, NDArray[Any]],
-    options: ReadingOptions,
     *,
     rate: float | None = None,
 ) -> Table:
     """Return a table of arrays (N,) and (N, k) of equal length.
 
-    The columns of an array (N, 3) are named `name_x` and so on, those of quaternions in the
-    order of the options `name_x` to `name_w`, those of others `name_1`. Shorter arrays are
-    left out. With a rate (Hz) there is a column of times.
+    The columns of an array (N, 3) are named `name_x` and so on, those of others `name_1`.
+    Matrices (N, 4, 4) have 16 columns. Shorter arrays are left out. With a rate (Hz), or an
+    array that is named so, there is a column of times.
     """
+    arrays = align_arrays(arrays)
     count = max((len(a) for a in arrays.values() if a.ndim in (1, 2)), default=0)
     names, parts, omitted, remarks = [], [], [], []
+    if rate is None and not any(map(TIME_NAME.fullmatch, arrays)):
+        rate = rate_in({n.rsplit(".", 1)[-1]: array for n, array in arrays.items()})
+        remarks += [f"at {rate:g} Hz, as the file says"] if rate else []
     for name, array in arrays.items():
         is_numbers = array.dtype.kind in "biufM"
         if array.ndim not in (1, 2) or len(array) != count or not is_numbers:
@@ -137,11 +145,7 @@ def table_of(
             array = array.astype("datetime64[ns]").astype(np.int64)
         columns = np.asarray(array, dtype=float).reshape(count, -1)
         width = columns.shape[1]
-        is_quaternion = width == 4 and "quat" in name
         axes: Sequence[Any] = "xyz" if width == 3 else range(1, width + 1)
-        if is_quaternion:
-            axes = options.quaternions
-            remarks.append(options.quaternion_remark(name))
         names += [
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
         ]
@@ -165,7 +169,16 @@ def table_of(
     )
 
 
-def read_parquet(path: Path, options: ReadingOptions) -> list[Table]:
+def rate_in(settings: Mapping[str, Any]) -> float | None:
+    """Return the sample rate among the settings of a file, Hz, if any."""
+    for name in _RATES:
+        number = np.asarray(settings.get(name))
+        if number.dtype.kind in "iuf" and number.size == 1 and number.item() > 0:
+            return 1 / number.item() if name == "dt" else float(number.item())
+    return None
+
+
+def read_parquet(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the columns of a Parquet file; columns of lists are split.
 
     Raises
@@ -173,12 +186,10 @@ def read_parquet(path: Path, options: ReadingOptions) -> list[Table]:
     SkillFileError
         Where it cannot be read, or pyarrow is not installed.
     """
-    return [_parquet_table(path, options, None)]
+    return [_parquet_table(path, None)]
 
 
-def _parquet_table(
-    path: Path, options: ReadingOptions, columns: list[str] | None
-) -> Table:
+def _parquet_table(path: Path, columns: list[str] | None) -> Table:
     """Return some columns of a Parquet file, or all."""
     with readable(path, "a Parquet file", extra="parquet"):
         from pyarrow import parquet
@@ -192,7 +203,7 @@ def _parquet_table(
         check_size(path, max(sum(groups), 8 * metadata.num_rows))
         content = file.read(columns)
         arrays = {name: _array(content[name]) for name in content.column_names}
-    return table_of(path, arrays, options)
+    return table_of(path, arrays)
 
 
 def _array(column: Any) -> NDArray[Any]:
@@ -238,7 +249,7 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
         raise SkillFileError(f"{folder} has no data/**/*.parquet.")
     check_size(folder, sum(f.stat().st_size for f in files), MOST_BYTES / 4)
     column_names = [feature, "timestamp", "episode_index"]
-    tables = [_parquet_table(file, options, column_names) for file in files]
+    tables = [_parquet_table(file, column_names) for file in files]
     first = tables[0].names
     if any(table.names != first for table in tables):
         raise SkillFileError(f"{folder}: its files have different columns.")

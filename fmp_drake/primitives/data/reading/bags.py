@@ -1,5 +1,6 @@
 """Reader of ROS 1 and ROS 2 bags and of MCAP files."""
 
+import shlex
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -60,9 +61,11 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
             f"{path} is a bag; give it a name that ends with {', '.join(_ENDINGS[:-1])} "
             f"or {_ENDINGS[-1]}, as it was recorded."
         )
+    hint = f"; repair it: rosbag reindex {shlex.quote(str(path))}"
+    hint *= path.suffix == ".bag"
     types = get_typestore(Stores.ROS2_HUMBLE)
     with (
-        readable(path, "a bag"),
+        readable(path, "a bag", hint=hint),
         AnyReader([path], default_typestore=types) as reader,
     ):
         source = _topic(

@@ -1,7 +1,7 @@
 """Recognition of time, position, orientation, force and counters among the columns."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from fmp_drake.primitives.data.channels import (
     QUATERNION_CHANNELS,
     default_channels,
 )
+from fmp_drake.primitives.data.reading.groups import column_groups
 from fmp_drake.primitives.data.reading.reading_options import (
     ReadingOptions,
     columns_option,
@@ -25,6 +26,7 @@ from fmp_drake.primitives.data.reading.table import (
     LONGEST_GAP,
     TIMES,
     Table,
+    counted,
     seconds,
     standard_unit,
     suffixed_unit,
@@ -35,17 +37,22 @@ _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
     re.compile(
         r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
+        r"|zeit|zeitstempel|uhrzeit|datum"
     ),
 )
 _NANOSECONDS = ("nsecs", "nsec", "nanosec")
 # Groups of columns: prefix and axis.
+_WORD = r"(.*?)_?(?:(?<![a-z0-9])(?:{}))?_?([{}])"
 _POSITION = re.compile(
-    r"(.*?)_?(?:p|t|pos|position|translation|point|trans|xyz|ee|eef|tcp)?_?([xyz])"
+    _WORD.format("p|t|pos|position|translation|point|trans|xyz|ee|eef|tcp", "xyz")
 )
 _QUATERNION = re.compile(
-    r"(.*?)_?(?:q|quat|quaternion|orientation|rotation|rot)_?([xyzw])"
+    r"(.*?)_?(?:q|quats?|quaternions?|orientations?|rotations?|rot)_?([xyzw])"
 )
-_NUMBERED_QUATERNION = re.compile(r"(.*?)_?(?:q|quat|quaternion)_?([0-3])")
+# Positions that were commanded instead of measured.
+_COMMANDED = re.compile(
+    r"(^|.*_)(d|c|des|desired|target|cmd|command|commanded|ref|reference|goal)(_.*|$)"
+)
 _FORCE = re.compile(r"(.*?)_?(?:f|force)_?([xyz])")
 _NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|vel|acc|gyro|mag|angular"
@@ -57,7 +64,8 @@ _COUNTER = re.compile(
 _UNITS = (
     (
         re.compile(
-            r"(.*_)?(joint|theta|q|angle|roll|pitch|yaw|r[xyz])_?\d*(_pos(ition)?)?"
+            r"(.*_)?(joint|theta|q|qpos|(?<!wrist_)(?<!forearm_)(angle|roll|pitch|yaw)|r[xyz])"
+            r"_?\d*(_pos(ition)?)?"
         ),
         "rad",
     ),
@@ -68,8 +76,10 @@ _UNITS = (
 _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
 # Greatest error of a quaternion's length.
 _LENGTH_ERROR = 0.1
-# Error of the length of four numbered columns that are a quaternion.
-_EXACT = 1e-3
+# Least fraction of samples in which all channels have a value.
+_LEAST_COMPLETE = 0.5
+# Greatest angle in rad, if it has no unit: two revolutions.
+_LARGEST_ANGLE = 4 * np.pi
 # Steps backwards in time, in sample intervals, up to which samples are put in order.
 _DISORDER = 3.0
 
@@ -114,6 +124,10 @@ class _Column(NamedTuple):
         )
 
 
+# Columns of the axes, by the prefix of their names.
+_Groups = dict[str, tuple[_Column, ...]]
+
+
 def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     """Return the time and the channels of a table in SI units, the time first.
 
@@ -127,15 +141,28 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         Where the numbers cannot be used.
     """
     remarks = list(table.remarks)
-    columns = []
-    for i, (name, stated) in enumerate(zip(table.names, table.units, strict=True)):
-        plain, suffix = suffixed_unit(_plain(name))
-        columns.append(_Column(i, name, plain, suffix, stated, table.values[:, i]))
+    names, units, values = list(table.names), list(table.units), table.values
+    plain = [_plain(name) for name in names]
+    words = {_plain(name): word for name, word in table.words.items()}
+    replaced: set[int] = set()
+    for group in column_groups(names, plain, values, words, options):
+        replaced |= group.sources
+        names += group.names
+        units += group.units
+        values = np.hstack([values, group.values])
+        remarks += [group.remark] if group.remark else []
+    columns = [
+        _Column(i, name, *suffixed_unit(_plain(name)), stated, values[:, i])
+        for i, (name, stated) in enumerate(zip(names, units, strict=True))
+    ]
     stamp, time_columns = _time(columns, options, remarks)
-    others = [c for c in columns if c.number not in time_columns and not c.counts]
+    excluded = time_columns | replaced
+    others = [c for c in columns if c.number not in excluded and not c.counts]
+    if empty := [c.name for c in others if np.all(np.isnan(c.values))]:
+        others = [c for c in others if c.name not in empty]
+        remarks.append(f"{', '.join(empty)} left out: empty")
     if set(options.columns) - {"time"}:
         # A column without a name is found by that of its channel.
-        names = list(table.names)
         for column, label in zip(others, _labels(others), strict=True):
             names[column.number] = label
         chosen = {
@@ -144,38 +171,23 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
             if channel != "time"
         }
     else:
-        chosen = _channels(others, options, remarks)
-        if len(chosen) < len(others):
-            raise SkillFileError(
-                f"names of columns repeat: {shown_columns(table.names)}. Choose by their "
-                "numbers from 1, such as --columns time=1,x=2"
-            )
+        chosen = _channels(others, tuple(names), remarks)
     if not chosen:
         raise SkillFileError(
-            f"there is a time but no channel; {shown_columns(table.names)}."
+            f"there is a time but no channel; {shown_columns(tuple(names))}."
         )
     values = np.column_stack([c.values for c in chosen.values()])
     rows = np.flatnonzero(~np.all(np.isnan(values), axis=1))
     if len(rows) == 0:
         raise DemonstrationError(f"there is no number in {', '.join(chosen)}.")
     if len(rows) < len(values):
-        remarks.append(f"{len(values) - len(rows)} rows without a value left out")
+        without = counted(len(values) - len(rows), "row")
+        remarks.append(f"{without} without a value left out")
     time, kept = _clock(stamp, rows, values[rows], options, remarks)
     values = values[rows[kept]]
-    choice = next((r for r in remarks if r.startswith("several positions")), "")
-    if choice and np.any(np.isnan(values)):
-        raise DemonstrationError(f"some samples have no value; {choice}")
-    units, converted = ["s"], dict[str, list[str]]()
-    for i, (channel, column) in enumerate(chosen.items()):
-        stated = options.source(channel)[1] if channel in options.columns else ""
-        factor, unit = standard_unit(stated or _unit(column, channel, options))
-        values[:, i] *= factor
-        units.append(unit)
-        if factor != 1:
-            converted.setdefault(unit, []).append(channel)
-    for unit, channels in converted.items():
-        were = "were" if len(channels) > 1 else "was"
-        remarks.append(f"{', '.join(channels)} {were} in another unit: now in {unit}")
+    complete = _complete_rows(values, chosen, remarks)
+    time, values = time[complete], values[complete]
+    units = _to_standard_units(values, chosen, options, remarks)
     if gaps := np.count_nonzero(np.diff(time) > LONGEST_GAP):
         remarks.append(f"gaps of more than {LONGEST_GAP} s, not bridged: {gaps}")
     if set(QUATERNION_CHANNELS) <= set(chosen):
@@ -184,11 +196,82 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         )
     return Table(
         names=("time", *chosen),
-        units=tuple(units),
+        units=("s", *units),
         values=np.column_stack([time, values]),
         frame=table.frame,
         remarks=tuple(remarks),
     )
+
+
+def _complete_rows(
+    values: NDArray[np.float64], chosen: Mapping[str, _Column], remarks: list[str]
+) -> NDArray[np.bool_]:
+    """Return where all channels have a value, which most samples must have."""
+    is_empty = np.isnan(values)
+    complete = ~np.any(is_empty, axis=1)
+    count = len(values) - int(np.count_nonzero(complete))
+    lacking = [
+        name
+        for name, lacks in zip(chosen, np.any(is_empty, axis=0), strict=True)
+        if lacks
+    ]
+    choice = next((r for r in remarks if r.startswith("several positions")), "")
+    if count > (1 - _LEAST_COMPLETE) * len(values) or (count and choice):
+        others = {name: c.source for name, c in chosen.items() if name not in lacking}
+        choice = choice or f"leave them out: {columns_option(others)}"
+        raise DemonstrationError(
+            f"{count} of {len(values)} samples have no value of {', '.join(lacking)}; "
+            f"{choice}"
+        )
+    if count:
+        named = ", ".join(lacking)
+        remarks.append(
+            f"{counted(count, 'sample')} without a value of {named} left out"
+        )
+    return complete
+
+
+def _to_standard_units(
+    values: NDArray[np.float64],
+    chosen: Mapping[str, _Column],
+    options: ReadingOptions,
+    remarks: list[str],
+) -> list[str]:
+    """Convert the values (N, C) of channels to m and rad, and return the new units.
+
+    Angles without a unit are in degrees if one of them is greater than two revolutions.
+    """
+    stated = [
+        (options.source(name)[1] if name in options.columns else "")
+        or column.stated
+        or (column.suffix if column.suffix in ANGLES else "")
+        for name, column in chosen.items()
+    ]
+    found = [
+        unit or _unit(column, name, options)
+        for unit, (name, column) in zip(stated, chosen.items(), strict=True)
+    ]
+    angles = [i for i, unit in enumerate(found) if unit == "rad" and not stated[i]]
+    largest = float(np.max(np.abs(values[:, angles]), initial=0.0))
+    if largest > _LARGEST_ANGLE:
+        names = [list(chosen)[i] for i in angles]
+        remarks.append(
+            f"{', '.join(names)} reach {largest:.0f} and are taken for degrees; if they are "
+            f"radians, write so in the header: {names[0]} [rad]"
+        )
+        for i in angles:
+            found[i] = "deg"
+    units, converted = [], dict[str, list[str]]()
+    for i, (name, unit) in enumerate(zip(chosen, found, strict=True)):
+        factor, standard = standard_unit(unit)
+        values[:, i] *= factor
+        units.append(standard)
+        if factor != 1 and not (i in angles):
+            converted.setdefault(standard, []).append(name)
+    for unit, channels in converted.items():
+        were = "were" if len(channels) > 1 else "was"
+        remarks.append(f"{', '.join(channels)} {were} in another unit: now in {unit}")
+    return units
 
 
 def _plain(name: str) -> str:
@@ -275,7 +358,7 @@ def _stamp_parts(columns: Sequence[_Column]) -> list[_Column]:
 
 
 def _channels(
-    columns: Sequence[_Column], options: ReadingOptions, remarks: list[str]
+    columns: Sequence[_Column], names: tuple[str, ...], remarks: list[str]
 ) -> dict[str, _Column]:
     """Return the column of each channel.
 
@@ -284,17 +367,20 @@ def _channels(
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
     positions = _groups([c for c in columns if _is_length(c)], _POSITION, "xyz")
     orientations = _groups(columns, _QUATERNION, "xyzw")
-    if not orientations:
-        orientations = _numbered_quaternions(columns, options, remarks)
+    positions, orientations, commanded = _measured(positions, orientations)
+    if commanded:
+        columns = [c for c in columns if c not in commanded]
+        named = ", ".join(c.name for c in commanded)
+        remarks.append(f"{named} left out: commanded, not measured")
     roles = (
         (positions, POSITION_CHANNELS),
         (orientations, QUATERNION_CHANNELS),
         (_groups(columns, _FORCE, "xyz"), FORCE_COMPONENTS),
     )
-    for groups, names in roles:
+    for groups, axes in roles:
         if len(groups) == 1:
             (group,) = groups.values()
-            for column, name in zip(group, names, strict=True):
+            for column, name in zip(group, axes, strict=True):
                 labels[column.number] = name
     if len(positions) > 1:
         listed = ", ".join(group[0].name for group in positions.values())
@@ -303,7 +389,27 @@ def _channels(
         pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
         option = columns_option(dict(zip(pose, sources, strict=False)))
         remarks.append(f"several positions ({listed} ...): choose with {option}")
-    return {labels[column.number]: column for column in columns}
+    channels = {labels[column.number]: column for column in columns}
+    if len(channels) < len(columns):
+        raise SkillFileError(
+            f"names of columns repeat: {shown_columns(names)}. "
+            "Choose by their numbers from 1, such as --columns time=1,x=2"
+        )
+    return channels
+
+
+def _measured(
+    positions: _Groups, orientations: _Groups
+) -> tuple[_Groups, _Groups, list[_Column]]:
+    """Return the groups without commanded ones beside one measured, and their columns."""
+    both, commanded = [], list[_Column]()
+    for groups in (positions, orientations):
+        measured = {p: g for p, g in groups.items() if not _COMMANDED.fullmatch(p)}
+        if len(measured) == 1:
+            commanded += [c for p, g in groups.items() if p not in measured for c in g]
+            groups = measured
+        both.append(groups)
+    return both[0], both[1], commanded
 
 
 def _is_length(column: _Column) -> bool:
@@ -313,9 +419,7 @@ def _is_length(column: _Column) -> bool:
     return not _NO_POSITION.search(column.plain[:-1].strip("_"))
 
 
-def _groups(
-    columns: Sequence[_Column], form: re.Pattern[str], axes: str
-) -> dict[str, tuple[_Column, ...]]:
+def _groups(columns: Sequence[_Column], form: re.Pattern[str], axes: str) -> _Groups:
     """Return groups of columns by their prefixes, with one column for each axis."""
     groups: dict[str, dict[str, _Column]] = {}
     for column in columns:
@@ -328,19 +432,6 @@ def _groups(
         if set(group) == set(axes)
     }
     return {"": whole[""]} if "" in whole else whole
-
-
-def _numbered_quaternions(
-    columns: Sequence[_Column], options: ReadingOptions, remarks: list[str]
-) -> dict[str, tuple[_Column, ...]]:
-    """Return groups of four numbered columns of unit length, in the order x, y, z, w."""
-    groups = {}
-    for prefix, group in _groups(columns, _NUMBERED_QUATERNION, "0123").items():
-        lengths = np.linalg.norm([column.values for column in group], axis=0)
-        if np.all(np.abs(lengths - 1) < _EXACT):
-            groups[prefix] = tuple(group[options.quaternions.index(a)] for a in "xyzw")
-            remarks.append(options.quaternion_remark(group[0].name))
-    return groups
 
 
 def _clock(
@@ -383,7 +474,8 @@ def _clock(
             f"{_rate((time[-1] - time[0]) / count)}"
         )
     if repeated:
-        remarks.append(f"{repeated} samples with the time of the one before left out")
+        samples = counted(repeated, "sample")
+        remarks.append(f"{samples} with the time of the one before left out")
     return time[is_new], order[is_new]
 
 
@@ -393,15 +485,11 @@ def _rate(interval: float) -> str:
 
 
 def _unit(column: _Column, channel: str, options: ReadingOptions) -> str:
-    """Return the unit of a channel: of its header, its name, an option, or its kind."""
-    if column.stated or column.suffix in ANGLES:
-        return column.unit
+    """Return the unit of a channel without one: of its name, an option, or its kind."""
     if channel in POSITION_CHANNELS:
         return column.suffix or options.unit or "m"
-    for form, unit in _UNITS:
-        if form.fullmatch(_plain(channel)):
-            return unit
-    return "1"
+    forms = (unit for form, unit in _UNITS if form.fullmatch(_plain(channel)))
+    return next(forms, "1")
 
 
 def _check_quaternions(quaternions: NDArray[np.float64]) -> None:

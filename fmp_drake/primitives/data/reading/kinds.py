@@ -63,8 +63,12 @@ def _reader_of_folder(path: Path) -> _Reader:
         return read_bag
     raise SkillFileError(
         f"{path} is a folder, but neither a ROS 2 bag (metadata.yaml) nor a LeRobot "
-        "dataset (meta/info.json). Name its files: fmp-drake inspect "
-        f"{shlex.quote(str(path))}/*"
+        "dataset (meta/info.json). "
+        + (
+            f"Name its files: fmp-drake inspect {shlex.quote(str(path))}/*"
+            if any(path.iterdir())
+            else "It is empty."
+        )
     )
 
 
@@ -75,15 +79,10 @@ def _reader_of_file(path: Path, first: bytes) -> _Reader:
             return reader
     if first.startswith(b"PK"):
         return _reader_of_archive(path)
-    is_film = b"ftyp" in first[4:12]
-    if is_film or first.startswith(b"\x80"):
-        what = "a film" if is_film else "a Python pickle, which may run code"
-        raise SkillFileError(
-            f"{path} is {what}; a demonstration is a table (.csv, .tsv, .txt, .xlsx; "
-            "OptiTrack, Vicon), .npz, .npy, .parquet, .h5, .mat, JSON lines, a ROS 1 or "
-            "ROS 2 bag, .mcap, or a LeRobot dataset. Write one of these, for example by "
-            "numpy.savez('recording.npz', time=time, position=position)."
-        )
+    for (place, known), advice in _REFUSED.items():
+        if first[place:].startswith(known):
+            name = shlex.quote(str(path))
+            raise SkillFileError(f"{path} is {advice.format(path=name)}")
     if path.suffix.lower() in _ENDINGS:
         return _ENDINGS[path.suffix.lower()]
     start = b"".join(first.split())[:2]
@@ -97,8 +96,9 @@ def _reader_of_archive(path: Path) -> _Reader:
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-    except (OSError, zipfile.BadZipFile):
-        return read_npz_file  # It names the damage.
+    except (OSError, zipfile.BadZipFile):  # The reader names the damage.
+        readers = {".xlsx": read_excel, ".zip": _read_packed}
+        return readers.get(path.suffix.lower(), read_npz_file)
     if "[Content_Types].xml" in names:
         return read_excel
     return read_npz_file if all(n.endswith(".npy") for n in names) else _read_packed
@@ -152,6 +152,21 @@ _FIRST_BYTES: dict[bytes, _Reader] = {
     b"MATLAB 5": read_matlab,
     b"\x1f\x8b": _read_packed,
     b"Format Version,": read_optitrack,
+}
+_OTHERWISE = (
+    "; a demonstration is a table (.csv, .tsv, .txt, .xlsx; OptiTrack, Vicon), .npz, .npy, "
+    ".parquet, .h5, .mat, JSON lines, a ROS 1 or ROS 2 bag, .mcap, or a LeRobot dataset. "
+    "Write one of these, for example by numpy.savez('recording.npz', time=time, "
+    "position=position)."
+)
+# What is not read, by bytes at a place in the file, and what to do instead.
+_REFUSED = {
+    (4, b"ftyp"): "a film" + _OTHERWISE,
+    (0, b"\x80"): "a Python pickle, which may run code" + _OTHERWISE,
+    (0, b"\xd0\xcf\x11\xe0"): "an old Excel file; convert it: "
+    "soffice --convert-to csv {path}",
+    (257, b"ustar"): "an archive; unpack it and name its files: tar xf {path}",
+    (0, b"\x02P"): "a C3D file; export it as .csv.",
 }
 # Readers of broken files, which name the damage.
 _ENDINGS: dict[str, _Reader] = {

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.primitives.data.reading.arrays import align_arrays, table_of
+from fmp_drake.primitives.data.reading.arrays import rate_in, table_of
 from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
+    TIME_NAME,
     Table,
     check_size,
     readable,
@@ -32,11 +33,9 @@ from fmp_drake.primitives.data.reading.text import (
 # Datasets that are read unless others are named: robomimic's pose, ALOHA's joints.
 _POSE = re.compile(r"(?:.*/)?(\w*eef)_(pos|quat)")
 _JOINTS = re.compile(r"(?:.*/)?observations/qpos")
-_TIME = re.compile(r"(?:.*/)?(time|times|timestamps?|t)")
-_RATES = ("fps", "rate", "frequency", "control_freq", "sample_rate")
 
 
-def read_json(path: Path, options: ReadingOptions) -> list[Table]:
+def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the numbers of JSON lines, a list of objects, or an object of lists.
 
     Names of nested values are joined by dots: `pose.position.x`.
@@ -47,7 +46,7 @@ def read_json(path: Path, options: ReadingOptions) -> list[Table]:
         Where the file is not JSON of this form; a broken line is named.
     """
     try:
-        return [table_of(path, _json_columns(path, read_lines(path)), options)]
+        return [table_of(path, _json_columns(path, read_lines(path)))]
     except (ValueError, RecursionError) as reason:
         if isinstance(reason, SkillFileError):
             raise
@@ -100,7 +99,7 @@ def _is_objects(content: Any) -> bool:
     return is_list and all(isinstance(item, dict) for item in content)
 
 
-def read_matlab(path: Path, options: ReadingOptions) -> list[Table]:
+def read_matlab(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the arrays of one length in a MATLAB file, also those in structures."""
     from scipy.io import loadmat, whosmat  # Slow to import.
 
@@ -112,11 +111,17 @@ def read_matlab(path: Path, options: ReadingOptions) -> list[Table]:
     arrays = {k: np.asarray(v) for k, v in _flat(variables)}
     if len(arrays) == 1:  # Of one matrix the columns have no names.
         arrays = {"": next(iter(arrays.values()))}
-    return [table_of(path, align_arrays(arrays), options)]
+    return [table_of(path, arrays)]
 
 
-def read_excel(path: Path, _options: ReadingOptions) -> list[Table]:
-    """Return the columns of the first sheet of a workbook.
+def read_excel(path: Path, options: ReadingOptions) -> list[Table]:
+    """Return the columns of the first sheet of a workbook that holds a table.
+
+    Parameters
+    ----------
+    path : Path
+    options : ReadingOptions
+        Its topic is the name of the sheet, if given.
 
     Raises
     ------
@@ -130,12 +135,24 @@ def read_excel(path: Path, _options: ReadingOptions) -> list[Table]:
             size = sum(member.file_size for member in archive.infolist())
         check_size(path, size, MOST_BYTES / 2)
         workbook = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        text = io.StringIO()
-        writer = csv.writer(text)
-        for row in workbook.worksheets[0].iter_rows(values_only=True):
-            writer.writerow(["" if cell is None else cell for cell in row])
+        sheets = {}
+        for sheet in workbook.worksheets:
+            text = io.StringIO()
+            rows = sheet.iter_rows(values_only=True)
+            csv.writer(text).writerows(rows)
+            sheets[sheet.title] = text.getvalue().splitlines()
         workbook.close()
-    return [table_of_lines(path, text.getvalue().splitlines())]
+    if options.topic and options.topic not in sheets:
+        raise SkillFileError(
+            f"{path} has no sheet {options.topic}; {topic_choice(list(sheets))}"
+        )
+    reasons = []
+    for lines in [sheets[options.topic]] if options.topic else sheets.values():
+        try:
+            return [table_of_lines(path, lines)]
+        except SkillFileError as reason:
+            reasons.append(reason)
+    raise reasons[0]
 
 
 def read_hdf5(path: Path, options: ReadingOptions) -> list[Table]:
@@ -196,14 +213,14 @@ def _group_table(
         or [name for name in sets if _JOINTS.fullmatch(name)]
         or list(sets)
     )
-    times = [name for name in sets if _TIME.fullmatch(name)]
+    times = [name for name in sets if TIME_NAME.fullmatch(name)]
     if times and times[0] not in names:
         names.insert(0, times[0])
     check_size(path, sum(sets[name].nbytes for name in names))
     arrays: dict[str, NDArray[Any]] = {}
     for name in names:
         arrays[name.rsplit("/", 1)[-1]] = np.asarray(sets[name])
-    table = table_of(path, align_arrays(arrays), options, rate=None if times else rate)
+    table = table_of(path, arrays, rate=None if times else rate)
     remark = ", ".join(names) + (f" at {rate:g} Hz" if rate and not times else "")
     return Table(
         names=table.names,
@@ -220,8 +237,7 @@ def _rate(group: Any) -> float | None:
         settings |= json.loads(settings.get("env_args", "{}"))["env_kwargs"]
     except (KeyError, TypeError, ValueError):
         pass
-    rates = [settings[name] for name in _RATES if name in settings]
-    return float(rates[0]) if rates and np.ndim(rates[0]) == 0 else None
+    return rate_in(settings)
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

@@ -35,6 +35,8 @@ _SYMBOLS = {
     **dict.fromkeys(("degrees", "degree"), "deg"),
 }
 _SUFFIXES = "|".join(sorted({*TIMES, *LENGTHS, *ANGLES}, key=len, reverse=True))
+# Names of arrays of times.
+TIME_NAME = re.compile(r"(?:.*[/.])?(time|times|timestamps?|t)")
 # Least time since 1970 in each unit.
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (0.0, "s"))
 # Plausible sample intervals of a recorded movement, s.
@@ -57,6 +59,8 @@ class Table:
         Remarks on recognised and omitted parts.
     frame : str
         Name of the frame of the values; "" where unknown.
+    words : mapping from str to str
+        First words of the columns of words, by their names.
     saved : mapping, optional
         Fields of a demonstration that the package saved; such a table has no columns.
 
@@ -71,6 +75,7 @@ class Table:
     units: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     frame: str = ""
+    words: Mapping[str, str] = field(default_factory=dict)
     saved: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
@@ -124,9 +129,14 @@ def topic_choice(names: Sequence[str]) -> str:
     return f"choose with --topic among {', '.join(names)}: --topic {example}"
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number with its noun: `1 sample`, `2 samples`."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def named_unit(header: str) -> tuple[str, str]:
     """Split a header into name and unit: `x [mm]`, `Time (s)`; "" without a unit."""
-    match = re.fullmatch(r"(.*?)[\s_]*[\[(](.*?)[\])]\s*", header)
+    match = re.fullmatch(r"(.*?)[\s_]*[\[(](\D*?)[\])]\s*", header)
     name, unit = match.groups() if match else (header, "")
     return name.strip(), unit_symbol(unit)
 
@@ -134,12 +144,13 @@ def named_unit(header: str) -> tuple[str, str]:
 def unit_symbol(unit: str) -> str:
     """Return the symbol of a unit that is spelled out, such as `Millimeters`."""
     lower = unit.strip().lower()
-    return _SYMBOLS.get(lower, lower if lower in TIMES else unit.strip())
+    known = {*TIMES, *LENGTHS, *ANGLES}
+    return _SYMBOLS.get(lower, lower if lower in known else unit.strip())
 
 
 def suffixed_unit(name: str) -> tuple[str, str]:
     """Split a name that ends with its unit: `time_ms`; "" without a unit."""
-    match = re.fullmatch(rf"(.+?)_({_SUFFIXES})", name)
+    match = re.fullmatch(rf"(.+?)_(?:in_)?({_SUFFIXES})", name)
     return (match[1], match[2]) if match else (name, "")
 
 

@@ -3,7 +3,9 @@
 import codecs
 import csv
 import re
+import shlex
 from array import array
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +16,23 @@ from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
     Table,
     check_size,
+    counted,
     named_unit,
 )
 
 _COMMENT = re.compile(r"^\s*(?:#|%|//)+\s*")
 _EMPTY = {"", "nan", "na", "n/a", "null", "none", "-"}
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
+# Date (by year, or by day), hours, minutes, seconds; a date or the hours may be missing.
 _DATE = re.compile(
-    r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d\d:\d\d:\d\d(?:\.\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
+    r"(?:(\d{4})[-/.](\d\d?)[-/.](\d\d?)[T ,]+|(\d\d?)([./])(\d\d?)[./](\d{4})[T ,]+)?"
+    r"(?:(\d\d?):)?(\d\d?):(\d\d?(?:[.,]\d+)?)(?: ?([AaPp])[Mm])?"
+    r"(?:Z|[+-]\d\d:?\d\d)?"
 )
+# Greatest fraction of broken rows that are left out; rows of which one may be broken.
+_MOST_BROKEN, _FEW = 0.01, 20
+# Greatest number of broken rows that a command deletes.
+_MOST_DELETED = 20
 # Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?")
@@ -52,40 +62,46 @@ def read_lines(path: Path) -> list[str]:
 def table_of_lines(path: Path, lines: list[str], *, is_cut: bool = False) -> Table:
     """Return the table in the lines of a file; the last may be cut. See `read_text`."""
     if not any(map(str.strip, lines)):
-        raise SkillFileError(f"{path} is empty.")
+        raise SkillFileError(
+            f"{path} is empty: nothing was recorded. Record one to try with: "
+            "fmp-drake record --out demo.csv"
+        )
     start, delimiter = _first_row(path, lines)
     first = split_cells(lines[start], delimiter)
     width = len(first)
-    header, units = _header(path, lines[:start], delimiter, first)
+    is_first = not any(map(str.strip, lines[:start])) and len(lines) > start + 1
+    if is_first and width > 1 and first == [str(i) for i in range(width)]:
+        start += 1  # Numbers instead of names, as by pandas.
+        first = split_cells(lines[start], delimiter)
+        header, units = [""] * width, [""] * width
+    else:
+        header, units = _header(path, lines[:start], delimiter, first)
     words = [i for i, cell in enumerate(first) if number_in(cell) is None]
     numbers, remarks = array("d"), []
     has_commas = False
+    broken: list[tuple[int, str]] = []
     for number, line in enumerate(lines[start:], start + 1):
         if not line.strip() or _COMMENT.match(line):
             continue
         cells = split_cells(line, delimiter)
-        if len(cells) < width and is_cut and number == len(lines):
+        row = [0.0 if i in words else number_in(cell) for i, cell in enumerate(cells)]
+        if len(row) < width and is_cut and number == len(lines):
             remarks.append(f"line {number}, the last, is cut: left out")
-            continue
-        if len(cells) != width:
-            raise SkillFileError(
-                f"{path}: line {number} has {len(cells)} cells; line {start + 1} has "
-                f"{width}. Correct or delete that line."
-            )
-        for i, cell in enumerate(cells):
-            value = np.nan if i in words else number_in(cell)
-            if value is None:
-                raise SkillFileError(
-                    f"{path}: line {number}: {cell!r} in the column "
-                    f"{header[i] or i + 1} is not a number. Correct or delete that line."
-                )
-            numbers.append(value)
-        has_commas = has_commas or (delimiter != "," and "," in line)
+        elif len(row) != width:
+            broken.append((number, f"{len(cells)} cells instead of {width}"))
+        elif None in row:
+            i = row.index(None)
+            broken.append((number, f"{cells[i]!r} in the column {header[i] or i + 1}"))
+        else:
+            numbers.extend(x for x in row if x is not None)
+            has_commas = has_commas or (delimiter != "," and "," in line)
+    if broken:
+        remarks.append(_without_broken(path, broken, len(numbers) // width))
     values = np.array(numbers).reshape(-1, width)
-    empty = [
+    unused = {
         i for i in range(width) if not header[i] and np.all(np.isnan(values[:, i]))
-    ]
-    columns = [i for i in range(width) if i not in {*words, *empty}]
+    }
+    columns = [i for i in range(width) if i not in unused.union(words)]
     if delimiter != "," or has_commas:
         remarks.append(
             f"{'decimal commas, ' if has_commas else ''}{_DELIMITERS[delimiter]} between "
@@ -99,6 +115,24 @@ def table_of_lines(path: Path, lines: list[str], *, is_cut: bool = False) -> Tab
         units=tuple(units[i] for i in columns),
         values=values[:, columns],
         remarks=tuple(remarks),
+        words={header[i]: first[i] for i in words},
+    )
+
+
+def _without_broken(path: Path, broken: list[tuple[int, str]], rows: int) -> str:
+    """Return a remark that broken lines are left out; raise where they are many."""
+    (line, reason), count = broken[0], len(broken)
+    found = f"line {line}: {reason}"
+    if count <= max(_MOST_BROKEN * rows, rows >= _FEW):
+        return f"{counted(count, 'broken line')} left out ({found})"
+    deleted = ";".join(f"{number}d" for number, _ in broken[:_MOST_DELETED])
+    advice = (
+        f"delete them: sed -i.orig {shlex.quote(deleted)} {shlex.quote(str(path))}"
+        if count <= _MOST_DELETED
+        else "export the table again"
+    )
+    raise SkillFileError(
+        f"{path}: {counted(count, 'row')} of {rows + count} broken ({found}); {advice}"
     )
 
 
@@ -145,7 +179,8 @@ def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
             return i, best
     raise SkillFileError(
         f"{path} has no line of numbers among its first {_LONGEST_PREAMBLE}; expected a "
-        "table with a header such as `time,x,y,z`."
+        "table with a header such as `time,x,y,z`, as this writes: "
+        "fmp-drake record --out demo.csv"
     )
 
 
@@ -164,19 +199,41 @@ def number_in(cell: str) -> float | None:
     """Return the number or the time in a cell, or None for words."""
     if cell.lower() in _EMPTY:
         return float("nan")
-    for text in (cell, cell.replace(",", ".")):
-        try:
-            return float(text)
-        except ValueError:
-            pass
+    if "." in cell and "," in cell:  # The last one is the decimal mark.
+        whole, mark, rest = cell.rpartition(max(".,", key=cell.rfind))
+        cell = re.sub(r"[.,](?=\d{3}(\D|$))", "", whole) + mark + rest
+    try:
+        return float(cell.replace(",", "."))
+    except ValueError:
+        return _date_in(cell)
+
+
+def _date_in(cell: str) -> float | None:
+    """Return a date and time in seconds since 1970, or a time of day in seconds.
+
+    Days come before months with dots, months before days with slashes.
+    """
     match = _DATE.fullmatch(cell)
     if match is None:
         return None
-    try:
-        date = np.datetime64(f"{match[1] or '1970-01-01'}T{match[2]}", "ns")
-    except ValueError:
-        return None
-    return date.astype(np.int64) / 1e9
+    year, month, day, one, mark, two, late_year, *clock, half = match.groups()
+    if one:
+        year, day, month = late_year, *((one, two) if mark == "." else (two, one))
+    hours, minutes, seconds = (float((c or "0").replace(",", ".")) for c in clock)
+    if half:
+        hours = hours % 12 + 12 * (half in "Pp")
+    time = 3600 * hours + 60 * minutes + seconds
+    if not year:
+        return time
+    for number, other in ((month, day), (day, month)):  # Only one may be a month.
+        try:
+            return (
+                time
+                + datetime(int(year), int(number), int(other), tzinfo=UTC).timestamp()
+            )
+        except ValueError:
+            continue
+    return None
 
 
 def _header(
@@ -206,7 +263,8 @@ def _header(
             return [""] * width, [""] * width
         raise SkillFileError(
             f"{path}: line {len(before) + 1} has {width} cells; the header has "
-            f"{len(names)}."
+            f"{len(names)}. Delete one of them: sed -i.orig {len(before) + 1}d "
+            f"{shlex.quote(str(path))}"
         )
     split = [named_unit(name) for name in names]
     return (

@@ -1,0 +1,184 @@
+"""Recognition of poses, forces and joints in numbered columns, such as `O_T_EE_0`."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
+
+Array = NDArray[np.float64]
+
+_NUMBERED = re.compile(r"(.*?)_?(\d+)")
+# Last words of the names before the numbers.
+_POSITIONS = re.compile(r"(.*_)?(p|pos|positions?|translations?|points?|xyz)")
+_QUATERNIONS = re.compile(r"(.*_)?(q|quats?|quaternions?|orientations?|rot|rotations?)")
+_JOINTS = re.compile(r"(.*_)?(q|qpos|joints?|joint_positions?|theta|angles?)")
+# Force and torque. Universal Robots: a position and a rotation vector. ROS: joint states.
+_WRENCH = re.compile(r"(.*?)_?(force|wrench|ft|f_ext_hat_k)")
+_TCP_POSE = re.compile(r"(.*_)?tcp_pose")
+_JOINT_STATES = re.compile(r"(.*_)?position")
+_JOINT_STATE = re.compile(r"(.*)_position")
+_RATES_OF_JOINTS = ("velocity", "effort")
+# Greatest error of a rotation: of a quaternion's length, and of one that a name announces.
+_EXACT, _STATED = 1e-3, 0.1
+_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+class Group(NamedTuple):
+    """Columns that take the place of others.
+
+    `sources` are the numbers of the others from 0. `values` has a column for each name.
+    """
+
+    sources: set[int]
+    names: list[str]
+    units: list[str]
+    values: Array
+    remark: str = ""
+
+
+def column_groups(
+    names: Sequence[str],
+    plain: Sequence[str],
+    values: Array,
+    words: Mapping[str, str],
+    options: ReadingOptions,
+) -> Iterator[Group]:
+    """Yield the groups among the columns of a table.
+
+    A matrix of 4 x 4 may be stored by rows or by columns: its numbers tell.
+
+    Parameters
+    ----------
+    names, plain : sequence of str
+        Names of the columns, as they are and in lower case with underscores.
+    values : ndarray, shape (N, C)
+    words : mapping from str to str
+        Word in the first row of the columns of words, by their plain names.
+    options : ReadingOptions
+    """
+    numbered: dict[str, dict[int, int]] = {}
+    for i, name in enumerate(plain):
+        if match := _NUMBERED.fullmatch(name):
+            numbered.setdefault(match[1], {}).setdefault(int(match[2]), i)
+    if not any(names):  # A table of poses without a header.
+        count = len(names)
+        width = next((n for n in (7, 16) if n in (count, count - 1)), 0)
+        numbered = {"": {n: count - width + n for n in range(width)}}
+    for prefix, members in numbered.items():
+        first, count = min(members, default=0), len(members)
+        if first > 1 or sorted(members) != list(range(first, first + count)):
+            continue
+        sources = [members[n] for n in sorted(members)]
+        if _JOINT_STATES.fullmatch(prefix) and count > 3:
+            stem = prefix.removesuffix("position")
+            labels = [
+                words.get(f"{stem}name{s}{n}", "")
+                for s in ("", "_")
+                for n in sorted(members)
+            ]
+            labels = [label for label in labels if label]
+            if len(set(labels)) != count:
+                labels = [f"joint_{n}" for n in range(1, count + 1)]
+            rates = {
+                members[n]
+                for kind in _RATES_OF_JOINTS
+                for members in [numbered.get(f"{stem}{kind}", {})]
+                for n in members
+            }
+            yield _joints(labels, sources, rates, values)
+            continue
+        named = _named(prefix, values[:, sources], options)
+        if named is not None:
+            labels, units, numbers, is_unstated = named
+            origin = names[sources[count - 4]] or f"column {sources[count - 4] + 1}"
+            remark = options.quaternion_remark(origin) if is_unstated else ""
+            yield Group(set(sources), labels, units, numbers, remark)
+    yield from _joint_states(names, plain, values)
+    if set("wxyz") <= set(plain):  # Without a word that says so.
+        sources = [len(plain) - 1 - plain[::-1].index(axis) for axis in "xyzw"]
+        if _is_unit(values[:, sources], _EXACT):
+            yield Group(set(sources), list(_POSE[3:]), [""] * 4, values[:, sources])
+
+
+def _joint_states(
+    names: Sequence[str], plain: Sequence[str], values: Array
+) -> Iterator[Group]:
+    """Yield the positions of joints beside whose velocities or efforts there are."""
+    found = dict[str, int]()
+    rates = set[int]()
+    for i, name in enumerate(plain):
+        match = _JOINT_STATE.fullmatch(name)
+        beside = [f"{match[1]}_{kind}" for kind in _RATES_OF_JOINTS] if match else []
+        beside = [other for other in beside if other in plain]
+        if beside:
+            parts = re.split(r"[/.]", names[i])
+            found[parts[-2] if len(parts) > 1 else names[i]] = i
+            rates |= {plain.index(other) for other in beside}
+    if found:
+        yield _joints(list(found), list(found.values()), rates, values)
+
+
+def _joints(
+    labels: list[str], sources: list[int], rates: set[int], values: Array
+) -> Group:
+    """Return a group of joint angles in place of them, their velocities and efforts."""
+    remark = "velocities and efforts of joints left out" if rates else ""
+    units = ["rad"] * len(labels)
+    return Group({*sources, *rates}, labels, units, values[:, sources], remark)
+
+
+def _named(
+    prefix: str, values: Array, options: ReadingOptions
+) -> tuple[list[str], list[str], Array, bool] | None:
+    """Return names, units and numbers of a group, and whether its quaternion has no order.
+
+    None where the numbers are nothing that is known.
+    """
+    count = values.shape[1]
+    order = [options.quaternions.index(axis) for axis in "xyzw"]
+    stem = f"{prefix}_" if prefix else ""
+    pose = [f"{stem}{name}" for name in _POSE]
+    units = ["m"] * 3 + [""] * 4
+    if count == 3 and _POSITIONS.fullmatch(prefix):
+        return pose[:3], [""] * 3, values, False
+    error = _STATED if "quat" in prefix else _EXACT
+    if count == 4 and _QUATERNIONS.fullmatch(prefix) and _is_unit(values, error):
+        return [f"{stem}{q}" for q in _POSE[3:]], [""] * 4, values[:, order], True
+    if count == 6 and (match := _WRENCH.fullmatch(prefix)):
+        names = [f"{match[1]}_{k}_{a}" for k in ("force", "torque") for a in "xyz"]
+        return names, ["N"] * 3 + ["Nm"] * 3, values, False
+    if count == 6 and _TCP_POSE.fullmatch(prefix):
+        quaternions = Rotation.from_rotvec(np.nan_to_num(values[:, 3:])).as_quat()
+        return pose, units, np.hstack([values[:, :3], quaternions]), False
+    if count == 7 and not _JOINTS.fullmatch(prefix) and _is_unit(values[:, 3:], _EXACT):
+        numbers = np.hstack([values[:, :3], values[:, 3:][:, order]])
+        return pose, [""] * 7, numbers, True
+    if count == 16 and (poses := _matrix_poses(values)) is not None:
+        return pose, units, poses, False
+    return None
+
+
+def _is_unit(quaternions: Array, error: float) -> bool:
+    lengths = np.linalg.norm(quaternions, axis=1)
+    return bool(np.all(np.abs(lengths[~np.isnan(lengths)] - 1) < error))
+
+
+def _matrix_poses(values: Array) -> Array | None:
+    """Return positions and quaternions (N, 7) of matrices (N, 16), None of others."""
+    is_known = np.all(np.isfinite(values), axis=1)
+    X = np.tile(np.eye(4), (len(values), 1, 1))
+    X[is_known] = values[is_known].reshape(-1, 4, 4)
+    if not np.allclose(X[:, 3], [0, 0, 0, 1]):
+        X = np.swapaxes(X, 1, 2)
+    R = X[:, :3, :3]
+    is_rigid = np.allclose(R @ np.swapaxes(R, 1, 2), np.eye(3), atol=1e-2)
+    if not is_rigid or not np.allclose(X[:, 3], [0, 0, 0, 1]):
+        return None
+    out = np.hstack([X[:, :3, 3], Rotation.from_matrix(R).as_quat()])
+    out[~is_known] = np.nan
+    return out
