@@ -19,6 +19,9 @@ from fmp_drake.station.scenario_parts import EraserConfig
 _JOINT = re.compile(
     r"(?:(.*)_)?(?:joints?|q|j|a)[_.]?(\d)(?:[_.]pos(?:ition)?)?", re.IGNORECASE
 )
+# Joints of Universal Robots in their order, as their drivers name them.
+_UR_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+_UR_JOINT = re.compile(rf"(?:(.*)_)?({'|'.join(_UR_JOINTS)})_joint")
 _PANDA = re.compile(r".*(?:panda|fr3|franka|fer)\d*", re.IGNORECASE)
 _OTHER = re.compile(r"(?!.*(?:panda|fr3|franka)).*", re.IGNORECASE)
 _MARGIN = 0.05  # rad
@@ -33,7 +36,7 @@ def RobotJoints(
     """Return the channels of a robot's joints in order, or an empty list.
 
     They have the names of the joints in the robot's URDF, or are numbered from 1 or 0:
-    `iiwa_joint_1`, `joint1`, `q1`; a Panda's also `fr3_joint1`.
+    `iiwa_joint_1`, `joint1`, `q1`; a Panda's also `fr3_joint1`, a UR5e's `elbow_joint`.
 
     Parameters
     ----------
@@ -52,6 +55,8 @@ def RobotJoints(
         match = _JOINT.fullmatch(channel)
         if match and (match[1] is None or prefix.fullmatch(match[1])):
             numbers[int(match[2])] = channel
+        elif match := _UR_JOINT.fullmatch(channel):
+            numbers[_UR_JOINTS.index(match[2]) + 1] = channel
     for first in (1, 0):
         if sorted(numbers) == list(range(first, first + len(names))):
             return [numbers[i] for i in sorted(numbers)]

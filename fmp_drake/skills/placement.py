@@ -22,6 +22,7 @@ from fmp_drake.skills.surface_placement import (
     curved_surface_remark,
     place_on_fitted_surface,
 )
+from fmp_drake.station.robots.robot import ListRobots
 from fmp_drake.station.scenario import Scenario
 
 # Planes that are tried, and samples that are enough to compare them.
@@ -291,6 +292,9 @@ def _played_channels(demonstration: Demonstration, *, is_placed: bool) -> list[s
 def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
     """Return what to do with a recording without x, y and z."""
     names, units, advice = demonstration.channels, demonstration.units, ""
+    others = [r for r in ListRobots() if RobotJoints(demonstration, robot=r)]
+    if others and "rad" in units:
+        return f"Joints of a {others[0]}? Name it: --robot {others[0]}"
     if "rad" in units:
         advice = f"Joints of another robot than {robot}? Name it (learn --robot). "
     if len(names) < len(POSITION_CHANNELS):

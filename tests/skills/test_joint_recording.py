@@ -94,6 +94,12 @@ def test_degrees_are_recognised_and_the_option_for_them_is_given():
     assert option == ",".join(f"q{i}=q{i} [deg]" for i in range(1, 8))
 
 
+UR_JOINTS = [
+    *("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"),
+    *(f"wrist_{i}_joint" for i in (1, 2, 3)),
+]
+
+
 def of_robot(robot, names, *, swing=0.3):
     """Return joint angles about a robot's posture, and the tip's path by its plant."""
     plant = MultibodyPlant(time_step=0.0)
@@ -119,6 +125,9 @@ def of_robot(robot, names, *, swing=0.3):
         ("iiwa14", [f"joints_{i}" for i in range(1, 8)]),
         ("ur5e", [f"ur5e_joint{i}" for i in range(1, 7)]),
         ("ur5e", [f"q{i}" for i in range(6)]),
+        ("ur5e", [f"actual_q_{i}" for i in range(6)]),
+        ("ur5e", UR_JOINTS),
+        ("ur5e", [f"left_{name}" for name in UR_JOINTS]),
     ],
 )
 def test_joints_of_a_named_robot_give_its_eraser_s_path(robot, names):
@@ -129,6 +138,18 @@ def test_joints_of_a_named_robot_give_its_eraser_s_path(robot, names):
         recording, scenario=Scenario(robot=robot), transform=[0.0] * 6
     )
     assert f"by a {robot}'s kinematics" in remarks[0]
+
+
+def test_joints_of_another_robot_are_refused_with_its_name():
+    recording, _ = of_robot("ur5e", tuple(UR_JOINTS))
+    with pytest.raises(DemonstrationError, match=r"a ur5e\? Name it: --robot ur5e$"):
+        lay_on_board(recording, scenario=Scenario())
+
+
+def test_joints_in_the_order_of_the_alphabet_are_put_in_theirs():
+    recording, path = of_robot("ur5e", tuple(UR_JOINTS))
+    mixed = recording.select(sorted(UR_JOINTS))
+    assert_allclose(EraserPath(mixed, robot="ur5e").values, path, atol=1e-9)
 
 
 def test_a_panda_s_joints_stay_a_panda_s_for_another_robot():

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, ReadingOptions, add_orientation
-from fmp_drake.primitives.data.orientation import skill_rotations
+from fmp_drake.primitives.data.orientation import as_rotation, skill_rotations
 from fmp_drake.skills.learning import learn_skill
 from fmp_drake.skills.placement import load_on_board
 from fmp_drake.skills.surface_fit import SHAPES, fit_surface
@@ -238,6 +238,28 @@ def test_flat_placement_recommends_a_fitted_surface_only_where_it_is_curved(
     for remark in advice:
         assert remark.startswith("recording.npz: its contact is ")
         assert f"from a {shape} of radius {RADII[shape]:.1f}" in remark
+
+
+def test_quaternions_of_the_car_recordings_are_scalar_first(real_demonstration_paths):
+    """The tool does not move in the flange, whose rotation the joints tell."""
+    for name in ("car_rim_1", "car_rim_4", "car_fender_3"):
+        if name not in real_demonstration_paths:
+            pytest.skip(f"there is no recording {name}")
+        arrays = np.load(real_demonstration_paths[name])
+        flange = Rotation.identity(len(arrays["joints"]))
+        # A KUKA LWR: the even joints bend about y, the second and sixth backwards.
+        for q, sign, axis in zip(
+            arrays["joints"].T, [1, -1, 1, 1, 1, -1, 1], "zyzyzyz", strict=True
+        ):
+            flange *= Rotation.from_rotvec(
+                np.outer(sign * q, np.eye(3)["xyz".index(axis)])
+            )
+        errors = []
+        for order in ("wxyz", "xyzw"):
+            tool = flange.inv() * as_rotation(arrays["quaternion"], order=order)
+            errors.append(np.degrees(np.mean((tool * tool.mean().inv()).magnitude())))
+        assert errors[0] < 0.8, name
+        assert errors[1] > 5, name
 
 
 @pytest.mark.parametrize(
