@@ -295,8 +295,8 @@ def numbered(name, count, first=0):
 
 
 def positions_by_number(folder):
-    header = ",".join(["time", *numbered("ee_pos_", 3)])
-    return write(folder, xyz(header=header))
+    names = [f"{name} [mm]" for name in numbered("ee_pos_", 3)]
+    return write(folder, xyz(path=1e3 * PATH, header=",".join(["time", *names])))
 
 
 def matrices():

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import cast
 
@@ -35,6 +34,8 @@ from fmp_drake.station.scenario import Scenario
 _FORCE_BAND = 4.0
 # Factor by which deviations of other channels than the position are reduced.
 _LESS_EXACT = 4.0
+# Skills by all that they depend on.
+_LEARNED: dict[str, tuple[FourierMovementPrimitive, list[Demonstration]]] = {}
 
 
 def bundled_demonstrations() -> list[str]:
@@ -121,35 +122,13 @@ def shared_skill(
 ) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
     """Return the skill of a scenario and its demonstrations, learned once per process."""
     config = scenario.skill
-    return _learned(
-        config.demonstration,
-        config.file,
-        config.window,
-        config.components,
-        config.model,
-        tuple(scenario.board.size),
-        tuple(scenario.eraser.footprint),
-    )
-
-
-@cache
-def _learned(
-    demonstration: str,
-    file: str,
-    window: float,
-    components: int | None,
-    model: str,
-    board: tuple[float, ...],
-    footprint: tuple[float, ...],
-) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
-    """Learn a skill from all that it depends on."""
-    scenario = Scenario()
-    scenario.skill.demonstration, scenario.skill.file = demonstration, file
-    scenario.skill.window, scenario.skill.components = window, components
-    scenario.skill.model = model
-    scenario.board.size, scenario.eraser.footprint = list(board), list(footprint)
-    skill, demonstrations, _ = scenario_skill(scenario)
-    return skill, demonstrations
+    learned = (config.demonstration, config.file, config.window, config.components)
+    place = (scenario.robot, scenario.board.size, scenario.eraser.footprint)
+    key = repr((*learned, config.model, *place))
+    if key not in _LEARNED:
+        skill, demonstrations, _ = scenario_skill(scenario)
+        _LEARNED[key] = skill, demonstrations
+    return _LEARNED[key]
 
 
 def learn_skill(

@@ -13,6 +13,7 @@ from fmp_drake.primitives import (
 )
 from fmp_drake.skills import learn_skill, scenario_skill
 from fmp_drake.skills.description import skill_in_words
+from fmp_drake.skills.learning import shared_skill
 from fmp_drake.skills.placement import lay_on_board
 from fmp_drake.station.scenario import Scenario
 
@@ -34,6 +35,23 @@ TIME = np.arange(0, 12, 0.05)
 def circles(phase, centre=0.0):
     x, y = centre + 0.08 * np.cos(phase), 0.12 * np.sin(phase)
     return np.column_stack([x, y, 0 * phase])
+
+
+def test_a_shared_skill_is_learned_once_for_each_robot(tmp_path):
+    angles = np.tile([0, -0.7, 0, -1.8, 0, 1.6, 0.8], (len(TIME), 1))
+    angles[:, [0, 5]] += 0.1 * np.column_stack([np.cos(3 * TIME), np.sin(3 * TIME)])
+    joints = tuple(f"q{i}" for i in range(1, 8))
+    recording = Demonstration(
+        time=TIME, values=angles, channels=joints, units=["rad"] * 7
+    )
+    recording.save(tmp_path / "joints.npz")
+    learned = []
+    for robot in ("panda", "iiwa14", "panda"):
+        scenario = Scenario(robot=robot)
+        scenario.skill.demonstration = str(tmp_path / "joints.npz")
+        learned.append(shared_skill(scenario))
+    assert learned[0] is learned[2]
+    assert np.ptp(learned[0][1][0].values - learned[1][1][0].values) > 1e-3
 
 
 def test_channels_that_the_board_does_not_need_are_left_out_and_named():

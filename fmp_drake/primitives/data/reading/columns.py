@@ -143,9 +143,8 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     remarks = list(table.remarks)
     names, units, values = list(table.names), list(table.units), table.values
     plain = [_plain(name) for name in names]
-    words = {_plain(name): word for name, word in table.words.items()}
     replaced: set[int] = set()
-    for group in column_groups(names, plain, values, words, options):
+    for group in column_groups(table, plain, options):
         replaced |= group.sources
         names += group.names
         units += group.units
@@ -156,11 +155,11 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         for i, (name, stated) in enumerate(zip(names, units, strict=True))
     ]
     stamp, time_columns = _time(columns, options, remarks)
-    excluded = time_columns | replaced
-    others = [c for c in columns if c.number not in excluded and not c.counts]
-    if empty := [c.name for c in others if np.all(np.isnan(c.values))]:
-        others = [c for c in others if c.name not in empty]
-        remarks.append(f"{', '.join(empty)} left out: empty")
+    unread = replaced | time_columns
+    others = [c for c in columns if c.number not in unread and not c.counts]
+    if empty := [c for c in others if np.all(np.isnan(c.values))]:
+        others = [c for c in others if c not in empty]
+        remarks.append(f"{', '.join(c.name for c in empty)} left out: empty")
     if set(options.columns) - {"time"}:
         # A column without a name is found by that of its channel.
         for column, label in zip(others, _labels(others), strict=True):
@@ -181,8 +180,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     if len(rows) == 0:
         raise DemonstrationError(f"there is no number in {', '.join(chosen)}.")
     if len(rows) < len(values):
-        without = counted(len(values) - len(rows), "row")
-        remarks.append(f"{without} without a value left out")
+        remarks.append(f"{len(values) - len(rows)} rows without a value left out")
     time, kept = _clock(stamp, rows, values[rows], options, remarks)
     values = values[rows[kept]]
     complete = _complete_rows(values, chosen, remarks)
@@ -210,11 +208,7 @@ def _complete_rows(
     is_empty = np.isnan(values)
     complete = ~np.any(is_empty, axis=1)
     count = len(values) - int(np.count_nonzero(complete))
-    lacking = [
-        name
-        for name, lacks in zip(chosen, np.any(is_empty, axis=0), strict=True)
-        if lacks
-    ]
+    lacking = [n for n, e in zip(chosen, is_empty.T, strict=True) if np.any(e)]
     choice = next((r for r in remarks if r.startswith("several positions")), "")
     if count > (1 - _LEAST_COMPLETE) * len(values) or (count and choice):
         others = {name: c.source for name, c in chosen.items() if name not in lacking}
@@ -261,17 +255,18 @@ def _to_standard_units(
         )
         for i in angles:
             found[i] = "deg"
-    units, converted = [], dict[str, list[str]]()
-    for i, (name, unit) in enumerate(zip(chosen, found, strict=True)):
-        factor, standard = standard_unit(unit)
-        values[:, i] *= factor
-        units.append(standard)
-        if factor != 1 and not (i in angles):
-            converted.setdefault(standard, []).append(name)
-    for unit, channels in converted.items():
-        were = "were" if len(channels) > 1 else "was"
-        remarks.append(f"{', '.join(channels)} {were} in another unit: now in {unit}")
-    return units
+    factors, units = zip(*map(standard_unit, found), strict=True)
+    values *= factors
+    for unit in dict.fromkeys(units):
+        named = [
+            name
+            for i, name in enumerate(chosen)
+            if units[i] == unit and factors[i] != 1 and i not in angles
+        ]
+        if named:
+            were = "were" if len(named) > 1 else "was"
+            remarks.append(f"{', '.join(named)} {were} in another unit: now in {unit}")
+    return list(units)
 
 
 def _plain(name: str) -> str:

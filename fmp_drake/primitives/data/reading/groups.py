@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
+from fmp_drake.primitives.data.reading.table import Table, standard_unit
 
 Array = NDArray[np.float64]
 
@@ -20,7 +21,6 @@ _JOINTS = re.compile(r"(.*_)?(q|qpos|joints?|joint_positions?|theta|angles?)")
 # Force and torque. Universal Robots: a position and a rotation vector. ROS: joint states.
 _WRENCH = re.compile(r"(.*?)_?(force|wrench|ft|f_ext_hat_k)")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
-_JOINT_STATES = re.compile(r"(.*_)?position")
 _JOINT_STATE = re.compile(r"(.*)_position")
 _RATES_OF_JOINTS = ("velocity", "effort")
 # Greatest error of a rotation: of a quaternion's length, and of one that a name announces.
@@ -42,11 +42,7 @@ class Group(NamedTuple):
 
 
 def column_groups(
-    names: Sequence[str],
-    plain: Sequence[str],
-    values: Array,
-    words: Mapping[str, str],
-    options: ReadingOptions,
+    table: Table, plain: Sequence[str], options: ReadingOptions
 ) -> Iterator[Group]:
     """Yield the groups among the columns of a table.
 
@@ -54,55 +50,63 @@ def column_groups(
 
     Parameters
     ----------
-    names, plain : sequence of str
-        Names of the columns, as they are and in lower case with underscores.
-    values : ndarray, shape (N, C)
-    words : mapping from str to str
-        Word in the first row of the columns of words, by their plain names.
+    table : Table
+    plain : sequence of str
+        Names of the columns in lower case, words joined by underscores.
     options : ReadingOptions
     """
+    conversions = [standard_unit(unit) for unit in table.units]
+    values = table.values * [factor for factor, _ in conversions]
     numbered: dict[str, dict[int, int]] = {}
     for i, name in enumerate(plain):
         if match := _NUMBERED.fullmatch(name):
             numbered.setdefault(match[1], {}).setdefault(int(match[2]), i)
-    if not any(names):  # A table of poses without a header.
-        count = len(names)
+    if not any(plain):  # A table of poses without a header.
+        count = len(plain)
         width = next((n for n in (7, 16) if n in (count, count - 1)), 0)
         numbered = {"": {n: count - width + n for n in range(width)}}
     for prefix, members in numbered.items():
-        first, count = min(members, default=0), len(members)
-        if first > 1 or sorted(members) != list(range(first, first + count)):
+        count, numbers = len(members), sorted(members)
+        if not count or numbers not in (list(range(count)), list(range(1, count + 1))):
             continue
-        sources = [members[n] for n in sorted(members)]
-        if _JOINT_STATES.fullmatch(prefix) and count > 3:
-            stem = prefix.removesuffix("position")
-            labels = [
-                words.get(f"{stem}name{s}{n}", "")
-                for s in ("", "_")
-                for n in sorted(members)
-            ]
-            labels = [label for label in labels if label]
-            if len(set(labels)) != count:
-                labels = [f"joint_{n}" for n in range(1, count + 1)]
-            rates = {
-                members[n]
-                for kind in _RATES_OF_JOINTS
-                for members in [numbered.get(f"{stem}{kind}", {})]
-                for n in members
-            }
-            yield _joints(labels, sources, rates, values)
+        sources = [members[n] for n in numbers]
+        stem = prefix.removesuffix("position")
+        if stem != prefix and count > 3:
+            yield _numbered_joints(table, stem, numbered, values)
             continue
         named = _named(prefix, values[:, sources], options)
         if named is not None:
-            labels, units, numbers, is_unstated = named
-            origin = names[sources[count - 4]] or f"column {sources[count - 4] + 1}"
+            labels, units, poses, is_unstated = named
+            first = sources[count - 4]
+            origin = table.names[first] or f"column {first + 1}"
             remark = options.quaternion_remark(origin) if is_unstated else ""
-            yield Group(set(sources), labels, units, numbers, remark)
-    yield from _joint_states(names, plain, values)
+            # Positions keep the unit of their header.
+            unit = conversions[sources[0]][1]
+            units = [u or unit * (i < 3) for i, u in enumerate(units)]
+            yield Group(set(sources), labels, units, poses, remark)
+    yield from _joint_states(table.names, plain, values)
     if set("wxyz") <= set(plain):  # Without a word that says so.
         sources = [len(plain) - 1 - plain[::-1].index(axis) for axis in "xyzw"]
         if _is_unit(values[:, sources], _EXACT):
             yield Group(set(sources), list(_POSE[3:]), [""] * 4, values[:, sources])
+
+
+def _numbered_joints(
+    table: Table, stem: str, numbered: Mapping[str, Mapping[int, int]], values: Array
+) -> Group:
+    """Return the joint angles in `position_0` and so on, whose names may be in `name_0`."""
+    members = numbered[f"{stem}position"]
+    words = {re.sub(r"\W+|_+", "", n.lower()): w for n, w in table.words.items()}
+    place = f"{stem}name".replace("_", "")
+    labels = [words.get(f"{place}{n}", "") for n in sorted(members)]
+    if len(set(labels) - {""}) != len(members):
+        labels = [f"joint_{n}" for n in range(1, len(members) + 1)]
+    rates = {
+        i
+        for kind in _RATES_OF_JOINTS
+        for i in numbered.get(f"{stem}{kind}", {}).values()
+    }
+    return _joints(labels, [members[n] for n in sorted(members)], rates, values)
 
 
 def _joint_states(
