@@ -23,6 +23,7 @@ from fmp_drake.primitives.data.channels import (
     ChannelScales,
     channel_scales,
 )
+from fmp_drake.primitives.data.windows import demonstration_list
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills.placement import load_on_board
 from fmp_drake.station.models.model_files import models_dir
@@ -132,7 +133,7 @@ def shared_skill(
 
 
 def learn_skill(
-    demonstrations: Sequence[Demonstration],
+    demonstrations: Demonstration | Sequence[Demonstration],
     *,
     window: float | None = None,
     components: int | None = None,
@@ -149,6 +150,7 @@ def learn_skill(
     `period` are those of `FourierMovementPrimitive.fit`. `by_position` lets x, y and z decide
     about the phase: orientation and force of a person's hand repeat less exactly.
     """
+    demonstrations = demonstration_list(demonstrations, "learn_skill")
     scales: ChannelScales = "units"
     if by_position and set(POSITION_CHANNELS) < set(demonstrations[0].channels):
         scales = _scales_by_position(demonstrations)

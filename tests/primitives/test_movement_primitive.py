@@ -240,9 +240,9 @@ def test_windows_and_demonstrations_teach_the_same(polishing_demonstration):
         (np.zeros((5, 8, 0)), "expected .windows, 8, channels"),
         (np.full((5, 8, 2), np.nan), "NaN or infinite numbers in the windows"),
         ([], "at least one"),
-        ("demonstration.npz", "give a Demonstration, or a list of them"),
+        ("demonstration.npz", "needs a Demonstration, or a list of them"),
         ([1, "two"], "give a Demonstration, or a list of them"),
-        (None, r"shape \(\); expected"),
+        (None, "needs a Demonstration, .* it is None"),
     ],
 )
 def test_unusable_training_data_are_refused(x, message):

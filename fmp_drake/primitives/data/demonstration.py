@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,7 @@ _LEAST_SAMPLES = 4
 _UNIFORM = 1e-3
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Demonstration:
     """Recording of one or several channels over time.
 
@@ -47,7 +47,7 @@ class Demonstration:
     Attributes
     ----------
     time : ndarray, shape (N,)
-        Seconds, strictly increasing.
+        Seconds, strictly increasing; dates (datetime64) become seconds from the first.
     values : ndarray, shape (N, D)
         The channels, by default the position of the end effector, m.
     channels : tuple of str
@@ -84,11 +84,15 @@ class Demonstration:
     channels: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     frame: str = ""
-    note: str = field(default="", repr=False)
+    note: str = ""
     rotation_reference: Quaternion | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays, and make them read-only."""
+        dates: Any = np.asarray(self.time)
+        if dates.dtype.kind == "M":
+            seconds = (dates - dates[:1]) / np.timedelta64(1, "s")
+            object.__setattr__(self, "time", seconds)
         time, values = (
             as_floats(getattr(self, name), name, error=DemonstrationError).copy()
             for name in ("time", "values")
@@ -99,6 +103,8 @@ class Demonstration:
             raise DemonstrationError(
                 f"time has shape {time.shape} and values {values.shape}; expected "
                 "(N,) and (N, channels)."
+                + " Give values.T."
+                * (values.T.shape[:1] == time.shape)
             )
         if len(time) < _LEAST_SAMPLES or values.shape[1] == 0:
             raise DemonstrationError(
@@ -141,6 +147,12 @@ class Demonstration:
         values.setflags(write=False)
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "values", values)
+
+    def __repr__(self) -> str:
+        """Return channels, number of samples and duration."""
+        named = zip(self.channels, self.units, strict=True)
+        channels = ", ".join(f"{channel} ({unit})" for channel, unit in named)
+        return f"<Demonstration: {channels}; {len(self.time)} samples in {self.duration:.4g} s>"
 
     @property
     def duration(self) -> float:
@@ -368,7 +380,7 @@ def add_orientation(
 
 
 def read_demonstrations(
-    paths: Sequence[str | Path], options: ReadingOptions | None = None
+    paths: str | Path | Sequence[str | Path], options: ReadingOptions | None = None
 ) -> tuple[list[Demonstration], list[str]]:
     """Read demonstrations from files of many kinds.
 
@@ -381,7 +393,7 @@ def read_demonstrations(
 
     Parameters
     ----------
-    paths : sequence of str or Path
+    paths : str or Path, or a sequence of them
     options : ReadingOptions, optional
         Information that the files lack: columns, unit, rate, topic.
 
@@ -402,7 +414,7 @@ def read_demonstrations(
     demonstrations: list[Demonstration] = []
     remarks: list[str] = []
     orientations: dict[int, tuple[Path, NDArray[np.float64]]] = {}
-    for path in map(Path, paths):
+    for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
         with _named(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
             for table in read_tables(path, options):
                 if table.saved is not None:

@@ -1,7 +1,9 @@
 """Sliding windows over demonstrations."""
 
-from collections.abc import Sequence
+import reprlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,8 @@ DEFAULT_RATE = 20.0
 UNSTATED_RATE = UnstatedRate(DEFAULT_RATE)
 
 _WHAT = "the windows (or give a Demonstration, or a list of them)"
+# Most channels of an array that is transposed by mistake.
+_MOST_CHANNELS = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,13 +124,35 @@ def _check_compatible(demonstrations: Sequence[Demonstration]) -> None:
                 )
 
 
+def demonstration_list(recordings: Any, call: str) -> list[Demonstration]:
+    """Return one or several demonstrations as a list; refuse anything else.
+
+    Parameters
+    ----------
+    recordings : Demonstration or sequence of Demonstration
+    call : str
+        Of the user, for the error.
+    """
+    if isinstance(recordings, Demonstration):
+        return [recordings]
+    is_sequence = isinstance(recordings, Sequence)
+    if not is_sequence or not all(isinstance(r, Demonstration) for r in recordings):
+        raise DemonstrationError(
+            f"{call} needs a Demonstration, or a list of them; it is "
+            f"{reprlib.repr(recordings)}. An array becomes one by "
+            "Demonstration(time=time, values=array), a file by Demonstration.load(path)."
+        )
+    return list(recordings)
+
+
 def _recordings(X: Any, *, n_steps: int, rate: float) -> Sequence[Demonstration] | None:
     """Return X as demonstrations, or None where it holds windows."""
-    if isinstance(X, Demonstration):
-        return [X]
-    if isinstance(X, Sequence) and not isinstance(X, str):
-        if all(isinstance(x, Demonstration) for x in X):
-            return X
+    is_sequence = isinstance(X, Sequence) and not isinstance(X, str)
+    is_mixed = is_sequence and (not X or any(isinstance(x, Demonstration) for x in X))
+    is_other = X is None or isinstance(X, str | Path | Mapping) or hasattr(X, "columns")
+    if isinstance(X, Demonstration) or is_mixed or is_other:
+        return demonstration_list(X, "fit")
+    if is_sequence:
         arrays = [x for x in X if isinstance(x, np.ndarray) and x.ndim in (1, 2)]
         are_windows = all(x.ndim == 2 and len(x) == n_steps for x in arrays)
         if len(arrays) == len(X) and not are_windows:
@@ -141,6 +167,12 @@ def _sampled(values: NDArray[np.float64], rate: float) -> Demonstration:
             f"the array of shape {values.shape} has no times. Give its sample rate in Hz, "
             "FourierMovementPrimitive(rate=50), or its times, "
             "Demonstration(time=time, values=array)."
+        )
+    count, channels = len(values), values.size // max(1, len(values))
+    if count <= _MOST_CHANNELS and 4 * count < channels:
+        raise DemonstrationError(
+            f"the array of shape {values.shape} would be {count} samples of {channels} "
+            f"channels; give its transpose (array.T), of shape ({channels}, {count})."
         )
     return Demonstration(time=np.arange(len(values)) / rate, values=values)
 

@@ -17,6 +17,7 @@ from fmp_drake.primitives.model.movement_primitive import (
     FourierMovementPrimitive,
     copy_skill,
 )
+from fmp_drake.primitives.model.trajectory_mixture import check_skill
 
 _EXTENT_SAMPLES = 200
 
@@ -108,7 +109,7 @@ def modulate_skill(
         It is a mixture without a phase model: the harmonics of a window are not those of a
         cycle.
     """
-    skill.check_fitted()
+    check_skill(skill, "modulate_skill(skill)")
     index = channel_indices(channels, skill.channels_)
 
     def modulated(windows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ from fmp_drake.primitives.model.movement_primitive import (
     FourierMovementPrimitive,
     copy_skill,
 )
+from fmp_drake.primitives.model.trajectory_mixture import check_skill
 
 _ROUNDING = 1e-9
 
@@ -105,7 +106,7 @@ def transform_space(
     -----
     Learn from transformed demonstrations instead where that is refused.
     """
-    skill.check_fitted()
+    check_skill(skill, "transform_space(skill)")
     index = channel_indices(list(channels), skill.channels_)
     count = len(index)
     check_number(scale, "scale", above=0.0)

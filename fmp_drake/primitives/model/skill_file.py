@@ -24,6 +24,7 @@ from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.primitives.model.phase.phase_velocity import PhaseVelocity
 from fmp_drake.primitives.model.phase.residual import Residual
 from fmp_drake.primitives.model.phase.rhythm import Part, Rhythm
+from fmp_drake.primitives.model.trajectory_mixture import check_skill
 
 FORMAT = FileFormat(
     name="fmp-drake-skill",
@@ -73,7 +74,7 @@ _PHASE_TYPES = (
 
 def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
     """Write a fitted skill to a file; an existing file is replaced at the end."""
-    skill.check_fitted()
+    check_skill(skill, "save_skill(skill, path)")
     phase = skill.phase_model_
     metadata = {
         "parameters": skill.get_params(),

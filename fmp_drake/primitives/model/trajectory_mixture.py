@@ -1,5 +1,6 @@
 """Gaussian mixture over trajectories: densities, samples, mapping, prediction."""
 
+import reprlib
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -621,3 +622,21 @@ def _background(
         variances=np.maximum(variances - noise, 0.0),
         noise=noise,
     )
+
+
+def check_skill(skill: Any, call: str) -> None:
+    """Raise where the argument of a call is not a fitted skill.
+
+    Raises
+    ------
+    SkillError
+        Where it is something else.
+    sklearn.exceptions.NotFittedError
+        Where it is a skill before `fit`.
+    """
+    if not hasattr(skill, "check_fitted"):
+        raise SkillError(
+            f"{call} needs a skill, such as FourierMovementPrimitive().fit(demonstrations); "
+            f"it is {reprlib.repr(skill)}."
+        )
+    skill.check_fitted()

@@ -15,6 +15,7 @@ from fmp_drake.primitives.model.basis import closing_samples
 from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.model.region import DemonstratedRegion, automatic_margin
+from fmp_drake.primitives.model.trajectory_mixture import check_skill
 from fmp_drake.primitives.playback.motion import (
     Motion,
     Segment,
@@ -120,6 +121,10 @@ class Player:
     1.0
     """
 
+    def __repr__(self) -> str:
+        """Return the skill that is played."""
+        return f"Player({self.skill!r})"
+
     def __init__(
         self,
         skill: FourierMovementPrimitive,
@@ -134,7 +139,7 @@ class Player:
         margin: float | Literal["automatic"] | None = "automatic",
         remap_ticks: int | None = None,
     ) -> None:
-        skill.check_fitted()
+        check_skill(skill, "Player(skill)")
         if margin == "automatic":
             margin = automatic_margin(skill)
         self.region = None if margin is None else DemonstratedRegion(skill, margin)

@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives.data.channels import channel_scales
 from fmp_drake.primitives.data.demonstration import Demonstration
-from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
+from fmp_drake.primitives.data.windows import (
+    DEFAULT_RATE,
+    cut_demonstrations,
+    demonstration_list,
+)
 from fmp_drake.primitives.model.phase.loops import join_loops
 from fmp_drake.primitives.model.phase.period import (
     PART,
@@ -119,8 +123,7 @@ def find_rhythm(
     >>> rhythm.describe()
     ['14.3 cycles of 2.09 s']
     """
-    if isinstance(demonstrations, Demonstration):
-        demonstrations = [demonstrations]
+    demonstrations = demonstration_list(demonstrations, "find_rhythm")
     cut = cut_demonstrations(demonstrations, start, end, rate)
     parts = [part for d in cut for part in d.split_at_gaps(rate) or [d]]
     values = [part.resample(rate).values for part in parts]

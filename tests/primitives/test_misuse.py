@@ -1,0 +1,157 @@
+"""Facts about what Python code is told that uses the package wrongly."""
+
+import copy
+import pickle
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+
+from fmp_drake import (
+    Demonstration,
+    FourierMovementPrimitive,
+    Player,
+    load_skill,
+    save_skill,
+)
+from fmp_drake.errors import FmpError
+from fmp_drake.primitives import (
+    find_rhythm,
+    modulate_skill,
+    read_demonstrations,
+    transform_space,
+)
+from fmp_drake.skills import learn_skill
+
+TIME = np.arange(0, 20, 0.05)
+CIRCLES = 0.1 * np.column_stack([np.cos(3 * TIME), np.sin(3 * TIME), 0 * TIME])
+NOT_FITTED = FourierMovementPrimitive()
+
+
+def recording(**given):
+    return Demonstration(**{"time": TIME, "values": CIRCLES} | given)
+
+
+def fit(X, **given):
+    return FourierMovementPrimitive(**given).fit(X)
+
+
+WITH_NAN = np.where(np.arange(400)[:, None] == 7, np.nan, CIRCLES)
+FRAME = SimpleNamespace(columns=["time", "x"])
+WRONG = {
+    "no rate": (lambda: fit(CIRCLES), r"no times.*\(rate=50\).*time=time"),
+    "no rate after clone": (lambda: clone(NOT_FITTED).fit(CIRCLES), r"\(rate=50\)"),
+    "transposed": (lambda: fit(CIRCLES.T, rate=20), r"\(array\.T\), of shape \(400, 3"),
+    "transposed values": (lambda: recording(values=CIRCLES.T), r"Give values\.T"),
+    "NaN": (lambda: fit(WITH_NAN, rate=20), r"3 NaN .* the first in sample 7; remove"),
+    "too short": (lambda: fit(CIRCLES[:5], rate=20), r"no windows .* Record at least"),
+    "no recording": (lambda: fit([]), r"no demonstration; give at least one"),
+    "None": (lambda: fit(None), r"fit needs a Demonstration.* it is None\."),
+    "a path": (lambda: fit(Path("a.csv")), r"'a\.csv'.* by Demonstration\.load\(path"),
+    "a string": (lambda: fit("a.csv"), r"'a\.csv'.* by Demonstration\.load\(path"),
+    "a data frame": (lambda: fit(FRAME), r"becomes one by Demonstration\(time=time"),
+    "a dictionary": (lambda: fit({"time": TIME}), r"fit needs a Demonstration"),
+    "two kinds": (lambda: fit([recording(), CIRCLES]), r"fit needs a Demonstration"),
+    "other channels": (
+        lambda: fit([recording(), recording(values=CIRCLES[:, :2])]),
+        r"demonstration 1 has the channels x, y; the first has x, y, z",
+    ),
+    "words": (lambda: fit(np.array([["a"]] * 50), rate=20), "as real numbers"),
+    "complex": (lambda: fit(1j * CIRCLES, rate=20), "as real numbers"),
+    "no time": (
+        lambda: recording(time=None),
+        r"time has shape \(\) .* expected \(N,\)",
+    ),
+    "one string of names": (lambda: recording(channels="xyz"), "one name per channel"),
+    "few units": (lambda: recording(units=["m"]), "give one of each per channel"),
+    "rate of words": (lambda: fit(recording(), rate="50"), "rate is '50'"),
+    "window of -1": (lambda: fit(recording(), window=-1), "window is -1 s; it must be"),
+    "half a component": (lambda: fit(recording(), n_components=0.5), "a whole number"),
+    "other model": (lambda: fit(recording(), model="best"), "it must be 'mixture'"),
+    "played recording": (lambda: Player(recording()), r"Player\(skill\) needs a skill"),
+    "played nothing": (lambda: Player(None), r"Player\(skill\) .* it is None"),
+    "saved the wrong way": (
+        lambda: save_skill("a", NOT_FITTED),
+        r"save_skill\(skill, p",
+    ),
+    "transformed path": (
+        lambda: transform_space("a"),
+        r"transform_space\(skill\) needs",
+    ),
+    "modulated path": (
+        lambda: modulate_skill("a", harmonics=[1], gain=1),
+        r"modulate_skill\(skill\)",
+    ),
+    "no skill file": (lambda: load_skill("/nowhere.npz"), "there is no skill file"),
+    "rhythm of an array": (lambda: find_rhythm(CIRCLES), "find_rhythm needs a Demo"),
+    "learned arrays": (lambda: learn_skill([CIRCLES]), "learn_skill needs a Demo"),
+    "learned nothing": (lambda: learn_skill([]), "there is no demonstration"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_wrong_use_is_refused_with_what_would_be_right(wrong):
+    use, message = WRONG[wrong]
+    with pytest.raises(FmpError, match=message):
+        use()
+
+
+@pytest.mark.parametrize("use", [Player, lambda skill: save_skill(skill, "a.npz")])
+def test_a_skill_is_learned_before_it_is_used(use):
+    with pytest.raises(NotFittedError, match="Call 'fit'"):
+        use(NOT_FITTED)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        CIRCLES.tolist(),
+        CIRCLES.astype(np.float32),
+        np.asfortranarray(CIRCLES),
+        np.repeat(CIRCLES, 2, axis=0)[::2],
+        np.frombuffer(CIRCLES.tobytes()).reshape(CIRCLES.shape),  # Read-only.
+    ],
+    ids=["lists", "float32", "Fortran", "strided", "read-only"],
+)
+def test_arrays_of_any_layout_give_the_same_skill(given):
+    skill = fit(given, rate=20)
+    assert skill.period_ == pytest.approx(fit(CIRCLES, rate=20).period_, abs=1e-5)
+
+
+def test_dates_are_seconds_from_the_first():
+    dates = np.datetime64("2024-03-31T23:59:58", "ns") + np.round(1e9 * TIME).astype(
+        "timedelta64[ns]"
+    )
+    assert_allclose(recording(time=dates).time, TIME, atol=1e-9)
+
+
+def test_one_path_is_read_like_a_list_of_it(tmp_path):
+    recording().save(tmp_path / "d.npz")
+    for paths in (str(tmp_path / "d.npz"), tmp_path / "d.npz", [tmp_path / "d.npz"]):
+        (found,), _ = read_demonstrations(paths)
+        assert_allclose(found.values, CIRCLES)
+
+
+def test_objects_say_what_they_hold():
+    skill = fit(recording())
+    assert repr(recording()) == (
+        "<Demonstration: x (m), y (m), z (m); 400 samples in 19.95 s>"
+    )
+    assert repr(skill).startswith("<FourierMovementPrimitive: phase model of 9 cycles")
+    assert repr(Player(skill)) == f"Player({skill!r})"
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
+)
+def test_copies_play_the_same_movement(copied):
+    skill = learn_skill(recording())
+    start = CIRCLES[0]
+    expected = Player(skill).rollout(start, 2.0)
+    assert np.array_equal(Player(copied(skill)).rollout(start, 2.0), expected)
+    assert np.array_equal(copied(recording()).values, CIRCLES)
+    assert clone(skill).get_params() == skill.get_params()
