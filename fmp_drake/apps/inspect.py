@@ -1,5 +1,6 @@
 """`fmp-drake inspect`."""
 
+import re
 from pathlib import Path
 
 import click
@@ -7,16 +8,21 @@ import click
 from fmp_drake.apps.options import (
     PATH,
     Command,
+    GroupedOption,
     RecordingOptions,
     RhythmOptions,
+    arguments,
     options,
 )
-from fmp_drake.apps.page import make_console
+from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.plots import plot_demonstrations
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives import find_rhythm, read_demonstrations
 from fmp_drake.skills.description import describe_recording
+
+# Options in a refusal with which a recording can be learned.
+_ADVICE = re.compile(r"--(?:robot|unit) \w+|--as-recorded")
 
 
 @click.command(
@@ -29,7 +35,13 @@ from fmp_drake.skills.description import describe_recording
     },
 )
 @click.argument("files", nargs=-1, required=True, type=PATH)
-@click.option("--plot", type=PATH, help="Picture of the recordings to write.")
+@click.option(
+    "--plot",
+    type=PATH,
+    help="Picture of the recordings.",
+    cls=GroupedOption,
+    group="Files to write",
+)
 @options(rhythm=RhythmOptions, recording=RecordingOptions)
 def inspect(
     files: tuple[Path, ...],
@@ -43,7 +55,7 @@ def inspect(
     """
     console = make_console()
     check_picture(plot)
-    recordings = []
+    recordings, reports = [], list[str]()
     for file in files:
         demonstrations, _ = read_demonstrations([file], recording.reading())
         for demonstration in demonstrations:
@@ -52,6 +64,7 @@ def inspect(
             lines = describe_recording(
                 demonstration, start=rhythm.start, end=rhythm.end, period=rhythm.period
             )
+            reports.append(lines[-1])
             for line in lines:
                 console.print(f"  {line}", markup=False, soft_wrap=True)
         recordings += demonstrations
@@ -67,3 +80,9 @@ def inspect(
     if plot is not None:
         plot_demonstrations(recordings, plot)
         console.print(f"wrote {plot}")
+    refused = [line for line in reports if "not for the board" in line]
+    advice = _ADVICE.search(refused[0]) if refused else None
+    is_possible = all(line.startswith("learning: possible") for line in reports)
+    if is_possible and (advice or not refused):
+        given = [*arguments(rhythm, recording), *(advice[0].split() if advice else ())]
+        print_next(console, "learn", *map(str, files), *given, "--out", "skill.npz")

@@ -189,6 +189,18 @@ def _click_option(each: Field[Any], hint: Any, group: str) -> Callable[..., Any]
     return click.option(flag, each.name, cls=GroupedOption, group=group, **details)
 
 
+def arguments(*groups: Any) -> list[str]:
+    """Return the command line that gives groups of options the values that they have."""
+    out = []
+    for group in groups:
+        for each in fields(group):
+            value = getattr(group, each.name)
+            if value != each.default:
+                name = each.name.replace("_", "-")
+                out += [each.metadata.get("flag", f"--{name}"), f"{value}"]
+    return out
+
+
 def host_option() -> Any:
     """Return the field for the address of the page."""
     return option(

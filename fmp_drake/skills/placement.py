@@ -302,7 +302,10 @@ def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
     lengths = [n for n, unit in zip(names, units, strict=True) if unit == "m"]
     first = lengths if len(lengths) >= len(POSITION_CHANNELS) else names
     example = columns_option(dict(zip(POSITION_CHANNELS, first, strict=False)))
-    return f"{advice}If they are among the channels, name them, such as {example}"
+    return (
+        f"{advice}Learn it as it is (learn --as-recorded), or, if they are among the "
+        f"channels, name them, such as {example}"
+    )
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -1,6 +1,7 @@
 """Facts about `fmp-drake inspect`."""
 
 import re
+import shlex
 
 import matplotlib.image
 import numpy as np
@@ -12,7 +13,7 @@ def test_five_lines_and_a_picture_describe_a_recording(command, make_npz, output
     plot = outputs / "d.png"
     result = command("inspect", make_npz(seconds=30), "--plot", plot)
     assert result.code == 0
-    first, channels, rate, cycles, learning, wrote = result.out.splitlines()
+    first, channels, rate, cycles, learning, wrote, _ = result.out.splitlines()
     assert first.endswith("circles.npz: as it is")
     assert channels == "  channels: x, y, z (m)"
     assert rate == "  rate: 20 Hz, 600 samples in 29.9 s"
@@ -54,3 +55,39 @@ def test_a_dataset_is_told_of_by_episodes(command, tmp_path):
     result = command("inspect", files.lerobot_3(tmp_path).path)
     assert "episode 0" in result.out
     assert "episode 1" in result.out
+
+
+def joints_of_a_ur5e(folder):
+    names = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
+    angles = [0, -1.6, 1.9, -1.8, -1.6, 0] + 0.1 * np.sin(
+        np.outer(3 * files.TIME, np.ones(6)) + np.arange(6)
+    )
+    header = ",".join(["time", *(f"{name}_joint" for name in names)])
+    return files.write(folder, files.lines(files.TIME, *angles.T, header=header))
+
+
+def in_millimetres(folder):
+    return files.write(folder, files.xyz(path=1e3 * files.PATH, header="t,x,y,z"))
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        files.plain,
+        files.columns_by_name,
+        in_millimetres,
+        joints_of_a_ur5e,
+        files.lerobot_without_names,
+    ],
+    ids=["plain", "columns", "millimetres", "UR5e", "joints without names"],
+)
+def test_the_next_command_learns_the_recording(command, make, tmp_path):
+    file = make(tmp_path)
+    given = [x for name, value in file.options.items() for x in (f"--{name}", value)]
+    shown = command("inspect", file.path, *given).out
+    line = shown.rpartition("next: fmp-drake ")[2].strip()
+    words = shlex.split(line.replace("skill.npz", str(tmp_path / "skill.npz")))
+    assert words[:2] == ["learn", str(file.path)]
+    learned = command(*words)
+    assert learned.code == 0, learned.err
+    assert (tmp_path / "skill.npz").is_file()
