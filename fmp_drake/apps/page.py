@@ -130,7 +130,7 @@ def ended_page(panel: PagePanel | None) -> Iterator[None]:
         panel.show(mode="stopped", level="idle", detail="")
         raise
     finally:
-        panel.show(ended=True, progress=None)
+        panel.show(ended=True, progress=None, grab="")
 
 
 def wait_for_click(panel: PagePanel, names: Mapping[str, str]) -> str | None:

@@ -127,19 +127,19 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
     }
     if "cleaned_fraction" in m:
         rows |= _board_rows(m)
-    followed = f"to {1e3 * m['tracking_rms_m']:.1f} mm rms"
+    tracking = f"{1e3 * m['tracking_rms_m']:.1f} mm rms"
     if "orientation_rms_deg" in m:
-        followed += (
+        tracking += (
             f" and {m['orientation_rms_deg']:.2f} degrees rms, at most "
             f"{1e3 * m['tracking_max_m']:.1f} mm and {m['orientation_max_deg']:.2f} degrees"
         )
     if "normal_force_error_rms_n" in m:
-        followed += f", the desired force to {m['normal_force_error_rms_n']:.2f} N rms"
+        tracking += f"; {m['normal_force_error_rms_n']:.2f} N rms of the desired force"
     pushed = m["reactive_remap_count"]
     after_pushes = f", {pushed} of them after pushes" if pushed else ""
     rows |= {
-        "followed": followed,
-        "stayed": _stayed(m),
+        "tracking error": tracking,
+        "path deviation": _off_paths(m),
         "re-mapped": f"{_counted(m['remap_count'], 'time')}{after_pushes}, jumps up to "
         f"{1e3 * m['desired_position_jump_max_m']:.4f} mm",
         "limits": f"torque {100 * m['torque_ratio_max']:.0f} %, torque rate "
@@ -152,7 +152,7 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
             f"up to {1e3 * m['penetration_max_m']:.1f} mm of core, handle or "
             "arm below it"
             if m["penetration_max_m"] > 0
-            else "nothing hard below it"
+            else "no hard part below it"
         )
     events = [event["text"] for event in m["events"]]
     rows["what went wrong"] = "\n".join(events) or "nothing"
@@ -173,7 +173,7 @@ def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
         "cleaned": f"{100 * m['cleaned_fraction']:.1f} % of the board, "
         f"{100 * m['cleaned_fraction_of_demonstrated_area']:.1f} % of the "
         "demonstrated area",
-        "it took": ", ".join([*reached, left]),
+        "time to clean": ", ".join([*reached, left]),
         "normal force": f"{m['normal_force_mean_n']:.1f} N (90 % between "
         f"{m['normal_force_p05_n']:.1f} and {m['normal_force_p95_n']:.1f} N), "
         f"{100 * m['normal_force_wanted_fraction']:.1f} % within 5 N of "
@@ -186,10 +186,10 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def _stayed(m: Mapping[str, Any]) -> str:
-    """Return a sentence about the distances to the demonstrated paths."""
+def _off_paths(m: Mapping[str, Any]) -> str:
+    """Return a text about the distances to the demonstrated paths."""
     distances = m["measured_off_paths_max_m"], m["desired_off_paths_max_m"]
     if None in distances:
         return "never near the demonstrated paths, or they are not known"
     measured, desired = (f"{1e3 * distance:.0f} mm" for distance in distances)
-    return f"within {measured} of the demonstrated paths; desired within {desired}"
+    return f"at most {measured} from the demonstrated paths, of the planned motion {desired}"

@@ -40,6 +40,7 @@ from fmp_drake.errors import FmpError, RunError, StationError
 from fmp_drake.numeric import check_number
 from fmp_drake.runs.arm.real_time import request_priority
 from fmp_drake.runs.events import ADVICE
+from fmp_drake.runs.page_text import describe_page
 from fmp_drake.runs.simulation_loop import advance, reset
 from fmp_drake.runs.station_run import StationRun
 from fmp_drake.runs.wiping_run import MakeRun
@@ -302,7 +303,8 @@ def _simulate(
     until, is_first, wanted = play.seconds, True, None
     while True:
         if panel is not None:
-            panel.show(summary=[], progress=None)
+            grab = describe_page(run.scenario)["grab"]
+            panel.show(summary=[], progress=None, grab=grab)
         started, begin = time.perf_counter(), run.simulator.get_context().get_time()
         times = advance(
             run.simulator,
@@ -331,9 +333,12 @@ def _simulate(
         rows = report_rows(metrics)
         print_report(console, rows)
         if run.panel is not None:
-            run.panel.show(mode="finished", level="idle", detail="", rate=1.0)
-            run.panel.show(summary=[*rows.items()])
             faults = rows["what went wrong"]
+            run.panel.show(
+                **{"mode": "finished", "level": "idle", "detail": "", "rate": 1.0},
+                summary=[row for row in rows.items() if row[1] != faults],
+                grab="",
+            )
             level: Level = "good" if faults == "nothing" else "busy"
             run.panel.say(f"what went wrong: {faults}", level=level)
         if is_first:

@@ -85,6 +85,29 @@ def test_run_continues_and_starts_again_by_buttons(command, watched):
     assert simulated(command("wipe", "--rate", 0).out) == [0.4, 0.4, 0.2]
 
 
+def test_finished_page_has_results_and_no_arm_to_drag(command, watched, monkeypatch):
+    shown = []
+
+    def open_and_watch(*arguments, **options):
+        panel = open_page(*arguments, **options)
+        show = panel.show
+        monkeypatch.setattr(
+            panel, "show", lambda **fields: (shown.append(fields), show(**fields))
+        )
+        return panel
+
+    monkeypatch.setattr(wipe_module, "open_page", open_and_watch)
+    watched(2, clicks=["run on"])
+    assert command("wipe", "--rate", 0).code == 0
+    grabs = [fields["grab"] for fields in shown if "grab" in fields]
+    ends = ["you are pulling", ""]
+    assert grabs[-5:] == [*ends, *ends, ""]
+    summary = dict(next(f["summary"] for f in reversed(shown) if f.get("summary")))
+    assert "mm rms" in summary["tracking error"]
+    assert "demonstrated paths" in summary["path deviation"]
+    assert "what went wrong" not in summary
+
+
 def test_skill_that_is_too_fast_can_be_slowed_down_on_the_page(command, watched):
     watched(1, clicks=[None])
     result = command("wipe", "--rate", 0, "--tempo", 2.0)

@@ -227,10 +227,16 @@ def test_page_without_its_program_reports_it(tmp_path):
     panel = open_page()
     with Page(panel.url, tmp_path) as page:
         page.wait_for_meshcat()
-        panel.show(mode="wiping", level="good")
-        page.wait_for(f"{TEXT}.includes('wiping')")
+        panel.show(mode="wiping", level="good", **describe_page(LoadScenario("words")))
+        panel.meshcat.AddButton("stop")
+        page.wait_for(f"{TEXT}.includes('Drag the arm')")
+        page.wait_for(f"{BUTTON % 'stop'}?.disabled === false")
         panel.close()
         page.wait_for(f"{TEXT}.includes('no connection')")
+        # Nothing is offered that has no effect.
+        page.wait_for(f"{BUTTON % 'stop'}.disabled")
+        assert "Drag the arm" not in page.run(TEXT)
+        assert "to turn the view" in page.run(TEXT)
 
 
 def test_a_saved_page_has_title_legend_and_explanation_without_network(panel, tmp_path):

@@ -217,7 +217,7 @@ def test_table_of_metrics_is_printed(command):
         "simulated",
         "cleaned",
         "normal force",
-        "followed",
+        "tracking error",
         "re-mapped",
         "limits",
     ):

@@ -80,8 +80,8 @@ def test_orientation_error_is_that_of_the_poses(stirred):
 
 def test_the_table_of_free_space_speaks_of_degrees_and_not_of_ink(stirred):
     rows = rows_of(stirred[0])
-    assert {"cleaned", "it took", "normal force", "surface"}.isdisjoint(rows)
-    assert "degrees rms" in rows["followed"]
+    assert {"cleaned", "time to clean", "normal force", "surface"}.isdisjoint(rows)
+    assert "degrees rms" in rows["tracking error"]
     assert rows["what went wrong"] == "nothing"
 
 
@@ -124,7 +124,7 @@ def test_a_force_channel_is_measured_against_the_force_of_the_moment():
     assert np.ptp(run.log("desired_normal_force")) > 6.0
     assert 0 < metrics["normal_force_error_rms_n"] < 1.0
     assert metrics["normal_force_wanted_fraction"] > 0.95
-    assert "N rms" in rows_of(run)["followed"]
+    assert "N rms" in rows_of(run)["tracking error"]
 
 
 def test_check_follows_the_poses_of_a_skill_in_free_space(free, stirring):
