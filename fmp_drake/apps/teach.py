@@ -21,7 +21,7 @@ from fmp_drake.apps.options import (
     option,
     options,
 )
-from fmp_drake.apps.page import get_ready, make_console, open_page
+from fmp_drake.apps.page import ended_page, get_ready, make_console, open_page
 from fmp_drake.errors import FmpError, StationError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives import save_skill
@@ -95,18 +95,23 @@ def teach(to: TeachOptions) -> None:
         wipe_with_arm(console, scene, skill, config, inf)
         return
     panel = open_page(title=f"teach: {Path(to.scenario).stem}", host=to.host)
-    get_ready(panel, scene)
-    console.print(f"teach it at {panel.url}; Ctrl-C ends")
-    with console.status("getting ready"):
-        WarmUp(lambda fraction: panel.show(progress=fraction))
-    session = TeachingSession(
-        scene, MouseOnPage(panel.meshcat), panel=panel, out=out, skill_file=skill_file
-    )
-    page = TeachPage(panel, scene)
-    steps = count() if duration is None else range(round(duration / _STEP))
-    for step in steps:
-        session.advance(_STEP)
-        if button := page.attend(session):
-            console.print(f"{button}: {session.remark or session.status}")
-        elif step % round(_TEXT / _STEP) == 0:
-            page.show(session)
+    with ended_page(panel):
+        get_ready(panel, scene)
+        console.print(f"teach it at {panel.url}; Ctrl-C ends")
+        with console.status("getting ready"):
+            WarmUp(lambda fraction: panel.show(progress=fraction))
+        session = TeachingSession(
+            scene,
+            MouseOnPage(panel.meshcat),
+            panel=panel,
+            out=out,
+            skill_file=skill_file,
+        )
+        page = TeachPage(panel, scene)
+        steps = count() if duration is None else range(round(duration / _STEP))
+        for step in steps:
+            session.advance(_STEP)
+            if button := page.attend(session):
+                console.print(f"{button}: {session.remark or session.status}")
+            elif step % round(_TEXT / _STEP) == 0:
+                page.show(session)
