@@ -40,7 +40,7 @@ def draw_idea(path: Path) -> None:
     span = skill.n_steps / skill.rate
     for begin in (0.8, 4.1, 8.6):
         left.axvspan(begin, begin + span, color="tab:orange", alpha=0.18, linewidth=0)
-    left.set(xlabel="time (s)", ylabel="what was shown (m)", xlim=(0, 16))
+    left.set(xlabel="time (s)", ylabel="recording (m)", xlim=(0, 16))
     left.margins(y=0.2)
     left.legend(loc="upper right", ncols=2, frameon=False)
     draw_samples_in_plane(skill, n=12, demonstrations=recording, ax=middle)
@@ -48,8 +48,8 @@ def draw_idea(path: Path) -> None:
     middle.set(xlim=right.get_xlim(), ylim=right.get_ylim())
     titles = (
         "windows that begin anywhere",
-        "samples of what was learned",
-        "the window that goes on from there",
+        "samples of the skill",
+        "the window that continues from there",
     )
     for axes, equation, title in zip(
         (left, middle, right), EQUATIONS, titles, strict=True

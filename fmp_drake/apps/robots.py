@@ -32,6 +32,6 @@ def robots(files: tuple[str, ...]) -> None:
         )
     console.print(table)
     console.print(
-        "reach: as far in front of its base the eraser lies level on a table; play on one "
-        "of them: fmp-drake wipe --robot NAME"
+        "reach: largest distance in front of the base at which the eraser lies level on a "
+        "table\nnext: fmp-drake wipe --robot NAME"
     )

@@ -20,6 +20,7 @@ from fmp_drake.plots.style import (
     DEMONSTRATED,
     component_color,
     save,
+    set_title,
 )
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.data.windows import as_windows
@@ -40,7 +41,8 @@ def plot_demonstrations(demonstrations: Demonstrations, path: str | Path) -> Non
     axes = left.subplots(count, squeeze=False, sharex=True)[:, 0]
     draw_demonstrations_over_time(recordings, axes)
     if count > 1:
-        draw_demonstrations_in_plane(recordings, ax=right.subplots())
+        plane = draw_demonstrations_in_plane(recordings, ax=right.subplots())
+        set_title(plane, "in the plane")
     save(figure, path)
 
 

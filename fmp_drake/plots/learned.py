@@ -147,7 +147,7 @@ def draw_component_in_plane(
     panel.ax.plot(*centres[:1].T, "o", color=color, markersize=5, zorder=3.0)
     percent = 100 * skill.proportions_[component]
     return panel.finish(
-        f"component {component} ({percent:.0f} %): mean, {100 * _CONFIDENCE:g} % tube"
+        f"component {component} ({percent:.0f} %):\nmean, {100 * _CONFIDENCE:g} % tube"
     )
 
 

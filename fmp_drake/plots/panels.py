@@ -141,12 +141,13 @@ class PlanePanel:
 
 
 def _thin_out_ticks(ax: Axes) -> None:
-    """Put fewer ticks on the shorter side of a small picture: labels would overlap."""
+    """Put fewer ticks on a small picture, whose labels would overlap."""
+    ax.locator_params(nbins=4)
     ratio = abs(np.ptp(ax.get_xlim()) / np.ptp(ax.get_ylim()))
     short: Literal["x", "y"] = "x" if ratio < 1 else "y"
     if (ratio := min(ratio, 1 / ratio)) < 0.8:
         bins = max(2, int(4 * ratio))
-        ax.locator_params(axis=short, nbins=bins, min_n_ticks=1)
+        ax.locator_params(axis=short, nbins=bins, min_n_ticks=2)
 
 
 def _widen(ax: Axes) -> None:

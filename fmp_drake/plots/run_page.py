@@ -165,16 +165,16 @@ def _draw_force(ax: Axes, run: "WipingRun") -> None:
     from fmp_drake.runs.metrics import NEAR_FORCE
 
     times, force = run.log_times("normal_force"), run.log("normal_force")[:, 0]
-    wanted = np.full(len(force), run.scenario.press.force)
+    desired = np.full(len(force), run.scenario.press.force)
     if run.roles.force is not None:
-        wanted = run.log("desired_normal_force")[:, 0]
-    low, high = np.maximum(wanted - NEAR_FORCE, 0.0), wanted + NEAR_FORCE
+        desired = run.log("desired_normal_force")[:, 0]
+    low, high = np.maximum(desired - NEAR_FORCE, 0.0), desired + NEAR_FORCE
     style: dict[str, Any] = {"color": "#009E73", "alpha": 0.12, "linewidth": 0}
     if run.roles.force is None:
-        label = f"wanted, {low[0]:g} to {high[0]:g} N"
+        label = f"desired, {low[0]:g} to {high[0]:g} N"
         ax.axhspan(low[0], high[0], label=label, **style)
     else:
-        ax.fill_between(times, low, high, label="wanted", **style)
+        ax.fill_between(times, low, high, label="desired", **style)
     ax.plot(times, force, color=SAMPLED, linewidth=0.8)
     ax.set_ylim(0, max(1.2 * np.max(high), 1.05 * float(np.max(force, initial=0.0))))
     set_title(ax, "force on the board")

@@ -22,6 +22,8 @@ from fmp_drake.plots.played import draw_rollout_over_time, draw_way_back
 from fmp_drake.plots.style import same_limits, save, shape_of
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 
+# Inches: letters can be read where the page is 800 pixels wide.
+_WIDTH = 11.5
 _TUBE = (
     "Tube: 95 % of the windows of a component. Their tempo differs, so the tube is wider "
     "along the movement, and longer than it where it turns."
@@ -58,10 +60,10 @@ def draw_skill(
         # Two rows of four pictures in the plane, of the shape of the skill's samples.
         samples = skill.sample(200, with_noise=False)
         ratio = shape_of(*np.ptp(samples, axis=(0, 1))[:2])
-    heights = [2 * (0.9 + 2.8 * ratio), 1 + 1.3 * channels]
+    heights = [2 * (0.9 + 2.1 * ratio), 1 + 1.3 * channels]
     if skill.phase_model_ is not None:
-        heights.append(3.8)
-    figure = Figure(figsize=(15, sum(heights)), layout="constrained")
+        heights.append(3.4)
+    figure = Figure(figsize=(_WIDTH, sum(heights)), layout="constrained")
     parts = figure.subfigures(len(heights), squeeze=False, height_ratios=heights)
     top, bottom = parts[:2, 0]
     figure.suptitle(
@@ -90,7 +92,7 @@ def draw_skill(
         a, b = top.subplots(2, 1)
         draw_demonstrations_over_time(demonstrations, [a])
         draw_component_over_time(skill, 0, [b])
-    left, right = bottom.subfigures(1, 2, width_ratios=[1, 2])
+    left, right = bottom.subfigures(1, 2, width_ratios=[2, 3])
     axes = left.subplots(channels, sharex=True, squeeze=False)[:, 0]
     draw_spectra(skill, demonstrations, axes)
     ratios = [1.0] * channels + [0.25]

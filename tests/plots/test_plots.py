@@ -2,7 +2,7 @@
 
 import subprocess
 import sys
-from itertools import pairwise
+from itertools import combinations, pairwise
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
@@ -263,7 +263,9 @@ class TestDemonstrations:
     ):
         path = tmp_path / "shown.svg"
         plot_demonstrations(shown[channels], path)
-        assert path.read_text().count("<!-- demonstrated: 20 s -->") == titled
+        text = path.read_text()
+        assert text.count("<!-- demonstrated: 20 s -->") == 1
+        assert text.count("<!-- in the plane -->") == titled - 1
 
     @pytest.mark.parametrize(
         "draw",
@@ -576,6 +578,27 @@ class TestPages:
         titled = [ax for ax in figure.axes if ax.get_title(loc="left")]
         spectra_and_rollout = 2 if channels > 1 else 0
         assert len(titled) == count + spectra_and_rollout
+
+    def test_page_of_a_skill_is_read_at_800_pixels(self, two):
+        figure = draw_skill(*two)
+        figure.draw_without_rendering()
+        # A letter of 10 points is 9 pixels high.
+        assert 800 / figure.get_figwidth() * 10 / 72 > 9
+        above = [
+            text.get_window_extent()
+            for ax in figure.axes
+            for text in (
+                ax._left_title,
+                *(ax.get_legend().get_texts() if ax.get_legend() else ()),
+            )
+            if text.get_text()
+        ]
+        assert not any(a.overlaps(b) for a, b in combinations(above, 2))
+        for ax in figure.axes:
+            if ax.get_aspect() == 1.0:
+                low, high = np.sort(ax.get_ylim())
+                ticks = ax.get_yticks()
+                assert np.sum((low <= ticks) & (ticks <= high)) > 1
 
     def test_a_skill_of_one_component_leaves_places_empty(self, shown):
         skill = FourierMovementPrimitive(
