@@ -28,10 +28,11 @@ th:first-child, td:first-child, .words { text-align: left; } .words { white-spac
 code { font-size: .8em; background: #f2f2f0; padding: .1rem .3rem; border-radius: .2rem;
        white-space: nowrap; }
 .verdict { font-weight: 600; padding: .1rem .5rem; border-radius: .3rem; }
+.wide { overflow-x: auto; }
 .yes { background: #d8f0dc; } .no { background: #f8dcd8; }
 """
 
-# Characters; longer cells wrap as text.
+# Characters; a column with longer cells wraps as text.
 _MOST_OF_A_NUMBER = 30
 
 type Section = tuple[str, Sequence[Finding]]
@@ -188,15 +189,17 @@ def _verdict(finding: Finding) -> str:
 
 def _table(rows: Iterable[Iterable[str]], tag: str = "td") -> str:
     """Return an HTML table; cells contain HTML, and the tag is that of row 1."""
+    cells = [list(row) for row in rows]
+    longest = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = []
-    for row in rows:
+    for row in cells:
         line = ""
-        for cell in row:
-            words = ' class="words"' if len(cell) > _MOST_OF_A_NUMBER else ""
+        for cell, length in zip(row, longest, strict=True):
+            words = ' class="words"' if length > _MOST_OF_A_NUMBER else ""
             line += f"<{tag}{words}>{cell}</{tag}>"
-        lines.append(line)
+        lines.append(f"<tr>{line}</tr>")
         tag = "td"
-    return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+    return f'<div class="wide"><table>{"".join(lines)}</table></div>'
 
 
 def _finding(folder: Path, finding: Finding) -> str:

@@ -227,3 +227,14 @@ def test_report_escapes_its_text(tmp_path):
     assert "&lt;b&gt;" in page
     assert "1 &lt; 2" in page
     assert "x &amp; y" in page
+
+
+def test_heads_of_columns_of_words_are_aligned_with_them(tmp_path):
+    long = "a reason that is longer than a number, by far"
+    table = [["trial", "reason"], ["7", long]]
+    finding = Finding(name="refused", title="Refused", shows="All.", table=table)
+    sections = [("Trials", [finding])]
+    write_report(tmp_path, sections=sections, introduction="", results={})
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert '<th>trial</th><th class="words">reason</th>' in text
+    assert f'<td>7</td><td class="words">{long}</td>' in text

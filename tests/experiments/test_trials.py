@@ -22,7 +22,7 @@ from fmp_drake.experiments.trials import (
     TrialStore,
     run_trials,
 )
-from fmp_drake.experiments.trials.pictures import draw_success, interval
+from fmp_drake.experiments.trials.pictures import draw_figures, draw_success, interval
 from fmp_drake.experiments.trials.report import TrialsReport
 from fmp_drake.experiments.trials.running import code_version, replay_trial, run_trial
 from fmp_drake.experiments.trials.trial import (
@@ -675,6 +675,31 @@ def test_report_of_infeasible_trials_only_is_written(make_store):
     TrialsReport(store).write()
     said = "refuses 4. Of the 0 others 0 passed"
     assert said in (store.folder / "report.html").read_text()
+
+
+def test_picture_of_errors_draws_groups_with_trials_from_zero():
+    figure = draw_figures(
+        {"without disturbances": [(0.002, 0.99), (0.004, 0.97)], "with": []}
+    )
+    path, press = figure.axes
+    for ax in (path, press):
+        assert ax.get_title(loc="left")
+        assert ax.get_ylim()[0] == 0
+        assert "with" not in [line.get_label() for line in ax.lines]
+
+
+def test_parameter_over_decades_has_several_ticks():
+    values = np.geomspace(0.02, 0.5, 40)
+    figure = draw_success({"eraser.worn": values.tolist()}, [True] * 40)
+    ax = figure.axes[0]
+    figure.draw_without_rendering()
+    low, high = ax.get_xlim()
+    shown = [
+        label.get_text()
+        for at, label in zip(ax.get_xticks(), ax.get_xticklabels(), strict=True)
+        if low <= at <= high
+    ]
+    assert shown == ["0.03", "0.1", "0.3"]
 
 
 def test_interval_of_no_trials_is_everything():

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from fmp_drake.numeric import is_number
-from fmp_drake.plots.style import DEMONSTRATED, PLAYED, SAMPLED, legend_above
+from fmp_drake.plots.style import DEMONSTRATED, PLAYED, SAMPLED, legend_above, set_title
 
 # Standard deviations of a 95 % interval, and bins of a parameter.
 _Z, _BINS = 1.96, 6
@@ -90,6 +90,8 @@ def _draw_numbers(ax: Axes, values: Any, passed: Any) -> None:
     ax.locator_params(axis="x", nbins=4)
     if np.min(values) > 0 and np.max(values) > _DECADE * np.min(values):
         ax.set_xscale("log")
+        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+        ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         ax.xaxis.set_minor_formatter(NullFormatter())
 
 
@@ -125,23 +127,28 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
     figure = Figure(figsize=(12, 3.6), layout="constrained")
     path, press = figure.subplots(1, 2, sharey=True)
     for (name, pairs), color in zip(groups.items(), (SAMPLED, PLAYED), strict=True):
-        rms, pressed = np.array(pairs, dtype=float).reshape(-1, 2).T
+        if not pairs:
+            continue
+        rms, pressed = np.array(pairs, dtype=float).T
         for ax, values in (
             (path, 1e3 * np.sort(rms)),
             (press, 100 * np.sort(-pressed)),
         ):
-            order = 100 * np.arange(1, len(values) + 1) / max(1, len(values))
+            order = 100 * np.arange(1, len(values) + 1) / len(values)
             ax.plot(np.abs(values), order, ".-", color=color, linewidth=1, label=name)
     path.set_xscale("log")
     farthest = max(20, 1.1 * path.get_xlim()[1])  # All ticks would widen it.
     path.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
     path.xaxis.set_minor_formatter(NullFormatter())
     path.set_xlim(1, farthest)
-    path.set_xlabel("off the path (mm rms)")
+    path.set_xlabel("distance from the path (mm rms)")
     path.set_ylabel("trials at least as good (%)")
-    press.set_xlabel("time in contact within 5 N of the desired (%)")
+    press.set_xlabel("time in contact within 5 N of the desired force (%)")
     for ax, limit in ((path, 10), (press, 95)):
         ax.axvline(limit, color="0.3", linestyle=":", label="limit")
+        ax.set_ylim(0, 103)
         ax.spines[["top", "right"]].set_visible(False)
+    set_title(path, "tracking error")
+    set_title(press, "normal force")
     legend_above(press)
     return figure
