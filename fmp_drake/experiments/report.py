@@ -224,6 +224,8 @@ def _inline(text: str) -> str:
 def _picture(folder: Path, name: str, figure: "Figure") -> bytes:
     """Write a figure as PNG, and return it."""
     buffer = io.BytesIO()
+    # A constrained layout beside a legend converges with the second drawing.
+    figure.draw_without_rendering()
     figure.savefig(buffer, dpi=110, format="png")
     with replaced(folder / f"{name}.png", ExperimentError) as part:
         part.write_bytes(buffer.getvalue())

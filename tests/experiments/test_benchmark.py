@@ -417,6 +417,10 @@ def test_report_counts_the_cases_no_worse_than_the_best_of_the_others():
     process = scored(DelayGP.name, (2.0, 4.0, 1.0), (5.0, 8.0, 5.0))
     scores = {m.method: m for m in (mine, replayed, process)}
     error, density, *_ = benchmark_findings(scores)
+    # Cycles that no recording has are left out.
+    counts = {len({row["cycles"] for row in s.predictions}) for s in scores.values()}
+    assert [len(error.table[0]) - 1] == [*counts]
+    assert len(error.figure.axes[0].get_xticks()) == len(error.table[0]) - 1
     best = f"{ReplayMethod.name}, {DelayGP.name}"
     assert f"No worse than the best of {best} in 1 of 3 cases" in error.shows
     assert f"No worse than the best of {DelayGP.name} in 2 of 3 cases" in density.shows

@@ -20,6 +20,7 @@ from fmp_drake.experiments.held_out import held_out_findings, score_demonstratio
 from fmp_drake.experiments.metrics import (
     DemonstratedPath,
     divergences,
+    draw_paths,
     grid_extent,
     rms_jerk,
 )
@@ -238,3 +239,16 @@ def test_heads_of_columns_of_words_are_aligned_with_them(tmp_path):
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert '<th>trial</th><th class="words">reason</th>' in text
     assert f'<td>7</td><td class="words">{long}</td>' in text
+
+
+def test_picture_of_paths_is_not_cut_off(tmp_path):
+    phase = np.linspace(0, 2 * np.pi, 100)
+    values = np.column_stack([0.08 * np.sin(phase), 0.11 * np.cos(phase)])
+    far = np.vstack([[0.17, 0.17], values])
+    ring = Demonstration(time=np.arange(100) / 20, values=values)
+    figure = draw_paths(ring, {"near": values, "far": far})
+    finding = Finding(name="paths", title="Paths", shows="Two.", figure=figure)
+    sections = [("Paths", [finding])]
+    write_report(tmp_path, sections=sections, introduction="", results={})
+    for ax in figure.axes:
+        assert ax.xaxis.label.get_window_extent().y0 > 0

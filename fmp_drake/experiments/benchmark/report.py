@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from scipy.stats import wilcoxon
 
 from fmp_drake.experiments.baselines.delay_gp import DelayGP
@@ -74,6 +75,12 @@ def _compared(
     }
 
 
+def _columns(methods: Iterable[MethodScores]) -> list[str]:
+    """Return the numbers of cycles that some method was to learn from."""
+    known = {row["cycles"] for method in methods for row in method.predictions}
+    return [cycles for cycles in _COLUMNS if cycles in known]
+
+
 def _table(
     scores: _Scores,
     compared: Mapping[str, Mapping[str, Sequence[float]]],
@@ -85,15 +92,17 @@ def _table(
         for method in scores.values()
         for row in method.predictions
     }
-    counts = {c: sum(cycles == c for cycles, _ in cases) for c in _COLUMNS}
+    counts = {
+        c: sum(cycles == c for cycles, _ in cases) for c in _columns(scores.values())
+    }
     header = [f"{cycles} ({count})" for cycles, count in counts.items()]
     rows = [["cycles learned from (movements)", *header]]
     for name in scores:
         cells = []
-        for cycles in _COLUMNS:
+        for cycles, count in counts.items():
             values = compared[name].get(cycles, [])
             text = show(values) if values else "-"
-            if values and len(values) < counts[cycles]:
+            if values and len(values) < count:
                 text += f" [{len(values)}]"
             cells.append(text)
         rows.append([name, *cells])
@@ -217,7 +226,7 @@ def _coverage(scores: _Scores) -> Finding:
     }
     rows = _table(scores, compared, lambda _: "")
     for row, name in zip(rows[1:], scores, strict=True):
-        for i, cycles in enumerate(_COLUMNS, start=1):
+        for i, cycles in enumerate(_columns(scores.values()), start=1):
             means = [
                 f"{100 * np.mean(list(values[cycles].values())):.0f}"
                 for values in inside[name]
@@ -408,26 +417,32 @@ def _lines(
     if band is not None:
         ax.axhspan(*band, color="0.93", zorder=0)
     others = [name for name in compared if name != FMP.name]
+    known = {c for by_cycles in compared.values() for c in by_cycles if by_cycles[c]}
+    columns = [cycles for cycles in _COLUMNS if cycles in known]
     for name, by_cycles in compared.items():
-        at = [i for i, c in enumerate(_COLUMNS) if by_cycles.get(c)]
+        at = [i for i, c in enumerate(columns) if by_cycles.get(c)]
         style: dict[str, Any] = {"linewidth": 2.6, "color": SAMPLED, "marker": "o"}
         if name == FMP.name:
             style["zorder"] = 4
             for i in at:
-                values = by_cycles[_COLUMNS[i]]
+                values = by_cycles[columns[i]]
                 ax.plot([i] * len(values), values, "_", color=SAMPLED, alpha=0.5)
         else:
             number = others.index(name)
             style = {"linewidth": 1.1, "color": component_color(number), "marker": "."}
             style["linestyle"] = "--" if number >= 10 else "-"
         if at:
-            means = [mean(by_cycles[_COLUMNS[i]]) for i in at]
+            means = [mean(by_cycles[columns[i]]) for i in at]
             ax.plot(at, means, label=name, **style)
-    ax.set_xticks(range(len(_COLUMNS)), _COLUMNS)
+    ax.set_xticks(range(len(columns)), columns)
+    ax.margins(x=0.1)
     ax.set_xlabel("cycles learned from")
     ax.set_ylabel(label)
     if log:
         ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        ax.yaxis.set_minor_formatter(NullFormatter())
         ax.axhline(1.0, color="0.6", linewidth=1, zorder=0)
     if limits is not None:
         ax.set_ylim(*limits)
