@@ -192,4 +192,7 @@ def _off_paths(m: Mapping[str, Any]) -> str:
     if None in distances:
         return "never near the demonstrated paths, or they are not known"
     measured, desired = (f"{1e3 * distance:.0f} mm" for distance in distances)
-    return f"at most {measured} from the demonstrated paths, of the planned motion {desired}"
+    return (
+        f"at most {measured} from the demonstrated paths once it has reached them; the "
+        f"planned motion {desired}"
+    )
