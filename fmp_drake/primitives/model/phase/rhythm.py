@@ -36,6 +36,8 @@ _INSIDE, _LIMIT, _FAR = 0.9, 1.5, 2.0
 # Phase velocities that count as rest, and as nearly at rest, relative to the mean; and the
 # squared velocity of the cycle, relative to its mean, below which they are not judged.
 _SLOW, _NEARLY_AT_REST, _JUDGED = 0.3, 0.6, 0.1
+# Cycles with a middle that has no counterpart before or after it.
+_FEW_CYCLES = 2.1
 # Shortest bout, gap, rest and part that is left out, in periods.
 _LEAST_BOUT, _LEAST_GAP, _LEAST_REST, _LEAST_PART = 0.6, 0.15, 0.12, 0.07
 # Squared distance of states from the cycle, relative to its variance, above which it is another
@@ -245,7 +247,24 @@ def recurrent_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
             if b - a <= gap and not rest[a:b].all():
                 mask[a:b] = True
         out.append(without_short(mask, _LEAST_BOUT * period))
+    _fill_middle(out, rests, period)
     return out
+
+
+def _fill_middle(masks: Sequence[Mask], rests: Sequence[Mask], period: float) -> None:
+    """Fill the gap of masks (n,) that together span fewer than two cycles.
+
+    The middle of 1.5 cycles does not come again: only their ends do.
+    """
+    (mask, rest), *others = [
+        pair for pair in zip(masks, rests, strict=True) if pair[0].any()
+    ] or [(np.zeros(0, dtype=bool),) * 2]
+    found = runs(mask)
+    if others or len(found) != 2:
+        return
+    (first, a), (b, after) = found
+    if after - first < _FEW_CYCLES * period and b - a < period and not rest[a:b].any():
+        mask[a:b] = True
 
 
 def cyclic_samples(
