@@ -180,6 +180,24 @@ def test_rhythm_of_real_recordings_is_found(
     assert found.cycles == pytest.approx(cycles, abs=0.5)
 
 
+def test_two_of_six_cycles_are_not_taken_for_one(real_demonstration_paths):
+    with np.load(real_demonstration_paths["car_rim_4"]) as file:
+        recording = Demonstration(time=file["time"] / 2, values=file["position"])
+    found = find_rhythm(recording)
+    assert found.period == pytest.approx(0.84, rel=0.05)
+    assert found.cycles == pytest.approx(5.9, abs=0.5)
+
+
+@pytest.mark.parametrize("cycles", [1.5, 1.6, 1.7, 1.8, 1.9, 2.0])
+def test_fewer_than_two_cycles_are_found_whatever_their_number(cycles):
+    rng = np.random.default_rng(1)
+    phase = 1.0 + phases(round(60 * cycles) + 1, 60)
+    values = drop(phase) + 1e-3 * rng.standard_normal((len(phase), 2))
+    found = find_rhythm(demonstration(values))
+    assert found.period == pytest.approx(3.0, rel=0.05)
+    assert found.cycles == pytest.approx(cycles, abs=0.1)
+
+
 def test_windows_follow_the_period_where_none_are_given():
     quick = FourierMovementPrimitive(rate=RATE).fit(drop(phases(600, 22)))
     slow = FourierMovementPrimitive(rate=RATE).fit(drop(phases(600, 130)))

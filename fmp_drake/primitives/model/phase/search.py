@@ -53,7 +53,7 @@ class _Limits(NamedTuple):
 _CLEAR = 0.015
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _AS_WELL = 4.0
-_LIMITS = (_Limits(4.0, 0.05), _Limits(1.3, 0.12))
+_LIMITS = (_Limits(4.0, 0.05), _Limits(1.3, 0.15))
 # Fraction of the variance that slow displacements of the centre may take.
 _MOST_SHIFTED = 0.5
 # A track whose mean velocity differs more from its initial estimate has another cycle.
@@ -221,8 +221,12 @@ def _search(recordings: Sequence[Array], rate: float, period: float | None) -> F
 
 
 def _misfit(track: PhaseTrack) -> float:
-    """Return the fraction of the variance beside the cycle; large shifts count as well."""
-    return track.unexplained + track.shifted**2 / 4
+    """Return the fraction of the variance beside the cycle; large shifts count as well.
+
+    Of few cycles their mean takes a part of it: one over their number.
+    """
+    lacking = 1 - 1 / max(track.cycles, _LIMITS[-1].cycles)
+    return (track.unexplained + track.shifted**2 / 4) / lacking
 
 
 def _candidates(
