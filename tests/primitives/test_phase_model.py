@@ -756,3 +756,41 @@ def test_prediction_is_a_blend_with_what_followed_similar_pasts(distance, added)
     expected = covariance[0] + 2.0 * 0.25 * 0.75 * np.outer(apart, apart)
     expected = expected + 0.4 * spread[0] + added / 2 * (shape + np.eye(2) / 2)
     np.testing.assert_allclose(out[0], expected)
+
+
+def wandering(seconds, seed=4):
+    """Return a smooth path (n, 2) in which nothing repeats."""
+    noise = np.random.default_rng(seed).standard_normal((int(20 * seconds) + 200, 2))
+    kernel = np.exp(-0.5 * (np.arange(-40, 41) / 10) ** 2)
+    path = np.stack([np.convolve(x, kernel, "valid") for x in noise.T], axis=1)
+    return 0.1 * path[: int(20 * seconds)] / path.std()
+
+
+def test_most_of_what_a_mixture_has_not_seen_is_in_the_tube_of_its_playback():
+    path = wandering(90)
+    seen, later = path[:1200], path[1200:]
+    skill = FourierMovementPrimitive(rate=20.0).fit(seen)
+    assert skill.model_ == "mixture"
+    k = skill.overlap
+    of_component, of_playback = [], []
+    for i in range(0, len(later) - k - 20, 5):
+        mapping = skill.map_partial(later[i : i + k])
+        step = k + 19
+        error = later[i + step] - skill.synthesize(mapping.weights)[step]
+        own = skill.covariance(mapping.component, step)
+        tube = skill.predicted_covariance(mapping.component, step)
+        for covariance, known in ((own, of_component), (tube, of_playback)):
+            known.append(error @ np.linalg.solve(covariance, error) < 5.99)
+    assert np.mean(of_playback) > 0.65
+    assert np.mean(of_playback) > np.mean(of_component) + 0.4
+
+
+def test_the_density_of_a_mixture_does_not_vanish_where_something_new_comes():
+    path = wandering(90)
+    new = np.stack([path[i : i + 120] for i in range(1200, 1680, 40)])
+    chosen = FourierMovementPrimitive(rate=20.0).fit(path[:1200])
+    asked = FourierMovementPrimitive(rate=20.0, model="mixture").fit(path[:1200])
+    assert chosen.n_steps == asked.n_steps == 120
+    assert chosen.score(new) > asked.score(new) + 1
+    gained = chosen.score_samples(new) - asked.score_samples(new)
+    assert np.min(gained) > -0.3

@@ -361,10 +361,10 @@ def test_rollout_without_an_end_is_refused(small_skill, duration):
 # Other outputs ------------------------------------------------------------
 
 
-def test_covariance_is_that_of_the_component_at_the_time(small_skill):
+def test_covariance_is_that_of_predictions_at_the_time(small_skill):
     player = Player(small_skill)
     state = replace(player.start([0, 0]), step=7)
-    expected = small_skill.covariance(state.component, 7.4)
+    expected = small_skill.predicted_covariance(state.component, 7.4)
     later = player.advance(state, 0.04)
     assert_allclose(player.covariance(later), expected)
     assert np.all(np.linalg.eigvalsh(expected) > 0)

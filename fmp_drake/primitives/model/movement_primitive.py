@@ -381,9 +381,13 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if calibration is not None and self.model == "automatic" and few:
             self.memory_, self.calibration_ = tuple(recordings), calibration
         elif calibration is not None:
-            # What replay errs by is added to the mixture's own covariance.
+            # What replay errs by is added to the mixture's own covariance. A mixture that
+            # was asked for has the density of the paper.
+            background = 0.0
+            if self.model == self.n_components == "automatic":
+                background = calibration.background
             self.calibration_ = replace(
-                calibration, weight=1.0, local=0.0, background=0.0
+                calibration, weight=1.0, local=0.0, background=background
             )
 
     def _found(

@@ -91,8 +91,9 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         """Return the log density of windows (N, T, D), shape (N,).
 
         The real weights are an isometry of the samples, so this is a density
-        over trajectories, in units^-(T*D). The density of a phase model contains a broad
-        background, so that it does not vanish where a movement does something new.
+        over trajectories, in units^-(T*D). It contains a broad background, so that it does
+        not vanish where a movement does something new; that of a mixture which was asked
+        for, or whose number of components was given, does not.
         """
         self.check_fitted()
         weights = self.analyze(self._windows(X, at_least=1).values)
@@ -471,6 +472,18 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         factor = np.tensordot(row, factor, axes=(0, 1)) * self.scales_[:, None]
         noise = gaussian.noise * (row @ row) * np.diag(self.scales_**2)
         out: NDArray[np.float64] = (factor * gaussian.variances) @ factor.T + noise
+        return out
+
+    def predicted_covariance(self, component: int, step: float) -> NDArray[np.float64]:
+        """Return the covariance (D, D) of the movement about a window that is played.
+
+        It is (18); components of a mixture lack the errors of predictions, which are
+        added after the first K samples, as in `predict`. Those of a phase model have them.
+        """
+        out = self.covariance(component, step)
+        if self.phase_model_ is None and self.calibration_ is not None:
+            errors = self.calibration_.errors_at(step - self.overlap + 1)
+            out = out + errors * np.outer(self.scales_, self.scales_)
         return out
 
     @property

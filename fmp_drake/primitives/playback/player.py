@@ -513,9 +513,9 @@ class Player:
         return relaxation.after(state.weights, state.target, state.time_since_tick)
 
     def covariance(self, state: PlaybackState) -> NDArray[np.float64]:
-        """Return the covariance (18) of the desired value at a state, shape (D, D)."""
+        """Return the covariance of the movement about the desired value, shape (D, D)."""
         step = state.step + state.time_since_tick * self.skill.rate
-        return self.skill.covariance(
+        return self.skill.predicted_covariance(
             state.component, min(step, self.skill.n_steps - 1.0)
         )
 
@@ -535,7 +535,7 @@ class Player:
         values : ndarray, shape (ticks + 1, D)
             Desired values at the state and at every tick.
         covariances : ndarray, shape (ticks + 1, D, D)
-            Their covariances (18).
+            Their covariances.
         """
         values, covariances = [self.motion(state)[:1]], [self.covariance(state)[None]]
         # At constant tempo, and at tempo 1 where the state's is 0.
@@ -576,10 +576,13 @@ class Player:
         )
 
     def _covariance_table(self, component: int) -> NDArray[np.float64]:
-        """Return the covariances (18) at the samples of a window, shape (T, D, D)."""
+        """Return the covariances at the samples of a window, shape (T, D, D)."""
         if component not in self._covariances:
             self._covariances[component] = np.array(
-                [self.skill.covariance(component, k) for k in range(self.skill.n_steps)]
+                [
+                    self.skill.predicted_covariance(component, k)
+                    for k in range(self.skill.n_steps)
+                ]
             )
         return self._covariances[component]
 

@@ -112,6 +112,18 @@ class Calibration:
             changes=matrices(self.changes),
         )
 
+    def errors_at(self, ahead: float) -> Array:
+        """Return `errors` (D, D) any time ahead, in samples; 0 for what is observed."""
+        steps = np.concatenate([[0.0], self.ahead])
+        errors = np.concatenate([np.zeros_like(self.errors[:1]), self.errors])
+        after = int(np.clip(np.searchsorted(steps, ahead), 1, len(steps) - 1))
+        before = after - 1
+        ratio = (ahead - steps[before]) / (steps[after] - steps[before])
+        out: Array = errors[before] + float(np.clip(ratio, 0, 1)) * (
+            errors[after] - errors[before]
+        )
+        return out
+
     def transformed(self, matrix: Array) -> "Calibration":
         """Return the calibration of A y for a matrix (D, D)."""
         return replace(
