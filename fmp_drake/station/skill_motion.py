@@ -12,6 +12,7 @@ from pydrake.systems.primitives import (
     ConstantVectorSource,
     Demultiplexer,
     MatrixGain,
+    Saturation,
 )
 
 from fmp_drake.errors import SkillError, StationError
@@ -135,7 +136,8 @@ def AddSkill(
 
     Systems: fourier_primitive, desired_motion; of a skill of more than positions, or on a
     curved surface, task_motion, skill_position, position_covariance of a simulated arm,
-    measured_coordinates, and force_channel with demonstrated_force_offset.
+    measured_coordinates, and force_channel with demonstrated_force and
+    demonstrated_force_offset.
 
     Parameters
     ----------
@@ -197,7 +199,8 @@ def AddSkill(
             if measured.normal_force is not None:
                 port = task.GetInputPort("normal_force")
                 builder.Connect(measured.normal_force, port)
-            force = _AddForceChannel(builder, scene, task, force)
+            most = max(float(skill.extent_[1, roles.force]), 0.0)
+            force = _AddForceChannel(builder, scene, task, force, most)
         if roles.rotation is not None:
             name = "desired_orientation"
             builder.ExportOutput(task.GetOutputPort(name), name)
@@ -245,12 +248,17 @@ def _AddTaskMotion(
 
 
 def _AddForceChannel(
-    builder: DiagramBuilder, scene: BoardScene, task: TaskMotion, force: InputPort
+    builder: DiagramBuilder,
+    scene: BoardScene,
+    task: TaskMotion,
+    force: InputPort,
+    most: float,
 ) -> InputPort:
     """Connect a skill's force channel, and return the port of the nominal force.
 
-    The value at the port, less the scenario's normal force, is added to the channel: a
-    page's slider shifts the demonstrated force.
+    A sample may exceed the largest demonstrated force, `most` in N; it is not played. The
+    value at the port, less the scenario's normal force, is added to the channel: a page's
+    slider shifts the demonstrated force.
     """
     total = builder.AddNamedSystem("force_channel", Adder(3, 1))
     nominal = builder.AddNamedSystem(
@@ -258,7 +266,11 @@ def _AddForceChannel(
         ConstantVectorSource(np.array([-scene.scenario.press.force])),
     )
     name = "desired_normal_force"
-    builder.Connect(task.GetOutputPort(name), total.get_input_port(0))
+    limit = builder.AddNamedSystem(
+        "demonstrated_force", Saturation(min_value=[0.0], max_value=[most])
+    )
+    builder.Connect(task.GetOutputPort(name), limit.get_input_port())
+    builder.Connect(limit.get_output_port(), total.get_input_port(0))
     builder.Connect(nominal.get_output_port(), total.get_input_port(2))
     builder.Connect(total.get_output_port(), force)
     builder.ExportOutput(total.get_output_port(), name)

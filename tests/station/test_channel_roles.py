@@ -1,5 +1,7 @@
 """Facts about skills with rotation and force channels in a station."""
 
+import copy
+
 import numpy as np
 import pytest
 from posed_recordings import demonstration
@@ -97,6 +99,15 @@ def test_a_force_channel_is_pressed(pulsing):
     )
     assert np.ptp(motion) > 6.0
     assert rms(force - motion) < 0.5
+
+
+def test_no_more_force_is_pressed_than_was_demonstrated(pulsing):
+    skill = copy.deepcopy(pulsing)
+    skill.extent_[1, -1] = 10.0  # Less than its samples have.
+    station = MakeStation(scenario(), skill)
+    (desired,) = samples(station, ("desired_normal_force",), seconds=3.0, after=1.0)
+    assert np.max(desired) == 10.0
+    assert np.min(desired) < 9.0
 
 
 def test_a_page_shows_the_plan_of_six_channels_and_changes_nothing(stirring):

@@ -178,7 +178,8 @@ class _Check:
         # Pressed at each sample, N.
         self._force: Array | float = scenario.nominal_force()
         if roles.force is not None:
-            force = np.maximum(values[..., roles.force], 0.0)
+            most = max(skill.extent_[1, roles.force], 0.0)
+            force = np.clip(values[..., roles.force], 0.0, most)
             X_WBs = 1 + bool(any([*board.error.translation, *board.error.rpy]))
             self._force = np.tile(force, (X_WBs, 1))
         # Each path meets the board elsewhere on its rail; the first one at its end.
