@@ -33,8 +33,9 @@ from fmp_drake.station.scenario import Scenario
 # C. D. Marsden, "Physiological and pathological tremors and rhythmic central motor
 # control", Brain 123, 2000), and so has what a hand's tremor does to a contact.
 _FORCE_BAND = 4.0
-# Factor by which deviations of other channels than the position are reduced.
-_LESS_EXACT = 4.0
+# Factor by which deviations of other channels than the position are reduced. With less, the
+# rise of the force after landing ends a bout, and whole cycles are not learned.
+_LESS_EXACT = 8.0
 # Skills by all that they depend on.
 _LEARNED: dict[str, tuple[FourierMovementPrimitive, list[Demonstration]]] = {}
 
@@ -162,14 +163,6 @@ def learn_skill(
         check_number(window, "window", above=0, unit="s", error=DemonstrationError)
         n_steps = max(8, round(window * rate))
         overlap = min(overlap, n_steps // 4)
-        longest = max(d.duration for d in demonstrations)
-        if longest < n_steps / rate:
-            raise DemonstrationError(
-                f"the longest demonstration lasts {longest:.3g} s, a window {window:g} s; "
-                "at least two windows must fit. Record for longer, choose shorter windows "
-                "(--window) that still hold a whole period, or slow the demonstration "
-                "down (--stretch)."
-            )
     return FourierMovementPrimitive(
         model=default.model if model is None else model,
         n_steps=n_steps,
@@ -208,7 +201,7 @@ def _without_tremor(recording: Demonstration, rate: float) -> list[Demonstration
 
 
 def _scales_by_position(demonstrations: Sequence[Demonstration]) -> NDArray[np.float64]:
-    """Return the scales of channels, those beside x, y and z four times as large, (D,)."""
+    """Return the scales of channels, those beside x, y and z eight times as large, (D,)."""
     first = demonstrations[0]
     values = np.concatenate([d.values for d in demonstrations])
     others = [name not in POSITION_CHANNELS for name in first.channels]

@@ -124,3 +124,10 @@ def test_a_force_is_learned_from_short_parts_between_gaps_too():
         units=["m", "m", "m", "N"],
     )
     assert learn_skill([recording]).n_channels_ == 4
+
+
+def test_a_recording_shorter_than_the_window_is_learned_in_a_shorter_one():
+    recording = Demonstration(time=TIME[:100], values=circles(3 * TIME[:100]))
+    skill = learn_skill([recording], window=6.0)
+    assert skill.window == pytest.approx(5.0)
+    assert "the window is 5 s instead of 6 s" in skill.model_reason_
