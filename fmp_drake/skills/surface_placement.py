@@ -23,7 +23,7 @@ from fmp_drake.primitives.data.orientation import (
 )
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.skills.surface_fit import FittedSurface, fit_surface
-from fmp_drake.station.models.eraser import FeltForceLimit
+from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.surface import surface as surfaces
 
@@ -41,6 +41,14 @@ _BORDER, _LEAST_SCALE = 0.02, 0.3
 _LEAST_SAMPLES = 4  # Of a bout.
 # Ratio of residuals below which a curved surface is recommended instead of a plane.
 _FAR_BETTER = 0.5
+# Depth below the surface of a tool that touches, as a fraction of the height of its lifts: a
+# model of few cycles mixes contact and lift, and would play a contact some mm too high.
+_DEPTH = 0.04
+# Fraction of the felt's depth by which tilting the tool may lift an edge, and of the normal force
+# that squeezes the whole felt to its core, of which the simulated one bears 70 % at its edges.
+_TILTED, _BORNE = 0.5, 0.7
+# Least rotational stiffness with which a recorded orientation is followed, Nm/rad.
+_ROTATIONAL_STIFFNESS = 60.0
 # Further height of a board on which the wrist tilts outwards, m.
 _RAISED = {"cylinder": 0.10, "dome": 0.25}
 
@@ -64,8 +72,8 @@ def place_on_fitted_surface(
     """Fit a surface to recordings, make it the scenario's board, and place them on it.
 
     The tool touches where its force says so, otherwise where it is near the surface, and only
-    in the bouts of the movement. There its height becomes 0, as the real surface differs from
-    the fitted one. A path too large for the board is scaled down, with the surface's radius.
+    in the bouts of the movement. There its height becomes constant, as the real surface differs
+    from the fitted one: 0, less 4 % of the height of lifts, which a learned motion blurs. A path too large for the board is scaled down, with the surface's radius.
     Orientations are relative to the local normal; while the tool touches, their mean is that
     of the eraser flat on the surface.
 
@@ -76,7 +84,8 @@ def place_on_fitted_surface(
         their reference, and `force` or the components `force_x`, `force_y`, `force_z` in N, of
         the tool or of D.
     scenario : Scenario
-        Its board is changed.
+        Its board is changed. With an orientation its rotational stiffness is at least 60
+        Nm/rad, and with a force its force control is enabled.
     shape : str, optional
         plane, cylinder, dome or bowl instead of the one that the residuals choose.
     extra : sequence of str
@@ -117,28 +126,27 @@ def place_on_fitted_surface(
         f"placed on the {fit.shape} at {100 * scale:.0f} % of its size; the tool touches it "
         f"{100 * fraction:.0f} % of the time"
     )
+    remarks += _let_follow(scenario, extra)
     placed = []
     for demonstration, contact, uvh in zip(
         demonstrations, contacts, coordinates, strict=True
     ):
         columns = [_on_board(demonstration.time, uvh - middle, contact, scale)]
         channels, units = [*POSITION_CHANNELS], ["m"] * 3
-        reference = None
+        reference, lift = None, 0.0
         if "orientation" in extra:
-            columns.append(_orientation(demonstration, fit, uvh, contact))
+            vectors = _orientation(demonstration, fit, uvh, contact)
+            lift, note = _flatten(vectors, contact.touching, scenario)
+            columns.append(vectors)
             channels += ROTATION_CHANNELS
             units += ["rad"] * 3
             nominal = scenario.eraser_orientation().matrix()
             reference = unit_quaternion(Rotation.from_matrix(nominal))
-            tilt = np.degrees(
-                np.linalg.norm(columns[-1][contact.touching][:, :2], axis=1)
-            )
-            remarks.append(
-                f"the tool tilts by up to {np.percentile(tilt, 95):.0f} degrees while it "
-                "touches (95 % of the time)"
-            )
+            remarks.append(note)
         if "force" in extra:
-            force, note = _normal_force(demonstration, fit, uvh, contact, scenario)
+            force, note = _normal_force(
+                demonstration, fit, uvh, contact, scenario, lift
+            )
             columns.append(force[:, None])
             channels.append(FORCE_CHANNEL)
             units.append("N")
@@ -265,12 +273,29 @@ def _set_board(
 
 
 def _on_board(time: Array, uvh: Array, contact: _Contact, scale: float) -> Array:
-    """Return (u, v, h) on the board, with height 0 where the tool touches."""
+    """Return (u, v, h) on the board, with one height, 0 or little less, in contact."""
     on = contact.touching
     floor = np.interp(time, time[on], uvh[on, 2])
     out = scale * uvh
     out[:, 2] = np.where(on, 0.0, scale * np.maximum(uvh[:, 2] - floor, 0.0))
+    out[:, 2] -= _DEPTH * np.percentile(out[contact.in_bout, 2], 95)
     return out
+
+
+def _let_follow(scenario: Scenario, extra: Sequence[str]) -> list[str]:
+    """Let a scenario's controller follow an orientation and a force, with remarks."""
+    impedance, remarks = scenario.impedance, []
+    stiffness = [max(k, _ROTATIONAL_STIFFNESS) for k in impedance.rotational_stiffness]
+    if "orientation" in extra and stiffness != impedance.rotational_stiffness:
+        impedance.rotational_stiffness = stiffness
+        remarks.append(
+            f"rotational stiffness raised to {_ROTATIONAL_STIFFNESS:g} Nm/rad to follow "
+            "the orientation"
+        )
+    if "force" in extra and not impedance.force_control.enabled:
+        impedance.force_control.enabled = True
+        remarks.append("force control enabled to follow the force")
+    return remarks
 
 
 def _orientation(
@@ -290,14 +315,35 @@ def _orientation(
     return rotation_vectors(relative, mean)
 
 
+def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float, str]:
+    """Scale the tilt down, in place, to what the felt yields to; return the lift of an edge, m.
+
+    The tool of the recording was another, or soft, and the real surface is not the fitted
+    one: an eraser that is tilted more would rub with its hard core.
+    """
+    x, y = scenario.eraser.footprint
+    tilt = np.abs(vectors[touching, :2])
+    lift = float(np.percentile(tilt @ [y / 2, x / 2], 95))
+    scale = min(1.0, _TILTED * FELT_DEPTH / max(lift, 1e-9))
+    vectors[:, :2] *= scale
+    degrees = np.degrees(np.percentile(np.linalg.norm(tilt, axis=1), 95))
+    remark = f"the tool tilts by up to {degrees:.0f} degrees while it touches (95 % of the time)"
+    if scale < 1:
+        remark += f", scaled to {100 * scale:.0f} % of it, which the felt yields to"
+    return scale * lift, remark
+
+
 def _normal_force(
     demonstration: Demonstration,
     fit: FittedSurface,
     uvh: Array,
     contact: _Contact,
     scenario: Scenario,
+    lift: float,
 ) -> tuple[Array, str]:
-    """Return the normal force, N, limited by the felt, with a remark.
+    """Return the normal force, N, scaled to what the felt bears, with a remark.
+
+    A tilt lifts an edge of the felt, as a curvature does: the felt has less depth left there.
 
     Of three components it is that along their mean direction in contact, as in the tool's
     frame, or along the surface's normal, as in the frame D, whichever explains more of them.
@@ -318,13 +364,16 @@ def _normal_force(
         normal, how = along_mean, "along its mean direction in contact"
         if np.sum(along_normal[on] ** 2) > np.sum(along_mean[on] ** 2):
             normal, how = along_normal, "along the surface's normal"
-    x, y = scenario.eraser.footprint
-    limit = FeltForceLimit(
-        scenario.eraser, sagitta=scenario.board.curvature().sagitta((x, y))
-    )
-    above = f", limited to the felt's {limit:.0f} N" * bool(np.any(normal > limit))
+    sagitta = scenario.board.curvature().sagitta(tuple(scenario.eraser.footprint))
+    limit = _BORNE * FeltForceLimit(scenario.eraser, sagitta=max(sagitta, lift))
+    highest = float(np.percentile(normal[on], 95))
+    scale = min(1.0, limit / max(highest, 1e-9))
     remark = (
         f"normal force {how}: {np.mean(normal[on]):.1f} N on average, "
-        f"{np.std(normal[on]):.1f} N standard deviation{above}"
+        f"{np.std(normal[on]):.1f} N standard deviation"
     )
-    return np.clip(normal, 0.0, limit), remark
+    if scale < 1:
+        remark += (
+            f", scaled to {100 * scale:.0f} % of it, as the felt bears {limit:.0f} N"
+        )
+    return np.clip(scale * normal, 0.0, limit), remark

@@ -129,7 +129,7 @@ def test_points_that_determine_no_surface_are_refused():
 @pytest.mark.parametrize("force", ["tool", "world", "scalar"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_pose_and_force_are_relative_to_the_local_normal(shape, force):
-    recording, _, on, phi, pressed = posed(shape, force=force)
+    recording, _, on, phi, pressed = posed(shape, force=force, tilt=0.05)
     scenario = Scenario()
     (placed,), remarks = place_on_fitted_surface(
         [recording], scenario=scenario, extra=("orientation", "force")
@@ -151,7 +151,14 @@ def test_pose_and_force_are_relative_to_the_local_normal(shape, force):
         np.linalg.norm(x[:, :2], axis=1) for x in (placed.values[:, 3:6], phi[index])
     )
     assert_allclose(tilt[on], expected[on], atol=np.radians(2))
-    force_error = placed.values[on, 6] - pressed[index][on]
+    # The felt bears less on a sphere, where its edges lift: the force is scaled.
+    highest, placed_highest = (
+        np.percentile(f, 95) for f in (pressed[index][on], placed.values[on, 6])
+    )
+    scale = placed_highest / highest
+    assert (scale == pytest.approx(1.0, abs=0.02)) == (shape != "dome")
+    force_error = placed.values[on, 6] - scale * pressed[index][on]
+    assert scale > 0.7
     assert np.sqrt(np.mean(force_error**2)) < 0.5
     nominal = scenario.eraser_orientation().matrix()
     mean = skill_rotations_of(placed)[on].mean().as_matrix()
@@ -213,8 +220,46 @@ def test_force_is_limited_by_the_felt():
     (placed,), remarks = place_on_fitted_surface(
         [strong], scenario=Scenario(), extra=["force"]
     )
-    assert placed.values[:, 3].max() == pytest.approx(60)
-    assert any("limited to the felt's 60 N" in remark for remark in remarks)
+    # 150 N at most; the felt bears 42 N, to which the 95 % quantile is scaled.
+    assert placed.values[:, 3].max() == pytest.approx(42)
+    assert placed.values[placed.values[:, 3] > 0, 3].min() < 0.7 * 42
+    assert any("as the felt bears 42 N" in remark for remark in remarks)
+
+
+def test_tilt_is_scaled_to_what_the_felt_yields_to():
+    recording, *_ = posed("plane", tilt=0.3)
+    (placed,), remarks = place_on_fitted_surface(
+        [recording], scenario=Scenario(), extra=["orientation"]
+    )
+    on = placed.values[:, 2] == 0
+    # Edges are 60 mm and 25 mm from the middle: half of the felt's 12 mm.
+    lift = np.abs(placed.values[on, 3:5]) @ [0.025, 0.060]
+    assert np.percentile(lift, 95) == pytest.approx(0.006)
+    assert any("which the felt yields to" in remark for remark in remarks)
+
+
+def test_contact_between_lifts_is_a_little_below_the_surface():
+    recording, _, on, *_ = posed("plane", lift=0.2)
+    (placed,), _ = place_on_fitted_surface([recording], scenario=Scenario())
+    on = on[np.searchsorted(recording.time, placed.time)]
+    heights = placed.values[:, 2]
+    lift = np.percentile(heights, 95) - heights[on].max()
+    assert np.ptp(heights[on]) == 0
+    assert heights[on][0] == pytest.approx(-0.04 * lift)
+    assert heights[on][0] < -0.003
+
+
+def test_controller_can_follow_what_is_placed():
+    recording, *_ = posed("plane")
+    for extra, stiffness, has_control in (
+        ([], [30.0, 30.0, 3.0], False),
+        (["orientation"], [60.0, 60.0, 60.0], False),
+        (["force"], [30.0, 30.0, 3.0], True),
+    ):
+        scenario = Scenario()
+        place_on_fitted_surface([recording], scenario=scenario, extra=extra)
+        assert scenario.impedance.rotational_stiffness == stiffness
+        assert scenario.impedance.force_control.enabled == has_control
 
 
 def test_extra_channels_need_a_surface(tmp_path):
@@ -265,9 +310,9 @@ def test_quaternions_of_the_car_recordings_are_scalar_first(real_demonstration_p
 @pytest.mark.parametrize(
     ("name", "residual", "force", "cycles"),
     [
-        ("car_rim_1", 0.002, 30, 1.8),
-        ("car_rim_4", 0.008, 21, 4.5),
-        ("car_fender_3", 0.005, 17, 3.3),
+        ("car_rim_1", 0.002, 23, 2.5),
+        ("car_rim_4", 0.008, 18, 5.5),
+        ("car_fender_3", 0.005, 14, 3.3),
     ],
 )
 def test_real_recordings_are_placed_and_learned(
@@ -288,10 +333,11 @@ def test_real_recordings_are_placed_and_learned(
     )
     assert placed[0].channels == ("x", "y", "z", "rx", "ry", "rz", "force")
     assert scenario.board.shape == "plane"
-    stated = float(remarks[-4].partition("plane ")[2].partition(",")[0].split()[-1])
+    (fit,) = (remark for remark in remarks if "residuals in mm" in remark)
+    stated = float(fit.partition("mm: plane ")[2].partition(",")[0])
     assert stated < 1e3 * residual
     values = np.concatenate([d.values for d in placed])
-    touching = values[:, 2] == 0
+    touching = values[:, 2] == values[:, 2].min()
     assert np.mean(values[touching, 6]) == pytest.approx(force, abs=1)
     tilt = np.degrees(np.linalg.norm(values[touching, 3:5], axis=1))
     assert np.median(tilt) < 10

@@ -20,7 +20,9 @@ from fmp_drake.station.models.model_files import (
 from fmp_drake.station.scenario_parts import EraserConfig
 
 _THICK = 0.030  # The felt, m.
-_BARE = 0.012  # How much of it is before the core, m.
+FELT_DEPTH = 0.012
+"""Depth of the felt before its core, m."""
+
 _INSET = 0.005  # How far the core is within the felt's edges, m.
 _HARD = 1e7  # Pressure in the middle of core and handle, Pa.
 _RIM = 0.006  # How much wider the handle is than the felt, m.
@@ -120,21 +122,23 @@ def FeltForceLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
     40.0
     """
     x, y = config.footprint
-    depth = max(_BARE - sagitta, 0.0)
+    depth = max(FELT_DEPTH - sagitta, 0.0)
     return config.modulus * depth / (_THICK / 2) * x * y
 
 
 def _Contacts(config: EraserConfig) -> list[str]:
     """Return the contact geometry: the felt, and the hard parts behind it."""
     x, y = config.footprint
-    core = Box(x - 2 * _INSET, y - 2 * _INSET, _THICK - _BARE)
+    core = Box(x - 2 * _INSET, y - 2 * _INSET, _THICK - FELT_DEPTH)
     handle = Box(x + _RIM, y + _RIM, 0.020)
     felt: dict[str, float] = {"modulus": config.modulus, "dissipation": 20}
     hard: dict[str, float] = {"modulus": _HARD, "dissipation": 5}
     rub = config.friction
     return [
         Collision("felt", Box(x, y, _THICK), at=(0, 0, 0.085), friction=rub, **felt),
-        Collision("core", core, at=(0, 0, 0.085 - _BARE / 2), friction=rub, **hard),
+        Collision(
+            "core", core, at=(0, 0, 0.085 - FELT_DEPTH / 2), friction=rub, **hard
+        ),
         Collision("handle", handle, at=(0, 0, 0.060), friction=rub, **hard),
         Collision("stem", Cylinder(0.012, 0.042), at=(0, 0, 0.029), friction=rub),
         Collision("plate", Cylinder(0.0315, 0.008), at=(0, 0, 0.004), friction=rub),
