@@ -364,7 +364,8 @@ def _normal_force(
         normal, how = along_mean, "along its mean direction in contact"
         if np.sum(along_normal[on] ** 2) > np.sum(along_mean[on] ** 2):
             normal, how = along_normal, "along the surface's normal"
-    sagitta = scenario.board.curvature().sagitta(tuple(scenario.eraser.footprint))
+    x, y = scenario.eraser.footprint
+    sagitta = scenario.board.curvature().sagitta((x, y))
     limit = _BORNE * FeltForceLimit(scenario.eraser, sagitta=max(sagitta, lift))
     highest = float(np.percentile(normal[on], 95))
     scale = min(1.0, limit / max(highest, 1e-9))

@@ -267,7 +267,8 @@ def _AddForceChannel(
     )
     name = "desired_normal_force"
     limit = builder.AddNamedSystem(
-        "demonstrated_force", Saturation(min_value=[0.0], max_value=[most])
+        "demonstrated_force",
+        Saturation(min_value=np.zeros(1), max_value=np.full(1, most)),
     )
     builder.Connect(task.GetOutputPort(name), limit.get_input_port())
     builder.Connect(limit.get_output_port(), total.get_input_port(0))
