@@ -75,9 +75,9 @@ def _compared(
     }
 
 
-def _columns(methods: Iterable[MethodScores]) -> list[str]:
-    """Return the numbers of cycles that some method was to learn from."""
-    known = {row["cycles"] for method in methods for row in method.predictions}
+def _columns(known: Iterable[str]) -> list[str]:
+    """Return the numbers of cycles that are known, in order."""
+    known = set(known)
     return [cycles for cycles in _COLUMNS if cycles in known]
 
 
@@ -92,9 +92,8 @@ def _table(
         for method in scores.values()
         for row in method.predictions
     }
-    counts = {
-        c: sum(cycles == c for cycles, _ in cases) for c in _columns(scores.values())
-    }
+    known = [cycles for cycles, _ in cases]
+    counts = {cycles: known.count(cycles) for cycles in _columns(known)}
     header = [f"{cycles} ({count})" for cycles, count in counts.items()]
     rows = [["cycles learned from (movements)", *header]]
     for name in scores:
@@ -225,8 +224,9 @@ def _coverage(scores: _Scores) -> Finding:
         for name, values in inside.items()
     }
     rows = _table(scores, compared, lambda _: "")
+    columns = _columns(header.split()[0] for header in rows[0][1:])
     for row, name in zip(rows[1:], scores, strict=True):
-        for i, cycles in enumerate(_columns(scores.values()), start=1):
+        for i, cycles in enumerate(columns, start=1):
             means = [
                 f"{100 * np.mean(list(values[cycles].values())):.0f}"
                 for values in inside[name]
@@ -416,10 +416,8 @@ def _lines(
     ax: Axes = figure.subplots()
     if band is not None:
         ax.axhspan(*band, color="0.93", zorder=0)
-    others = [name for name in compared if name != FMP.name]
-    known = {c for by_cycles in compared.values() for c in by_cycles if by_cycles[c]}
-    columns = [cycles for cycles in _COLUMNS if cycles in known]
-    for name, by_cycles in compared.items():
+    columns = _columns(c for by in compared.values() for c in by if by[c])
+    for number, (name, by_cycles) in enumerate(compared.items()):
         at = [i for i, c in enumerate(columns) if by_cycles.get(c)]
         style: dict[str, Any] = {"linewidth": 2.6, "color": SAMPLED, "marker": "o"}
         if name == FMP.name:
@@ -428,7 +426,6 @@ def _lines(
                 values = by_cycles[columns[i]]
                 ax.plot([i] * len(values), values, "_", color=SAMPLED, alpha=0.5)
         else:
-            number = others.index(name)
             style = {"linewidth": 1.1, "color": component_color(number), "marker": "."}
             style["linestyle"] = "--" if number >= 10 else "-"
         if at:
