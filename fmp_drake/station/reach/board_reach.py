@@ -35,22 +35,25 @@ class FollowingBounds:
 
     Attributes
     ----------
-    distance : float
-        Between a wanted position and the one that the springs let the arm hold, m: as far
-        as a run may be off its path (rms).
+    distance, farthest : float
+        Between a wanted position and the one that the springs let the arm hold, m. Where
+        `distance` is exceeded for moments, the tracking error decides, up to `farthest`.
+    tracking_error : float
+        Predicted rms distance from the path, m, where positions are out of reach or joints
+        above their speed limit: three quarters of what a run may have.
     tilt : float
         Of the eraser against the board, rad: its end then lifts by 6 mm, a fifth of the
         felt.
     joint_reserve : float
         Margin from a joint-limit spring at which a joint counts as being at it, rad.
     brief : float
-        Fraction of the samples that may be above a joint's speed limit, where the eraser
-        lags for a moment.
+        Fraction of the samples that may be above a joint's speed limit whatever the
+        predicted tracking error.
     clearance : float
         Of the arm's links from the board, m.
     torque_fraction : float
         Of the joints' torque limits; what is left is for springs and pushes.
-    drag : float
+    friction_lag : float
         By which friction may hold the pressed eraser behind its path, m.
     exceptions : float
         Fraction of the samples that may miss a bound: tails of the Gaussians, which
@@ -63,12 +66,14 @@ class FollowingBounds:
     """
 
     distance: float = 0.010
+    farthest: float = 0.040
+    tracking_error: float = 0.0075
     tilt: float = 0.1
     joint_reserve: float = 0.03
     brief: float = 0.02
     clearance: float = 0.02
     torque_fraction: float = 0.9
-    drag: float = 0.010
+    friction_lag: float = 0.010
     exceptions: float = 0.002
 
 
@@ -183,19 +188,19 @@ class BoardReach:
 
     def missed(
         self, motion: PredictedMotion, *, has_rotation: bool = False
-    ) -> tuple[Flags, Flags, Array]:
-        """Return which samples are out of reach or at a limit spring, (B, T), and the margin.
+    ) -> tuple[Flags, Flags, Flags, Array]:
+        """Return which samples miss their position or orientation or are at a limit spring.
 
-        The margin of each joint to its limit is in rad, shape (B, T, n). A skill without
-        rotation channels may be off about the normal.
+        Each has shape (B, T). The last value is the margin of each joint to its limit, rad,
+        shape (B, T, n). A skill without rotation channels may be off about the normal.
         """
         bounds, error = self._bounds, motion.error
-        out = np.linalg.norm(error[..., 3:], axis=-1) > bounds.distance
+        far = np.linalg.norm(error[..., 3:], axis=-1) > bounds.distance
         rotation = error[..., : 3 if has_rotation else 2]
-        out |= np.linalg.norm(rotation, axis=-1) > bounds.tilt
-        room = self.limits.half_range - np.abs(motion.q - self.limits.middle)
+        tilted = np.linalg.norm(rotation, axis=-1) > bounds.tilt
+        margin = self.limits.half_range - np.abs(motion.q - self.limits.middle)
         wall = self._scenario.impedance.walls.width + bounds.joint_reserve
-        return out, np.min(room, axis=-1) < wall, room
+        return far, tilted, np.min(margin, axis=-1) < wall, margin
 
     def braking_lag(self, motion: PredictedMotion, step: float) -> Array:
         """Return the eraser's lag where the controller brakes joints, (B, T, 2): m and rad."""
@@ -272,11 +277,11 @@ class BoardReach:
             postures=postures,
             R_TE=None if R_TE is None else R_TE[few],
         )
-        out, _, _ = self.missed(motion, has_rotation=R_TE is not None)
+        far, tilted, *_ = self.missed(motion, has_rotation=R_TE is not None)
         near = self.clearance(X_WB, motion, moved)[0] < self._bounds.clearance
         is_free = not self._scenario.has_board
         what = "the motion (board.translation)" if is_free else "the board"
-        fractions = np.mean((out | near).reshape(len(moves), -1), axis=1)
+        fractions = np.mean((far | tilted | near).reshape(len(moves), -1), axis=1)
         return [
             (f"move {what} {100 * far:.0f} cm {way}", far * direction)
             for (far, way, direction), fraction in zip(moves, fractions, strict=True)
@@ -310,9 +315,9 @@ class BoardReach:
         motion = self.follow(
             assumed, lines.reshape(-1, len(x), 3), step=0.2, postures=posture[None]
         )
-        out, _, room = self.missed(motion)
+        far, tilted, _, margins = self.missed(motion)
         walls = self._scenario.impedance.walls.width
-        margin = np.where(out, np.nan, np.min(room, axis=-1) - walls)
+        margin = np.where(far | tilted, np.nan, np.min(margins, axis=-1) - walls)
         below, above = margin.reshape(2, len(y), len(x))
         x = np.concatenate([-x[:0:-1], x])
         return x, y, np.concatenate([below[:, :0:-1], above], axis=1).T

@@ -57,9 +57,9 @@ class Feasibility:
         with a joint at its limit spring, where the others take over, ``smallest_manipulability`` (sqrt det J Jᵀ, m³),
         ``smallest_clearance`` of the arm's links from the board (m),
         ``largest_speed_ratio`` to the joints' limits, ``braking_lag`` of the eraser where
-        joints are braked (rms, m), ``largest_torque_ratio``, ``drag``
-        by friction (m), and what would still do: ``largest_tempo``, ``largest_press`` (N).
-        Clearance, drag and press are left out in free space; ``largest_angle`` (rad) is what
+        joints are braked (rms, m), ``largest_torque_ratio``, ``friction_lag``
+        (m), the predicted ``tracking_error`` (rms, m), and what would still do: ``largest_tempo``, ``largest_press`` (N).
+        Clearance, friction and normal force are left out in free space; ``largest_angle`` (rad) is what
         is left to an orientation, where the skill has one. The
         ratios are those that but `FollowingBounds.exceptions` of the samples keep.
     start : array, shape (3,)
@@ -243,8 +243,12 @@ class _Check:
             R_TE=self._R_TE,
         )
         near = reach.clearance(X_WB, motion, self._moved)
-        reached, missed = self._judge_reach(motion, *near)
-        values = reached | self._judge_speed(motion) | self._judge_force(motion)
+        lags = reach.braking_lag(motion, self._step)
+        lag, lag_angle = map(float, np.sqrt(np.mean(lags**2, axis=(0, 1))))
+        reached, missed = self._judge_reach(motion, *near, lag)
+        error = float(reached["tracking_error"])
+        values = reached | self._judge_speed(motion, lag, lag_angle, error)
+        values |= self._judge_force(motion)
         ratios = [
             f"{100 * values[name]:.0f} %"
             for name in ("largest_speed_ratio", "largest_torque_ratio")
@@ -328,20 +332,34 @@ class _Check:
         return float(np.mean(missed)) > self._bounds.exceptions
 
     def _judge_reach(
-        self, motion: PredictedMotion, clearance: Array, link: str
+        self, motion: PredictedMotion, clearance: Array, link: str, lag: float
     ) -> tuple[Values, Flags]:
-        """Return the values, and the samples where the arm cannot or must not be."""
-        has_rotation = self._R_TE is not None
-        out, at_wall, room = self._reach.missed(motion, has_rotation=has_rotation)
-        near = clearance < self._bounds.clearance
+        """Return the values, and the samples where the arm cannot or must not be.
+
+        Where positions are out of reach for moments, the predicted tracking error decides:
+        the root sum of squares of distance, lag of braked joints (m) and of friction.
+        """
+        has_rotation, bounds = self._R_TE is not None, self._bounds
+        far, tilted, at_wall, margin = self._reach.missed(
+            motion, has_rotation=has_rotation
+        )
+        near, out = clearance < bounds.clearance, far | tilted
         distance = np.linalg.norm(motion.error[..., 3:], axis=-1)
         angle = np.linalg.norm(motion.error[..., :3], axis=-1)
-        if self._often(out):
+        rms = math.hypot(
+            math.sqrt(np.mean(distance**2)),
+            lag,
+            self._friction_lag() * float(np.max(self._force)),
+        )
+        is_far = self._often(far) and (
+            rms > bounds.tracking_error or self._often(distance > bounds.farthest)
+        )
+        if is_far or self._often(tilted):
             tilt = (
                 f" and {np.rad2deg(np.max(angle)):.0f} degrees" if has_rotation else ""
             )
             spring = (
-                f", where joint {_joint(-room)} is at a joint-limit spring"
+                f", where joint {_joint(-margin)} is at a joint-limit spring"
                 if np.any(out & at_wall)
                 else ""
             )
@@ -352,7 +370,7 @@ class _Check:
         if self._often(near):
             self._faults.append(
                 f"on {100 * np.mean(near):.1f} % of the path {link} touches the board, or "
-                f"comes nearer than {1e3 * self._bounds.clearance:.0f} mm"
+                f"comes nearer than {1e3 * bounds.clearance:.0f} mm"
             )
         self._is_far = bool(self._faults)
         values: Values = {}
@@ -364,24 +382,34 @@ class _Check:
             **values,
             "reachable_fraction": 1 - np.mean(out),
             "largest_distance": np.max(distance),
-            "smallest_joint_margin": np.min(room),
+            "tracking_error": rms,
+            "smallest_joint_margin": np.min(margin),
             "wall_fraction": np.mean(at_wall),
             "smallest_manipulability": np.min(motion.manipulability),
         }, out | near
 
-    def _judge_speed(self, motion: PredictedMotion) -> Values:
+    def _judge_speed(
+        self, motion: PredictedMotion, lag: float, angle: float, tracking_error: float
+    ) -> Values:
+        """Return the values of the joints' speed.
+
+        Where a joint is above its limit for longer, the predicted tracking error decides:
+        a joint that the eraser hardly needs is braked, and a small lag pulls it little.
+        """
         speed = np.abs(motion.v) / self._reach.limits.speed
         fastest = np.max(speed, axis=-1)
         # Where the controller brakes a joint, the eraser lags behind its path.
         allowed = self._scenario.impedance.walls.speed_fraction
         ratio = np.quantile(fastest, 1 - self._bounds.exceptions)
         tempo = self._tempo * allowed / ratio
-        lags = self._reach.braking_lag(motion, self._step)
-        lag, angle = np.sqrt(np.mean(lags**2, axis=(0, 1)))
-        is_late = lag > self._bounds.distance or angle > self._bounds.tilt
-        above = np.mean(fastest > 1)
+        above, bounds = float(np.mean(fastest > 1)), self._bounds
+        is_late = (
+            lag > bounds.distance
+            or angle > bounds.tilt
+            or (above > bounds.brief and tracking_error > bounds.tracking_error)
+        )
         # Out of reach, or at a joint-limit spring, the joints' speed is meaningless.
-        if (is_late or above > self._bounds.brief) and not self._faults:
+        if is_late and not self._faults:
             self._faults.append(
                 f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed, "
                 f"above 100 % on {100 * above:.1f} % of the path, and is braked from "
@@ -397,7 +425,8 @@ class _Check:
 
     def _judge_force(self, motion: PredictedMotion) -> Values:
         bounds, force = self._bounds, float(np.max(self._force))
-        effort, drag = self._reach.limits.upper_effort, self._drag()
+        effort = self._reach.limits.upper_effort
+        friction_lag = self._friction_lag()
         torque, press = motion.torque / effort, motion.force_torque / effort
         pressed = np.asarray(self._force)[..., None]
         ratio = np.quantile(
@@ -406,25 +435,25 @@ class _Check:
         room = bounds.torque_fraction - np.sign(press) * torque
         most = np.min(room / np.maximum(np.abs(press), 1e-9), axis=-1)
         most = np.quantile(np.maximum(most, 0.0), bounds.exceptions)
-        limit = min(float(most), bounds.drag / max(drag, 1e-9))
+        limit = min(float(most), bounds.friction_lag / max(friction_lag, 1e-9))
         if ratio > bounds.torque_fraction and not self._faults:
             self._faults.append(f"a joint needs {100 * ratio:.0f} % of its torque")
         if not self._scenario.has_board:
             return {"largest_torque_ratio": ratio}
-        if drag * force > bounds.drag:
+        if friction_lag * force > bounds.friction_lag:
             self._faults.append(
                 f"at a press of {force:g} N friction holds the eraser "
-                f"{1e3 * drag * force:.0f} mm behind its path"
+                f"{1e3 * friction_lag * force:.0f} mm behind its path"
             )
         if force > limit > 1:
             self._softer = limit
         return {
             "largest_torque_ratio": ratio,
-            "drag": drag * force,
+            "friction_lag": friction_lag * force,
             "largest_press": limit,
         }
 
-    def _drag(self) -> float:
+    def _friction_lag(self) -> float:
         """Return the lag of the eraser by friction per newton of normal force, m/N."""
         config = self._scenario.impedance
         stiffness = min(config.translational_stiffness[:2])
