@@ -67,3 +67,15 @@ def test_more_than_the_arm_bears_at_the_start_is_refused():
     words = f"press.force is {1.001 * limit:g} N; .* {limit:.1f} N .* 80 % of its"
     with pytest.raises(StationError, match=words):
         CheckPress(scene)
+
+
+def test_greatest_normal_force_falls_with_friction_to_less_than_a_newton():
+    robot = MakeRobotModel(LoadRobot("panda"), LoadScenario("table_top").held_tool())
+    first, second = (
+        ArmPressLimit(
+            robot, q=robot.config.posture, R_WB=RotationMatrix(), friction=friction
+        )
+        for friction in (1e3, 2e3)
+    )
+    assert 0 < first < 1
+    assert first == pytest.approx(2 * second, rel=1e-2)

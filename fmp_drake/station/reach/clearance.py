@@ -1,4 +1,4 @@
-"""Sphere approximation of hard bodies, for their distance to a board."""
+"""Sphere approximation of rigid collision geometry, for its distance to a board."""
 
 from itertools import product
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ _ROUND = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
 
 
 class CollisionSpheres(NamedTuple):
-    """Sphere approximation of a model's rigid collision geometry.
+    """Spheres that approximate the rigid collision geometry of a model.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ def CollectCollisionSpheres(
         body: Any = plant.GetBodyFromFrameId(inspector.GetFrameId(g))
         if body.model_instance() != model or inspector.GetName(g) == _SOFT:
             continue
-        centres, radius = _balls(inspector.GetShape(g))
+        centres, radius = _spheres(inspector.GetShape(g))
         X_BodyG = inspector.GetPoseInFrame(g)
         R_BodyG = X_BodyG.rotation().matrix()
         points.append(centres @ R_BodyG.T + X_BodyG.translation())
@@ -107,11 +107,11 @@ class ArmClearance:
         p_W = moved(X[:, self._owner], self._points)
         p = along(curvature, moved(X_BW[:, None], p_W))
         distance = clearances(p, self._radii, box)
-        ball = int(np.argmin(np.min(distance, axis=0)))
-        return np.min(distance, axis=1), self._links[self._owner[ball]].name()
+        nearest = int(np.argmin(np.min(distance, axis=0)))
+        return np.min(distance, axis=1), self._links[self._owner[nearest]].name()
 
 
-def _balls(shape: Any) -> tuple[Array, float]:
+def _spheres(shape: Any) -> tuple[Array, float]:
     """Return centres, shape (N, 3), and radius of spheres on a shape's surface, m."""
     ends = (-0.5, 0.0, 0.5)
     if isinstance(shape, Box):

@@ -52,16 +52,17 @@ class Feasibility:
         One line: the numbers that decide, and the smallest change with which the check
         passes.
     values : dict
-        ``reachable_fraction`` of the samples, ``largest_distance`` (m) that is left to
-        one, ``smallest_joint_margin`` to a limit (rad), ``wall_fraction`` of the samples
-        with a joint at its limit spring, where the others take over, ``smallest_manipulability`` (sqrt det J Jᵀ, m³),
-        ``smallest_clearance`` of the arm's links from the board (m),
-        ``largest_speed_ratio`` to the joints' limits, ``braking_lag`` of the eraser where
-        joints are braked (rms, m), ``largest_torque_ratio``, ``friction_lag``
-        (m), the predicted ``tracking_error`` (rms, m), and what would still do: ``largest_tempo``, ``largest_press`` (N).
-        Clearance, friction and normal force are left out in free space; ``largest_angle`` (rad) is what
-        is left to an orientation, where the skill has one. The
-        ratios are those that but `FollowingBounds.exceptions` of the samples keep.
+        ``reachable_fraction`` of the samples; ``largest_distance`` (m) and
+        ``largest_angle`` (rad) between wanted and predicted poses;
+        ``smallest_joint_margin`` to a limit (rad); ``wall_fraction`` of the samples with a
+        joint at its limit spring; ``smallest_manipulability`` (sqrt det J Jᵀ, m³);
+        ``smallest_clearance`` of the arm's links from the board (m);
+        ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
+        ``braking_lag`` of the eraser where joints are braked (rms, m); ``friction_lag`` (m);
+        the predicted ``tracking_error`` (rms, m); and the ``largest_tempo`` and
+        ``largest_press`` (N) that would still do.
+        Ratios leave out `FollowingBounds.exceptions` of the samples. Clearance, friction
+        and normal force are missing in free space, the angle without rotation channels.
     start : array, shape (3,)
         p_BE, m.
     paths : array, shape (B, T, 3)
@@ -114,9 +115,9 @@ def CheckFeasibility(
 ) -> Feasibility:
     """Check whether the arm can follow a skill on a scenario's board.
 
-    Prediction of the arm's motion (`TrackingPredictor`) along windows
-    that are drawn from the skill and windows that are played from the start: where the
-    board is assumed to be, and where it is, and on its way along its rail.
+    `TrackingPredictor` predicts the arm's motion along windows that are drawn from the
+    skill and windows that are played from the start. The board is where it is assumed to
+    be, where it actually is, and anywhere along its rail.
 
     Parameters
     ----------

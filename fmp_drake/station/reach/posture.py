@@ -80,11 +80,9 @@ def SolvePosture(
 
 
 def FindLevelReach(robot: Robot) -> float:
-    """Find how far in front of the world's origin an arm holds the eraser level, m.
+    """Find the greatest x at which an arm holds the eraser level, 0.1 m high, m.
 
-    The eraser's felt is 0.1 m high.
-
-    Searches along x in steps of 1 cm.
+    The search along x has steps of 1 cm.
 
     Parameters
     ----------
