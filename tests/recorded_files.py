@@ -296,7 +296,8 @@ def numbered(name, count, first=0):
 
 def positions_by_number(folder):
     names = [f"{name} [mm]" for name in numbered("ee_pos_", 3)]
-    return write(folder, xyz(path=1e3 * PATH, header=",".join(["time", *names])))
+    text = xyz(path=1e3 * PATH, header=",".join(["time", *names]))
+    return write(folder, text, unit="mm")
 
 
 def matrices():

@@ -269,6 +269,7 @@ def test_broken_vicon_files_are_refused(old, new, message, tmp_path):
         (files.ros1_out_of_order, "/pose, header stamps, put in order"),
         (files.optitrack, "OptiTrack, Eraser; 1 markers left out"),
         (files.vicon_trajectories, "Vicon, Trajectories at 50 Hz"),
+        (files.libfranka, "O_T_EE_0 to O_T_EE_15 are a pose"),
         (files.two_hands, r"several positions \(left_x, right_x \.\.\.\): choose with"),
     ],
     ids=lambda each: getattr(each, "__name__", ""),
@@ -373,6 +374,7 @@ def test_of_joint_states_in_a_table_the_positions_are_read(name, words, tmp_path
 
 def test_forces_of_a_universal_robot_are_read_beside_its_pose(tmp_path):
     (found,), remarks = read_demonstrations([files.ur_rtde(tmp_path).path])
+    assert "TCP_force_0 to actual_TCP_force_5 are a force and a torque" in remarks[0]
     assert "target_tcp_pose_qw left out: commanded, not measured" in remarks[0]
     assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
     vectors = found.select(["rx", "ry", "rz"]).values
@@ -383,6 +385,16 @@ def test_forces_of_a_universal_robot_are_read_beside_its_pose(tmp_path):
     assert_allclose(found.select(["force_x"]).values[:, 0], 10 * files.PATH[:, 0])
     assert units["actual_q_5"] == "rad"
     assert units["actual_tcp_torque_z"] == "Nm"
+
+
+def test_a_marker_named_c_is_not_taken_for_a_command(tmp_path):
+    names = [f"{marker}_{axis}" for marker in "bc" for axis in "xyz"]
+    text = files.lines(
+        files.TIME, *files.PATH.T, *files.PATH.T, header=",".join(["t", *names])
+    )
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == tuple(names)
+    assert "several positions (b_x, c_x ...)" in remarks[0]
 
 
 def test_angles_beyond_two_revolutions_are_taken_for_degrees(tmp_path):

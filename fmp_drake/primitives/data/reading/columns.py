@@ -51,7 +51,7 @@ _QUATERNION = re.compile(
 )
 # Positions that were commanded instead of measured.
 _COMMANDED = re.compile(
-    r"(^|.*_)(d|c|des|desired|target|cmd|command|commanded|ref|reference|goal)(_.*|$)"
+    r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|ref|reference|goal)(_.*|$)"
 )
 _FORCE = re.compile(r"(.*?)_?(?:f|force)_?([xyz])")
 _NO_POSITION = re.compile(

@@ -79,7 +79,11 @@ def column_groups(
             labels, units, poses, is_unstated = named
             first = sources[count - 4]
             origin = table.names[first] or f"column {first + 1}"
-            remark = options.quaternion_remark(origin) if is_unstated else ""
+            kind = "a force and a torque" if "N" in units else "a pose"
+            span = f"{table.names[sources[0]]} to {table.names[sources[-1]]}"
+            remark = f"{span} are {kind}" if count > 4 else ""
+            if is_unstated:
+                remark = options.quaternion_remark(origin)
             # Positions keep the unit of their header.
             unit = conversions[sources[0]][1]
             units = [u or unit * (i < 3) for i, u in enumerate(units)]
