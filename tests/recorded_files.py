@@ -375,6 +375,14 @@ def joint_states(folder, name, *, joints=7, words=()):
     return write(folder, lines(*columns, header=",".join(names)))
 
 
+def lists_in_cells(folder):
+    """Write a table as pandas does whose cells are lists, or arrays without commas."""
+    positions = [f'"{p}"' for p in PATH.tolist()]
+    quaternions = [f"[{' '.join(map(repr, q))}]" for q in QUATERNIONS.tolist()]
+    text = lines(TIME, positions, quaternions, header="time,position,quat")
+    return write(folder, text)
+
+
 def sheet_after_notes(folder):
     import openpyxl
 

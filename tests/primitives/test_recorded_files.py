@@ -115,6 +115,7 @@ POSES = (
     files.tum_without_header,
     files.quaternion_from_1,
     files.quaternion_without_a_word,
+    files.lists_in_cells,
 )
 REFUSED = {
     files.no_time: r"no column tells the time; .* x, y, z\. .*--sample-rate",
@@ -123,7 +124,7 @@ REFUSED = {
     files.time_backwards: r"does not increase after sample 199 \(3\.98 s, then 0 s\)",
     files.values_missing: r"252 of 400 samples have no value of z; leave them out: "
     r"--columns x=x,y=y$",
-    files.broken_lines: r"12 rows of 400 broken \(line 9: 2 cells instead of 4\); delete "
+    files.broken_lines: r"12 of 400 rows broken \(line 9: 2 cells instead of 4\); delete "
     r"them: sed -i\.orig '9d;10d;.*20d' ",
     files.bytes_of("d.csv", b""): r"is empty: .* fmp-drake record --out demo\.csv$",
     files.bytes_of("d.csv", b"time,x\n"): r"no line of numbers .* --out demo\.csv$",

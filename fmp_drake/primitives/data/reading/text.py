@@ -29,6 +29,9 @@ _DATE = re.compile(
     r"(?:(\d\d?):)?(\d\d?):(\d\d?(?:[.,]\d+)?)(?: ?([AaPp])[Mm])?"
     r"(?:Z|[+-]\d\d:?\d\d)?"
 )
+# List of numbers in a cell, and what separates them.
+_LIST = re.compile(r'"?[\[(]([-+.\deE,; ]+)[\])]"?')
+_LIST_MARK = re.compile(r"[,; ]+")
 # Greatest fraction of broken rows that are left out; rows of which one may be broken.
 _MOST_BROKEN, _FEW = 0.01, 20
 # Greatest number of broken rows that a command deletes.
@@ -66,6 +69,7 @@ def table_of_lines(path: Path, lines: list[str], *, is_cut: bool = False) -> Tab
             f"{path} is empty: nothing was recorded. Record one to try with: "
             "fmp-drake record --out demo.csv"
         )
+    lines = _without_lists(lines)
     start, delimiter = _first_row(path, lines)
     first = split_cells(lines[start], delimiter)
     width = len(first)
@@ -119,6 +123,23 @@ def table_of_lines(path: Path, lines: list[str], *, is_cut: bool = False) -> Tab
     )
 
 
+def _without_lists(lines: list[str]) -> list[str]:
+    """Return lines in which the numbers of a list in one cell are columns of their own."""
+    rows = [split_cells(line, ",") for line in lines[:2]]
+    lists = [_LIST.fullmatch(cell) for cell in rows[-1]]
+    if len(rows) < 2 or len(rows[0]) != len(lists) or not any(lists):
+        return lines
+    names: list[str] = []
+    for name, found in zip(rows[0], lists, strict=True):
+        count = len(_LIST_MARK.split(found[1].strip())) if found else 0
+        names += [f"{name}_{i}" for i in range(count)] if found else [name]
+    body = (
+        _LIST.sub(lambda found: _LIST_MARK.sub(",", found[1].strip()), line)
+        for line in lines[1:]
+    )
+    return [",".join(names), *body]
+
+
 def _without_broken(path: Path, broken: list[tuple[int, str]], rows: int) -> str:
     """Return a remark that broken lines are left out; raise where they are many."""
     (line, reason), count = broken[0], len(broken)
@@ -132,7 +153,7 @@ def _without_broken(path: Path, broken: list[tuple[int, str]], rows: int) -> str
         else "export the table again"
     )
     raise SkillFileError(
-        f"{path}: {counted(count, 'row')} of {rows + count} broken ({found}); {advice}"
+        f"{path}: {count} of {rows + count} rows broken ({found}); {advice}"
     )
 
 
