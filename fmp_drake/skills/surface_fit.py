@@ -120,7 +120,7 @@ def fit_surface(
             "needed to fit a surface."
         )
     extents = np.linalg.svd(contact - contact.mean(axis=0), compute_uv=False)
-    if extents[1] < 0.02 * extents[0]:
+    if extents[1] <= 0.02 * extents[0]:
         raise DemonstrationError(
             "the contact is a point or a line, so its surface is not determined; give the "
             "transform to the board instead."

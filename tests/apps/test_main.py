@@ -100,16 +100,16 @@ def test_page_is_not_announced_before_a_refusal(refused, outputs):
 # Wrong files.
 
 
-def nan_in_the_values():
+def infinity_in_the_values():
     position = np.zeros((200, 3))
-    position[7, 1] = np.nan
+    position[7, 1] = np.inf
     return {"position": position, "time": np.arange(200) / 20}
 
 
 @pytest.mark.parametrize(
     ("arrays", "reason"),
     [
-        (nan_in_the_values(), "NaN"),
+        (infinity_in_the_values(), "NaN"),
         ({"time": np.arange(3) / 20, "position": np.eye(3)}, "3 samples"),
         ({"time": np.zeros(400)}, "the time stays the same"),
         ({"time": np.arange(7)}, "shape"),
@@ -128,6 +128,7 @@ def test_demonstration_with_wrong_numbers_is_refused(
     }[name]
     message = refused(*arguments, outputs / "out.npz")
     assert reason in message
+    assert "--surface" not in message
     assert "bad.npz" in message or reason == "point or a line"
     assert list(outputs.iterdir()) == []
 

@@ -89,8 +89,9 @@ class Demonstration:
 
     def __post_init__(self) -> None:
         """Check the arrays, and make them read-only."""
-        dates: Any = np.asarray(self.time)
-        if dates.dtype.kind == "M":
+        dates: Any = self.time
+        if getattr(getattr(dates, "dtype", None), "kind", "") == "M":
+            dates = np.asarray(dates)
             seconds = (dates - dates[:1]) / np.timedelta64(1, "s")
             object.__setattr__(self, "time", seconds)
         time, values = (
