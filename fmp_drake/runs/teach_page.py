@@ -135,6 +135,7 @@ class TeachPage:
             fields["progress"] = None
         if busy:
             fields |= {"mode": busy, "level": "busy"}
+            fields["buttons"] = {n: {**buttons[n], "enabled": False} for n in names}
         self._panel.show(**fields)
 
     def attend(self, session: TeachingSession) -> str | None:

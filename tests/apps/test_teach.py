@@ -59,6 +59,23 @@ def test_effect_of_each_button_is_described(command, outputs, monkeypatch):
     assert "learn: show 12 s more: two windows of 6 s" in result.out
 
 
+def test_no_button_can_be_pressed_during_an_action():
+    scenario = LoadScenario("table_top")
+    panel = open_page(title="teach")
+    session = TeachingSession(
+        scenario, MouseOnPage(panel.meshcat), panel=panel, clock=None
+    )
+    page = TeachPage(panel, scenario)
+    page.show(session, busy="learn ...")
+    assert panel.shown["mode"] == "learn ..."
+    buttons = panel.shown["buttons"]
+    assert set(buttons) == set(session.buttons)
+    assert not any(look["enabled"] for look in buttons.values())
+    page.show(session)
+    assert panel.shown["buttons"]["save"]["hint"]
+    panel.close()
+
+
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
