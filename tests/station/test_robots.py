@@ -1,7 +1,10 @@
 """Facts about the arms that come along: geometry, limits, masses, postures, contact."""
 
+import re
+
 import numpy as np
 import pytest
+import yaml
 from numpy.testing import assert_allclose
 from pydrake.geometry import Role, SceneGraph
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
@@ -9,7 +12,8 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.station import LoadRobot, Scenario
+from fmp_drake.errors import StationError
+from fmp_drake.station import LoadRobot, Scenario, models_dir
 from fmp_drake.station.robots.robot import FilterSelfContact, MakeRobotModel
 from fmp_drake.station.scene import AddBoardScene
 
@@ -226,3 +230,56 @@ def test_the_groups_without_contact_filter_every_pair_of_neighbours(name):
         for a in geometries.get(parent, []):
             for b in geometries[child]:
                 assert inspector.CollisionFiltered(a, b), (parent, child)
+
+
+def _own(folder, changes, **fields):
+    """Write a UR5e of one's own, with changes of its URDF's text, and return its file."""
+    urdf = (models_dir() / "ur5e" / "ur5e.urdf").read_text()
+    for pattern, new in changes.items():
+        urdf, count = re.subn(pattern, new, urdf, flags=re.DOTALL)
+        assert count
+    (folder / "own.urdf").write_text(urdf)
+    config = yaml.safe_load((models_dir() / "ur5e" / "ur5e.yaml").read_text())
+    (folder / "own.yaml").write_text(
+        yaml.safe_dump({**config, "model": "own.urdf", **fields})
+    )
+    return folder / "own.yaml"
+
+
+FINGER = """<link name="finger"/><joint name="grip" type="{}"><parent link="ur5e_flange"/>
+<child link="finger"/><axis xyz="0 1 0"/><limit lower="0" upper="1" effort="9"
+velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("changes", "fields", "message"),
+    [
+        ({"</robot>": ""}, {}, r"own\.urdf cannot be read: .*XML"),
+        ({}, {"flange": "tool0"}, r"flange names tool0, .* choose of: ur5e_flange, "),
+        ({}, {"base": "base_link"}, "base names base_link, which own.urdf does not"),
+        ({}, {"contact_free": [["hand"]]}, "contact_free names hand, .* tool, ur5e"),
+        ({"</robot>": FINGER.format("prismatic")}, {}, "grip .* revolute joints only"),
+        ({"</robot>": FINGER.format("revolute")}, {}, "7 joints. Give 7 .* fixed"),
+        ({"<transmission.*?</transmission>": ""}, {}, "joint1, .* a transmission"),
+        (
+            {r' velocity="[^"]*"': ' velocity="0"'},
+            {},
+            "the velocity limit of ur5e_joint1",
+        ),
+        ({}, {"posture": [9.0, 0, 0, 0, 0, 0]}, "9 for ur5e_joint1, whose range is -6"),
+    ],
+)
+def test_a_model_that_does_not_fit_its_file_is_refused_with_what_to_do(
+    tmp_path, changes, fields, message
+):
+    with pytest.raises(StationError, match=message):
+        MakeRobotModel(LoadRobot(_own(tmp_path, changes, **fields)))
+
+
+def test_an_own_model_with_a_fixed_gripper_and_without_its_meshes_is_an_arm(tmp_path):
+    changes = {
+        "</robot>": FINGER.format("fixed"),
+        "package://fmp_drake": "package://other",
+    }
+    robot = MakeRobotModel(LoadRobot(_own(tmp_path, changes)))
+    assert robot.plant.num_positions() == 6

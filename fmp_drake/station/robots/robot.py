@@ -199,20 +199,15 @@ def AddRobot(
     """
     parser = Parser(plant)
     AddFmpDrakePackage(parser)
-    arm = AddArm(
-        plant,
-        Path(config.model),
-        packages=parser.package_map(),
-        visuals=visuals,
-        official=config.official_visuals,
-    )
-    joints = (plant.get_joint(i) for i in plant.GetJointIndices(arm))
-    n = sum(joint.num_positions() for joint in joints)
-    if n != len(config.posture):
-        raise StationError(
-            f"the posture of {Path(config.model).stem} is {config.posture}; its model "
-            f"has {n} joints. Give {n} angles."
+    with in_one_line(f"{Path(config.model).name} cannot be read"):
+        arm = AddArm(
+            plant,
+            Path(config.model),
+            packages=parser.package_map(),
+            visuals=visuals,
+            official=config.official_visuals,
         )
+    _CheckModel(plant, arm, config)
     held, tip = AddTool(plant, tool or EraserConfig())
     plant.WeldFrames(
         plant.world_frame(),
@@ -225,6 +220,63 @@ def AddRobot(
         config.mount.transform(),
     )
     return Robot(config=config, plant=plant, arm=arm, tool=held, tip=tip)
+
+
+def _CheckModel(
+    plant: MultibodyPlant, arm: ModelInstanceIndex, config: RobotConfig
+) -> None:
+    """Check that a model has what its configuration names, and actuated joints only.
+
+    Raises
+    ------
+    StationError
+    """
+    model = Path(config.model).name
+    frames = {plant.get_frame(i).name() for i in plant.GetFrameIndices(arm)}
+    bodies = {plant.get_body(i).name() for i in plant.GetBodyIndices(arm)}
+    named = [("base", config.base, frames), ("flange", config.flange, frames)]
+    groups = (name for group in config.contact_free for name in group)
+    named += [("contact_free", name, bodies | {_TOOL}) for name in groups]
+    for field_name, name, known in named:
+        if name not in known:
+            raise StationError(
+                f"{field_name} names {name}, which {model} does not have; choose of: "
+                f"{', '.join(sorted(known))}."
+            )
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices(arm)]
+    joints = [joint for joint in joints if joint.num_positions()]
+    if other := [j.name() for j in joints if j.type_name() != "revolute"]:
+        raise StationError(
+            f"{', '.join(other)} of {model} cannot be played: an arm has revolute joints "
+            'only. Make the joints of a gripper or a rail fixed (type="fixed").'
+        )
+    if len(joints) != len(config.posture):
+        raise StationError(
+            f"the posture of {Path(config.model).stem} is {config.posture}; its model "
+            f"has {len(joints)} joints. Give {len(joints)} angles, or make the joints "
+            "that are not the arm's fixed."
+        )
+    # Those of one model are known to a finalized plant only.
+    actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    actuated = {actuator.joint().index() for actuator in actuators}
+    if without := [j.name() for j in joints if j.index() not in actuated]:
+        raise StationError(
+            f"{', '.join(without)} of {model} cannot be moved: a joint needs a transmission "
+            "(an actuator) and an effort limit above 0, Nm."
+        )
+    still = [j.name() for j in joints if not j.velocity_upper_limits()[0] > 0]
+    if still:
+        raise StationError(
+            f"the velocity limit of {', '.join(still)} of {model} is 0; give the joint's "
+            "greatest speed, rad/s."
+        )
+    for joint, angle in zip(joints, config.posture, strict=True):
+        low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+        if not low <= angle <= high:
+            raise StationError(
+                f"posture has {angle:g} for {joint.name()}, whose range is {low:g} to "
+                f"{high:g} rad; choose an angle in it."
+            )
 
 
 def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Frame]:
