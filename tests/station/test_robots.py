@@ -1,6 +1,7 @@
 """Facts about the arms that come along: geometry, limits, masses, postures, contact."""
 
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -274,6 +275,20 @@ def test_a_model_that_does_not_fit_its_file_is_refused_with_what_to_do(
 ):
     with pytest.raises(StationError, match=message):
         MakeRobotModel(LoadRobot(_own(tmp_path, changes, **fields)))
+
+
+def test_meshes_are_found_in_the_package_around_a_model(tmp_path):
+    (tmp_path / "urdf").mkdir()
+    changes = {"package://fmp_drake/ur5e": "package://my_arm"}
+    config = LoadRobot(_own(tmp_path / "urdf", changes))
+    with pytest.raises(
+        StationError, match=r"unknown package 'my_arm'.* a package\.xml"
+    ):
+        MakeRobotModel(config, scene_graph=SceneGraph())
+    shutil.copytree(models_dir() / "ur5e" / "meshes", tmp_path / "meshes")
+    (tmp_path / "package.xml").write_text("<package><name>my_arm</name></package>")
+    robot = MakeRobotModel(config, scene_graph=SceneGraph())
+    assert robot.plant.num_positions() == 6
 
 
 def test_an_own_model_with_a_fixed_gripper_and_without_its_meshes_is_an_arm(tmp_path):

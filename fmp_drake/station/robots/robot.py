@@ -199,7 +199,14 @@ def AddRobot(
     """
     parser = Parser(plant)
     AddFmpDrakePackage(parser)
-    with in_one_line(f"{Path(config.model).name} cannot be read"):
+    hint = (
+        " Meshes are found relative to the model, or in its package, a folder with a "
+        "package.xml around it."
+    )
+    with in_one_line(f"{Path(config.model).name} cannot be read", hint):
+        for folder in Path(config.model).absolute().parents[:3]:
+            if (folder / "package.xml").is_file() and folder != models_dir():
+                parser.package_map().AddPackageXml(str(folder / "package.xml"))
         arm = AddArm(
             plant,
             Path(config.model),
