@@ -47,6 +47,8 @@ _DEPTH = 0.04
 # Fraction of the felt's depth by which tilting the tool may lift an edge, and of the normal force
 # that squeezes the whole felt to its core, of which the simulated one bears 70 % at its edges.
 _TILTED, _BORNE = 0.5, 0.7
+# Tilt above which quaternions may have been read in the wrong order, degrees.
+_LARGE_TILT = 20.0
 # Least rotational stiffness with which a recorded orientation is followed, Nm/rad.
 _ROTATIONAL_STIFFNESS = 60.0
 # Further height of a board on which the wrist tilts outwards, m.
@@ -330,6 +332,8 @@ def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float,
     remark = f"the tool tilts by up to {degrees:.0f} degrees while it touches (95 % of the time)"
     if scale < 1:
         remark += f", scaled to {100 * scale:.0f} % of it, which the felt yields to"
+    if degrees > _LARGE_TILT:
+        remark += "; if it never did, give the order of its quaternions (--quaternions)"
     return scale * lift, remark
 
 
