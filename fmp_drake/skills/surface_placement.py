@@ -183,7 +183,7 @@ def curved_surface_remark(demonstrations: Sequence[Demonstration]) -> str:
     except DemonstrationError:
         return ""
     plane = fit.residuals["plane"]
-    if fit.residual > _FAR_BETTER * plane:
+    if fit.shape == "plane" or fit.residual > _FAR_BETTER * plane:
         return ""
     return (
         f"its contact is {1e3 * plane:.1f} mm from a plane and {1e3 * fit.residual:.1f} mm "

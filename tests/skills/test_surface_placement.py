@@ -11,7 +11,10 @@ from fmp_drake.primitives.data.orientation import as_rotation, skill_rotations
 from fmp_drake.skills.learning import learn_skill
 from fmp_drake.skills.placement import load_on_board
 from fmp_drake.skills.surface_fit import SHAPES, fit_surface
-from fmp_drake.skills.surface_placement import place_on_fitted_surface
+from fmp_drake.skills.surface_placement import (
+    curved_surface_remark,
+    place_on_fitted_surface,
+)
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.surface.surface import Surface, place, rotations
 
@@ -283,6 +286,12 @@ def test_flat_placement_recommends_a_fitted_surface_only_where_it_is_curved(
     for remark in advice:
         assert remark.startswith("recording.npz: its contact is ")
         assert f"from a {shape} of radius {RADII[shape]:.1f}" in remark
+
+
+def test_a_recording_exactly_on_a_plane_is_not_called_curved():
+    time = np.arange(0, 20, 0.05)
+    circles = 0.1 * np.column_stack([np.cos(3 * time), np.sin(3 * time), 0 * time])
+    assert curved_surface_remark([Demonstration(time=time, values=circles)]) == ""
 
 
 def test_quaternions_of_the_car_recordings_are_scalar_first(real_demonstration_paths):
