@@ -6,7 +6,13 @@ from pathlib import Path
 import click
 
 from fmp_drake.apps.arm_console import arm_config
-from fmp_drake.apps.options import arm_option, option, options, real_time_option
+from fmp_drake.apps.options import (
+    Command,
+    arm_option,
+    option,
+    options,
+    real_time_option,
+)
 from fmp_drake.apps.page import make_console, write_metrics
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.arm.arm_bench import ArmBench, NetworkFaults
@@ -35,7 +41,13 @@ class BenchOptions:
     report: Path | None = option(None, "Write the metrics (.json).")
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake arm": "stand in for a robot on the default bus",
+        "fmp-drake record --arm lcm --out mine.npz": "record from it, in another terminal",
+    },
+)
 @options(to=BenchOptions)
 def arm(to: BenchOptions) -> None:
     """Simulate an arm behind a real one's LCM messages, for tests.

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from fmp_drake.apps.options import PATH
+from fmp_drake.apps.options import PATH, Command
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.benchmark import all_methods, run_benchmark, write_benchmark
@@ -13,7 +13,13 @@ from fmp_drake.numeric import check_number
 from fmp_drake.processes import LocalWorkers
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake benchmark recordings --out scores": "all methods on a folder",
+        "fmp-drake benchmark recordings --out scores --method FMP": "one of them again",
+    },
+)
 @click.argument("folder", type=PATH)
 @click.option("--out", type=PATH, required=True, help="Folder for results and report.")
 @click.option(

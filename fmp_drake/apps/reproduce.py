@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from fmp_drake.apps.options import PATH
+from fmp_drake.apps.options import PATH, Command
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.experiments import (
     FULL,
@@ -21,7 +21,12 @@ from fmp_drake.experiments.reproduction import load_own, run_experiments
 from fmp_drake.processes import LocalWorkers
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake reproduce --out report --quick": "the report in a few minutes",
+    },
+)
 @click.option("--out", type=PATH, required=True, help="Folder to write into.")
 @click.option("--quick", is_flag=True, help="Fewer samples and seeds: 1 to 2 minutes.")
 @click.option(

@@ -5,14 +5,19 @@ from pathlib import Path
 
 import click
 
-from fmp_drake.apps.options import PATH
+from fmp_drake.apps.options import PATH, Command
 from fmp_drake.apps.page import make_console, track_frames
 from fmp_drake.errors import FmpError
 from fmp_drake.film.encode import convert_frames
 from fmp_drake.primitives.data.files import check_writable
 
 
-@click.command()
+@click.command(
+    cls=Command,
+    examples={
+        "fmp-drake video frames.tar run.mp4": "a film of what was recorded on the page",
+    },
+)
 @click.argument("frames", type=PATH)
 @click.argument("out", type=PATH)
 @click.option("--fps", type=int, default=60, show_default=True)

@@ -114,3 +114,11 @@ def test_a_skill_that_is_too_fast_is_refused_with_a_command_that_works(refused):
     scenario = options.load()
     skill, _, _ = scenario_skill(scenario)
     assert CheckFeasibility(scenario, skill).is_feasible
+
+
+@pytest.mark.parametrize("name", ["benchmark", "reproduce", "video", "arm", "inspect"])
+def test_options_are_apart_from_help_and_examples_follow(command, name):
+    text = command(name, "--help").out
+    help_section = text.partition("\nHelp:\n")[2].partition("\nExamples:\n")
+    assert options_in(help_section[0]) == {"--help"}
+    assert f"fmp-drake {name}" in help_section[2]
