@@ -7,11 +7,13 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import ArrayLike
 
 from fmp_drake.errors import RunError
@@ -127,6 +129,13 @@ def legend_above(ax: Axes) -> None:
     )
     for line in legend.get_lines():
         line.set_linewidth(max(1.0, line.get_linewidth()))
+
+
+def label_decades(axis: Axis, multiples: Sequence[float]) -> None:
+    """Label these multiples of the powers of ten of a logarithmic axis, as numbers."""
+    axis.set_major_locator(LogLocator(subs=multiples))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def set_title(ax: Axes, title: str) -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from scipy.stats import wilcoxon
 
 from fmp_drake.experiments.baselines.delay_gp import DelayGP
@@ -19,7 +18,7 @@ from fmp_drake.experiments.benchmark.run import MethodScores
 from fmp_drake.experiments.benchmark.scores import STEPS
 from fmp_drake.experiments.benchmark.splits import ALL, CYCLES
 from fmp_drake.experiments.report import Finding, write_report
-from fmp_drake.plots.style import PLAYED, SAMPLED, component_color
+from fmp_drake.plots.style import PLAYED, SAMPLED, component_color, label_decades
 
 _COLUMNS = (*(f"{cycles:g}" for cycles in CYCLES), ALL)
 _GUARANTEED = (85, 99)  # Per cent of the true samples in the tubes.
@@ -437,9 +436,7 @@ def _lines(
     ax.set_ylabel(label)
     if log:
         ax.set_yscale("log")
-        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        ax.yaxis.set_minor_formatter(NullFormatter())
+        label_decades(ax.yaxis, (1.0, 2.0, 5.0))
         ax.axhline(1.0, color="0.6", linewidth=1, zorder=0)
     if limits is not None:
         ax.set_ylim(*limits)

@@ -7,10 +7,17 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import NullFormatter
 
 from fmp_drake.numeric import is_number
-from fmp_drake.plots.style import DEMONSTRATED, PLAYED, SAMPLED, legend_above, set_title
+from fmp_drake.plots.style import (
+    DEMONSTRATED,
+    PLAYED,
+    SAMPLED,
+    label_decades,
+    legend_above,
+    set_title,
+)
 
 # Standard deviations of a 95 % interval, and bins of a parameter.
 _Z, _BINS = 1.96, 6
@@ -90,9 +97,7 @@ def _draw_numbers(ax: Axes, values: Any, passed: Any) -> None:
     ax.locator_params(axis="x", nbins=4)
     if np.min(values) > 0 and np.max(values) > _DECADE * np.min(values):
         ax.set_xscale("log")
-        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-        ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        ax.xaxis.set_minor_formatter(NullFormatter())
+        label_decades(ax.xaxis, (1.0, 3.0))
 
 
 def _draw_choices(ax: Axes, values: Sequence[Any], passed: Sequence[bool]) -> None:
