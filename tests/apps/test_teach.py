@@ -38,10 +38,11 @@ def test_page_opens_and_its_address_is_printed(command, outputs):
 
 
 def test_effect_of_each_button_is_described(command, outputs, monkeypatch):
-    pressed = []
+    pressed, panels = [], []
 
     def open_and_press(*arguments, **options):
         panel = open_page(*arguments, **options)
+        panels.append(panel)
         show = panel.show
 
         def press_once(**fields):
@@ -57,6 +58,9 @@ def test_effect_of_each_button_is_described(command, outputs, monkeypatch):
     result = command("teach", "--duration", 0.2, "--out", outputs / "a.npz")
     assert result.code == 0
     assert "learn: show 12 s more: two windows of 6 s" in result.out
+    # The page says that the program has ended, and offers no arm to drag.
+    assert panels[0].shown["ended"]
+    assert panels[0].shown["grab"] == ""
 
 
 def test_no_button_can_be_pressed_during_an_action():
