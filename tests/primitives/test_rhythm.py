@@ -2,7 +2,14 @@
 
 import numpy as np
 import pytest
-from synthetic_recordings import RATE, eased, synthetic_recording
+from synthetic_recordings import (
+    RATE,
+    eased,
+    random_curve,
+    smooth_noise,
+    synthetic_recording,
+    varying_phase,
+)
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import (
@@ -133,6 +140,18 @@ def test_two_movements_in_one_recording_are_told_apart():
     (other,) = (part for part in found.left_out if part.kind == "another movement")
     assert (other.start, other.end) == pytest.approx((35, 65), abs=1.5)
     assert any("two movements" in line for line in found.remarks())
+
+
+@pytest.mark.parametrize("seed", [26, 56])
+def test_the_change_to_another_movement_is_no_pause(seed):
+    rng = np.random.default_rng(seed)
+    first, second = random_curve(rng, 3), random_curve(rng, 3)
+    first = first(varying_phase(rng, 250, 50, 0.05))
+    second = second(varying_phase(rng, 260, 65, 0.05))
+    values = np.concatenate([first, second - second[0] + first[-1]])
+    values += smooth_noise(rng, len(values), 3, 1e-3)
+    found = find_rhythm(demonstration(values))
+    assert "pause" not in {part.kind for part in found.left_out}
 
 
 def test_a_user_may_choose_part_and_period():

@@ -312,6 +312,11 @@ def _attempt(recordings: Sequence[Array], period: float) -> _Attempt | None:
                 label[a:b] = _LEFT_OUT
         label[reverse] = _BACKWARDS
         label[other] = _OTHER
+        # The few samples of the change to another movement are no pause.
+        for a, b in runs(label == _LEFT_OUT):
+            beside = {int(x) for x in (*label[a - 1 : a], *label[b : b + 1])}
+            if b - a < _SHORTEST_BOUT and beside - {_BOUT}:
+                label[a:b] = max(beside)
         labels.append(label)
     return _Attempt(labels, track, period)
 
