@@ -12,6 +12,7 @@ from fmp_drake.apps.options import (
     LearningOptions,
     RecordingOptions,
     SceneOptions,
+    arguments,
     arm_option,
     option,
     options,
@@ -83,8 +84,8 @@ def check(
     }
     write_metrics(console, metrics, report)
     if feasibility.is_feasible:
-        print_next(console, "wipe", *scene.arguments())
+        print_next(console, "wipe", *arguments(scene, learning, recording))
     else:
-        console.print(advice(feasibility, scene))
+        console.print(advice(feasibility, scene, learning, recording))
     if not (feasibility.is_feasible and all(finding.is_good for finding in findings)):
         sys.exit(1)

@@ -193,13 +193,21 @@ def _click_option(each: Field[Any], hint: Any, group: str) -> Callable[..., Any]
 
 def arguments(*groups: Any) -> list[str]:
     """Return the command line that gives groups of options the values that they have."""
-    out = []
+    out: list[str] = []
     for group in groups:
+        hints = get_type_hints(type(group))
         for each in fields(group):
             value = getattr(group, each.name)
-            if value != each.default:
-                name = each.name.replace("_", "-")
-                out += [each.metadata.get("flag", f"--{name}"), f"{value}"]
+            if value == each.default:
+                continue
+            flag = each.metadata.get("flag", "--" + each.name.replace("_", "-"))
+            values = value if isinstance(value, tuple) else (value,)
+            if value is True:
+                out.append(flag)
+            elif Ellipsis in get_args(hints[each.name]):  # It is repeated.
+                out += [text for one in values for text in (flag, str(one))]
+            else:
+                out += [flag, *map(str, values)]
     return out
 
 
@@ -283,19 +291,6 @@ class SceneOptions(ScenarioOptions):
             check_number(self.tempo, "tempo", least=0, error=FmpError)
             scenario.skill.tempo = self.tempo
         return scenario
-
-    def arguments(self) -> list[str]:
-        """Return the options of the command line for the same skill and scene."""
-        arguments = ["--scenario", self.scenario]
-        if self.robot is not None:
-            arguments += ["--robot", self.robot]
-        for demo in self.demos:
-            arguments += ["--demo", str(demo)]
-        if self.skill_file is not None:
-            arguments += ["--skill", str(self.skill_file)]
-        if self.start is not None:
-            arguments += ["--start", *(f"{x:g}" for x in self.start)]
-        return arguments
 
 
 @dataclass(frozen=True, kw_only=True)

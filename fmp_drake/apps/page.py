@@ -6,14 +6,16 @@ import shlex
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from pydrake.common import use_native_cpp_logging
 from rich.console import Console
 from rich.progress import Progress
 
-from fmp_drake.apps.options import SceneOptions
+from fmp_drake.apps.options import SceneOptions, arguments
 from fmp_drake.apps.terminal import can_ask, is_entered
 from fmp_drake.errors import FmpError, RunError, SystemsError
 from fmp_drake.primitives.data.files import write_text
@@ -217,10 +219,11 @@ def print_next(console: Console, *arguments: str) -> None:
     console.print(f"next: {line}", markup=False, soft_wrap=True)
 
 
-def advice(feasibility: Feasibility, scene: SceneOptions) -> str:
-    """Return the command line that may make a skill feasible."""
+def advice(feasibility: Feasibility, scene: SceneOptions, *groups: Any) -> str:
+    """Return the command line that may make a skill feasible, with groups of options."""
     if feasibility.suggested_tempo is None:
         return "--start, the scenario's board or another skill may help."
     tempo = f"{feasibility.suggested_tempo:.2f}"
-    line = shlex.join(["fmp-drake", "wipe", *scene.arguments(), "--tempo", tempo])
+    given = arguments(replace(scene, tempo=None), *groups)
+    line = shlex.join(["fmp-drake", "wipe", *given, "--tempo", tempo])
     return f"Try: {line}."

@@ -220,7 +220,7 @@ def wipe(
             or _is_run_anyway(panel, feasibility, scenario)
         ):
             raise StationError(
-                f"{feasibility.verdict} {advice(feasibility, scene)} --force runs it all the "
+                f"{feasibility.verdict} {advice(feasibility, scene, learning, recording)} --force runs it all the "
                 "same."
             )
         say(console, panel, feasibility.verdict)

@@ -5,13 +5,19 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from click import Context
 from threadpoolctl import threadpool_info
 
 from fmp_drake.apps.commands import app
-from fmp_drake.apps.options import SceneOptions
+from fmp_drake.apps.options import (
+    LearningOptions,
+    RecordingOptions,
+    SceneOptions,
+    arguments,
+)
 from fmp_drake.errors import FmpError
 from fmp_drake.skills import scenario_skill
 from fmp_drake.station import CheckFeasibility, LoadScenario
@@ -114,6 +120,27 @@ def test_a_skill_that_is_too_fast_is_refused_with_a_command_that_works(refused):
     scenario = options.load()
     skill, _, _ = scenario_skill(scenario)
     assert CheckFeasibility(scenario, skill).is_feasible
+
+
+def test_suggested_command_gives_the_options_that_were_given():
+    scene = SceneOptions(
+        scenario="iiwa_wipes",
+        demos=(Path("a.csv"), Path("my b.npz")),
+        start=(0.1, 0, -0.2),
+    )
+    learning = LearningOptions(surface="fitted", extra=("orientation", "force"))
+    recording = RecordingOptions(quaternions="wxyz")
+    given = arguments(scene, learning, recording)
+    assert " ".join(given) == (
+        "--scenario iiwa_wipes --demo a.csv --demo my b.npz --start 0.1 0 -0.2 --surface "
+        "fitted --with orientation --with force --quaternions wxyz"
+    )
+    command = app.get_command(Context(app), "wipe")
+    read = command.make_context("wipe", given).params
+    assert read["demos"] == scene.demos
+    assert read["start"] == scene.start
+    assert read["extra"] == learning.extra
+    assert arguments(SceneOptions(), LearningOptions(), RecordingOptions()) == []
 
 
 @pytest.mark.parametrize("name", ["benchmark", "reproduce", "video", "arm", "inspect"])

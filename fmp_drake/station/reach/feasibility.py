@@ -247,8 +247,7 @@ class _Check:
         lags = reach.braking_lag(motion, self._step)
         lag, lag_angle = map(float, np.sqrt(np.mean(lags**2, axis=(0, 1))))
         reached, missed = self._judge_reach(motion, *near, lag)
-        error = float(reached["tracking_error"])
-        values = reached | self._judge_speed(motion, lag, lag_angle, error)
+        values = reached | self._judge_speed(motion, lag, lag_angle)
         values |= self._judge_force(motion)
         ratios = [
             f"{100 * values[name]:.0f} %"
@@ -389,14 +388,8 @@ class _Check:
             "smallest_manipulability": np.min(motion.manipulability),
         }, out | near
 
-    def _judge_speed(
-        self, motion: PredictedMotion, lag: float, angle: float, tracking_error: float
-    ) -> Values:
-        """Return the values of the joints' speed.
-
-        Where a joint is above its limit for longer, the predicted tracking error decides:
-        a joint that the eraser hardly needs is braked, and a small lag pulls it little.
-        """
+    def _judge_speed(self, motion: PredictedMotion, lag: float, angle: float) -> Values:
+        """Return the values of the joints' speed."""
         speed = np.abs(motion.v) / self._reach.limits.speed
         fastest = np.max(speed, axis=-1)
         # Where the controller brakes a joint, the eraser lags behind its path.
@@ -404,11 +397,7 @@ class _Check:
         ratio = np.quantile(fastest, 1 - self._bounds.exceptions)
         tempo = self._tempo * allowed / ratio
         above, bounds = float(np.mean(fastest > 1)), self._bounds
-        is_late = (
-            lag > bounds.distance
-            or angle > bounds.tilt
-            or (above > bounds.brief and tracking_error > bounds.tracking_error)
-        )
+        is_late = lag > bounds.distance or angle > bounds.tilt or above > bounds.brief
         # Out of reach, or at a joint-limit spring, the joints' speed is meaningless.
         if is_late and not self._faults:
             self._faults.append(
