@@ -163,19 +163,31 @@ def learn_skill(
         check_number(window, "window", above=0, unit="s", error=DemonstrationError)
         n_steps = max(8, round(window * rate))
         overlap = min(overlap, n_steps // 4)
-    return FourierMovementPrimitive(
+    skill = FourierMovementPrimitive(
         model=default.model if model is None else model,
         n_steps=n_steps,
         n_components=default.n_components if components is None else components,
         overlap=overlap,
         scales=scales,
-    ).fit(
-        [part for d in demonstrations for part in _without_tremor(d, rate)],
-        start=start,
-        end=end,
-        period=period,
-        progress=progress,
     )
+    try:
+        return skill.fit(
+            [part for d in demonstrations for part in _without_tremor(d, rate)],
+            start=start,
+            end=end,
+            period=period,
+            progress=progress,
+        )
+    except DemonstrationError as error:
+        # Where cycles are found, the windows are shortened instead.
+        longest = max(d.duration for d in demonstrations)
+        if n_steps is None or longest >= n_steps / rate:
+            raise
+        raise DemonstrationError(
+            f"the longest demonstration lasts {longest:.3g} s, a window {window:g} s, and "
+            "no cycles were found. Record for longer, choose shorter windows (--window) "
+            "that still hold a whole period, or slow the demonstration down (--stretch)."
+        ) from error
 
 
 def _without_tremor(recording: Demonstration, rate: float) -> list[Demonstration]:

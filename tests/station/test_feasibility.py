@@ -232,12 +232,12 @@ def test_joint_may_be_at_its_limit_spring_where_the_others_take_over(
 
 @pytest.mark.parametrize(
     ("number", "error", "is_feasible"),
-    [(8, 5.6, True), (23, 5.1, True), (19, 8.4, False)],
+    [(23, 5.1, True), (19, 8.4, False)],
 )
 def test_positions_that_are_missed_for_moments_are_judged_by_the_tracking_error(
     number, error, is_feasible
 ):
-    """Runs of 12 s: 4.5, 4.7 and 8.6 mm rms on the board; only the last one failed."""
+    """Runs of 12 s: 4.7 and 8.6 mm rms on the board; only the second one failed."""
     trial = TrialSpec.load("surfaces").draw(seed=2731, number=number)
     scenario = ParseScenario(trial.scenario)
     skill, _ = shared_skill(scenario)

@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
 from fmp_drake.station import AddBoardScene, LoadScenario
-from fmp_drake.station.reach.normal_force_limit import ArmPressLimit, CheckPress
+from fmp_drake.station.reach.normal_force_limit import ArmForceLimit, CheckNormalForce
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 
 
@@ -38,7 +38,7 @@ def test_at_the_greatest_normal_force_a_joint_has_80_percent_of_its_torque(
     robot = MakeRobotModel(LoadRobot(name), LoadScenario("table_top").held_tool())
     q = np.array(robot.config.posture)
     R_WB = RotationMatrix(RollPitchYaw(*rpy))
-    limit = ArmPressLimit(robot, q=q, R_WB=R_WB, friction=friction)
+    limit = ArmForceLimit(robot, q=q, R_WB=R_WB, friction=friction)
     x, y, z = R_WB.matrix().T
     # The board pushes back along its normal, and rubs in any direction.
     largest = max(
@@ -55,24 +55,24 @@ def test_at_the_greatest_normal_force_a_joint_has_80_percent_of_its_torque(
 def test_more_than_the_arm_bears_at_the_start_is_refused():
     scenario = LoadScenario("tilted")
     scene = AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)
-    limit = ArmPressLimit(
+    limit = ArmForceLimit(
         scene.model,
         q=scene.robot.default_posture,
         R_WB=scene.X_WB.rotation(),
         friction=scenario.contact_friction(),
     )
     scenario.press.force = 0.999 * limit
-    CheckPress(scene)
+    CheckNormalForce(scene)
     scenario.press.force = 1.001 * limit
     words = f"press.force is {1.001 * limit:g} N; .* {limit:.1f} N .* 80 % of its"
     with pytest.raises(StationError, match=words):
-        CheckPress(scene)
+        CheckNormalForce(scene)
 
 
 def test_greatest_normal_force_falls_with_friction_to_less_than_a_newton():
     robot = MakeRobotModel(LoadRobot("panda"), LoadScenario("table_top").held_tool())
     first, second = (
-        ArmPressLimit(
+        ArmForceLimit(
             robot, q=robot.config.posture, R_WB=RotationMatrix(), friction=friction
         )
         for friction in (1e3, 2e3)
