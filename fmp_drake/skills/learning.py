@@ -180,7 +180,7 @@ def learn_skill(
         )
     except DemonstrationError as error:
         # Where cycles are found, the windows are shortened instead.
-        longest = max(d.duration for d in demonstrations)
+        longest = max((d.duration for d in demonstrations), default=np.inf)
         if n_steps is None or longest >= n_steps / rate:
             raise
         raise DemonstrationError(
