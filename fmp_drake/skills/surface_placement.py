@@ -75,7 +75,8 @@ def place_on_fitted_surface(
 
     The tool touches where its force says so, otherwise where it is near the surface, and only
     in the bouts of the movement. There its height becomes constant, as the real surface differs
-    from the fitted one: 0, less 4 % of the height of lifts, which a learned motion blurs. A path too large for the board is scaled down, with the surface's radius.
+    from the fitted one: 0, less 4 % of the height of lifts, which a learned motion blurs. A path
+    too large for the board is scaled down, with the surface's radius.
     Orientations are relative to the local normal; while the tool touches, their mean is that
     of the eraser flat on the surface.
 
