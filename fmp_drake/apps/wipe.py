@@ -220,8 +220,8 @@ def wipe(
             or _is_run_anyway(panel, feasibility, scenario)
         ):
             raise StationError(
-                f"{feasibility.verdict} {advice(feasibility, scene, learning, recording)} --force runs it all the "
-                "same."
+                f"{feasibility.verdict} {advice(feasibility, scene, learning, recording)} "
+                "--force runs it all the same."
             )
         say(console, panel, feasibility.verdict)
         wait_for_law(console, panel, law)

@@ -112,15 +112,15 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
 
     Numerics: n bases of one frequency span, but for terms of order h^-2, three
     dimensions, so the bases of one frequency are redundant for any n > 3, and those of
-    several frequencies contain the same constant. The ridge picks the least weights, which makes the
-    solution unique; the weights' covariances are singular but for `reg_covar` on their
-    diagonals, nothing else. The paper reports instabilities of EM with ProMP-VM-Mult;
+    several frequencies contain the same constant. The ridge picks the least weights,
+    which makes the solution unique; the weights' covariances are singular but for
+    `reg_covar` on their diagonals, nothing else. The paper reports instabilities of EM with ProMP-VM-Mult;
     with these two there were none.
 
     The ridge matters most: what the bases contain of harmonic k falls like h^-k, so its
     coordinates grow like h^k. With too small a ridge noise dominates the weights,
-    k-means clusters that noise, and samples fall into the holes of the pattern. On the bundled 8-shape (f = 1 to 5, M = 10, three quarters
-    learned from), ridges of 1e-8, 3e-7 and 1e-4 with h = 100 gave the heatmap of
+    k-means clusters that noise, and samples fall into the holes of the pattern. On the
+    bundled 8-shape (f = 1 to 5, M = 10, three quarters learned from), ridges of 1e-8, 3e-7 and 1e-4 with h = 100 gave the heatmap of
     the held-out quarter a forward Kullback-Leibler divergence of 2.3, 0.95 and 3.6;
     reg_covar from 1e-8 to 1e-4 made little difference. The defaults are the
     paper's bases (cosines) with the ridge that was best there.

@@ -124,7 +124,8 @@ class TrialSpec:
         the bases' own, without joint friction where it is not known; `fields`, values or
         distributions by nested or dotted names such as ``board.translation[2]`` (a base in
         free space keeps its `skill.demonstration`);
-        `offsets`, the same, added to what the base has; `disturbances` with `count` and the fields of `each`.
+        `offsets`, the same, added to what the base has; `disturbances` with `count` and
+        the fields of `each`.
     folder : pathlib.Path
         Folder of the files that it names.
 
