@@ -548,14 +548,12 @@ class Player:
             ahead = look_ahead(self.skill, relaxation, state, responses=False)
             values.append(ahead.steady[:count])
             table = self._covariance_table(state.component)
-            covariances.append(table[state.step + 1 : state.step + 1 + count])
+            rows = table[state.step + 1 : state.step + 1 + count].copy()
             state = self._later(state, values[-1])
             if state.step >= last:
                 state = self.remap(state)
-                table = self._covariance_table(state.component)
-                covariances[-1] = np.concatenate(
-                    [covariances[-1][:-1], table[state.step][None]]
-                )
+                rows[-1] = self._covariance_table(state.component)[state.step]
+            covariances.append(rows)
             ticks -= count
         return np.concatenate(values), np.concatenate(covariances)
 

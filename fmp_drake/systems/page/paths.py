@@ -163,8 +163,6 @@ def lifted(points: ArrayLike, lift: float = LIFT) -> NDArray[np.float64]:
 
 def bent(vertices: FloatArray, surface: Surface) -> FloatArray:
     """Return the positions in B of vertices (3, N) in (u, v, h) over a surface, m."""
-    if surface.is_plane:
-        return vertices
     return surfaces.place(surface, np.ascontiguousarray(vertices.T)).T
 
 
@@ -182,8 +180,7 @@ def draw_line(
     """
     if len(points) < 2:
         return
-    line = surfaces.place(surface, np.ascontiguousarray(lifted(points)))
-    meshcat.SetLine(path, line.T, 1.0, color)
+    meshcat.SetLine(path, bent(lifted(points).T, surface), 1.0, color)
 
 
 def draw_rod(

@@ -101,7 +101,9 @@ def point(surface: Surface, u: float, v: float) -> Array:
 @compiled
 def place(surface: Surface, uvh: Array) -> Array:
     """Return the positions in S of points given by (u, v, h), shape (N, 3), m."""
-    out = np.empty_like(uvh)
+    out = uvh.copy()
+    if surface.kx == 0 and surface.ky == 0:
+        return out
     for i in range(len(uvh)):
         u, v, h = uvh[i]
         out[i] = point(surface, u, v) + h * rotation(surface, u, v)[:, 2]
