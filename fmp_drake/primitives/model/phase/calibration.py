@@ -488,9 +488,9 @@ def _splits(
             ]
         if held and kept:
             values, phases, shifts = map(list, zip(*kept, strict=True))
-            cycle = Cycle.fit(
-                np.concatenate(phases),
-                np.concatenate(values) - np.concatenate(shifts),
+            cycle = Cycle.fit_recordings(
+                phases,
+                [y - b for y, b in zip(values, shifts, strict=True)],
                 harmonics=len(track.cycle.coefficients) // 2,
             )
             rest = replace(

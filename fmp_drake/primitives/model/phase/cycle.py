@@ -11,6 +11,10 @@ Array = NDArray[np.float64]
 # Ridge of a harmonic k is _RIDGE (k / _KNEE)^4 per sample.
 _RIDGE = 1e-7
 _KNEE = 3.0
+FEW_CYCLES = 12.0
+"""Number of cycles below which the ends of recordings count less."""
+# Phase in which the weight of samples rises from 0 at an end of a recording, rad.
+_RAMP = np.pi
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,14 +38,46 @@ class Cycle:
     coefficients: Array
 
     @classmethod
-    def fit(cls, phase: Array, values: Array, *, harmonics: int) -> "Cycle":
-        """Fit a cycle to values (n, D) at phases (n,) by ridge regression."""
+    def fit(
+        cls,
+        phase: Array,
+        values: Array,
+        *,
+        harmonics: int,
+        weights: Array | None = None,
+    ) -> "Cycle":
+        """Fit a cycle to values (n, D) at phases (n,) by ridge regression.
+
+        Samples count equally, or by `weights` (n,).
+        """
         rows = _rows(phase, harmonics, 0)
         order = np.repeat(np.arange(1, harmonics + 1), 2)
         ridge = _RIDGE * len(phase) * np.concatenate([[0.0], (order / _KNEE) ** 4])
-        gram = rows.T @ rows + np.diag(ridge)
-        solution = np.linalg.solve(gram, rows.T @ values)
+        weighted = rows.T if weights is None else rows.T * weights
+        gram = weighted @ rows + np.diag(ridge)
+        solution = np.linalg.solve(gram, weighted @ values)
         return cls(coefficients=np.ascontiguousarray(solution))
+
+    @classmethod
+    def fit_recordings(
+        cls, phases: Sequence[Array], recordings: Sequence[Array], *, harmonics: int
+    ) -> "Cycle":
+        """Fit a cycle to recordings (n, D) at phases (n,).
+
+        Of few cycles some phases are passed once more than others. The mean of their passes
+        would jump where the number changes, at the ends of a recording. There the weight of
+        samples rises from 0 and falls to 0, in half a cycle.
+        """
+        cycles = sum(float(p[-1] - p[0]) for p in phases) / (2 * np.pi)
+        weights = None
+        if cycles < FEW_CYCLES:
+            weights = np.concatenate([_end_weights(phase) for phase in phases])
+        return cls.fit(
+            np.concatenate(phases),
+            np.concatenate(recordings),
+            harmonics=harmonics,
+            weights=weights,
+        )
 
     def values(self, phase: ArrayLike, derivative: int = 0) -> Array:
         """Return the values at phases (...), or their derivative by phase, (..., D)."""
@@ -124,6 +160,15 @@ class CycleHistory:
         spread = max(float(count @ count), 1.0)
         out: Array = count @ self.shifts / spread * (len(count) - 1)
         return out
+
+
+def _end_weights(phase: Array) -> Array:
+    """Return weights (n,) that fall towards both ends of phases (n,)."""
+    ahead = np.maximum.accumulate(phase) - phase[0]
+    ramp = max(min(_RAMP, ahead[-1] / 2), 1e-9)
+    margin = np.minimum(ahead, ahead[-1] - ahead) + 0.5 * ahead[-1] / len(phase)
+    out: Array = np.sin(np.pi / 2 * np.minimum(margin / ramp, 1.0)) ** 2
+    return out
 
 
 def _rows(phase: Array, harmonics: int, derivative: int) -> Array:

@@ -10,7 +10,7 @@ from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
 from fmp_drake.compiled import compiled
-from fmp_drake.primitives.model.phase.cycle import Cycle, CycleHistory
+from fmp_drake.primitives.model.phase.cycle import FEW_CYCLES, Cycle, CycleHistory
 
 Recordings = Sequence[NDArray[np.float64]]
 
@@ -29,11 +29,10 @@ CHANGE = 0.03
 _STEPS = 12
 _ROUNDS = 6
 _HARMONICS = (6, 20)
-# With fewer cycles a smaller change of the phase velocity is assumed: otherwise the slowly
+# With few cycles a smaller change of the phase velocity is assumed: otherwise the slowly
 # varying residual is taken for it. Thirds that are left out of 20 s of the 8 and of
 # polishing are predicted better with this in 15 of 16 cases; with 2 minutes of data,
 # samples vary too little with it.
-_FEW_CYCLES = 12.0
 _CHANGE_OF_FEW = 0.01
 
 
@@ -114,7 +113,7 @@ def track_phase(
         cycle = first_cycle(recordings, period)
     most = max(1, int(min(_HARMONICS[1], period / 2 - 2)))
     velocity = 2 * np.pi / period
-    few = sum(map(len, recordings)) < _FEW_CYCLES * period
+    few = sum(map(len, recordings)) < FEW_CYCLES * period
     change = _CHANGE_OF_FEW if few else CHANGE
     shifts = [np.zeros_like(y) for y in recordings]
     for harmonics in np.linspace(min(_HARMONICS[0], most), most, _ROUNDS).astype(int):
@@ -127,9 +126,7 @@ def track_phase(
             for y, p in zip(recordings, phases, strict=True)
         ]
         centred = [y - b for y, b in zip(recordings, shifts, strict=True)]
-        cycle = Cycle.fit(
-            np.concatenate(phases), np.concatenate(centred), harmonics=harmonics
-        )
+        cycle = Cycle.fit_recordings(phases, centred, harmonics=harmonics)
     return PhaseTrack(
         recordings=list(recordings), phases=phases, shifts=shifts, cycle=cycle
     )
