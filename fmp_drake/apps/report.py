@@ -176,6 +176,7 @@ def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
         "time to clean": ", ".join([*reached, left]),
         "normal force": f"{m['normal_force_mean_n']:.1f} N (90 % between "
         f"{m['normal_force_p05_n']:.1f} and {m['normal_force_p95_n']:.1f} N), "
+        f"{100 * m['normal_force_precise_fraction']:.1f} % within 10 % and "
         f"{100 * m['normal_force_wanted_fraction']:.1f} % within 5 N of "
         "the desired force, "
         f"in contact {100 * m['contact_fraction']:.1f} % of the time",

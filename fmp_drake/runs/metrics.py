@@ -29,6 +29,9 @@ from fmp_drake.systems.ink.metrics import (
 NEAR_FORCE = 5.0
 """Tolerance of the normal force around its desired value, N."""
 
+PRECISE_FORCE = 0.1
+"""Tolerance of a precise normal force, relative to its desired value."""
+
 LANDING = 1.0
 """Time from the first contact in which the force rises; its error does not count, s."""
 
@@ -90,7 +93,7 @@ class ForceMetrics:
         self._settled = 0
         self._counts = np.zeros(round(_LARGEST_FORCE / _BIN), dtype=np.int64)
         self._sum = 0.0
-        self._near = self._samples = 0
+        self._near = self._precise = self._samples = 0
         self._largest = 0.0
 
     def update(self, chunk: Chunk) -> None:
@@ -108,13 +111,14 @@ class ForceMetrics:
             self._landed = float(np.min(times, initial=np.inf)) + LANDING
         self._samples += len(force)
         pressed, desired = force[touching], desired[touching]
-        near = (pressed >= desired - NEAR_FORCE) & (pressed <= desired + NEAR_FORCE)
+        error = np.abs(pressed - desired)
         if varies:
             settled = times[touching] >= self._landed
-            self._squares += float(np.sum((pressed - desired)[settled] ** 2))
+            self._squares += float(np.sum(error[settled] ** 2))
             self._settled += int(np.sum(settled))
         self._sum += float(np.sum(pressed))
-        self._near += int(np.sum(near))
+        self._near += int(np.sum(error <= NEAR_FORCE))
+        self._precise += int(np.sum(error <= PRECISE_FORCE * desired))
         bins = np.minimum((pressed / _BIN).astype(int), len(self._counts) - 1)
         self._counts += np.bincount(bins, minlength=len(self._counts))
 
@@ -131,6 +135,7 @@ class ForceMetrics:
             "normal_force_p95_n": self._percentile(0.95) if pressed else 0.0,
             "normal_force_max_n": self._largest,
             "normal_force_wanted_fraction": self._near / max(1, pressed),
+            "normal_force_precise_fraction": self._precise / max(1, pressed),
             "contact_fraction": pressed / max(1, self._samples),
         }
 

@@ -16,6 +16,7 @@ KEYS = {
     "normal_force_mean_n",
     "normal_force_p05_n",
     "normal_force_p95_n",
+    "normal_force_precise_fraction",
     "contact_fraction",
     "tracking_rms_m",
     "remap_count",
@@ -63,6 +64,8 @@ def test_three_seconds_write_report_picture_and_page(command, outputs):
     metrics = json.loads(report.read_text(encoding="utf-8"))
     assert metrics["events"] == []
     assert "what went wrong  nothing" in result.out
+    precise = 100 * metrics["normal_force_precise_fraction"]
+    assert f"{precise:.1f} % within 10 % and " in result.out
     assert set(metrics) >= KEYS
     assert metrics["scenario"] == "table_top"
     assert metrics["seconds_to_99_percent"] is None

@@ -118,12 +118,15 @@ def test_metrics_match_their_names(samples):
     asked = (desired[:, 2] < 0.1)[np.argmax(touches) :]
     jumps = np.diff(desired, axis=0) - 0.005 * (velocity[1:] + velocity[:-1]) / 2
     wanted = (pressed >= 5) & (pressed <= 15)
+    precise = (pressed >= 9) & (pressed <= 11)
+    assert 0.1 < precise.mean() < 0.9 * wanted.mean()
     assert found == pytest.approx(
         {
             "normal_force_mean_n": pressed.mean(),
             "normal_force_p05_n": np.percentile(pressed, 5),
             "normal_force_p95_n": np.percentile(pressed, 95),
             "normal_force_wanted_fraction": wanted.mean(),
+            "normal_force_precise_fraction": precise.mean(),
             "normal_force_max_n": force.max(),
             "contact_fraction": len(pressed) / len(since),
             "tracking_rms_m": np.sqrt(np.mean(away**2)),
