@@ -27,6 +27,7 @@ from fmp_drake.primitives.model.phase.calibration import (
 )
 from fmp_drake.primitives.model.phase.components import leading_eigenvectors
 from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.residual import Residual
 from fmp_drake.primitives.model.phase.search import search_rhythm
 from fmp_drake.primitives.model.phase.tracking import best_path, phase_path
 from fmp_drake.primitives.model.prediction import (
@@ -227,6 +228,24 @@ def test_few_cycles_are_played_as_smoothly_as_they_were_shown(cycles):
     assert np.sqrt(np.sum(fast**2)) < 2e-5
     middle = np.abs(found.values(phase) - shown)[len(phase) // 4 : -len(phase) // 4]
     assert np.max(middle) < 0.006
+
+
+def test_residual_of_few_cycles_varies_as_much_and_as_smoothly_as_it_was_shown():
+    rng = np.random.default_rng(3)
+    phase = 2 * np.pi * np.arange(0, 2.6, 1 / 40)
+    slow = np.cumsum(np.cumsum(rng.standard_normal((len(phase) + 60, 7)), 0), 0)
+    shown = slow[:-60] - slow[60:]
+    shown = 0.01 * (shown - shown.mean(axis=0)) / shown.std()
+    residual = Residual.fit([phase], [shown])
+    drawn = residual.process.sample(rng.standard_normal((50, 2000, 7)))
+    # With D^2 coefficients per lag it is 0.28, and 80 times as rough.
+    assert np.std(drawn) == pytest.approx(1.0, abs=0.15)
+
+    def roughness(values):
+        jerk = np.diff(values, n=3, axis=-2)
+        return np.sqrt(np.mean(jerk**2) / np.mean(values**2))
+
+    assert 0.3 < roughness(drawn) / roughness(shown) < 3
 
 
 def test_two_samples_are_enough_to_find_the_phase():

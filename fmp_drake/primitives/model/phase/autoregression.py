@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_lyapunov
+from scipy.linalg import solve_discrete_lyapunov, solve_toeplitz
 
 from fmp_drake.compiled import compiled
 
@@ -60,6 +60,31 @@ class Autoregression:
         innovation = errors.T @ errors / len(errors) + 1e-12 * np.eye(d)
         return cls(
             coefficients=np.ascontiguousarray(coefficients), innovation=innovation
+        )
+
+    @classmethod
+    def fit_shared(
+        cls, recordings: Sequence[NDArray[np.float64]], *, order: int
+    ) -> "Autoregression":
+        """Fit one process of unit variance, independent in each channel, to recordings (n, D).
+
+        It has `order` coefficients instead of D^2 times as many, which few samples would
+        explain nearly exactly: their process hardly varies. The Yule-Walker equations keep
+        the variance; recordings are tapered, as their ends would otherwise look like jumps.
+        """
+        products = np.zeros(order + 1)
+        for v in recordings:
+            taper = np.sin(np.pi * (np.arange(len(v)) + 0.5) / len(v)) ** 2
+            x = v * taper[:, None]
+            for lag in range(min(order + 1, len(v))):
+                products[lag] += np.sum(x[lag:] * x[: len(v) - lag])
+        correlation = products / max(products[0], 1e-300)
+        correlation[0] = 1 + _RIDGE
+        a = solve_toeplitz(correlation[:-1], correlation[1:])
+        unit = np.eye(recordings[0].shape[1])
+        return cls(
+            coefficients=np.multiply.outer(a, unit),
+            innovation=float(correlation[0] - a @ correlation[1:]) * unit,
         )
 
     def autocovariance(self, count: int) -> NDArray[np.float64]:

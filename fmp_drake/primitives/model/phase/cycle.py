@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 _RIDGE = 1e-7
 _KNEE = 3.0
 FEW_CYCLES = 12.0
-"""Number of cycles below which the ends of recordings count less."""
+"""Number of cycles below which less is estimated, and recordings count less at their ends."""
 # Phase in which the weight of samples rises from 0 at an end of a recording, rad.
 _RAMP = np.pi
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.primitives.model.phase.autoregression import Autoregression
+from fmp_drake.primitives.model.phase.cycle import FEW_CYCLES
 
 _PHASES = 64
 _WIDTH = 0.3
@@ -58,12 +59,15 @@ class Residual:
         local += 1e-12 * np.eye(r.shape[1])
         variances, vectors = np.linalg.eigh(local)
         factors = np.einsum("gab,gb,gcb->gac", vectors, np.sqrt(variances), vectors)
-        shape_only = cls(factors=factors, process=_NO_PROCESS)
-        whitened = [
-            shape_only.standardised(p, x)
-            for p, x in zip(phases, residuals, strict=True)
-        ]
-        process = Autoregression.fit(whitened, order=_ORDER)
+        if cycles < FEW_CYCLES:
+            process = Autoregression.fit_shared(residuals, order=_ORDER)
+        else:
+            shape_only = cls(factors=factors, process=_NO_PROCESS)
+            whitened = [
+                shape_only.standardised(p, x)
+                for p, x in zip(phases, residuals, strict=True)
+            ]
+            process = Autoregression.fit(whitened, order=_ORDER)
         return cls(factors=np.ascontiguousarray(factors), process=process)
 
     def values(
