@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from fmp_drake.apps.page import make_console
+from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.station.reach.posture import FindLevelReach
 from fmp_drake.station.robots.robot import ListRobots, LoadRobot, MakeRobotModel
 
@@ -33,5 +33,6 @@ def robots(files: tuple[str, ...]) -> None:
     console.print(table)
     console.print(
         "reach: largest distance in front of the base at which the eraser lies level on a "
-        "table\nnext: fmp-drake wipe --robot NAME"
+        "table"
     )
+    print_next(console, "wipe", "--robot", files[0] if files else "NAME")

@@ -43,6 +43,7 @@ description: Mine.
     assert result.out.splitlines()[1].split()[0] == "mine"
     assert "Mine." in result.out
     assert "panda" not in result.out
+    assert f"next: fmp-drake wipe --robot {tmp_path / 'mine.yaml'}" in result.out
 
 
 def test_an_unknown_robot_is_refused_with_the_known_ones(refused):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from posed_recordings import demonstration
+from pydrake.common.yaml import yaml_dump_typed
 from pydrake.geometry import Role
 from pydrake.systems.framework import DiagramBuilder
 
@@ -25,6 +26,7 @@ from fmp_drake.station import (
 from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
 from fmp_drake.station.reach.clearance import ArmClearance
+from fmp_drake.station.robots.robot import LoadRobot
 
 
 def kinematics():
@@ -103,6 +105,19 @@ def test_change_that_the_verdict_names_makes_it_feasible(bundled_skill, translat
     if slower := re.search(r", and slow down to tempo (\d\.\d+)", found.verdict):
         assert not CheckFeasibility(scenario, bundled_skill).is_feasible
         scenario.skill.tempo = float(slower[1])
+    assert CheckFeasibility(scenario, bundled_skill).is_feasible
+
+
+def test_moves_of_the_board_are_relative_to_the_robot_s_base(bundled_skill, tmp_path):
+    panda = LoadRobot("panda")
+    panda.base_pose.translation, panda.base_pose.rpy = [1.1, 0.0, 0.0], [0, 0, np.pi]
+    file = tmp_path / "opposite.yaml"
+    file.write_text(yaml_dump_typed(panda), encoding="utf-8")
+    scenario = Scenario(robot=str(file))
+    scenario.board.translation = [0.25, 0.0, 0.1]
+    found = CheckFeasibility(scenario, bundled_skill)
+    far = int(re.search(r"move the board (\d+) cm towards the arm", found.verdict)[1])
+    scenario.board.translation = [0.25 + far / 100, 0.0, 0.1]
     assert CheckFeasibility(scenario, bundled_skill).is_feasible
 
 

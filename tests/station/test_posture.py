@@ -9,9 +9,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.reach.posture import SolvePosture
-from fmp_drake.station.robots.robot import AddRobot, LoadRobot
+from fmp_drake.station.reach.posture import FindLevelReach, SolvePosture
+from fmp_drake.station.robots.robot import AddRobot, LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario_parts import PoseConfig
 
 DOWN = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
 PREFERRED = np.array(Scenario().preferred_posture())
@@ -81,6 +82,27 @@ def test_pose_out_of_reach_is_refused_with_its_place(arm, p):
     place = rf"\({x:.3f}, {y:.3f}, {z:.3f}\) m.*nearer to the middle"
     with pytest.raises(StationError, match=place):
         solve(arm, RigidTransform(DOWN, p))
+
+
+def test_arm_on_a_ceiling_is_solved_with_the_posture_of_one_on_a_table():
+    config = LoadRobot("panda")
+    config.base_pose = PoseConfig(translation=[0.1, 0.0, 0.9], rpy=[math.pi, 0.0, 0.0])
+    robot = MakeRobotModel(config)
+    X_WE = RigidTransform(DOWN, [0.55, 0.0, 0.12])
+    q = solve(robot.plant, X_WE)
+    assert_allclose(pose(robot.plant, q).translation(), [0.55, 0.0, 0.12], atol=5e-6)
+    lower, upper = (
+        robot.plant.GetPositionLowerLimits(),
+        robot.plant.GetPositionUpperLimits(),
+    )
+    assert np.min(np.minimum(q - lower, upper - q)) > 0.1
+
+
+def test_reach_is_that_from_the_base():
+    config = LoadRobot("ur5e")
+    at_origin = FindLevelReach(MakeRobotModel(config))
+    config.base_pose.translation = [0.4, -0.3, 0.0]
+    assert FindLevelReach(MakeRobotModel(config)) == pytest.approx(at_origin, abs=0.011)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -99,6 +99,7 @@ class BoardReach:
         self._model = model = MakeRobotModel(config, scenario.held_tool())
         self._predictor = TrackingPredictor(model.plant, model.tip, scenario.impedance)
         self._clearance = ArmClearance(config)
+        self._p_WBase = np.array(config.base_pose.translation)
         self.limits = joint_limits(model.plant)
         self.rail = scenario.board.motion.amplitude * scenario.board.rail_axis()
         self._surface = scenario.board.curvature()
@@ -255,7 +256,7 @@ class BoardReach:
             In words and in W, m, the shortest first.
         """
         assumed = self._scenario.board.assumed_pose()
-        away = assumed.translation() * np.array([1.0, 1.0, 0.0])
+        away = (assumed.translation() - self._p_WBase) * np.array([1.0, 1.0, 0.0])
         away, up = away / max(np.linalg.norm(away), 1e-9), np.array([0.0, 0.0, 1.0])
         left = np.cross(up, away)
         ways = {"towards the arm": -away, "away from the arm": away}

@@ -17,6 +17,8 @@ from fmp_drake.station.robots.robot import Robot
 _POSITION_TOLERANCE = 1e-6
 _ROTATION_TOLERANCE = 1e-5
 _LIMIT_MARGIN = 0.03
+# Random initial guesses where the preferred posture leads to no solution.
+_GUESSES = 16
 # Height of the felt in `FindLevelReach`, m.
 _LEVEL_HEIGHT = 0.10
 
@@ -29,6 +31,9 @@ def SolvePosture(
     q_preferred: ArrayLike,
 ) -> NDArray[np.float64]:
     """Find joint angles that put a frame at a pose, near preferred ones.
+
+    Where that fails, as with the posture of an arm on a table for one on a ceiling, the
+    search begins at random ones, and the result farthest from the joint limits counts.
 
     Parameters
     ----------
@@ -53,6 +58,37 @@ def SolvePosture(
     """
     n = plant.num_positions()
     preferred = finite_array(q_preferred, "the posture", (n,), error=StationError)
+    q = _SolveFrom(preferred, plant, frame, X_WE)
+    if q is None:
+        limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+        lower, upper = np.clip(limits, -np.pi, np.pi)
+        guesses = np.random.default_rng(0).uniform(lower, upper, (_GUESSES, n))
+        found = [_SolveFrom(guess, plant, frame, X_WE) for guess in guesses]
+        margins = [
+            -1.0
+            if q is None
+            else float(np.min(np.minimum(q - limits[0], limits[1] - q)))
+            for q in found
+        ]
+        q = found[int(np.argmax(margins))]
+    if q is None:
+        x, y, z = X_WE.translation()
+        raise StationError(
+            f"the arm cannot bring the eraser to ({x:.3f}, {y:.3f}, {z:.3f}) m in the "
+            "world with the eraser level on the board; choose a point nearer to the "
+            "middle of the board, or another pose of the board or of the robot's base."
+        )
+    return q
+
+
+def _SolveFrom(
+    preferred: NDArray[np.float64],
+    plant: MultibodyPlant,
+    frame: Frame,
+    X_WE: RigidTransform,
+) -> NDArray[np.float64] | None:
+    """Return joint angles near preferred ones, at which the search begins, or None."""
+    n = plant.num_positions()
     p = finite_array(X_WE.translation(), "the eraser's position", error=StationError)
     ik = InverseKinematics(plant)
     world = plant.world_frame()
@@ -69,20 +105,13 @@ def SolvePosture(
     program.AddQuadraticErrorCost(np.eye(n), preferred, ik.q())
     program.SetInitialGuess(ik.q(), np.clip(preferred, lower, upper))
     result = Solve(program)
-    if not result.is_success():
-        x, y, z = p
-        raise StationError(
-            f"the arm cannot bring the eraser to ({x:.3f}, {y:.3f}, {z:.3f}) m from "
-            "its base with the eraser level on the board; choose a point nearer to "
-            "the middle of the board."
-        )
-    return result.GetSolution(ik.q())
+    return result.GetSolution(ik.q()) if result.is_success() else None
 
 
 def FindLevelReach(robot: Robot) -> float:
-    """Find the greatest x at which an arm holds the eraser level, 0.1 m high, m.
+    """Find the greatest distance at which an arm holds the eraser level, 0.1 m high, m.
 
-    The search along x has steps of 1 cm.
+    It is that along x of the world from the robot's base, in steps of 1 cm.
 
     Parameters
     ----------
@@ -95,18 +124,12 @@ def FindLevelReach(robot: Robot) -> float:
         Where the arm reaches nothing from 0.2 to 2 m.
     """
     level = RotationMatrix(RollPitchYaw(np.array([np.pi, 0.0, 0.0])))
+    base_x, base_y, _ = robot.config.base_pose.translation
+    posture = np.array(robot.config.posture)
     for x in np.arange(2.0, 0.2, -0.01):
-        X_WE = RigidTransform(level, np.array([x, 0.0, _LEVEL_HEIGHT]))
-        try:
-            SolvePosture(
-                robot.plant,
-                frame=robot.tip,
-                X_WE=X_WE,
-                q_preferred=robot.config.posture,
-            )
-        except StationError:
-            continue
-        return float(x)
+        X_WE = RigidTransform(level, np.array([base_x + x, base_y, _LEVEL_HEIGHT]))
+        if _SolveFrom(posture, robot.plant, robot.tip, X_WE) is not None:
+            return float(x)
     raise StationError(
         f"{Path(robot.config.model).stem} cannot hold the eraser level anywhere from "
         f"0.2 to 2 m in front of it, {_LEVEL_HEIGHT:g} m high; check its mount and posture."
