@@ -76,7 +76,14 @@ def test_other_tools_are_model_files_with_two_frames(tmp_path):
     file = tmp_path / "stick.sdf"
     scenario.tool = str(file)
     file.write_text(stick.format(""), encoding="utf-8")
-    with pytest.raises(StationError, match="one model with the frames mount and tip"):
+    with pytest.raises(
+        StationError, match=r"mount and tip: it has no frame tip, but .*mount, stick\."
+    ):
+        MakeStation(scenario, None)
+    brush = """<link name="brush"/><joint name="spin" type="revolute">
+<parent>stick</parent><child>brush</child><axis><xyz>0 0 1</xyz></axis></joint>"""
+    file.write_text(stick.format(tip + brush), encoding="utf-8")
+    with pytest.raises(StationError, match="its spin can move; make it fixed"):
         MakeStation(scenario, None)
     file.write_text(stick.format(tip), encoding="utf-8")
     station = MakeStation(scenario, None)

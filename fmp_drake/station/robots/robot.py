@@ -292,7 +292,7 @@ def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Fram
     Raises
     ------
     StationError
-        Where a model file is missing, or has not one model with both frames.
+        Where a model file is missing, or has not one rigid model with both frames.
     """
     if isinstance(tool, EraserConfig):
         eraser = AddEraser(plant, tool)
@@ -302,10 +302,22 @@ def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Fram
         raise StationError(
             f"there is no tool {tool}; choose eraser or spoon, or give a model file."
         )
-    with in_one_line(f"{tool} is not a tool, one model with the frames mount and tip"):
+    with in_one_line(
+        f"{tool} is not a tool, one rigid model with the frames mount and tip"
+    ):
         (model,) = Parser(plant).AddModels(str(file))
-        plant.GetFrameByName("mount", model)
-        return model, plant.GetFrameByName("tip", model)
+        frames = {plant.get_frame(i).name() for i in plant.GetFrameIndices(model)}
+        if missing := {"mount", "tip"} - frames:
+            raise StationError(
+                f"it has no frame {' and '.join(sorted(missing))}, but "
+                f"{', '.join(sorted(frames))}."
+            )
+        joints = [plant.get_joint(i) for i in plant.GetJointIndices(model)]
+        if moving := [joint.name() for joint in joints if joint.num_positions()]:
+            raise StationError(
+                f'its {", ".join(moving)} can move; make it fixed (type="fixed").'
+            )
+    return model, plant.GetFrameByName("tip", model)
 
 
 def MakeRobotModel(
