@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from synthetic_recordings import (
     RATE,
     eased,
@@ -205,6 +206,30 @@ def test_two_of_six_cycles_are_not_taken_for_one(real_demonstration_paths):
     found = find_rhythm(recording)
     assert found.period == pytest.approx(0.84, rel=0.05)
     assert found.cycles == pytest.approx(5.9, abs=0.5)
+
+
+@pytest.mark.parametrize(("unit", "width"), [("N", 0), ("m", 0), ("N", 10)])
+def test_a_channel_without_rhythm_does_not_hide_that_of_the_others(unit, width):
+    truth = synthetic_recording(6)
+    noise = 5 * np.random.default_rng(2).standard_normal(len(truth.values))
+    noise = gaussian_filter1d(noise, width) if width else noise
+    values = np.column_stack([truth.values, noise])
+    d = truth.values.shape[1]
+    recording = Demonstration(
+        time=np.arange(len(values)) / RATE,
+        values=values,
+        channels=(*"xyz"[:d], "noise"),
+        units=("m",) * d + (unit,),
+    )
+    found = find_rhythm(recording)
+    alone = find_rhythm(recording.select(list("xyz"[:d])))
+    assert found.period == pytest.approx(truth.period, rel=0.05)
+    assert found.bouts == alone.bouts
+    assert found.irregular == ("noise",)
+    assert "the same are noise" in found.describe()[-1]
+    skill = FourierMovementPrimitive().fit(recording)
+    assert (skill.model_, skill.rhythm_) == ("phase", found)
+    assert skill.phase_model_.cycle.coefficients.shape[1] == d + 1
 
 
 @pytest.mark.parametrize("cycles", [1.5, 1.6, 1.7, 1.8, 1.9, 2.0])

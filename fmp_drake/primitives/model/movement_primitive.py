@@ -415,7 +415,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
             if counts is not None and np.ptp(counts) > 0:
                 raise DemonstrationError("its demonstrations have different weights.")
             scaled = [y / self.scales_ for y in recordings]
-            found = search_rhythm(scaled, rate=self.rate, period=period)
+            units = dict(zip(self.channels_, self.units_, strict=True))
+            found = search_rhythm(scaled, rate=self.rate, period=period, units=units)
         except DemonstrationError as error:
             if self.model == "phase":
                 raise DemonstrationError(

@@ -220,7 +220,8 @@ def _rhythm(values: Mapping[str, Any]) -> Rhythm:
         name: tuple(Part(**part) for part in values[name])
         for name in ("bouts", "left_out")
     }
-    return Rhythm(**{**values, **parts})
+    irregular = tuple(values.get("irregular", ()))
+    return Rhythm(**{**values, **parts, "irregular": irregular})
 
 
 def _calibration_arrays(skill: FourierMovementPrimitive) -> dict[str, Any]:

@@ -70,27 +70,28 @@ class Loops:
         return out
 
 
-def join_loops(recordings: Sequence[Array]) -> Loops | None:
+def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
     """Join recordings (n, D) that each go around once; None where they do not.
 
-    Each must begin about where the one before ends, in an order of small gaps.
+    Each must begin about where the one before ends, in an order of small gaps. Distances
+    are those of some columns.
     """
     if len(recordings) < 2:
         return None
-    every = np.concatenate(recordings)
-    size = float(np.sqrt(every.var(axis=0).sum()))
-    steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in recordings]
+    chosen = [y[:, columns] for y in recordings]
+    size = float(np.sqrt(np.concatenate(chosen).var(axis=0).sum()))
+    steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in chosen]
     step = max(float(np.median(np.concatenate(steps))), 1e-12)
-    kept = [(_leaves(y, step), len(y) - _leaves(y[::-1], step)) for y in recordings]
+    kept = [(_leaves(y, step), len(y) - _leaves(y[::-1], step)) for y in chosen]
     if any(after - first < 2 for first, after in kept):
         return None
     loops = [y[a:b] for y, (a, b) in zip(recordings, kept, strict=True)]
-    order = _order_of_small_gaps(loops)
+    order = _order_of_small_gaps([y[:, columns] for y in loops])
     loops = [loops[i] for i in order]
     pieces, begins = [loops[0]], [0]
     for before, loop in pairwise(loops):
         gap = loop[0] - before[-1]
-        distance = float(np.linalg.norm(gap))
+        distance = float(np.linalg.norm(gap[columns]))
         if distance > _CLOSED * size:
             return None
         count = round(distance / step)

@@ -21,8 +21,26 @@ PART = 0.45
 _LEAST_ENERGY = 0.02
 # Range of lags, samples, and their relative step.
 _SHORTEST_LAG, _LONGEST_LAG, _LAG_STEP = 8, 800, 0.02
+# Fraction of the spectrum below the cutoff of the filter before resampling.
+_BAND = 0.8
 # Score of a candidate relative to the best.
 _NOTABLE = 0.3
+
+
+def noise_fractions(recordings: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return how much of each channel of recordings (n, D) is white noise, shape (D,).
+
+    It is the flatness of the spectrum, the ratio of its geometric to its arithmetic mean,
+    relative to that of white noise: a movement has a few high lines.
+    """
+    powers = []
+    for recording in recordings:
+        y = (recording - recording.mean(axis=0)) * np.hanning(len(recording))[:, None]
+        power = np.abs(np.fft.rfft(y, axis=0)) ** 2
+        powers.append(power[1 : max(2, int(_BAND * len(power)))])
+    power = np.concatenate(powers) + 1e-300
+    mean: NDArray[np.float64] = np.exp(np.mean(np.log(power), axis=0) + np.euler_gamma)
+    return mean / power.mean(axis=0)
 
 
 def autocorrelation(

@@ -95,6 +95,8 @@ class Rhythm:
         it is not significant.
     drift : float
         Displacement of the centre along the recordings, relative to the width.
+    irregular : tuple of str
+        Channels that do not repeat: the phase is that of the others.
 
     Examples
     --------
@@ -114,6 +116,7 @@ class Rhythm:
     amplitude_change: float = 0.0
     tempo_change: float = 0.0
     drift: float = 0.0
+    irregular: tuple[str, ...] = ()
 
     @property
     def fraction_left_out(self) -> float:
@@ -150,6 +153,11 @@ class Rhythm:
     def remarks(self) -> list[str]:
         """Return remarks on unusual recordings; none if all is well."""
         out = []
+        if self.irregular:
+            out.append(
+                "the cycles are those of the other channels: not in every cycle the same "
+                f"are {', '.join(self.irregular)}"
+            )
         kinds = {part.kind for part in self.left_out}
         if "backwards" in kinds:
             out.append(

@@ -1,6 +1,6 @@
 """Search for the rhythm of recordings: period, bouts and the phase of every sample."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives.data.channels import channel_scales
+from fmp_drake.primitives.data.channels import (
+    channel_scales,
+    default_channels,
+)
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.windows import (
     DEFAULT_RATE,
@@ -20,6 +23,7 @@ from fmp_drake.primitives.model.phase.loops import join_loops
 from fmp_drake.primitives.model.phase.period import (
     PART,
     local_periods,
+    noise_fractions,
     possible_periods,
 )
 from fmp_drake.primitives.model.phase.rhythm import (
@@ -67,18 +71,26 @@ _LEAST_OTHER = 1.5
 # Speed relative to that of the movement, and the fraction of a part that is slower in a pause.
 _REST, _PAUSE = 0.15, 0.5
 _BOUT, _LEFT_OUT, _BACKWARDS, _OTHER = range(4)
+# Fraction of noise in a channel, and of all variance, from which the phase ignores it.
+_NOISE, _NOTICED = 0.5, 0.02
+# Misfit of fewer channels relative to that of all, below which they are preferred.
+_FEWER_CHANNELS = 0.5
+# Units of channels that may have a rhythm alone, in this order.
+_MOTION = ("m", "rad")
 
 
 class Found(NamedTuple):
     """A rhythm, with the phase of the samples of its bouts.
 
     It was found in `recordings` (n, D): those given, the longest first, or joined where each
-    is one cycle.
+    is one cycle. The track has all channels, also those that do not repeat. The misfit is 0
+    where there are many similar cycles; else it is greater, the more they differ.
     """
 
     rhythm: Rhythm
     track: PhaseTrack
     recordings: Sequence[Array]
+    misfit: float
 
 
 class _Attempt(NamedTuple):
@@ -127,13 +139,23 @@ def find_rhythm(
     cut = cut_demonstrations(demonstrations, start, end, rate)
     parts = [part for d in cut for part in d.split_at_gaps(rate) or [d]]
     values = [part.resample(rate).values for part in parts]
-    scales = channel_scales("units", np.concatenate(values), parts[0].units)
-    found = search_rhythm([y / scales for y in values], rate=rate, period=period)
+    first = parts[0]
+    scales = channel_scales("units", np.concatenate(values), first.units)
+    found = search_rhythm(
+        [y / scales for y in values],
+        rate=rate,
+        period=period,
+        units=dict(zip(first.channels, first.units, strict=True)),
+    )
     return found.rhythm.shifted(start or 0.0)
 
 
 def search_rhythm(
-    recordings: Sequence[Array], *, rate: float, period: float | None = None
+    recordings: Sequence[Array],
+    *,
+    rate: float,
+    period: float | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Found:
     """Find the rhythm of recordings (n, D), and the phase of their rhythmic samples.
 
@@ -143,6 +165,9 @@ def search_rhythm(
     which nothing repeats, but each of which ends where another begins, are joined. The
     order of the recordings does not matter.
 
+    Channels of noise do not count. Where the others do not repeat together, the positions
+    are searched alone, then the angles.
+
     Parameters
     ----------
     recordings : sequence of ndarray, shape (n, D)
@@ -151,6 +176,8 @@ def search_rhythm(
         Hz.
     period : float, optional
         s, where it is known.
+    units : mapping from str to str, optional
+        Unit of each channel, by its name; positions where None.
 
     Raises
     ------
@@ -163,26 +190,69 @@ def search_rhythm(
         key=lambda i: (-len(recordings[i]), recordings[i].tobytes()),
     )
     ordered = [recordings[i] for i in order]
-    try:
-        found = _search(ordered, rate, period)
-        parts: Iterable[Part] = (*found.rhythm.bouts, *found.rhythm.left_out)
-    except DemonstrationError as error:
-        loops = join_loops(ordered)
-        if loops is None:
-            raise
+    if units is None:
+        units = dict.fromkeys(default_channels(ordered[0].shape[1]), "m")
+    best: tuple[float, list[int], Found, Iterable[Part]] | None = None
+    refusal: DemonstrationError | None = None
+    for columns in _column_choices(ordered, tuple(units.values())):
         try:
-            found = _search([loops.values], rate, period)
-        except DemonstrationError:
-            raise error from None
-        parts = loops.parts((*found.rhythm.bouts, *found.rhythm.left_out), rate)
+            found, parts = _search_or_join(ordered, columns, rate, period)
+        except DemonstrationError as error:
+            refusal = refusal or error
+            continue
+        if best is None or found.misfit < _FEWER_CHANNELS * best[0]:
+            best = found.misfit, columns, found, parts
+        if not found.misfit:
+            break
+    if best is None:
+        raise refusal or DemonstrationError("there is no channel.")
+    _, columns, found, parts = best
     parts = (replace(part, recording=order[part.recording]) for part in parts)
     bouts, left_out = _parted(sorted(parts, key=lambda p: (p.recording, p.start)))
-    rhythm = replace(found.rhythm, bouts=bouts, left_out=left_out)
+    irregular = (name for i, name in enumerate(units) if i not in columns)
+    rhythm = replace(
+        found.rhythm, bouts=bouts, left_out=left_out, irregular=tuple(irregular)
+    )
     return found._replace(rhythm=rhythm)
 
 
-def _search(recordings: Sequence[Array], rate: float, period: float | None) -> Found:
-    """Find the rhythm of recordings as they are; see `search_rhythm`."""
+def _column_choices(
+    recordings: Sequence[Array], units: Sequence[str]
+) -> Iterator[list[int]]:
+    """Yield the columns to search: those without noise, the positions, the angles."""
+    variance = np.sum([len(y) * y.var(axis=0) for y in recordings], axis=0)
+    noise = noise_fractions(recordings)
+    is_noise = (noise > _NOISE) & (noise * variance > _NOTICED * variance.sum())
+    steady = np.flatnonzero(~is_noise).tolist() or list(range(len(units)))
+    yield steady
+    groups = [[i for i in steady if units[i] == unit] for unit in _MOTION]
+    yield from (g for g in groups if 1 < len(g) < len(steady))
+
+
+def _search_or_join(
+    recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
+) -> tuple[Found, Iterable[Part]]:
+    """Find the rhythm of recordings, or of all joined; return it and its parts."""
+    try:
+        found = _search(recordings, columns, rate, period)
+    except DemonstrationError as error:
+        loops = join_loops(recordings, columns)
+        if loops is None:
+            raise
+        try:
+            found = _search([loops.values], columns, rate, period)
+        except DemonstrationError:
+            raise error from None
+        parts = (*found.rhythm.bouts, *found.rhythm.left_out)
+        return found, loops.parts(parts, rate)
+    return found, (*found.rhythm.bouts, *found.rhythm.left_out)
+
+
+def _search(
+    every: Sequence[Array], columns: list[int], rate: float, period: float | None
+) -> Found:
+    """Find the rhythm of some columns of recordings; see `search_rhythm`."""
+    recordings = [np.ascontiguousarray(y[:, columns]) for y in every]
     attempts: list[_Attempt] = []
     for candidate in _candidates(recordings, rate, period):
         attempt = _attempt(recordings, candidate)
@@ -217,7 +287,12 @@ def _search(recordings: Sequence[Array], rate: float, period: float | None) -> F
         ):
             break
         best = attempt
-    return Found(_rhythm(recordings, best, rate), best.track, recordings)
+    rhythm, track = _rhythm(recordings, best, rate), best.track
+    if len(columns) < every[0].shape[1]:
+        bouts = _cut(every, [label == _BOUT for label in best.labels])
+        track = track.with_channels(bouts)
+    misfit = 0.0 if limits is _LIMITS[0] else _misfit(best.track)
+    return Found(rhythm, track, every, misfit)
 
 
 def _misfit(track: PhaseTrack) -> float:

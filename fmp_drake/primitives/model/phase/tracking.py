@@ -88,6 +88,21 @@ class PhaseTrack:
         total = float(np.sum((values - values.mean(axis=0)) ** 2))
         return float(np.sum(errors**2)) / max(total, 1e-300)
 
+    def with_channels(self, recordings: Recordings) -> "PhaseTrack":
+        """Return the track of the same samples with other channels, (n, D)."""
+        harmonics = len(self.cycle.coefficients) // 2
+        phases, values = np.concatenate(self.phases), np.concatenate(recordings)
+        cycle = Cycle.fit(phases, values, harmonics=harmonics)
+        shifts = [
+            gaussian_filter1d(y - cycle.values(p), np.pi / self.velocity, axis=0)
+            for y, p in zip(recordings, self.phases, strict=True)
+        ]
+        values = values - np.concatenate(shifts)
+        cycle = Cycle.fit(phases, values, harmonics=harmonics)
+        return PhaseTrack(
+            recordings=list(recordings), phases=self.phases, shifts=shifts, cycle=cycle
+        )
+
     def residuals(self) -> list[NDArray[np.float64]]:
         """Return the recordings minus the cycle at their phases; shifts are included."""
         return [
