@@ -179,6 +179,15 @@ def test_recording_without_repetition_has_no_rhythm():
         find_rhythm(demonstration(path))
 
 
+@pytest.mark.parametrize("seed", [7, 22])
+def test_a_smooth_random_path_has_no_rhythm(seed):
+    rng = np.random.default_rng(seed)
+    normals = rng.standard_normal((500, 2))
+    path = gaussian_filter1d(normals, rng.uniform(8, 24), axis=0, mode="wrap") / 2
+    with pytest.raises(DemonstrationError, match="cycles"):
+        find_rhythm(demonstration(path))
+
+
 @pytest.mark.parametrize(
     ("name", "period", "cycles"),
     [
@@ -198,6 +207,12 @@ def test_rhythm_of_real_recordings_is_found(
     found = find_rhythm(recording)
     assert found.period == pytest.approx(period, rel=0.05)
     assert found.cycles == pytest.approx(cycles, abs=0.5)
+
+
+def test_one_and_a_half_cycles_after_an_approach_are_found(real_demonstration_paths):
+    with np.load(real_demonstration_paths["car_fender_3"]) as file:
+        recording = Demonstration(time=file["time"], values=file["position"])
+    assert find_rhythm(recording, end=9.45).period == pytest.approx(5.4, rel=0.05)
 
 
 def test_two_of_six_cycles_are_not_taken_for_one(real_demonstration_paths):

@@ -214,17 +214,21 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def recurrent_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
+def recurrent_samples(
+    recordings: Sequence[Array], period: float, *, by_neighbours: bool = False
+) -> list[Mask]:
     """Return which samples (n,) of recordings (n, D) recur in another cycle.
 
     Position and velocity count. The limit of their distance follows from the samples that
-    are part of two similar neighbouring cycles.
+    are part of two similar neighbouring cycles; `by_neighbours` are these alone.
     """
     rests = [_rests(y, period) for y in recordings]
     found = [_core(y, period) for y in recordings]
     cores = [core & ~rest for (core, _), rest in zip(found, rests, strict=True)]
     if not any(core.any() for core in cores):
         cores = [~rest for rest in rests]
+    if by_neighbours:
+        return [without_short(core, _LEAST_BOUT * period) for core in cores]
     inside = np.concatenate([y[c] for y, c in zip(recordings, cores, strict=True)])
     size = float(np.sqrt(inside.var(axis=0).sum()))
     states = [_states(y, 2 * np.pi / period) for y in recordings]

@@ -58,6 +58,9 @@ _CLEAR = 0.015
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _AS_WELL = 4.0
 _LIMITS = (_Limits(4.0, 0.05), _Limits(1.3, 0.15))
+# Numbers of cycles, and the greatest misfit of so many; none limits more of them. With the
+# limits above alone, a quarter of smooth random paths of 8 to 50 s had a rhythm.
+_MOST_MISFIT = (1.0, 2.0, 4.0, 8.0), (0.0, 0.1, 0.1, 0.15)
 # Fraction of the variance that slow displacements of the centre may take.
 _MOST_SHIFTED = 0.5
 # A track whose mean velocity differs more from its initial estimate has another cycle.
@@ -253,25 +256,20 @@ def _search(
 ) -> Found:
     """Find the rhythm of some columns of recordings; see `search_rhythm`."""
     recordings = [np.ascontiguousarray(y[:, columns]) for y in every]
-    attempts: list[_Attempt] = []
-    for candidate in _candidates(recordings, rate, period):
-        attempt = _attempt(recordings, candidate)
-        if attempt is None:
-            continue
-        attempts.append(attempt)
-        clear = attempt.track.unexplained <= _CLEAR
-        if clear and not _reason_against(attempt, _LIMITS[0]):
-            break
-    if not attempts:
-        raise DemonstrationError(
-            "no part of it comes again in another cycle; record at least two full cycles."
-        )
-    for limits in _LIMITS:
-        good = [a for a in attempts if not _reason_against(a, limits)]
+    refusal = ""
+    # Of few cycles after an approach only neighbouring ones tell which samples recur.
+    for by_neighbours in (False, True):
+        candidates = _candidates(recordings, rate, period)
+        attempts = _attempts(recordings, candidates, by_neighbours=by_neighbours)
+        for limits in _LIMITS:
+            good = [a for a in attempts if not _reason_against(a, limits)]
+            if good:
+                break
+        refusal = refusal or _refusal(attempts)
         if good:
             break
     else:
-        raise DemonstrationError(_reason_against(attempts[0], _LIMITS[-1]))
+        raise DemonstrationError(refusal)
     best = min(good, key=lambda attempt: _misfit(attempt.track))
     if limits is not _LIMITS[0]:
         # Of few cycles the shortest period that explains the recordings about as well.
@@ -293,6 +291,31 @@ def _search(
         track = track.with_channels(bouts)
     misfit = 0.0 if limits is _LIMITS[0] else _misfit(best.track)
     return Found(rhythm, track, every, misfit)
+
+
+def _attempts(
+    recordings: Sequence[Array], candidates: Iterable[float], *, by_neighbours: bool
+) -> list[_Attempt]:
+    """Return attempts with candidates of the period, up to one that is clear."""
+    attempts = []
+    for candidate in candidates:
+        attempt = _attempt(recordings, candidate, by_neighbours=by_neighbours)
+        if attempt is None:
+            continue
+        attempts.append(attempt)
+        clear = attempt.track.unexplained <= _CLEAR
+        if clear and not _reason_against(attempt, _LIMITS[0]):
+            break
+    return attempts
+
+
+def _refusal(attempts: Sequence[_Attempt]) -> str:
+    """Return why none of the attempts has found a rhythm."""
+    if attempts:
+        return _reason_against(attempts[0], _LIMITS[-1])
+    return (
+        "no part of it comes again in another cycle; record at least two full cycles."
+    )
 
 
 def _misfit(track: PhaseTrack) -> float:
@@ -349,9 +372,11 @@ def _cut(
     ]
 
 
-def _attempt(recordings: Sequence[Array], period: float) -> _Attempt | None:
+def _attempt(
+    recordings: Sequence[Array], period: float, *, by_neighbours: bool = False
+) -> _Attempt | None:
     """Track the phase of the bouts for a period; None where there is none."""
-    masks = recurrent_samples(recordings, period)
+    masks = recurrent_samples(recordings, period, by_neighbours=by_neighbours)
     bouts = _cut(recordings, masks)
     if max(map(len, bouts), default=0) < period + 1:
         return None
@@ -405,6 +430,13 @@ def _reason_against(attempt: _Attempt, limits: _Limits) -> str:
         return (
             f"one cycle leaves {100 * track.unexplained:.0f} % of its variance "
             f"unexplained; the phase model needs at most {100 * limits.unexplained:.0f} %."
+        )
+    most = float(np.interp(track.cycles, *_MOST_MISFIT, right=np.inf))
+    if _misfit(track) > most:
+        return (
+            f"its {track.cycles:.1f} cycles differ too much to be those of one movement "
+            f"({100 * _misfit(track):.0f} % of the variance; of so few cycles at most "
+            f"{100 * most:.0f} %)."
         )
     if track.shifted > _MOST_SHIFTED:
         return (
