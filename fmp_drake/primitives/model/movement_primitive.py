@@ -79,9 +79,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
     ----------
     model : {"automatic", "phase", "mixture"}
         Method of learning. "phase": the phase of the movement is tracked, and there is a
-        Gaussian for each of many phases; it needs 1.3 cycles or more.
+        Gaussian for each of many phases; it needs about 1.5 cycles or more.
         "mixture": by EM over all windows, as in the paper. "automatic": the phase model
-        where the demonstrations have 1.3 cycles that look alike and n_components is at
+        where the demonstrations have about 1.5 cycles that look alike and n_components is at
         least 30, else the mixture; `model_` and `model_reason_` say which and why.
     n_steps : int, optional
         T, samples in a window. Where None it is 3.2 periods, but at most 6 s (or 120

@@ -244,7 +244,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         if self.phase_model_ is None:
             raise SkillError(
                 "the skill is a mixture, which has no phase; learn it with "
-                "model='phase' or 'automatic' from 1.3 cycles or more."
+                "model='phase' or 'automatic' from about 1.5 cycles on."
             )
         return self.phase_model_
 

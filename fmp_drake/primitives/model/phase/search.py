@@ -127,7 +127,7 @@ def find_rhythm(
     Raises
     ------
     DemonstrationError
-        If nothing repeats, there are fewer than 1.3 cycles, or one cycle does not explain
+        If nothing repeats, there are too few cycles, or one cycle does not explain
         the demonstrations.
 
     Examples
@@ -185,7 +185,7 @@ def search_rhythm(
     Raises
     ------
     DemonstrationError
-        If nothing repeats, there are fewer than 1.3 cycles, or one cycle does not explain
+        If nothing repeats, there are too few cycles, or one cycle does not explain
         the recordings.
     """
     order = sorted(
