@@ -163,6 +163,19 @@ def test_a_page_without_the_token_may_only_watch(sliding, query):
         each.close()
 
 
+@pytest.mark.parametrize("head", [b"\x89\x04", b"\x89\x7e\x00\x04", b"\x0b\x04"])
+def test_a_watcher_hides_no_message_in_a_frame_without_a_mask(sliding, head):
+    stream, _ = upgrade(sliding)
+    message = umsgpack.packb({"type": "slider", "name": "force", "value": 12.0})
+    # Meshcat takes four bytes more for the first frame: the head of the second one.
+    body = b"\0\0" + frame(2, message)
+    stream.sendall(head + b"\0\0\0\0" + frame(9, body, masked=False))
+    while stream.recv(1 << 16):
+        pass  # The scene; then the connection ends.
+    assert value_after(sliding, 12.0, seconds=0.5) == 10.0
+    stream.close()
+
+
 @pytest.mark.parametrize(
     "headers",
     [
@@ -327,6 +340,13 @@ def test_control_frames_pass_whole_however_the_stream_is_cut(frames, data):
         passed += kept.filter(stream[:n])
         stream = stream[n:]
     assert passed == b"".join(frame(op, body) for op, body in frames if op >= 8)
+
+
+@pytest.mark.parametrize("first", [0x0B, 0x09, 0x8B, 0xC9, 0x82, 0x01])
+def test_only_whole_control_frames_that_are_known_pass(first):
+    kept = ControlFrames()
+    odd = bytes([first]) + frame(9, b"a")[1:]
+    assert kept.filter(odd + frame(9, b"b")) == frame(9, b"b")
 
 
 def test_a_long_frame_is_dropped():

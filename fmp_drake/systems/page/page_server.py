@@ -39,8 +39,8 @@ _TIMEOUT = 10.0
 _MAX_CONNECTIONS, _MAX_WATCHING = 64, 48
 # What a connection is for. One for a short request has to make room for a newer one.
 _REQUEST, _WATCHING, _OPERATING = "request", "watching", "operating"
-# Bytes with head and mask.
-_LONGEST_CONTROL_FRAME = 131
+# First bytes of a close, a ping and a pong that are whole, and the bits of the second byte.
+_CONTROL_FRAMES, _MASKED, _LONGEST_CONTROL = (0x88, 0x89, 0x8A), 0x80, 125
 _PORTS = range(8000, 8100)
 _OWN_PATH = re.compile(r"/[\w./-]*", re.ASCII)
 _HANDSHAKE = (
@@ -106,25 +106,38 @@ def is_own_host(header: str, served_at: str) -> bool:
 
 
 class ControlFrames:
-    """Filter of a browser's WebSocket stream that drops all but control frames (RFC 6455)."""
+    """Filter of a browser's WebSocket stream that drops all but control frames (RFC 6455).
+
+    It passes only frames whose size nobody can read in another way: Meshcat would take the
+    rest of a longer one, or of one without a mask, for a message of its own.
+    """
 
     def __init__(self) -> None:
         self._buffer = b""
         self._skipped = 0
 
     def filter(self, data: bytes) -> bytes:
-        """Return the control frames that are complete with the next bytes of the stream."""
+        """Return the control frames that are complete with the next bytes of the stream.
+
+        Raises
+        ------
+        ConnectionError
+            Where a frame is not masked; a browser masks all of them.
+        """
         self._buffer += data
         kept = b""
         while True:
             dropped = min(self._skipped, len(self._buffer))
             self._buffer = self._buffer[dropped:]
             self._skipped -= dropped
-            size = _frame_size(self._buffer)
-            if size is None:
+            if len(self._buffer) < 2:
                 return kept
-            # A control frame has at most 125 bytes: a longer one would fill the memory.
-            if self._buffer[0] & 0x0F < 8 or size > _LONGEST_CONTROL_FRAME:
+            first, second = self._buffer[:2]
+            if not second & _MASKED:
+                raise ConnectionError("a frame without a mask")
+            if (size := _frame_size(self._buffer)) is None:
+                return kept
+            if first not in _CONTROL_FRAMES or second & ~_MASKED > _LONGEST_CONTROL:
                 self._skipped = size
                 continue
             if len(self._buffer) < size:
@@ -134,18 +147,15 @@ class ControlFrames:
 
 
 def _frame_size(data: bytes) -> int | None:
-    """Return how many bytes the first frame has with its head; None where that is cut off."""
-    if len(data) < 2:
-        return None
-    length, head = data[1] & 0x7F, 2
-    if length > 125:
+    """Return how many bytes the first, masked frame has with its head; None if cut off."""
+    length, head = data[1] & ~_MASKED, 2
+    if length > _LONGEST_CONTROL:
         extended = 2 if length == 126 else 8
         if len(data) < head + extended:
             return None
         length = int.from_bytes(data[head : head + extended], "big")
         head += extended
-    mask = 4 if data[1] & 0x80 else 0
-    return head + mask + length
+    return head + 4 + length
 
 
 class _Board:
