@@ -1,6 +1,7 @@
 """Scenarios: all settings of a station, as YAML."""
 
 import dataclasses
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -36,6 +37,9 @@ from fmp_drake.station.scenario_parts import (
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import FrictionConfig
 from fmp_drake.systems.surface.surface import place, rotation
+
+# More cells would fill the memory; a shorter step, s, would not end.
+_MOST_CELLS, _SHORTEST_STEP = 4e6, 1e-5
 
 
 @dataclass(kw_only=True)
@@ -142,6 +146,17 @@ class Scenario:
             )
         if self.scenery not in ("", "pot"):
             return f"scenery is {self.scenery}; expected nothing or pot."
+        cells = math.prod(self.board.size) / self.ink.cell**2
+        if self.has_board and cells > _MOST_CELLS:
+            return (
+                f"ink.cell is {self.ink.cell:g} m, and the board has {cells:.2g} cells; at "
+                f"most {_MOST_CELLS:.2g} are drawn and wiped."
+            )
+        if 0 < self.plant.time_step < _SHORTEST_STEP:
+            return (
+                f"plant.time_step is {self.plant.time_step:g} s; expected 0, or at least "
+                f"{_SHORTEST_STEP:g} s."
+            )
         n = len(LoadRobot(self.robot).posture)
         if len(self.posture) not in (0, n):
             return f"posture is {self.posture}; expected {n} numbers."

@@ -164,7 +164,7 @@ class BoardConfig:
     axis: str = "x"
     translation: list[float] = bounded([0.55, 0.0, 0.10])
     rpy: list[float] = bounded([0.0, 0.0, 0.0])
-    size: list[float] = bounded([0.50, 0.70], least=0.1)
+    size: list[float] = bounded([0.50, 0.70], least=0.1, most=10)
     friction: float = bounded(0.5, least=0)
     legs: bool = True
     error: PoseConfig = field(default_factory=PoseConfig)
@@ -236,7 +236,7 @@ class EraserConfig:
     0.375
     """
 
-    footprint: list[float] = bounded([0.12, 0.05], above=0)
+    footprint: list[float] = bounded([0.12, 0.05], above=0, most=1)
     modulus: float = bounded(1.25e4, above=0)
     friction: float = bounded(0.5, least=0)
     worn: float = bounded(0.0, least=0, most=1)
@@ -294,7 +294,7 @@ class InkConfig:
     """
 
     cell: float = bounded(0.005, above=0)
-    period: float = bounded(0.05, above=0)
+    period: float = bounded(0.05, least=0.001)
     words: str = ""
     picture: str = ""
     size: float | None = bounded(None, above=0)
@@ -490,7 +490,7 @@ class SkillConfig:
     components: int | None = bounded(None, least=1)
     model: str = "automatic"
     sample: bool = True
-    candidates: int = bounded(48, least=1)
+    candidates: int = bounded(48, least=1, most=1000)
     margin: float = bounded(0.02, above=0)
     seed: int = bounded(0, least=0)
     tempo: float = bounded(1.0, least=0, most=4)

@@ -98,6 +98,9 @@ def test_distribution_has_its_mean_and_deviation(kind, values, mean, deviation):
         ("fields: {press.force: {log_uniform: [0, 1]}}", "both positive"),
         ("fields: {press.force: {normal: [1, 2]}}", r"expected normal: \[mean, stand"),
         ("fields: {press.force: {choice: []}}", "equally likely"),
+        ("fields: {press.force: {choice: [" + "9," * 201 + "]}}", "at most 200"),
+        ("base: {choice: [" + "tilted," * 15_000 + "]}", "at most 200"),
+        ('fields: {"board.rpy[²]": 1}', r"there is no board.rpy\[²\]"),
         ("offsets: {skill.demonstration: 1}", "offset 1 of skill.demonstration, which"),
         (
             "stuff: 1",

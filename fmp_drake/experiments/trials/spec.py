@@ -23,13 +23,14 @@ KINDS = {
     "uniform": "[least, most], within 1e+15",
     "log_uniform": "[least, most], both positive",
     "normal": "[mean, standard deviation, least, most]",
-    "choice": "[one, another, ...], equally likely",
+    "choice": "[one, another, ...], at most 200, equally likely",
 }
 """Names of the distributions, with the values that each expects."""
 
 # Greatest bound of a uniform distribution, which may draw integers; attempts to draw a
-# value between the bounds of a normal distribution; disturbances of a trial.
-_GREATEST, _ATTEMPTS, _MOST_DISTURBANCES = 1e15, 1000, 1000
+# value between the bounds of a normal distribution; disturbances of a trial. Each choice is
+# tried in advance, in 20 ms.
+_GREATEST, _ATTEMPTS, _MOST_DISTURBANCES, _MOST_CHOICES = 1e15, 1000, 1000, 200
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,9 @@ class Distribution:
         """
         ((kind, values),) = given.items()
         fits = isinstance(values, list) and len(values) > 0
-        if fits and kind != "choice":
+        if fits and kind == "choice":
+            fits = len(values) <= _MOST_CHOICES
+        elif fits:
             fits = len(values) == (4 if kind == "normal" else 2)
             fits = fits and all(map(is_number, values))
         if fits and kind == "uniform":
@@ -366,7 +369,7 @@ def _place(fields: dict[str, Any], name: str) -> tuple[Any, str | int]:
         Where there is no such name; it lists the allowed ones.
     """
     place: Any = fields
-    keys = [int(k) if k.isdigit() else k for k in re.findall(r"[^.\[\]]+", name)]
+    keys = [int(k) if k.isdecimal() else k for k in re.findall(r"[^.\[\]]+", name)]
     for i, key in enumerate(keys):
         before = ".".join(map(str, keys[:i])) or "it"
         if not isinstance(place, dict | list):

@@ -97,7 +97,7 @@ class ImpedanceConfig:
     max_torque_rate: float | None = bounded(None, above=0)
     max_effective_mass: float = bounded(300.0, above=0)
     characteristic_length: float = bounded(0.25, above=0)
-    control_period: float = bounded(0.001, above=0)
+    control_period: float = bounded(0.001, least=0.0001)
     stiffness_time_constant: float = bounded(0.05, least=0)
     walls: JointWallConfig = field(default_factory=JointWallConfig)
     watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
