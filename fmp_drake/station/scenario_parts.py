@@ -385,7 +385,7 @@ class SensorConfig:
     """
 
     rate: float = bounded(0.0, least=0, most=1000)
-    delay: float = bounded(0.0, least=0)
+    delay: float = bounded(0.0, least=0, most=1)
     position_noise: float = bounded(0.0, least=0)
     velocity_noise: float = bounded(0.0, least=0)
     seed: int = bounded(0, least=0)

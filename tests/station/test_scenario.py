@@ -189,6 +189,7 @@ def test_missing_file_is_named(tmp_path):
         ("skill: {push_threshold: 0}", ["skill.push_threshold", "positive"]),
         ("sensors: {delay: 0.002}", ["sensors.delay needs a sensors.rate"]),
         ("sensors: {rate: 5000}", ["sensors.rate", "at most 1000"]),
+        ("sensors: {rate: 1000, delay: 1.0e+9}", ["sensors.delay", "at most 1"]),
         ("camera: {eye: [0, 0, 0], target: [0, 0, 0]}", ["camera"]),
         ("disturbances: [{start: -1}]", ["start", "at least 0"]),
         ("disturbances: [{every: 0.5, duration: 1}]", ["every 0.5 s"]),
