@@ -14,6 +14,7 @@ from fmp_drake.systems.surface_monitor import TOLERANCE
 _LEAST_HEIGHT, _MOST_HEIGHT = 3, 1000
 # A magnitude above 0 that rounds to 0 in texts.
 _TINY = 1e-9
+_FORCE = "a normal force far too large"
 _STOPPED = int(StatusFlag.PROTECTIVE_STOP)
 _NO_TARGET = int(StatusFlag.PROTECTIVE_STOP | StatusFlag.RECOVER)
 ADVICE = {
@@ -26,7 +27,7 @@ ADVICE = {
         StatusFlag.BELOW_SURFACE: "Lower the normal force.",
         StatusFlag.OVERSPEED: "Lower the tempo, or the stiffness.",
     }.items()
-}
+} | {_FORCE: "Lower the tempo or the stiffness, or move the board."}
 """Advice to a viewer, by kinds of events."""
 
 _STOPS = {**STOP_REASONS, StatusFlag.JUMP: "the target was {:.0f} cm away"}
@@ -134,9 +135,17 @@ _FLAGGED = {
 
 
 class RunEvents:
-    """Events of a run, from the controller's status and the positions."""
+    """Events of a run, from the controller's status, the positions and the contact.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    most_force : float
+        Normal force above which it is an event, also where the controller measures none, N.
+    """
+
+    def __init__(self, most_force: float = np.inf) -> None:
+        self._most_force = most_force
+        self._forces = Occurrences(_FORCE, "up to {:.0f} N")
         stop = CONDITIONS[StatusFlag.PROTECTIVE_STOP].event
         self._stops = {
             int(flag): Occurrences(stop, why) for flag, why in _STOPS.items()
@@ -167,7 +176,9 @@ class RunEvents:
         # Contact can be lost only after the controller has reported it. Before the first
         # update of the controller its status is all zeros.
         force = chunk["normal_force"]
-        touching = force.times[force.values[:, 0] > CONTACT_FORCE]
+        pressing = force.values[:, 0]
+        self._forces.update(force.times, pressing * (pressing > self._most_force))
+        touching = force.times[pressing > CONTACT_FORCE]
         self._touch = min([self._touch, *touching[:1]])
         reported = times[(times >= self._touch) & (lost == 0) & (status[:, 2] > 0)]
         self._contact = min([self._contact, *reported[:1]])
@@ -206,6 +217,7 @@ class RunEvents:
             *self._flagged.values(),
             self._lost,
             self._below,
+            self._forces,
         )
         events = [event for fault in faults for event in fault.events()]
         counts = np.cumsum(self._heights)

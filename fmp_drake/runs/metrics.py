@@ -405,7 +405,9 @@ class RunMetrics:
             *([] if roles.rotation is None else [OrientationMetrics()]),
             self._region,
         )
-        self._events = RunEvents()
+        excess = scenario.impedance.watchdog.max_excess_force
+        has_force = roles.force is not None
+        self._events = RunEvents(np.inf if has_force else 2 * press.force + excess)
 
     def update(self, chunk: Chunk, *, played: Chunk | None = None) -> None:
         """Take the next samples of `metric_signals`.

@@ -33,9 +33,9 @@ def mark(signals, start, end, flags):
     status[(times > start - 1e-6) & (times < end - 1e-6), 0] = float(flags)
 
 
-def sentences(signals, *, until=()):
+def sentences(signals, *, until=(), most_force=80.0):
     """Feed the signals in chunks that end at some times."""
-    events, start = RunEvents(), -1.0
+    events, start = RunEvents(most_force), -1.0
     for end in (*until, 1e9):
         events.update(
             {
@@ -120,6 +120,15 @@ def test_penetration_is_reported_with_its_depth():
     assert sentences(signals) == [
         "a hard part below the board from 2.0 to 2.5 s: up to 12.5 mm deep"
     ]
+
+
+def test_normal_force_far_too_large_is_reported_with_its_peak():
+    signals = recorded()
+    times, force = signals["normal_force"]
+    force[(times > 2.0) & (times < 2.5)] = 79.0
+    force[(times > 3.0) & (times < 3.045)] = 91.2
+    assert sentences(signals) == ["a normal force far too large at 3.0 s: up to 91 N"]
+    assert sentences(signals, most_force=np.inf) == []
 
 
 def test_occurrences_of_any_signal_are_counted():

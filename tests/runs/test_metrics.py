@@ -231,6 +231,29 @@ def test_force_counts_on_a_board_only(shape, events):
     assert any("contact" in event.text for event in metrics.events()) == events
 
 
+@pytest.mark.parametrize(
+    ("force", "channel", "is_event"),
+    [
+        (79.0, None, False),
+        (81.0, None, True),
+        (81.0, 3, False),
+    ],
+)
+def test_force_beyond_twice_the_desired_one_and_60_newtons_is_an_event(
+    force, channel, is_event
+):
+    signals = {
+        name: Samples(np.arange(2.0), np.zeros((2, size)))
+        for name, (size, _) in PERIODS.items()
+    }
+    signals["desired_normal_force"] = Samples(np.arange(2.0), np.zeros((2, 1)))
+    signals["normal_force"].values[1] = force
+    roles = ChannelRoles(position=(0, 1, 2), force=channel)
+    metrics = RunMetrics(Scenario(), None, LIMITS, control_period=0.001, roles=roles)
+    metrics.update(signals)
+    assert any("too large" in event.text for event in metrics.events()) == is_event
+
+
 @pytest.mark.parametrize("control_period", [0.0005, 0.001, 0.002, 0.005])
 def test_torque_rate_is_per_period_of_the_controller(control_period):
     """A torque that rises by 900 Nm/s in steps has that rate, however long they are."""
