@@ -761,6 +761,56 @@ def test_uncertainty_grows_farther_ahead_than_left_out_parts_reach():
     assert np.all(np.diff(variances[10:]) > 0)
 
 
+def test_error_grows_linearly_between_horizons_from_none_for_what_is_observed():
+    shape = np.array([[2.0, 0.5], [0.5, 1.0]])
+    calibration = Calibration(
+        ahead=np.array([1.0, 3.0]),
+        factors=np.ones(2),
+        errors=np.array([4 * shape, 8 * shape]),
+        changes=np.array([shape, shape]),
+    )
+    for ahead, factor in ((0, 0), (0.5, 2), (1, 4), (1.5, 5), (3, 8), (9, 8)):
+        np.testing.assert_allclose(calibration.errors_at(ahead), factor * shape)
+
+
+def test_few_cycles_are_blended_with_replay_and_many_are_not():
+    y = recorded(wavering(1000)).values
+    few, many = (
+        FourierMovementPrimitive(rate=RATE, model="phase").fit(y[:n]).calibration_
+        for n in (150, 1000)
+    )
+    assert 0.1 < few.weight < 0.9
+    assert many.weight == 1.0
+    assert few.local > 0.2
+    assert many.local == 0.0
+    # Three cycles show less than the variances of the movement.
+    assert few.at(20).factors[-1] > 1.2
+
+
+def test_longer_recordings_have_lighter_tails():
+    short, long = (
+        calibrate_replay([wandering(s)], 10, 20).degrees for s in (4.0, 20.0)
+    )
+    assert 4.0 < short < 4.2
+    # As of five cycles: half a cycle for each of the ten parts that are left out.
+    assert long == pytest.approx(4 + 0.05 * 5**2)
+
+
+def test_errors_of_short_recordings_grow_more_than_the_changes_of_the_movement():
+    path = wandering(1.6)[:, :1]
+    near, far = calibrate_replay([path], 10, 20).at(20).errors[[9, 19], 0, 0]
+    changes = [np.mean((path[h:] - path[:-h]) ** 2) for h in (10, 20)]
+    growth = far / near / (changes[1] / changes[0])
+    assert growth == pytest.approx(2 ** (1 / 3), rel=1e-3)
+
+
+def test_channels_that_move_together_are_wrong_together():
+    # One second is too short to leave a part of it out.
+    path = np.repeat(wandering(1.0)[:, :1], 2, axis=1)
+    error = calibrate_replay([path], 10, 20).errors[0]
+    assert error[0, 1] / error[0, 0] == pytest.approx(1 / 3, abs=0.01)
+
+
 def test_variances_of_few_cycles_fall_short_by_a_factor_that_vanishes():
     # (1 + 4.5 n^-1.5)^2
     for cycles, factor in ((1.0, 5.5**2), (4.0, 1.5625**2), (9.0, (7 / 6) ** 2)):
