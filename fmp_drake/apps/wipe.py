@@ -186,14 +186,13 @@ def wipe(
         setattr(scenario.show, part, False)
     config = None if arm.arm is None else arm_config(arm.arm, dry=arm.no_torque)
     title = Path(scene.scenario).stem
-    panel = None
+    law, panel = LawCompilation(), None
     if files.html or not page.headless:
         announce = None if page.headless else console
         panel = open_page(announce, title=title, host=page.host)
     with ended_page(panel):
         if panel is not None and config is None and not page.headless:
             get_ready(panel, scenario, visuals=page.visuals)
-        law = LawCompilation()
         started = time.perf_counter()
         skill, demonstrations, remarks = scenario_skill(
             scenario,

@@ -25,7 +25,12 @@ from fmp_drake.systems.ink.grid import (
     InkGrid,
     cleaned_fraction,
 )
-from fmp_drake.systems.ink.patch import planar_motion, read_patch, rectangle
+from fmp_drake.systems.ink.patch import (
+    compile_rubbing,
+    planar_motion,
+    read_patch,
+    rectangle,
+)
 from fmp_drake.systems.ink.rubbing import (
     Cells,
     Patch,
@@ -183,11 +188,7 @@ class InkBoard(LeafSystem):
         self.DeclareVectorOutputPort(
             "contact_area", 1, self._calc_contact_area, contact
         )
-        # One use compiles the functions before a run.
-        rest = PlanarMotion(*[0.0] * len(motion))
-        rectangular = rectangle(np.zeros(6))
-        rubbing = exposure(self._cells, rectangular, rest, rest, self._worn).ravel()
-        wear(rubbing.copy(), rubbing, WEAR_CONSTANT)
+        compile_rubbing(self._cells)
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)
 

@@ -9,7 +9,8 @@ from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from fmp_drake.systems.ink.rubbing import Patch, PlanarMotion
+from fmp_drake.systems.ink.grid import WEAR_CONSTANT
+from fmp_drake.systems.ink.rubbing import Cells, Patch, PlanarMotion, exposure, wear
 from fmp_drake.systems.surface.surface import (
     PLANE,
     Surface,
@@ -99,6 +100,13 @@ def rectangle(outline: FloatArray) -> Patch:
     x0, y0, x1, y1, p, depth = outline
     corners = [[x0, y0, p], [x1, y0, p], [x1, y1, p], [x0, y1, p]]
     return Patch(np.array(corners), np.array([0, 4]), depth)
+
+
+def compile_rubbing(cells: Cells) -> None:
+    """Compile the wear of the ink, by one use on a board that is not kept."""
+    rest = PlanarMotion(*[0.0] * len(PlanarMotion._fields))
+    rubbing = exposure(cells, rectangle(np.zeros(6)), rest, rest, 0.0).ravel()
+    wear(rubbing.copy(), rubbing, WEAR_CONSTANT)
 
 
 def _faces(face_data: list[int]) -> list[list[int]]:
