@@ -189,11 +189,11 @@ def _counted(count: int, noun: str) -> str:
 
 def _off_paths(m: Mapping[str, Any]) -> str:
     """Return a text about the distances to the demonstrated paths."""
-    distances = m["measured_off_paths_max_m"], m["desired_off_paths_max_m"]
+    distances = m["measured_off_paths_rms_m"], m["desired_off_paths_rms_m"]
     if None in distances:
         return "never near the demonstrated paths, or they are not known"
-    measured, desired = (f"{1e3 * distance:.0f} mm" for distance in distances)
+    measured, desired = (f"{1e3 * distance:.1f} mm" for distance in distances)
     return (
-        f"at most {measured} from the demonstrated paths once it has reached them; the "
-        f"planned motion {desired}"
+        f"{measured} rms from the nearest demonstrated path, once near one; the planned "
+        f"motion {desired}"
     )

@@ -260,8 +260,8 @@ class RegionMetrics:
         self, region: DemonstratedRegion | None, roles: ChannelRoles = _POSITION
     ) -> None:
         self._region, self._roles = region, roles
-        self._largest = dict.fromkeys(("desired", "measured"), 0.0)
-        self._inside = dict.fromkeys(self._largest, False)
+        self._squares = dict.fromkeys(("desired", "measured"), 0.0)
+        self._samples = dict.fromkeys(self._squares, 0)
         self.outside = Occurrences(
             "the eraser was outside the demonstrated region",
             "up to {:.0f} mm from its paths",
@@ -271,26 +271,28 @@ class RegionMetrics:
         """Add samples of positions."""
         if self._region is None:
             return
-        for name in self._largest:
+        for name in self._squares:
             position = chunk[f"{name}_position"].values
             values = np.zeros((len(position), self._roles.count))
             values[:, self._roles.position] = position
             distance = self._region.distance(values)
             inside = np.logical_or.accumulate(distance <= self._region.margin)
-            inside |= self._inside[name]
+            inside |= self._samples[name] > 0
             if name == "measured":
                 outside = inside & (distance > self._region.margin)
                 self.outside.update(
                     chunk["measured_position"].times, 1e3 * outside * distance
                 )
-            self._inside[name] |= bool(np.any(inside))
-            self._largest[name] = np.max(distance[inside], initial=self._largest[name])
+            self._samples[name] += int(np.sum(inside))
+            self._squares[name] += float(np.sum(distance[inside] ** 2))
 
     def result(self) -> Metrics:
         """Return the metrics; None if the paths were never reached or are unknown."""
         return {
-            f"{name}_off_paths_max_m": float(largest) if self._inside[name] else None
-            for name, largest in self._largest.items()
+            f"{name}_off_paths_rms_m": float(np.sqrt(squares / self._samples[name]))
+            if self._samples[name]
+            else None
+            for name, squares in self._squares.items()
         }
 
 

@@ -104,7 +104,7 @@ def test_finished_page_has_results_and_no_arm_to_drag(command, watched, monkeypa
     assert grabs[-5:] == [*ends, *ends, ""]
     summary = dict(next(f["summary"] for f in reversed(shown) if f.get("summary")))
     assert "mm rms" in summary["tracking error"]
-    assert "demonstrated paths" in summary["path deviation"]
+    assert "demonstrated path" in summary["path deviation"]
     assert "what went wrong" not in summary
 
 

@@ -1,6 +1,7 @@
 """Facts about the metrics that are computed while a run goes."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -334,8 +335,10 @@ def off_paths(heights, chunks):
 @pytest.mark.parametrize("chunks", [1, 2, 5])
 def test_distance_to_the_paths_counts_from_when_they_were_reached(chunks):
     found = off_paths([0.5, 0.1, 0.02, 0.01, 0.03, 0.025], chunks)
-    assert found == {"desired_off_paths_max_m": 0.0, "measured_off_paths_max_m": 0.03}
-    assert off_paths([0.5, 0.1], chunks)["measured_off_paths_max_m"] is None
+    rms = math.sqrt((0.02**2 + 0.01**2 + 0.03**2 + 0.025**2) / 4)
+    assert found["measured_off_paths_rms_m"] == pytest.approx(rms)
+    assert found["desired_off_paths_rms_m"] == 0.0
+    assert off_paths([0.5, 0.1], chunks)["measured_off_paths_rms_m"] is None
 
 
 def test_distance_without_paths_is_none():

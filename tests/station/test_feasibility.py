@@ -145,8 +145,12 @@ def test_skill_that_is_too_fast_is_refused_and_the_tempo_helps(bundled_skill):
     found = check(bundled_skill, tempo=3.0)
     assert not found.is_feasible
     tempo = float(re.search(r"slow down to tempo (\d\.\d+)", found.verdict)[1])
-    assert "is braked from 85 % on" in found.verdict
+    assert "it is braked above 85 %, and the eraser lags" in found.verdict
     assert found.suggested_tempo == pytest.approx(tempo)
+    # A little slower, the eraser does not lag, and the verdict says nothing about it.
+    verdict = check(bundled_skill, tempo=1.7).verdict
+    assert re.search(r"greatest speed, and more than 100 % on [\d.]+ % of", verdict)
+    assert "lags" not in verdict
     slower = check(bundled_skill, tempo=tempo)
     assert slower.is_feasible
     assert slower.values["largest_speed_ratio"] > 0.8

@@ -400,12 +400,17 @@ class _Check:
         is_late = lag > bounds.distance or angle > bounds.tilt or above > bounds.brief
         # Out of reach, or at a joint-limit spring, the joints' speed is meaningless.
         if is_late and not self._faults:
-            self._faults.append(
-                f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed, "
-                f"above 100 % on {100 * above:.1f} % of the path, and is braked from "
-                f"{100 * allowed:.0f} % on, by which the eraser lags "
-                f"{1e3 * lag:.0f} mm and {np.rad2deg(angle):.0f} degrees rms"
+            text = (
+                f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed"
             )
+            if lag > bounds.distance or angle > bounds.tilt:
+                text += (
+                    f": it is braked above {100 * allowed:.0f} %, and the eraser lags behind "
+                    f"its path by {1e3 * lag:.0f} mm and {np.rad2deg(angle):.0f} degrees rms"
+                )
+            else:
+                text += f", and more than 100 % on {100 * above:.1f} % of the path"
+            self._faults.append(text)
             self._slower = tempo
         return {
             "largest_speed_ratio": ratio,
