@@ -1,6 +1,7 @@
 """Encoding of films: .gif by Pillow, everything else by ffmpeg."""
 
 import contextlib
+import importlib
 import subprocess
 import tarfile
 import tempfile
@@ -13,31 +14,22 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fmp_drake.errors import RunError
-from fmp_drake.film.checks import ffmpeg_program
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import replaced
 
 type Frame = NDArray[np.uint8]
 
-# Frames from which the palette of a .gif is made.
+# Number of frames from which the palette of a .gif is computed.
 _SAMPLES = 6
-# Of a .gif: with 64, 20 s of wiping are 3.6 MB, with 128 4.7 MB.
+# Colours of a .gif: with 64, 20 s of wiping take 3.6 MB, with 128 they take 4.7 MB.
 _COLORS = 64
-# Exponent of a colour's number of pixels as its weight, so that rare ones are kept.
-_RARE = 0.5
-# What every player and browser plays: H.264 of even sizes in the common colour format.
+# Exponent that turns the number of pixels of a colour into its weight: rare colours remain.
+_WEIGHT_EXPONENT = 0.5
+# H.264 with even sizes and the common colour format, which every player and browser plays.
 _ENCODING = (
     *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"),
-    *(
-        "-c:v",
-        "libx264",
-        "-preset",
-        "veryfast",
-        "-crf",
-        "18",
-        "-movflags",
-        "+faststart",
-    ),
+    *("-c:v", "libx264", "-preset", "veryfast", "-crf", "18"),
+    *("-movflags", "+faststart"),
 )
 
 
@@ -49,15 +41,15 @@ def write_film(
     fps: float,
     track: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> None:
-    """Write a film of numbered frames; an existing one is replaced at the end.
+    """Write a film of numbered frames; an existing file is replaced at the end.
 
     Parameters
     ----------
     path : pathlib.Path
-        Ends in .gif, or in .mp4 or whatever else ffmpeg stores H.264 in.
+        Ends in .gif, or in .mp4 or another container of H.264 for ffmpeg.
     frame : callable
         Returns the frame of a number from 0 to count - 1, an ndarray of uint8 of shape
-        (height, width, 3). For a .gif some frames are asked for twice.
+        (height, width, 3). For a .gif it is called twice for some frames.
     count : int
         Number of frames, at least 1.
     fps : float
@@ -68,12 +60,12 @@ def write_film(
     Raises
     ------
     RunError
-        Where it cannot be written; an existing file is then left as it was.
+        If the film cannot be written; an existing file then remains unchanged.
     """
     with replaced(path, RunError) as part:
         if path.suffix.lower() == ".gif":
-            sampled = np.linspace(0, count - 1, min(_SAMPLES, count)).round()
-            palette = _palette([frame(int(i)) for i in sampled])
+            samples = np.linspace(0, count - 1, min(_SAMPLES, count)).round()
+            palette = _palette([frame(int(i)) for i in samples])
             _write_gif(part, map(frame, track(range(count))), fps, palette)
         else:
             _write_video(part, map(frame, track(range(count))), fps)
@@ -86,15 +78,15 @@ def convert_frames(
     fps: float,
     track: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> None:
-    """Make a film from an archive of numbered pictures: the recording of a Meshcat page.
+    """Convert an archive of numbered pictures, recorded by a Meshcat page, to a film.
 
     Parameters
     ----------
     frames : pathlib.Path
-        A .tar of .png; all are made as large as the first.
+        A .tar of .png; all get the size of the first.
     out : pathlib.Path
-        A .gif, or any film that ffmpeg stores H.264 in; an existing one is replaced at
-        the end.
+        Ends in .gif, or in .mp4 or another container of H.264 for ffmpeg. An existing
+        file is replaced at the end.
     fps : float
         Frames per second.
     track : callable
@@ -103,7 +95,7 @@ def convert_frames(
     Raises
     ------
     RunError
-        Where the film cannot be made, or the packages for films are missing.
+        If the film cannot be written, or the packages for films are missing.
     """
     ffmpeg_program()
     check_number(fps, "fps", above=0.0, error=RunError)
@@ -131,8 +123,21 @@ def convert_frames(
         write_film(out, frame, len(pictures), fps=fps, track=track)
 
 
+def ffmpeg_program() -> str:
+    """Return the path of the ffmpeg of the extra packages."""
+    try:
+        return str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())
+    except ImportError:
+        raise RunError(
+            "an .mp4 needs the extra packages: pip install 'fmp-drake[video]'; "
+            "a .gif needs none."
+        ) from None
+    except RuntimeError as error:
+        raise RunError(f"there is no ffmpeg: {error}.") from None
+
+
 def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
-    """Encode frames by ffmpeg; raise an OSError with its message where it fails."""
+    """Encode frames with ffmpeg; raise an OSError with its message if it fails."""
     first = next(frames)
     height, width, _ = first.shape
     command = [
@@ -142,7 +147,7 @@ def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
     ]
     with tempfile.TemporaryFile() as log:
         with (
-            contextlib.suppress(BrokenPipeError),  # Its log has the reason.
+            contextlib.suppress(BrokenPipeError),  # The log contains the reason.
             subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=log, stderr=log
             ) as process,
@@ -161,12 +166,12 @@ def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
 def _write_gif(
     part: Path, frames: Iterator[Frame], fps: float, palette: Image.Image
 ) -> None:
-    """Write frames with one palette, so that unchanged pixels cost nothing."""
+    """Write frames with a common palette, so that unchanged pixels take no space."""
     pictures = [
         Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
         for frame in frames
     ]
-    # A .gif counts in hundredths of a second; rounded so that they do not add up.
+    # A .gif has durations in hundredths of a second. Rounding the ends avoids a drift.
     ends = np.rint(100 / fps * np.arange(len(pictures) + 1))
     pictures[0].save(
         part,
@@ -181,13 +186,15 @@ def _write_gif(
 
 
 def _palette(samples: Sequence[Frame]) -> Image.Image:
-    """Return a picture with the palette that fits all samples."""
+    """Return a picture with a palette for all samples."""
     colors = np.concatenate([sample.reshape(-1, 3) for sample in samples]) // 4
-    numbers = colors @ np.array([1 << 12, 1 << 6, 1])
-    counts = np.bincount(numbers, minlength=1 << 18)
-    used = np.flatnonzero(counts)
-    repeats = np.ceil(counts[used] ** _RARE).astype(int)
-    shades = np.stack([used >> 12, used >> 6 & 63, used & 63], axis=-1)
-    palette = (4 * shades + 2).astype(np.uint8)
-    together = Image.fromarray(np.repeat(palette, repeats, axis=0)[None])
-    return together.quantize(colors=_COLORS, method=Image.Quantize.MEDIANCUT)
+    codes = colors @ np.array([1 << 12, 1 << 6, 1])
+    counts = np.bincount(codes, minlength=1 << 18)
+    used_codes = np.flatnonzero(counts)
+    repeats = np.ceil(counts[used_codes] ** _WEIGHT_EXPONENT).astype(int)
+    shades = np.stack(
+        [used_codes >> 12, used_codes >> 6 & 63, used_codes & 63], axis=-1
+    )
+    used_colors = (4 * shades + 2).astype(np.uint8)
+    weighted_colors = Image.fromarray(np.repeat(used_colors, repeats, axis=0)[None])
+    return weighted_colors.quantize(colors=_COLORS, method=Image.Quantize.MEDIANCUT)

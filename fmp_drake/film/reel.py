@@ -1,4 +1,4 @@
-"""Recording of the positions and the ink of a simulation, for a film."""
+"""Recording of a simulation's positions and ink for a film."""
 
 from typing import Any
 
@@ -13,20 +13,20 @@ from fmp_drake.runs.log import Spill
 
 
 class FilmReel:
-    """Records the plant's positions and the ink at the times of a film's frames.
+    """Recording of the plant's positions and the ink at the times of a film's frames.
 
-    `watch` it before the simulation starts; a simulation that is initialised again
-    begins a new reel. Of a frame the positions stay in memory; the ink, a byte for each
-    cell, goes into a temporary file.
+    Call `watch` before the simulation starts. A simulation that is initialised again
+    starts a new recording. Positions stay in memory; the ink, a byte per cell, is stored
+    in a temporary file.
 
     Parameters
     ----------
     station : Diagram
-        With a subsystem plant, and an output port ink where there is a board.
+        With a subsystem plant, and an output port ink if there is a board.
     fps : float
         Frames per second of the film.
     speed : float
-        Simulated seconds that pass in a second of the film.
+        Simulated seconds per second of the film.
 
     Examples
     --------
@@ -62,11 +62,11 @@ class FilmReel:
         self._inks = Spill((cells,), np.uint8)
 
     def watch(self, simulator: Simulator) -> None:
-        """Set `observe` as the monitor of a simulator of the station or a diagram with it."""
+        """Make `observe` the monitor of a simulator of the station or its diagram."""
         simulator.set_monitor(self.observe)
 
     def observe(self, root: Context) -> None:
-        """Record a frame from a root Context if the time of the next frame has come."""
+        """Record a frame from a root Context when the next frame is due."""
         time = root.get_time()
         if self._times and time < self._times[-1]:
             self._clear()
@@ -94,9 +94,9 @@ class FilmReel:
 
     @property
     def ink(self) -> NDArray[np.uint8]:
-        """Ink that was left in each cell, 0 for none to 255 for all, shape (N, ny nx).
+        """Remaining ink in each cell, 0 for none to 255 for all, shape (N, ny nx).
 
-        Empty where there is no board.
+        Without a board it has no columns.
         """
         if self._ink is None:
             return np.zeros((len(self._times), 0), np.uint8)

@@ -1,4 +1,4 @@
-"""Rendering of films and pictures of a station from recorded positions and ink."""
+"""Films and pictures of a station from recorded positions and ink."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -8,12 +8,17 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fmp_drake.errors import RunError
-from fmp_drake.film.checks import check_film, check_renderer
-from fmp_drake.film.encode import write_film
-from fmp_drake.film.painting import draw_caption, paint_ink, paint_trail
+from fmp_drake.film.encode import ffmpeg_program, write_film
 from fmp_drake.film.reel import FilmReel
-from fmp_drake.film.scene import FilmScene
-from fmp_drake.primitives.data.files import replaced
+from fmp_drake.film.scene import (
+    FilmScene,
+    check_renderer,
+    draw_caption,
+    paint_ink,
+    paint_trail,
+)
+from fmp_drake.numeric import check_number
+from fmp_drake.primitives.data.files import check_writable, replaced
 from fmp_drake.runs.metrics import NEAR_FORCE
 from fmp_drake.runs.station_run import StationRun
 from fmp_drake.runs.wiping_run import WipingRun
@@ -24,9 +29,53 @@ from fmp_drake.systems.surface.surface import place
 FILM_SIGNALS = ("measured_position", "normal_force")
 """Names of the signals that a run must keep for its film."""
 
-_FINER = 2  # Pixels rendered for a pixel of a picture, along each edge.
-# Length of the path behind the eraser, and between two of its points, s.
+_MAX_FPS = {".mp4": 120.0, ".gif": 50.0}
+_SUPERSAMPLING = 2  # Rendered pixels per pixel of a picture, along each edge.
+# Duration of the path behind the eraser, and between two of its points, s.
 _TRAIL_SECONDS, _TRAIL_STEP = 4.0, 0.02
+
+
+def check_film(
+    path: Path | None,
+    *,
+    fps: float = 30.0,
+    speed: float = 1.0,
+    size: tuple[int, int] = (640, 480),
+) -> None:
+    """Check that a film can be made, before any work is done.
+
+    Parameters
+    ----------
+    path : pathlib.Path, optional
+        Its suffix determines the format. Nothing is checked if None.
+    fps : float
+        Frames per second: at most 120, or 50 in a .gif.
+    speed : float
+        Simulated seconds per second of the film.
+    size : tuple of int
+        Width and height, pixels; even, because most players need it.
+
+    Raises
+    ------
+    RunError
+        If a value is not allowed, or the packages for films or EGL are missing.
+    """
+    if path is None:
+        return
+    check_writable(path)
+    suffix = path.suffix.lower()
+    if suffix not in _MAX_FPS:
+        raise RunError(f"{path} is not a film; its name must end in .mp4 or .gif.")
+    check_number(fps, "fps", above=0.0, most=_MAX_FPS[suffix], error=RunError)
+    check_number(speed, "speed", above=0.0, error=RunError)
+    if any(edge < 16 or edge > 4096 or edge % 2 for edge in size):
+        raise RunError(
+            f"a film of {size[0]} x {size[1]} pixels: both must be even, and from 16 "
+            "to 4096."
+        )
+    if suffix == ".mp4":
+        ffmpeg_program()
+    check_renderer()
 
 
 def film_run(
@@ -37,35 +86,36 @@ def film_run(
     width: int,
     track: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> None:
-    """Render the film of a run, seen from the camera of its scenario.
+    """Render the film of a run, seen by the camera of its scenario.
 
-    Captions give the time and, at a board, the normal force with its desired range and
-    the clean fraction of the demonstrated area. The path of the last seconds is drawn
-    behind the eraser.
+    Captions contain the time and, at a board, the normal force with its desired range and
+    the clean fraction of the demonstrated area. The path of the last 4 s is drawn behind
+    the eraser.
 
     Parameters
     ----------
     run : StationRun
-        That has kept `FILM_SIGNALS`.
+        Its kept signals include `FILM_SIGNALS`.
     reel : FilmReel
-        That has watched the run.
+        Recorded during the run.
     path : pathlib.Path
         Ends in .mp4 or .gif.
     width : int
-        Pixels, 4 to 3.
+        Pixels; the aspect ratio is 4 to 3.
     track : callable
         Iterates over the numbers of the frames, and may show the progress.
 
     Raises
     ------
     RunError
-        Where the film cannot be made; an existing file is then left as it was.
+        If the film cannot be made; an existing file then remains unchanged.
     """
     times, measured = run.log_times("measured_position"), run.log("measured_position")
 
     def trail(now: float) -> NDArray[np.float64]:
-        at = np.arange(max(now - _TRAIL_SECONDS, times[0]), now, _TRAIL_STEP)
-        return np.stack([np.interp(at, times, column) for column in measured.T], axis=1)
+        moments = np.arange(max(now - _TRAIL_SECONDS, times[0]), now, _TRAIL_STEP)
+        columns = [np.interp(moments, times, column) for column in measured.T]
+        return np.stack(columns, axis=1)
 
     render_film(
         path,
@@ -86,19 +136,19 @@ def _captions(run: StationRun, reel: FilmReel) -> list[str]:
     if not isinstance(run, WipingRun):
         return texts
     desired = run.scenario.press.force
-    wanted = f"{max(0.0, desired - NEAR_FORCE):g} to {desired + NEAR_FORCE:g} N"
+    desired_range = f"{max(0.0, desired - NEAR_FORCE):g} to {desired + NEAR_FORCE:g} N"
     forces = np.interp(
         reel.times, run.log_times("normal_force"), run.log("normal_force")[:, 0]
     )
     cleaned = 100 * run.cleaned_by(reel.times)
     return [
-        f"{text}\nforce {force:.1f} N (desired {wanted})\ncleaned {percent:.0f} %"
+        f"{text}\nforce {force:.1f} N (desired {desired_range})\ncleaned {percent:.0f} %"
         for text, force, percent in zip(texts, forces, cleaned, strict=True)
     ]
 
 
 def film_size(width: int) -> tuple[int, int]:
-    """Return width and height of a film, 4 to 3, pixels; the height is even."""
+    """Return width and height of a film of 4 to 3, pixels; the height is even."""
     return width, 2 * round(width * 3 / 8)
 
 
@@ -115,7 +165,7 @@ def render_film(
 ) -> None:
     """Render a film of a station without a screen; an existing file is replaced.
 
-    Everything, also a board that moves, is drawn where the plant's positions put it.
+    The plant's positions determine where everything is drawn, a moving board included.
 
     Parameters
     ----------
@@ -130,15 +180,15 @@ def render_film(
     captions : sequence of str, optional
         Text of each frame.
     trail : callable, optional
-        Returns the points p_B (k, 3) of the tool's path at a time, m. On a board they are
-        drawn at their projection.
+        Returns the points p_B (k, 3) of the tool's path at a time, m. On a board their
+        projections are drawn.
     track : callable
         Iterates over the numbers of the frames, and may show the progress.
 
     Raises
     ------
     RunError
-        Where the film cannot be made; an existing file is then left as it was.
+        If the film cannot be made; an existing file then remains unchanged.
     """
     path = Path(path)
     check_film(path, fps=reel.fps, size=size)
@@ -183,12 +233,12 @@ def render_picture(
     Raises
     ------
     RunError
-        Where EGL does not work.
+        If EGL does not work.
     """
     check_renderer()
-    fine = (size[0] * _FINER, size[1] * _FINER)
-    shot = FilmScene(reel.station, camera, fine).render(reel.positions[-1])
+    rendered_size = (size[0] * _SUPERSAMPLING, size[1] * _SUPERSAMPLING)
+    shot = FilmScene(reel.station, camera, rendered_size).render(reel.positions[-1])
     if grid is not None:
         paint_ink(shot, grid, reel.ink[-1])
     with replaced(path, RunError) as part:
-        Image.fromarray(shot.color).reduce(_FINER).save(part)
+        Image.fromarray(shot.color).reduce(_SUPERSAMPLING).save(part)

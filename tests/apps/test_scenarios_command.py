@@ -16,7 +16,7 @@ from fmp_drake.experiments.scenario_page import (
     measure_scenarios,
     scenario_page,
 )
-from fmp_drake.film import checks
+from fmp_drake.film import scene as film_scene
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 METRICS = {
@@ -85,7 +85,7 @@ def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
         assert float(row[1].removesuffix("%")) < 100
     for name in ("moving_board", "words"):
         assert f"## {name}\n\n{LoadScenario(name).description}" in page
-    if not checks.renders():
+    if not film_scene.renders():
         pytest.skip("pictures need EGL")
     for name in ("moving_board", "words"):
         assert f"]({name}.png)" in page
@@ -149,7 +149,7 @@ def test_without_egl_there_are_metrics_and_no_picture(monkeypatch, outputs):
 
 
 def test_picture_is_rendered_of_the_end(outputs):
-    if not checks.renders():
+    if not film_scene.renders():
         pytest.skip("pictures need EGL")
     _, pictured = measure_scenario("words", 0.02, outputs)
     assert pictured

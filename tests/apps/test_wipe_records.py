@@ -11,7 +11,7 @@ from pydrake.common.yaml import yaml_load_typed
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import open_page
 from fmp_drake.errors import FmpError, RunError
-from fmp_drake.film import checks
+from fmp_drake.film import scene as film_scene
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.primitives import Demonstration
 from fmp_drake.runs import wiping_run
@@ -284,7 +284,7 @@ def test_run_keeps_only_the_signals_of_its_files(command, runs, outputs):
 
 
 def test_gif_shows_the_run_without_a_screen(command, outputs):
-    if not checks.renders():
+    if not film_scene.renders():
         pytest.skip("films need EGL")
     film = outputs / "run.gif"
     result = command(

@@ -34,7 +34,7 @@ from fmp_drake.experiments.trials.trial import (
     largest_push,
     misses_by_height,
 )
-from fmp_drake.film import checks
+from fmp_drake.film import scene as film_scene
 from fmp_drake.processes import ClusterWorkers
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
@@ -131,7 +131,7 @@ def test_replay_is_the_same_to_the_last_bit(out, command, outputs):
 
 @pytest.fixture(scope="module")
 def egl():
-    if not checks.renders():
+    if not film_scene.renders():
         pytest.skip("films need EGL")
 
 

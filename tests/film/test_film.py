@@ -18,14 +18,13 @@ from fmp_drake.errors import FmpError, RunError
 from fmp_drake.film import (
     FilmReel,
     check_film,
-    checks,
     film_run,
     render,
     render_picture,
+    scene,
 )
-from fmp_drake.film.painting import draw_caption, paint_ink, paint_trail
 from fmp_drake.film.render import render_film
-from fmp_drake.film.scene import FilmScene
+from fmp_drake.film.scene import FilmScene, draw_caption, paint_ink, paint_trail
 from fmp_drake.station.scenario_parts import CameraConfig
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import ink_colours
@@ -58,7 +57,7 @@ FAR_BOX = [0.0, 3.0]
 
 @pytest.fixture
 def egl():
-    if not checks.renders():
+    if not scene.renders():
         pytest.skip("films need EGL")
 
 
@@ -153,10 +152,10 @@ class TestInk:
         assert 0.02 < 1 - seen.sum() / seen_open.sum() < 0.3
 
     def test_ink_moves_with_the_board(self, station):
-        scene = FilmScene(station, CAMERA, SIZE)
+        film_scene = FilmScene(station, CAMERA, SIZE)
         columns = []
         for y in (0.0, 0.1, 0.0):
-            shot = scene.render([y, 3.0])
+            shot = film_scene.render([y, 3.0])
             paint_ink(shot, GRID, bytes_of(half_inked()))
             columns.append(np.mean(np.nonzero(blue(shot.color))[1]))
             assert blue(shot.color)[pixel_of(shot, [0.1, 0.3, 0.0])]
@@ -325,7 +324,7 @@ class TestFilms:
             "fmp_drake.film.encode.ffmpeg_program", lambda: str(program)
         )
         monkeypatch.setattr(
-            "fmp_drake.film.checks.ffmpeg_program", lambda: str(program)
+            "fmp_drake.film.render.ffmpeg_program", lambda: str(program)
         )
         with pytest.raises(FmpError, match="out of order"):
             render_film(outputs / "f.mp4", reel_of(station, 3), **VIEW)
@@ -423,7 +422,7 @@ class TestReel:
 class TestChecks:
     @pytest.fixture(autouse=True)
     def can_render(self, monkeypatch):
-        monkeypatch.setattr(checks, "renders", lambda: True)
+        monkeypatch.setattr(scene, "renders", lambda: True)
 
     @pytest.mark.parametrize(
         ("name", "options", "match"),
@@ -465,7 +464,7 @@ class TestChecks:
             check_film(outputs / "film.mp4")
 
     def test_missing_egl_is_named(self, monkeypatch, outputs):
-        monkeypatch.setattr(checks, "renders", lambda: False)
+        monkeypatch.setattr(scene, "renders", lambda: False)
         with pytest.raises(FmpError, match="libegl1"):
             check_film(outputs / "film.gif")
 
@@ -473,7 +472,7 @@ class TestChecks:
 def test_a_machine_without_egl_is_found_out(monkeypatch):
     # Where it is missing, VTK ends the process with a segmentation fault.
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
-    assert checks.renders.__wrapped__() is False
+    assert scene.renders.__wrapped__() is False
 
 
 @pytest.mark.parametrize(
@@ -484,8 +483,8 @@ def test_without_a_running_probe_there_is_no_egl(failure, monkeypatch):
         raise failure
 
     monkeypatch.setattr(
-        checks,
+        scene,
         "subprocess",
         SimpleNamespace(run=fail, TimeoutExpired=subprocess.TimeoutExpired),
     )
-    assert checks.renders.__wrapped__() is False
+    assert scene.renders.__wrapped__() is False

@@ -7,8 +7,8 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from fmp_drake.apps.report import report_rows
 from fmp_drake.film import FilmReel, film_run
-from fmp_drake.film.checks import renders
 from fmp_drake.film.render import FILM_SIGNALS
+from fmp_drake.film.scene import renders
 from fmp_drake.plots import plot_run
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.primitives import FourierMovementPrimitive
