@@ -1,17 +1,16 @@
 """Pictures of demonstrations, skills and runs.
 
-A `draw_...` function draws into the axes it is given, makes a figure of its own where
-it is given none, and returns the axes (`ax.figure` is the picture). `plot_...` and
-`write_graph` write a file. None of them touches pyplot; only `plot_run` and
-`write_graph` need Drake.
+A `draw_...` function draws into axes, or into a new figure, and returns the axes
+(`ax.figure` is the figure). `plot_...` and `write_graph` write a file. None of them uses
+pyplot; only `plot_run` and `write_graph` need Drake.
 
-In the plane the first channel (x) grows upwards and the second (y) to the left: a
-board seen from above by a person behind the robot. `Demonstration.select` chooses
+In the plane the first channel (x) points upwards and the second (y) to the left: the
+board seen from above by a person behind the robot. `Demonstration.select` selects
 other channels.
 
-Colours mean the same in all pictures: grey is demonstrated, blue sampled from the
-skill, orange played, red infeasible; every component has a colour of its own, and time
-runs from violet to green.
+All pictures use the same colours: grey is demonstrated, blue sampled from the skill,
+orange played, red infeasible. Each component has its own colour, and time runs from
+violet to green.
 """
 
 from fmp_drake.plots.demonstrations import (

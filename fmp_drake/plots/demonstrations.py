@@ -26,14 +26,14 @@ from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.data.windows import as_windows
 from fmp_drake.primitives.editing.spectrum import polar
 
-_MOST_WINDOWS = 60  # More could not be distinguished.
-# Harmonics are drawn up to this fraction of the power, and at least so many.
-_SHOWN_ENERGY = 0.99
-_FEWEST_HARMONICS = 12
+_MAX_WINDOWS = 60  # More could not be distinguished.
+# Fraction of the power in the drawn harmonics, and their smallest number.
+_POWER_FRACTION = 0.99
+_MIN_HARMONICS = 12
 
 
 def plot_demonstrations(demonstrations: Demonstrations, path: str | Path) -> None:
-    """Write a picture of recordings, over time and in the plane (.png, .pdf, .svg)."""
+    """Write a picture of recordings over time and in the plane (.png, .pdf, .svg)."""
     recordings = as_list(demonstrations)
     count = len(Channels.of_demonstrations(recordings).names)
     figure = Figure(figsize=(12, max(4.0, 1 + 1.3 * count)), layout="constrained")
@@ -49,7 +49,7 @@ def plot_demonstrations(demonstrations: Demonstrations, path: str | Path) -> Non
 def draw_demonstrations_over_time(
     demonstrations: Demonstrations, axes: Sequence[Axes]
 ) -> tuple[Axes, ...]:
-    """Draw every channel of recordings over time (Fig. 3a), into one Axes for each."""
+    """Draw each channel of recordings over time, in axes of its own (Fig. 3a)."""
     recordings = as_list(demonstrations)
     panels = TimePanels(Channels.of_demonstrations(recordings), axes)
     for ax, i in panels:
@@ -67,7 +67,7 @@ def draw_demonstrations_in_plane(
     ----------
     demonstrations : Demonstration or sequence of Demonstration
     ax : Axes, optional
-        That of a new figure where None.
+        Axes of a new figure if None.
     """
     recordings = as_list(demonstrations)
     panel = PlanePanel(Channels.of_demonstrations(recordings), ax)
@@ -77,7 +77,7 @@ def draw_demonstrations_in_plane(
 
 
 def _greys(count: int) -> list[str]:
-    """Return a grey for each of several recordings."""
+    """Return shades of grey for a number of recordings."""
     if count == 1:
         return ["0.45"]
     return [f"{grey:.2f}" for grey in np.linspace(0.3, 0.75, count)]
@@ -93,14 +93,15 @@ def _title(demonstrations: Sequence[Demonstration]) -> str:
 def draw_windows_in_plane(
     skill: FourierMovementPrimitive, demonstrations: Demonstrations, ax: Axes
 ) -> Axes:
-    """Draw the windows that a skill learns from, one over the other (Fig. 3b).
+    """Draw the windows from which a skill is learned, over each other (Fig. 3b).
 
-    At most 60, evenly chosen, each in the colour of its most probable component.
+    At most 60 windows are drawn, evenly spaced, in the colour of their most probable
+    component.
 
     Parameters
     ----------
     skill : FourierMovementPrimitive
-        Fitted: its parameters are those of the windows.
+        Fitted; its parameters determine the windows.
     demonstrations : Demonstration or sequence of Demonstration
     ax : Axes
     """
@@ -108,9 +109,9 @@ def draw_windows_in_plane(
     windows = _windows(skill, demonstrations)
     count, seconds = len(windows), skill.n_steps / skill.rate
     title = f"{count} windows of {seconds:g} s"
-    if count > _MOST_WINDOWS:
-        title = f"{_MOST_WINDOWS} of {title}"
-        windows = windows[np.linspace(0, count - 1, _MOST_WINDOWS).round().astype(int)]
+    if count > _MAX_WINDOWS:
+        title = f"{_MAX_WINDOWS} of {title}"
+        windows = windows[np.linspace(0, count - 1, _MAX_WINDOWS).round().astype(int)]
     weights = skill.analyze(windows)
     densities = np.stack([c.log_density(weights) for c in skill.components_], axis=-1)
     numbers = np.argmax(densities + np.log(skill.proportions_), axis=-1)
@@ -122,13 +123,13 @@ def draw_windows_in_plane(
 def _windows(
     skill: FourierMovementPrimitive, demonstrations: Demonstrations
 ) -> NDArray[np.float64]:
-    """Return the windows (N, T, D) that a skill would learn from demonstrations."""
+    """Return the windows (N, T, D) from which a skill would be learned."""
     recordings = as_list(demonstrations)
     Channels.of_skill(skill).check(recordings)
     longest = max(d.duration for d in recordings)
-    are_short = round(longest * skill.rate) + 1 < skill.n_steps
-    if are_short and len(recordings) > 1 and skill.paths_:
-        # Recordings of one cycle each are learned joined.
+    is_short = round(longest * skill.rate) + 1 < skill.n_steps
+    if is_short and len(recordings) > 1 and skill.paths_:
+        # Recordings of one cycle each are joined before learning.
         recordings = [
             replace(recordings[0], time=np.arange(len(path)) / skill.rate, values=path)
             for path in skill.paths_
@@ -147,23 +148,23 @@ def draw_spectra(
     demonstrations: Demonstrations,
     axes: Sequence[Axes],
 ) -> tuple[Axes, ...]:
-    """Draw the amplitude of every harmonic of the windows, with its spread.
+    """Draw the amplitudes of the harmonics of the windows, with their spread.
 
-    A point is the median over the windows, its bar contains 90 % of them. The constant
-    part is left out, and so are frequencies above which there is hardly any power.
+    A point is the median over the windows; its bar contains 90 % of them. The constant
+    part and high frequencies without power are omitted.
 
     Parameters
     ----------
     skill : FourierMovementPrimitive
-        Fitted: its parameters are those of the windows.
+        Fitted; its parameters determine the windows.
     demonstrations : Demonstration or sequence of Demonstration
     axes : sequence of Axes
         One for each channel.
     """
     panels = TimePanels(Channels.of_skill(skill), axes)
     windows = _windows(skill, demonstrations)
-    amplitudes = polar(windows)[0][:, 1:]  # (N, harmonics, D), the constant left out
-    count = _harmonics_with_energy(amplitudes)
+    amplitudes = polar(windows)[0][:, 1:]  # (N, harmonics, D), without the constant
+    count = _harmonic_count(amplitudes)
     frequencies = np.arange(1, count + 1) * skill.rate / skill.n_steps
     for ax, i in panels:
         low, middle, high = np.percentile(amplitudes[:, :count, i], [5, 50, 95], axis=0)
@@ -176,10 +177,10 @@ def draw_spectra(
     return panels.finish(title, xlabel="frequency (Hz)")
 
 
-def _harmonics_with_energy(amplitudes: NDArray[np.float64]) -> int:
-    """Return how many harmonics contain nearly all the power of every channel."""
+def _harmonic_count(amplitudes: NDArray[np.float64]) -> int:
+    """Return the number of harmonics with 99 % of the power of every channel."""
     power = np.mean(amplitudes**2, axis=0)
     total = np.maximum(np.sum(power, axis=0), 1e-300)
     fraction = np.cumsum(power, axis=0) / total
-    needed = 1 + int(np.max(np.argmax(fraction >= _SHOWN_ENERGY, axis=0)))
-    return min(max(needed, _FEWEST_HARMONICS), amplitudes.shape[1])
+    count = 1 + int(np.max(np.argmax(fraction >= _POWER_FRACTION, axis=0)))
+    return min(max(count, _MIN_HARMONICS), amplitudes.shape[1])

@@ -1,4 +1,4 @@
-"""The block diagram of a station as a picture: Drake's graph, drawn by Graphviz."""
+"""Pictures of block diagrams: Drake's graph, drawn by Graphviz."""
 
 import shutil
 import subprocess
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 _FORMATS = (".svg", ".png", ".pdf", ".dot")
 _DOTS_PER_INCH = "110"
-# The systems, without the insides of subdiagrams; the plant's inputs and outputs apart, so
-# that the loop reads from left to right.
+# The systems of the diagram, without those of its subdiagrams. The inputs and outputs of
+# the plant are separate nodes, so that the loop is drawn from left to right.
 _DEPTH, _OPTIONS = 1, {"plant/split": "I/O"}
 
 
 def check_graph(path: Path | None) -> None:
-    """Refuse a picture of a diagram that cannot be made, before any work is done."""
+    """Check that a picture of a diagram can be made, before any work is done."""
     if path is None:
         return
     check_writable(path)
@@ -48,7 +48,7 @@ def write_graph(diagram: "Diagram", path: Path) -> None:
     Raises
     ------
     RunError
-        Where it cannot be made; an existing file is then left as it was.
+        If it cannot be made; an existing file then remains unchanged.
     """
     path = Path(path)
     check_graph(path)
@@ -66,5 +66,5 @@ def write_graph(diagram: "Diagram", path: Path) -> None:
                 command, input=text.encode(), capture_output=True, check=True
             )
     except subprocess.CalledProcessError as error:
-        said = error.stderr.decode(errors="replace").strip() or error.returncode
-        raise RunError(f"dot could not make {path}: {said}.") from None
+        message = error.stderr.decode(errors="replace").strip() or error.returncode
+        raise RunError(f"dot could not make {path}: {message}.") from None

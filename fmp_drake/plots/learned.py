@@ -1,7 +1,8 @@
-"""Pictures of a learned skill: samples and components."""
+"""Pictures of a learned skill: samples, components, heatmaps and phase model."""
 
 from collections.abc import Sequence
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -11,13 +12,34 @@ from scipy.stats import chi2
 
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import check_number
-from fmp_drake.plots.panels import Channels, Demonstrations, PlanePanel, TimePanels
-from fmp_drake.plots.style import SAMPLED, component_color, lighten
+from fmp_drake.plots.panels import (
+    Channels,
+    Demonstrations,
+    PlanePanel,
+    TimePanels,
+    as_list,
+)
+from fmp_drake.plots.style import (
+    DENSITY_MAP,
+    PLAYED,
+    SAMPLED,
+    add_colorbar,
+    add_lines,
+    component_color,
+    lighten,
+    set_title,
+)
 from fmp_drake.primitives import FourierMovementPrimitive
 
 _CONFIDENCE = 0.95
 _ANGLES = np.linspace(0, 2 * np.pi, 48, endpoint=False)
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+_PHASES = np.linspace(0, 2 * np.pi, 241)
+_HEATMAP_SAMPLES = 1000
+_CELLS = 60  # Of a heatmap, along its longer side.
+# Percentile of the positive densities at the end of the colour scale.
+_SCALE_PERCENTILE = 99
+_SUBSTEPS = 4  # Points per step of a path, for the cells between two samples.
 
 
 def draw_samples_in_plane(
@@ -37,9 +59,9 @@ def draw_samples_in_plane(
     n, seed : int
         Number of samples, without the isotropic noise, and their seed.
     demonstrations : Demonstration or sequence of Demonstration
-        Drawn in grey behind.
+        Drawn in grey in the background.
     ax : Axes, optional
-        That of a new figure where None.
+        Axes of a new figure if None.
     """
     check_number(n, "n", least=1, whole=True, error=RunError)
     panel = PlanePanel(Channels.of_skill(skill), ax)
@@ -52,14 +74,14 @@ def draw_samples_in_plane(
 def draw_component_over_time(
     skill: FourierMovementPrimitive, component: int, axes: Sequence[Axes]
 ) -> tuple[Axes, ...]:
-    """Draw the mean of a component, and 2 standard deviations about it, over time.
+    """Draw the mean of a component over time, with a band of 2 standard deviations.
 
     Parameters
     ----------
     skill : FourierMovementPrimitive
         Fitted.
     component : int
-        Components are sorted: 0 is the most frequent one.
+        Index; components are sorted by frequency, the most frequent one first.
     axes : sequence of Axes
         One for each channel.
     """
@@ -82,7 +104,7 @@ def draw_band(
     variance: NDArray[np.float64],
     color: str,
 ) -> None:
-    """Draw 2 standard deviations about a mean over time, each of shape (N,)."""
+    """Draw a band of 2 standard deviations about a mean over time, each (N,)."""
     deviation = 2 * np.sqrt(variance)
     ax.fill_between(
         time,
@@ -101,17 +123,17 @@ def draw_component_in_plane(
     *,
     demonstrations: Demonstrations = (),
 ) -> Axes:
-    """Draw the mean of a component and the tube that its ellipses sweep.
+    """Draw the mean of a component and the tube of its confidence ellipses.
 
-    At every step of the window the tube contains 95 % of the component; the outlines
-    are ellipses at twelve steps, the dot is the start.
+    At every step of the window the tube contains 95 % of the component. The outlines are
+    ellipses at twelve steps; the dot is the start.
 
     Parameters
     ----------
     skill : FourierMovementPrimitive
         Fitted.
     component : int
-        Components are sorted: 0 is the most frequent one.
+        Index; components are sorted by frequency, the most frequent one first.
     ax : Axes
     demonstrations : Demonstration or sequence of Demonstration
         Drawn in grey.
@@ -124,11 +146,11 @@ def draw_component_in_plane(
     ellipses = centres[:, None] + _CIRCLE @ np.swapaxes(roots, 1, 2)
     pairs = np.concatenate([ellipses[:-1], ellipses[1:]], axis=1)
     color = component_color(component)
-    light = lighten(color, 0.75)
+    fill = lighten(color, 0.75)
     tube = PolyCollection(
         [points[ConvexHull(points).vertices] for points in pairs],
-        facecolor=light,
-        edgecolor=light,
+        facecolor=fill,
+        edgecolor=fill,
         linewidth=0.5,
         zorder=1.0,
         label=f"{100 * _CONFIDENCE:g} %",
@@ -158,3 +180,173 @@ def _moments(
     mean = skill.synthesize(skill.components_[component].mean)
     covariances = [skill.covariance(component, t) for t in range(skill.n_steps)]
     return mean, np.stack(covariances)
+
+
+def draw_heatmaps(
+    skill: FourierMovementPrimitive,
+    demonstrations: Demonstrations,
+    axes: Sequence[Axes],
+) -> None:
+    """Draw heatmaps of demonstrations and samples: how often positions are visited (Fig. 8).
+
+    Both have the same grid and colour scale.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted.
+    demonstrations : Demonstration or sequence of Demonstration
+    axes : sequence of two Axes
+    """
+    recordings = as_list(demonstrations)
+    channels = Channels.of_skill(skill)
+    Channels.of_demonstrations(recordings)
+    channels.check(recordings)
+    samples = skill.sample(_HEATMAP_SAMPLES, seed=0, with_noise=False)
+    sample_extent = np.percentile(samples, [0.1, 99.9], axis=(0, 1))
+    points = np.concatenate([*(d.values for d in recordings), sample_extent])[:, :2]
+    vertical, horizontal = channels.units[:2]
+    edges = grid_edges(points, square=vertical == horizontal)
+    densities = {
+        "visited in the demonstrations": density(
+            [d.values for d in recordings],
+            [np.diff(d.time) for d in recordings],
+            edges,
+        ),
+        f"visited in {_HEATMAP_SAMPLES} samples": density(
+            list(samples), [np.ones(skill.n_steps - 1)] * _HEATMAP_SAMPLES, edges
+        ),
+    }
+    largest = max(
+        np.percentile(d[d > 0], _SCALE_PERCENTILE) for d in densities.values()
+    )
+    for ax, (title, values) in zip(axes, densities.items(), strict=True):
+        panel = PlanePanel(channels, ax)
+        mesh = ax.pcolormesh(
+            edges[1],
+            edges[0],
+            np.ma.masked_equal(values, 0),
+            cmap=DENSITY_MAP,
+            vmin=0,
+            vmax=largest,
+            rasterized=True,
+        )
+        panel.finish(title)
+    unit = f"{vertical}²" if vertical == horizontal else f"({vertical} {horizontal})"
+    add_colorbar(axes[1], mesh, f"density (1/{unit})", extend="max")
+
+
+def density(
+    paths: Sequence[NDArray[np.float64]],
+    steps: Sequence[NDArray[np.float64]],
+    edges: Sequence[NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Return the density of positions over the cells of a grid.
+
+    Parameters
+    ----------
+    paths : sequence of ndarray, shape (N, D)
+    steps : sequence of ndarray, shape (N - 1,)
+        Durations of the steps of each path.
+    edges : sequence of two ndarray
+        Ascending edges of the cells along the first and the second channel.
+
+    Returns
+    -------
+    ndarray, shape (rows, columns)
+    """
+    points = np.concatenate([_interpolate(path) for path in paths])
+    weights = np.repeat(np.concatenate(steps), _SUBSTEPS)
+    counts, *_ = np.histogram2d(points[:, 0], points[:, 1], bins=edges, weights=weights)
+    area = np.diff(edges[0])[0] * np.diff(edges[1])[0]
+    result: NDArray[np.float64] = counts / (np.sum(weights) * area)
+    return result
+
+
+def grid_edges(
+    points: NDArray[np.float64], *, square: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the edges of the cells of a grid around points (N, 2), with a small margin.
+
+    There are 60 cells along both sides, or square cells with 60 along the longer side.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.03 * np.maximum(high - low, 1e-6)
+    low, widths = low - margin, high - low + 2 * margin
+    cell = (np.full(2, widths.max()) if square else widths) / _CELLS
+    counts = np.ceil(widths / cell - 1e-9).astype(int)
+    rows, columns = (low[i] + cell[i] * np.arange(counts[i] + 1) for i in range(2))
+    return rows, columns
+
+
+def _interpolate(path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return interpolated points of a path (N, D), `_SUBSTEPS` for each step: (.., D)."""
+    ratio = (np.arange(_SUBSTEPS) / _SUBSTEPS)[:, None]
+    points = path[:-1, None] * (1 - ratio) + path[1:, None] * ratio
+    return points.reshape(-1, path.shape[1])
+
+
+def draw_phase(
+    skill: FourierMovementPrimitive,
+    axes: Sequence[Axes],
+    *,
+    demonstrations: Demonstrations = (),
+) -> None:
+    """Draw a phase model in three pictures.
+
+    The first shows the mean cycle, coloured by the phase, or over the phase for a skill of
+    one channel. The second shows tempo and size of each demonstrated cycle, and the third
+    the standard deviation of the residual over the phase.
+
+    Parameters
+    ----------
+    skill : FourierMovementPrimitive
+        Fitted, with a phase model.
+    axes : sequence of three Axes
+    demonstrations : Demonstration or sequence of Demonstration
+        Drawn in grey behind the cycle.
+    """
+    model = skill.phase_model_
+    if model is None:
+        raise RunError(f"the skill has no phase model: {skill.model_reason_}.")
+    channels = Channels.of_skill(skill)
+    cycle_axes, tempo_axes, residual_axes = axes
+    cycle = model.cycle.values(_PHASES) * skill.scales_
+    if len(channels.names) > 1:
+        panel = PlanePanel(channels, cycle_axes)
+        panel.background(demonstrations)
+        points = cycle[:, [1, 0]]
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        cmap = matplotlib.colormaps["twilight"]
+        style = {"cmap": cmap, "linewidth": 2.5, "zorder": 3.0}
+        line = add_lines(cycle_axes, segments, _PHASES[:-1], **style)
+        panel.finish("mean cycle")
+        add_colorbar(cycle_axes, line, "phase (rad)")
+    else:
+        cycle_axes.plot(_PHASES, cycle[:, 0], color=PLAYED)
+        cycle_axes.set_xlabel("phase (rad)")
+        cycle_axes.set_ylabel(channels.label(0))
+        set_title(cycle_axes, "mean cycle")
+    cycle_numbers = np.arange(1, model.cycles + 1)
+    tempo_axes.plot(
+        cycle_numbers, 100 * skill.tempos_, ".-", color=PLAYED, label="tempo"
+    )
+    tempo_axes.plot(
+        cycle_numbers, 100 * skill.amplitudes_, ".-", color=SAMPLED, label="size"
+    )
+    tempo_axes.set_xlabel("demonstrated cycle")
+    tempo_axes.locator_params(axis="x", integer=True)
+    tempo_axes.set_ylabel("of the mean (%)")
+    tempo_axes.legend(frameon=False)
+    set_title(tempo_axes, f"{model.cycles} cycles of {skill.period_:.2f} s")
+    factor = model.residual.factor(_PHASES) * skill.scales_[:, None]
+    spread = np.sqrt(np.sum(factor**2, axis=2))
+    for i, name in enumerate(channels.names):
+        residual_axes.plot(_PHASES, spread[:, i], color=component_color(i), label=name)
+    residual_axes.set_ylim(bottom=0)
+    residual_axes.set_xlabel("phase (rad)")
+    residual_axes.set_ylabel(
+        f"standard deviation ({', '.join(sorted(set(channels.units)))})"
+    )
+    residual_axes.legend(frameon=False)
+    set_title(residual_axes, "residual of the cycle")

@@ -1,4 +1,4 @@
-"""Channels of a picture, and its axes: in the plane, or a stack over time."""
+"""Channels of a picture, and its axes in the plane or over time."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 
 type Demonstrations = Demonstration | Sequence[Demonstration]
 
-# Least ratio of the shorter to the longer side of axes of equal scale.
-_NARROWEST = 0.4
-_PLANE_WIDTH = 5.5  # Inches, of a figure that is made for one picture.
+# Smallest ratio of the shorter to the longer side of axes with equal scales.
+_MIN_RATIO = 0.4
+_PLANE_WIDTH = 5.5  # Of a figure with one picture, inches.
 
 
 @dataclass(frozen=True)
@@ -46,15 +46,15 @@ class Channels:
 
     @classmethod
     def of_demonstrations(cls, demonstrations: Sequence[Demonstration]) -> Self:
-        """Return the channels that all the demonstrations have."""
+        """Return the common channels of demonstrations."""
         if not demonstrations:
             raise RunError("there is no demonstration; give at least one.")
-        out = cls(demonstrations[0].channels, demonstrations[0].units)
-        out.check(demonstrations)
-        return out
+        channels = cls(demonstrations[0].channels, demonstrations[0].units)
+        channels.check(demonstrations)
+        return channels
 
     def check(self, demonstrations: Sequence[Demonstration]) -> None:
-        """Raise a RunError where a demonstration has other channels."""
+        """Raise a RunError if a demonstration has other channels."""
         for number, demonstration in enumerate(demonstrations):
             if demonstration.channels != self.names:
                 raise RunError(
@@ -65,7 +65,7 @@ class Channels:
                 )
 
     def label(self, index: int) -> str:
-        """Return a channel's name with its unit."""
+        """Return the name and the unit of a channel."""
         return f"{self.names[index]} ({self.units[index]})"
 
 
@@ -77,14 +77,14 @@ def as_list(demonstrations: Demonstrations) -> list[Demonstration]:
 
 
 class PlanePanel:
-    """A picture in the plane of the first two channels: x upwards, y to the left.
+    """Picture in the plane of the first two channels: x upwards, y to the left.
 
     Parameters
     ----------
     channels : Channels
         At least two.
     ax : Axes, optional
-        A new figure, fitted to its content, where None.
+        Axes of a new figure, fitted to its content, if None.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class PlanePanel:
         self.ax = ax
 
     def path(self, values: ArrayLike, **style: Any) -> None:
-        """Draw values (N, D) as one line."""
+        """Draw values (N, D) as a line."""
         self.ax.plot(*np.asarray(values, dtype=float)[:, [1, 0]].T, **style)
 
     def background(self, demonstrations: Demonstrations) -> None:
@@ -141,34 +141,34 @@ class PlanePanel:
 
 
 def _thin_out_ticks(ax: Axes) -> None:
-    """Put fewer ticks on a small picture, whose labels would overlap."""
+    """Reduce the ticks of a small picture, whose labels would overlap."""
     ax.locator_params(nbins=4)
     ratio = abs(np.ptp(ax.get_xlim()) / np.ptp(ax.get_ylim()))
-    short: Literal["x", "y"] = "x" if ratio < 1 else "y"
+    shorter: Literal["x", "y"] = "x" if ratio < 1 else "y"
     if (ratio := min(ratio, 1 / ratio)) < 0.8:
         bins = max(2, int(4 * ratio))
-        ax.locator_params(axis=short, nbins=bins, min_n_ticks=2)
+        ax.locator_params(axis=shorter, nbins=bins, min_n_ticks=2)
 
 
 def _widen(ax: Axes) -> None:
     """Limit the aspect ratio so that the labels of ticks do not overlap."""
     low, high = np.reshape(ax.dataLim.extents, (2, 2))
     if np.all(np.isfinite([low, high])):
-        middle, half = (low + high) / 2, 0.5 * _NARROWEST * np.max(high - low)
+        middle, half = (low + high) / 2, 0.5 * _MIN_RATIO * np.max(high - low)
         ax.update_datalim([middle - half, middle + half])
         ax.autoscale_view()
 
 
 class TimePanels:
-    """A stack of axes over time, one for each channel, with an optional strip below.
+    """Axes over time below each other, one for each channel, with an optional strip.
 
-    Iterating gives the axes and the index of each channel.
+    Iteration yields the axes and the index of each channel.
 
     Parameters
     ----------
     channels : Channels
     axes : sequence of Axes
-        One for each channel, then one for the strip where there is one.
+        One for each channel, then one for the strip, if any.
     """
 
     def __init__(self, channels: Channels, axes: Sequence[Axes]) -> None:
@@ -183,7 +183,7 @@ class TimePanels:
     def finish(
         self, title: str, *, xlabel: str = "time (s)", strip: str = ""
     ) -> tuple[Axes, ...]:
-        """Set title, legend and labels, and return the axes; `strip` labels the strip."""
+        """Set title, legend and labels; return the axes. `strip` is the strip's label."""
         labels = [self._channels.label(i) for _, i in self]
         set_title(self._axes[0], title)
         legend_above(self._axes[0])

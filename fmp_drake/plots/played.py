@@ -1,4 +1,4 @@
-"""Pictures of a playback: from a start in the plane, and over time."""
+"""Pictures of a playback, in the plane and over time."""
 
 from collections.abc import Sequence
 
@@ -21,8 +21,8 @@ from fmp_drake.plots.style import (
 )
 from fmp_drake.primitives import PlaybackState, Player
 
-_MOST_NUMBERS = 40
-_LUMA = (0.299, 0.587, 0.114)
+_MAX_NUMBERS = 40
+_LUMA = (0.299, 0.587, 0.114)  # Weights of red, green and blue (ITU-R BT.601).
 
 
 def draw_way_back(
@@ -39,13 +39,13 @@ def draw_way_back(
     ----------
     player : Player
     start : array_like, shape (D,) or (S, D)
-        One or several, each marked by a ring.
+        One or several starts, each marked by a ring.
     duration : float
         Seconds.
     demonstrations : Demonstration or sequence of Demonstration
-        Drawn in grey behind.
+        Drawn in grey in the background.
     ax : Axes, optional
-        That of a new figure where None.
+        Axes of a new figure if None.
     """
     panel = PlanePanel(Channels.of_skill(player.skill), ax)
     _check_duration(player, duration)
@@ -78,10 +78,10 @@ def draw_rollout_over_time(
     *,
     duration: float = 30.0,
 ) -> tuple[Axes, ...]:
-    """Draw the playback over time, and the tracked component as a strip below.
+    """Draw the playback over time, and a strip of the tracked components below it.
 
-    Dotted lines are the re-mapping instants; the band is 2 standard deviations of
-    the tracked component (18).
+    Dotted lines are the instants of re-mapping. The band is 2 standard deviations of the
+    tracked component (18).
 
     Parameters
     ----------
@@ -102,8 +102,10 @@ def draw_rollout_over_time(
     for ax, i in panels:
         draw_band(ax, time, values[:, i], covariances[:, i, i], PLAYED)
         ax.plot(time, values[:, i], color=PLAYED, linewidth=1.2, label="played")
-        for at in instants:
-            ax.axvline(at, color="0.3", linewidth=0.8, linestyle=":", label="re-mapped")
+        for instant in instants:
+            ax.axvline(
+                instant, color="0.3", linewidth=0.8, linestyle=":", label="re-mapped"
+            )
     strip = axes[-1]
     _draw_strip(strip, states, np.concatenate([[0.0], instants, time[-1:]]))
     axes[0].set_xlim(0, time[-1])
@@ -113,7 +115,7 @@ def draw_rollout_over_time(
 
 
 def _play(player: Player, start: ArrayLike, duration: float) -> list[PlaybackState]:
-    """Return the state at every tick, as `Player.rollout` goes through them."""
+    """Return the state at every tick of `Player.rollout`."""
     state = player.start(start)
     states = [state]
     for _ in range(int(np.floor(duration * player.skill.rate * (1 + 1e-9)))):
@@ -125,7 +127,7 @@ def _play(player: Player, start: ArrayLike, duration: float) -> list[PlaybackSta
 def _draw_strip(
     ax: Axes, states: Sequence[PlaybackState], ends: NDArray[np.float64]
 ) -> None:
-    """Draw a coloured, numbered box for every window."""
+    """Draw a coloured, numbered box for each window."""
     components: dict[int, int] = {}
     for state in states:
         components.setdefault(state.remaps, state.component)
@@ -138,7 +140,7 @@ def _draw_strip(
                 (left, 0.0), right - left, 1.0, facecolor=color, edgecolor="white"
             )
         )
-        if len(components) <= _MOST_NUMBERS and right > left:
+        if len(components) <= _MAX_NUMBERS and right > left:
             ax.text(
                 (left + right) / 2,
                 0.5,

@@ -1,4 +1,4 @@
-"""Picture of the part of a board that the arm can reach, and of the skill in it."""
+"""Picture of the reachable part of a board, with a skill."""
 
 from pathlib import Path
 from textwrap import fill
@@ -11,8 +11,8 @@ from matplotlib.patches import Rectangle
 
 from fmp_drake.plots.panels import Channels, PlanePanel
 from fmp_drake.plots.style import (
+    INFEASIBLE,
     PLAYED,
-    REFUSED,
     SAMPLED,
     add_colorbar,
     legend_above,
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 _MARGIN_MAP: Colormap = LinearSegmentedColormap.from_list(
     "fmp_margin", ["#FFF7D6", "#B9DDB0", "#5FB08A"]
 )
-_AT_SPRING = "#F0C9CD"
-_WIDEST = 0.8  # Of the scale of margins, rad.
-_UNREACHED: dict[str, Any] = {
+_SPRING_COLOR = "#F0C9CD"
+_MAX_MARGIN = 0.8  # End of the colour scale, rad.
+_OUT_OF_REACH: dict[str, Any] = {
     "facecolor": "0.93",
     "edgecolor": "0.78",
     "hatch": "////",
@@ -36,15 +36,15 @@ _UNREACHED: dict[str, Any] = {
 
 
 def plot_reach(feasibility: "Feasibility", path: str | Path) -> None:
-    """Write the picture that `draw_reach` draws to a file (.png, .pdf, .svg)."""
+    """Write the picture of `draw_reach` to a file (.png, .pdf, .svg)."""
     save(draw_reach(feasibility).figure.get_figure(root=True), path)
 
 
 def draw_reach(feasibility: "Feasibility") -> Axes:
-    """Draw the board from above: where the arm can hold the eraser, and the skill.
+    """Draw the board from above, its reachable part and the samples of the skill.
 
-    The reachable part is shaded by the joint-limit margin; the parts of the skill's
-    samples that cannot be followed are red.
+    The colour of the reachable part is the joint-limit margin. Samples that cannot be
+    followed are red.
 
     Parameters
     ----------
@@ -53,30 +53,30 @@ def draw_reach(feasibility: "Feasibility") -> Axes:
     """
     x, y, margin = feasibility.cells
     panel = PlanePanel(Channels(("x", "y"), ("m", "m")), None)
-    board = Rectangle((y[0], x[0]), float(np.ptp(y)), float(np.ptp(x)), **_UNREACHED)
+    board = Rectangle((y[0], x[0]), float(np.ptp(y)), float(np.ptp(x)), **_OUT_OF_REACH)
     panel.ax.add_patch(board).set_label("out of reach")
-    shades = _MARGIN_MAP.with_extremes(under=_AT_SPRING)
+    shades = _MARGIN_MAP.with_extremes(under=_SPRING_COLOR)
     mesh = panel.ax.pcolormesh(
         y,
         x,
         np.ma.masked_invalid(margin),
         cmap=shades,
         vmin=0,
-        vmax=_WIDEST,
+        vmax=_MAX_MARGIN,
         shading="nearest",
         rasterized=True,
     )
     if np.any(margin[np.isfinite(margin)] < 0):
-        panel.ax.add_patch(Rectangle((y[0], x[0]), 0, 0, color=_AT_SPRING)).set_label(
-            "at a joint-limit spring"
-        )
+        panel.ax.add_patch(
+            Rectangle((y[0], x[0]), 0, 0, color=_SPRING_COLOR)
+        ).set_label("at a joint-limit spring")
     for path in feasibility.paths:
         panel.path(path[:, :2], label="samples", color=SAMPLED, linewidth=0.3)
-    missed = feasibility.paths[~feasibility.followed]
-    if len(missed):
-        style: dict[str, Any] = {"color": REFUSED, "markersize": 2.5, "zorder": 2.5}
-        left, up = missed[:, 1], missed[:, 0]
-        panel.ax.plot(left, up, "o", label="cannot be followed", **style)
+    infeasible_points = feasibility.paths[~feasibility.followed]
+    if len(infeasible_points):
+        style: dict[str, Any] = {"color": INFEASIBLE, "markersize": 2.5, "zorder": 2.5}
+        x, y = infeasible_points[:, 0], infeasible_points[:, 1]
+        panel.ax.plot(y, x, "o", label="cannot be followed", **style)
     ring: dict[str, Any] = {
         "markerfacecolor": "white",
         "markeredgecolor": PLAYED,

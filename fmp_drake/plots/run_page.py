@@ -1,4 +1,4 @@
-"""A page about one run of a station."""
+"""Page about a run of a station."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 _POSITION = Channels(POSITION_CHANNELS, ("m",) * 3)
 _AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")
 _MILESTONES = (0.5, 0.9, 0.99)
-_LEAST_FORCE = 1e-3  # N, of a disturbance.
-_DISTURBED = "#CC79A7"
-_WRONG = "#D55E00"
+_MIN_FORCE = 1e-3  # Of a disturbance, N.
+_DISTURBANCE_COLOR = "#CC79A7"
+_FAULT_COLOR = "#D55E00"
 
 RUN_PAGE_SIGNALS = (
     *("measured_position", "desired_position", "normal_force"),
@@ -42,21 +42,21 @@ RUN_PAGE_SIGNALS = (
 
 
 def plot_run(run: "StationRun", path: str | Path) -> None:
-    """Write the page `draw_run` draws to a file (.png, .pdf, .svg)."""
+    """Write the page of a run, see `draw_run`, to a file (.png, .pdf, .svg)."""
     save(draw_run(run), path)
 
 
 def draw_run(run: "StationRun") -> Figure:
-    """Return a page: path, ink left; cleaned area, force and tracking error over time.
+    """Return a page: path and ink left; cleaned area, force and tracking error over time.
 
-    In free space there is neither ink nor force. The error of the orientation is there
-    where the skill has one. Dotted lines are scheduled re-mappings, dashed ones those after
-    a push. Disturbances and faults are shaded; the text above names the faults.
+    In free space there is neither ink nor force. Skills with an orientation also have its
+    error. Dotted lines are scheduled re-mappings; dashed lines are re-mappings after a
+    push. Disturbances and faults are shaded; the text above describes the faults.
 
     Parameters
     ----------
     run : StationRun
-        Which has kept `RUN_PAGE_SIGNALS`.
+        Its kept signals include `RUN_PAGE_SIGNALS`.
     """
     rows: dict[str, Callable[[Axes, Any], None]] = {}
     if _has_board(run):
@@ -121,7 +121,7 @@ def _draw_ink(ax: Axes, run: "WipingRun") -> None:
 
 
 def _finish_board(panel: PlanePanel, run: "StationRun", title: str) -> None:
-    """Set the limits of a picture in the plane to the edges of the board, if there is one."""
+    """Set the limits of a picture in the plane to the edges of the board, if any."""
     ax = panel.finish(title)
     legend_above(ax)
     if _has_board(run):
@@ -144,11 +144,11 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
     for fraction in _MILESTONES:
         if demonstrated[-1] < fraction:
             continue
-        at = times[np.argmax(demonstrated >= fraction)]
-        ax.plot(at, 100 * fraction, "o", color=SAMPLED, markersize=4, zorder=3)
+        time = times[np.argmax(demonstrated >= fraction)]
+        ax.plot(time, 100 * fraction, "o", color=SAMPLED, markersize=4, zorder=3)
         ax.annotate(
-            f"{100 * fraction:.0f} % after {at:.1f} s",
-            (at, 100 * fraction),
+            f"{100 * fraction:.0f} % after {time:.1f} s",
+            (time, 100 * fraction),
             xytext=(6, -5),
             textcoords="offset points",
             ha="left",
@@ -196,23 +196,23 @@ def _draw_orientation_error(ax: Axes, run: "StationRun") -> None:
 def _draw_axes(
     ax: Axes, times: ArrayLike, values: ArrayLike, names: Sequence[str]
 ) -> None:
-    """Draw every tenth of three values over time, each in the colour of its axis."""
-    few = np.asarray(times)[::10], np.asarray(values)[::10]
-    for name, column, color in zip(names, few[1].T, _AXIS_COLORS, strict=True):
-        ax.plot(few[0], column, color=color, linewidth=0.8, label=name)
+    """Draw three columns over time, at every tenth sample, in the colours of the axes."""
+    times, values = np.asarray(times)[::10], np.asarray(values)[::10]
+    for name, column, color in zip(names, values.T, _AXIS_COLORS, strict=True):
+        ax.plot(times, column, color=color, linewidth=0.8, label=name)
 
 
 def _draw_events(ax: Axes, run: "StationRun") -> None:
     """Mark the re-mappings, disturbances and faults of a run in axes over time."""
     time, counts = run.log_times("remaps"), run.log("remaps")
-    total, after_push = (time[1:][risen] for risen in np.diff(counts, axis=0).T > 0)
-    for times, style, label in (
+    total, after_push = (time[1:][steps] for steps in np.diff(counts, axis=0).T > 0)
+    for instants, style, label in (
         (np.setdiff1d(total, after_push), ":", "re-mapped"),
         (after_push, "--", "re-mapped after a push"),
     ):
-        for at in times:
+        for instant in instants:
             ax.axvline(
-                at,
+                instant,
                 color="0.45",
                 linewidth=0.7,
                 linestyle=style,
@@ -221,18 +221,20 @@ def _draw_events(ax: Axes, run: "StationRun") -> None:
             )
     for start, end, kind, _ in run.events():
         if not kind.startswith("board"):
-            ax.axvspan(start, end, color=_WRONG, alpha=0.15, linewidth=1, label=kind)
+            ax.axvspan(
+                start, end, color=_FAULT_COLOR, alpha=0.15, linewidth=1, label=kind
+            )
     if "disturbance" not in run.kept:
         return
-    disturbed = np.linalg.norm(run.log("disturbance"), axis=1) > _LEAST_FORCE
-    if np.any(disturbed):
+    is_disturbed = np.linalg.norm(run.log("disturbance"), axis=1) > _MIN_FORCE
+    if np.any(is_disturbed):
         ax.fill_between(
             run.log_times("disturbance"),
             0,
             1,
-            where=disturbed,
+            where=is_disturbed,
             transform=ax.get_xaxis_transform(),
-            color=_DISTURBED,
+            color=_DISTURBANCE_COLOR,
             alpha=0.25,
             linewidth=0,
             label="disturbed",

@@ -1,4 +1,4 @@
-"""A page about one skill: demonstrated, learned and played movements."""
+"""Page about a skill: demonstrated, learned and played movements."""
 
 from pathlib import Path
 
@@ -10,19 +10,19 @@ from fmp_drake.plots.demonstrations import (
     draw_demonstrations_over_time,
     draw_spectra,
 )
-from fmp_drake.plots.heatmaps import draw_heatmaps
 from fmp_drake.plots.learned import (
     draw_component_in_plane,
     draw_component_over_time,
+    draw_heatmaps,
+    draw_phase,
     draw_samples_in_plane,
 )
 from fmp_drake.plots.panels import Channels, Demonstrations
-from fmp_drake.plots.phase import draw_phase
 from fmp_drake.plots.played import draw_rollout_over_time, draw_way_back
 from fmp_drake.plots.style import same_limits, save, shape_of
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 
-# Inches: letters can be read where the page is 800 pixels wide.
+# Inches: letters are legible on a page of 800 pixels.
 _WIDTH = 11.5
 _TUBE = (
     "Tube: 95 % of the windows of a component. Their tempo differs, so the tube is wider "
@@ -33,17 +33,17 @@ _TUBE = (
 def plot_skill(
     skill: FourierMovementPrimitive, demonstrations: Demonstrations, path: str | Path
 ) -> None:
-    """Write the page that `draw_skill` draws to a file (.png, .pdf, .svg)."""
+    """Write the page of a skill, see `draw_skill`, to a file (.png, .pdf, .svg)."""
     save(draw_skill(skill, demonstrations), path)
 
 
 def draw_skill(
     skill: FourierMovementPrimitive, demonstrations: Demonstrations
 ) -> Figure:
-    """Return a page about a skill and the demonstrations it was learned from.
+    """Return a page about a skill and its demonstrations.
 
-    A skill of one channel has no plane: its demonstrations and its most frequent component
-    are drawn over time instead. The pictures of a phase model follow where there is one.
+    The demonstrations and the most frequent component of a skill of one channel are drawn
+    over time instead of in the plane. The pictures of a phase model, if any, follow.
 
     Parameters
     ----------
@@ -53,11 +53,11 @@ def draw_skill(
     """
     channels = len(Channels.of_skill(skill).names)
     low, high = skill.extent_
-    outside = high + 0.5 * (high - low)
+    start = high + 0.5 * (high - low)
     player = Player(skill)
     ratio = 0.4
     if channels > 1:
-        # Two rows of four pictures in the plane, of the shape of the skill's samples.
+        # Two rows of four pictures in the plane, with the aspect ratio of samples.
         samples = skill.sample(200, with_noise=False)
         ratio = shape_of(*np.ptp(samples, axis=(0, 1))[:2])
     heights = [2 * (0.9 + 2.1 * ratio), 1 + 1.3 * channels]
@@ -77,16 +77,16 @@ def draw_skill(
         draw_demonstrations_in_plane(demonstrations, ax=axes[0, 0])
         draw_samples_in_plane(skill, demonstrations=demonstrations, ax=axes[0, 1])
         draw_heatmaps(skill, demonstrations, axes[0, 2:])
-        shown = min(3, len(skill.components_))
+        component_count = min(3, len(skill.components_))
         for component, ax in enumerate(axes[1, :3]):
-            if component < shown:
+            if component < component_count:
                 draw_component_in_plane(
                     skill, component, ax, demonstrations=demonstrations
                 )
             else:
                 ax.remove()
-        draw_way_back(player, outside, demonstrations=demonstrations, ax=axes[1, 3])
-        same_limits([*axes[0], *axes[1, :shown]])
+        draw_way_back(player, start, demonstrations=demonstrations, ax=axes[1, 3])
+        same_limits([*axes[0], *axes[1, :component_count]])
         top.supxlabel(_TUBE, fontsize="small")
     else:
         a, b = top.subplots(2, 1)
@@ -97,5 +97,5 @@ def draw_skill(
     draw_spectra(skill, demonstrations, axes)
     ratios = [1.0] * channels + [0.25]
     rows = right.subplots(channels + 1, sharex=True, height_ratios=ratios)
-    draw_rollout_over_time(player, outside, rows)
+    draw_rollout_over_time(player, start, rows)
     return figure

@@ -1,4 +1,4 @@
-"""Colours, axes, legends and files that all pictures share."""
+"""Common colours, axes, legends and file formats of all pictures."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,14 +19,13 @@ from numpy.typing import ArrayLike
 from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.files import check_writable, replaced
 
-# Of the palette of Okabe and Ito, which stays apart for colour-blind people.
+# Colours of Okabe and Ito, which colour-blind people can distinguish.
 DEMONSTRATED = "0.65"
 SAMPLED = "#0072B2"
 PLAYED = "#D55E00"
-# What cannot be done.
-REFUSED = "#B2182B"
+INFEASIBLE = "#B2182B"
 
-# One for each component: the ten-colour scheme of Paul Tol, made for the same.
+# Colours of the components: the scheme of Paul Tol, for colour-blind people, too.
 _COMPONENTS = (
     "#332288",
     "#44AA99",
@@ -40,33 +39,33 @@ _COMPONENTS = (
     "#882255",
 )
 
-# The yellow end of viridis would not be seen on white.
+# Without the yellow end of viridis, which is hardly visible on white.
 TIME_MAP: Colormap = LinearSegmentedColormap.from_list(
     "fmp_time", matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, 256))
 )
-# From white, so that rarely visited cells fade out.
+# It begins with white, so that rarely visited cells fade out.
 DENSITY_MAP: Colormap = LinearSegmentedColormap.from_list(
     "fmp_density", [(1, 1, 1, 1), *matplotlib.colormaps["magma_r"](np.linspace(0.1, 1))]
 )
 
 
 def component_color(component: int) -> str:
-    """Return the colour of a component; there are ten, which repeat."""
+    """Return the colour of a component; ten colours repeat."""
     return _COMPONENTS[component % len(_COMPONENTS)]
 
 
 def lighten(color: str, white: float) -> tuple[float, ...]:
-    """Mix a colour with a fraction of white, opaque: overlaps do not add up."""
+    """Mix a colour with a fraction of white; overlaps of opaque colours do not add up."""
     return tuple(float(c) for c in (1 - white) * np.array(to_rgb(color)) + white)
 
 
 def shape_of(height: float, width: float) -> float:
-    """Return height / width, limited to 0.4 to 1.3."""
+    """Return the ratio of height to width, limited to 0.4 to 1.3."""
     return float(np.clip(height / max(width, 1e-12), 0.4, 1.3))
 
 
 def same_limits(axes: Sequence[Axes]) -> None:
-    """Give pictures in the plane the same limits, those that contain all of theirs."""
+    """Set common limits of pictures in the plane, which contain all of their limits."""
     xs, ys = np.ravel([ax.get_xlim() for ax in axes]), [ax.get_ylim() for ax in axes]
     for ax in axes:
         ax.set_xlim(xs.max(), xs.min())
@@ -76,7 +75,7 @@ def same_limits(axes: Sequence[Axes]) -> None:
 def finish_times(
     axes: Sequence[Axes], labels: Sequence[str], *, xlabel: str = "time (s)"
 ) -> None:
-    """Label axes below each other, the time only on the last."""
+    """Label axes below each other; only the last gets the label of the time."""
     for ax, label in zip(axes, labels, strict=True):
         ax.set_ylabel(label)
         ax.spines[["top", "right"]].set_visible(False)
@@ -89,7 +88,7 @@ def finish_times(
 def add_lines(
     ax: Axes, lines: ArrayLike, colors: ArrayLike, **style: Any
 ) -> LineCollection:
-    """Draw lines (n, points, 2), each coloured by a number (n,)."""
+    """Draw lines (n, points, 2), each in the colour of a number (n,)."""
     collection = LineCollection(
         list(np.asarray(lines, dtype=float)),
         array=np.asarray(colors, dtype=float),
@@ -105,21 +104,21 @@ def add_colorbar(
     ax: Axes, mappable: ScalarMappable, label: str, *, extend: str = "neither"
 ) -> None:
     """Add a colour bar to the right of a picture in the plane."""
-    # Attached, it stays as high as axes of equal aspect.
+    # Inset axes have the height of axes with an equal aspect, too.
     cax = ax.inset_axes((1.03, 0.0, 0.035, 1.0))
     bar = ax.figure.colorbar(mappable, cax=cax, label=label, extend=extend)
     bar.outline.set_visible(False)
 
 
 def legend_above(ax: Axes) -> None:
-    """Put a legend above the axes at the right, each label once; none without labels."""
+    """Add a legend above the axes at the right, with each label once, if any."""
     handles, labels = ax.get_legend_handles_labels()
-    named = dict(zip(labels, handles, strict=True))
-    if not named:
+    handles_by_label = dict(zip(labels, handles, strict=True))
+    if not handles_by_label:
         return
     legend = ax.legend(
-        named.values(),
-        named,
+        handles_by_label.values(),
+        handles_by_label,
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
         ncols=4,
@@ -132,14 +131,14 @@ def legend_above(ax: Axes) -> None:
 
 
 def label_decades(axis: Axis, multiples: Sequence[float]) -> None:
-    """Label these multiples of the powers of ten of a logarithmic axis, as numbers."""
+    """Label multiples of powers of ten on a logarithmic axis, as decimal numbers."""
     axis.set_major_locator(LogLocator(subs=multiples))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def set_title(ax: Axes, title: str) -> None:
-    """Set the title, at the left as in all pictures."""
+    """Set the title at the left."""
     ax.set_title(title, loc="left", fontsize="medium")
 
 
@@ -149,18 +148,18 @@ def check_picture(path: Path | None) -> None:
     Parameters
     ----------
     path : pathlib.Path, optional
-        Nothing is checked where None.
+        Nothing is checked if None.
 
     Raises
     ------
     RunError
-        Where Matplotlib does not write files of its ending.
+        If Matplotlib does not write files with its suffix.
     FmpError
-        Where its folder does not exist, or it is a folder.
+        If its folder does not exist, or it is a folder.
     """
     check_writable(path)
-    kinds = FigureCanvasAgg.get_supported_filetypes()
-    if path is not None and path.suffix.lower().removeprefix(".") not in kinds:
+    formats = FigureCanvasAgg.get_supported_filetypes()
+    if path is not None and path.suffix.lower().removeprefix(".") not in formats:
         raise RunError(
             f"{path} is not a picture; its name must end in .png, .svg or .pdf."
         )
@@ -169,7 +168,7 @@ def check_picture(path: Path | None) -> None:
 def save(figure: Figure, path: str | Path) -> None:
     """Write a figure in the format of the name's suffix."""
     path = Path(path)
-    # Text stays text in a PDF.
+    # Fonts of type 42 keep the text of a PDF searchable.
     with (
         replaced(path, RunError) as part,
         matplotlib.rc_context({"pdf.fonttype": 42}),

@@ -28,9 +28,14 @@ from fmp_drake.plots.demonstrations import (
     draw_spectra,
     draw_windows_in_plane,
 )
-from fmp_drake.plots.heatmaps import density, draw_heatmaps, grid_edges
-from fmp_drake.plots.learned import draw_component_in_plane, draw_component_over_time
-from fmp_drake.plots.phase import draw_phase
+from fmp_drake.plots.learned import (
+    density,
+    draw_component_in_plane,
+    draw_component_over_time,
+    draw_heatmaps,
+    draw_phase,
+    grid_edges,
+)
 from fmp_drake.plots.played import draw_rollout_over_time
 from fmp_drake.plots.skill_page import draw_skill
 from fmp_drake.plots.style import component_color
