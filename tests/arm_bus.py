@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 from pydrake.lcm import DrakeLcm
 
-from fmp_drake.runs.arm.arm_bench import ArmBench
+from fmp_drake.runs.arm_bench import ArmBench
 from fmp_drake.station import LoadScenario
 
 
@@ -32,7 +32,7 @@ class Bus:
         self.bench = ArmBench(self.scenario, self.lcm, **bench) if speaks else None
         self.seconds, self.looks, self.at, self._stride = 1.7e9, 0, {}, stride
         clock = SimpleNamespace(time=self.now, sleep=lambda _: None)
-        monkeypatch.setattr("fmp_drake.runs.arm.real_time.time", clock)
+        monkeypatch.setattr("fmp_drake.runs.real_time.time", clock)
         monkeypatch.setattr(
             "fmp_drake.station.robots.panda_lcm.DrakeLcm", lambda _: self.lcm
         )

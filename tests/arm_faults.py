@@ -11,7 +11,7 @@ from pydrake.lcm import DrakeLcm
 from pydrake.systems.lcm import LcmSubscriberSystem
 
 from fmp_drake.runs import ArmRun
-from fmp_drake.runs.arm.arm_bench import ArmBench
+from fmp_drake.runs.arm_bench import ArmBench
 from fmp_drake.station import LcmPanda, LoadScenario
 from fmp_drake.station.robots.panda_lcm import RawSerializer
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel

@@ -19,10 +19,9 @@ from fmp_drake.film.scene import (
 )
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable, replaced
-from fmp_drake.runs.metrics import NEAR_FORCE
 from fmp_drake.runs.station_run import StationRun
 from fmp_drake.runs.wiping_run import WipingRun
-from fmp_drake.station.scenario_parts import CameraConfig
+from fmp_drake.station.scenario_parts import FORCE_TOLERANCE, CameraConfig
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.surface.surface import place
 
@@ -136,7 +135,9 @@ def _captions(run: StationRun, reel: FilmReel) -> list[str]:
     if not isinstance(run, WipingRun):
         return texts
     desired = run.scenario.press.force
-    desired_range = f"{max(0.0, desired - NEAR_FORCE):g} to {desired + NEAR_FORCE:g} N"
+    desired_range = (
+        f"{max(0.0, desired - FORCE_TOLERANCE):g} to {desired + FORCE_TOLERANCE:g} N"
+    )
     forces = np.interp(
         reel.times, run.log_times("normal_force"), run.log("normal_force")[:, 0]
     )

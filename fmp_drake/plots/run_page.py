@@ -162,13 +162,13 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
 
 
 def _draw_force(ax: Axes, run: "WipingRun") -> None:
-    from fmp_drake.runs.metrics import NEAR_FORCE
+    from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 
     times, force = run.log_times("normal_force"), run.log("normal_force")[:, 0]
     desired = np.full(len(force), run.scenario.press.force)
     if run.roles.force is not None:
         desired = run.log("desired_normal_force")[:, 0]
-    low, high = np.maximum(desired - NEAR_FORCE, 0.0), desired + NEAR_FORCE
+    low, high = np.maximum(desired - FORCE_TOLERANCE, 0.0), desired + FORCE_TOLERANCE
     style: dict[str, Any] = {"color": "#009E73", "alpha": 0.12, "linewidth": 0}
     if run.roles.force is None:
         label = f"desired, {low[0]:g} to {high[0]:g} N"

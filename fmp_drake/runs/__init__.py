@@ -1,7 +1,7 @@
-"""A station with loggers, its metrics, its log file and its saved state."""
+"""Runs of a station: metrics, events, log files, saved states, teaching, a real arm."""
 
-from fmp_drake.runs.arm.arm_listener import check_arm, record_arm
-from fmp_drake.runs.arm.arm_run import ArmRun
+from fmp_drake.runs.arm_listener import check_arm, record_arm
+from fmp_drake.runs.arm_run import ArmRun
 from fmp_drake.runs.context_file import load_context, save_context
 from fmp_drake.runs.log import RunLog
 from fmp_drake.runs.station_run import StationRun

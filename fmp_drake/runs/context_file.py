@@ -1,7 +1,7 @@
-"""Files of Contexts, from which a simulation continues in another process.
+"""Files of Contexts, from which another process can continue a simulation.
 
-The file is an `.npz` without pickle: the time, the continuous state, and one array for
-each group of discrete state and of numeric parameters.
+The file is an `.npz` without pickle. It contains the time, the continuous state, and an
+array for each group of discrete state and of numeric parameters.
 """
 
 import re
@@ -33,7 +33,7 @@ def save_context(context: Context, path: str | Path) -> None:
     context : Context
         Context of a diagram without abstract state.
     path : path
-        Ends in .npz; an existing file is replaced at the end.
+        Ends in .npz. An existing file is replaced at the end.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def load_context(context: Context, path: str | Path) -> None:
     Parameters
     ----------
     context : Context
-        Context of a diagram that was built like the saved one; unchanged after an error.
+        Context of a diagram that is built like the saved one. An error does not change it.
     path : path
 
     Raises
@@ -78,7 +78,7 @@ def load_context(context: Context, path: str | Path) -> None:
             )
     time = metadata.get("time")
     if not isinstance(time, float) or any(v.dtype != float for v in arrays.values()):
-        raise RunError(f"{path} is an incomplete Context: it holds no numbers.")
+        raise RunError(f"{path} is an incomplete Context: it contains no numbers.")
     context.SetTime(time)
     for name, vector in _vectors(context, mutable=True):
         vector.SetFromVector(arrays[name])
@@ -96,7 +96,7 @@ def _vectors(context: Any, *, mutable: bool = False) -> Iterator[tuple[str, Any]
 
 
 def _systems_with_abstract_state(context: Context) -> list[str]:
-    """Return the paths of systems with abstract state, from the Context's printed text."""
+    """Return the paths of systems with abstract state, from the Context's text."""
     blocks = re.split(r"^(::\S.*) Context\b.*\n-+$", str(context), flags=re.MULTILINE)
     return [
         name.removeprefix("::_::")

@@ -1,18 +1,18 @@
-"""Events of a run: a fault, its times, and a sentence about it."""
+"""Events of a run: faults with their times and a sentence about each."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.runs.signals import Chunk
+from fmp_drake.runs.log import Chunk
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
 from fmp_drake.systems.impedance.status import CONDITIONS, STOP_REASONS, StatusFlag
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
-# Least and greatest reported error of the board's height, mm.
-_LEAST_HEIGHT, _MOST_HEIGHT = 3, 1000
-# A magnitude above 0 that rounds to 0 in texts.
+# Smallest and largest reported error of the board's height, mm.
+_MIN_HEIGHT, _MAX_HEIGHT = 3, 1000
+# A magnitude above 0 that is rounded to 0 in texts.
 _TINY = 1e-9
 _FORCE = "a normal force far too large"
 _STOPPED = int(StatusFlag.PROTECTIVE_STOP)
@@ -28,18 +28,18 @@ ADVICE = {
         StatusFlag.OVERSPEED: "Lower the tempo, or the stiffness.",
     }.items()
 } | {_FORCE: "Lower the tempo or the stiffness, or move the board."}
-"""Advice to a viewer, by kinds of events."""
+"""Advice for each kind of event."""
 
 _STOPS = {**STOP_REASONS, StatusFlag.JUMP: "the target was {:.0f} cm away"}
 
 
 class RunEvent(NamedTuple):
-    """A fault in a run, which occurred once or several times.
+    """Fault of a run, which occurred once or several times.
 
     Attributes
     ----------
     start, end : float
-        Begin and end of its longest occurrence, s.
+        Start and end of its longest occurrence, s.
     kind : str
         Name of the fault.
     text : str
@@ -59,14 +59,14 @@ class RunEvent(NamedTuple):
 
 
 class Occurrences:
-    """Occurrences of one fault, collected from samples that arrive in chunks.
+    """Occurrences of a fault, collected from chunks of samples.
 
     Parameters
     ----------
     kind : str
         Name of the fault.
     detail : str
-        Text to add, with ``{}`` for the largest magnitude.
+        Additional text, with ``{}`` for the largest magnitude.
 
     Examples
     --------
@@ -97,29 +97,29 @@ class Occurrences:
                 self._count += 1
             else:
                 self._total += time - self._start
-                self._longest = self._longer(time)
+                self._longest = self._longest_until(time)
                 self._start = None
         self._end = float(times[-1])
 
-    def _longer(self, time: float) -> tuple[float, float]:
-        """Return the longest occurrence if the present one ended at a time, s."""
+    def _longest_until(self, time: float) -> tuple[float, float]:
+        """Return the longest occurrence if the current one ended at a time, s."""
         start, end = self._longest
         if self._start is None or time - self._start <= end - start:
             return start, end
         return self._start, time
 
     def events(self) -> list[RunEvent]:
-        """Return one event if the fault has occurred, else none."""
+        """Return one event if the fault has occurred, otherwise none."""
         if not self._count:
             return []
         total = self._total + (0 if self._start is None else self._end - self._start)
-        start, end = self._longer(self._end)
-        when = (
+        start, end = self._longest_until(self._end)
+        interval = (
             f"at {start:.1f} s"
             if end - start < 0.1
             else f"from {start:.1f} to {end:.1f} s"
         )
-        text = f"{self._kind} {when}"
+        text = f"{self._kind} {interval}"
         if self._count > 1:
             text += f" ({self._count} times in all, {total:.1f} s)"
         if self._detail:
@@ -127,15 +127,16 @@ class Occurrences:
         return [RunEvent(start, end, self._kind, text)]
 
 
-# Conditions that are reported where their flag is set.
-_FLAGGED = {
+# Faults that are reported while their flag is set.
+_FLAG_FAULTS = {
     flag: CONDITIONS[flag].event
     for flag in (StatusFlag.ARM_TOUCHES, StatusFlag.OVERSPEED)
 } | {StatusFlag.JOINT_WALL: "a joint at its limit"}
 
 
 class RunEvents:
-    """Events of a run, from the controller's status, the positions and the contact.
+    """Events of a run, derived from the controller's status, the positions and the contact.
+
 
     Parameters
     ----------
@@ -148,33 +149,33 @@ class RunEvents:
         self._forces = Occurrences(_FORCE, "up to {:.0f} N")
         stop = CONDITIONS[StatusFlag.PROTECTIVE_STOP].event
         self._stops = {
-            int(flag): Occurrences(stop, why) for flag, why in _STOPS.items()
+            int(flag): Occurrences(stop, reason) for flag, reason in _STOPS.items()
         }
         self._lost = Occurrences(CONDITIONS[StatusFlag.CONTACT_LOST].event)
         below = CONDITIONS[StatusFlag.BELOW_SURFACE].event
         self._below = Occurrences(below, "up to {:.1f} mm deep")
-        self._flagged = {
-            int(flag): Occurrences(kind) for flag, kind in _FLAGGED.items()
+        self._flag_faults = {
+            int(flag): Occurrences(kind) for flag, kind in _FLAG_FAULTS.items()
         }
         self._cause = 0
         self._touch = self._contact = np.inf
         self._span = (np.inf, 0.0)
-        self._heights = np.zeros(2 * _MOST_HEIGHT + 1, dtype=np.int64)
+        self._heights = np.zeros(2 * _MAX_HEIGHT + 1, dtype=np.int64)
 
     def update(self, chunk: Chunk) -> None:
         """Add samples of `METRIC_SIGNALS`."""
         times, status = chunk["status"]
         flags = status[:, 0].astype(int)
         lost, stopped = flags & int(StatusFlag.CONTACT_LOST), flags & _STOPPED
-        for flag, occurrences in self._flagged.items():
+        for flag, occurrences in self._flag_faults.items():
             occurrences.update(times, flags & flag)
 
         depth = chunk["penetration"]
         millimetres = 1e3 * depth.values[:, 0]
         self._below.update(depth.times, millimetres * (depth.values[:, 0] > TOLERANCE))
 
-        # Contact can be lost only after the controller has reported it. Before the first
-        # update of the controller its status is all zeros.
+        # Contact can be lost only after the controller has reported it. The status is zero
+        # before the first update of the controller.
         force = chunk["normal_force"]
         pressing = force.values[:, 0]
         self._forces.update(force.times, pressing * (pressing > self._most_force))
@@ -184,7 +185,7 @@ class RunEvents:
         self._contact = min([self._contact, *reported[:1]])
         self._lost.update(times, lost * (times >= self._contact))
 
-        # The cause of a stop is the fault at its begin.
+        # The cause of a stop is the fault at its start.
         position_times, desired = chunk["desired_position"]
         error = chunk["measured_position"].values - desired
         rows = np.searchsorted(times, position_times - 1e-6)
@@ -198,31 +199,31 @@ class RunEvents:
             stop.update(times, centimetres * ((stopped > 0) & (cause & flag > 0)))
 
         # In contact, the tracking error along the normal is the error of the board's height.
-        pressed = (flags[rows] & (int(StatusFlag.CONTACT_LOST) | _NO_TARGET)) == 0
-        pressed &= (position_times >= self._contact) & (status[rows, 4] != 0)
-        if np.any(pressed):
+        in_contact = (flags[rows] & (int(StatusFlag.CONTACT_LOST) | _NO_TARGET)) == 0
+        in_contact &= (position_times >= self._contact) & (status[rows, 4] != 0)
+        if np.any(in_contact):
             self._span = (
-                min(self._span[0], float(position_times[pressed][0])),
-                float(position_times[pressed][-1]),
+                min(self._span[0], float(position_times[in_contact][0])),
+                float(position_times[in_contact][-1]),
             )
             heights = np.clip(
-                np.rint(1e3 * error[pressed, 2]), -_MOST_HEIGHT, _MOST_HEIGHT
+                np.rint(1e3 * error[in_contact, 2]), -_MAX_HEIGHT, _MAX_HEIGHT
             )
-            np.add.at(self._heights, heights.astype(int) + _MOST_HEIGHT, 1)
+            np.add.at(self._heights, heights.astype(int) + _MAX_HEIGHT, 1)
 
     def result(self) -> list[RunEvent]:
-        """Return the events so far, in the order of time."""
+        """Return the events so far, in chronological order."""
         faults = (
             *self._stops.values(),
-            *self._flagged.values(),
+            *self._flag_faults.values(),
             self._lost,
             self._below,
             self._forces,
         )
         events = [event for fault in faults for event in fault.events()]
         counts = np.cumsum(self._heights)
-        height = int(np.searchsorted(counts, counts[-1] / 2)) - _MOST_HEIGHT
-        if counts[-1] and abs(height) >= _LEAST_HEIGHT:
+        height = int(np.searchsorted(counts, counts[-1] / 2)) - _MAX_HEIGHT
+        if counts[-1] and abs(height) >= _MIN_HEIGHT:
             side = "higher" if height > 0 else "lower"
             kind = f"board found {side} than assumed"
             text = f"board found {abs(height)} mm {side} than assumed"

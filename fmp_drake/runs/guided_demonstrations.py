@@ -1,4 +1,4 @@
-"""Demonstrations from the recorded path of a hand, with the rhythm of the hand."""
+"""Demonstrations from the recorded path of a hand, with the hand's timing."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 # Speed below which a hand is at rest, m/s, and samples on both sides for its average.
 _REST_SPEED, _REST_SAMPLES = 0.02, 2
-# Distance that a rotation counts as, m/rad.
+# Distance equivalent to a rotation, m/rad.
 _LEVER = 0.2
 # Tolerated difference of two clocks, and longest gap between samples, s.
 _JITTER, _LONGEST_GAP = 0.02, 0.25
@@ -24,16 +24,16 @@ _JITTER, _LONGEST_GAP = 0.02, 0.25
 def hand_time(simulated: ArrayLike, clock: ArrayLike) -> Array:
     """Return the wall-clock time of samples that a simulation recorded, shape (N,), s.
 
-    A simulation that falls behind shows a hand's movement slower than it was. Simulated
-    time has no jitter, so it is shifted by no more than it takes to stay within 20 ms of
-    the clock.
+    In a simulation that falls behind, the movement of a hand appears slower than it was.
+    Simulated time has no jitter. It is shifted by the least amounts that keep it within
+    20 ms of the clock.
 
     Parameters
     ----------
     simulated : array_like, shape (N,)
         Simulated time of each sample, s.
     clock : array_like, shape (N,)
-        Wall-clock time at which it was simulated, s.
+        Wall-clock time of the simulation of each sample, s.
 
     Examples
     --------
@@ -61,8 +61,8 @@ def guided_demonstrations(
 ) -> list[Demonstration]:
     """Return one demonstration, at 20 Hz, for each interval of hand guiding.
 
-    Rest at the beginning and at the end is cut off. A gap in the samples ends one
-    demonstration and begins the next.
+    Rest at the start and at the end is trimmed. A gap in the samples separates two
+    demonstrations.
 
     Parameters
     ----------
@@ -73,35 +73,33 @@ def guided_demonstrations(
     is_guided : array_like, shape (N,)
         Whether the hand guided the tool.
     frame_seconds : float
-        Time between two frames of the page with the mouse, s. Where it is longer than a
-        sample the path has steps, and is averaged over this time.
+        Time between two frames of the page with the mouse, s. If it is longer than a
+        sample, the path has steps, and is averaged over this time.
     note : str
     orientation : array_like, shape (N, 4), optional
-        R_BE, quaternions w, x, y, z: the demonstrations have rotation channels.
+        R_BE, quaternions w, x, y, z, for demonstrations with rotation channels.
     reference : Rotation, optional
-        Of the rotation channels; the mean of each where None.
+        Of the rotation channels; the mean of each demonstration if None.
 
     Examples
     --------
     >>> time = np.arange(0.0, 10.0, 0.05)
     >>> x = np.sin(np.maximum(time - 4.0, 0.0))  # At rest for 4 s.
     >>> path = np.column_stack([x, x, 0 * x])
-    >>> [shown] = guided_demonstrations(time, path, np.ones(200))
-    >>> bool(abs(shown.duration - 6.0) < 0.2)
+    >>> [demonstration] = guided_demonstrations(time, path, np.ones(200))
+    >>> bool(abs(demonstration.duration - 6.0) < 0.2)
     True
     """
     t, p = as_floats(time, "the time"), as_floats(position, "the position")
-    guided = np.flatnonzero(np.asarray(is_guided, dtype=bool))
-    ends = (
-        np.flatnonzero((np.diff(guided) > 1) | (np.diff(t[guided]) > _LONGEST_GAP)) + 1
-    )
-    demonstrations, moved = [], p
+    rows = np.flatnonzero(np.asarray(is_guided, dtype=bool))
+    ends = np.flatnonzero((np.diff(rows) > 1) | (np.diff(t[rows]) > _LONGEST_GAP)) + 1
+    demonstrations, displacement = [], p
     if orientation is not None:
         R_BE = Rotation.from_quat(np.asarray(orientation)[:, [1, 2, 3, 0]])
-        turned = (R_BE * R_BE[0].inv()).as_rotvec() if len(t) else np.zeros((0, 3))
-        moved = np.column_stack([p, _LEVER * turned])
-    for interval in np.split(guided, ends):
-        samples = interval[_moving(t[interval], moved[interval])]
+        rotation = (R_BE * R_BE[0].inv()).as_rotvec() if len(t) else np.zeros((0, 3))
+        displacement = np.column_stack([p, _LEVER * rotation])
+    for interval in np.split(rows, ends):
+        samples = interval[_moving_part(t[interval], displacement[interval])]
         if len(samples) < 8:
             continue
         demonstration = Demonstration(
@@ -115,12 +113,12 @@ def guided_demonstrations(
                 demonstration, R_BE[samples], reference=reference
             )
         demonstration = demonstration.resample(DEFAULT_RATE)
-        demonstrations.append(_averaged(demonstration, frame_seconds))
+        demonstrations.append(_moving_average(demonstration, frame_seconds))
     return demonstrations
 
 
-def _moving(time: Array, position: Array) -> slice:
-    """Return the samples between the rest at the beginning and that at the end.
+def _moving_part(time: Array, position: Array) -> slice:
+    """Return the samples between the rest at the start and the rest at the end.
 
     The position, shape (N, D), may have more than 3 columns.
     """
@@ -130,12 +128,12 @@ def _moving(time: Array, position: Array) -> slice:
     low = np.maximum(np.arange(n) - _REST_SAMPLES, 0)
     high = np.minimum(np.arange(n) + _REST_SAMPLES, n - 1)
     distance = np.linalg.norm(position[high] - position[low], axis=1)
-    moving = np.flatnonzero(distance > _REST_SPEED * (time[high] - time[low]))
-    return slice(int(moving[0]), int(moving[-1]) + 1) if len(moving) else slice(0, 0)
+    rows = np.flatnonzero(distance > _REST_SPEED * (time[high] - time[low]))
+    return slice(int(rows[0]), int(rows[-1]) + 1) if len(rows) else slice(0, 0)
 
 
-def _averaged(demonstration: Demonstration, seconds: float) -> Demonstration:
-    """Return the moving average over an interval around each sample."""
+def _moving_average(demonstration: Demonstration, seconds: float) -> Demonstration:
+    """Return the moving average of a demonstration over an interval, s."""
     if seconds * DEFAULT_RATE <= 1:
         return demonstration
     time = demonstration.time

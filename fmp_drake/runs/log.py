@@ -1,12 +1,16 @@
-"""Logs of runs: all signals of a run in one `.npz`, without pickle.
+"""Log of a run: its signals and their samples, and an `.npz` file without pickle.
 
-Each signal is an array (N, columns), named as in `runs.signals.SIGNALS`. The metadata name
-the array of its times (N,), which signals that were sampled together share:
+The signals are output ports of the station, except for `erase_time`, which the run
+computes. B is the frame of the board, T that of the target, which is B on a flat board,
+and W the world.
+
+In the file each signal is an array (N, columns), named as in `SIGNALS`. The metadata
+contain the name of the array of its times (N,); signals with the same samples share it:
 
     with np.load("run.npz") as file:
-        about = json.loads(str(file["metadata"]))
+        metadata = json.loads(str(file["metadata"]))
         force = file["normal_force"]
-        time = file[about["signals"]["normal_force"]["times"]]
+        time = file[metadata["signals"]["normal_force"]["times"]]
 
 `RunLog.load` reads and checks a log.
 """
@@ -16,19 +20,21 @@ import os
 import platform
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
+from pydrake.systems.framework import Context
+from pydrake.systems.primitives import VectorLogSink
 
 from fmp_drake import __version__
 from fmp_drake.errors import RunError
+from fmp_drake.primitives.data.channels import POSITION_CHANNELS
 from fmp_drake.primitives.data.files import Blocks, FileFormat, check_writable
-from fmp_drake.runs.signals import SIGNALS, SignalKind
 
 FORMAT = FileFormat(
     name="fmp-drake-run",
@@ -38,10 +44,189 @@ FORMAT = FileFormat(
     error=RunError,
 )
 
-# Size of a block that is read at once.
+# Size of a block of a `Spill`.
 _BLOCK_BYTES = 1 << 20
 
 type Rows = NDArray[np.float64] | Blocks
+
+type Chunk = Mapping[str, Samples]
+
+
+class Samples(NamedTuple):
+    """Logged samples of one signal: times (N,) in s and values (N, columns)."""
+
+    times: NDArray[np.float64]
+    values: NDArray[np.float64]
+
+
+class SignalKind(NamedTuple):
+    """Description of a signal.
+
+    Attributes
+    ----------
+    period : float
+        Sampling period, s; infinite for a signal that is logged only at the end.
+    meaning : str
+    unit : str
+        Common unit of all columns, or the units of the columns, separated by commas; 1
+        for none.
+    frame : str
+        B, T, W, or empty if the values have no frame.
+    columns : tuple of str
+        Empty if the number of columns depends on the scenario or the skill. A name with
+        ``{}`` represents one column for each joint.
+    """
+
+    period: float
+    meaning: str
+    unit: str
+    frame: str = ""
+    columns: tuple[str, ...] = ()
+
+    def metadata(self, size: int) -> dict[str, Any]:
+        """Return the metadata of the signal in a log, for a number of columns."""
+        metadata = self._asdict()
+        del metadata["period"]
+        if any("{}" in column for column in self.columns):
+            joints = range(1, size // len(self.columns) + 1)
+            metadata["columns"] = [c.format(i) for c in self.columns for i in joints]
+            if "," in self.unit:
+                units = self.unit.split(",")
+                metadata["unit"] = ",".join(unit for unit in units for _ in joints)
+        return metadata
+
+
+MILLISECOND = 0.001
+# Exact multiples of a millisecond in floating point at any time. A sample that differs by a
+# rounding error from an update of the controller would split an integrator's step.
+_FAST, _SLOW, _RARE = 0.005, 0.01, 0.04
+_XX = tuple(a + b for a in POSITION_CHANNELS for b in POSITION_CHANNELS)
+_POSE = ("qw", "qx", "qy", "qz", *POSITION_CHANNELS)
+_JOINTS = ("joint{}",)
+_SPEEDS = ("joint{}_velocity",)
+_ERROR = "of the controller: a rotation vector, a translation"
+_STATE = "of the arm: angles, then velocities"
+_CLEANED = "fraction of the cells that are clean"
+_PENETRATION = "of the deepest hard point below the board's surface"
+_STATUS = "of the controller: see fmp_drake.systems.impedance.status"
+_REMAPS = "re-mappings so far, and those after a push among them"
+
+_KINDS: dict[str, tuple[Any, ...]] = {
+    "desired_position": (
+        _FAST,
+        "p_BE of the skill",
+        "m",
+        "B",
+        POSITION_CHANNELS,
+    ),
+    "desired_velocity": (_FAST, "its velocity", "m/s", "B", POSITION_CHANNELS),
+    "desired_acceleration": (
+        _FAST,
+        "its acceleration",
+        "m/s^2",
+        "B",
+        POSITION_CHANNELS,
+    ),
+    "covariance": (_RARE, "of the tracked component, row by row", "m^2", "B", _XX),
+    "weights": (_RARE, "of the tracked movement", "m", "B"),
+    "component": (_RARE, "index of the tracked component", "1", "", ("component",)),
+    "remaps": (_FAST, _REMAPS, "1", "", ("all", "reactive")),
+    "measured_position": (_FAST, "p_BE", "m", "B", POSITION_CHANNELS),
+    "measured_velocity": (_FAST, "v_BE", "m/s", "B", POSITION_CHANNELS),
+    "measured_pose": (_FAST, "R_TE and p_TE", "1,1,1,1,m,m,m", "T", _POSE),
+    "desired_orientation": (_FAST, "R_TE of the skill", "1", "T", _POSE[:4]),
+    "tracking_error": (
+        _FAST,
+        _ERROR,
+        "rad,rad,rad,m,m,m",
+        "B",
+        ("rx", "ry", "rz", *POSITION_CHANNELS),
+    ),
+    "status": (MILLISECOND, _STATUS, "1"),
+    "torque": (MILLISECOND, "commanded, without gravity", "N m", "", _JOINTS),
+    "actuation": (MILLISECOND, "torque with gravity", "N m", "", _JOINTS),
+    "state": (MILLISECOND, _STATE, "rad,rad/s", "", (*_JOINTS, *_SPEEDS)),
+    "ink": (math.inf, "fraction left in each cell, along x first", "1", "B"),
+    "erase_time": (
+        math.inf,
+        "time at which a cell became clean, along x first",
+        "s",
+        "B",
+    ),
+    "cleaned_fraction": (_RARE, _CLEANED, "1", "", ("cleaned",)),
+    "normal_force": (_SLOW, "of the eraser on the board", "N", "", ("force",)),
+    "desired_normal_force": (_SLOW, "of the skill", "N", "", ("force",)),
+    "penetration": (_SLOW, _PENETRATION, "m", "", ("depth",)),
+    "contact_area": (_SLOW, "between eraser and board", "m^2", "", ("area",)),
+    "disturbance": (
+        _SLOW,
+        "force of the disturbances on E",
+        "N",
+        "W",
+        POSITION_CHANNELS,
+    ),
+}
+SIGNALS = {name: SignalKind(*kind) for name, kind in _KINDS.items()}
+"""Signals of a log by their names."""
+
+
+def skill_signals(
+    channels: Sequence[str], units: Sequence[str], *, weights: int
+) -> dict[str, SignalKind]:
+    """Return `SIGNALS` with the names and units of a skill's channels.
+
+    Parameters
+    ----------
+    channels, units : sequence of str
+        Of the skill.
+    weights : int
+        Number of weights for each channel.
+
+    Examples
+    --------
+    >>> kinds = skill_signals(["x", "force"], ["m", "N"], weights=10)
+    >>> kinds["covariance"].columns
+    ('xx', 'forcex', 'xforce', 'forceforce')
+    """
+    if len(channels) == 3 and set(units) == {"m"}:
+        return SIGNALS
+    pairs = [(a, b) for a in range(len(units)) for b in range(len(units))]
+    covariance = SIGNALS["covariance"]._replace(
+        columns=tuple(channels[b] + channels[a] for a, b in pairs),
+        unit=",".join(f"{units[b]} {units[a]}" for a, b in pairs),
+    )
+    kind = SIGNALS["weights"]._replace(
+        unit=",".join(unit for unit in units for _ in range(weights))
+    )
+    return {**SIGNALS, "covariance": covariance, "weights": kind}
+
+
+def pop_samples(
+    sinks: Mapping[str, VectorLogSink], context: Context
+) -> dict[str, Samples]:
+    """Return the logged samples of each signal, and clear the logs."""
+    chunk = {}
+    for name, sink in sinks.items():
+        log = sink.FindMutableLog(context)
+        chunk[name] = Samples(log.sample_times().copy(), log.data().T.copy())
+        log.Clear()
+    return chunk
+
+
+def signal_kind(name: str) -> SignalKind:
+    """Return the description of a signal.
+
+    Raises
+    ------
+    RunError
+        If the name is not in `SIGNALS`.
+    """
+    try:
+        return SIGNALS[name]
+    except KeyError:
+        raise RunError(
+            f"there is no signal {name!r}; a log may contain {', '.join(SIGNALS)}."
+        ) from None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,7 +241,7 @@ class Signal:
     unit, frame, meaning : str
         As in `SignalKind`.
     columns : tuple of str
-        A name for each column, or none.
+        Names of the columns, or none.
 
     Examples
     --------
@@ -74,9 +259,9 @@ class Signal:
     columns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check that everything has the same length."""
-        n = len(self.times) if self.times.ndim == 1 else -1
-        if self.values.ndim != 2 or len(self.values) != n:
+        """Check that the lengths agree, and that the times are ascending."""
+        count = len(self.times) if self.times.ndim == 1 else -1
+        if self.values.ndim != 2 or len(self.values) != count:
             raise RunError(
                 f"times are {self.times.shape} and values {self.values.shape}; expected "
                 "(N,) and (N, columns)"
@@ -100,9 +285,9 @@ class RunLog:
         YAML.
     seed : int
     versions : mapping from str to str
-        Versions of the packages that wrote it.
+        Versions of the packages during the run.
     metrics : mapping from str to number, str or None
-        Metrics that the run reported, if any.
+        Metrics of the run, if any.
 
     Examples
     --------
@@ -142,8 +327,8 @@ class RunLog:
         try:
             return cls(
                 signals={
-                    name: _read_signal(arrays[name], arrays[about["times"]], about)
-                    for name, about in metadata["signals"].items()
+                    name: _read_signal(arrays[name], arrays[entry["times"]], entry)
+                    for name, entry in metadata["signals"].items()
                 },
                 scenario=str(metadata["scenario"]),
                 seed=int(metadata["seed"]),
@@ -163,14 +348,14 @@ def write_log(
     metrics: Mapping[str, Any],
     kinds: Mapping[str, SignalKind] = SIGNALS,
 ) -> None:
-    """Write a log for `RunLog.load`; the file appears complete or not at all.
+    """Write a log for `RunLog.load`, completely or not at all.
 
     Parameters
     ----------
     path : pathlib.Path
     signals : mapping from str to (times, values)
         Shapes (N,) or (N, 1), s, and (N, columns), by names of `SIGNALS`; in memory or
-        in a `Spill`. Signals with the same object of times share it in the file.
+        in a `Spill`. Signals with the same times object share an array in the file.
     scenario : str
         YAML.
     seed : int
@@ -181,25 +366,25 @@ def write_log(
     Raises
     ------
     RunError
-        If it cannot be written; an existing file then stays unchanged.
+        If it cannot be written; an existing file then remains unchanged.
     """
-    clocks = {id(times): times for times, _ in signals.values()}
-    names = {number: f"time_{i}" for i, number in enumerate(clocks)}
+    times_by_id = {id(times): times for times, _ in signals.values()}
+    names = {key: f"time_{i}" for i, key in enumerate(times_by_id)}
     metadata = {
         "signals": {
             name: {
                 "times": names[id(times)],
-                **kinds[name].described(values.shape[1]),
+                **kinds[name].metadata(values.shape[1]),
             }
             for name, (times, values) in signals.items()
         },
         "scenario": scenario,
         "seed": seed,
         "versions": current_versions(),
-        "figures": dict(metrics),  # As version 1 of the format calls them.
+        "figures": dict(metrics),  # The key of version 1 of the format.
     }
     arrays = {name: values for name, (_, values) in signals.items()}
-    arrays |= {names[number]: times for number, times in clocks.items()}
+    arrays |= {names[key]: times for key, times in times_by_id.items()}
     FORMAT.write(path, metadata, arrays)
 
 
@@ -222,26 +407,26 @@ def current_versions() -> dict[str, str]:
 
 
 def _read_signal(
-    values: NDArray[Any], times: NDArray[Any], about: Mapping[str, Any]
+    values: NDArray[Any], times: NDArray[Any], metadata: Mapping[str, Any]
 ) -> Signal:
     """Return a signal from its arrays and metadata."""
     if values.dtype.kind != "f" or times.dtype.kind != "f":
-        raise RunError("a signal holds something other than numbers")
+        raise RunError("a signal contains values other than numbers")
     return Signal(
         times=times,
         values=values,
-        unit=str(about["unit"]),
-        frame=str(about["frame"]),
-        meaning=str(about["meaning"]),
-        columns=tuple(str(column) for column in about["columns"]),
+        unit=str(metadata["unit"]),
+        frame=str(metadata["frame"]),
+        meaning=str(metadata["meaning"]),
+        columns=tuple(str(column) for column in metadata["columns"]),
     )
 
 
 class Spill:
-    """Growing array in a temporary file without a name.
+    """Growing array in an anonymous temporary file.
 
-    It takes no memory, and the file disappears with the process, even if that is killed.
-    It is in the system's folder for temporary files (`TMPDIR`).
+    It takes no memory. The file is in the system's folder for temporary files (`TMPDIR`),
+    and is deleted with the process, even if that is killed.
 
     Parameters
     ----------
@@ -266,12 +451,12 @@ class Spill:
 
     def append(self, rows: ArrayLike) -> None:
         """Append rows, shape (n, ...)."""
-        added = np.asarray(rows, dtype=self._dtype).reshape(-1, *self._row)
-        self._file.write(added.tobytes())
-        self._rows += len(added)
+        array = np.asarray(rows, dtype=self._dtype).reshape(-1, *self._row)
+        self._file.write(array.tobytes())
+        self._rows += len(array)
 
     def array(self) -> NDArray[Any]:
-        """Return all rows so far, a read-only memory map of the file."""
+        """Return all rows so far as a read-only memory map of the file."""
         if not self._rows:
             return np.zeros(self.shape, dtype=self._dtype)
         self._file.flush()

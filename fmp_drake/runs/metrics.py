@@ -1,7 +1,7 @@
-"""Metrics of a run, computed during the run without keeping its samples in memory.
+"""Metrics of a run, computed during the run without storing its samples.
 
 The `update` of each class takes a chunk of the logged `METRIC_SIGNALS`, of any length, in
-the order of time. Its `result` returns the metrics of all chunks so far.
+chronological order. Its `result` returns the metrics of all chunks so far.
 """
 
 from dataclasses import dataclass
@@ -15,8 +15,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.runs.events import Occurrences, RunEvent, RunEvents
-from fmp_drake.runs.signals import MILLISECOND, Chunk, Samples
+from fmp_drake.runs.log import MILLISECOND, Chunk, Samples
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
 from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, InkGrid, cleaned_fraction
@@ -26,20 +27,17 @@ from fmp_drake.systems.ink.metrics import (
     times_to_clean,
 )
 
-NEAR_FORCE = 5.0
-"""Tolerance of the normal force around its desired value, N."""
-
 PRECISE_FORCE = 0.1
 """Tolerance of a precise normal force, relative to its desired value."""
 
 LANDING = 1.0
-"""Time from the first contact in which the force rises; its error does not count, s."""
+"""Duration of the rise of the force after the first contact, without errors, s."""
 
-# Bin width and range of the histogram of forces, N; larger forces fall into the last bin.
-_BIN, _LARGEST_FORCE = 0.01, 500.0
+# Bin width and range of the histogram of forces, N; the last bin contains larger forces.
+_BIN, _MAX_FORCE = 0.01, 500.0
 # Resolution of the times to 50, 90 and 99 %, which are rounded up, s.
 _RESOLUTION = 0.05
-# Interventions of the controller, and contacts that should not occur.
+# Unwanted contacts, and these together with interventions of the controller.
 _TOUCHES = StatusFlag.BELOW_SURFACE | StatusFlag.ARM_TOUCHES
 _FAULTS = StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL | _TOUCHES
 
@@ -51,9 +49,8 @@ METRIC_SIGNALS = (
 
 _POSITION = ChannelRoles(position=(0, 1, 2))
 # Samples of a signal that is not measured.
-_NONE = Samples(np.zeros(0), np.zeros((0, 1)))
-# Metrics that need a board.
-_OF_A_BOARD = ("tracking_on_board_rms_m", "penetration_max_m", "arm_on_board_s")
+_NO_SAMPLES = Samples(np.zeros(0), np.zeros((0, 1)))
+_BOARD_METRICS = ("tracking_on_board_rms_m", "penetration_max_m", "arm_on_board_s")
 
 
 def metric_signals(roles: ChannelRoles) -> tuple[str, ...]:
@@ -78,20 +75,39 @@ def metric_signals(roles: ChannelRoles) -> tuple[str, ...]:
 type Metrics = dict[str, float | int | None]
 
 
+class _ErrorStatistics:
+    """Root mean square and largest value of errors, computed from their squares."""
+
+    def __init__(self) -> None:
+        self._sum = 0.0
+        self.count = 0
+        self.largest = 0.0
+
+    def update(self, squares: NDArray[np.float64]) -> None:
+        """Add squares of errors, shape (N,)."""
+        self._sum += float(np.sum(squares))
+        self.count += len(squares)
+        self.largest = float(np.sqrt(np.max(squares, initial=self.largest**2)))
+
+    def rms(self) -> float:
+        """Return the root mean square; 0 without errors."""
+        return float(np.sqrt(self._sum / max(1, self.count)))
+
+
 class ForceMetrics:
     """Statistics of the normal force of the eraser from its first contact.
 
     Parameters
     ----------
     desired_force : float
-        Desired normal force, N; where it changes, the signal desired_normal_force counts.
+        Desired normal force, N; the signal desired_normal_force, if any, replaces it.
     """
 
     def __init__(self, desired_force: float) -> None:
         self._desired = desired_force
-        self._squares = self._landed = 0.0
-        self._settled = 0
-        self._counts = np.zeros(round(_LARGEST_FORCE / _BIN), dtype=np.int64)
+        self._settling_end = 0.0
+        self._error = _ErrorStatistics()
+        self._counts = np.zeros(round(_MAX_FORCE / _BIN), dtype=np.int64)
         self._sum = 0.0
         self._near = self._precise = self._samples = 0
         self._largest = 0.0
@@ -102,41 +118,40 @@ class ForceMetrics:
         self._largest = float(np.max(force, initial=self._largest))
         desired = np.full(len(force), self._desired)
         touching = force > CONTACT_FORCE
-        if varies := "desired_normal_force" in chunk:
+        if is_varying := "desired_normal_force" in chunk:
             desired = chunk["desired_normal_force"].values[:, 0]
         if not self._samples:
             first = int(np.argmax(touching)) if np.any(touching) else len(force)
             force, touching, desired = force[first:], touching[first:], desired[first:]
             times = times[first:]
-            self._landed = float(np.min(times, initial=np.inf)) + LANDING
+            self._settling_end = float(np.min(times, initial=np.inf)) + LANDING
         self._samples += len(force)
-        pressed, desired = force[touching], desired[touching]
-        error = np.abs(pressed - desired)
-        if varies:
-            settled = times[touching] >= self._landed
-            self._squares += float(np.sum(error[settled] ** 2))
-            self._settled += int(np.sum(settled))
-        self._sum += float(np.sum(pressed))
-        self._near += int(np.sum(error <= NEAR_FORCE))
+        force, desired = force[touching], desired[touching]
+        error = np.abs(force - desired)
+        if is_varying:
+            is_settled = times[touching] >= self._settling_end
+            self._error.update(error[is_settled] ** 2)
+        self._sum += float(np.sum(force))
+        self._near += int(np.sum(error <= FORCE_TOLERANCE))
         self._precise += int(np.sum(error <= PRECISE_FORCE * desired))
-        bins = np.minimum((pressed / _BIN).astype(int), len(self._counts) - 1)
+        bins = np.minimum((force / _BIN).astype(int), len(self._counts) - 1)
         self._counts += np.bincount(bins, minlength=len(self._counts))
 
     def result(self) -> Metrics:
         """Return the metrics; all are zero before the first contact."""
-        pressed = int(np.sum(self._counts))
+        count = int(np.sum(self._counts))
         error = {}
-        if self._settled:
-            error["normal_force_error_rms_n"] = (self._squares / self._settled) ** 0.5
+        if self._error.count:
+            error["normal_force_error_rms_n"] = self._error.rms()
         return {
             **error,
-            "normal_force_mean_n": self._sum / max(1, pressed),
-            "normal_force_p05_n": self._percentile(0.05) if pressed else 0.0,
-            "normal_force_p95_n": self._percentile(0.95) if pressed else 0.0,
+            "normal_force_mean_n": self._sum / max(1, count),
+            "normal_force_p05_n": self._percentile(0.05) if count else 0.0,
+            "normal_force_p95_n": self._percentile(0.95) if count else 0.0,
             "normal_force_max_n": self._largest,
-            "normal_force_wanted_fraction": self._near / max(1, pressed),
-            "normal_force_precise_fraction": self._precise / max(1, pressed),
-            "contact_fraction": pressed / max(1, self._samples),
+            "normal_force_wanted_fraction": self._near / max(1, count),
+            "normal_force_precise_fraction": self._precise / max(1, count),
+            "contact_fraction": count / max(1, self._samples),
         }
 
     def _percentile(self, fraction: float) -> float:
@@ -153,8 +168,8 @@ class ForceMetrics:
 class TrackingMetrics:
     """Tracking error of the eraser, its desired contact, and smoothness of the motion.
 
-    The error on the board leaves out the direction of the normal while the eraser is in
-    desired contact: there the real board and the compression of the felt set its position.
+    The error on the board excludes the direction of the normal during desired contact,
+    where the board and the compression of the felt determine the position.
 
     Parameters
     ----------
@@ -164,8 +179,9 @@ class TrackingMetrics:
 
     def __init__(self, engage_height: float) -> None:
         self._engage_height = engage_height
-        self._squares = self._on_board = self._largest = self._jump = 0.0
-        self._samples = self._desired = self._touching = 0
+        self._error, self._error_on_board = _ErrorStatistics(), _ErrorStatistics()
+        self._jump = 0.0
+        self._desired = self._touching = 0
         self._last: NDArray[np.float64] = np.zeros((0, 7))
         self._force = Samples(np.array([-np.inf]), np.zeros((1, 1)))
 
@@ -173,32 +189,28 @@ class TrackingMetrics:
         """Add samples of positions, desired velocities and normal forces."""
         desired, velocity = chunk["desired_position"], chunk["desired_velocity"]
         measured = chunk["measured_position"]
-        components = (desired.values - measured.values) ** 2
-        squares = np.sum(components, axis=1)
-        in_contact = self._in_contact(desired, chunk["normal_force"])
-        along_normal = components[:, 2] * ~in_contact
-        self._on_board += float(np.sum(components[:, :2]) + np.sum(along_normal))
-        self._squares += float(np.sum(squares))
-        self._largest = float(np.sqrt(np.max(squares, initial=self._largest**2)))
-        self._samples += len(squares)
+        squares = (desired.values - measured.values) ** 2
+        self._error.update(np.sum(squares, axis=1))
+        squares[self._in_contact(desired, chunk["normal_force"]), 2] = 0.0
+        self._error_on_board.update(np.sum(squares, axis=1))
         rows = np.column_stack([desired.times, desired.values, velocity.values])
         rows = np.concatenate([self._last, rows])
-        # Displacement from one sample to the next according to the velocity.
-        explained = np.diff(rows[:, :1], axis=0) * (rows[1:, 4:] + rows[:-1, 4:]) / 2
-        jumps = np.linalg.norm(np.diff(rows[:, 1:4], axis=0) - explained, axis=1)
+        # Displacement between consecutive samples according to the velocity.
+        displacement = np.diff(rows[:, :1], axis=0) * (rows[1:, 4:] + rows[:-1, 4:]) / 2
+        jumps = np.linalg.norm(np.diff(rows[:, 1:4], axis=0) - displacement, axis=1)
         self._jump = float(np.max(jumps, initial=self._jump))
         self._last = rows[-1:]
 
     def _in_contact(self, desired: Samples, force: Samples) -> NDArray[np.bool_]:
-        """Return whether the eraser is in desired contact, by the latest force."""
-        both = zip(self._force, force, strict=True)
-        times, forces = (np.concatenate(parts) for parts in both)
+        """Return whether the eraser is in desired contact, from the latest force."""
+        pairs = zip(self._force, force, strict=True)
+        times, forces = (np.concatenate(pair) for pair in pairs)
         self._force = Samples(times[-1:], forces[-1:])
-        before = np.searchsorted(times, desired.times + 1e-6) - 1
-        touching = forces[before, 0] > CONTACT_FORCE
+        latest = np.searchsorted(times, desired.times + 1e-6) - 1
+        touching = forces[latest, 0] > CONTACT_FORCE
         is_desired = desired.values[:, 2] < self._engage_height
         in_contact = np.logical_and(touching, is_desired)
-        # From the first contact on.
+        # Count from the first contact.
         if self._touching or np.any(in_contact):
             first = 0 if self._touching else int(np.argmax(in_contact))
             self._desired += int(np.sum(is_desired[first:]))
@@ -207,41 +219,36 @@ class TrackingMetrics:
 
     def result(self) -> Metrics:
         """Return the metrics."""
-        samples = max(1, self._samples)
         return {
-            "tracking_rms_m": float(np.sqrt(self._squares / samples)),
-            "tracking_on_board_rms_m": float(np.sqrt(self._on_board / samples)),
-            "tracking_max_m": self._largest,
+            "tracking_rms_m": self._error.rms(),
+            "tracking_on_board_rms_m": self._error_on_board.rms(),
+            "tracking_max_m": self._error.largest,
             "desired_position_jump_max_m": self._jump,
             "desired_contact_fraction": self._touching / max(1, self._desired),
         }
 
 
 class OrientationMetrics:
-    """Error of the tool's orientation, as `TrackingMetrics` has that of its position."""
+    """Tracking error of the tool's orientation."""
 
     def __init__(self) -> None:
-        self._squares = self._largest = 0.0
-        self._samples = 0
+        self._error = _ErrorStatistics()
 
     def update(self, chunk: Chunk) -> None:
         """Add samples of the tracking error, whose first three columns are a rotation."""
-        squares = np.sum(chunk["tracking_error"].values[:, :3] ** 2, axis=1)
-        self._squares += float(np.sum(squares))
-        self._largest = float(np.sqrt(np.max(squares, initial=self._largest**2)))
-        self._samples += len(squares)
+        rotation = chunk["tracking_error"].values[:, :3]
+        self._error.update(np.sum(rotation**2, axis=1))
 
     def result(self) -> Metrics:
         """Return the metrics."""
-        rms = np.sqrt(self._squares / max(1, self._samples))
         return {
-            "orientation_rms_deg": float(np.rad2deg(rms)),
-            "orientation_max_deg": float(np.rad2deg(self._largest)),
+            "orientation_rms_deg": float(np.rad2deg(self._error.rms())),
+            "orientation_max_deg": float(np.rad2deg(self._error.largest)),
         }
 
 
 class RegionMetrics:
-    """Distance of the eraser from the demonstrated paths after it has reached them.
+    """Distance of the eraser from the demonstrated paths, once it has reached them.
 
     Parameters
     ----------
@@ -287,7 +294,7 @@ class RegionMetrics:
             self._squares[name] += float(np.sum(distance[inside] ** 2))
 
     def result(self) -> Metrics:
-        """Return the metrics; None if the paths were never reached or are unknown."""
+        """Return the metrics; None if the paths were not reached or are unknown."""
         return {
             f"{name}_off_paths_rms_m": float(np.sqrt(squares / self._samples[name]))
             if self._samples[name]
@@ -307,7 +314,7 @@ class ArmLimits:
 
     @classmethod
     def of(cls, arm: MultibodyPlant) -> Self:
-        """Return the limits of an arm, of which the plant has nothing else that moves."""
+        """Return the limits of an arm; the joints of the plant are those of the arm."""
         return cls(
             lower=arm.GetPositionLowerLimits(),
             upper=arm.GetPositionUpperLimits(),
@@ -317,7 +324,7 @@ class ArmLimits:
 
 
 class LimitMetrics:
-    """Margins of the arm's limits, and fraction of time of the controller's interventions.
+    """Margins from the arm's limits, and duration of the controller's interventions.
 
     Parameters
     ----------
@@ -374,18 +381,18 @@ class LimitMetrics:
 
 
 class RunMetrics:
-    """Metrics and events of one run, on any arm, at a board or in free space.
+    """Metrics and events of a run of any arm, at a board or in free space.
 
     Parameters
     ----------
     scenario : Scenario
     region : DemonstratedRegion or None
-        Of the skill; None where its paths are unknown.
+        Of the skill; None if its paths are unknown.
     limits : ArmLimits
     control_period : float
         As for `LimitMetrics`.
     roles : ChannelRoles
-        Of the skill: there are errors of the orientation and of the force where it has them.
+        Of the skill; errors of orientation and force need such channels.
     """
 
     def __init__(
@@ -412,21 +419,21 @@ class RunMetrics:
         self._events = RunEvents(np.inf if has_force else 2 * press.force + excess)
 
     def update(self, chunk: Chunk, *, played: Chunk | None = None) -> None:
-        """Take the next samples of `metric_signals`.
+        """Add the next samples of `metric_signals`.
 
         Parameters
         ----------
         chunk : mapping of str to Samples
-            Without the penetration where nothing measures it.
+            Without the penetration if it is not measured.
         played : mapping of str to Samples, optional
-            The samples during which the skill was played; all where None. The others
-            count for the limits only.
+            The samples during playback of the skill; all if None. The other samples are
+            used for the limits only.
         """
         played = chunk if played is None else played
-        if not self._has_board:  # External joint torques are not a normal force there.
-            played = {**played, "normal_force": _NONE}
-        played = {"penetration": _NONE, **played}
-        self._limits.update({"penetration": _NONE, **chunk})
+        if not self._has_board:  # There is a force by external torques, but no contact.
+            played = {**played, "normal_force": _NO_SAMPLES}
+        played = {"penetration": _NO_SAMPLES, **played}
+        self._limits.update({"penetration": _NO_SAMPLES, **chunk})
         for part in (*self._played, self._events):
             part.update(played)
 
@@ -434,12 +441,12 @@ class RunMetrics:
         """Return the metrics so far."""
         parts = (*self._played, self._limits)
         result = {name: x for part in parts for name, x in part.result().items()}
-        for name in () if self._has_board else _OF_A_BOARD:
+        for name in () if self._has_board else _BOARD_METRICS:
             del result[name]
         return result
 
     def events(self) -> list[RunEvent]:
-        """Return the events so far, in the order of time."""
+        """Return the events so far, in chronological order."""
         return sorted([*self._events.result(), *self._region.outside.events()])
 
 
@@ -452,7 +459,7 @@ def ink_metrics(
     grid: InkGrid,
     seconds: float,
 ) -> Metrics:
-    """Return the metrics of the ink; a time that was never reached is None.
+    """Return the metrics of the ink; the time to a fraction not reached is None.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Loop that advances a simulation, with a page that may pause and reset it."""
+"""Loop of a simulation, with buttons on a page to pause, reset and stop it."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
-from fmp_drake.runs.signals import MILLISECOND
+from fmp_drake.runs.log import MILLISECOND
 from fmp_drake.systems.page.page_panel import PagePanel
 
 # Simulated milliseconds between two polls of the buttons, and real seconds between two
@@ -21,10 +21,10 @@ _POLL = 0.02
 
 
 class RunButtons:
-    """Buttons of the page to pause, to reset and to stop a run; a context manager.
+    """Context manager of a page's buttons to pause, reset and stop a run.
 
-    The page has the buttons while the context is entered. A panel labels them with the
-    effect of the next click.
+    The page has the buttons within the context. On a panel, their labels show the effect
+    of the next click.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class RunButtons:
                     self.PAUSE: {"label": label, "hint": "the key P does the same"},
                     self.RESET: {
                         "label": "reset (R)",
-                        "hint": "clean the board of results and start again",
+                        "hint": "discard the results and start again",
                     },
                     self.STOP: {"hint": "end the run and show its results"},
                 },
@@ -104,17 +104,17 @@ def advance(
 ) -> Iterator[float]:
     """Advance a simulation in intervals of 0.1 s; yield its time after each.
 
-    The intervals end at multiples of a millisecond, with a page and without, so that
-    an integrator with error control takes the same steps.
+    With a page and without, the intervals end at multiples of a millisecond. An integrator
+    with error control then takes the same steps.
 
     Parameters
     ----------
     simulator : Simulator
-        A run begins at the default Context of its system.
+        A run starts from the default Context of its system.
     until : float
         Simulated time of the end, s.
     meshcat : Meshcat, optional
-        Its page gets buttons to pause and to reset the run.
+        Its page gets buttons to pause, reset and stop the run.
     panel : PagePanel, optional
         Panel of the page; it shows whether the run is paused.
     advance_to : callable, optional
@@ -130,7 +130,7 @@ def advance(
             buttons = stack.enter_context(RunButtons(meshcat, panel))
         context = simulator.get_context()
         simulator.Initialize()
-        waited = False
+        was_paused = False
         while context.get_time() < until or (goes_on is not None and goes_on()):
             if buttons is not None:
                 if buttons.was_clicked(buttons.STOP):
@@ -141,13 +141,13 @@ def advance(
                     if on_reset is not None:
                         on_reset()
                 if buttons.paused:
-                    waited = True
+                    was_paused = True
                     time.sleep(_POLL)
                     continue
-            if waited:
-                # Otherwise Drake would run faster to make up for the pause.
+            if was_paused:
+                # Otherwise Drake would run faster to compensate for the pause.
                 simulator.ResetStatistics()
-                waited = False
+                was_paused = False
             count = floor(context.get_time() / (_STEP * MILLISECOND) + 1e-6)
             end = _STEP * (count + 1) * MILLISECOND
             if context.get_time() < until:

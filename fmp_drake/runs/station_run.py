@@ -1,4 +1,4 @@
-"""A run of a station, with its metrics, events and log."""
+"""Run of a station, with its metrics, events and log."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import floor, isfinite
@@ -16,17 +16,18 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs.events import RunEvent
-from fmp_drake.runs.log import Rows, Spill, write_log
-from fmp_drake.runs.metrics import ArmLimits, RunMetrics, metric_signals
-from fmp_drake.runs.page_text import describe_page
-from fmp_drake.runs.signals import (
+from fmp_drake.runs.log import (
     SIGNALS,
     Chunk,
+    Rows,
+    Spill,
     pop_samples,
     signal_kind,
     skill_signals,
+    write_log,
 )
-from fmp_drake.station.page.page_scene import BOARD
+from fmp_drake.runs.metrics import ArmLimits, RunMetrics, metric_signals
+from fmp_drake.station.page.page_scene import BOARD, describe_page
 from fmp_drake.station.robots.driver import Driver
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario import Scenario
@@ -36,18 +37,18 @@ from fmp_drake.systems.page.page_panel import PagePanel, add_panel
 from fmp_drake.systems.page.paths import AddPathToRecording
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 
-# Longest simulated time for which samples stay in Drake's log sinks, s.
+# Longest simulated time for which Drake's log sinks store samples, s.
 _CHUNK = 1.0
-# Greatest number of points of the path of a recording.
+# Largest number of points of the path in a recording.
 _PATH_POINTS = 20_000
 
 
 class StationRun:
-    """A station that plays a skill, with loggers and a simulator.
+    """Station that plays a skill, with loggers and a simulator.
 
-    It follows a motion in free space; `WipingRun` wipes a board, too. Logged samples are
-    collected during the run: they update the metrics, and those of kept signals go to
-    temporary files. Memory does not grow with the run.
+    It follows a motion in free space; `WipingRun` also wipes a board. Logged samples are
+    collected during the run: they update the metrics, and those of kept signals are stored
+    in temporary files. The memory does not grow with the run.
 
     Parameters
     ----------
@@ -62,8 +63,8 @@ class StationRun:
     recording : bool
         Record the run for `html`.
     keep : iterable of str
-        Names, out of `SIGNALS`, of signals to keep for `log` and `save_log`; names that
-        the station does not have are ignored.
+        Names in `SIGNALS` of the signals to keep for `log` and `save_log`; names that the
+        station does not have are ignored.
     **station
         Further options of `MakeStation`, such as driver, start, q, sample and visuals.
 
@@ -71,7 +72,7 @@ class StationRun:
     ----------
     station : Diagram
     diagram : Diagram
-        The station with its loggers: the simulator's system.
+        System of the simulator: the station with its loggers.
     simulator : Simulator
     roles : ChannelRoles
         Of the skill.
@@ -148,8 +149,8 @@ class StationRun:
         }
         if self.roles.rotation is None:  # Equivalent to the measured position.
             self.kept.discard("measured_pose")
-        measured = filter(self._has, metric_signals(self.roles))
-        for name in sorted({*measured, *self.kept}):
+        metric_names = filter(self._has, metric_signals(self.roles))
+        for name in sorted({*metric_names, *self.kept}):
             self._add_sink(builder, name, signal_kind(name).period)
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
@@ -169,7 +170,7 @@ class StationRun:
         self._sinks[name].set_name(f"log_{name}")
 
     def restart(self) -> None:
-        """Discard all collected samples after a reset of the simulation; record anew."""
+        """Discard all samples after a reset of the simulation; restart the recording."""
         robot = LoadRobot(self.scenario.robot)
         arm = MakeRobotModel(robot, self.scenario.held_tool()).plant
         self._metrics = RunMetrics(
@@ -189,7 +190,7 @@ class StationRun:
             self.meshcat.StartRecording(frames_per_second=30.0)
 
     def remove_controls(self) -> None:
-        """Remove the sliders from the page: after a run they have no effect."""
+        """Remove the sliders from the page: they have no effect after a run."""
         if self.station.HasSubsystemNamed("page_controls"):
             controls: Any = self.station.GetSubsystemByName("page_controls")
             controls.Delete()
@@ -206,12 +207,12 @@ class StationRun:
         context = self.simulator.get_mutable_context()
         chunk = pop_samples(self._sinks, context)
         self._update(chunk)
-        times = {}
+        times_by_period = {}
         for name, spill in self._values.items():
-            times[signal_kind(name).period], values = chunk[name]
+            times_by_period[signal_kind(name).period], values = chunk[name]
             spill.append(values)
-        for period, added in times.items():
-            self._times[period].append(added)
+        for period, times in times_by_period.items():
+            self._times[period].append(times)
 
     def _update(self, chunk: Chunk) -> None:
         """Add samples to the metrics and events."""
@@ -230,11 +231,11 @@ class StationRun:
 
     def log_times(self, name: str) -> NDArray[np.float64]:
         """Return the times of the values of a kept signal, shape (samples,), s."""
-        self.log(name)  # Refuses a signal that was not kept.
+        self.log(name)  # Raises an error for a signal that was not kept.
         return self._times[signal_kind(name).period].array()
 
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the run so far; a value that was never reached is None."""
+        """Return the metrics of the run so far; a value that was not reached is None."""
         self._collect()
         remaps, reactive = self.output("remaps")
         return {
@@ -244,7 +245,7 @@ class StationRun:
         }
 
     def events(self) -> list[RunEvent]:
-        """Return the events of the run so far, in the order of time."""
+        """Return the events of the run so far, in chronological order."""
         self._collect()
         return self._metrics.events()
 
@@ -264,7 +265,7 @@ class StationRun:
         Raises
         ------
         RunError
-            If it cannot be written; an existing file then stays unchanged.
+            If it cannot be written; an existing file then remains unchanged.
         """
         self._collect()
         skill = self.skill
@@ -291,7 +292,7 @@ class StationRun:
         )
 
     def _final_signals(self) -> dict[str, NDArray[np.float64]]:
-        """Return the signals of a log that are known at the end of the run."""
+        """Return the signals of a log that are available only at the end of the run."""
         return {}
 
     def html(self, *, title: str | None = None) -> str:
@@ -307,7 +308,7 @@ class StationRun:
             )
         meshcat.StopRecording()
         self._finish_recording(meshcat)
-        # Meshcat records transforms only: objects that change their shape cannot be replayed.
+        # Meshcat records only transforms: objects with a changing shape cannot be replayed.
         for name in ("plan", "trail"):
             meshcat.Delete(f"{BOARD}/{name}")
         if self.scenario.show.trail:
@@ -334,5 +335,5 @@ class StationRun:
         """Add to a recording the drawings that Meshcat does not record."""
 
     def _replay_series(self) -> dict[str, NDArray[np.float64]]:
-        """Return the numbers of the panel over time: `time`, s, and others."""
+        """Return the time, s, and the other numbers of the panel over time."""
         return {"time": self.log_times("measured_position")[::20]}

@@ -1,9 +1,9 @@
-"""Page of a teaching session: its buttons and its panel."""
+"""Page of a teaching session: buttons and panel."""
 
 from typing import Any
 
-from fmp_drake.runs.page_text import VIEW_HELP, describe_page
 from fmp_drake.runs.teaching_session import TeachingSession
+from fmp_drake.station.page.page_scene import VIEW_HELP, describe_page
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.mouse_hand import TURN_SWITCH
 from fmp_drake.systems.page.page_controls import set_tempo
@@ -12,7 +12,7 @@ from fmp_drake.systems.page.paths import DEMONSTRATION_COLOR, css_color
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 
 SLOWER = "slower"
-"""Name of the button that sets a tempo at which the arm can follow."""
+"""Name of the button that sets a tempo which the arm can follow."""
 
 _ON_BOARD = (
     "Drag the eraser, or any part of the arm: it stays on the board, and is held where you "
@@ -43,7 +43,7 @@ _LEGEND = [
 
 
 class TeachPage:
-    """Buttons of a teaching session, and the fields of its panel.
+    """Buttons of a teaching session, and fields of its panel.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class TeachPage:
         ----------
         session : TeachingSession
         busy : str
-            Action that is about to begin.
+            Action that is about to start.
         """
         mode, meshcat, scenario = session.mode, self._panel.meshcat, self._scenario
         names = [*session.buttons]
@@ -82,30 +82,30 @@ class TeachPage:
                 meshcat.AddButton(name)
             self._clicks = dict.fromkeys(names, 0)
         missing, has_skill = session.missing, session.skill is not None
-        has_shown = bool(session.shown)
-        first = f"show {missing:.0f} s more first" if missing else ""
+        has_demonstration = bool(session.shown)
+        requirement = f"show {missing:.0f} s more first" if missing else ""
         buttons: Any = {
             "learn": {
                 "enabled": not missing,
-                "hint": first or "learn a skill from what was shown, and play it",
+                "hint": requirement or "learn a skill from what was shown, and play it",
             },
             "again": {
-                "enabled": has_shown,
+                "enabled": has_demonstration,
                 "hint": "discard what was shown since the last learning"
-                if has_shown
+                if has_demonstration
                 else "nothing was shown yet",
             },
-            "undo": {"hint": "bring back what 'again' has discarded"},
+            "undo": {"hint": "restore what 'again' has discarded"},
             "play": {
                 "enabled": has_skill,
                 "hint": "play the last skill" if has_skill else "learn a skill first",
             },
             "save": {
                 "enabled": has_skill or bool(session.demonstrations),
-                "hint": f"write {session.file_names}; earlier files are kept",
+                "hint": f"write {session.file_names}; earlier files are renamed",
             },
             "teach": {"hint": "show a new movement"},
-            "more": {"hint": "show more of the same movement, and learn it together"},
+            "more": {"hint": "show more of the same movement, and learn all of it"},
             SLOWER: {
                 "label": f"set tempo to {session.suggested_tempo or 1:.2f}",
                 "hint": "the fastest tempo at which the arm can follow",
@@ -121,14 +121,14 @@ class TeachPage:
             "grab": "you are guiding" if mode == "teach" else "you are pulling",
         }
         if mode == "teach":
-            unused = dict.fromkeys(("time", "cleaned", "force", "component"))
+            hidden_fields = dict.fromkeys(("time", "cleaned", "force", "component"))
             fields |= {
                 "mode": busy or "teaching",
                 "level": "good" if session.is_guided else "idle",
                 "detail": session.status,
                 "legend": _LEGEND,
                 "progress": session.progress,
-                **unused,
+                **hidden_fields,
             }
         else:
             fields["legend"] = describe_page(scenario)["legend"]
@@ -139,7 +139,7 @@ class TeachPage:
         self._panel.show(**fields)
 
     def attend(self, session: TeachingSession) -> str | None:
-        """Press the button that was clicked since the last call, and return its name."""
+        """Press the button that was clicked after the last call, and return its name."""
         for name, clicks_before in self._clicks.items():
             clicks = self._panel.meshcat.GetButtonClicks(name)
             if clicks != clicks_before:

@@ -1,4 +1,4 @@
-"""Teaching session: demonstrate, learn, play, and demonstrate again."""
+"""Session of kinesthetic teaching: demonstrate, learn, play, demonstrate again."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -40,15 +40,15 @@ BUTTONS: dict[Mode, tuple[str, ...]] = {
 }
 """Buttons of each mode."""
 
-# Length of the least recording to learn from, windows.
-_WINDOWS = 2
-# A simulation that falls behind the clock by more than this does not catch up, s.
-_BEHIND = 0.2
-# Real-time rate below which a machine counts as slow, and the time to measure it over, s.
-_SLOW, _RATE_TIME = 0.9, 3.0
+# Shortest recording that can be learned, windows.
+_MIN_WINDOWS = 2
+# Largest lag behind the clock for which a simulation catches up, s.
+_MAX_LAG = 0.2
+# Real-time rate below which a machine is slow, and duration of its measurement, s.
+_SLOW_RATE, _RATE_TIME = 0.9, 3.0
 # Rotation above which a demonstration has an orientation, rad.
-_TURNED = 0.1
-# Samples that are drawn at once.
+_MIN_ROTATION = 0.1
+# Number of samples in a part of the drawing.
 _CHUNK = 20
 
 
@@ -56,7 +56,7 @@ class TeachingSession:
     """Session of kinesthetic teaching: a hand guides an arm, which learns and plays a skill.
 
     A page or a program presses the buttons of the session. In the mode `teach` a hand
-    guides the arm, and its motion is recorded. In the mode `play` the arm wipes with the
+    guides the arm, and its motion is recorded. In the mode `play` the arm plays the
     learned skill from its current pose, and may be pulled. The arm does not jump between
     the modes.
 
@@ -64,13 +64,13 @@ class TeachingSession:
 
     - *learn*: learn from the recorded motion, and play the skill;
     - *again*: discard the motion recorded since the last learning;
-    - *undo*: bring back the motion that *again* has discarded;
+    - *undo*: restore the motion that *again* has discarded;
     - *play*: play the last skill;
     - *teach*: start a new skill;
-    - *more*: learn also from the motion of the arm that was pulled during play; if it was
-      not pulled, record another demonstration, to be learned together with the others;
-    - *save*: write the demonstrations and the skill to files. Earlier files of these names
-      are kept under other names.
+    - *more*: learn also from the motion of an arm that was pulled during play; without
+      such a motion, record another demonstration, to be learned together with the others;
+    - *save*: write the demonstrations and the skill to files. Earlier files with these
+      names are renamed.
 
     Parameters
     ----------
@@ -80,11 +80,10 @@ class TeachingSession:
     panel : PagePanel, optional
         Page of the session.
     clock : callable, optional
-        Returns the time, s. The simulation is synchronised with it, and the recording has
-        its times. None to simulate as fast as possible.
+        Returns the time, s. The simulation is synchronised with it, and it determines the
+        times of the recording. None to simulate as fast as possible.
     out, skill_file : Path
-        Files for *save*: the demonstrations (the second and later ones get a number) and
-        the skill.
+        Files for *save*: the demonstrations (numbered from the second one) and the skill.
 
     Attributes
     ----------
@@ -96,7 +95,7 @@ class TeachingSession:
     is_done : bool
         Whether the last button had its effect, without a warning.
     suggested_tempo : float or None
-        Slower tempo at which the arm can follow the skill, if it cannot.
+        Slower tempo for a skill that the arm cannot follow, if there is one.
 
     Examples
     --------
@@ -127,7 +126,7 @@ class TeachingSession:
         self.skill: FourierMovementPrimitive | None = None
         self.remark, self.is_done = "", True
         self.suggested_tempo: float | None = None
-        self._kept: list[Demonstration] = []
+        self._earlier: list[Demonstration] = []
         self._learned: list[Demonstration] = []
         self._discarded: list[tuple[Any, ...]] = []
         self._saved: tuple[Any, ...] = ()
@@ -149,32 +148,32 @@ class TeachingSession:
 
     @property
     def is_guided(self) -> bool:
-        """Whether the arm is guided or pulled at present."""
+        """Whether the arm is guided or pulled at the moment."""
         return bool(self._output("leading")[0])
 
     @property
     def missing(self) -> float:
-        """Seconds of motion that are missing to learn; 0 if none."""
+        """Duration of the motion that is missing for learning, s; 0 for none."""
         return self._missing(self.demonstrations)
 
     @property
     def progress(self) -> float:
-        """Fraction of the motion that is needed to learn, from 0 to 1."""
-        return 1 - self.missing / (_WINDOWS * self._scenario.skill.window)
+        """Recorded fraction of the motion that learning needs, from 0 to 1."""
+        return 1 - self.missing / (_MIN_WINDOWS * self._scenario.skill.window)
 
     @property
     def simulator(self) -> Simulator:
-        """Simulator of the station of this mode."""
+        """Simulator of the station of the current mode."""
         return self._simulator
 
     @property
     def demonstrations(self) -> list[Demonstration]:
         """All demonstrations that were not discarded, in the frame of the board."""
-        return [*self._kept, *self.shown]
+        return [*self._earlier, *self.shown]
 
     @property
     def shown(self) -> list[Demonstration]:
-        """Demonstrations of this mode, since it began or since the last *again*."""
+        """Demonstrations since the start of the mode, or since the last *again*."""
         if not self._samples:
             return []
         samples = np.array(self._samples, dtype=float)
@@ -190,30 +189,30 @@ class TeachingSession:
             samples[:, 5],
             frame_seconds=interval,
             note=f"shown by hand: {type(self._hand).__name__}; simulated arm",
-            orientation=samples[:, 6:] if self._is_turned(samples) else None,
+            orientation=samples[:, 6:] if self._has_rotation(samples) else None,
             reference=Rotation.from_matrix(
                 self._scenario.eraser_orientation().matrix()
             ),
         )
 
-    def _is_turned(self, samples: NDArray[np.float64]) -> bool:
-        """Return whether the tool was turned, or those kept have its orientation."""
-        if self._kept:
-            return self._kept[0].rotation_reference is not None
+    def _has_rotation(self, samples: NDArray[np.float64]) -> bool:
+        """Return whether the tool rotates, as in the earlier demonstrations, if any."""
+        if self._earlier:
+            return self._earlier[0].rotation_reference is not None
         if samples.shape[1] == 6:
             return False
         R_BE = Rotation.from_quat(samples[:, [7, 8, 9, 6]])
-        return bool(np.max((R_BE[0].inv() * R_BE).magnitude()) > _TURNED)
+        return bool(np.max((R_BE[0].inv() * R_BE).magnitude()) > _MIN_ROTATION)
 
     @property
     def file_names(self) -> str:
-        """Names of the files that *save* writes."""
+        """Names of the files of *save*."""
         return f"{self._out.name} and {self._skill_file.name}"
 
     # Time -----------------------------------------------------------------------------
 
     def advance(self, seconds: float) -> None:
-        """Simulate for a time, s, and record."""
+        """Simulate and record for a duration, s."""
         context = self._simulator.get_context()
         end = context.get_time() + seconds
         while (now := context.get_time()) < end - 1e-9:
@@ -233,7 +232,7 @@ class TeachingSession:
         pose = () if self._scenario.has_board else self._output("measured_pose")[:4]
         self._samples.append((now, clock, *position, self.is_guided, *pose))
         lag = (clock - self._samples[0][1]) - (now - self._samples[0][0])
-        if self._clock is not None and lag - self._lag > _BEHIND:
+        if self._clock is not None and lag - self._lag > _MAX_LAG:
             self._simulator.ResetStatistics()
             self._lag = lag
         if self._run is None:
@@ -243,15 +242,15 @@ class TeachingSession:
     def realtime_rate(self) -> float:
         """Simulated seconds per second of the clock, over the last 3 s."""
         last = self._samples[-1:]
-        recent = [s for s in self._samples[-200:] if s[1] > last[0][1] - _RATE_TIME]
-        if len(recent) < _CHUNK or recent[-1][1] <= recent[0][1]:
+        samples = [s for s in self._samples[-200:] if s[1] > last[0][1] - _RATE_TIME]
+        if len(samples) < _CHUNK or samples[-1][1] <= samples[0][1]:
             return 1.0
-        return (recent[-1][0] - recent[0][0]) / (recent[-1][1] - recent[0][1])
+        return (samples[-1][0] - samples[0][0]) / (samples[-1][1] - samples[0][1])
 
     # Buttons --------------------------------------------------------------------------
 
     def press(self, button: str) -> None:
-        """Press a button; a refusal is in `remark`.
+        """Press a button; `remark` then describes the result.
 
         Raises
         ------
@@ -275,19 +274,18 @@ class TeachingSession:
     def _press_again(self) -> None:
         if not self.shown:
             raise RunError("nothing was shown yet: there is nothing to discard")
-        discarded = self._samples
-        self._forget()
-        self._discarded = discarded
-        self.remark = "discarded; undo brings it back"
+        samples = self._samples
+        self._clear_samples()
+        self._discarded = samples
+        self.remark = "discarded; undo restores it"
 
     def _press_undo(self) -> None:
-        discarded = self._discarded
-        samples = [*discarded, *self._samples]
-        self._forget()
+        samples = [*self._discarded, *self._samples]
+        self._clear_samples()
         self._samples, self._drawn = samples, len(samples) - 1
         for i, demonstration in enumerate(self.shown):
             self._draw_path(f"undone_{i}", demonstration.values[:, :3])
-        self.remark = "brought back"
+        self.remark = "restored"
 
     def _press_play(self) -> None:
         if self.skill is None:
@@ -295,29 +293,29 @@ class TeachingSession:
         self._play(self.skill, self._learned)
 
     def _press_teach(self) -> None:
-        self._kept = []
+        self._earlier = []
         self._teach(self._q())
 
     def _press_more(self) -> None:
         window = self._scenario.skill.window
         recordings = [d for d in self.shown if d.duration >= window]
         if recordings:
-            self._learn([*self._kept, *recordings])
+            self._learn([*self._earlier, *recordings])
         else:
             self._teach(self._q())
-            self.remark = "show more: it is learned together with the first"
+            self.remark = "show more: it is learned together with the earlier motion"
 
     def _press_save(self) -> None:
-        demonstrations = self.demonstrations if self._run is None else self._kept
-        # Without a new movement those of the skill are written beside it.
+        demonstrations = self.demonstrations if self._run is None else self._earlier
+        # Without a new movement the demonstrations of the skill are written.
         demonstrations = demonstrations or self._learned
-        content = (self.skill, [shown.values.tobytes() for shown in demonstrations])
+        content = (self.skill, [d.values.tobytes() for d in demonstrations])
         if self.skill is None and not demonstrations:
             raise RunError("there is nothing to save yet: show a movement first")
         if content == self._saved:
             self.remark = f"saved already: {self.file_names}"
             return
-        earlier = keep_earlier_files(self._out, self._skill_file)
+        earlier_files = keep_earlier_files(self._out, self._skill_file)
         paths = numbered(self._out, len(demonstrations))
         for path, demonstration in zip(paths, demonstrations, strict=True):
             demonstration.save(path)
@@ -326,13 +324,13 @@ class TeachingSession:
             paths.append(self._skill_file)
         self._saved = content
         self.remark = f"wrote {', '.join(path.name for path in paths)}"
-        if earlier:
-            self.remark += f"; the earlier files are {', '.join(earlier)} now"
+        if earlier_files:
+            self.remark += f"; the earlier files are {', '.join(earlier_files)} now"
 
     # Modes ----------------------------------------------------------------------------
 
     def _learn(self, demonstrations: list[Demonstration]) -> None:
-        """Learn a skill, and play it; nothing changes if that fails."""
+        """Learn and play a skill; an error changes nothing."""
         window = self._scenario.skill.window
         if (missing := self._missing(demonstrations)) > 0:
             raise RunError(
@@ -354,11 +352,11 @@ class TeachingSession:
             self.is_done = False
 
     def _missing(self, demonstrations: Sequence[Demonstration]) -> float:
-        """Return the seconds of motion that are missing to learn; 0 if none."""
+        """Return the duration of the motion that is missing for learning, s."""
         window = self._scenario.skill.window
         lengths = [d.duration + 1 / DEFAULT_RATE for d in demonstrations]
-        long = sum(length for length in lengths if length >= window)
-        return max(0.0, _WINDOWS * window - max([long, *lengths]))
+        total = sum(length for length in lengths if length >= window)
+        return max(0.0, _MIN_WINDOWS * window - max([total, *lengths]))
 
     def _teach(self, q: NDArray[np.float64] | None) -> None:
         if self._run is not None:
@@ -385,28 +383,28 @@ class TeachingSession:
             self._run.remove_controls()
         elif self._meshcat is not None:
             self._meshcat.DeleteSlider(TURN_SWITCH, strict=False)
-        self.skill, self._kept, self._learned = skill, demonstrations, demonstrations
+        self.skill, self._earlier, self._learned = skill, demonstrations, demonstrations
         self._run, self._simulator = run, run.simulator
         self._station, self._position = run.station, "measured_position"
         self._begin()
 
     def _begin(self) -> None:
-        self._forget()
+        self._clear_samples()
         self._simulator.set_target_realtime_rate(0.0 if self._clock is None else 1.0)
         self._simulator.Initialize()
 
-    def _forget(self) -> None:
+    def _clear_samples(self) -> None:
         self._samples, self._lag, self._drawn, self._discarded = [], 0.0, 0, []
         if self._meshcat is not None:
             self._meshcat.Delete(f"{BOARD}/taught")
             if self._run is None:
-                paths = [d.values[:, :3] for d in self._kept]
+                paths = [d.values[:, :3] for d in self._earlier]
                 draw_demonstrations(self._meshcat, f"{BOARD}/taught/kept", paths)
 
     # Outputs --------------------------------------------------------------------------
 
     def _output(self, name: str) -> NDArray[np.float64]:
-        """Return the value of an output port of the station, or of its mouse."""
+        """Return the value of an output port of the station or of its mouse."""
         root = self._simulator.get_context()
         station: Any = self._station
         if name == "leading" and not station.HasOutputPort(name):
@@ -422,11 +420,11 @@ class TeachingSession:
 
     def _draw(self) -> None:
         """Draw the samples since the last drawing."""
-        part = self._samples[self._drawn :]
-        guided = [s for s in part if s[5]]
-        if self._meshcat is not None and len(guided) == len(part) > 1:
-            self._draw_path(str(self._drawn), np.array([s[2:5] for s in part]))
-        if len(part) > _CHUNK or len(guided) < len(part):
+        samples = self._samples[self._drawn :]
+        is_guided = all(s[5] for s in samples)
+        if self._meshcat is not None and is_guided and len(samples) > 1:
+            self._draw_path(str(self._drawn), np.array([s[2:5] for s in samples]))
+        if len(samples) > _CHUNK or not is_guided:
             self._drawn = len(self._samples) - 1
 
     def _draw_path(self, name: str, points: NDArray[np.float64]) -> None:
@@ -436,7 +434,7 @@ class TeachingSession:
 
     @property
     def status(self) -> str:
-        """State of the session, and what is missing to learn; a sentence."""
+        """Sentence about the state of the session, and what learning still needs."""
         if isinstance(self._run, WipingRun):
             cleaned = cleaned_fraction(self._run.ink(), self._run.demonstrated_area)
             status = f"wiping: {100 * cleaned:.0f} % of what was shown is clean"
@@ -446,7 +444,7 @@ class TeachingSession:
             status = f"show at least {missing:.0f} s more"
         else:
             status = "enough to learn; more is better"
-        if self.realtime_rate < _SLOW:
+        if self.realtime_rate < _SLOW_RATE:
             status += (
                 f"; this machine is too slow to teach on "
                 f"({100 * self.realtime_rate:.0f} % of real time)"

@@ -1,4 +1,4 @@
-"""A run of the wiping station: a run of a station with ink and a normal force."""
+"""Run of a station with a board: ink and normal force."""
 
 from functools import cached_property
 from typing import Any
@@ -19,7 +19,7 @@ from fmp_drake.systems.ink.grid import CLEAN_BELOW
 from fmp_drake.systems.ink.metrics import cleaned_history
 from fmp_drake.systems.ink.recording import AddInkToRecording
 
-# Least time between two samples of the ink of a recording, s.
+# Shortest time between two samples of the ink of a recording, s.
 _INK_PERIOD = 0.25
 
 
@@ -41,7 +41,7 @@ def MakeRun(
 
 
 class WipingRun(StationRun):
-    """A run of a station with a board, its ink and the normal force on it.
+    """Run of a station with a board, its ink and the normal force on it.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class WipingRun(StationRun):
         )
 
     def restart(self) -> None:
-        """Discard all collected samples after a reset of the simulation; record anew."""
+        """Discard all samples after a reset of the simulation; restart the recording."""
         self._ink_times = Spill()
         self._ink_samples = Spill((self.grid.num_cells,), np.uint8)
         if self._recording:
@@ -96,14 +96,14 @@ class WipingRun(StationRun):
             self._record_ink()
 
     def _record_ink(self) -> None:
-        """Keep a sample of the ink for the recording."""
+        """Add a sample of the ink to the recording."""
         self._last_ink_time = self.simulator.get_context().get_time()
         self._ink_times.append(self._last_ink_time)
         self._ink_samples.append(np.rint(255 * np.clip(self.output("ink"), 0, 1)))
 
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the run so far; a value that was never reached is None."""
-        others = super().metrics()
+        """Return the metrics of the run so far; a value that was not reached is None."""
+        other_metrics = super().metrics()
         return {
             **ink_metrics(
                 ink=self.ink(),
@@ -113,7 +113,7 @@ class WipingRun(StationRun):
                 grid=self.grid,
                 seconds=self.simulator.get_context().get_time(),
             ),
-            **others,
+            **other_metrics,
         }
 
     def ink(self) -> NDArray[np.float64]:
@@ -121,20 +121,20 @@ class WipingRun(StationRun):
         return self.output("ink").reshape(self.grid.shape)
 
     def erase_time(self) -> NDArray[np.float64]:
-        """Return the time at which each cell became clean, (ny, nx), s; `inf` if never."""
+        """Return the time at which each cell became clean, (ny, nx), s; `inf` for none."""
         context = self._erase_times.GetMyContextFromRoot(self.simulator.get_context())
         times: Any = self._erase_times.get_output_port().Eval(context)
         return np.array(times).reshape(self.grid.shape)
 
     @cached_property
     def demonstrated_area(self) -> NDArray[np.bool_]:
-        """Cells that the demonstrated eraser passed over, shape (ny, nx)."""
+        """Cells below the demonstrated paths of the eraser, shape (ny, nx)."""
         x, y = self.scenario.eraser.footprint
         paths = [path[:, self.roles.position] for path in self.demonstrated]
         return self.grid.swept_by(paths, (x, y))
 
     def cleaned_by(self, times: ArrayLike) -> NDArray[np.float64]:
-        """Return the clean fraction of the inked demonstrated area at times (N,), s."""
+        """Return the clean fraction of the demonstrated area with ink at times (N,), s."""
         area = self.demonstrated_area & (self.initial_ink >= CLEAN_BELOW)
         return cleaned_history(self.erase_time(), area, times)
 

@@ -22,6 +22,8 @@ from fmp_drake.systems.operational_space_impedance_controller import ENGAGE_HEIG
 from fmp_drake.systems.surface.surface import Surface
 
 DISTURBANCES = ("push", "grasp")
+FORCE_TOLERANCE = 5.0
+"""Tolerance of the normal force around its desired value, N."""
 
 # Curvatures along x and y of B, of a radius of 1 m; a cylinder's are those along `axis`.
 _SHAPES = {

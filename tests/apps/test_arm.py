@@ -82,7 +82,7 @@ def test_silent_arm_fails_the_check_and_cannot_be_recorded(
     ):
         with pytest.raises(SystemExit):
             main([*options, "--arm", "lcm:memq://"])
-        assert "nothing was heard" in capsys.readouterr().err
+        assert "no status was received" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["record", "--out", "shown.npz", "--page", "--arm", "lcm:memq://"])
     assert "leave out --page" in capsys.readouterr().err

@@ -15,8 +15,7 @@ from fmp_drake.film import scene as film_scene
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.primitives import Demonstration
 from fmp_drake.runs import wiping_run
-from fmp_drake.runs.log import RunLog
-from fmp_drake.runs.signals import SIGNALS
+from fmp_drake.runs.log import SIGNALS, RunLog
 from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.skills.learning import bundled_demonstrations, default_demonstration
 from fmp_drake.station.page.page_scene import BOARD, INK

@@ -10,7 +10,7 @@ import sys
 from learn_large import resident
 
 from fmp_drake.runs import WipingRun
-from fmp_drake.runs.signals import SIGNALS
+from fmp_drake.runs.log import SIGNALS
 from fmp_drake.skills import scenario_skill
 from fmp_drake.station.scenario import LoadScenario
 

@@ -83,7 +83,7 @@ def teach(board, shape, *, mirrored, frames, seconds, play):
         session.advance(play)
         metrics = run.metrics()
         clean = cleaned_fraction(run.ink(), run.demonstrated_area)
-        shown = np.concatenate([d.values[:, :2] for d in session._kept])
+        shown = np.concatenate([d.values[:, :2] for d in session._earlier])
         path = np.array([s[2:4] for s in session._samples])
         away, _ = cKDTree(shown).query(path)
         line += (

@@ -10,7 +10,7 @@ from network import Network, needs_network
 from pydrake.lcm import DrakeLcm
 
 from fmp_drake.runs import ArmRun, WipingRun
-from fmp_drake.runs.arm.arm_bench import ArmBench, NetworkFaults
+from fmp_drake.runs.arm_bench import ArmBench, NetworkFaults
 from fmp_drake.skills import scenario_skill
 from fmp_drake.station import LcmPanda, LoadScenario
 

@@ -7,7 +7,7 @@ from drake import lcmt_panda_command, lcmt_panda_status
 
 from fmp_drake.errors import RunError
 from fmp_drake.runs import check_arm, record_arm
-from fmp_drake.runs.arm.arm_bench import NetworkFaults
+from fmp_drake.runs.arm_bench import NetworkFaults
 from fmp_drake.station import LcmPanda, SimulatedHand
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems import HandMotion
@@ -18,7 +18,7 @@ def test_arm_that_may_be_enabled_passes_the_check(monkeypatch):
     found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
     assert all(each.is_good for each in found), found
     said = " ".join(each.text for each in found)
-    for word in ("Drake 1.", "1000 wanted", "kMove", "from the start", "Nm"):
+    for word in ("Drake 1.", "1000 expected", "kMove", "from the start", "Nm"):
         assert word in said
 
 
@@ -111,7 +111,7 @@ def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
 
 
 def test_silent_or_resting_arm_has_no_recording(monkeypatch):
-    for speaks, word in ((False, "nothing was heard"), (True, "nothing moved")):
+    for speaks, word in ((False, "no status was received"), (True, "nothing moved")):
         bus = Bus(monkeypatch, speaks=speaks)
         with pytest.raises(RunError, match=word):
             record_arm(bus.scenario, LcmPanda(), lcm=bus.lcm, until=lambda s: s >= 0.3)

@@ -12,8 +12,8 @@ from pydrake.lcm import DrakeLcm
 from fmp_drake.apps.arm_console import arm_in_words
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs import ArmRun, WipingRun
-from fmp_drake.runs.arm.arm_bench import ArmBench, NetworkFaults
-from fmp_drake.runs.arm.real_time import WallClock, request_priority
+from fmp_drake.runs.arm_bench import ArmBench, NetworkFaults
+from fmp_drake.runs.real_time import WallClock, request_priority
 from fmp_drake.station import LcmPanda, LoadScenario, models_dir
 from fmp_drake.systems import GateConfig, GateMode, StatusFlag
 from fmp_drake.systems.panda.firmware import Obeyed
@@ -347,7 +347,7 @@ def test_missing_permission_is_reported_with_advice(machine, refused):
 
 def test_other_systems_than_linux_have_no_precedence(monkeypatch):
     monkeypatch.delattr(os, "sched_setscheduler")
-    assert request_priority() == ["SCHED_FIFO and memory locking are Linux's only"]
+    assert request_priority() == ["SCHED_FIFO and memory locking need Linux"]
 
 
 # In the time of a wall clock ---------------------------------------------------------

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fmp_drake.runs.events import Occurrences, RunEvents
-from fmp_drake.runs.signals import Samples
+from fmp_drake.runs.log import Samples
 from fmp_drake.systems import StatusFlag
 
 

@@ -8,14 +8,15 @@ import pytest
 
 from fmp_drake.errors import FmpError, RunError
 from fmp_drake.runs.log import (
+    SIGNALS,
     RunLog,
     Signal,
     Spill,
     check_log,
     current_versions,
+    signal_kind,
     write_log,
 )
-from fmp_drake.runs.signals import SIGNALS, signal_kind
 
 
 @pytest.fixture
@@ -55,7 +56,7 @@ def test_loaded_log_equals_the_saved_one(signals, path):
     for name, (times, values) in signals.items():
         np.testing.assert_array_equal(log[name].times, times)
         np.testing.assert_array_equal(log[name].values, values)
-        described = SIGNALS[name].described(values.shape[1])
+        described = SIGNALS[name].metadata(values.shape[1])
         for about in ("unit", "frame", "meaning"):
             assert getattr(log[name], about) == described[about]
         assert log[name].columns == tuple(described["columns"])
@@ -189,7 +190,9 @@ def test_signals_that_do_not_fit_are_refused(times, values, match):
 
 
 def test_an_unknown_name_is_refused_with_those_there_are():
-    with pytest.raises(RunError, match="no signal 'speed'; a log may hold desired_pos"):
+    with pytest.raises(
+        RunError, match="no signal 'speed'; a log may contain desired_pos"
+    ):
         signal_kind("speed")
 
 
@@ -204,7 +207,7 @@ def test_every_signal_has_a_meaning_and_a_unit_for_its_columns():
 
 @pytest.mark.parametrize("joints", [6, 7])
 def test_columns_of_joints_are_as_many_as_the_arm_has(joints):
-    torque = SIGNALS["torque"].described(joints)
+    torque = SIGNALS["torque"].metadata(joints)
     assert torque["columns"] == [f"joint{i + 1}" for i in range(joints)]
     assert torque["unit"] == "N m"
     state = SIGNALS["state"].described(2 * joints)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fmp_drake.primitives.data.channels import ChannelRoles
+from fmp_drake.runs.log import Samples
 from fmp_drake.runs.metrics import (
     METRIC_SIGNALS,
     ArmLimits,
@@ -19,7 +20,6 @@ from fmp_drake.runs.metrics import (
     ink_metrics,
     metric_signals,
 )
-from fmp_drake.runs.signals import Samples
 from fmp_drake.station import Scenario
 from fmp_drake.systems.impedance.status import StatusFlag as Flag
 from fmp_drake.systems.ink.grid import InkGrid

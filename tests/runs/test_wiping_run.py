@@ -7,7 +7,7 @@ from pydrake.common.yaml import yaml_load_typed
 
 from fmp_drake.errors import RunError
 from fmp_drake.runs import RunLog, WipingRun
-from fmp_drake.runs.signals import SIGNALS
+from fmp_drake.runs.log import SIGNALS
 from fmp_drake.runs.simulation_loop import reset
 from fmp_drake.station.scenario import LoadScenario, Scenario
 

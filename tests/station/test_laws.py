@@ -22,7 +22,7 @@ from fmp_drake.primitives import (
     save_skill,
 )
 from fmp_drake.runs import MakeRun, load_context, save_context
-from fmp_drake.runs.signals import SIGNALS
+from fmp_drake.runs.log import SIGNALS
 from fmp_drake.station import (
     LoadScenario,
     MakeStation,

@@ -9,10 +9,10 @@ import json
 
 import pytest
 
-from fmp_drake.runs.metrics import NEAR_FORCE
 from fmp_drake.runs.wiping_run import MakeRun
 from fmp_drake.skills.learning import scenario_skill
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
+from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 
 pytestmark = pytest.mark.slow
 
@@ -71,7 +71,7 @@ class BoardRun(Run):
     """What holds on a board, too."""
 
     def test_presses_as_wanted_while_it_touches(self, metrics):
-        assert NEAR_FORCE == 5.0
+        assert FORCE_TOLERANCE == 5.0
         assert metrics["normal_force_wanted_fraction"] >= 0.95
         assert metrics["contact_fraction"] > 0.9
 

@@ -1,4 +1,4 @@
-"""Visualizers and controls of a station's page, added to its diagram."""
+"""Page of a station: its visualizers and controls, and the fields of its panel."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,6 +9,7 @@ from pydrake.geometry import (
     Meshcat,
     MeshcatVisualizer,
     MeshcatVisualizerParams,
+    Rgba,
 )
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
@@ -16,18 +17,28 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from fmp_drake.station.external_forces import AddMousePull
 from fmp_drake.station.page.stage import SetStage
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.station.scene import AddBoardScene, BoardScene
 from fmp_drake.station.skill_motion import ChoiceByInk, Playback
 from fmp_drake.station.tasks.task import Measurements
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
-from fmp_drake.systems.page.force_arrow import ForceArrow
+from fmp_drake.systems.ink.mesh import ink_colours
+from fmp_drake.systems.page.force_arrow import FORCE_COLOR, ForceArrow
 from fmp_drake.systems.page.ink_visualizer import InkVisualizer
 from fmp_drake.systems.page.page_controls import PageControls
-from fmp_drake.systems.page.page_panel import PagePanel
+from fmp_drake.systems.page.page_panel import Kind, PagePanel, PanelFields
 from fmp_drake.systems.page.page_status import PageStatus
-from fmp_drake.systems.page.paths import draw_demonstrations
-from fmp_drake.systems.page.plan_visualizer import PlanVisualizer
-from fmp_drake.systems.page.trail_visualizer import TrailVisualizer
+from fmp_drake.systems.page.paths import (
+    DEMONSTRATION_COLOR,
+    css_color,
+    draw_demonstrations,
+)
+from fmp_drake.systems.page.plan_visualizer import (
+    PLAN_COLOR,
+    TUBE_COLOR,
+    PlanVisualizer,
+)
+from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR, TrailVisualizer
 
 # Everything on the page has a period of 2^n milliseconds: its events then fall on steps
 # of the controller to the last bit, and never cut a step of the integrator in two.
@@ -39,6 +50,14 @@ BOARD = f"{_BODIES}/whiteboard/board"
 and move with the board, on the page and in recordings."""
 INK = f"{BOARD}/ink"
 """Path of the ink in Meshcat's tree."""
+
+VIEW_HELP = (
+    "Drag beside it to turn the view; two fingers or right button: move, wheel: zoom."
+)
+"""Help about the camera."""
+
+_PULL_HELP = "Drag the arm or the {} to pull it; let go, and it returns."
+_INK_COLOR = "rgb({:.0f} {:.0f} {:.0f})".format(*(255 * ink_colours(1.0, srgb=True)))
 
 
 def AddBodies(builder: DiagramBuilder, scene: BoardScene, meshcat: Meshcat) -> None:
@@ -264,3 +283,56 @@ def AddPageStatus(
         builder.Connect(desired_normal_force, status.GetInputPort(name))
         for name in ("normal_force", "ink"):
             builder.Connect(ink.GetOutputPort(name), status.GetInputPort(name))
+
+
+def describe_page(scenario: Scenario, *, replay: bool = False) -> PanelFields:
+    """Return the constant fields of the panel of a station: texts and legend.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    replay : bool
+        Whether the page only replays a run: there is no plan, and nothing can be pulled.
+
+    Examples
+    --------
+    >>> from fmp_drake.station import LoadScenario
+    >>> describe_page(LoadScenario("table_top"))["force_band"]
+    (5.0, 15.0)
+    """
+    show, force = scenario.show, scenario.press.force
+    plans, has_board = not replay, scenario.has_board
+    tool = "eraser" if has_board else "tool"
+    legend: list[tuple[bool, str, Rgba | str, Kind]] = [
+        (show.ink and has_board, "ink", _INK_COLOR, "area"),
+        (show.demonstrations, "demonstrated paths", DEMONSTRATION_COLOR, "line"),
+        (show.trail, f"path of the {tool}", TRAIL_COLOR, "line"),
+        (show.plan and plans, "plan of the next seconds", PLAN_COLOR, "line"),
+        (show.tube and plans, "its variation (2σ)", TUBE_COLOR, "area"),
+        (show.component and plans, "mean of the component", "", "line"),
+        (show.force and has_board, "force on the eraser", FORCE_COLOR, "arrow"),
+    ]
+    band: PanelFields = {}
+    if has_board:
+        band["force_band"] = (
+            max(0.0, force - FORCE_TOLERANCE),
+            force + FORCE_TOLERANCE,
+        )
+    return {
+        **band,
+        "subtitle": scenario.description,
+        "legend": [
+            {
+                "name": name,
+                "color": color if isinstance(color, str) else css_color(color),
+                "kind": kind,
+            }
+            for is_shown, name, color, kind in legend
+            if is_shown
+        ],
+        "grab": "you are pulling" if show.mouse and plans else "",
+        "help": [
+            *([_PULL_HELP.format(tool)] if show.mouse and plans else []),
+            VIEW_HELP,
+        ],
+    }

@@ -8,14 +8,14 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.runs.arm.real_time import (
+from fmp_drake.runs.events import RunEvent
+from fmp_drake.runs.log import MILLISECOND, Chunk, Samples
+from fmp_drake.runs.real_time import (
     MAX_REPLAYED,
     WallClock,
     age_metrics,
     uninterrupted,
 )
-from fmp_drake.runs.events import RunEvent
-from fmp_drake.runs.signals import MILLISECOND, Chunk, Samples
 from fmp_drake.runs.station_run import StationRun
 from fmp_drake.station.robots.panda_lcm import LcmPanda, OpenLcm, TorquePublisher
 from fmp_drake.station.scenario import Scenario
@@ -27,11 +27,10 @@ from fmp_drake.systems.panda.gate import (
 )
 from fmp_drake.systems.panda.status import GateFault
 
-# Time for the controller to settle on the start before the gate opens, s.
+# Time for the controller to settle at the start before the gate opens, s.
 _SETTLE = 0.3
-# Steps between two checks of the page's controls, and between two moves of the logged
-# samples into the metrics.
-_SELDOM, _CHUNK = 20, 250
+# Steps between two checks of the page's controls, and between two updates of the metrics.
+_CONTROL_STEPS, _CHUNK_STEPS = 20, 250
 
 
 class ArmRun(StationRun):
@@ -46,15 +45,15 @@ class ArmRun(StationRun):
     lcm : DrakeLcmInterface, optional
         The bus instead of one of `config.url`.
     **options
-        As for `StationRun`. With a Meshcat the measured arm is shown; where the scenario
-        shows controls, they set tempo and normal force.
+        As for `StationRun`. A Meshcat shows the measured arm; its controls, if the
+        scenario has them, set tempo and normal force.
 
     Attributes
     ----------
     ages : list of float
         Age of the status at each step with an open gate, s.
     late, skipped : float
-        Largest delay of a step, and the sum of the delays that were not made up for, s.
+        Largest delay of a step, and the sum of the skipped delays, s.
     stops : list of (float, GateFault)
         Times of the arm's stops, s of the run, and their reasons.
 
@@ -101,7 +100,7 @@ class ArmRun(StationRun):
 
     @property
     def seconds(self) -> float:
-        """Time of the run, without long delays, s."""
+        """Time of the run without skipped delays, s."""
         return self._ticks * self.period
 
     @property
@@ -111,16 +110,16 @@ class ArmRun(StationRun):
 
     @property
     def desired_force(self) -> float:
-        """Desired normal force while the skill is played, N."""
+        """Desired normal force during playback, N."""
         return self._force
 
     @property
     def faults(self) -> GateFault:
-        """Reasons of the gate's last stop."""
+        """Reasons for the gate's last stop."""
         return GateFault(int(self.output("faults")[0]))
 
     def go(self) -> None:
-        """Enable the arm: the skill starts anew from the arm's present position."""
+        """Enable the arm: the skill starts again from the arm's current position."""
         self.simulator.Initialize()
         self._enable_time = self.seconds + _SETTLE
 
@@ -139,13 +138,13 @@ class ArmRun(StationRun):
             self._fix("go", float(self._go))
         self._ticks += 1
         self.simulator.AdvanceTo(self._ticks * self.period)
-        mode, seldom = self.mode, self._ticks % _SELDOM == 0
+        mode, checks_controls = self.mode, self._ticks % _CONTROL_STEPS == 0
         is_open = mode is GateMode.OPEN
-        if seldom and self._has_controls:
+        if checks_controls and self._has_controls:
             self._tempo = float(self.output("page_tempo")[0])
             if self.station.HasOutputPort("page_normal_force"):
                 self._force = float(self.output("page_normal_force")[0])
-        if mode is not self._last_mode or (seldom and self._has_controls):
+        if mode is not self._last_mode or (checks_controls and self._has_controls):
             self._fix("tempo", self._tempo if is_open else 0.0)
             self._fix("desired_normal_force", self._force if is_open else 0.0)
         if mode is GateMode.STOPPED and mode is not self._last_mode:
@@ -153,11 +152,11 @@ class ArmRun(StationRun):
         self._last_mode = mode
         if is_open:
             self.ages.append(float(self.output("age")[0]))
-        if self._ticks % _CHUNK == 0:
+        if self._ticks % _CHUNK_STEPS == 0:
             self._collect()
 
     def _update(self, chunk: Chunk) -> None:
-        """Add samples; those with a closed gate count for the limits only."""
+        """Add samples; those with a closed gate are used for the limits only."""
         mode = chunk["mode"]
         is_open = mode.values[:, 0] == GateMode.OPEN
         played = {}
@@ -175,7 +174,7 @@ class ArmRun(StationRun):
         *,
         clock: WallClock | None = None,
     ) -> None:
-        """Run in real time; any end is followed by a ramp of the torque to zero.
+        """Run in real time; at the end, or after an error, the torque is ramped to zero.
 
         Parameters
         ----------
@@ -184,7 +183,7 @@ class ArmRun(StationRun):
         operator : callable
             Called after each step; it may call `go` and `stop`.
         clock : WallClock, optional
-            A clock with the pace of `config` where None.
+            A clock with the pace of `config` if None.
         """
         clock = clock or WallClock(self._config.pace)
         with uninterrupted():
@@ -199,7 +198,7 @@ class ArmRun(StationRun):
                 self.ramp_down(clock)
 
     def ramp_down(self, clock: WallClock) -> None:
-        """Reduce the torque to zero at its rate, without the diagram; see `GateState`."""
+        """Ramp the torque to zero at its rate limit, without the diagram; see `GateState`."""
         gate = self._config.gate
         torque = self.output("torque_sent")
         limit, most = np.abs(torque), largest_change(gate, gate.period)
@@ -212,8 +211,8 @@ class ArmRun(StationRun):
     def metrics(self) -> dict[str, Any]:
         """Return the metrics of the run so far: those of a simulated run, and of messages.
 
-        The normal force is the one that the arm estimates. The penetration of the board
-        is not measured, and the desired position jumps whenever the arm is enabled.
+        The normal force is an estimate by the arm. The penetration of the board is not
+        measured, and the desired position jumps whenever the arm is enabled.
         """
         result = super().metrics()
         for name in ("penetration_max_m", "desired_position_jump_max_m"):
@@ -224,14 +223,14 @@ class ArmRun(StationRun):
             "latest_step": self.late,
             "missed_ticks": round(self.skipped / self.period),
             "expiries": sum(bool(fault & GateFault.STALE) for _, fault in self.stops),
-            "stops": [(at, fault.name) for at, fault in self.stops],
+            "stops": [(time, fault.name) for time, fault in self.stops],
             **result,
         }
 
     def events(self) -> list[RunEvent]:
-        """Return the events of the run so far, in the order of time."""
+        """Return the events of the run so far, in chronological order."""
         stops = [
-            RunEvent(at, at, "arm stopped", f"arm stopped at {at:.1f} s: {fault.name}")
-            for at, fault in self.stops
+            RunEvent(t, t, "arm stopped", f"arm stopped at {t:.1f} s: {fault.name}")
+            for t, fault in self.stops
         ]
         return sorted([*super().events(), *stops])

@@ -1,4 +1,4 @@
-"""Check of an arm behind LCM, and recording of its hand guiding; nothing is sent."""
+"""Check of an arm behind LCM, and recording of hand guiding, without sending anything."""
 
 from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
@@ -14,8 +14,8 @@ from pydrake.systems.lcm import LcmSubscriberSystem
 import fmp_drake
 from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration
-from fmp_drake.runs.arm.real_time import WallClock
 from fmp_drake.runs.guided_demonstrations import guided_demonstrations
+from fmp_drake.runs.real_time import WallClock
 from fmp_drake.station.robots.panda_lcm import LcmPanda, OpenLcm, RawSerializer
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel, Robot
 from fmp_drake.station.scenario import Scenario
@@ -34,17 +34,17 @@ Array = NDArray[np.float64]
 _CHECK_SECONDS, _MIN_RATE = 1.0, 900.0
 # Largest distance to the start, m; smallest joint-limit margin, rad; largest speed at
 # rest, rad/s.
-_NEAR, _MARGIN, _STILL = 0.15, 0.05, 0.02
+_START_DISTANCE, _MARGIN, _REST_SPEED = 0.15, 0.05, 0.02
 # Largest external torque of an arm without contact, Nm.
 _MAX_EXTERNAL = 3.0
-# Longest wait for a message that was handled, s; 0 would wait for ever.
+# Timeout of the wait for a message, s; 0 means no timeout.
 _WAIT = 1e-4
 # Shortest time between two samples of a recording, s.
 _SAMPLE_PERIOD = 0.01
 
 
 class ReceivedStatus(NamedTuple):
-    """A status: arrival time (s), sequence number, message, decoded reading."""
+    """Status: arrival time (s), sequence number, message, decoded reading."""
 
     time: float
     number: int
@@ -53,7 +53,7 @@ class ReceivedStatus(NamedTuple):
 
 
 class CheckResult(NamedTuple):
-    """Result of one check of an arm: whether it passed, and a sentence about it."""
+    """Result of a check of an arm: whether it passed, and a sentence about it."""
 
     is_good: bool
     text: str
@@ -65,7 +65,10 @@ def listen(
     lcm: DrakeLcmInterface | None = None,
     until: Callable[[float], bool],
 ) -> Iterator[ReceivedStatus]:
-    """Yield the statuses of an arm; of several that wait, the last. Send nothing.
+    """Yield the statuses of an arm, without sending anything.
+
+    If several statuses are waiting, the last one is yielded.
+
 
     Parameters
     ----------
@@ -84,8 +87,8 @@ def listen(
     start = clock.now()
     while not until((now := clock.now()) - start):
         bus.HandleSubscriptions(10)
-        before, number = number, subscriber.WaitForMessage(number, data, _WAIT)
-        if number > before:
+        previous_number, number = number, subscriber.WaitForMessage(number, data, _WAIT)
+        if number > previous_number:
             message = decode(lcmt_panda_status, data.get_value())
             yield ReceivedStatus(now, number, message, read_status(message))
 
@@ -93,7 +96,7 @@ def listen(
 def check_arm(
     scenario: Scenario, config: LcmPanda, *, lcm: DrakeLcmInterface | None = None
 ) -> list[CheckResult]:
-    """Listen to an arm for a second, and check whether it may be enabled.
+    """Receive an arm's statuses for a second, and check whether it may be enabled.
 
     Parameters
     ----------
@@ -121,12 +124,12 @@ def check_arm(
     late = float(np.max(np.abs(ages)))
     last = valid[-1]
     is_wrong = bool(last.reading.faults & GateFault.WRONG_MODE)
-    needed = "; it must be kMove, controlled by torque"
+    required = "; it must be kMove, controlled by torque"
     return [
         *results,
         CheckResult(
             rate >= _MIN_RATE and not broken,
-            f"{rate:.0f} statuses in a second (1000 wanted), {broken} of "
+            f"{rate:.0f} statuses in a second (1000 expected), {broken} of "
             f"{len(received)} that were read are broken",
         ),
         CheckResult(
@@ -137,7 +140,7 @@ def check_arm(
         CheckResult(
             not is_wrong,
             f"the robot's mode is {_robot_mode(last.message.robot_mode)}"
-            f"{needed if is_wrong else ', controlled by torque'}",
+            f"{required if is_wrong else ', controlled by torque'}",
         ),
         *_check_pose(scenario, last.reading),
     ]
@@ -166,19 +169,21 @@ def _check_pose(scenario: Scenario, reading: ArmReading) -> list[CheckResult]:
     return [
         CheckResult(
             bool(margins[joint] >= _MARGIN),
-            f"joint {joint + 1} is {margins[joint]:.2f} rad from its limit, the others are "
-            f"farther (at least {_MARGIN:g})",
+            f"joint {joint + 1} is nearest to its limit: {margins[joint]:.2f} rad (at least "
+            f"{_MARGIN:g})",
         ),
-        CheckResult(speed <= _STILL, f"the fastest joint moves with {speed:.3f} rad/s"),
         CheckResult(
-            distance <= _NEAR and z > 0,
+            speed <= _REST_SPEED, f"the fastest joint moves with {speed:.3f} rad/s"
+        ),
+        CheckResult(
+            distance <= _START_DISTANCE and z > 0,
             f"the eraser is at {x:.3f} {y:.3f} {z:.3f} m on the board, {distance:.3f} m from the "
-            f"start (at most {_NEAR:g}, and above the board)",
+            f"start (at most {_START_DISTANCE:g}, and above the board)",
         ),
         CheckResult(
             external <= _MAX_EXTERNAL,
-            f"it feels at most {external:.1f} Nm (at most {_MAX_EXTERNAL:g}, touching nothing): the "
-            "eraser's mass that the robot was told",
+            f"the largest external torque is {external:.1f} Nm (at most {_MAX_EXTERNAL:g} "
+            "without contact): the eraser's mass in the robot's settings",
         ),
     ]
 
@@ -186,7 +191,7 @@ def _check_pose(scenario: Scenario, reading: ArmReading) -> list[CheckResult]:
 def _eraser_positions(
     scenario: Scenario, robot: Robot, states: Sequence[Array]
 ) -> Array:
-    """Return p_BE, shape (N, 3), m, on the assumed board, by an arm's states (14,)."""
+    """Return p_BE on the assumed board, (N, 3), m, for states of an arm, (14,) each."""
     model, context = (
         ArmModel(robot.plant, robot.tip),
         robot.plant.CreateDefaultContext(),
@@ -205,7 +210,7 @@ def record_arm(
 ) -> Demonstration:
     """Record the hand guiding of an arm; return the longest part without a gap.
 
-    The arm's kinematics give the eraser's position in the frame of the assumed board, at
+    The arm's kinematics yield the eraser's position in the frame of the assumed board, at
     20 Hz. The robot compensates its own weight; nothing is sent to it.
 
     Parameters
@@ -219,7 +224,7 @@ def record_arm(
     Raises
     ------
     RunError
-        Where no status was received, or nothing moved.
+        If no status was received, or nothing moved.
     """
     robot_config = LoadRobot(scenario.robot)
     config.check_robot(robot_config)
@@ -233,7 +238,7 @@ def record_arm(
             states.append(reading.state)
     if not times:
         raise RunError(
-            f"nothing was heard on {config.status_channel}; see fmp-drake check --arm."
+            f"no status was received on {config.status_channel}; see fmp-drake check --arm."
         )
     robot = MakeRobotModel(robot_config, scenario.held_tool())
     demonstrations = guided_demonstrations(

@@ -1,4 +1,4 @@
-"""Timing of a run in real time, as far as Python allows."""
+"""Clock, timing metrics and priority of a run in real time."""
 
 import ctypes
 import gc
@@ -12,15 +12,15 @@ from types import FrameType
 
 import numpy as np
 
-# Longest delay after which the missed ticks are replayed, s.
+# Longest delay after which missed ticks are replayed, s.
 MAX_REPLAYED = 0.01
-# Real-time priority of the threads, and flags that lock present and future memory.
+# Real-time priority of the threads, and flags to lock current and future memory.
 _PRIORITY, _LOCK_ALL = 20, 3
 
 
 @dataclass
 class WallClock:
-    """Wall clock, or a slower clock that both sides of a test bench share.
+    """Wall clock, or a slower clock for both sides of a test bench.
 
     Attributes
     ----------
@@ -36,26 +36,26 @@ class WallClock:
     pace: float = 1.0
 
     def now(self) -> float:
-        """Return the time, s; it is the same in all processes."""
+        """Return the time, s, which is the same in all processes."""
         return self.pace * time.time()
 
     def sleep(self, seconds: float) -> None:
-        """Wait for a time of this clock, s."""
+        """Wait for a duration of this clock, s."""
         time.sleep(seconds / self.pace)
 
     def ticks(self, period: float, duration: float) -> Iterator[tuple[float, float]]:
         """Yield the time of each tick and its delay, s.
 
-        Missed ticks are replayed up to a delay of `MAX_REPLAYED`; after a longer delay
-        the count starts anew.
+        Missed ticks are replayed up to a delay of `MAX_REPLAYED`; after a longer delay they
+        are skipped.
 
         Parameters
         ----------
         period, duration : float
             s.
         """
-        began = due = self.now()
-        while (now := self.now()) < began + duration:
+        start = due = self.now()
+        while (now := self.now()) < start + duration:
             if now < due:
                 self.sleep(due - now)
                 continue
@@ -89,16 +89,16 @@ def age_metrics(name: str, ages: Sequence[float]) -> dict[str, float | None]:
     >>> age_metrics("status_age", [0.001])["status_age_99"]
     0.001
     """
-    kinds = {"median": 0.5, "99": 0.99, "max": 1.0}
-    values = np.quantile(ages, list(kinds.values())).tolist() if ages else [None] * 3
-    return {f"{name}_{kind}": age for kind, age in zip(kinds, values, strict=True)}
+    levels = {"median": 0.5, "99": 0.99, "max": 1.0}
+    values = np.quantile(ages, list(levels.values())).tolist() if ages else [None] * 3
+    return {f"{name}_{level}": age for level, age in zip(levels, values, strict=True)}
 
 
 def request_priority() -> list[str]:
     """Request real-time priority and locked memory; return the refusals.
 
-    Threads that start later inherit both, such as those that receive messages. Call it
-    after the page is open and before a bus is opened.
+    Threads that start later inherit both, such as those that receive messages. Call this
+    function after the page is opened and before a bus is opened.
 
     Examples
     --------
@@ -109,7 +109,7 @@ def request_priority() -> list[str]:
     """
     refusals = []
     if not hasattr(os, "sched_setscheduler"):
-        return ["SCHED_FIFO and memory locking are Linux's only"]
+        return ["SCHED_FIFO and memory locking need Linux"]
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_PRIORITY))
     except OSError as error:

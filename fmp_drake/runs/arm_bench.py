@@ -1,4 +1,4 @@
-"""Test bench: a simulated Panda behind the LCM messages of a real one."""
+"""Test bench: a simulated Panda with the LCM messages of a real one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 
 from fmp_drake.errors import RunError
-from fmp_drake.runs.arm.real_time import WallClock, age_metrics, uninterrupted
+from fmp_drake.runs.log import Samples
 from fmp_drake.runs.metrics import ForceMetrics, Metrics, ink_metrics
-from fmp_drake.runs.signals import Samples
+from fmp_drake.runs.real_time import WallClock, age_metrics, uninterrupted
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.robots.panda_lcm import LcmPanda, RawSerializer
 from fmp_drake.station.scenario import Scenario
@@ -35,7 +35,7 @@ PERIOD = 0.001
 # Damping of each joint during hand guiding, Nm s/rad.
 _GUIDED_DAMPING = 1.0
 # Steps between two samples of the normal force.
-_SELDOM = 10
+_FORCE_STEPS = 10
 
 
 @dataclass(kw_only=True)
@@ -45,7 +45,7 @@ class NetworkFaults:
     Attributes
     ----------
     drop, reorder, corrupt : float
-        Fractions of the messages that are lost, overtaken, and changed by one bit.
+        Fractions of messages that are lost, delivered out of order, or changed in one bit.
     jitter : float
         Largest delay, s; messages keep their order.
     seed : int
@@ -64,33 +64,32 @@ class NetworkFaults:
 
 
 class ArmBench:
-    """Simulated Panda, at a whiteboard or in free space, that follows LCM commands.
+    """Simulated Panda, at a board or in free space, that follows LCM commands.
 
     Parameters
     ----------
     scenario : Scenario
     lcm : DrakeLcmInterface
-        The bus; it must outlive the bench.
+        The bus; its lifetime must exceed that of the bench.
     arm : LcmPanda, optional
         Channels, and the pace of the clock.
     faults : NetworkFaults, optional
-    firmware : FirmwareConfig, optional
     hand : TeachingHand, optional
-        A person who guides the arm; it then follows no commands.
+        A person who guides the arm, which then ignores commands.
     demonstrated : sequence of ndarray, shape (N, 3)
-        Paths in B over the area to be cleaned, m; the whole board by default.
+        Paths in B that determine the area to clean, m; the whole board by default.
 
     Attributes
     ----------
     obeyed : dict
         Duration of each `Obeyed`, ms.
     commanded : ndarray, shape (7,)
-        Last torque that was followed, Nm.
+        Last applied torque, Nm.
     torque_rate : float
-        Largest rate of a commanded torque, over the time between the commands' stamps,
+        Largest rate of a commanded torque, with respect to the stamps of the commands,
         Nm/s.
     ages : list of float
-        Age of each command at its arrival, s.
+        Age of each command on arrival, s.
     plant : MultibodyPlant
         Of the simulated arm; `arm` is its model instance.
 
@@ -111,14 +110,12 @@ class ArmBench:
         *,
         arm: LcmPanda | None = None,
         faults: NetworkFaults | None = None,
-        firmware: FirmwareConfig | None = None,
         hand: TeachingHand | None = None,
         demonstrated: Sequence[NDArray[np.float64]] = (),
     ) -> None:
         self._lcm = lcm
         self._channels = arm or LcmPanda()
-        self._firmware = firmware or FirmwareConfig()
-        check_settings(self._firmware, RunError)
+        self._firmware = FirmwareConfig()
         self.set_faults(faults or NetworkFaults())
         self._queue: list[tuple[float, bytes]] = []
         builder = DiagramBuilder()
@@ -180,12 +177,12 @@ class ArmBench:
         if not demonstrated:
             self._area[:] = True
         self._force = ForceMetrics(scenario.press.force)
-        erased = builder.AddSystem(
+        erase_times = builder.AddSystem(
             EraseTimes(initial_ink=ink.initial_ink, period=scenario.ink.period)
         )
-        builder.Connect(ink.GetOutputPort("ink"), erased.GetInputPort("ink"))
+        builder.Connect(ink.GetOutputPort("ink"), erase_times.GetInputPort("ink"))
         builder.ExportOutput(ink.GetOutputPort("ink"), "ink")
-        builder.ExportOutput(erased.GetOutputPort("erase_time"), "erase_time")
+        builder.ExportOutput(erase_times.GetOutputPort("erase_time"), "erase_time")
         builder.ExportOutput(ink.GetOutputPort("normal_force"), "normal_force")
 
     def set_faults(self, faults: NetworkFaults) -> None:
@@ -195,7 +192,7 @@ class ArmBench:
         self._random = np.random.default_rng(faults.seed)
 
     def output(self, name: str) -> Any:
-        """Return the present state or external; at a board ink, erase_time or normal_force."""
+        """Return the value of state or external; at a board ink, erase_time, normal_force."""
         return self._diagram.GetOutputPort(name).Eval(self.simulator.get_context())
 
     def step(self, wall_time: float) -> None:
@@ -208,9 +205,9 @@ class ArmBench:
             self._obey(decode(lcmt_panda_command, self.output("command")), wall_time)
         context = self.simulator.get_mutable_context()
         self._diagram.GetInputPort("torque").FixValue(context, self._state.torque)
-        # The step solves this contact in any case.
+        # The contact is solved once for this output and the step.
         external = self.output("external").copy()
-        if self._ticks % _SELDOM == 0:
+        if self._ticks % _FORCE_STEPS == 0:
             if self._has_board:
                 force = self.output("normal_force").copy()
                 now = np.array([self._ticks * PERIOD])
@@ -222,7 +219,7 @@ class ArmBench:
         self._send(self._status(external, wall_time).encode(), wall_time)
 
     def _obey(self, command: Any, wall_time: float) -> None:
-        """Compute the torque of the motors for the last command."""
+        """Compute the torque of the motors from the last command."""
         self._state = firmware_step(
             self._firmware,
             self._state,
@@ -244,18 +241,18 @@ class ArmBench:
             self.ages.append(wall_time - 1e-6 * command.utime)
 
     def play(self, duration: float) -> None:
-        """Step in real time for a duration, s; long delays are not made up for."""
+        """Step in real time for a duration, s; long delays are skipped."""
         clock = WallClock(self._channels.pace)
         with uninterrupted():
             for now, _ in clock.ticks(PERIOD, duration):
                 self.step(now)
 
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the arm's side: of its commands, and of ink and contact."""
-        of_board: Metrics = {}
+        """Return the metrics of the arm: its commands, and at a board ink and contact."""
+        board_metrics: Metrics = {}
         if self._has_board:
             shape = self._grid.shape
-            of_board = (
+            board_metrics = (
                 ink_metrics(
                     ink=self.output("ink").reshape(shape),
                     initial_ink=self._initial_ink,
@@ -275,7 +272,7 @@ class ArmBench:
             "joint_speed_end_rad_per_s": float(
                 np.max(np.abs(self.output("state")[JOINTS:]))
             ),
-            **of_board,
+            **board_metrics,
         }
 
     def _status(self, external: Any, wall_time: float) -> Any:
@@ -305,9 +302,9 @@ class ArmBench:
     def _send(self, message: bytes, now: float) -> None:
         faults, random = self._faults, self._random
         if random.random() < faults.corrupt:
-            broken = bytearray(message)
-            broken[random.integers(len(broken))] ^= 1 << random.integers(8)
-            message = bytes(broken)
+            content = bytearray(message)
+            content[random.integers(len(content))] ^= 1 << random.integers(8)
+            message = bytes(content)
         if random.random() >= faults.drop:
             due = now + faults.jitter * random.random()
             if self._queue:

@@ -1,1 +1,0 @@
-"""Runs of an arm behind LCM messages, and a simulated arm to test them with."""
