@@ -31,8 +31,6 @@ PACKAGE = REPOSITORY / "fmp_drake"
 NEAREST = {
     "station/reach/feasibility.py": "station/test_feasibility.py",
     "station/reach/board_reach.py": "station/test_feasibility.py",
-    "station/reach/clearance.py": "station/test_feasibility.py",
-    "station/reach/normal_force_limit.py": "station/test_normal_force_limit.py",
     "station/reach/tracking_prediction.py": "station/test_feasibility.py",
     "runs/metrics.py": "runs/test_metrics.py",
     "experiments/trials/trial.py": "experiments/test_trials.py -k 'fault or judged'",

@@ -19,10 +19,9 @@ from fmp_drake.film.scene import (
 )
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable, replaced
-from fmp_drake.runs.station_run import StationRun
-from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.runs import StationRun, WipingRun
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE, CameraConfig
-from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems import InkGrid
 from fmp_drake.systems.surface.surface import place
 
 FILM_SIGNALS = ("measured_position", "normal_force")

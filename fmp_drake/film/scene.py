@@ -31,7 +31,7 @@ from scipy.ndimage import map_coordinates
 from fmp_drake.errors import RunError
 from fmp_drake.station.page.stage import FIELD_OF_VIEW, CameraAxes, RenderLights
 from fmp_drake.station.scenario_parts import CameraConfig
-from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems import InkGrid
 from fmp_drake.systems.ink.mesh import ink_colours
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 from fmp_drake.systems.surface.surface import project_all

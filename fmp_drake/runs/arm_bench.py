@@ -17,10 +17,9 @@ from fmp_drake.runs.log import Samples
 from fmp_drake.runs.metrics import ForceMetrics, Metrics, ink_metrics
 from fmp_drake.runs.real_time import WallClock, age_metrics, uninterrupted
 from fmp_drake.settings import bounded, check_settings
-from fmp_drake.station.robots.panda_lcm import LcmPanda, RawSerializer
-from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scene import AddBoardScene, BoardScene
-from fmp_drake.station.tasks.wiping import AddInk
+from fmp_drake.station import AddBoardScene, AddInk, LcmPanda, Scenario
+from fmp_drake.station.robots.panda_lcm import RawSerializer
+from fmp_drake.station.scene import BoardScene
 from fmp_drake.station.teaching_hands import TeachingHand
 from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.panda.firmware import (

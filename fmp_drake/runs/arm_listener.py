@@ -16,9 +16,9 @@ from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration
 from fmp_drake.runs.guided_demonstrations import guided_demonstrations
 from fmp_drake.runs.real_time import WallClock
-from fmp_drake.station.robots.panda_lcm import LcmPanda, OpenLcm, RawSerializer
-from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel, Robot
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.station import LcmPanda, LoadRobot, Scenario
+from fmp_drake.station.robots.panda_lcm import OpenLcm, RawSerializer
+from fmp_drake.station.robots.robot import MakeRobotModel, Robot
 from fmp_drake.systems.interface.arm_model import ArmModel
 from fmp_drake.systems.panda.status import (
     JOINTS,

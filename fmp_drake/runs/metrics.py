@@ -16,11 +16,11 @@ from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.runs.events import Occurrences, RunEvent, RunEvents
 from fmp_drake.runs.log import MILLISECOND, Chunk, Samples
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.station import Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
+from fmp_drake.systems import InkGrid, StatusFlag
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
-from fmp_drake.systems.impedance.status import StatusFlag
-from fmp_drake.systems.ink.grid import CLEAN_BELOW, InkGrid, cleaned_fraction
+from fmp_drake.systems.ink.grid import CLEAN_BELOW, cleaned_fraction
 from fmp_drake.systems.ink.metrics import (
     cleaned_history,
     missed_spots,

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import VectorLogSink
 
 from fmp_drake.runs.log import MILLISECOND
-from fmp_drake.systems.page.page_panel import PagePanel
+from fmp_drake.systems import PagePanel
 
 # Simulated milliseconds between two polls of the buttons, and real seconds between two
 # polls during a pause.

@@ -27,14 +27,13 @@ from fmp_drake.runs.log import (
     write_log,
 )
 from fmp_drake.runs.metrics import ArmLimits, RunMetrics, metric_signals
+from fmp_drake.station import LoadRobot, MakeStation, Scenario
 from fmp_drake.station.page.page_scene import BOARD, describe_page
 from fmp_drake.station.robots.driver import Driver
-from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.robots.robot import MakeRobotModel
 from fmp_drake.station.skill_motion import SkillRoles
-from fmp_drake.station.station import MakeStation
-from fmp_drake.systems.page.page_panel import PagePanel, add_panel
-from fmp_drake.systems.page.paths import AddPathToRecording
+from fmp_drake.systems import AddPathToRecording, PagePanel
+from fmp_drake.systems.page.page_panel import add_panel
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 
 # Longest simulated time for which Drake's log sinks store samples, s.

@@ -3,11 +3,12 @@
 from typing import Any
 
 from fmp_drake.runs.teaching_session import TeachingSession
+from fmp_drake.station import Scenario
 from fmp_drake.station.page.page_scene import VIEW_HELP, describe_page
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.systems import PagePanel
 from fmp_drake.systems.mouse_hand import TURN_SWITCH
 from fmp_drake.systems.page.page_controls import set_tempo
-from fmp_drake.systems.page.page_panel import Level, PagePanel
+from fmp_drake.systems.page.page_panel import Level
 from fmp_drake.systems.page.paths import DEMONSTRATION_COLOR, css_color
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 

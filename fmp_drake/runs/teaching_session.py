@@ -20,16 +20,14 @@ from fmp_drake.runs.guided_demonstrations import (
 )
 from fmp_drake.runs.station_run import StationRun
 from fmp_drake.runs.wiping_run import MakeRun, WipingRun
-from fmp_drake.skills.learning import learn_skill
+from fmp_drake.skills import learn_skill
+from fmp_drake.station import CheckFeasibility, MakeStation, Scenario
 from fmp_drake.station.page.page_scene import BOARD
-from fmp_drake.station.reach.feasibility import CheckFeasibility
-from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.station import MakeStation
 from fmp_drake.station.teaching_hands import TeachingHand
+from fmp_drake.systems import PagePanel, draw_demonstrations
 from fmp_drake.systems.ink.grid import cleaned_fraction
 from fmp_drake.systems.mouse_hand import TURN_SWITCH
-from fmp_drake.systems.page.page_panel import PagePanel
-from fmp_drake.systems.page.paths import draw_demonstrations, draw_rod
+from fmp_drake.systems.page.paths import draw_rod
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 
 Mode = Literal["teach", "play"]

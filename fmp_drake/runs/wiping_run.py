@@ -12,8 +12,8 @@ from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.runs.log import Spill
 from fmp_drake.runs.metrics import ink_metrics
 from fmp_drake.runs.station_run import StationRun
+from fmp_drake.station import Scenario
 from fmp_drake.station.page.page_scene import INK
-from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
 from fmp_drake.systems.ink.metrics import cleaned_history

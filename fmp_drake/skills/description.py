@@ -17,7 +17,7 @@ from fmp_drake.primitives import (
 from fmp_drake.primitives.data.windows import as_windows
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.skills.placement import lay_on_board
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.station import Scenario
 
 # With fewer cycles the phase model's assumptions outweigh the demonstrations.
 _ENOUGH_CYCLES = 12

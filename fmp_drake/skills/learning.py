@@ -26,8 +26,7 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.windows import demonstration_list
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills.placement import load_on_board
-from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.station import Scenario, models_dir
 
 # Highest frequency of a force that a person means, Hz: tremor has 8 to 12 Hz (J. H. McAuley,
 # C. D. Marsden, "Physiological and pathological tremors and rhythmic central motor

@@ -22,8 +22,8 @@ from fmp_drake.skills.surface_placement import (
     curved_surface_remark,
     place_on_fitted_surface,
 )
+from fmp_drake.station import Scenario
 from fmp_drake.station.robots.robot import ListRobots
-from fmp_drake.station.scenario import Scenario
 
 # Planes that are tried, and samples that are enough to compare them.
 _TRIES = 1000

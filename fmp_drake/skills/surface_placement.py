@@ -23,8 +23,8 @@ from fmp_drake.primitives.data.orientation import (
 )
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.skills.surface_fit import FittedSurface, fit_surface
+from fmp_drake.station import Scenario
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
-from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.surface import surface as surfaces
 
 Array = NDArray[np.float64]

@@ -10,9 +10,9 @@ from pydrake.systems.primitives import AffineSystem, MatrixGain
 
 from fmp_drake.station.robots.driver import Driver, MakeDriver, SimulatedDriver
 from fmp_drake.station.scene import BoardScene
-from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.normal_force_estimator import NormalForceEstimator
-from fmp_drake.systems.operational_space_impedance_controller import (
+from fmp_drake.systems import (
+    ImpedanceConfig,
+    NormalForceEstimator,
     OperationalSpaceImpedanceController,
 )
 

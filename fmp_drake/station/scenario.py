@@ -34,8 +34,7 @@ from fmp_drake.station.scenario_parts import (
     in_one_line,
     load_yaml,
 )
-from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.joints import FrictionConfig
+from fmp_drake.systems import FrictionConfig, ImpedanceConfig
 from fmp_drake.systems.surface.surface import place, rotation
 
 # More cells would fill the memory; a shorter step, s, would not end.

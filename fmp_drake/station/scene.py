@@ -7,6 +7,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
@@ -20,9 +21,8 @@ from pydrake.systems.primitives import Multiplexer, Sine
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import check_number, finite_array
-from fmp_drake.station.models.curved_board import FilterHull
-from fmp_drake.station.models.pot import AddPot
-from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.models.model_files import models_dir
+from fmp_drake.station.models.whiteboard import AddWhiteboard, FilterHull
 from fmp_drake.station.reach.posture import SolvePosture
 from fmp_drake.station.robots.robot import (
     AddRobot,
@@ -144,8 +144,8 @@ def AddBoardScene(
         fixed = FixedOffsetFrame("surface", plant.world_frame(), X_WB, robot.tool)
         surface = plant.AddFrame(fixed)
         if scenario.scenery == "pot":
-            pot = plant.GetBodyByName("pot", AddPot(plant))
-            plant.WeldFrames(surface, pot.body_frame())
+            (pot,) = Parser(plant).AddModels(str(models_dir() / "pot" / "pot.sdf"))
+            plant.WeldFrames(surface, plant.GetFrameByName("pot", pot))
     else:
         whiteboard = AddWhiteboard(plant, board)
         surface = plant.GetFrameByName("surface", whiteboard)

@@ -22,7 +22,7 @@ from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scene import BoardScene
 from fmp_drake.station.tasks.task import Measurements
 from fmp_drake.station.tasks.wiping import BoardGrid
-from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
+from fmp_drake.systems import FourierPrimitiveSystem
 from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.task_motion import TaskMotion
 

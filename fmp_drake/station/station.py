@@ -7,18 +7,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
+from pydrake.math import RotationMatrix
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
+from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.station.arm_controller import AddArmController
 from fmp_drake.station.external_forces import AddExternalForces
 from fmp_drake.station.page.page_scene import AddBodies, AddPage, AddPageStatus
-from fmp_drake.station.reach.normal_force_limit import CheckNormalForce
+from fmp_drake.station.reach.posture import TORQUE_FRACTION, ArmForceLimit
 from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scene import AddBoardScene
+from fmp_drake.station.scene import AddBoardScene, BoardScene
 from fmp_drake.station.skill_motion import (
     DESIRED,
     AddSkill,
@@ -30,8 +32,9 @@ from fmp_drake.station.tasks.following import Following
 from fmp_drake.station.tasks.task import Task
 from fmp_drake.station.tasks.wiping import AddInk, Wiping
 from fmp_drake.station.teaching_hands import GUIDING, TURNING, TeachingHand
+from fmp_drake.systems import PagePanel
 from fmp_drake.systems.page.page_controls import PageControls
-from fmp_drake.systems.page.page_panel import PagePanel
+from fmp_drake.systems.surface.surface import rotation
 from fmp_drake.systems.surface_coordinates import SurfaceCoordinates
 
 
@@ -232,6 +235,30 @@ def MakeWipingStation(
 ) -> Diagram:
     """Build a station that plays a skill: `MakeStation`, with its options."""
     return MakeStation(scenario, skill, **options)
+
+
+def CheckNormalForce(scene: BoardScene) -> None:
+    """Raise an error for a normal force above the arm's torque limits at the start.
+
+    Raises
+    ------
+    StationError
+    """
+    scenario = scene.scenario
+    u, v, _ = scenario.start
+    R_BT = RotationMatrix(rotation(scene.curvature, u, v))
+    limit = ArmForceLimit(
+        scene.model,
+        q=scene.robot.default_posture,
+        R_WB=scene.X_WA.rotation() @ R_BT,
+        friction=scenario.contact_friction(),
+    )
+    if scenario.press.force > limit:
+        raise StationError(
+            f"press.force is {scenario.press.force:g} N; at the start the arm can press "
+            f"with {limit:.1f} N without a joint at more than {100 * TORQUE_FRACTION:.0f} % of "
+            "its torque. Press less, or move the board nearer to the base."
+        )
 
 
 def _AddNominalMotion(

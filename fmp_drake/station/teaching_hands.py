@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import ConstantVectorSource, VectorLog
 
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import Demonstration, add_orientation
@@ -15,9 +14,8 @@ from fmp_drake.primitives.data.channels import FORCE_CHANNEL, POSITION_CHANNELS
 from fmp_drake.station.external_forces import AddMouseHand
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scene import BoardScene
+from fmp_drake.systems import HandMotion, ImpedanceConfig
 from fmp_drake.systems.human_hand import HumanHand
-from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 # Compliant in translation and rotation, with a fixed posture of the elbow.
 TURNING = ImpedanceConfig(
@@ -168,15 +166,14 @@ def DemonstrationFromRecorder(
         Seconds to leave out at the beginning.
     note : str
     """
-    recorder: Any = diagram.GetSubsystemByName("recorder")
-    log = recorder.FindLog(context)
+    log = _Log(diagram, context, "recorder")
     times = log.sample_times()
     mask = times >= skip - 1e-9
     values = log.data()[:, mask].T
     channels: tuple[str, ...] = POSITION_CHANNELS
     units: tuple[str, ...] = ("m",) * 3
     recorded = {
-        name: _logged(diagram, context, f"record_{name}")[:, mask].T
+        name: _Log(diagram, context, f"record_{name}").data()[:, mask].T
         for name in ("measured_pose", "normal_force")
         if diagram.HasSubsystemNamed(f"record_{name}")
     }
@@ -197,7 +194,7 @@ def DemonstrationFromRecorder(
     return demonstration
 
 
-def _logged(diagram: Diagram, context: Context, name: str) -> NDArray[np.float64]:
-    """Return the data of a log sink of a diagram, shape (size, N)."""
+def _Log(diagram: Diagram, context: Context, name: str) -> VectorLog:
+    """Return the log of a log sink of a diagram."""
     sink: Any = diagram.GetSubsystemByName(name)
-    return np.array(sink.FindLog(context).data())
+    return sink.FindLog(context)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.geometry import Capsule, Mesh, Role
-from pydrake.multibody.parsing import PackageMap
+from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     MultibodyPlant,
@@ -151,15 +151,19 @@ def official(tmp_path):
     return packages, arm
 
 
+def add_arm(plant, packages, visuals="drake_models"):
+    """Add a Panda with the meshes of a package map."""
+    parser = Parser(plant)
+    parser.package_map().Remove("drake_models")
+    parser.package_map().AddMap(packages)
+    return AddArm(
+        parser, Path(PANDA.model), visuals=visuals, official=PANDA.official_visuals
+    )
+
+
 def test_the_official_visuals_replace_ours_on_the_same_links(official):
     plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), DiagramBuilder())
-    panda = AddArm(
-        plant,
-        Path(PANDA.model),
-        packages=official[0],
-        visuals="drake_models",
-        official=PANDA.official_visuals,
-    )
+    panda = add_arm(plant, official[0])
     plant.Finalize()
     inspector = scene_graph.model_inspector()
     for i in range(8):
@@ -177,29 +181,13 @@ def test_the_official_visuals_leave_the_dynamics_alone(official):
     masses = []
     for visuals in ("own", "drake_models"):
         plant = MultibodyPlant(1e-3)
-        AddArm(
-            plant,
-            Path(PANDA.model),
-            packages=official[0],
-            visuals=visuals,
-            official=PANDA.official_visuals,
-        )
+        add_arm(plant, official[0], visuals)
         plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("panda_link0"))
         plant.Finalize()
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, [0, -0.8, 0, -2.3, 0, 1.5, 0.8])
         masses.append(plant.CalcMassMatrix(context))
     np.testing.assert_array_equal(*masses)
-
-
-def add_official_arm(packages):
-    AddArm(
-        MultibodyPlant(1e-3),
-        Path(PANDA.model),
-        packages=packages,
-        visuals="drake_models",
-        official=PANDA.official_visuals,
-    )
 
 
 def test_error_without_a_download_gives_advice(official):
@@ -210,7 +198,7 @@ def test_error_without_a_download_gives_advice(official):
         PackageMap.RemoteParams(urls=["file:///nowhere.tar.gz"], sha256="0" * 64),
     )
     with pytest.raises(StationError, match="could not be downloaded") as caught:
-        add_official_arm(packages)
+        add_arm(MultibodyPlant(1e-3), packages)
     assert "DRAKE_ALLOW_NETWORK" in str(caught.value)
     assert "package_map" in str(caught.value)
     assert "visuals: own" in str(caught.value)
@@ -220,14 +208,14 @@ def test_an_official_arm_without_a_link_is_an_error_that_names_it(official):
     packages, arm = official
     arm.write_text(arm.read_text().replace("panda_link3", "another_name"))
     with pytest.raises(StationError, match="no visual on panda_link3"):
-        add_official_arm(packages)
+        add_arm(MultibodyPlant(1e-3), packages)
 
 
 def test_an_official_folder_without_the_arm_is_an_error_that_names_the_file(official):
     packages, arm = official
     arm.unlink()
     with pytest.raises(StationError, match=r"panda_arm\.urdf cannot be read"):
-        add_official_arm(packages)
+        add_arm(MultibodyPlant(1e-3), packages)
 
 
 def test_an_arm_without_official_visuals_is_an_error_that_names_it():

@@ -12,10 +12,8 @@ from fmp_drake.errors import StationError
 from fmp_drake.station import MakeStation
 from fmp_drake.station import scene as scene_module
 from fmp_drake.station import skill_motion as skill_motion_module
-from fmp_drake.station.models import curved_board
-from fmp_drake.station.models.curved_board import cell_of, curved_slab
 from fmp_drake.station.models.eraser import AddEraser, FeltForceLimit
-from fmp_drake.station.models.whiteboard import AddWhiteboard
+from fmp_drake.station.models.whiteboard import AddWhiteboard, cell_of, curved_slab
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
 from fmp_drake.station.scenario import LoadScenario, Scenario
 from fmp_drake.station.scenario_parts import BoardConfig, BoardMotion, EraserConfig
@@ -64,7 +62,9 @@ def tool_round_a_pipe(cell=None, *, speed=-1.0, angle=np.pi + 0.3):
     )
     with pytest.MonkeyPatch.context() as patch:
         if cell is not None:
-            patch.setattr(curved_board, "cell_of", lambda _: (np.inf, cell))
+            patch.setattr(
+                "fmp_drake.station.models.whiteboard.cell_of", lambda _: (np.inf, cell)
+            )
         builder = DiagramBuilder()
         plant, _ = AddMultibodyPlant(
             MultibodyPlantConfig(

@@ -24,8 +24,11 @@ from fmp_drake.station import (
     Scenario,
 )
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
-from fmp_drake.station.reach.clearance import ArmClearance
+from fmp_drake.station.reach.board_reach import (
+    ArmClearance,
+    BoardReach,
+    FollowingBounds,
+)
 from fmp_drake.station.robots.robot import LoadRobot
 
 

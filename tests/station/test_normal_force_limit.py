@@ -9,8 +9,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
 from fmp_drake.station import AddBoardScene, LoadScenario
-from fmp_drake.station.reach.normal_force_limit import ArmForceLimit, CheckNormalForce
+from fmp_drake.station.reach.posture import ArmForceLimit
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
+from fmp_drake.station.station import CheckNormalForce
 
 
 def statics(robot, q, force_W):

@@ -77,15 +77,13 @@ def Ellipsoid(*radii: float) -> str:
     return f"<ellipsoid><radii>{Numbers(radii)}</radii></ellipsoid>"
 
 
-def Visual(
-    name: str, shape: str, *, at: Sequence[float], colour: Colour, yaw: float = 0.0
-) -> str:
-    """Return a shape at a place (m) of its link, turned by a yaw (rad), in an sRGB colour.
+def Visual(name: str, shape: str, *, at: Sequence[float], colour: Colour) -> str:
+    """Return a shape at a position in its link, m, with an sRGB colour.
 
-    Once for the page, which takes colours as sRGB, and once for the renderer, which
-    takes them as linear beside the arm's glTF meshes; so both look the same.
+    It is there twice: for the page, which takes colours as sRGB, and for the renderer, which
+    takes them as linear beside the arm's glTF meshes. Both then look the same.
     """
-    pose = [*at, 0, 0, yaw]
+    pose = [*at, 0, 0, 0]
     return _Role(name, "perception", shape, pose, colour) + _Role(
         f"{name}_rendered", "illustration", shape, pose, linear_colour(colour)
     )

@@ -21,18 +21,15 @@ from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.station.scene import AddBoardScene, BoardScene
 from fmp_drake.station.skill_motion import ChoiceByInk, Playback
 from fmp_drake.station.tasks.task import Measurements
+from fmp_drake.systems import PagePanel, draw_demonstrations
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
 from fmp_drake.systems.ink.mesh import ink_colours
 from fmp_drake.systems.page.force_arrow import FORCE_COLOR, ForceArrow
 from fmp_drake.systems.page.ink_visualizer import InkVisualizer
 from fmp_drake.systems.page.page_controls import PageControls
-from fmp_drake.systems.page.page_panel import Kind, PagePanel, PanelFields
+from fmp_drake.systems.page.page_panel import Kind, PanelFields
 from fmp_drake.systems.page.page_status import PageStatus
-from fmp_drake.systems.page.paths import (
-    DEMONSTRATION_COLOR,
-    css_color,
-    draw_demonstrations,
-)
+from fmp_drake.systems.page.paths import DEMONSTRATION_COLOR, css_color
 from fmp_drake.systems.page.plan_visualizer import (
     PLAN_COLOR,
     TUBE_COLOR,

@@ -4,19 +4,26 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
+from pydrake.multibody.tree import BodyIndex
 
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.reach.clearance import ArmClearance
 from fmp_drake.station.reach.posture import SolvePosture
 from fmp_drake.station.reach.tracking_prediction import (
     PredictedMotion,
     TrackingPredictor,
 )
-from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
+from fmp_drake.station.robots.robot import (
+    CollectCollisionSpheres,
+    LoadRobot,
+    MakeRobotModel,
+    RobotConfig,
+)
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.interface.arm_model import joint_limits
-from fmp_drake.systems.surface.surface import place, rotations
+from fmp_drake.systems.surface.surface import PLANE, Surface, place, rotations
+from fmp_drake.systems.surface_monitor import along, clearances, moved
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -75,6 +82,61 @@ class FollowingBounds:
     torque_fraction: float = 0.9
     friction_lag: float = 0.010
     exceptions: float = 0.002
+
+
+class ArmClearance:
+    """Clearance of an arm's links, without its tool, from a board.
+
+    Parameters
+    ----------
+    config : RobotConfig
+    """
+
+    def __init__(self, config: RobotConfig) -> None:
+        self._graph = SceneGraph()
+        robot = MakeRobotModel(config, scene_graph=self._graph)
+        self._plant = robot.plant
+        hard = CollectCollisionSpheres(robot.plant, self._graph, robot.arm)
+        indices, self._owner = np.unique(hard.bodies, return_inverse=True)
+        self._links = [self._plant.get_body(BodyIndex(i)) for i in indices]
+        self._points, self._radii = hard.points, hard.radii
+        self._context = self._plant.CreateDefaultContext()
+
+    def nearest(
+        self, q: Array, X_BW: Array, box: Array, curvature: Surface = PLANE
+    ) -> tuple[Array, str]:
+        """Return the distance to a board, and the nearest link.
+
+        Parameters
+        ----------
+        q : array, shape (N, n)
+            rad.
+        X_BW : array, shape (N, 3, 4)
+            The world in the frame of the board.
+        box : array, shape (2, 3)
+            The board's lower and upper corner in B, or in (u, v, h), m.
+        curvature : Surface
+            Of the board.
+
+        Returns
+        -------
+        distance : array, shape (N,)
+            Of the nearest link, m; negative where it would be in the board.
+        link : str
+            Name of the body.
+        """
+        X = np.empty((len(q), len(self._links), 3, 4))
+        for i in range(len(q)):
+            self._plant.SetPositions(self._context, q[i])
+            for j, link in enumerate(self._links):
+                X[i, j] = self._plant.EvalBodyPoseInWorld(
+                    self._context, link
+                ).GetAsMatrix34()
+        p_W = moved(X[:, self._owner], self._points)
+        p = along(curvature, moved(X_BW[:, None], p_W))
+        distance = clearances(p, self._radii, box)
+        nearest = int(np.argmin(np.min(distance, axis=0)))
+        return np.min(distance, axis=1), self._links[self._owner[nearest]].name()
 
 
 class BoardReach:

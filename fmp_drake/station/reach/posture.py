@@ -1,4 +1,4 @@
-"""Postures of the arm for a wanted pose of the eraser."""
+"""Postures of an arm for poses of its tool, and the normal force in a posture."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.inverse_kinematics import InverseKinematics
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.solvers import Solve
 
 from fmp_drake.errors import StationError
@@ -21,6 +21,8 @@ _LIMIT_MARGIN = 0.03
 _GUESSES = 16
 # Height of the felt in `FindLevelReach`, m.
 _LEVEL_HEIGHT = 0.10
+TORQUE_FRACTION = 0.8
+"""Fraction of the joints' torque limits for the normal force and the weight."""
 
 
 def SolvePosture(
@@ -134,3 +136,57 @@ def FindLevelReach(robot: Robot) -> float:
         f"{Path(robot.config.model).stem} cannot hold the eraser level anywhere from "
         f"0.2 to 2 m in front of it, {_LEVEL_HEIGHT:g} m high; check its mount and posture."
     )
+
+
+def ArmForceLimit(
+    model: Robot,
+    *,
+    q: ArrayLike,
+    R_WB: RotationMatrix,
+    friction: float,
+) -> float:
+    """Return the largest normal force within an arm's torque limits in a posture, N.
+
+    A press F along -z of B goes with a friction of mu F along any edge of the board. The
+    joints bear ``tau = g(q) + J^T F (-z + mu t)``, t any of +-x and +-y; the press is the
+    largest at which no joint needs more than 80 % of its effort. The rest is for the
+    motion, which takes a few percent when wiping.
+
+    Parameters
+    ----------
+    model : Robot
+        The arm with its eraser, where the force acts.
+    q : array_like, shape (n,)
+        rad.
+    R_WB : RotationMatrix
+        Of the board.
+    friction : float
+        mu.
+
+    Examples
+    --------
+    >>> from pydrake.systems.framework import DiagramBuilder
+    >>> from fmp_drake.station import AddBoardScene, Scenario
+    >>> scene = AddBoardScene(DiagramBuilder(), Scenario(), start=[0.0, 0.0, 0.05])
+    >>> limit = ArmForceLimit(
+    ...     scene.model,
+    ...     q=scene.robot.default_posture,
+    ...     R_WB=scene.X_WB.rotation(),
+    ...     friction=0.5,
+    ... )
+    >>> 55.0 < limit < 65.0
+    True
+    """
+    arm = model.plant
+    context = arm.CreateDefaultContext()
+    arm.SetPositions(context, np.asarray(q, dtype=float))
+    world, wrt = arm.world_frame(), JacobianWrtVariable.kV
+    J = arm.CalcJacobianTranslationalVelocity(
+        context, wrt, model.tip, np.zeros(3), world, world
+    )
+    x, y, z = R_WB.matrix().T
+    directions = np.array([-z + friction * t for t in (x, -x, y, -y)])
+    per_newton = directions @ J
+    holding_torque = -arm.CalcGravityGeneralizedForces(context) * np.sign(per_newton)
+    remaining = TORQUE_FRACTION * arm.GetEffortUpperLimits() - holding_torque
+    return float(max(0.0, np.min(remaining / np.maximum(np.abs(per_newton), 1e-9))))

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 
+from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.impedance.algebra import rotation_vector
-from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.interface.arm_model import ArmModel
 
 Array = NDArray[np.float64]

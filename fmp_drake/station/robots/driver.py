@@ -15,7 +15,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.settings import check_settings
 from fmp_drake.station.robots.robot import RobotConfig
 from fmp_drake.station.scenario_parts import SensorConfig
-from fmp_drake.systems.panda.gate import GateMode
+from fmp_drake.systems import GateMode
 from fmp_drake.systems.sensor_model import SensorModel
 
 

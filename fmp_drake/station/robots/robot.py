@@ -1,11 +1,19 @@
-"""Robots: their configuration, a YAML file beside a URDF, and their models in plants."""
+"""Robots: configuration (a YAML file beside a URDF), models in plants, rigid geometry."""
 
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import CollisionFilterDeclaration, SceneGraph
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    CollisionFilterDeclaration,
+    Role,
+    SceneGraph,
+)
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
@@ -21,13 +29,15 @@ from fmp_drake.station.scenario_parts import (
     in_one_line,
     load_yaml,
 )
-from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.joints import FrictionConfig
+from fmp_drake.systems import FrictionConfig, ImpedanceConfig
 
 Tool = EraserConfig | str
 """An eraser, `spoon`, or a model file (SDF or URDF) with the frames `mount` and `tip`."""
 
-_TOOL = "tool"  # Stands for the tool's bodies in a group of `contact_free`.
+_TOOL = "tool"  # Name of the tool's bodies in a group of `contact_free`.
+# Compliant geometry, and angles of the spheres at a cylinder's rims.
+_FELT = "eraser::felt"
+_RIM_ANGLES = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
 
 
 @dataclass(kw_only=True)
@@ -208,9 +218,8 @@ def AddRobot(
             if (folder / "package.xml").is_file() and folder != models_dir():
                 parser.package_map().AddPackageXml(str(folder / "package.xml"))
         arm = AddArm(
-            plant,
+            parser,
             Path(config.model),
-            packages=parser.package_map(),
             visuals=visuals,
             official=config.official_visuals,
         )
@@ -356,3 +365,53 @@ def FilterSelfContact(robot: Robot, scene_graph: SceneGraph) -> None:
                 plant.CollectRegisteredGeometries(bodies)
             )
         )
+
+
+class CollisionSpheres(NamedTuple):
+    """Spheres that approximate the rigid collision geometry of a model.
+
+    Attributes
+    ----------
+    bodies : array of int, shape (N,)
+        Indices in the plant.
+    points : array, shape (N, 3)
+        Centres of the spheres in the frames of their bodies, m.
+    radii : array, shape (N,)
+        m.
+    """
+
+    bodies: NDArray[np.int_]
+    points: NDArray[np.float64]
+    radii: NDArray[np.float64]
+
+
+def CollectCollisionSpheres(
+    plant: MultibodyPlant, scene_graph: SceneGraph, model: ModelInstanceIndex
+) -> CollisionSpheres:
+    """Collect the spheres of a model: corners, rims, and five along each capsule."""
+    inspector = scene_graph.model_inspector()
+    bodies, points, radii = [], [], []
+    for g in inspector.GetAllGeometryIds(Role.kProximity):
+        body: Any = plant.GetBodyFromFrameId(inspector.GetFrameId(g))
+        if body.model_instance() != model or inspector.GetName(g) == _FELT:
+            continue
+        centres, radius = _spheres(inspector.GetShape(g))
+        X_BodyG = inspector.GetPoseInFrame(g)
+        R_BodyG = X_BodyG.rotation().matrix()
+        points.append(centres @ R_BodyG.T + X_BodyG.translation())
+        bodies += [int(body.index())] * len(centres)
+        radii += [radius] * len(centres)
+    return CollisionSpheres(np.array(bodies), np.vstack(points), np.array(radii))
+
+
+def _spheres(shape: Any) -> tuple[NDArray[np.float64], float]:
+    """Return centres, shape (N, 3), and radius of the spheres of a shape, m."""
+    ends = (-0.5, 0.0, 0.5)
+    if isinstance(shape, Box):
+        return np.array(list(product(ends, ends, ends))) * shape.size(), 0.0
+    if isinstance(shape, Capsule):
+        heights = np.linspace(-0.5, 0.5, 5)[:, None] * shape.length()
+        return heights * np.array([0.0, 0.0, 1.0]), shape.radius()
+    r, length = shape.radius(), shape.length()
+    rims = product(_RIM_ANGLES, ends)
+    return np.array([[r * np.cos(a), r * np.sin(a), e * length] for a, e in rims]), 0.0

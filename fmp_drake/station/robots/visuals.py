@@ -4,7 +4,6 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from pydrake.multibody.parsing import PackageMap, Parser
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from fmp_drake.errors import StationError
@@ -16,23 +15,17 @@ VISUALS = ("own", "drake_models")
 
 
 def AddArm(
-    plant: MultibodyPlant,
-    model: Path,
-    *,
-    packages: PackageMap,
-    visuals: str = "own",
-    official: str = "",
+    parser: Parser, model: Path, *, visuals: str = "own", official: str = ""
 ) -> ModelInstanceIndex:
-    """Add an arm; its dynamics are those of its own model whatever the visuals.
+    """Add an arm; the visuals do not change the dynamics of its own model.
 
     Parameters
     ----------
-    plant : MultibodyPlant
-        Not finalized, without a model of the same name.
+    parser : Parser
+        Of a plant that is not finalized and has no model with this name. It has the
+        packages of the model, and ``drake_models`` for these visuals.
     model : Path
         URDF or SDF file.
-    packages : PackageMap
-        With the package ``fmp_drake``, and ``drake_models`` for these visuals.
     visuals : {"own", "drake_models"}
         Meshes of the model, or the official ones, which Drake downloads when it first
         needs them.
@@ -52,8 +45,6 @@ def AddArm(
         raise StationError(
             f"visuals is {visuals!r}; it must be one of {', '.join(VISUALS)}."
         )
-    parser = Parser(plant)
-    parser.package_map().AddMap(_Without(packages, "drake_models"))
     if visuals == "own":
         (arm,) = parser.AddModels(str(model))
         return arm
@@ -61,11 +52,9 @@ def AddArm(
         raise StationError(
             f"{model.name} has no official meshes in drake_models. Take visuals: own."
         )
-    folder = _OfficialFolder(packages)
+    folder = _OfficialFolder(parser.package_map())
     description = ET.fromstring(model.read_text())
     _Dress(description, folder / official)
-    parser.package_map().Remove("drake_models")
-    parser.package_map().Add("drake_models", folder)
     text = ET.tostring(description, encoding="unicode")
     try:
         (arm,) = parser.AddModelsFromString(text, "urdf")
@@ -75,13 +64,6 @@ def AddArm(
             "Take visuals: own, which needs no download."
         ) from None
     return arm
-
-
-def _Without(packages: PackageMap, name: str) -> PackageMap:
-    others = PackageMap(packages)
-    if others.Contains(name):
-        others.Remove(name)
-    return others
 
 
 def _OfficialFolder(packages: PackageMap) -> Path:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
 from fmp_drake.station.scene import BoardScene
-from fmp_drake.systems.ink_board import InkBoard
+from fmp_drake.systems import InkBoard
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
