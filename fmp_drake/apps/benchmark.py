@@ -13,6 +13,16 @@ from fmp_drake.numeric import check_number
 from fmp_drake.processes import LocalWorkers
 
 
+def _list_methods(
+    context: click.Context, _parameter: click.Parameter, is_requested: bool
+) -> None:
+    """Print the names of the methods, and exit."""
+    if is_requested:
+        for name in all_methods():
+            click.echo(name)
+        context.exit()
+
+
 @click.command(
     cls=Command,
     examples={
@@ -26,9 +36,10 @@ from fmp_drake.processes import LocalWorkers
     "--method",
     "methods",
     multiple=True,
-    help="Only run this method (again); the report shows all that have been run.",
+    help="Run only this method; may be repeated. The report shows all methods that have "
+    "been run.",
 )
-@click.option("--quick", is_flag=True, help="Fewer predictions of each split.")
+@click.option("--quick", is_flag=True, help="Score fewer predictions of each split.")
 @click.option(
     "--jobs",
     type=int,
@@ -39,9 +50,17 @@ from fmp_drake.processes import LocalWorkers
 @click.option(
     "--clean",
     type=PATH,
-    help="Instead let the methods clean the board with the movement of this recording.",
+    help="Instead measure how soon each method cleans the board with the movement of this "
+    "recording.",
 )
-@click.option("--list", "lists", is_flag=True, help="List the methods, and end.")
+@click.option(
+    "--list",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_methods,
+    help="List the methods and exit.",
+)
 def benchmark(
     folder: Path,
     out: Path,
@@ -49,7 +68,6 @@ def benchmark(
     quick: bool,
     jobs: int,
     clean: Path | None,
-    lists: bool,
 ) -> None:
     """Compare methods on the recordings in FOLDER: prediction and playback.
 
@@ -59,10 +77,6 @@ def benchmark(
     adds a method by an entry point of the group fmp_drake.methods.
     """
     console = make_console()
-    if lists:
-        for name in all_methods():
-            console.print(name)
-        return
     check_number(jobs, "jobs", least=1, whole=True, error=FmpError)
     if not folder.is_dir():
         raise FmpError(f"there is no folder {folder}.")
