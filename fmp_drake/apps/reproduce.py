@@ -8,12 +8,7 @@ from rich.console import Console
 
 from fmp_drake.apps.options import PATH, Command
 from fmp_drake.apps.page import make_console, make_folder
-from fmp_drake.experiments import (
-    FULL,
-    QUICK,
-    Profile,
-    write_report,
-)
+from fmp_drake.experiments import FULL, QUICK, Profile, write_report
 from fmp_drake.experiments.benchmark.report import benchmark_findings
 from fmp_drake.experiments.benchmark.run import run_benchmark
 from fmp_drake.experiments.report import Section
@@ -34,7 +29,7 @@ from fmp_drake.processes import LocalWorkers
     "demos",
     type=PATH,
     multiple=True,
-    help="Also evaluate the methods on this recording (again).",
+    help="Also compare the methods on this recording; may be repeated.",
 )
 @click.option(
     "--demos",
@@ -48,19 +43,19 @@ def reproduce(
     """Rerun the paper's experiments and write a report with figures and tables."""
     console = make_console()
     profile = QUICK if quick else FULL
-    others = [load_own(path) for path in demos]
+    others = {path: load_own(path) for path in demos}
     make_folder(out)
 
-    started = time.perf_counter()
+    start = time.perf_counter()
     with console.status("polishing") as status:
 
-        def progress(what: str) -> None:
-            seconds = time.perf_counter() - started
-            status.update(f"{seconds:4.0f} s  {what}")
+        def progress(message: str) -> None:
+            line = f"{time.perf_counter() - start:4.0f} s  {message}"
+            status.update(line)
             if not console.is_terminal:
-                console.print(f"{seconds:4.0f} s  {what}")
+                console.print(line)
 
-        sections, results = run_experiments(profile, others, demos, progress)
+        sections, results = run_experiments(profile, others, progress)
         if folder is not None:
             scores = run_benchmark(
                 folder,
@@ -71,7 +66,7 @@ def reproduce(
             )
             findings = benchmark_findings(scores)
             sections.append((f"Benchmark: recordings in {folder.name}", findings))
-    results["seconds"] = time.perf_counter() - started
+    results["seconds"] = time.perf_counter() - start
     write_report(
         out, sections=sections, introduction=_introduction(profile), results=results
     )
@@ -83,8 +78,9 @@ def _introduction(profile: Profile) -> str:
     return (
         "Section V of Kulak, Silvério and Calinon, “Fourier movement primitives”, "
         "RSS 2020, rerun on recordings of a simulated arm guided by a modelled hand (the "
-        "paper's own are not public). FMP stands for the defaults of the estimator; "
-        "the paper's settings are 10 Gaussians, windows 10 samples apart, plain EM. "
+        "paper's own recordings are not public). FMP has the default settings of the "
+        "estimator; the paper's settings are 10 Gaussians, windows 10 samples apart, plain "
+        "EM. "
         f"{profile.samples} trajectories for each heatmap."
     )
 
@@ -93,8 +89,8 @@ def _print_verdicts(console: Console, sections: list[Section]) -> None:
     for _, findings in sections:
         for finding in findings:
             if finding.agrees is not None:
-                mark = "holds        " if finding.agrees else "does not hold"
-                console.print(f"{mark}  {finding.title}")
+                verdict = "holds" if finding.agrees else "does not hold"
+                console.print(f"{verdict:13}  {finding.title}")
             if finding.agrees is False:
                 console.print(f"    claim: {finding.claim}", markup=False)
                 console.print(f"    found: {finding.shows}", markup=False)

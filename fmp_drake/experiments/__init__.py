@@ -2,7 +2,7 @@
 
 `run_experiments` of `fmp_drake.experiments.reproduction` repeats the paper's experiments
 with the sizes of a `Profile`. Each result is a `Finding`, and `write_report` writes a page
-of them. `fmp_drake.experiments.benchmark` compares methods on any recordings,
+of findings. `fmp_drake.experiments.benchmark` compares methods on any recordings,
 `fmp_drake.experiments.baselines` contains the other movement primitives, and
 `fmp_drake.experiments.trials` runs randomised scenarios.
 """

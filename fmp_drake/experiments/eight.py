@@ -71,7 +71,7 @@ def learn_and_sample(
     n = profile.samples
     sparse = cut([recorded], stride=PAPER_STRIDE)
     dense = cut([recorded], stride=FMP_STRIDE)
-    # ProMP-VM-Mult of V-C; its best with as many Gaussians as FMP.
+    # ProMP-VM-Mult of V-C, and its best settings with as many Gaussians as FMP.
     mult = ProMP(frequencies=(1.0, 2.0, 3.0, 4.0, 5.0), n_components=10).fit(sparse)
     mult_own = ProMP(frequencies=5, n_components=80).fit(dense)
     paper = FourierMovementPrimitive(**PAPER_SETTINGS, random_state=0).fit(sparse)
@@ -93,15 +93,15 @@ def table_one(
 ) -> dict[str, dict[str, float]]:
     """Return the divergences of Table I: method to forward_kl and reverse_kl."""
     extent = grid_extent(demonstrated)
-    out = {}
+    table = {}
     for name, learned in samples.items():
         forward, reverse = divergences(learned, demonstrated, extent=extent)
-        out[name] = {"forward_kl": forward, "reverse_kl": reverse}
-    return out
+        table[name] = {"forward_kl": forward, "reverse_kl": reverse}
+    return table
 
 
 def table_rows(table: dict[str, dict[str, float]]) -> list[list[str]]:
-    """Return Table I as text, its header first."""
+    """Return the header and the rows of Table I as text."""
     return [
         ["", "forward KL", "reverse KL"],
         *(
@@ -124,8 +124,8 @@ def _samples(
         ax.set(aspect="equal", xlabel=axes[0].get_xlabel())
         ax.locator_params(nbins=6)
     same_limits(axes)
-    jerk = {name: rms_jerk(samples[name][:500], RATE) for name in (MULT, FMP_PAPER)}
-    distance = {
+    jerks = {name: rms_jerk(samples[name][:500], RATE) for name in (MULT, FMP_PAPER)}
+    distances = {
         name: float(np.mean(demonstrated.distances(samples[name][:200])))
         for name in (MULT, FMP_PAPER)
     }
@@ -133,11 +133,12 @@ def _samples(
         name="fig7",
         title="Fig. 7: samples of the learned 8-shape distribution",
         shows="Mean distance to the demonstrated path: "
-        f"{MULT} {millimetres(distance[MULT])}, FMP {millimetres(distance[FMP_PAPER])}. "
-        f"Rms jerk: {MULT} {jerk[MULT]:.1f}, FMP {jerk[FMP_PAPER]:.1f}, demonstrated "
+        f"{MULT} {millimetres(distances[MULT])}, FMP {millimetres(distances[FMP_PAPER])}. "
+        f"Rms jerk: {MULT} {jerks[MULT]:.1f}, FMP {jerks[FMP_PAPER]:.1f}, demonstrated "
         f"{rms_jerk(recorded.values, RATE):.1f} m/s^3.",
         claim="FMP's samples are smoother and closer to the demonstrations.",
-        agrees=distance[FMP_PAPER] < distance[MULT] and jerk[FMP_PAPER] < jerk[MULT],
+        agrees=distances[FMP_PAPER] < distances[MULT]
+        and jerks[FMP_PAPER] < jerks[MULT],
         figure=figure,
     )
 
@@ -162,10 +163,10 @@ def _heatmaps(
 
 
 def _table(table: dict[str, dict[str, float]]) -> Finding:
-    ratios = [
-        table[FMP_PAPER][k] / table[MULT][k] for k in ("forward_kl", "reverse_kl")
-    ]
-    equal = [table[FMP][k] / table[MULT_OWN][k] for k in ("forward_kl", "reverse_kl")]
+    ratios, own_ratios = (
+        [table[method][k] / table[reference][k] for k in ("forward_kl", "reverse_kl")]
+        for method, reference in ((FMP_PAPER, MULT), (FMP, MULT_OWN))
+    )
     rows = [
         *table_rows(table),
         [f"paper: {MULT}", "0.20", "0.53"],
@@ -173,15 +174,15 @@ def _table(table: dict[str, dict[str, float]]) -> Finding:
     ]
     return Finding(
         name="table1",
-        title="Table I: learned against demonstrated distribution of the 8-shape",
+        title="Table I: learned and demonstrated distribution of the 8-shape",
         shows=f"With 10 Gaussians and windows 10 samples apart for both, FMP's "
         f"divergences are {ratios[0]:.2f} (forward) and {ratios[1]:.2f} (reverse) of "
         f"{MULT}'s; with 80, 2 samples apart, and the movement's own frequencies, "
-        f"{equal[0]:.2f} and {equal[1]:.2f}. All methods are compared with the data that "
-        "they learned from, so replay is best: see the held-out tables. "
+        f"{own_ratios[0]:.2f} and {own_ratios[1]:.2f}. All methods are compared with their "
+        "training data, so replay is best: see the held-out tables. "
         f"Grid of {BINS} x {BINS} cells over the demonstrated "
-        f"box and 15 % around it; {FLOOR:g} is added to every cell of both heatmaps "
-        "before they are normalised, because of empty cells.",
+        f"box and 15 % around it; because of empty cells {FLOOR:g} is added to every cell "
+        "of both heatmaps before they are normalised.",
         claim="FMP is about twice as close to the demonstrations (0.55 and 0.53).",
         agrees=max(ratios) <= 0.55,
         table=rows,
@@ -223,7 +224,7 @@ def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding
     axes[0].legend()
     return Finding(
         name="sensitivity",
-        title="Table I for other grids and other treatments of empty cells",
+        title="Table I with other grids and other floors of empty cells",
         shows=f"Over grids of {SENSITIVITY_BINS[0]} to {SENSITIVITY_BINS[-1]} cells and "
         f"floors of {SENSITIVITY_FLOORS[0]:g} to {SENSITIVITY_FLOORS[-1]:g} the ratio "
         f"is at most {worst:.2f}.",

@@ -1,4 +1,4 @@
-"""Windows and played paths of section V; their heatmaps, divergences and distances."""
+"""Windows and played paths of section V, with their heatmaps, divergences and distances."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.numeric import check_number, finite_array
@@ -32,8 +31,7 @@ N_STEPS = 120
 FMP_STRIDE = FourierMovementPrimitive(n_steps=N_STEPS).window_stride
 PAPER_STRIDE = int(PAPER_SETTINGS["stride"])
 
-# The grid of Table I here; the paper does not state its own. The sensitivity study
-# varies both.
+# Grid of Table I, which the paper does not state. The sensitivity study varies it.
 BINS = 30
 FLOOR = 1e-6
 SENSITIVITY_BINS = (10, 20, 30, 40, 60, 80, 100)
@@ -63,17 +61,17 @@ def heatmap(
     Parameters
     ----------
     trajectories : array_like, shape (..., D)
-        The first two channels are counted.
+        Only the first two channels are used.
     bins : int
-        Cells along each of the two axes.
+        Number of cells along each axis.
     extent : array_like, shape (2, 2)
-        Least and greatest value, of the first and of the second channel. Samples
+        Least and greatest value of the first and of the second channel. Samples
         outside count in the nearest cell.
 
     Returns
     -------
     ndarray, shape (bins, bins)
-        Summing to 1; the first axis is the first channel.
+        Fractions, whose sum is 1; the first axis is the first channel.
     """
     values = finite_array(
         trajectories, "the trajectories", ("...", "N", "D"), error=ExperimentError
@@ -91,16 +89,16 @@ def heatmap(
 def kl_divergence(p: ArrayLike, q: ArrayLike, *, floor: float) -> float:
     """Return D_KL(P || Q) = sum P log(P / Q) of two heatmaps, in nats.
 
-    With P learned and Q demonstrated this is the paper's forward divergence, with
-    P and Q exchanged its reverse one (section V-C).
+    With P learned and Q demonstrated this is the paper's forward divergence; the other way
+    round it is the reverse one (section V-C).
 
     Parameters
     ----------
     p, q : array_like
-        Of the same shape, each summing to 1.
+        Heatmaps of the same shape, each of sum 1.
     floor : float
-        Positive number added to every cell before both are normalised; an empty
-        cell would make the divergence infinite.
+        Positive number that is added to every cell before both are normalised, because an
+        empty cell would make the divergence infinite.
     """
     check_number(floor, "floor", above=0.0, error=ExperimentError)
     a = finite_array(p, "the first heatmap", error=ExperimentError)
@@ -188,7 +186,7 @@ def draw_paths(
 
 
 class DemonstratedPath:
-    """Demonstrated path, for the distances of trajectories to it.
+    """Demonstrated path, which measures the distances of trajectories.
 
     Parameters
     ----------
@@ -201,8 +199,7 @@ class DemonstratedPath:
 
     def distances(self, trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the distance of each sample (..., D) to the nearest one, (...)."""
-        flat = trajectories.reshape(-1, trajectories.shape[-1])
-        return self._tree.query(flat)[0].reshape(trajectories.shape[:-1])
+        return self._tree.query(trajectories)[0]
 
 
 def rms_jerk(trajectories: NDArray[np.float64], rate: float) -> float:
@@ -214,17 +211,3 @@ def rms_jerk(trajectories: NDArray[np.float64], rate: float) -> float:
 def millimetres(value: Any) -> str:
     """Return a length in metres as text in millimetres."""
     return f"{1e3 * float(value):.1f} mm"
-
-
-def inside_ellipsoids(
-    errors: NDArray[np.float64],
-    covariances: NDArray[np.float64],
-) -> NDArray[np.bool_]:
-    """Return which errors (n, D) are in the ellipsoids of covariances (n, D, D), (n,).
-
-    An ellipsoid contains 95 % of its Gaussian.
-    """
-    solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
-    squared = np.sum(errors * solved, axis=1)
-    out: NDArray[np.bool_] = squared <= chi2.ppf(0.95, errors.shape[1])
-    return out

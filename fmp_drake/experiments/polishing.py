@@ -4,8 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
-from fmp_drake.experiments.baselines.promp import ProMP
+from fmp_drake.experiments.baselines.promp import AlignedProMP, ProMP
 from fmp_drake.experiments.metrics import (
     FMP_STRIDE,
     N_STEPS,
@@ -38,7 +37,7 @@ def polishing(demonstration: Demonstration, profile: Profile) -> list[Finding]:
     recorded = demonstration.resample(RATE)
     windows = cut([recorded], stride=PAPER_STRIDE)
     path = DemonstratedPath(recorded.values)
-    # With the paper's cosines as bases.
+    # The bases are the paper's cosines.
     aligned = AlignedProMP(model=ProMP(frequencies=(1.0,)))
     aligned.fit(joined_recordings(windows))
     skill = FourierMovementPrimitive(model="mixture", random_state=0)
@@ -67,7 +66,7 @@ def _demonstrations(
         title="Fig. 3: demonstrations of polishing",
         shows=f"{recorded.duration:.0f} s of guided polishing, the first 20 s over time, "
         f"and windows of {N_STEPS / RATE:g} s in the plane, in the colours of their "
-        "components; they start at any phase.",
+        "components. The windows start at any phase.",
         figure=figure,
     )
 
@@ -88,9 +87,9 @@ def _from_starts(
     return Finding(
         name="fig4",
         title="Fig. 4: polishing from different initial positions with FMP",
-        shows=f"From {millimetres(start_distance)} outside the demonstrations (right) the "
-        f"last 2 s of {_SECONDS:g} s are within {millimetres(distances[1])} of them; from "
-        f"inside (left) {millimetres(distances[0])}.",
+        shows=f"From a start {millimetres(start_distance)} outside the demonstrations "
+        f"(right) the last 2 s of {_SECONDS:g} s are within {millimetres(distances[1])} of "
+        f"them, from inside (left) within {millimetres(distances[0])}.",
         claim="FMP interpolates and extrapolates: the movement returns to the "
         "demonstrated limit cycle.",
         agrees=bool(np.all(distances < 0.01)),
@@ -137,7 +136,7 @@ def _promp_conditioned(
     demonstrated: DemonstratedPath,
 ) -> Finding:
     mixture = ProMP(frequencies=(_FREQUENCY,), n_components=10).fit(windows)
-    # 6a conditions the aligned model on a start of another phase: half a period later.
+    # 6a conditions the aligned model on a start at another phase, half a period later.
     period = aligned.model_.condition([0], [inside])
     opposite = period[len(period) // 2]
     paths = {
@@ -154,7 +153,7 @@ def _promp_conditioned(
         shows=f"Greatest distance from the demonstrations in the last 2 s: aligned and "
         f"started at another phase {millimetres(a)}, mixture from inside "
         f"{millimetres(b)}, mixture from outside {millimetres(c)}.",
-        claim="With alignment the movement cannot start elsewhere; a mixture without "
+        claim="With alignment the movement cannot start at another phase; a mixture without "
         "alignment adapts inside the demonstrations, but from outside it does not "
         "return to them.",
         agrees=bool(a > 0.02 and b < 0.02 and c > 0.02),

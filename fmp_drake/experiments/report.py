@@ -1,4 +1,4 @@
-"""Results of experiments, and reports: one HTML file, or Markdown with figures beside it."""
+"""Findings of experiments, and their report as HTML or Markdown."""
 
 import base64
 import html
@@ -32,8 +32,8 @@ code { font-size: .8em; background: #f2f2f0; padding: .1rem .3rem; border-radius
 .yes { background: #d8f0dc; } .no { background: #f8dcd8; }
 """
 
-# Characters; a column with longer cells wraps as text.
-_MOST_OF_A_NUMBER = 30
+# Greatest number of characters in the cells of a column that does not wrap.
+_MOST_CHARACTERS = 30
 
 type Section = tuple[str, Sequence[Finding]]
 
@@ -47,11 +47,11 @@ class Profile:
     samples : int
         Trajectories drawn for a heatmap (the paper: 10,000).
     places : int
-        Learned parts of each length in the held-out evaluation.
+        Number of training parts of each length in the held-out evaluation.
     tasks : tuple of str
         Demonstrations of the held-out evaluation.
     instants : int
-        Predictions of the next second for each learned part.
+        Number of predictions of the next second for each training part.
     robot_seconds : float
         Simulated time of wiping by the Panda, s.
 
@@ -96,7 +96,7 @@ class Finding:
         File name of the picture, such as "fig4".
     title : str
     shows : str
-        One sentence, with the numbers.
+        Description of the result, with its numbers.
     claim : str
         Claim of the paper or of this package; "" for none.
     agrees : bool or None
@@ -176,9 +176,14 @@ def write_page(
 
 
 def _verdicts(sections: Sequence[Section]) -> str:
-    judged = [f for _, group in sections for f in group if f.agrees is not None]
     return _table(
-        (f'<a href="#{f.name}">{html.escape(f.title)}</a>', _verdict(f)) for f in judged
+        (
+            f'<a href="#{finding.name}">{html.escape(finding.title)}</a>',
+            _verdict(finding),
+        )
+        for _, findings in sections
+        for finding in findings
+        if finding.agrees is not None
     )
 
 
@@ -188,14 +193,14 @@ def _verdict(finding: Finding) -> str:
 
 
 def _table(rows: Iterable[Iterable[str]], tag: str = "td") -> str:
-    """Return an HTML table; cells contain HTML, and the tag is that of row 1."""
+    """Return a table of cells in HTML; the first row has another tag, if given."""
     cells = [list(row) for row in rows]
-    longest = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lengths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = []
     for row in cells:
         line = ""
-        for cell, length in zip(row, longest, strict=True):
-            words = ' class="words"' if length > _MOST_OF_A_NUMBER else ""
+        for cell, length in zip(row, lengths, strict=True):
+            words = ' class="words"' if length > _MOST_CHARACTERS else ""
             line += f"<{tag}{words}>{cell}</{tag}>"
         lines.append(f"<tr>{line}</tr>")
         tag = "td"

@@ -1,43 +1,79 @@
-"""All experiments of section V, and the held-out scores of the demonstrations."""
+"""All experiments of section V, with wiping (V-D) and held-out scores (not in the paper)."""
 
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmp_drake.errors import FmpError
+from fmp_drake.experiments.baselines.method import RATE
+from fmp_drake.experiments.benchmark.built_in import ABLATIONS, FMP, MixtureFMP
+from fmp_drake.experiments.benchmark.report import benchmark_findings, mean_values
+from fmp_drake.experiments.benchmark.run import (
+    Job,
+    MethodScores,
+    Progress,
+    all_methods,
+    run_job,
+    score_method,
+)
+from fmp_drake.experiments.benchmark.splits import ALL, make_movement
 from fmp_drake.experiments.eight import (
     eight,
     learn_and_sample,
     table_one,
     table_rows,
 )
-from fmp_drake.experiments.held_out import held_out_findings, score_demonstrations
 from fmp_drake.experiments.metrics import (
     BINS,
     FLOOR,
     N_STEPS,
     PAPER_STRIDE,
-    RATE,
+    draw_paths,
+    millimetres,
 )
 from fmp_drake.experiments.polishing import polishing
 from fmp_drake.experiments.report import Finding, Profile, Section
-from fmp_drake.experiments.wiping import wiping
-from fmp_drake.primitives import PAPER_SETTINGS, Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives import (
+    PAPER_SETTINGS,
+    Demonstration,
+    FourierMovementPrimitive,
+    Player,
+)
+from fmp_drake.runs.wiping_run import WipingRun
 from fmp_drake.skills.learning import default_demonstration
+from fmp_drake.station.scenario import Scenario
 
-Progress = Callable[[str], None]
+# Wiping: length of a path, samples of 1/20 s, and its start in the frame of the board, m.
+_LENGTH, _START = 400, (0.05, 0.20, 0.05)
+# Measures of the claim about held-out scores, with their titles and the better of values.
+_MEASURES: dict[str, tuple[str, Callable[..., Any]]] = {
+    "error_mm": ("next second, rms (mm)", min),
+    "log_density": ("log density (nats per sample)", max),
+}
+# Cycles of a short recording.
+_FEW_CYCLES = "8"
 
 
 def run_experiments(
     profile: Profile,
-    others: list[Demonstration],
-    paths: tuple[Path, ...],
+    others: Mapping[Path, Demonstration],
     progress: Progress,
 ) -> tuple[list[Section], dict[str, Any]]:
-    """Run everything; return the sections of the report and the results."""
+    """Run all experiments; return the sections of the report and the results.
+
+    Parameters
+    ----------
+    profile : Profile
+    others : mapping of pathlib.Path to Demonstration
+        Recordings of the user, from `load_own`.
+    progress : callable
+        Called with a message about each step.
+    """
     bundled = {
         task: Demonstration.load(default_demonstration(task))
         for task in ("polishing", "eight", "wiping")
@@ -61,14 +97,14 @@ def run_experiments(
     )
     results["held_out"] = {name: asdict(method) for name, method in scores.items()}
     sections.append(("Held out (beyond the paper)", held_out_findings(scores)))
-    extra = []
-    for path, demonstration in zip(paths, others, strict=True):
+    own_findings = []
+    for path, demonstration in others.items():
         progress(f"{path.name}: Table I")
         finding, row = _own(path, demonstration, profile)
         results["demonstrations"][path.stem] = row
-        extra.append(finding)
-    if extra:
-        sections.append(("Your recordings", extra))
+        own_findings.append(finding)
+    if own_findings:
+        sections.append(("Your recordings", own_findings))
     results["findings"] = {
         f.name: {"shows": f.shows, "claim": f.claim, "agrees": f.agrees}
         for _, group in sections
@@ -78,7 +114,7 @@ def run_experiments(
 
 
 def load_own(path: Path) -> Demonstration:
-    """Load a recording with its two widest channels, those of the heatmaps, first."""
+    """Load a recording; its two widest channels, those of the heatmaps, are first."""
     demonstration = Demonstration.load(path)
     shortest = (N_STEPS + PAPER_STRIDE) / RATE
     if demonstration.duration < shortest or demonstration.n_channels < 2:
@@ -87,8 +123,8 @@ def load_own(path: Path) -> Demonstration:
             f"{demonstration.n_channels} channels; the experiments need at least "
             f"{shortest:g} s and 2 channels."
         )
-    widest = np.argsort(-np.ptp(demonstration.values, axis=0), kind="stable")
-    return demonstration.select([demonstration.channels[i] for i in widest])
+    order = np.argsort(-np.ptp(demonstration.values, axis=0), kind="stable")
+    return demonstration.select([demonstration.channels[i] for i in order])
 
 
 def _own(
@@ -100,11 +136,165 @@ def _own(
     finding = Finding(
         name=f"own_{path.stem}",
         title=f"Table I on {path.name}",
-        shows=f"{recorded.duration:.1f} s, as measured, in the plane of "
+        shows=f"{recorded.duration:.1f} s in the plane of "
         f"{' and '.join(recorded.channels[:2])}.",
         table=table_rows(table),
     )
     return finding, table
+
+
+def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
+    """Play wiping for 400 samples, with means and with samples, also with the robot."""
+    skill = FourierMovementPrimitive().fit(demonstration)
+    paths, cells, measured_paths, errors = {}, [], {}, []
+    for sample, title in ((False, "mean"), (True, "sample")):
+        path = Player(skill, sample=sample).rollout(_START, 60.0)[:, 0]
+        paths[f"tracking the {title}"] = path[: _LENGTH + 1]
+        cells.append(_visited_cells(path))
+        run = WipingRun(
+            Scenario(),
+            skill,
+            demonstrations=[demonstration],
+            start=_START,
+            sample=sample,
+            keep=["measured_position"],
+        )
+        run.advance_to(profile.robot_seconds)
+        measured_paths[f"{title}, measured"] = run.log("measured_position")[::4]
+        errors.append(run.metrics()["tracking_rms_m"] or 0.0)
+    return [
+        Finding(
+            name="fig10",
+            title="Fig. 10: generated trajectories of length 400 (20 s)",
+            shows=f"In 60 s the tool visits {cells[0]} cells of 5 mm tracking the means "
+            f"(left), {cells[1]} tracking samples (right).",
+            claim="Movements of any length; sampling gives them much more variability.",
+            agrees=cells[1] > 2 * cells[0],
+            figure=draw_paths(demonstration, paths),
+        ),
+        Finding(
+            name="fig10_robot",
+            title="Fig. 10, executed by the simulated Panda",
+            shows=f"{profile.robot_seconds:g} s on the whiteboard, followed to "
+            f"{millimetres(errors[0])} (mean) and {millimetres(errors[1])} "
+            "(sample) rms.",
+            claim="An impedance controller with fixed orientation executes them.",
+            agrees=max(errors) < 0.01,
+            figure=draw_paths(demonstration, measured_paths),
+        ),
+    ]
+
+
+def _visited_cells(path: NDArray[np.float64]) -> int:
+    """Return the number of 5 mm cells in the plane that a path (ticks, D) visits."""
+    ticks = np.arange(len(path))
+    fine = np.linspace(0, len(path) - 1, 20 * len(path))
+    points = np.stack([np.interp(fine, ticks, path[:, i]) for i in (0, 1)], axis=1)
+    return len(np.unique(np.floor(points / 0.005).astype(int), axis=0))
+
+
+def score_demonstrations(
+    demonstrations: Mapping[str, Demonstration],
+    profile: Profile,
+    progress: Progress,
+) -> dict[str, MethodScores]:
+    """Score all methods except the ablations on demonstrations, as in the benchmark.
+
+    Parameters
+    ----------
+    demonstrations : mapping of str to Demonstration
+        Recordings by name; their channels are in metres.
+    profile : Profile
+        With the numbers of training parts of each length and of predictions.
+    progress : callable
+        Called with a message about each step.
+    """
+    movements = [
+        make_movement(name, [demonstration.resample(RATE).values])
+        for name, demonstration in demonstrations.items()
+    ]
+    ablations = [method.name for method in ABLATIONS]
+    scores: dict[str, MethodScores] = {}
+    for name in all_methods():
+        if name in ablations:
+            continue
+        scores[name] = MethodScores(method=name)
+        for movement in movements:
+            progress(f"held out: {movement.name}, {name}")
+            score = partial(
+                score_method,
+                movement=movement,
+                instants=profile.instants,
+                places=profile.places,
+            )
+            scores[name].add(run_job(Job(method=name, score=score)))
+    return scores
+
+
+def held_out_findings(scores: Mapping[str, MethodScores]) -> list[Finding]:
+    """Return the claims about each movement, and the benchmark's tables of all."""
+    movements = {row["movement"]: None for row in scores[FMP.name].predictions}
+    tables = [
+        replace(finding, name=finding.name.replace("benchmark", "held_out"))
+        for finding in benchmark_findings(scores)
+    ]
+    claims = [
+        finding(scores, movement)
+        for movement in movements
+        for finding in (_best_prediction, _prediction_from_few_cycles)
+    ]
+    return [*claims, *tables]
+
+
+def _mean(
+    scores: MethodScores, movement: str, *, measure: str, cycles: str = ALL
+) -> float:
+    """Return the mean of a measure over the training parts; NaN without a value."""
+    return mean_values(scores, measure).get((cycles, movement), np.nan)
+
+
+def _best_prediction(scores: Mapping[str, MethodScores], movement: str) -> Finding:
+    """Compare FMP with the best other method in each measure."""
+    comparisons, wins = [], 0
+    for measure, (title, better) in _MEASURES.items():
+        means = {
+            name: _mean(method, movement, measure=measure)
+            for name, method in scores.items()
+        }
+        fmp, mixture = means.pop(FMP.name), means.pop(MixtureFMP.name)
+        rival = better(
+            (name for name in means if np.isfinite(means[name])),
+            key=means.__getitem__,
+        )
+        wins += better(fmp, means[rival]) == fmp
+        comparisons.append(
+            f"{title}: FMP {fmp:.2f}, its mixture {mixture:.2f}; best other "
+            f"{means[rival]:.2f} ({rival})"
+        )
+    return Finding(
+        name=f"held_out_{movement}",
+        title=f"Held out: {movement}",
+        shows=f"Learned from two thirds, FMP is best in {wins} of {len(_MEASURES)} "
+        f"measures. {'. '.join(comparisons)}.",
+        claim="FMP generalises better than every other method, in every measure.",
+        agrees=wins == len(_MEASURES),
+    )
+
+
+def _prediction_from_few_cycles(
+    scores: Mapping[str, MethodScores], movement: str
+) -> Finding:
+    """Compare learning from few cycles with learning from two thirds of a recording."""
+    error = _mean(scores[FMP.name], movement, measure="error_mm", cycles=_FEW_CYCLES)
+    mixture_error = _mean(scores[MixtureFMP.name], movement, measure="error_mm")
+    return Finding(
+        name=f"short_{movement}",
+        title=f"Learned from {_FEW_CYCLES} cycles: {movement}",
+        shows=f"The next second is predicted with {error:.1f} mm by FMP learned from "
+        f"{_FEW_CYCLES} cycles, and with {mixture_error:.1f} mm by the mixture learned from two thirds.",
+        claim=f"FMP predicts from {_FEW_CYCLES} cycles as well as the mixture from two thirds.",
+        agrees=error <= mixture_error,
+    )
 
 
 def _settings(profile: Profile) -> dict[str, Any]:

@@ -65,10 +65,10 @@ def measure_scenarios(
     """Run scenarios in parallel processes; yield names and results in any order."""
     measure = partial(measure_scenario, duration=duration, folder=folder)
     workers = LocalWorkers(cpu_count() or 1, attempts=1)
-    for done in run_tasks(measure, names, workers):
-        if isinstance(done.result, Exception):
-            raise done.result
-        yield done.task, done.result
+    for name, _, result in run_tasks(measure, names, workers):
+        if isinstance(result, Exception):
+            raise result
+        yield name, result
 
 
 def scenario_page(runs: Mapping[str, ScenarioRun], *, duration: float) -> str:
@@ -91,7 +91,7 @@ def scenario_page(runs: Mapping[str, ScenarioRun], *, duration: float) -> str:
         "",
         (
             "| | demonstrated area cleaned | 50 / 90 / 99 % after | force, 90 % within "
-            "| within 10 % / 5 N of desired | followed to | largest joint torque / speed "
+            "| within 10 % / 5 N of desired | tracking error | largest joint torque / speed "
             "| nearest joint limit |"
         ),
         "|---|---|---|---|---|---|---|---|",
@@ -108,11 +108,12 @@ def scenario_page(runs: Mapping[str, ScenarioRun], *, duration: float) -> str:
     ]
     for name, run in runs.items():
         lines += ["", f"## {name}", "", LoadScenario(name).description]
-        faults = run.metrics["fault_fraction"] or 0.0
-        if faults > 0:
+        fault_fraction = run.metrics["fault_fraction"] or 0.0
+        if fault_fraction > 0:
+            time = f"{100 * fault_fraction:.1f} % of the time"
             lines += [
                 "",
-                f"Stopped, at a joint limit or below the surface {100 * faults:.1f} % of the time.",
+                f"In a protective stop, at a joint limit or below the surface {time}.",
             ]
         if run.has_picture:
             lines += ["", f"![{name} after {duration:g} s]({name}.png)"]
@@ -120,29 +121,30 @@ def scenario_page(runs: Mapping[str, ScenarioRun], *, duration: float) -> str:
 
 
 def _row(name: str, metrics: Metrics) -> str:
+    """Return a row of the table; metrics of a board are "-" where there is none."""
     f = {key: 0.0 if value is None else value for key, value in metrics.items()}
-    of_board = ["-"] * 4
+    board_cells = ["-"] * 4
     if "normal_force_p05_n" in metrics:
-        reached = " / ".join(
+        times = " / ".join(
             "-" if metrics[key] is None else f"{metrics[key]:.0f}"
             for key in (f"seconds_to_{percent}_percent" for percent in (50, 90, 99))
         )
-        wanted = 100 * f["normal_force_wanted_fraction"]
-        of_board = [
+        desired_percent = 100 * f["normal_force_wanted_fraction"]
+        board_cells = [
             f"{100 * f['cleaned_fraction_of_demonstrated_area']:.1f} %",
-            f"{reached} s",
+            f"{times} s",
             f"{f['normal_force_p05_n']:.1f} to {f['normal_force_p95_n']:.1f} N",
-            f"{100 * f['normal_force_precise_fraction']:.1f} / {wanted:.1f} %",
+            f"{100 * f['normal_force_precise_fraction']:.1f} / {desired_percent:.1f} %",
         ]
-    followed = f"{1e3 * f['tracking_rms_m']:.1f} mm"
+    tracking = f"{1e3 * f['tracking_rms_m']:.1f} mm"
     if "orientation_rms_deg" in metrics:
-        followed += f", {f['orientation_rms_deg']:.2f} degrees"
+        tracking += f", {f['orientation_rms_deg']:.2f} degrees"
     if "normal_force_error_rms_n" in metrics:
-        followed += f", {f['normal_force_error_rms_n']:.2f} N"
+        tracking += f", {f['normal_force_error_rms_n']:.2f} N"
     cells = [
         f"[{name}](#{name})",
-        *of_board,
-        followed,
+        *board_cells,
+        tracking,
         f"{100 * f['torque_ratio_max']:.0f} / {100 * f['joint_speed_ratio_max']:.0f} %",
         f"{f['joint_limit_margin_min_rad']:.2f} rad",
     ]

@@ -111,7 +111,7 @@ def test_page_contains_the_metrics():
     ]
     assert "![table_top after 60 s](table_top.png)" in page
     assert "60 s of each" in page
-    assert "Stopped" not in page
+    assert "In a protective stop" not in page
 
 
 def test_page_has_no_ink_and_no_force_in_free_space():
@@ -133,7 +133,10 @@ def test_page_has_no_ink_and_no_force_in_free_space():
 def test_page_names_faults_and_leaves_out_pictures_that_are_not_there():
     faulty = METRICS | {"fault_fraction": 0.123}
     page = scenario_page({"pushed": ScenarioRun(faulty, False)}, duration=10.0)
-    assert "Stopped, at a joint limit or below the surface 12.3 % of the time." in page
+    assert (
+        "In a protective stop, at a joint limit or below the surface 12.3 % of the time."
+        in page
+    )
     assert "![" not in page
 
 

@@ -12,9 +12,11 @@ from trials_stub import Here
 
 from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines import method as method_module
-from fmp_drake.experiments.baselines.adaptive_oscillator import AdaptiveOscillatorDMP
 from fmp_drake.experiments.baselines.delay_gp import DelayGP
-from fmp_drake.experiments.baselines.periodic_dmp import PeriodicDMP
+from fmp_drake.experiments.baselines.periodic_dmp import (
+    AdaptiveOscillatorDMP,
+    PeriodicDMP,
+)
 from fmp_drake.experiments.baselines.periodic_kmp import PeriodicKMP
 from fmp_drake.experiments.baselines.recording_gp import RecordingGP
 from fmp_drake.experiments.benchmark import (
@@ -36,9 +38,10 @@ from fmp_drake.experiments.benchmark.run import (
     read_scores,
     run_job,
     score_method,
+    score_playback,
+    score_predictions,
     write_scores,
 )
-from fmp_drake.experiments.benchmark.scores import score_playback, score_predictions
 from fmp_drake.experiments.benchmark.splits import (
     Movement,
     Split,
@@ -96,8 +99,8 @@ def test_splits_learn_from_their_number_of_cycles_and_score_on_the_rest():
     rows = {tuple(row) for row in path}
     places = {}
     for split in splits(movement):
-        learned = {tuple(row) for y in split.learned for row in y}
-        held = {tuple(row) for y in split.held for row in y}
+        learned = {tuple(row) for y in split.training for row in y}
+        held = {tuple(row) for y in split.held_out for row in y}
         assert learned < rows
         assert held < rows
         assert not learned & held
@@ -117,8 +120,8 @@ def test_splits_of_several_recordings_count_the_cycles_of_all():
     for split in splits(movement):
         by_cycles.setdefault(split.cycles, []).append(split)
     assert set(by_cycles) == {"1.5", "2", "3", "4", "8", "all"}
-    assert [len(y) for y in by_cycles["3"][0].learned] == [80, 40]
-    assert all(len(split.learned) == 5 for split in by_cycles["all"])
+    assert [len(y) for y in by_cycles["3"][0].training] == [80, 40]
+    assert all(len(split.training) == 5 for split in by_cycles["all"])
 
 
 def test_recordings_of_few_cycles_are_one_movement_together(tmp_path):
@@ -172,10 +175,10 @@ class Truthful(Method):
 
 def test_calibrated_forecasts_are_scored_as_such():
     path = ellipse(2000, seed=3)
-    split = Split(cycles="2", place=0, learned=(path,), held=(path,))
+    split = Split(cycles="2", place=0, training=(path,), held_out=(path,))
     method = Truthful()
     method.fit([path])
-    scores = score_predictions(method, split, most=1500)
+    scores = score_predictions(method, split, count=1500)
     covariance = method.root @ method.root.T
     assert scores["error_mm"] == pytest.approx(
         1e3 * np.sqrt(np.trace(covariance)), rel=0.02
@@ -185,7 +188,7 @@ def test_calibrated_forecasts_are_scored_as_such():
     for step in (5, 10, 20):
         assert scores[f"inside_{step}"] == pytest.approx(0.95, abs=0.02)
     method.told = 0.25
-    narrow = score_predictions(method, split, most=1500)
+    narrow = score_predictions(method, split, count=1500)
     assert narrow["inside_10"] < 0.6
     assert narrow["log_density"] < scores["log_density"]
 
@@ -211,7 +214,7 @@ class Plays(Still):
 def test_playback_is_compared_with_the_demonstration(options, stays, size, tempo):
     shown = ellipse(800, seed=5)
     movement = Movement(name="ring", parts=(shown,), period=PERIOD)
-    split = Split(cycles="2", place=0, learned=(shown,), held=(shown,))
+    split = Split(cycles="2", place=0, training=(shown,), held_out=(shown,))
     scores = score_playback(Plays(**options), movement, split, seed=0)
     assert scores["stays"] == pytest.approx(stays, abs=0.02)
     assert scores["size"] == pytest.approx(size, rel=0.03)
@@ -224,7 +227,7 @@ def test_playback_is_compared_with_the_demonstration(options, stays, size, tempo
 def test_playback_that_stops_has_no_tempo():
     shown = ellipse(800, seed=5)
     movement = Movement(name="ring", parts=(shown,), period=PERIOD)
-    split = Split(cycles="2", place=0, learned=(shown,), held=(shown,))
+    split = Split(cycles="2", place=0, training=(shown,), held_out=(shown,))
     scores = score_playback(Still(), movement, split, seed=0)
     assert scores["size"] == pytest.approx(0.0, abs=1e-9)
     assert scores["tempo"] is None
@@ -236,11 +239,11 @@ def test_playback_that_stops_has_no_tempo():
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 def test_every_method_predicts_better_than_no_motion(method):
     learned, held = ellipse(360, seed=1), ellipse(200, seed=2)
-    split = Split(cycles="8", place=0, learned=(learned,), held=(held,))
+    split = Split(cycles="8", place=0, training=(learned,), held_out=(held,))
     learner = method()
     learner.fit([learned])
-    scores = score_predictions(learner, split, most=15)
-    still = score_predictions(Still(), split, most=15)
+    scores = score_predictions(learner, split, count=15)
+    still = score_predictions(Still(), split, count=15)
     assert scores["error_mm"] < 0.5 * still["error_mm"]
     forecast = learner.predict(held[:10], 20)
     assert forecast.values.shape == (20, 3)

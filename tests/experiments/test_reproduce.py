@@ -16,7 +16,6 @@ from fmp_drake.experiments.benchmark.built_in import (
     ReplayMethod,
 )
 from fmp_drake.experiments.eight import FMP_PAPER, MULT, MULT_OWN, PHASE, REPLAY
-from fmp_drake.experiments.held_out import held_out_findings, score_demonstrations
 from fmp_drake.experiments.metrics import (
     DemonstratedPath,
     divergences,
@@ -25,6 +24,7 @@ from fmp_drake.experiments.metrics import (
     rms_jerk,
 )
 from fmp_drake.experiments.report import QUICK, Finding, write_report
+from fmp_drake.experiments.reproduction import held_out_findings, score_demonstrations
 from fmp_drake.primitives import Demonstration
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
@@ -176,7 +176,7 @@ class Shy(Method):
 def test_held_out_scores_of_a_method_that_cannot_learn(monkeypatch):
     """Also a claim is judged by the methods that can."""
     few = {m.name: m for m in (FMP, MixtureFMP, ReplayMethod, Shy)}
-    monkeypatch.setattr("fmp_drake.experiments.benchmark.run.all_methods", lambda: few)
+    monkeypatch.setattr("fmp_drake.experiments.reproduction.all_methods", lambda: few)
     path = HandMotion.make("polishing", seconds=31, seed=1).position[:6000:10]
     values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])
     demonstration = Demonstration(time=np.arange(len(path)) / 20, values=values)

@@ -1,9 +1,8 @@
-"""Other movement primitives to compare FMP with."""
+"""Other movement primitives, which are compared with FMP."""
 
-from fmp_drake.experiments.baselines.aligned_promp import AlignedProMP
 from fmp_drake.experiments.baselines.periodic_dmp import PeriodicDMP
 from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
-from fmp_drake.experiments.baselines.promp import ProMP
+from fmp_drake.experiments.baselines.promp import AlignedProMP, ProMP
 
 __all__ = [
     "AlignedProMP",

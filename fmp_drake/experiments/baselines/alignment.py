@@ -1,4 +1,4 @@
-"""Alignment: recordings cut into periods of equal phase, as ProMP needs them."""
+"""Alignment of recordings: periods that start at the same phase, as ProMP needs them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,19 +14,20 @@ from fmp_drake.primitives.model.phase.period import (
     parabola_top,
 )
 
-# A period may be this much shorter or longer than the mean one.
-_TEMPO = 0.3
-_CANDIDATES = 41
-# Where the usual search refuses: greatest lag relative to the longest recording, least
-# correlation, and the fraction of the highest peak that an earlier one must reach.
-_LONGEST_LAG, _CORRELATED, _ALMOST = 0.78, 0.4, 0.8
+# Greatest difference of a period from the mean one, as a fraction of it; candidates for
+# the start of the next period; updates of the template.
+_TEMPO_RANGE, _CANDIDATES, _UPDATES = 0.3, 41, 4
+# Search in recordings that are too short for `fundamental_period`: greatest lag relative
+# to the longest recording, least correlation, and the fraction of the highest peak that
+# an earlier one must reach.
+_LONGEST_LAG, _LEAST_CORRELATION, _PEAK_FRACTION = 0.78, 0.4, 0.8
 
 
 def movement_period(recordings: Sequence[NDArray[np.float64]]) -> float:
-    """Return the period of recordings (n, D), samples, also of only 1.4 cycles.
+    """Return the period of recordings (n, D) of at least 1.4 cycles, samples.
 
-    Where `fundamental_period` refuses, it is the first high peak of the autocorrelation
-    after its first zero crossing.
+    Recordings that are too short for `fundamental_period` have the period of the first
+    high peak of their autocorrelation after its first zero crossing.
 
     Raises
     ------
@@ -43,11 +44,11 @@ def movement_period(recordings: Sequence[NDArray[np.float64]]) -> float:
         )
         lags = np.arange(1, len(r) - 1)
         peaks = lags[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:])]
-        below = np.flatnonzero(r <= 0)
-        peaks = peaks[peaks > below[0]] if len(below) else peaks[:0]
-        if not len(peaks) or r[peaks].max() < _CORRELATED:
+        zeros = np.flatnonzero(r <= 0)
+        peaks = peaks[peaks > zeros[0]] if len(zeros) else peaks[:0]
+        if not len(peaks) or r[peaks].max() < _LEAST_CORRELATION:
             raise
-        first = peaks[np.argmax(r[peaks] >= _ALMOST * r[peaks].max())]
+        first = peaks[np.argmax(r[peaks] >= _PEAK_FRACTION * r[peaks].max())]
         return float(parabola_top(r, int(first)))
 
 
@@ -58,9 +59,9 @@ class AlignedPeriods:
     Attributes
     ----------
     values : ndarray, shape (N, T, D)
-        One period each; sample T would be the first of the next.
+        One period each; sample T would be the first one of the next period.
     durations : ndarray, shape (N,)
-        Samples that each period lasted.
+        Duration of each period, samples.
 
     Examples
     --------
@@ -81,14 +82,13 @@ def align_periods(
     *,
     period: float,
     n_steps: int,
-    rounds: int = 4,
 ) -> AlignedPeriods:
-    """Cut recordings (n, D) where each period starts, and resample the periods.
+    """Cut recordings (n, D) at the start of each period, and resample the periods.
 
-    A template of one period, first a part of the longest recording, is laid around
-    every possible start; the next start is where it fits best, 0.7 to 1.3 periods
-    after the last. The mean of the periods is the next template. The phase is 0
-    where the channel that varies most is greatest.
+    A template of one period, at first a part of the longest recording, is compared with
+    the recording around each possible start. The next start is the best fit 0.7 to 1.3
+    periods after the last one. The mean of the periods is the next template. Phase 0 is
+    the maximum of the channel with the largest range.
 
     Parameters
     ----------
@@ -97,24 +97,22 @@ def align_periods(
         Mean period, samples: see `fundamental_period`.
     n_steps : int
         T, samples of an aligned period.
-    rounds : int
-        Number of updates of the template.
     """
-    long_enough = [y for y in recordings if len(y) >= 1.5 * period]
-    if not long_enough:
+    recordings = [y for y in recordings if len(y) >= 1.5 * period]
+    if not recordings:
         raise ExperimentError(
             f"no recording is longer than 1.5 periods of {period:.3g} samples; record "
             "several cycles in one go."
         )
-    splines = [CubicSpline(np.arange(len(y)), y) for y in long_enough]
-    ends = [len(y) - 1 for y in long_enough]
+    splines = [CubicSpline(np.arange(len(y)), y) for y in recordings]
+    ends = [len(y) - 1 for y in recordings]
     longest = int(np.argmax(ends))
     start = (ends[longest] - period) / 2
     template = splines[longest](start + np.arange(n_steps) * period / n_steps)
-    for number in range(rounds + 1):
-        if number == rounds:  # The phase is fixed before the last round.
-            strongest = int(np.argmax(np.ptp(template, axis=0)))
-            template = np.roll(template, -np.argmax(template[:, strongest]), axis=0)
+    for number in range(_UPDATES + 1):
+        if number == _UPDATES:  # The phase is shifted before the last update.
+            widest = int(np.argmax(np.ptp(template, axis=0)))
+            template = np.roll(template, -np.argmax(template[:, widest]), axis=0)
         values, durations = [], []
         for spline, end in zip(splines, ends, strict=True):
             starts = _starts(spline, end, template, period)
@@ -125,8 +123,8 @@ def align_periods(
         periods = np.concatenate(values)
         if len(periods) < 2:
             raise ExperimentError(
-                f"fewer than 2 full periods of {period:.3g} samples were found; record "
-                "more cycles in one go."
+                f"there are fewer than 2 full periods of {period:.3g} samples; record more "
+                "cycles in one go."
             )
         template = periods.mean(axis=0)
     return AlignedPeriods(values=periods, durations=np.concatenate(durations))
@@ -136,31 +134,32 @@ def _starts(
     spline: CubicSpline, end: int, template: NDArray[np.float64], period: float
 ) -> NDArray[np.float64]:
     """Return the starts of the periods in a recording, samples, ascending."""
-    first = np.linspace(0, period, 2 * _CANDIDATES, endpoint=False)
-    starts = [_best(spline, end, template, period, first)]
+    candidates = np.linspace(0, period, 2 * _CANDIDATES, endpoint=False)
+    starts = [_best_start(spline, end, template, period, candidates)]
+    factors = np.linspace(1 - _TEMPO_RANGE, 1 + _TEMPO_RANGE, _CANDIDATES)
     while True:
-        times = starts[-1] + period * np.linspace(1 - _TEMPO, 1 + _TEMPO, _CANDIDATES)
-        times = times[times <= end]
-        # A start that could lie beyond the end is not searched for.
-        if len(times) < _CANDIDATES // 2:
+        candidates = starts[-1] + period * factors
+        candidates = candidates[candidates <= end]
+        # The next start may be beyond the end.
+        if len(candidates) < _CANDIDATES // 2:
             return np.array(starts)
-        starts.append(_best(spline, end, template, period, times))
+        starts.append(_best_start(spline, end, template, period, candidates))
 
 
-def _best(
+def _best_start(
     spline: CubicSpline,
     end: int,
     template: NDArray[np.float64],
     period: float,
     candidates: NDArray[np.float64],
 ) -> float:
-    """Return the candidate around which the template fits best, between samples."""
+    """Return the time between samples around which the template fits best."""
     n = len(template)
     offsets = np.arange(n) - n // 2
-    at = candidates[:, None] + offsets * period / n
-    inside = (at >= 0) & (at <= end)
-    error = spline(np.clip(at, 0, end)) - template[offsets % n]
-    squares = np.sum(error**2, axis=2) * inside
-    cost = squares.sum(axis=1) / inside.sum(axis=1)
+    times = candidates[:, None] + offsets * period / n
+    is_inside = (times >= 0) & (times <= end)
+    errors = spline(np.clip(times, 0, end)) - template[offsets % n]
+    squares = np.sum(errors**2, axis=2) * is_inside
+    cost = squares.sum(axis=1) / is_inside.sum(axis=1)
     best = parabola_top(-cost, int(np.argmin(cost)))
     return float(candidates[0] + best * (candidates[1] - candidates[0]))

@@ -14,22 +14,23 @@ from fmp_drake.experiments.baselines.method import (
     Method,
     diagonal,
 )
+from fmp_drake.primitives import sliding_windows
 
 _MOST_POINTS = 1200
 _LEAST_POINTS = 8
-# Length scales of the kernel, relative to the median distance of the past samples, and
-# ratios of the noise's to the signal's variance: the likeliest are chosen.
+# Candidates, from which the likelihood selects: length scales of the kernel, relative to
+# the median distance of the past samples, and ratios of noise variance to signal variance.
 _LENGTHS = (0.3, 0.6, 1.0, 1.7, 3.0, 6.0)
 _RATIOS = np.logspace(-6, 1, 22)
 _LEAST_VARIANCE = 1e-12
 
 
 class DelayGP(Method):
-    """A Gaussian process from the last samples to each of the next ones.
+    """Gaussian process from the last samples to each of the next ones.
 
-    The input are the last 10 samples of all channels (a delay embedding), the outputs
-    the 20 following ones relative to the last. The squared-exponential kernel has one
-    length for all outputs; scale and noise of every output maximise the likelihood.
+    Inputs are the last 10 samples of all channels (a delay embedding), outputs the 20
+    following ones relative to the last. The squared-exponential kernel has one length
+    scale for all outputs; scale and noise of every output maximise the likelihood.
 
     Attributes
     ----------
@@ -49,21 +50,21 @@ class DelayGP(Method):
         """Learn from recordings (n, D)."""
         samples = np.concatenate(list(recordings))
         self._mean, self._scale = samples.mean(axis=0), samples.std(axis=0) + 1e-12
-        view = np.lib.stride_tricks.sliding_window_view
         size = PAST + HORIZON
-        windows = [view(y, size, axis=0) for y in recordings if len(y) >= size]
-        count = sum(map(len, windows))
-        if count < _LEAST_POINTS:
+        windows = np.concatenate(
+            [sliding_windows(y, n_steps=size, stride=1) for y in recordings]
+        )
+        if len(windows) < _LEAST_POINTS:
             raise ExperimentError(
-                f"there are {count} windows of {size} samples; at least "
-                f"{_LEAST_POINTS} are needed."
+                f"there are {len(windows)} windows of {size} samples; expected at least "
+                f"{_LEAST_POINTS}."
             )
-        stacked = np.swapaxes(np.concatenate(windows), 1, 2)
-        index = np.linspace(0, count - 1, min(count, _MOST_POINTS)).astype(int)
-        stacked = (stacked[index] - self._mean) / self._scale
-        self._inputs = stacked[:, :PAST].reshape(len(index), -1)
-        ahead = stacked[:, PAST:] - stacked[:, PAST - 1 : PAST]
-        targets = ahead.reshape(len(index), -1)
+        count = min(len(windows), _MOST_POINTS)
+        indices = np.linspace(0, len(windows) - 1, count).astype(int)
+        windows = (windows[indices] - self._mean) / self._scale
+        self._inputs = windows[:, :PAST].reshape(count, -1)
+        targets = windows[:, PAST:] - windows[:, PAST - 1 : PAST]
+        targets = targets.reshape(count, -1)
         self._center = targets.mean(axis=0)
         targets = targets - self._center
         distances = cdist(self._inputs, self._inputs, "sqeuclidean")
@@ -75,19 +76,18 @@ class DelayGP(Method):
             projected = (vectors.T @ targets) ** 2
             # Profile likelihood over the scale, for every ratio and output.
             spread = np.maximum(values, 0)[:, None] + _RATIOS
-            scale = np.einsum("nr,no->ro", 1 / spread, projected) / len(index)
+            scale = np.einsum("nr,no->ro", 1 / spread, projected) / count
             scale = np.maximum(scale, _LEAST_VARIANCE)
-            fit = (
-                -0.5 * len(index) * np.log(scale)
+            log_likelihoods = (
+                -0.5 * count * np.log(scale)
                 - 0.5 * np.sum(np.log(spread), axis=0, keepdims=True).T
             )
-            ratios = np.argmax(fit, axis=0)
-            total = float(np.sum(np.max(fit, axis=0)))
+            ratios = np.argmax(log_likelihoods, axis=0)
+            total = float(np.sum(np.max(log_likelihoods, axis=0)))
             if total > best:
                 best, self.length_ = total, length
-                picked = np.arange(targets.shape[1])
                 self._ratios, self._vectors = _RATIOS[ratios], vectors
-                self._variances = scale[ratios, picked]
+                self._variances = scale[ratios, np.arange(targets.shape[1])]
                 self._inverse = 1 / spread[:, ratios]
                 self._gains = vectors @ (self._inverse * (vectors.T @ targets))
 
@@ -99,7 +99,7 @@ class DelayGP(Method):
         row = np.exp(-0.5 * distances / self.length_**2)[0]
         mean = (row @ self._gains + self._center).reshape(HORIZON, d)[:horizon]
         explained = (row @ self._vectors) ** 2 @ self._inverse
-        left = np.maximum(1 - explained, 0) + self._ratios
-        variances = (self._variances * left).reshape(HORIZON, d)[:horizon]
+        relative = np.maximum(1 - explained, 0) + self._ratios
+        variances = (self._variances * relative).reshape(HORIZON, d)[:horizon]
         values = (scaled[-1] + mean) * self._scale + self._mean
         return Forecast(values=values, covariances=diagonal(variances * self._scale**2))

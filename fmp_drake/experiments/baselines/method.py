@@ -1,4 +1,4 @@
-"""Interface of all methods that FMP is compared with."""
+"""Interface of the methods that the benchmark compares."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ RATE = 20.0
 PAST = 10
 """Samples that a method observes before it predicts."""
 HORIZON = 20
-"""Samples that it predicts: one second."""
+"""Samples that a method predicts: one second."""
 ENTRY_POINTS = "fmp_drake.methods"
-"""Group of entry points that name classes of further methods."""
+"""Group of entry points for the methods of other packages."""
 
 Array = NDArray[np.float64]
 
@@ -33,10 +33,8 @@ class Forecast:
         Expected samples.
     covariances : ndarray, shape (H, D, D), or None
         None where a method has no uncertainty.
-
     degrees : float, optional
-        Degrees of freedom where the distributions are t distributions of these
-        covariances; None for Gaussians.
+        Degrees of freedom of t distributions with these covariances; None for Gaussians.
 
     Examples
     --------
@@ -61,8 +59,26 @@ class Forecast:
 
 
 def diagonal(variances: Array) -> Array:
-    """Return diagonal covariances (H, D, D) of variances (H, D)."""
-    return variances[..., None] * np.eye(variances.shape[1])
+    """Return diagonal covariances (..., D, D) with variances (..., D)."""
+    return variances[..., None] * np.eye(variances.shape[-1])
+
+
+def mixture_moments(
+    weights: Array, means: Array, covariances: Array
+) -> tuple[Array, Array]:
+    """Return mean (H, D) and covariance (H, D, D) of mixtures of P distributions.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (P,)
+    means : ndarray, shape (P, H, D)
+    covariances : ndarray, shape (P, H, D, D)
+    """
+    mean = np.tensordot(weights, means, axes=1)
+    differences = means - mean
+    return mean, np.tensordot(weights, covariances, axes=1) + np.einsum(
+        "p,phd,phe->hde", weights, differences, differences
+    )
 
 
 def long_enough(recordings: Sequence[Array]) -> list[Array]:
@@ -71,15 +87,15 @@ def long_enough(recordings: Sequence[Array]) -> list[Array]:
 
 
 class Method(ABC):
-    """A method that learns a rhythmic movement, predicts it and plays it.
+    """Method that learns a rhythmic movement, predicts it and plays it.
 
     A package adds a method with a subclass and an entry point of the group
-    `fmp_drake.methods`. Every fit makes a new instance, without arguments.
+    `fmp_drake.methods`. For every fit an instance is made without arguments.
 
     Attributes
     ----------
     name : str
-        Its row in the tables.
+        Name in the tables.
 
     Examples
     --------
@@ -106,7 +122,7 @@ class Method(ABC):
         Raises
         ------
         FmpError
-            Where it cannot learn from them.
+            Where the method cannot learn from them.
         """
 
     @abstractmethod
@@ -116,13 +132,12 @@ class Method(ABC):
     def play(self, past: Array, count: int, *, seed: int) -> Array | None:  # noqa: ARG002
         """Return a movement (count, D) that continues `past`, or None.
 
-        Unless a method overrides it, each second is the prediction from the last samples
-        of the one before.
+        By default each second is predicted from the last samples of the one before.
         """
         path = past
         while len(path) < len(past) + count:
-            ahead = self.predict(path[-len(past) :], HORIZON).values
-            path = np.concatenate([path, ahead])
+            prediction = self.predict(path[-len(past) :], HORIZON)
+            path = np.concatenate([path, prediction.values])
         return path[len(past) : len(past) + count]
 
 

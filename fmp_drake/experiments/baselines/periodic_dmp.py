@@ -1,4 +1,4 @@
-"""Periodic dynamic movement primitives."""
+"""Periodic dynamic movement primitives, of constant or adaptive frequency."""
 
 from collections.abc import Sequence
 
@@ -16,18 +16,26 @@ from fmp_drake.experiments.baselines.method import (
     long_enough,
 )
 
-_BASES = 25  # Kernels psi_i of a period.
-# Gains; beta = alpha / 4 is critically damped. Gams et al. take these.
+# Number of kernels psi_i of a period, and the ridge of the least squares for the w_i.
+_BASES, _RIDGE = 25, 1e-6
+# Gains of Gams et al.; critically damped, beta = alpha / 4.
 _ALPHA, _BETA = 8.0, 2.0
-_RIDGE = 1e-6  # Of the least squares for the w_i.
-_SUBSTEPS = 12  # Points of the integration for each sample.
-_POINTS = 400  # Of a period.
-_SMOOTHING = 41  # Of them, in the Savitzky-Golay filter that differentiates.
-_SETTLING = 4  # Periods until nothing is left of a start.
+# Integration steps for each sample.
+_SUBSTEPS = 12
+# Points of a period, and the length of the Savitzky-Golay filter over them.
+_POINTS, _FILTER_LENGTH = 400, 41
+# Periods until the influence of a start has decayed.
+_SETTLING_PERIODS = 4
+# Adaptive oscillator: number of harmonics; K, K' and eta, per radian of the movement;
+# greatest factor of the frequency in one pass; number of passes and integration steps.
+_HARMONICS = 5
+_COUPLING, _ADAPTATION, _LEARNING = 0.3, 0.02, 0.2
+_GREATEST_FACTOR = 1.3
+_PASSES, _OSCILLATOR_SUBSTEPS = 3, 4
 
 
 class PeriodicDMP(Method):
-    """A rhythmic dynamic movement primitive: one attracting limit cycle.
+    """Rhythmic dynamic movement primitive: one attracting limit cycle.
 
     The phase phi runs with the constant frequency Omega, and each channel follows::
 
@@ -76,7 +84,13 @@ class PeriodicDMP(Method):
         phases = 2 * np.pi * np.arange(_POINTS + 1) / _POINTS
         y, dy, ddy = (
             savgol_filter(
-                mean, _SMOOTHING, 3, deriv=order, delta=phases[1], axis=0, mode="wrap"
+                mean,
+                _FILTER_LENGTH,
+                3,
+                deriv=order,
+                delta=phases[1],
+                axis=0,
+                mode="wrap",
             )
             for order in range(3)
         )
@@ -84,10 +98,10 @@ class PeriodicDMP(Method):
         psi = self._kernels(phases[:-1])
         normal = psi.T @ psi + _RIDGE * len(psi) * np.eye(_BASES)
         self.weights_ = np.linalg.solve(normal, psi.T @ forces)
-        several = phases[1] * np.arange((_SETTLING + 1) * _POINTS + 1)
-        last = self._integrate(self.goal_, 0 * self.goal_, several)[-_POINTS - 1 :]
-        last[-1] = last[0]
-        self._cycle = CubicSpline(phases, last, bc_type="periodic")
+        settling = phases[1] * np.arange((_SETTLING_PERIODS + 1) * _POINTS + 1)
+        cycle = self._integrate(self.goal_, 0 * self.goal_, settling)[-_POINTS - 1 :]
+        cycle[-1] = cycle[0]
+        self._cycle = CubicSpline(phases, cycle, bc_type="periodic")
 
     def rollout(
         self,
@@ -98,19 +112,19 @@ class PeriodicDMP(Method):
         velocity: ArrayLike | None = None,
         frequency: float | None = None,
     ) -> Array:
-        """Integrate from a start (D,) at a phase: shape (n_steps, D).
+        """Integrate from a start (D,) at a phase, shape (n_steps, D).
 
         Parameters
         ----------
         start : array_like, shape (D,)
         n_steps : int
-            Samples, the start included.
+            Number of samples, with the start.
         phase : float
             rad.
         velocity : array_like, shape (D,), optional
-            Per sample; zero where None.
+            Per sample; zero by default.
         frequency : float, optional
-            rad per sample; that of the recordings where None.
+            rad per sample; that of the recordings by default.
         """
         y = np.asarray(start, dtype=float)
         z = np.zeros(len(y)) if velocity is None else np.asarray(velocity)
@@ -132,13 +146,13 @@ class PeriodicDMP(Method):
         return self.continued(past, count, frequency=self.frequency_)
 
     def continued(self, prefix: Array, horizon: int, *, frequency: float) -> Array:
-        """Continue samples (K, D) from the last one, its velocity and their phase.
+        """Continue samples (K, D) from the last one, with its velocity and phase.
 
         Parameters
         ----------
         prefix : ndarray, shape (K, D)
         horizon : int
-            Samples to return.
+            Number of samples to return.
         frequency : float
             rad per sample.
         """
@@ -165,30 +179,23 @@ class PeriodicDMP(Method):
         psi = np.exp(sharpness * (np.cos(phases[:, None] - centres) - 1))
         return psi / psi.sum(axis=1, keepdims=True)
 
-    def _integrate(
-        self,
-        y: Array,
-        z: Array,
-        phases: Array,
-    ) -> Array:
+    def _integrate(self, y: Array, z: Array, phases: Array) -> Array:
         """Return the movement at evenly spaced phases (P,), shape (P, D)."""
         stiffness, damping = _ALPHA * _BETA, _ALPHA
         system = StateSpace([[0, 1], [-stiffness, -damping]], [[0], [1]], [[1, 0]], 0)
         forces = self._kernels(phases) @ self.weights_
         error = y - self.goal_
-        out = [
+        channels = [
             np.atleast_1d(lsim(system, force, phases - phases[0], [e, speed])[1])
             for force, e, speed in zip(forces.T, error, z, strict=True)
         ]
-        return self.goal_ + np.stack(out, axis=1)
+        return self.goal_ + np.stack(channels, axis=1)
 
 
-def _mean_period(
-    recordings: list[Array],
-) -> tuple[float, Array]:
+def _mean_period(recordings: list[Array]) -> tuple[float, Array]:
     """Return the mean duration, samples, and the mean period, (_POINTS, D).
 
-    Of less than two aligned periods it is the last one, closed by a linear correction.
+    With less than two aligned periods it is the last one, closed by a linear correction.
     """
     period = movement_period(recordings)
     try:
@@ -201,3 +208,102 @@ def _mean_period(
         ramp = np.linspace(0, 1, _POINTS + 1)[:, None]
         return period, (cycle - ramp * (cycle[-1] - cycle[0]))[:-1]
     return float(aligned.durations.mean()), aligned.values.mean(axis=0)
+
+
+class AdaptiveOscillatorDMP(Method):
+    """Adaptive-frequency oscillator that drives a periodic DMP, online.
+
+    The phase oscillator with adaptive Fourier series follows the first principal component
+    of the recording::
+
+        dphi/dt = omega - K e sin(phi),  domega/dt = -K' omega e sin(phi)
+        e = y - sum_k (a_k cos(k phi) + b_k sin(k phi))
+        da_k/dt = eta cos(k phi) e,  db_k/dt = eta sin(k phi) e
+
+    It starts from the estimated frequency and passes over the recording three times. To
+    predict, it also passes over the observed samples, from the phase that fits them best.
+    A DMP of one mean period (`PeriodicDMP`) continues from there at the adapted frequency.
+    It has no uncertainty.
+
+    References
+    ----------
+    A. Gams et al., "On-line learning and modulation of periodic movements with nonlinear
+    dynamical systems", Autonomous Robots 27(1), 2009. T. Petrič et al., "On-line
+    frequency adaptation and movement imitation for rhythmic robotic tasks",
+    International Journal of Robotics Research 30(14), 2011.
+    """
+
+    name = "adaptive oscillator, DMP"
+
+    def fit(self, recordings: Sequence[Array]) -> None:
+        """Learn from recordings (n, D)."""
+        samples = np.concatenate(list(recordings))
+        self._mean = samples.mean(axis=0)
+        _, sizes, axes = np.linalg.svd(samples - self._mean, full_matrices=False)
+        self._axis = axes[0] * np.sqrt(len(samples)) / sizes[0]
+        omega = 2 * np.pi / movement_period(recordings)
+        state = np.zeros(2 * _HARMONICS)
+        state[0] = np.sqrt(2.0)
+        phase = 0.0
+        for _ in range(_PASSES):
+            for recording in recordings:
+                signal = (recording - self._mean) @ self._axis
+                phase, omega, state = _adapt(signal, phase, omega, state)
+        self.frequency_ = omega
+        self._coefficients = state
+        least_size = max(2 * round(2 * np.pi / omega), 8)
+        least_size = min(least_size, max(map(len, recordings)) - 1)
+        self._dmp = PeriodicDMP()
+        self._dmp.fit([y for y in recordings if len(y) > least_size])
+
+    def predict(self, past: Array, horizon: int) -> Forecast:
+        """Predict the samples after `past`, shape (PAST, D)."""
+        signal = (past - self._mean) @ self._axis
+        grid = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+        steps = self.frequency_ * np.arange(len(past))
+        series = _fourier_series(self._coefficients, grid[:, None] + steps)
+        slope_errors = np.diff(series, axis=1) - np.diff(signal)
+        errors = np.concatenate([series - signal, 3 * slope_errors], axis=1)
+        first = grid[int(np.argmin(np.sum(errors**2, axis=1)))]
+        _, omega, _ = _adapt(
+            signal, first, self.frequency_, self._coefficients, learning_rate=0.0
+        )
+        # A tenth of a period hardly determines its frequency.
+        limit = 0.2 * self.frequency_
+        omega = float(np.clip(omega, self.frequency_ - limit, self.frequency_ + limit))
+        return Forecast(values=self._dmp.continued(past, horizon, frequency=omega))
+
+
+def _fourier_series(coefficients: Array, phase: Array) -> Array:
+    """Return the series of coefficients a_1 .. a_5, b_1 .. b_5 at phases (...,)."""
+    k = np.arange(1, _HARMONICS + 1)
+    angles = np.multiply.outer(phase, k)
+    out: Array = np.cos(angles) @ coefficients[:_HARMONICS]
+    out += np.sin(angles) @ coefficients[_HARMONICS:]
+    return out
+
+
+def _adapt(
+    signal: Array,
+    phase: float,
+    omega: float,
+    coefficients: Array,
+    *,
+    learning_rate: float = _LEARNING,
+) -> tuple[float, float, Array]:
+    """Run the oscillator on a signal (n,); return phase, frequency and coefficients."""
+    k = np.arange(1, _HARMONICS + 1)
+    coefficients = coefficients.copy()
+    bounds = omega / _GREATEST_FACTOR, omega * _GREATEST_FACTOR
+    dt = omega / _OSCILLATOR_SUBSTEPS  # Gains are per radian.
+    count = (len(signal) - 1) * _OSCILLATOR_SUBSTEPS + 1
+    times = np.arange(count) / _OSCILLATOR_SUBSTEPS
+    for y in np.interp(times, np.arange(len(signal)), signal):
+        basis = np.concatenate([np.cos(k * phase), np.sin(k * phase)])
+        error = float(y - basis @ coefficients)
+        push = -error * np.sin(phase)
+        phase += omega / _OSCILLATOR_SUBSTEPS + _COUPLING * push * dt
+        omega *= 1 + _ADAPTATION * push * dt
+        omega = float(np.clip(omega, *bounds))
+        coefficients += learning_rate * basis * error * dt
+    return phase, omega, coefficients

@@ -16,9 +16,10 @@ from fmp_drake.experiments.baselines.method import (
     diagonal,
     long_enough,
 )
+from fmp_drake.primitives import sliding_windows
 
-# Ranges of s, l, r in periods, s_2, r_2 in periods, the noise and p in estimated periods;
-# and where the search starts. Values are in standard deviations of a channel.
+# Ranges of s, l, r in periods, s_2, r_2 in periods, the noise and p in estimated periods,
+# and starts of the search. Values are in standard deviations of a channel.
 _RANGES = (
     (0.1, 10.0),
     (0.1, 10.0),
@@ -35,7 +36,7 @@ _STARTS = (
 
 
 class PeriodicGP(Method):
-    """A stationary Gaussian process with a slowly decaying periodic part.
+    """Stationary Gaussian process with a slowly decaying periodic part.
 
     For each channel, in its own standard deviations (section 5.4.3 of Rasmussen and
     Williams, 2006)::
@@ -43,9 +44,9 @@ class PeriodicGP(Method):
         k(g) = s^2 exp(-2 sin^2(pi g / p) / l^2 - g^2 / (2 r^2))
                + s_2^2 exp(-g^2 / (2 r_2^2)) + noise^2 [g = 0]
 
-    All seven parameters maximise the likelihood of parts of 1.5 s; as it has a maximum
-    at every multiple of the period, the search starts from an estimated one. The parts
-    are independent draws, so all of them count, at the cost of one small matrix.
+    All seven parameters maximise the likelihood of parts of 1.5 s. The likelihood has a
+    maximum at every multiple of the period, so the search starts from an estimated one.
+    The parts are treated as independent draws, so all of them need only one small matrix.
 
     Attributes
     ----------
@@ -82,13 +83,10 @@ class PeriodicGP(Method):
         self.mean_, spread = samples.mean(axis=0), samples.std(axis=0)
         self.scale_ = np.where(spread > 1e-12, spread, 1.0)
         size = PAST + HORIZON
-        apart = np.concatenate(
-            [
-                y[: len(y) // size * size].reshape(-1, size, y.shape[1])
-                for y in recordings
-            ]
+        parts = np.concatenate(
+            [sliding_windows(y, n_steps=size, stride=size) for y in recordings]
         )
-        scaled = (apart - self.mean_) / self.scale_
+        scaled = (parts - self.mean_) / self.scale_
         units = np.ones(7)
         units[[2, 4, 6]] = self.period_
         bounds = np.log(_RANGES)
@@ -97,15 +95,15 @@ class PeriodicGP(Method):
             covariance = _covariance(np.exp(logs) * units, size)
             return -float(np.sum(_log_density(values, covariance)))
 
-        found = []
+        parameters = []
         for channel in np.moveaxis(scaled, 2, 0):
             fits = [
-                minimize(cost, np.log(s), (channel,), method="L-BFGS-B", bounds=bounds)
-                for s in _STARTS
+                minimize(cost, start, (channel,), method="L-BFGS-B", bounds=bounds)
+                for start in np.log(_STARTS)
             ]
             best = min(fits, key=lambda fit: float(fit.fun))
-            found.append(np.exp(best.x) * units)
-        self.parameters_ = np.array(found)
+            parameters.append(np.exp(best.x) * units)
+        self.parameters_ = np.array(parameters)
 
     def predict(self, past: Array, horizon: int) -> Forecast:
         """Predict the samples after `past`, shape (K, D)."""
@@ -118,8 +116,7 @@ class PeriodicGP(Method):
             across = covariance[:k, k:]
             gains = cho_solve(cho_factor(covariance[:k, :k]), across)
             values[:, d] = scaled[:, d] @ gains
-            left = np.sum(gains * across, axis=0)
-            variances[:, d] = np.diag(covariance)[k:] - left
+            variances[:, d] = np.diag(covariance)[k:] - np.sum(gains * across, axis=0)
         return Forecast(
             values=values * self.scale_ + self.mean_,
             covariances=diagonal(variances * self.scale_**2),

@@ -1,39 +1,50 @@
-"""Probabilistic movement primitives with von Mises bases, as the paper runs them."""
+"""Probabilistic movement primitives (ProMP) with von Mises bases, as in section V."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.special import logsumexp
-from sklearn.base import BaseEstimator
+from scipy.special import logsumexp, softmax
+from sklearn.base import BaseEstimator, clone
 from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import ExperimentError, SkillError
-from fmp_drake.experiments.baselines.alignment import movement_period
+from fmp_drake.experiments.baselines.alignment import align_periods, movement_period
+from fmp_drake.experiments.baselines.method import (
+    HORIZON,
+    PAST,
+    Array,
+    Forecast,
+    Method,
+    long_enough,
+)
 from fmp_drake.numeric import check_number, finite_array
-from fmp_drake.primitives.data.windows import joined_recordings
+from fmp_drake.primitives.data.windows import joined_recordings, sliding_windows
 from fmp_drake.primitives.model.mixture import fit_gaussians
 from fmp_drake.primitives.model.prediction import Conditioning, Prediction
 
 # Least variance of the observation noise: 0.1 mm where the values are metres.
 _LEAST_NOISE = 1e-8
+# Greatest length of a window, samples.
+_MOST_WINDOW = 120
 
 
 @dataclass(frozen=True, kw_only=True)
 class VonMisesBasis:
     """Normalised von Mises bases of one or several frequencies.
 
-    (21) is read so: z_t = t / T is the time in windows, f is in cycles per window, and
-    the n centres of a frequency are c_i = i / (n f), i = 0 to n - 1. So the angles
-    2 pi f c_i are uniform over [0, 2 pi), the end left out, where it would repeat the
-    first ("uniformly placed between 0 and 2 pi"; in the time of z_t itself they would
-    lie anywhere). The sum in the denominator is over the bases of the same frequency;
-    with several frequencies (ProMP-VM-Mult) the bases of each sum to one.
+    Interpretation of (21): z_t = t / T is the time in windows, f is in cycles per window,
+    and the n centres of a frequency are c_i = i / (n f), i = 0 to n - 1. So the angles
+    2 pi f c_i are uniform over [0, 2 pi) without the end, which would repeat the first
+    ("uniformly placed between 0 and 2 pi"). The sum in the denominator is over the bases
+    of the same frequency; with several frequencies (ProMP-VM-Mult) the bases of each sum
+    to one.
 
     For a large width h a basis is a cosine: b_i ~ 1 + cos(.) / h, and
-    Phi_i ~ (1 + cos(.) / h) / n. What remains of harmonic k falls like h^-k.
+    Phi_i ~ (1 + cos(.) / h) / n. The amplitude of harmonic k falls like h^-k.
 
     Attributes
     ----------
@@ -83,7 +94,7 @@ class VonMisesBasis:
 
 
 class MixturePosterior(NamedTuple):
-    """The posterior of a mixture of M Gaussians in n dimensions.
+    """Posterior of a mixture of M Gaussians in n dimensions.
 
     Leading axes (...) are those of the observations.
 
@@ -92,9 +103,9 @@ class MixturePosterior(NamedTuple):
     log_evidence : ndarray, shape (...)
         Log density of the observation under the mixture.
     probabilities : ndarray, shape (M, ...)
-        Of the components, given the observation.
+        Probabilities of the components, given the observation.
     means : ndarray, shape (M, ..., n)
-        Of the components, given the observation.
+        Means of the components, given the observation.
     """
 
     log_evidence: NDArray[np.float64]
@@ -110,28 +121,27 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
     all channels together follow one Gaussian (as in ProMP) or a mixture (as in V-B,
     by EM from k-means); the noise is the least squares' residual.
 
-    Numerics: n bases of one frequency span, but for terms of order h^-2, three
-    dimensions, so the bases of one frequency are redundant for any n > 3, and those of
-    several frequencies contain the same constant. The ridge picks the least weights,
-    which makes the solution unique; the weights' covariances are singular but for
-    `reg_covar` on their diagonals, nothing else. The paper reports instabilities of EM with ProMP-VM-Mult;
-    with these two there were none.
+    Numerics: up to terms of order h^-2, n bases of one frequency span three dimensions. So
+    they are redundant for any n > 3, and those of several frequencies contain the same
+    constant. The ridge makes the solution unique: it selects the least weights. The
+    weights' covariances are singular except for `reg_covar` on their diagonals. The paper
+    reports instabilities of EM with ProMP-VM-Mult; with these two there were none.
 
-    The ridge matters most: what the bases contain of harmonic k falls like h^-k, so its
-    coordinates grow like h^k. With too small a ridge noise dominates the weights,
-    k-means clusters that noise, and samples fall into the holes of the pattern. On the
-    bundled 8-shape (f = 1 to 5, M = 10, three quarters learned from), ridges of 1e-8, 3e-7 and 1e-4 with h = 100 gave the heatmap of
-    the held-out quarter a forward Kullback-Leibler divergence of 2.3, 0.95 and 3.6;
-    reg_covar from 1e-8 to 1e-4 made little difference. The defaults are the
-    paper's bases (cosines) with the ridge that was best there.
+    The ridge matters most. The amplitude of harmonic k in the bases falls like h^-k, so its
+    weights grow like h^k. With too small a ridge noise dominates the weights, k-means
+    clusters that noise, and samples fall into the holes of the pattern. On the bundled
+    8-shape (f = 1 to 5, M = 10, learned from three quarters), ridges of 1e-8, 3e-7 and 1e-4
+    with h = 100 gave the heatmap of the held-out quarter a forward Kullback-Leibler
+    divergence of 2.3, 0.95 and 3.6; reg_covar from 1e-8 to 1e-4 made little difference. The
+    defaults are the paper's bases (cosines) with the best ridge.
 
     Parameters
     ----------
     frequencies : tuple of float or int
-        f of (21), cycles per window. Several make ProMP-VM-Mult: (1, 2, 3, 4, 5) in V-C.
-        A whole number n instead is the first n multiples of the movement's own
-        frequency, T / P with the fundamental period P of the windows: a window need not
-        hold whole periods.
+        f of (21), cycles per window. ProMP-VM-Mult has several: (1, 2, 3, 4, 5) in V-C.
+        An integer n selects the first n multiples of the movement's own frequency, T / P
+        with the fundamental period P of the windows. A window need not contain whole
+        periods.
     n_bases : int
         n of (21), of each frequency.
     width : float
@@ -152,7 +162,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
     frequencies_ : tuple of float
     proportions_ : ndarray, shape (M,)
     means_ : ndarray, shape (M, D * B)
-        Of the weights, those of a channel together.
+        Means of the weights, ordered by channel.
     covariances_ : ndarray, shape (M, D * B, D * B)
     noise_ : ndarray, shape (D,)
         Variance of the observation noise.
@@ -199,12 +209,12 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         Parameters
         ----------
         windows : array_like, shape (N, T, D)
-            At least 2, in the order in which they were cut from the recordings.
+            At least 2, in the order of the recordings that they were cut from.
 
         Raises
         ------
         ExperimentError
-            Where the windows or a parameter of the model cannot be used.
+            If the windows or a parameter of the model are invalid.
         """
         windows = finite_array(
             windows, "the windows", ("N", "T", "D"), error=ExperimentError
@@ -222,29 +232,30 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
             self.frequencies_ = tuple(own * k for k in range(1, self.frequencies + 1))
         else:
             self.frequencies_ = tuple(self.frequencies)
-        left, singular, right = np.linalg.svd(self._rows(), full_matrices=False)
+        rows = self._rows(np.arange(self.n_steps_))
+        left, singular, right = np.linalg.svd(rows, full_matrices=False)
         filters = singular / (singular**2 + self.ridge)
-        by_channel = np.swapaxes(windows, 1, 2)
-        weights = (by_channel @ left * filters) @ right
-        residual = by_channel - weights @ self._rows().T
-        free = self.n_steps_ - float(np.sum(filters * singular))
-        self.noise_ = np.sum(residual**2, axis=(0, 2)) / (n * max(free, 1.0))
+        channels = np.swapaxes(windows, 1, 2)
+        channel_weights = (channels @ left * filters) @ right
+        residual = channels - channel_weights @ rows.T
+        freedom = self.n_steps_ - float(np.sum(filters * singular))
+        self.noise_ = np.sum(residual**2, axis=(0, 2)) / (n * max(freedom, 1.0))
         self.noise_ = np.maximum(self.noise_, _LEAST_NOISE)
-        flat = weights.reshape(n, -1)
-        most = min(n // 2, len(np.unique(flat, axis=0)))
+        weights = channel_weights.reshape(n, -1)
+        most_components = min(n // 2, len(np.unique(weights, axis=0)))
         try:
             fit = fit_gaussians(
-                flat,
+                weights,
                 sample_weights=np.ones(n),
-                n_components=min(self.n_components, most),
+                n_components=min(self.n_components, most_components),
                 regularization=self.reg_covar,
                 shrinkage=0.0,
                 seed=0,
             )
         except (np.linalg.LinAlgError, SkillError):
             raise ExperimentError(
-                f"reg_covar is {self.reg_covar!r}: too little for the covariances of "
-                f"{flat.shape[1]} redundant weights; it must be greater."
+                f"reg_covar is {self.reg_covar!r}: too small for the covariances of "
+                f"{weights.shape[1]} redundant weights; expected a larger one."
             ) from None
         self._conditioning: tuple[tuple[int, int], Conditioning] | None = None
         self.proportions_, self.means_ = fit.proportions, fit.means
@@ -269,9 +280,9 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         return self.trajectory(weights, np.arange(self.n_steps_))
 
     def condition(self, steps: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:
-        """Return the expected trajectory that meets keypoints.
+        """Return the expected trajectory through keypoints.
 
-        Every Gaussian is conditioned; the trajectory is that of the component with the
+        Every Gaussian is conditioned; the trajectory is the mean of the component with the
         greatest probability given the keypoints.
 
         Parameters
@@ -287,7 +298,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         ExperimentError
-            Where the keypoints cannot be used.
+            If the keypoints are invalid.
         """
         check_is_fitted(self)
         times = finite_array(steps, "the steps", ("K",), error=ExperimentError)
@@ -304,7 +315,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
     def predict(self, prefix: ArrayLike, horizon: int) -> Prediction:
         """Return the continuation of observed samples (K, D), noise included.
 
-        They are at the start of a window. The expectation is over all components. The
+        The samples are the start of a window. The expectation is over all components. The
         bases are periodic, so the horizon may be longer than the window.
         """
         check_is_fitted(self)
@@ -313,7 +324,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         y = finite_array(prefix, "the prefix", shape, error=ExperimentError)
         k, d = y.shape
         if self._conditioning is None or self._conditioning[0] != (k, horizon):
-            rows = self._observing(np.arange(k + horizon))
+            rows = self._observation_matrix(np.arange(k + horizon))
             noise = np.diag(np.tile(self.noise_, k + horizon))
             conditioning = Conditioning(
                 self.proportions_,
@@ -331,14 +342,14 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
     ) -> MixturePosterior:
         """Return the mixture of the weights given values (..., K, D) at any steps (K,).
 
-        Every component is conditioned as Paraschos et al. (2018) do with their one
-        Gaussian; the probabilities of the components follow from Bayes' rule.
+        Every component is conditioned like the one Gaussian of Paraschos et al. (2018);
+        the probabilities of the components follow from Bayes' rule.
 
         Parameters
         ----------
         steps : array_like, shape (K,)
         values : array_like, shape (..., K, D)
-            One observation, or several that are each conditioned on alone.
+            One observation, or several independent ones.
         noise : array_like, shape () or (D,)
             Variance of each channel, positive.
         """
@@ -346,7 +357,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         y = np.asarray(values, dtype=float)
         variances = np.broadcast_to(noise, y.shape[-2:]).ravel()
         y = y.reshape(*y.shape[:-2], -1)
-        rows = self._observing(steps)
+        rows = self._observation_matrix(steps)
         posteriors, log_joint = [], []
         for proportion, mean, covariance in zip(
             self.proportions_, self.means_, self.covariances_, strict=True
@@ -367,10 +378,10 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
     ) -> NDArray[np.float64]:
         """Return the values (..., K, D) of weights (..., D * B) at steps (K,)."""
         phi = self._rows(steps)
-        by_channel = weights.reshape(
+        channel_weights = weights.reshape(
             *weights.shape[:-1], self.n_channels_, phi.shape[1]
         )
-        return np.swapaxes(by_channel @ phi.T, -1, -2)
+        return np.swapaxes(channel_weights @ phi.T, -1, -2)
 
     @property
     def basis(self) -> VonMisesBasis:
@@ -381,12 +392,11 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
             width=self.width,
         )
 
-    def _rows(self, steps: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Return Phi at steps (K,), all of a window where None, shape (K, B)."""
-        at = np.arange(self.n_steps_) if steps is None else np.asarray(steps)
-        return self.basis.rows(at / self.n_steps_)
+    def _rows(self, steps: ArrayLike) -> NDArray[np.float64]:
+        """Return Phi at steps (K,), shape (K, B)."""
+        return self.basis.rows(np.asarray(steps) / self.n_steps_)
 
-    def _observing(self, steps: ArrayLike) -> NDArray[np.float64]:
+    def _observation_matrix(self, steps: ArrayLike) -> NDArray[np.float64]:
         """Return the matrix from weights to values at steps (K,), (K * D, D * B)."""
         channels = np.eye(self.n_channels_)
         rows = np.einsum("kb,de->kdeb", self._rows(steps), channels)
@@ -398,3 +408,98 @@ def _factor(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     variances, vectors = np.linalg.eigh(covariance)
     out: NDArray[np.float64] = vectors * np.sqrt(np.maximum(variances, 0))
     return out
+
+
+# Narrow bases: nearly the best on held-out data of all bundled demonstrations. The
+# paper's cosines (width 100, ridge 3e-7) represent few harmonics, enough for polishing only.
+_ONE_PERIOD = ProMP(frequencies=(1.0,), width=0.3, ridge=1e-4, n_components=10)
+
+
+class AlignedProMP(Method):
+    """ProMP-VM over one period of aligned data (Fig. 5a and 6a of the paper): f = 1.
+
+    The fundamental period of the recordings is estimated, and they are cut into aligned
+    periods of equal length T. Steps count from phase 0, the maximum of the channel with
+    the largest range.
+
+    Parameters
+    ----------
+    model : ProMP, optional
+        Model of the aligned periods, of frequency 1; it is not changed. By default it has
+        narrow bases (width 0.3, ridge 1e-4) and 10 Gaussians.
+
+    Attributes
+    ----------
+    n_steps_ : int
+        T.
+    period_ : float
+        Mean duration of the aligned periods, samples; T is the estimated one, rounded.
+    aligned_ : AlignedPeriods
+    model_ : ProMP
+        Fitted to the aligned periods.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> path = np.sin(np.arange(400) * np.pi / 10)[:, None]
+    >>> path += 0.01 * np.random.default_rng(0).standard_normal(path.shape)
+    >>> model = AlignedProMP()
+    >>> model.fit([path])
+    >>> model.n_steps_
+    20
+    """
+
+    name = "ProMP, aligned"
+
+    def __init__(self, *, model: ProMP | None = None) -> None:
+        self.model = model
+
+    def fit(self, recordings: Sequence[Array]) -> None:
+        """Learn from recordings (n, D)."""
+        recordings = long_enough(recordings)
+        period = movement_period(recordings)
+        self.n_steps_ = round(period)
+        self.aligned_ = align_periods(recordings, period=period, n_steps=self.n_steps_)
+        self.period_ = float(self.aligned_.durations.mean())
+        self.model_ = clone(self.model or _ONE_PERIOD).fit(self.aligned_.values)
+
+    def predict(self, past: Array, horizon: int) -> Forecast:
+        """Return the expectation over the T phases at which `past` (K, D) may start.
+
+        Each is weighted by the evidence of the samples.
+        """
+        scale = self.n_steps_ / self.period_
+        evidence = np.empty(self.n_steps_)
+        futures = np.empty((self.n_steps_, horizon, past.shape[1]))
+        for phase in range(self.n_steps_):
+            steps = phase + scale * np.arange(len(past) + horizon)
+            posterior = self.model_.posterior(
+                steps[: len(past)], past, noise=self.model_.noise_
+            )
+            evidence[phase] = posterior.log_evidence
+            mean = posterior.probabilities @ posterior.means
+            futures[phase] = self.model_.trajectory(mean, steps[len(past) :])
+        return Forecast(values=np.tensordot(softmax(evidence), futures, axes=1))
+
+
+class WindowedProMP(Method):
+    """ProMP-VM-Mult over windows, with the movement's own frequency and 80 Gaussians."""
+
+    name = "ProMP, own frequencies"
+
+    def fit(self, recordings: Sequence[Array]) -> None:
+        """Learn from recordings (n, D)."""
+        longest = max(map(len, recordings))
+        size = int(np.clip(longest // 2, PAST + HORIZON, _MOST_WINDOW))
+        stride = 1 if longest < 2 * _MOST_WINDOW else 2
+        windows = np.concatenate(
+            [sliding_windows(y, n_steps=size, stride=stride) for y in recordings]
+        )
+        if not len(windows):
+            raise ExperimentError(f"no recording has {size} samples.")
+        self._model = ProMP(frequencies=5, n_components=80).fit(windows)
+
+    def predict(self, past: Array, horizon: int) -> Forecast:
+        """Predict the samples after `past`, shape (K, D)."""
+        prediction = self._model.predict(past, horizon)
+        return Forecast(values=prediction.values, covariances=prediction.covariances)

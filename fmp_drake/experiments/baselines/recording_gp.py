@@ -1,4 +1,4 @@
-"""Gaussian process over time that is conditioned on the recording."""
+"""Gaussian process over time, conditioned on the recording."""
 
 from collections.abc import Sequence
 
@@ -8,12 +8,19 @@ from scipy.optimize import minimize
 from scipy.special import softmax
 
 from fmp_drake.experiments.baselines.alignment import movement_period
-from fmp_drake.experiments.baselines.method import Array, Forecast, Method, diagonal
+from fmp_drake.experiments.baselines.method import (
+    Array,
+    Forecast,
+    Method,
+    diagonal,
+    mixture_moments,
+)
 
 _MOST_POINTS = 1200
+_MOST_POINTS_OF_LIKELIHOOD = 160
 _PHASES = 48
 # Logarithms of s, l, s_1, r_1 in periods, s_2, r_2 in periods, noise, p in estimated
-# periods: bounds and the start of the search.
+# periods: bounds and start of the search.
 _BOUNDS = np.log(
     [
         (0.3, 3.0),
@@ -27,18 +34,17 @@ _BOUNDS = np.log(
     ]
 )
 _START = np.log([1.0, 0.8, 0.3, 3.0, 0.05, 0.1, 0.01, 1.0])
-_MOST_FOR_LIKELIHOOD = 160
 
 
 class RecordingGP(Method):
-    """A quasi-periodic Gaussian process over time that remembers the longest recording.
+    """Quasi-periodic Gaussian process over time, conditioned on the longest recording.
 
     For each channel, in its own standard deviations::
 
         k(g) = s^2 c(g) + s_1^2 c(g) exp(-g^2 / (2 r_1^2)) + s_2^2 exp(-g^2 / (2 r_2^2))
                + noise^2 [g = 0],    c(g) = exp(-2 sin^2(pi g / p) / l^2)
 
-    The first term never decays: it is the mean cycle. The parameters maximise the
+    The first term, the mean cycle, never decays. The parameters maximise the
     likelihood of the recording. A prediction conditions on the whole recording and on
     the observed samples, whose phase is unknown: it averages over 48 phases, weighted by
     their evidence.
@@ -61,13 +67,13 @@ class RecordingGP(Method):
         values = (longest - self._mean) / self._scale
         step = max(1, -(-len(times) // _MOST_POINTS))
         times, values = times[::step], values[::step]
-        few = slice(0, min(len(times), _MOST_FOR_LIKELIHOOD))
+        start = slice(0, min(len(times), _MOST_POINTS_OF_LIKELIHOOD))
         units = np.ones(8)
         units[[3, 5, 7]] = period
         self._period = period
 
         def cost(logs: Array, y: Array) -> float:
-            covariance = _kernel(np.exp(logs) * units, times[few], times[few])
+            covariance = _kernel(np.exp(logs) * units, times[start], times[start])
             covariance += np.exp(2 * logs[6]) * np.eye(len(covariance))
             factor = cho_factor(covariance, lower=True)
             log_root = float(np.sum(np.log(np.diag(factor[0]))))
@@ -78,7 +84,7 @@ class RecordingGP(Method):
             fit = minimize(
                 cost,
                 _START,
-                (y[few],),
+                (y[start],),
                 method="L-BFGS-B",
                 bounds=_BOUNDS,
                 options={"maxiter": 15},
@@ -110,31 +116,29 @@ class RecordingGP(Method):
             means[..., i] = mean[:, k:] + np.einsum("pk,pkh->ph", white, gains)
             own = np.diagonal(covariance, axis1=1, axis2=2)[:, k:]
             variances[..., i] = own - np.sum(gains**2, axis=1)
-        weights = softmax(log_evidence)
-        value = np.tensordot(weights, means, axes=1)
-        off = means - value
-        covariances = diagonal(np.tensordot(weights, variances, axes=1))
-        covariances += np.einsum("p,phd,phe->hde", weights, off, off)
+        value, covariances = mixture_moments(
+            softmax(log_evidence), means, diagonal(variances)
+        )
         return Forecast(
             values=value * self._scale + self._mean,
             covariances=covariances * np.multiply.outer(self._scale, self._scale),
         )
 
     def _plan(self, count: int) -> list[tuple[Array, Array]]:
-        """Return means (P, n) and covariances (P, n, n) of later windows, by channel.
+        """Return means (P, n) and covariances (P, n, n) of n samples, for each channel.
 
-        They follow after the recording, at each of P phases.
+        The samples are after the recording, at each of P phases.
         """
         plans = []
         for parameters, factor, solved in self._channels:
             period = parameters[7]
             begin = self._times[-1] + period * (1 + np.arange(_PHASES) / _PHASES)
-            at = begin[:, None] + np.arange(count)
-            across = _kernel(parameters, at.ravel(), self._times)
+            times = begin[:, None] + np.arange(count)
+            across = _kernel(parameters, times.ravel(), self._times)
             mean = (across @ solved).reshape(_PHASES, count)
             half = np.linalg.solve(np.tril(factor[0]), across.T)
             half = half.T.reshape(_PHASES, count, -1)
-            prior = _kernel(parameters, at[0], at[0])
+            prior = _kernel(parameters, times[0], times[0])
             prior += parameters[6] ** 2 * np.eye(count)
             covariance = prior - half @ np.swapaxes(half, 1, 2)
             covariance += 1e-9 * np.eye(count)

@@ -1,7 +1,7 @@
-"""Task metric: how soon the movements of a method clean a board.
+"""Task metric: the time in which the movements of a method clean a board.
 
 Every method plays a minute, and the same station follows the path: the scenario's arm,
-its controller, eraser and ink. Nothing but the path differs.
+its controller, eraser and ink. Only the path differs.
 """
 
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from fmp_drake.experiments.benchmark.run import (
     Job,
     MethodScores,
     Progress,
-    chosen_methods,
+    checked_methods,
     collect_scores,
 )
 from fmp_drake.experiments.benchmark.splits import (
     ALL,
     Movement,
     Split,
-    rhythmic_parts,
+    make_movement,
     splits,
 )
 from fmp_drake.primitives import read_demonstrations
@@ -39,14 +39,12 @@ from fmp_drake.station import LoadScenario, MakeStation, Scenario
 from fmp_drake.station.skill_motion import DESIRED
 from fmp_drake.station.tasks.wiping import Wiping
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
+from fmp_drake.systems.ink.metrics import times_to_clean
 
-CLEANED = (50, 90, 99)
-"""Per cent of the demonstrated area whose times are measured."""
-SCENARIO = "table_top"
-
-# Cycles that a method learns from, at most.
+_SCENARIO = "table_top"
+# Greatest number of cycles to learn from.
 _MOST_CYCLES = 4.0
-# Samples of a run, s, and the time in which a path is accelerated from rest, s.
+# Time between two measurements, and the time in which a path accelerates from rest, s.
 _PERIOD = 0.05
 _RAMP = 1.0
 
@@ -68,7 +66,7 @@ def run_cleaning(
     Parameters
     ----------
     file : pathlib.Path
-        Recording, which is laid on the board.
+        Recording, which is placed on the board.
     out : pathlib.Path
         Existing folder for the JSON files.
     workers : Workers
@@ -79,14 +77,14 @@ def run_cleaning(
     seeds : int
         Runs of each method.
     progress : callable
-        Called with a sentence about each step.
+        Called with a message about each step.
 
     Returns
     -------
     dict of str to MethodScores
-        Also of methods that an earlier run has written.
+        Scores by method, with those of earlier runs into the same folder.
     """
-    names = chosen_methods(methods)
+    names = checked_methods(methods)
     movement = board_movement(file)
     split = split_to_learn(movement)
     score = partial(score_cleaning, movement=movement, split=split, seconds=seconds)
@@ -101,30 +99,29 @@ def run_cleaning(
 def board_movement(file: Path) -> Movement:
     """Return the movement of a recording in the frame of the scenario's board."""
     demonstrations, _ = read_demonstrations([file])
-    placed, _ = lay_on_board(demonstrations[0], scenario=LoadScenario(SCENARIO))
-    period, parts = rhythmic_parts([placed.resample(RATE).values])
-    return Movement(name=file.stem, parts=parts, period=period)
+    recording, _ = lay_on_board(demonstrations[0], scenario=LoadScenario(_SCENARIO))
+    return make_movement(file.stem, [recording.resample(RATE).values])
 
 
 def split_to_learn(movement: Movement) -> Split:
-    """Return the first split of the most cycles of a movement, but at most 4.
+    """Return the first of the splits of a movement with most cycles, at most 4.
 
     Raises
     ------
     ExperimentError
         Where the movement has too few cycles.
     """
-    found = {
-        split.cycles: split
-        for split in reversed(list(splits(movement)))
+    candidates = [
+        split
+        for split in splits(movement)
         if split.cycles != ALL and float(split.cycles) <= _MOST_CYCLES
-    }
-    if not found:
+    ]
+    if not candidates:
         raise ExperimentError(
-            f"{movement.name} has {movement.cycles:.1f} cycles on the board; a method "
-            "learns from 1.5 cycles, and some must remain. Give a recording of at least 2."
+            f"{movement.name} has {movement.cycles:.1f} cycles on the board; expected at "
+            "least 2: a method learns from 1.5 cycles, and the rest is held out."
         )
-    return found[max(found, key=float)]
+    return max(candidates, key=lambda split: float(split.cycles))
 
 
 def score_cleaning(
@@ -143,24 +140,24 @@ def score_cleaning(
     movement : Movement
         In the frame of the board, m.
     split : Split
-        Of the movement; the method learns from its learned parts.
+        Split of the movement; the method learns from its training parts.
     seconds : float
         Simulated time.
     seed : int
-        Of the method, and of the sample from which it begins.
+        Seed of the method, and of the sample from which it begins.
 
     Returns
     -------
     MethodScores
-        One row of `cleaning`, as `clean_board`; or `error`, why the method could not learn
-        or play.
+        One row of `cleaning`: the result of `clean_board`; or `error`, the reason for
+        which the method could not learn or play.
     """
-    where = {"movement": movement.name, "cycles": split.cycles, "seed": seed}
+    labels = {"movement": movement.name, "cycles": split.cycles, "seed": seed}
     learner = method()
     try:
-        learner.fit(split.learned)
+        learner.fit(split.training)
         rng = np.random.default_rng(seed)
-        longest = max(split.learned, key=len)
+        longest = max(split.training, key=len)
         first = int(rng.integers(len(longest) - PAST))
         past = longest[first : first + PAST]
         path = learner.play(past, round(seconds * RATE), seed=seed)
@@ -169,13 +166,13 @@ def score_cleaning(
         row = clean_board(path, movement.parts, seconds=seconds)
     except FmpError as error:
         row = {"error": str(error)}
-    return MethodScores(method=method.name, cleaning=[where | row])
+    return MethodScores(method=method.name, cleaning=[labels | row])
 
 
 def clean_board(
     path: Array, demonstrated: Sequence[Array], *, seconds: float
 ) -> dict[str, Any]:
-    """Let the station follow a path, and measure how soon the board is clean.
+    """Let the station follow a path, and measure the times to clean the board.
 
     Parameters
     ----------
@@ -193,12 +190,12 @@ def clean_board(
         `cleaned`, its fraction at the end; `tracking_rms_m`; `force_mean_n`, and
         `force_near`, fraction of the time within 5 N of the desired force.
     """
-    scenario = LoadScenario(SCENARIO)
-    size = np.array(scenario.board.size) / 2 - np.array(scenario.eraser.footprint) / 2
-    if not np.all(np.isfinite(path)) or np.any(np.abs(path[:, :2]) > size):
+    scenario = LoadScenario(_SCENARIO)
+    reach = np.array(scenario.board.size) / 2 - np.array(scenario.eraser.footprint) / 2
+    if not np.all(np.isfinite(path)) or np.any(np.abs(path[:, :2]) > reach):
         raise DemonstrationError("the path leaves the board.")
     builder = DiagramBuilder()
-    trajectory = _from_rest(path, seconds)
+    trajectory = _accelerated_path(path, seconds)
     station = _add_station(builder, scenario, trajectory)
     ink_board: Any = station.GetSubsystemByName("ink_board")
     area = ink_board.grid.swept_by(demonstrated, tuple(scenario.eraser.footprint))
@@ -213,20 +210,20 @@ def clean_board(
     for until in times:
         simulator.AdvanceTo(until)
         cleaned.append(float(np.mean(value("ink")[area.ravel()] < CLEAN_BELOW)))
-        # A rotation vector stands before the translation.
+        # The rotation vector is before the translation.
         errors.append(float(np.linalg.norm(value("tracking_error")[3:])))
         forces.append(float(value("normal_force")[0]))
-    fractions, settled = np.array(cleaned), np.array(forces)[times > 2 * _RAMP]
-    reached: dict[str, Any] = {}
-    for percent in CLEANED:
-        done = np.flatnonzero(fractions >= percent / 100 - 1e-9)
-        reached[f"seconds_to_{percent}"] = float(times[done[0]]) if len(done) else None
-    desired = scenario.press.force
-    return reached | {
+    steady_forces = np.array(forces)[times > 2 * _RAMP]
+    force_errors = np.abs(steady_forces - scenario.press.force)
+    return {
+        **{
+            f"seconds_to_{100 * fraction:.0f}": time
+            for fraction, time in times_to_clean(times, cleaned).items()
+        },
         "cleaned": cleaned[-1],
         "tracking_rms_m": float(np.sqrt(np.mean(np.square(errors)))),
-        "force_mean_n": float(settled.mean()),
-        "force_near": float(np.mean(np.abs(settled - desired) <= 5.0)),
+        "force_mean_n": float(steady_forces.mean()),
+        "force_near": float(np.mean(force_errors <= 5.0)),
     }
 
 
@@ -247,8 +244,8 @@ def _add_station(
     return station
 
 
-def _from_rest(path: Array, seconds: float) -> PiecewisePolynomial:
-    """Return a path (n, 3) as a trajectory that begins at rest, twice differentiable."""
+def _accelerated_path(path: Array, seconds: float) -> PiecewisePolynomial:
+    """Return a path (n, 3) as a twice differentiable trajectory that begins at rest."""
     time = np.arange(round((seconds + 1) * RATE) + 1) / RATE
     # Progress along the path: its speed rises from 0 to 1 within the ramp.
     u = np.clip(time / _RAMP, 0, 1)

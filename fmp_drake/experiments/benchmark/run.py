@@ -1,4 +1,4 @@
-"""Runs of the benchmark: one JSON file for each method."""
+"""Runs of the benchmark: scores of each method, in one JSON file."""
 
 import json
 import time
@@ -8,36 +8,59 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial import KDTree
+from scipy.stats import chi2
 from threadpoolctl import threadpool_limits
 
-from fmp_drake.errors import ExperimentError, FmpError
-from fmp_drake.experiments.baselines.method import Method, further_methods
+from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
+from fmp_drake.experiments.baselines.alignment import movement_period
+from fmp_drake.experiments.baselines.method import (
+    PAST,
+    RATE,
+    Array,
+    Method,
+    further_methods,
+)
 from fmp_drake.experiments.benchmark.built_in import METHODS
-from fmp_drake.experiments.benchmark.scores import score_playback, score_predictions
 from fmp_drake.experiments.benchmark.splits import (
     PLACES,
     Movement,
+    Split,
     load_movements,
+    prediction_instants,
     splits,
 )
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.processes import Workers, run_tasks
 
 Progress = Callable[[str], None]
-# Splits of which a playback is scored.
-_PLAYED = ("2", "4", "all")
+
+STEPS = (5, 10, 20)
+"""Steps at which the coverage of the 95 % ellipsoids is measured: 0.25, 0.5 and 1 s."""
+
+# Numbers of cycles after which a playback is scored, too, and its duration, s.
+_PLAYED_CYCLES = ("2", "4", "all")
+_PLAYED_SECONDS = 60.0
+# Start of a playback that is not scored, s.
+_SETTLING_TIME = 10.0
+# Distance from the demonstrated path, relative to the size of the movement, up to which a
+# playback stays near it.
+_NEAR = 0.15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
-    """One method and how it is scored: the task of a process.
+    """Scoring of one method: the task of a process.
 
     Attributes
     ----------
     method : str
         Name.
     score : callable
-        Returns the scores of the method's class. It is sent to another process.
+        Takes the class of the method, and returns its scores. It is pickled.
     """
 
     method: str
@@ -52,12 +75,12 @@ class MethodScores:
     ----------
     method : str
     predictions : list of dict
-        Movement, cycles, place, and what `score_predictions` returns; or `error`, why
-        the method could not learn.
+        Movement, cycles, place, and the scores of `score_predictions`; or `error`, the
+        reason for which the method could not learn.
     playbacks : list of dict
-        Movement, cycles, place, and what `score_playback` returns.
+        Movement, cycles, place, and the scores of `score_playback`.
     cleaning : list of dict
-        Movement, cycles, seed, and what `score_cleaning` returns.
+        Movement, cycles, seed, and the scores of `score_cleaning`.
     seconds : float
         Processor time.
     """
@@ -95,23 +118,23 @@ def run_benchmark(
     Parameters
     ----------
     folder : pathlib.Path
-        Of recordings.
+        Folder of recordings.
     out : pathlib.Path
         Existing folder for the JSON files.
     workers : Workers
     methods : sequence of str
         Names; all methods where empty.
     instants : int
-        Predictions of each split, at most.
+        Greatest number of predictions for each split.
     progress : callable
-        Called with a sentence about each step.
+        Called with a message about each step.
 
     Returns
     -------
     dict of str to MethodScores
-        Also of methods that an earlier run has written.
+        Scores by method, with those of earlier runs into the same folder.
     """
-    names = chosen_methods(methods)
+    names = checked_methods(methods)
     movements = load_movements(folder, progress)
     for movement in movements:
         progress(
@@ -129,8 +152,14 @@ def run_benchmark(
     return collect_scores(out, jobs, workers, progress)
 
 
-def chosen_methods(names: Sequence[str]) -> list[str]:
-    """Return the names of the methods to run, all where none is given."""
+def checked_methods(names: Sequence[str]) -> list[str]:
+    """Return names of methods, those of all methods where there are none.
+
+    Raises
+    ------
+    ExperimentError
+        Where there is no method of a name.
+    """
     available = all_methods()
     for name in names:
         if name not in available:
@@ -144,17 +173,17 @@ def collect_scores(
     out: Path, jobs: Sequence[Job], workers: Workers, progress: Progress
 ) -> dict[str, MethodScores]:
     """Run jobs, write the file of each method when its jobs are done; read all files."""
-    finished: dict[Job, MethodScores] = {}
-    for done in run_tasks(run_job, jobs, workers):
-        if isinstance(done.result, Exception):
-            raise done.result
-        finished[done.task] = done.result
-        name = done.task.method
-        own = [job for job in jobs if job.method == name]
-        if finished.keys() >= set(own):
+    results: dict[Job, MethodScores] = {}
+    for job, _, result in run_tasks(run_job, jobs, workers):
+        if isinstance(result, Exception):
+            raise result
+        results[job] = result
+        name = job.method
+        method_jobs = [other for other in jobs if other.method == name]
+        if results.keys() >= set(method_jobs):
             scores = MethodScores(method=name)
-            for job in own:
-                scores.add(finished[job])
+            for method_job in method_jobs:
+                scores.add(results[method_job])
             write_scores(out, scores)
             progress(f"{name}: {scores.seconds:.0f} s of a core")
     return read_scores(out)
@@ -171,27 +200,132 @@ def run_job(job: Job) -> MethodScores:
 def score_method(
     method: type[Method], *, movement: Movement, instants: int, places: int = PLACES
 ) -> MethodScores:
-    """Score a method on the `splits` of a movement with so many places of each."""
+    """Score a method on the `splits` of a movement, with a number of places of each."""
     scores = MethodScores(method=method.name)
     for split in splits(movement, places=places):
-        where = {
+        labels = {
             "movement": movement.name,
             "cycles": split.cycles,
             "place": split.place,
         }
         learner = method()
         try:
-            learner.fit(split.learned)
-            predicted = score_predictions(learner, split, most=instants)
+            learner.fit(split.training)
+            predictions = score_predictions(learner, split, count=instants)
         except FmpError as error:
-            scores.predictions.append({**where, "error": str(error)})
+            scores.predictions.append({**labels, "error": str(error)})
             continue
-        scores.predictions.append({**where, **predicted})
-        if split.cycles in _PLAYED:
-            played = score_playback(learner, movement, split, seed=split.place)
-            if played is not None:
-                scores.playbacks.append({**where, **played})
+        scores.predictions.append({**labels, **predictions})
+        if split.cycles in _PLAYED_CYCLES:
+            playback = score_playback(learner, movement, split, seed=split.place)
+            if playback is not None:
+                scores.playbacks.append({**labels, **playback})
     return scores
+
+
+def score_predictions(
+    method: Method, split: Split, *, count: int
+) -> dict[str, float | None]:
+    """Score the predictions of a fitted method on the held-out parts of a split.
+
+    Returns
+    -------
+    dict of str to float or None
+        `error_mm`, rms over the next second; `log_density`, nats per sample, mean over
+        the second; `inside_5`, `inside_10`, `inside_20`, fractions of true samples in the
+        95 % ellipsoids. None where the method has no uncertainty.
+    """
+    mean_squares, densities, coverage = [], [], []
+    for past, truth in prediction_instants(split.held_out, count):
+        forecast = method.predict(past, len(truth))
+        errors = truth - forecast.values
+        mean_squares.append(float(np.mean(np.sum(errors**2, axis=1))))
+        if forecast.covariances is None:
+            continue
+        densities.append(float(np.mean(forecast.log_densities(truth))))
+        indices = np.array(STEPS) - 1
+        coverage.append(
+            _are_inside_ellipsoids(errors[indices], forecast.covariances[indices])
+        )
+    scores: dict[str, float | None] = {
+        "error_mm": 1e3 * float(np.sqrt(np.mean(mean_squares))),
+        "log_density": float(np.mean(densities)) if densities else None,
+    }
+    fractions = np.mean(coverage, axis=0) if coverage else [None] * len(STEPS)
+    for step, fraction in zip(STEPS, fractions, strict=True):
+        scores[f"inside_{step}"] = None if fraction is None else float(fraction)
+    return scores
+
+
+def score_playback(
+    method: Method, movement: Movement, split: Split, *, seed: int
+) -> dict[str, Any] | None:
+    """Score a minute of playback that continues a held-out part.
+
+    Returns
+    -------
+    dict or None
+        `stays`, fraction of samples near the demonstrated path; `size` and `tempo`,
+        relative to the demonstrated ones; `variety`, the difference of successive
+        cycles, relative to the demonstrated one (1 is as varied as the person). None
+        where the method cannot play.
+    """
+    past = split.held_out[0][:PAST]
+    path = method.play(past, round(_PLAYED_SECONDS * RATE), seed=seed)
+    if path is None:
+        return None
+    if not np.all(np.isfinite(path)):
+        return {"stays": 0.0, "size": None, "tempo": None, "variety": None}
+    path = path[round(_SETTLING_TIME * RATE) :]
+    samples = np.concatenate(movement.parts)
+    size = _size([samples])
+    distances = KDTree(samples).query(path)[0]
+    scores: dict[str, Any] = {
+        "stays": float(np.mean(distances < _NEAR * size)),
+        "size": _size([path]) / size,
+        "tempo": None,
+        "variety": None,
+    }
+    try:
+        period = movement_period([path])
+    except DemonstrationError:
+        return scores
+    scores["tempo"] = movement.period / period
+    demonstrated_variation = _variation(movement.parts, movement.period)
+    variation = _variation([path], period)
+    if demonstrated_variation is not None and variation is not None:
+        scores["variety"] = variation / demonstrated_variation
+    return scores
+
+
+def _size(parts: Sequence[Array]) -> float:
+    """Return the standard deviation of positions about their mean, m."""
+    return float(np.sqrt(np.sum(np.var(np.concatenate(list(parts)), axis=0))))
+
+
+def _variation(parts: Sequence[Array], period: float) -> float | None:
+    """Return the rms distance between samples and the path one cycle later, m.
+
+    It is the least distance within a quarter of a period about that time, so that changes
+    of tempo do not count. None where no part is long enough.
+    """
+    lags = np.arange(0.75 * period, 1.25 * period, 0.05)
+    squares = []
+    for y in parts:
+        count = len(y) - int(np.ceil(lags[-1]))
+        if count > 0:
+            times = lags[:, None] + np.arange(count)
+            later = CubicSpline(np.arange(len(y)), y)(times)
+            squares.append(np.sum((later - y[:count]) ** 2, axis=2).min(axis=0))
+    return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else None
+
+
+def _are_inside_ellipsoids(errors: Array, covariances: Array) -> NDArray[np.bool_]:
+    """Return which errors (n, D) are in the 95 % ellipsoids of covariances (n, D, D)."""
+    solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
+    squared_distances = np.sum(errors * solved, axis=1)
+    out: NDArray[np.bool_] = squared_distances <= chi2.ppf(0.95, errors.shape[1])
+    return out
 
 
 def write_scores(out: Path, scores: MethodScores) -> None:

@@ -1,4 +1,4 @@
-"""Movements of a folder of recordings, and their fixed splits by cycles seen."""
+"""Movements in a folder of recordings, and their splits into training and held-out parts."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -14,19 +14,21 @@ from fmp_drake.experiments.baselines.method import (
     Array,
     long_enough,
 )
-from fmp_drake.primitives import read_demonstrations
+from fmp_drake.primitives import read_demonstrations, sliding_windows
 from fmp_drake.primitives.data.channels import channel_scales
 from fmp_drake.primitives.model.phase.search import search_rhythm
 
 CYCLES = (1.5, 2.0, 3.0, 4.0, 8.0)
-"""Cycles that methods learn from; beside them all but a held-out third."""
+"""Numbers of cycles to learn from."""
 ALL = "all"
-
-# A recording with so many cycles is a movement of its own.
-_ALONE = 2.3
-# Cycles that must remain for scoring, and places of the learned part.
-_LEAST_LEFT = 0.4
+"""Learning from two thirds of a movement, or from all its parts but one."""
 PLACES = 3
+"""Greatest number of places of a training part."""
+
+# Cycles with which a recording is a movement of its own.
+_LEAST_CYCLES = 2.3
+# Cycles that must remain for scoring.
+_LEAST_HELD_OUT = 0.4
 # Files of a folder that are not read as recordings.
 _OTHER_FILES = {".md", ".json", ".yaml", ".yml", ".html", ".png", ".pdf", ".svg"}
 
@@ -56,21 +58,21 @@ class Movement:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Split:
-    """A part of a movement to learn from, and parts to score on.
+    """Division of a movement into parts to learn from and parts to score on.
 
     Attributes
     ----------
     cycles : str
         Number of cycles to learn from, or "all".
     place : int
-        Number of the place of the learned part.
-    learned, held : sequence of ndarray, shape (n, D)
+        Number of the place of the training part.
+    training, held_out : sequence of ndarray, shape (n, D)
     """
 
     cycles: str
     place: int
-    learned: Sequence[Array]
-    held: Sequence[Array]
+    training: Sequence[Array]
+    held_out: Sequence[Array]
 
 
 def load_movements(
@@ -78,23 +80,23 @@ def load_movements(
 ) -> list[Movement]:
     """Load the movements of a folder of recordings.
 
-    The first three channels in metres count. A recording of at least 2.3 cycles is a
-    movement; shorter ones whose names differ only in a number at the end are one
-    movement together. Others are reported and left out.
+    Only the first three channels in metres are used. A recording of at least 2.3 cycles is
+    a movement; shorter ones whose names differ only in a number at the end form one
+    movement. Others are reported and left out.
 
     Parameters
     ----------
     folder : pathlib.Path
-        Its files are of any kind that `read_demonstrations` reads.
+        Folder of files that `read_demonstrations` reads.
     progress : callable
-        Called with a sentence about every recording that is left out.
+        Called with a message about every recording that is left out.
 
     Raises
     ------
     FmpError
         Where there is no movement.
     """
-    alone: list[Movement] = []
+    movements: list[Movement] = []
     groups: dict[str, dict[str, Array]] = {}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.suffix.lower() in _OTHER_FILES:
@@ -103,8 +105,8 @@ def load_movements(
             name = path.stem
             try:
                 movement = make_movement(name, [values])
-                if movement.cycles >= _ALONE:
-                    alone.append(movement)
+                if movement.cycles >= _LEAST_CYCLES:
+                    movements.append(movement)
                     continue
             except DemonstrationError:
                 pass
@@ -116,12 +118,12 @@ def load_movements(
     for group, members in groups.items():
         name = group if len(members) > 1 else next(iter(members))
         try:
-            alone.append(make_movement(name, list(members.values())))
+            movements.append(make_movement(name, list(members.values())))
         except DemonstrationError as error:
             progress(f"{name} is left out: {error}")
-    if not alone:
+    if not movements:
         raise FmpError(f"{folder} has no recording in which a movement repeats.")
-    return sorted(alone, key=lambda movement: movement.name)
+    return sorted(movements, key=lambda movement: movement.name)
 
 
 def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
@@ -132,8 +134,8 @@ def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
         progress(f"{path.name} is left out: {error}")
         return
     for demonstration in demonstrations:
-        named = zip(demonstration.channels, demonstration.units, strict=True)
-        in_metres = [name for name, unit in named if unit == "m"]
+        channels = zip(demonstration.channels, demonstration.units, strict=True)
+        in_metres = [name for name, unit in channels if unit == "m"]
         if not in_metres:
             progress(f"{path.name} is left out: no channel is in metres.")
             continue
@@ -141,16 +143,10 @@ def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
 
 
 def make_movement(name: str, recordings: Sequence[Array]) -> Movement:
-    """Return a movement of recordings (n, D) at `RATE`, without parts that are not rhythmic."""
-    period, parts = rhythmic_parts(recordings)
-    return Movement(name=name, parts=parts, period=period)
+    """Return the movement of recordings (n, D) at `RATE`, m.
 
-
-def rhythmic_parts(recordings: Sequence[Array]) -> tuple[float, list[Array]]:
-    """Return the period, samples, and the rhythmic parts of recordings (n, D).
-
-    All methods get the same parts: approach, retreat and pauses are found on the whole
-    recordings, as `fmp-drake inspect` finds them.
+    Approach, retreat and pauses are found on the whole recordings, as by
+    `fmp-drake inspect`, and left out. So all methods get the same parts.
 
     Raises
     ------
@@ -164,80 +160,100 @@ def rhythmic_parts(recordings: Sequence[Array]) -> tuple[float, list[Array]]:
     for bout in rhythm.bouts:
         first, last = round(bout.start * RATE), round(bout.end * RATE)
         parts.append(recordings[bout.recording][first:last])
-    return rhythm.period * RATE, parts
+    return Movement(name=name, parts=parts, period=rhythm.period * RATE)
 
 
 def splits(movement: Movement, *, places: int = PLACES) -> Iterator[Split]:
     """Yield the fixed splits of a movement.
 
-    Of each number of cycles up to three learned parts, evenly spaced; the rest is scored.
-    "all" learns from two thirds of one part, or from all parts but one, in turn. With
-    fewer `places` only the first ones of each.
+    For each number of cycles there are up to three training parts, evenly spaced; the rest
+    is scored. "all" learns from two thirds of one part, or from all parts but one, in turn.
+
+    Parameters
+    ----------
+    movement : Movement
+    places : int
+        Number of training parts, the first ones.
     """
     parts = movement.parts
     for cycles in CYCLES:
-        if cycles + _LEAST_LEFT > movement.cycles:
+        if cycles + _LEAST_HELD_OUT > movement.cycles:
             continue
         size = round(cycles * movement.period)
-        seen = set()
+        first_samples = set()
         for place in range(places):
-            learned, held = _cut(parts, size, place)
-            if not _is_scorable(learned, held):
+            training, held_out = _cut_training_part(parts, size, place)
+            if not _is_scorable(training, held_out):
                 continue
-            first = learned[0][0].tobytes()
-            if first not in seen:
-                seen.add(first)
+            first = training[0][0].tobytes()
+            if first not in first_samples:
+                first_samples.add(first)
                 yield Split(
-                    cycles=f"{cycles:g}", place=place, learned=learned, held=held
+                    cycles=f"{cycles:g}",
+                    place=place,
+                    training=training,
+                    held_out=held_out,
                 )
     for place in range(places):
-        learned, held = _fold(parts, place)
-        enough = sum(map(len, learned)) >= CYCLES[0] * movement.period
-        if enough and _is_scorable(learned, held):
-            yield Split(cycles=ALL, place=place, learned=learned, held=held)
+        training, held_out = _hold_out_third(parts, place)
+        is_long = sum(map(len, training)) >= CYCLES[0] * movement.period
+        if is_long and _is_scorable(training, held_out):
+            yield Split(cycles=ALL, place=place, training=training, held_out=held_out)
 
 
-def instants(held: Sequence[Array], most: int) -> list[tuple[Array, Array]]:
-    """Return pairs of observed (PAST, D) and following samples (HORIZON, D)."""
-    view = np.lib.stride_tricks.sliding_window_view
-    windows = np.concatenate([view(y, PAST + HORIZON, axis=0) for y in held])
-    chosen = np.linspace(0, len(windows) - 1, min(most, len(windows))).astype(int)
-    pairs = windows[np.unique(chosen)].swapaxes(1, 2).copy()
+def prediction_instants(
+    recordings: Sequence[Array], count: int
+) -> list[tuple[Array, Array]]:
+    """Return pairs of observed (PAST, D) and following samples (HORIZON, D), evenly spaced.
+
+    Parameters
+    ----------
+    recordings : sequence of ndarray, shape (n, D)
+    count : int
+        Greatest number of pairs.
+    """
+    windows = np.concatenate(
+        [sliding_windows(y, n_steps=PAST + HORIZON, stride=1) for y in recordings]
+    )
+    indices = np.linspace(0, len(windows) - 1, min(count, len(windows))).astype(int)
+    pairs = windows[np.unique(indices)]
     return [(window[:PAST], window[PAST:]) for window in pairs]
 
 
-def _cut(
+def _cut_training_part(
     parts: Sequence[Array], size: int, place: int
 ) -> tuple[list[Array], list[Array]]:
-    """Cut a learned part of so many samples out of parts, at one of several places."""
+    """Cut a number of samples out of parts at a place; return them and the rest."""
     if len(parts) == 1:
         (y,) = parts
         first = round(place / (PLACES - 1) * (len(y) - size))
-        learned = [y[first : first + size]]
-        return learned, long_enough([y[:first], y[first + size :]])
+        training = [y[first : first + size]]
+        return training, long_enough([y[:first], y[first + size :]])
     order = np.roll(np.arange(len(parts)), -place * max(1, len(parts) // PLACES))
-    learned, held = [], []
+    training, held_out = [], []
     for i in order.tolist():
-        taken = min(size, len(parts[i]))
-        # A remainder that is too short to be learned is not worth a part.
-        if taken < PAST + HORIZON:
-            taken = 0
+        count = min(size, len(parts[i]))
+        # Fewer samples are too short to learn from.
+        if count < PAST + HORIZON:
+            count = 0
         else:
-            learned.append(parts[i][:taken])
-        held.append(parts[i][taken:])
-        size -= taken
-    return learned, long_enough(held)
+            training.append(parts[i][:count])
+        held_out.append(parts[i][count:])
+        size -= count
+    return training, long_enough(held_out)
 
 
-def _fold(parts: Sequence[Array], place: int) -> tuple[list[Array], list[Array]]:
+def _hold_out_third(
+    parts: Sequence[Array], place: int
+) -> tuple[list[Array], list[Array]]:
     """Hold out a third of one part, or one of several parts."""
     if len(parts) == 1:
         (y,) = parts
-        a, b = (len(y) * place // PLACES, len(y) * (place + 1) // PLACES)
-        return long_enough([y[:a], y[b:]]), long_enough([y[a:b]])
-    held = place * max(1, len(parts) // PLACES) % len(parts)
-    return [*parts[:held], *parts[held + 1 :]], long_enough([parts[held]])
+        first, last = (len(y) * place // PLACES, len(y) * (place + 1) // PLACES)
+        return long_enough([y[:first], y[last:]]), long_enough([y[first:last]])
+    i = place * max(1, len(parts) // PLACES) % len(parts)
+    return [*parts[:i], *parts[i + 1 :]], long_enough([parts[i]])
 
 
-def _is_scorable(learned: Sequence[Array], held: Sequence[Array]) -> bool:
-    return bool(learned) and sum(len(y) - PAST - HORIZON + 1 for y in held) >= 5
+def _is_scorable(training: Sequence[Array], held_out: Sequence[Array]) -> bool:
+    return bool(training) and sum(len(y) - PAST - HORIZON + 1 for y in held_out) >= 5
