@@ -359,7 +359,7 @@ def test_process_that_ends_is_the_result_of_its_trial(make_store):
     trials = make_store(run, 3).trials()
     assert [bool(trial.error) for trial in trials] == [False, True, False]
     (fault,) = faults(trials[1])
-    assert "its process ended (BrokenProcessPool: it was killed)" in fault.words
+    assert "its process ended (BrokenProcessPool: it was killed)" in fault.text
 
 
 def test_two_drivers_do_not_run_the_same_trials(make_store):
@@ -393,7 +393,7 @@ def test_worker_with_other_code_is_refused(make_store):
     def run(trial):
         return run_trial(replace(trial, code="x"), seconds=0.1, force=False)
 
-    with pytest.raises(ExperimentError, match="its driver x; the code"):
+    with pytest.raises(ExperimentError, match="its parent x: the code"):
         make_store(run)
 
 
@@ -415,7 +415,7 @@ def test_exception_in_a_trial_is_a_result(tmp_path):
     (trial,) = store.trials()
     (fault,) = faults(trial)
     assert fault.kind == "exception"
-    assert "StationError: the arm cannot bring the eraser" in fault.words
+    assert "StationError: the arm cannot bring the eraser" in fault.text
 
 
 def test_store_of_another_plan_is_refused(make_store):
@@ -482,7 +482,7 @@ def test_every_kind_of_fault_is_described(make_store, changes, kind, words):
     (trial,) = make_store(partial(passed, **changes), 1, spec=spec).trials()
     (fault,) = faults(trial)
     assert fault.kind == kind
-    assert words in fault.words
+    assert words in fault.text
     (good,) = make_store(passed, 1, spec=spec, name="good").trials()
     assert faults(good) == []
 
@@ -602,7 +602,7 @@ def test_older_trial_with_the_whole_distance_only_is_judged_by_it(make_store):
     spec = "fields: {board.error.translation: [0.0, 0.0, -0.008]}"
     store = make_store(partial(passed, tracking_rms_m=0.0101), 1, spec=spec)
     (fault,) = faults(store.trial(0))
-    assert "10.1 mm rms, " in fault.words
+    assert "10.1 mm rms, " in fault.text
     TrialsReport(store).write()
     assert "8.0 mm lower than assumed" in (store.folder / "report.html").read_text()
 
@@ -747,8 +747,8 @@ def test_parquet_without_pyarrow_is_refused(make_store, refused, outputs, monkey
         (("default", "--out", "x", "--jobs", 0), "jobs is 0"),
         (("default", "--out", "x", "--seed", -1), "seed is -1"),
         (("default", "--out", "x", "--seconds", 0), "seconds is 0"),
-        (("default", "--out", "x", "--html", "x.html"), "say which with --replay"),
-        (("default", "--replay", 1), "no folder of trials"),
+        (("default", "--out", "x", "--html", "x.html"), "give its number by --replay"),
+        (("default", "--replay", 1), "not a folder of trials"),
         (("default", "--out", "x", "--page", "x.html"), "end in .md"),
         (("moon", "--out", "x"), "there are no distributions moon"),
     ],
@@ -768,4 +768,4 @@ def test_report_states_the_trials_per_core_hour(make_store):
 
     # In 36 s three are run and one is refused.
     verdict = TrialsReport(make_store(run, 4)).verdict()
-    assert "0.01 hours of one core, which ran 300 of them in an hour" in verdict
+    assert "0.01 hours of one core, at a rate of 300 per hour" in verdict

@@ -29,7 +29,7 @@ def test_nothing_impossible_happens_in_one_of_the_worst_worlds(spec, number):
     run = make_run(drawn.scenario)
     run.advance_to(WORST["seconds"])
     trial = replace(drawn, metrics=as_stored(run.metrics()))
-    assert [fault.words for fault in faults(trial) if fault.kind in NEVER] == []
+    assert [fault.text for fault in faults(trial) if fault.kind in NEVER] == []
 
 
 def make(spec, number):

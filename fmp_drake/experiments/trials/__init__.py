@@ -1,8 +1,7 @@
 """Randomised scenarios: drawn from distributions, checked, run and judged.
 
-A `TrialSpec` has the distributions, `run_trials` runs those trials that a `TrialStore`
-does not have yet, and the `TrialsReport` of `fmp_drake.experiments.trials.report` writes the
-results.
+A `TrialSpec` has the distributions, `run_trials` runs the trials that a `TrialStore` does
+not have yet, and `TrialsReport` of `fmp_drake.experiments.trials.report` writes the results.
 """
 
 from fmp_drake.experiments.trials.running import run_trials

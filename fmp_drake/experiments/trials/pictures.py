@@ -1,4 +1,4 @@
-"""Pictures of success rates and of tracking and force errors."""
+"""Pictures of success rates, tracking errors and force errors of trials."""
 
 from collections.abc import Mapping, Sequence
 from math import ceil, sqrt
@@ -22,15 +22,15 @@ from fmp_drake.plots.style import (
 # Standard deviations of a 95 % interval, and bins of a parameter.
 _Z, _BINS = 1.96, 6
 _COLUMNS = 4
-# Fewer trials than this are one bin, which shows no influence of a parameter.
+# Least number of trials that shows the influence of a parameter in several bins.
 _LEAST_TRIALS = 16
-# A parameter that spans more is drawn on a logarithmic axis.
+# Ratio of a parameter's extremes above which its axis is logarithmic.
 _DECADE = 10.0
 _TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 
 def interval(passed: int, total: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of a fraction, from counts.
+    """Return Wilson's 95 % interval of a fraction.
 
     Source: E. B. Wilson, J. Am. Stat. Assoc. 22 (1927).
     """
@@ -48,8 +48,8 @@ def draw_success(
     """Draw the success rate against each parameter, with 95 % intervals.
 
     Numbers are in bins of equal counts, with a tick for every failed trial. A parameter
-    with the same value in all trials is left out; for fewer than 16 trials a sentence says
-    that they are too few.
+    with the same value in all trials is left out. For fewer than 16 trials the picture is
+    a sentence that says so.
 
     Parameters
     ----------
@@ -65,10 +65,11 @@ def draw_success(
     }
     if len(passed) < _LEAST_TRIALS or not parameters:
         figure = Figure(figsize=(12, 0.6))
-        words = (
+        text = (
             f"{len(passed)} trials are too few to show the influence of a parameter; "
+            f"run at least {_LEAST_TRIALS}."
         )
-        figure.text(0.01, 0.4, f"{words}run at least {_LEAST_TRIALS}.")
+        figure.text(0.01, 0.4, text)
         return figure
     rows = ceil(len(parameters) / _COLUMNS)
     figure = Figure(figsize=(12, 0.4 + 2.0 * rows), layout="constrained")
@@ -104,7 +105,7 @@ def _draw_choices(ax: Axes, values: Sequence[Any], passed: Sequence[bool]) -> No
     choices = sorted({str(value) for value in values})
     for i, choice in enumerate(choices):
         pairs = zip(values, passed, strict=True)
-        _draw_fraction(ax, i, [g for value, g in pairs if str(value) == choice])
+        _draw_fraction(ax, i, [ok for value, ok in pairs if str(value) == choice])
     labels = [f"{float(c):.3g}" if _is_decimal(c) else c for c in choices]
     ax.set_xticks(range(len(choices)), labels)
     ax.set_xlim(-0.5, max(len(choices), 1) - 0.5)
@@ -114,46 +115,46 @@ def _is_decimal(text: str) -> bool:
     return text.replace(".", "", 1).removeprefix("-").isdecimal()
 
 
-def _draw_fraction(ax: Axes, at: float, passed: Sequence[bool]) -> None:
+def _draw_fraction(ax: Axes, x: float, passed: Sequence[bool]) -> None:
     low, high = interval(int(np.sum(passed)), len(passed))
-    ax.plot([at, at], [100 * low, 100 * high], color=SAMPLED, linewidth=1.2, alpha=0.5)
-    ax.plot(at, 100 * float(np.mean(passed)), "o", color=SAMPLED, markersize=4)
+    ax.plot([x, x], [100 * low, 100 * high], color=SAMPLED, linewidth=1.2, alpha=0.5)
+    ax.plot(x, 100 * float(np.mean(passed)), "o", color=SAMPLED, markersize=4)
 
 
 def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
-    """Draw distributions of the path error and of the time with the desired force.
+    """Draw the distributions of path error and time with the desired force.
 
     Parameters
     ----------
     groups : mapping of str to sequence of pairs
-        Path error, m rms, and fraction of the time in contact within 5 N of the desired
-        force, of each trial.
+        For each trial the path error, m rms, and the fraction of the time in contact
+        within 5 N of the desired force.
     """
     figure = Figure(figsize=(12, 3.6), layout="constrained")
-    path, press = figure.subplots(1, 2, sharey=True)
+    path_axes, force_axes = figure.subplots(1, 2, sharey=True)
     for (name, pairs), color in zip(groups.items(), (SAMPLED, PLAYED), strict=True):
         if not pairs:
             continue
-        rms, pressed = np.array(pairs, dtype=float).T
+        rms, fractions = np.array(pairs, dtype=float).T
         for ax, values in (
-            (path, 1e3 * np.sort(rms)),
-            (press, 100 * np.sort(-pressed)),
+            (path_axes, 1e3 * np.sort(rms)),
+            (force_axes, 100 * np.sort(-fractions)),
         ):
             order = 100 * np.arange(1, len(values) + 1) / len(values)
             ax.plot(np.abs(values), order, ".-", color=color, linewidth=1, label=name)
-    path.set_xscale("log")
-    farthest = max(20, 1.1 * path.get_xlim()[1])  # All ticks would widen it.
-    path.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
-    path.xaxis.set_minor_formatter(NullFormatter())
-    path.set_xlim(1, farthest)
-    path.set_xlabel("distance from the path (mm rms)")
-    path.set_ylabel("trials at least as good (%)")
-    press.set_xlabel("time in contact within 5 N of the desired force (%)")
-    for ax, limit in ((path, 10), (press, 95)):
+    path_axes.set_xscale("log")
+    largest = max(20, 1.1 * path_axes.get_xlim()[1])  # All ticks would widen it.
+    path_axes.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
+    path_axes.xaxis.set_minor_formatter(NullFormatter())
+    path_axes.set_xlim(1, largest)
+    path_axes.set_xlabel("distance from the path (mm rms)")
+    path_axes.set_ylabel("trials at least as good (%)")
+    force_axes.set_xlabel("time in contact within 5 N of the desired force (%)")
+    for ax, limit in ((path_axes, 10), (force_axes, 95)):
         ax.axvline(limit, color="0.3", linestyle=":", label="limit")
         ax.set_ylim(0, 103)
         ax.spines[["top", "right"]].set_visible(False)
-    set_title(path, "tracking error")
-    set_title(press, "normal force")
-    legend_above(press)
+    set_title(path_axes, "tracking error")
+    set_title(force_axes, "normal force")
+    legend_above(force_axes)
     return figure

@@ -1,4 +1,4 @@
-"""Report of the trials of a store: success rates, faults and refusals."""
+"""Report of the trials of a store: success rates, faults and infeasible scenarios."""
 
 import math
 import statistics
@@ -27,7 +27,7 @@ from fmp_drake.experiments.trials.trial import (
     on_board_rms,
 )
 
-# Kinds of faults that must never occur, and all kinds.
+# Kinds of faults that must never occur, and all kinds, with their titles.
 _NEVER = {
     "through": "bodies through another",
     "nan": "NaN",
@@ -43,16 +43,16 @@ _KINDS = {
     "stop": "protective stop",
     "touch": "arm on the board",
 }
-_CLEAN = "no body through another, no NaN, no limit broken, no exception"
-_UNKNOWN = " How deep bodies were in others was not measured."
-# Required success rate, and rows of the tables of trials.
-_REQUIRED, _ROWS = 0.99, 20
+_NO_VIOLATION = "no body through another, no NaN, no limit broken, no exception"
+_NOT_MEASURED = " The penetration of bodies was not measured."
+# Required success rate, and greatest number of rows in the tables of trials.
+_REQUIRED_RATE, _ROWS = 0.99, 20
 
 
 class TrialsReport:
     """Report of the trials of a store.
 
-    A trial passes where it is feasible and its run has no fault.
+    A trial passes if it is feasible and its run has no fault.
 
     Parameters
     ----------
@@ -75,14 +75,14 @@ class TrialsReport:
         self._run = [t for t in self._trials if t.is_feasible and t.was_run]
         self._refused = [t for t in self._trials if not t.is_feasible]
         self._failed = [t for t in self._run if self._faults[t.number]]
-        measured = all(
+        is_measured = all(
             "penetration_max_m" in t.metrics
             for t in self._run
             if t.metrics and t.has_board
         )
-        self._unknown = "" if measured else _UNKNOWN
+        self._remark = "" if is_measured else _NOT_MEASURED
         self._failed.sort(key=lambda t: -self._faults[t.number][0].severity)
-        # Of one core, with the time for those that are refused.
+        # Time of one core, with that for infeasible trials.
         self._cpu_seconds = sum(trial.cpu_seconds for trial in self._trials)
         self._run_per_hour = 3600 * len(self._run) / max(self._cpu_seconds, 1e-3)
 
@@ -90,9 +90,9 @@ class TrialsReport:
         """Write report.html into the folder of the store, and optionally a Markdown page."""
         title = f"{len(self._trials)} trials of {float(self._plan['seconds']):g} s"
         sections: list[Section] = [
-            ("The verdict", [self._violations(), self._followed()]),
-            ("Where trials fail", [self._success(), self._worst()]),
-            ("Refused by the feasibility check", [self._refusals()]),
+            ("Verdict", [self._violations(), self._accuracy()]),
+            ("Failed trials", [self._success(), self._worst()]),
+            ("Infeasible trials", [self._refusals()]),
         ]
         text = self.verdict()
         results = {
@@ -118,17 +118,17 @@ class TrialsReport:
         n, passed = len(self._run), len(self._run) - len(self._failed)
         counts = self._count(self._run)
         violations = [
-            f"{counts[kind]} with {what}"
-            for kind, what in _NEVER.items()
+            f"{counts[kind]} with {title}"
+            for kind, title in _NEVER.items()
             if counts[kind]
         ]
         return (
             f"Of {len(self._trials)} trials, drawn with seed {self._plan['seed']}, the "
             f"feasibility check refuses {len(self._refused)}. Of the {n} others {passed} "
-            f"passed ({_percent(passed, n)}), {', '.join(violations) or _CLEAN}. They took "
-            f"{self._cpu_seconds / 3600:.2f} hours of one core, which ran "
-            f"{self._run_per_hour:.0f} of them in an hour, with the code "
-            f"{', '.join(sorted({trial.code for trial in self._trials}))}.{self._unknown}"
+            f"passed ({_percent(passed, n)}), {', '.join(violations) or _NO_VIOLATION}. "
+            f"The runs took {self._cpu_seconds / 3600:.2f} hours of one core, at a rate of "
+            f"{self._run_per_hour:.0f} per hour, with the code "
+            f"{', '.join(sorted({trial.code for trial in self._trials}))}.{self._remark}"
         )
 
     def _count(self, trials: Sequence[Trial]) -> dict[str, int]:
@@ -152,15 +152,15 @@ class TrialsReport:
                     groups.setdefault(str(trial.parameters[name]), []).append(trial)
         groups["run although infeasible"] = [t for t in self._refused if t.was_run]
         columns = ["", "trials", "passed", "95 % interval", *_KINDS.values()]
-        columns += ["off the path, median", "cleaned, median"]
+        columns += ["distance from the path, median", "cleaned, median"]
         counts = self._count(self._run)
-        numbers = [f"{counts[kind]} {what}" for kind, what in _NEVER.items()]
+        numbers = [f"{counts[kind]} {title}" for kind, title in _NEVER.items()]
         return Finding(
             name="impossible",
             title="Faults that must never occur",
-            shows=f"{', '.join(numbers)}, in {len(self._run)} trials.{self._unknown}",
-            claim=f"N{_CLEAN[1:]}.",
-            agrees=not self._unknown and not any(counts[kind] for kind in _NEVER),
+            shows=f"{', '.join(numbers)}, in {len(self._run)} trials.{self._remark}",
+            claim=f"N{_NO_VIOLATION[1:]}.",
+            agrees=not self._remark and not any(counts[kind] for kind in _NEVER),
             table=[columns, *(self._row(k, v) for k, v in groups.items() if v)],
         )
 
@@ -183,27 +183,27 @@ class TrialsReport:
             _median(cleaned, "{:.0f} %"),
         ]
 
-    def _followed(self) -> Finding:
-        n, missed = len(self._run), {"path", "tilt", "press", "exception"}
+    def _accuracy(self) -> Finding:
+        n, misses = len(self._run), {"path", "tilt", "press", "exception"}
         kinds = [{fault.kind for fault in self._faults[t.number]} for t in self._run]
-        followed = sum(not faulty & missed for faulty in kinds)
+        accurate = sum(not faulty & misses for faulty in kinds)
         high = [t.number for t in self._run if misses_by_height(t)]
-        why = (
+        remark = (
             " The distance is measured on the actual board. From the assumed board, "
-            f"with rigid felt, it is also too large in these: {_listed(high)}."
+            f"with rigid felt, it is too large in these trials: {_listed(high)}."
         )
         return Finding(
             name="followed",
             title="Path, orientation and normal force",
-            shows=f"{followed} of {n} trials, {_percent(followed, n)}. Trials with disturbances "
-            f"are judged by their greatest normal force only.{why if high else ''}",
-            claim=f"Of the feasible trials at least {100 * _REQUIRED:.0f} % stay "
+            shows=f"{accurate} of {n} trials, {_percent(accurate, n)}. Trials with disturbances "
+            f"are judged only by their greatest normal force.{remark if high else ''}",
+            claim=f"Of the feasible trials at least {100 * _REQUIRED_RATE:.0f} % stay "
             f"below {1e3 * MOST_RMS:.0f} mm rms off their path and, without disturbances, "
             f"within 5 N of the desired force for {100 * LEAST_PRESSED:.0f} % of the time "
             f"in contact. A force of the skill is followed to {MOST_FORCE_ERROR:g} N rms, its "
             f"orientation to {MOST_TILT:g} degrees ({MOST_TILT_WITH_FRICTION:g} with joint "
             "friction).",
-            agrees=n > 0 and followed >= _REQUIRED * n,
+            agrees=n > 0 and accurate >= _REQUIRED_RATE * n,
             figure=draw_figures(
                 {
                     name: [
@@ -221,24 +221,26 @@ class TrialsReport:
         )
 
     def _success(self) -> Finding:
-        drawn = {
+        parameters = {
             name: [t.parameters[name] for t in self._run]
             for name in (self._run[0].parameters if self._run else ())
             if not name.endswith("seed")
             and all(name in t.parameters for t in self._run)
         }
-        drawn["largest push (N)"] = [largest_push(t) for t in self._run]
+        parameters["largest push (N)"] = [largest_push(t) for t in self._run]
         return Finding(
             name="success",
             title="Success rate against each parameter",
             shows="Points are success rates with their 95 % intervals, the grey line is the "
             "rate of all trials, and an orange tick is a failed trial.",
-            figure=draw_success(drawn, [not self._faults[t.number] for t in self._run]),
+            figure=draw_success(
+                parameters, [not self._faults[t.number] for t in self._run]
+            ),
         )
 
     def _worst(self) -> Finding:
         rows = [
-            [str(t.number), self._words(t), _about(t), self._command(t)]
+            [str(t.number), self._fault_text(t), _description(t), self._command(t)]
             for t in self._failed[:_ROWS]
         ]
         return Finding(
@@ -250,27 +252,27 @@ class TrialsReport:
 
     def _refusals(self) -> Finding:
         n, forced = len(self._trials), [t for t in self._refused if t.was_run]
-        well = sum(not self._faults[t.number] for t in forced)
+        passed = sum(not self._faults[t.number] for t in forced)
         rows = [
-            [str(t.number), t.verdict, self._words(t), self._command(t)]
+            [str(t.number), t.verdict, self._fault_text(t), self._command(t)]
             for t in (forced or self._refused)[:_ROWS]
         ]
         return Finding(
             name="refused",
             title="Reasons of refusal, and runs although infeasible",
             shows=f"{len(self._refused)} are refused, {_percent(len(self._refused), n)}. "
-            f"{len(forced)} were run although infeasible, of which {well} passed.",
+            f"{len(forced)} were run although infeasible, of which {passed} passed.",
             table=[["trial", "reason", "run although infeasible", "replay"], *rows]
             if rows
             else None,
         )
 
-    def _words(self, trial: Trial) -> str:
+    def _fault_text(self, trial: Trial) -> str:
         violations = self._faults.get(trial.number)
         if violations is None:
             return "not run"
-        words = "; ".join(fault.words for fault in violations) or "passed"
-        return f"{words}. The run reports: {trial.events}." if trial.events else words
+        text = "; ".join(fault.text for fault in violations) or "passed"
+        return f"{text}. The run reports: {trial.events}." if trial.events else text
 
     def _command(self, trial: Trial) -> str:
         page = f"trial_{trial.number}.html"
@@ -279,14 +281,14 @@ class TrialsReport:
         )
 
 
-def _about(trial: Trial) -> str:
+def _description(trial: Trial) -> str:
     """Describe the scenario of a trial."""
     board, skill = trial.fields["board"], trial.fields["skill"]
     height = board["error"]["translation"][2]
-    place = ", ".join(f"{value:.2f}" for value in board["translation"])
+    position = ", ".join(f"{value:.2f}" for value in board["translation"])
     parts = [
         f"{trial.parameters.get('base', '')} {skill['demonstration']}".strip(),
-        f"board at ({place}) m",
+        f"board at ({position}) m",
         f"{1e3 * abs(height):.1f} mm {'lower' if height < 0 else 'higher'} than assumed",
         f"felt of {trial.fields['eraser']['modulus'] / 1e3:.0f} kPa",
         f"tempo {skill['tempo']:.2f}",
@@ -305,6 +307,6 @@ def _percent(part: int, whole: int) -> str:
     return f"{100 * part / whole:.1f} %" if whole else "-"
 
 
-def _median(values: Sequence[float], shown: str) -> str:
-    """Return the median as text; it is NaN where a value is."""
-    return shown.format(statistics.median(values)) if values else "-"
+def _median(values: Sequence[float], form: str) -> str:
+    """Return the median as text; it is NaN if a value is."""
+    return form.format(statistics.median(values)) if values else "-"

@@ -1,4 +1,4 @@
-"""Runs of trials: one in this process, the missing ones of a store, or one again."""
+"""Runs of trials: the missing ones of a store, one in this process, and replays."""
 
 import ctypes
 import hashlib
@@ -26,7 +26,7 @@ from fmp_drake.runs import MakeRun, StationRun
 from fmp_drake.skills.learning import shared_skill
 from fmp_drake.station import CheckFeasibility, ParseScenario, models_dir
 
-# A run depends on the code of these rooms and on these libraries.
+# Subpackages and libraries on which the result of a run depends.
 _ROOMS = ("primitives", "systems", "station", "runs")
 _LIBRARIES = ("drake", "numpy", "numba", "scipy", "scikit-learn")
 _FPS, _WIDTH = 20.0, 640
@@ -43,25 +43,25 @@ def run_trials(
 ) -> Generator[tuple[int, int]]:
     """Run those of the first `count` trials that a store does not have yet.
 
-    Each is stored as soon as it is done. After an interruption the same call continues
+    Each is stored as soon as it is finished. After an interruption the same call continues
     with the missing ones.
 
     Parameters
     ----------
     store : TrialStore
-        With the spec's `plan`.
+        With the `plan` of the specification.
     spec : TrialSpec
     count : int
     workers : Workers
     force : bool
-        Also run the infeasible ones.
+        Also run infeasible trials.
     run : callable, optional
-        Runs one trial and returns it with its result; `run_trial` where None.
+        Runs a trial and returns it with its result; by default `run_trial`.
 
     Yields
     ------
-    done, total : int
-        Numbers of the missing trials.
+    count, total : int
+        Number of trials that have been run, and number of those that were missing.
     """
     seed, seconds = int(store.plan["seed"]), float(store.plan["seconds"])
     code = code_version()
@@ -75,18 +75,18 @@ def run_trials(
         missing = [trial for trial in trials if store.key(trial) not in finished]
         yield 0, len(missing)
         with closing(run_tasks(run, missing, workers)) as running:
-            for done, (trial, attempts, result) in enumerate(running, 1):
+            for number, (trial, attempts, result) in enumerate(running, 1):
                 if isinstance(result, FmpError):
                     raise result
                 if isinstance(result, Exception):
                     reason = f"{type(result).__name__}: {result}"
                     result = replace(trial, error=f"its process ended ({reason})")
                 store.keep(replace(result, attempts=attempts))
-                yield done, len(missing)
+                yield number, len(missing)
 
 
 def run_trial(trial: Trial, *, seconds: float, force: bool) -> Trial:
-    """Check the feasibility of a trial, and run it; an exception is a result.
+    """Check the feasibility of a trial and run it; an exception is stored as a result.
 
     Parameters
     ----------
@@ -99,12 +99,12 @@ def run_trial(trial: Trial, *, seconds: float, force: bool) -> Trial:
     Raises
     ------
     ExperimentError
-        Where this process has other code than the trial asks for.
+        If the code of this process differs from that of the trial.
     """
     if code_version() != trial.code:
         raise ExperimentError(
-            f"this process runs the code {code_version()}, its driver {trial.code}; the "
-            "code, or a library, is not the same. Start again."
+            f"this process runs the code {code_version()}, its parent {trial.code}: the "
+            "code or a library has changed. Start the command again."
         )
     begin = time.process_time()
     trial = replace(trial)
@@ -118,7 +118,7 @@ def run_trial(trial: Trial, *, seconds: float, force: bool) -> Trial:
 
 
 def _run(trial: Trial, seconds: float, force: bool) -> None:
-    """Run a trial and write the result into it."""
+    """Run a trial and store the result in it."""
     scenario = ParseScenario(trial.scenario)
     skill, _ = shared_skill(scenario)
     feasibility = CheckFeasibility(scenario, skill)
@@ -133,28 +133,28 @@ def _run(trial: Trial, seconds: float, force: bool) -> None:
 
 
 def _free_memory() -> None:
-    """Return memory that learning and checking have freed to the operating system."""
-    with suppress(AttributeError):  # Only the C library of GNU has it.
+    """Return the memory that learning and checking have freed to the operating system."""
+    with suppress(AttributeError):  # Only glibc has this function.
         ctypes.CDLL(None).malloc_trim(0)
 
 
 def replay_trial(
     trial: Trial, seconds: float, *, html: Path | None = None, video: Path | None = None
 ) -> dict[str, Any]:
-    """Run a trial again, bit-identically where code and machine are the same.
+    """Run a trial again; it is bit-identical if code and machine are the same.
 
     Parameters
     ----------
     trial : Trial
     seconds : float
-        The simulated time of its first run.
+        Simulated time of its first run.
     html, video : pathlib.Path, optional
-        A page and a film that show it.
+        Page and film to write.
 
     Returns
     -------
     dict
-        The metrics, as the store keeps them.
+        Metrics in the form in which a store returns them.
     """
     from fmp_drake.film import FILM_SIGNALS, FilmReel, film_run  # Slow to import.
 
@@ -179,20 +179,20 @@ def replay_trial(
 
 
 def as_stored(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return metrics as a store gives them back, NaN included."""
+    """Return metrics in the form in which a store returns them, with NaN."""
     stored: dict[str, Any] = json.loads(json.dumps(values, default=float))
     return stored
 
 
 def make_run(text: str, **options: Any) -> StationRun:
-    """Return a run of a trial at its start.
+    """Return the run of a scenario at its start.
 
     Parameters
     ----------
     text : str
-        Its scenario, YAML.
+        Scenario (YAML).
     **options
-        As for `StationRun`.
+        Options of `StationRun`.
     """
     scenario = ParseScenario(text)
     skill, demonstrations = shared_skill(scenario)
@@ -201,10 +201,10 @@ def make_run(text: str, **options: Any) -> StationRun:
 
 @cache
 def code_version() -> str:
-    """Return a hash of everything a run depends on, except its scenario.
+    """Return a hash of everything on which a run depends, except its scenario.
 
-    That is the code of the rooms up to `runs`, the models and demonstrations that come
-    with it, and the versions of the libraries that compute.
+    It covers the code of the rooms up to `runs`, the bundled models and demonstrations, and
+    the versions of the numerical libraries.
     """
     package = Path(fmp_drake.__file__).parent
     files = [*package.glob("*.py"), *models_dir().glob("*/*.urdf")]

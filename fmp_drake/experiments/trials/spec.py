@@ -1,4 +1,4 @@
-"""Distributions over scenarios, from a YAML file."""
+"""Distributions over scenarios, which a YAML file specifies."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -25,11 +25,11 @@ KINDS = {
     "normal": "[mean, standard deviation, least, most]",
     "choice": "[one, another, ...], at most 200, equally likely",
 }
-"""Names of the distributions, with the values that each expects."""
+"""Kinds of distributions, with the values that each expects."""
 
-# Greatest bound of a uniform distribution, which may draw integers; attempts to draw a
-# value between the bounds of a normal distribution; disturbances of a trial. Each choice is
-# tried in advance, in 20 ms.
+# Greatest bound of a uniform distribution, which may draw integers; greatest numbers of
+# attempts to draw a normal value between its bounds, of disturbances in a trial, and of
+# choices, each of which is tried in advance in 20 ms.
 _GREATEST, _ATTEMPTS, _MOST_DISTURBANCES, _MOST_CHOICES = 1e15, 1000, 1000, 200
 
 
@@ -40,9 +40,9 @@ class Distribution:
     Parameters
     ----------
     kind : str
-        One of `KINDS`. Uniform between whole numbers draws whole numbers.
+        One of `KINDS`. A uniform distribution between integers draws integers.
     values : tuple
-        One of `KINDS`.
+        Values that `KINDS` describes.
 
     Examples
     --------
@@ -55,28 +55,28 @@ class Distribution:
     values: tuple[Any, ...]
 
     @classmethod
-    def read(cls, given: Mapping[str, Any], name: str) -> "Distribution":
+    def read(cls, mapping: Mapping[str, Any], name: str) -> "Distribution":
         """Read a distribution such as ``{uniform: [0, 1]}``.
 
         Raises
         ------
         ExperimentError
-            If the values do not fit; it lists the allowed ones.
+            If the values are invalid; it lists the allowed ones.
         """
-        ((kind, values),) = given.items()
-        fits = isinstance(values, list) and len(values) > 0
-        if fits and kind == "choice":
-            fits = len(values) <= _MOST_CHOICES
-        elif fits:
-            fits = len(values) == (4 if kind == "normal" else 2)
-            fits = fits and all(map(is_number, values))
-        if fits and kind == "uniform":
-            fits = values[0] <= values[1] and max(map(abs, values)) <= _GREATEST
-        elif fits and kind == "log_uniform":
-            fits = 0 < values[0] <= values[1]
-        elif fits and kind == "normal":
-            fits = values[1] > 0 and values[2] <= values[0] <= values[3]
-        if not fits:
+        ((kind, values),) = mapping.items()
+        is_valid = isinstance(values, list) and len(values) > 0
+        if is_valid and kind == "choice":
+            is_valid = len(values) <= _MOST_CHOICES
+        elif is_valid:
+            is_valid = len(values) == (4 if kind == "normal" else 2)
+            is_valid = is_valid and all(map(is_number, values))
+        if is_valid and kind == "uniform":
+            is_valid = values[0] <= values[1] and max(map(abs, values)) <= _GREATEST
+        elif is_valid and kind == "log_uniform":
+            is_valid = 0 < values[0] <= values[1]
+        elif is_valid and kind == "normal":
+            is_valid = values[1] > 0 and values[2] <= values[0] <= values[3]
+        if not is_valid:
             raise ExperimentError(
                 f"{name} is {{{kind}: {shown(values)}}}; expected {kind}: {KINDS[kind]}."
             )
@@ -98,44 +98,44 @@ class Distribution:
         for _ in range(_ATTEMPTS):
             if least <= (value := float(rng.normal(mean, deviation))) <= most:
                 return value
-        # So little of the distribution is within the bounds that it is flat there.
+        # The bounds are so narrow that the distribution is flat between them.
         return float(rng.uniform(least, most))
 
     def extremes(self) -> tuple[Any, ...]:
-        """Return the values that are the least and the greatest, or all choices."""
+        """Return the least and the greatest value, or all choices."""
         return self.values[2:] if self.kind == "normal" else self.values
 
 
 _KEYS = ("description", "base", "robot", "offsets", "fields", "disturbances")
 _FILES = ("skill.demonstration", "skill.file", "ink.picture")
-# With a mapping for every disturbance, this may be drawn.
+# Number of disturbances, which may be drawn.
 _COUNT = "disturbances.count"
-# What is wiped on a board is nothing to follow without one.
-_TASK = "skill.demonstration"
+# Demonstration; a scenario in free space keeps its own.
+_DEMONSTRATION = "skill.demonstration"
 
 
 class TrialSpec:
     """Distributions over scenarios.
 
-    A trial depends on this text, a seed and its number only.
+    A trial depends only on this text, a seed and its number.
 
     Parameters
     ----------
     text : str
-        YAML with any of the keys `description`; `base`, the name of a scenario or a
-        choice of several; `robot`, the name of a robot or a choice of several instead of
-        the bases' own, without joint friction where it is not known; `fields`, values or
-        distributions by nested or dotted names such as ``board.translation[2]`` (a base in
-        free space keeps its `skill.demonstration`);
-        `offsets`, the same, added to what the base has; `disturbances` with `count` and
-        the fields of `each`.
+        YAML with any of these keys: `description`; `base`, the name of a scenario or a
+        choice of several; `robot`, the name of a robot or a choice of several, instead of
+        those of the bases; `fields`, values or distributions by nested or dotted names
+        such as ``board.translation[2]``; `offsets`, the same, added to the values of the
+        base; `disturbances` with their `count` and the fields of `each`. Friction is
+        disabled for a robot whose joint friction is unknown. A base in free space keeps
+        its `skill.demonstration`.
     folder : pathlib.Path
-        Folder of the files that it names.
+        Folder of the files that the text names.
 
     Raises
     ------
     ExperimentError, StationError
-        Where a name or a value does not fit a scenario; it lists what is allowed.
+        If a name or a value is not valid in a scenario; it lists the allowed ones.
 
     Examples
     --------
@@ -152,32 +152,34 @@ class TrialSpec:
         self.folder = folder
         check_yaml(text, "the specification", ExperimentError)
         try:
-            given = yaml.safe_load(text) or {}
+            content = yaml.safe_load(text) or {}
         except (yaml.YAMLError, ValueError) as error:
             raise ExperimentError(
                 f"the specification cannot be read as YAML: {error}."
             ) from None
-        if not isinstance(given, dict) or not set(given) <= set(_KEYS):
+        keys = content if isinstance(content, dict) else [content]
+        if not isinstance(content, dict) or not set(content) <= set(_KEYS):
             raise ExperimentError(
                 f"distributions have the keys {', '.join(_KEYS)}; got "
-                f"{', '.join(map(shown, given)) if isinstance(given, dict) else shown(given)}."
+                f"{', '.join(map(shown, keys))}."
             )
-        self.description = str(given.get("description", ""))
-        base = given.get("base", "table_top")
+        self.description = str(content.get("description", ""))
+        base = content.get("base", "table_top")
         self._base = _read("base", base if isinstance(base, dict) else str(base))
         names = self._base.values if isinstance(self._base, Distribution) else [base]
-        self._robot = _read("robot", given.get("robot"))
+        self._robot = _read("robot", content.get("robot"))
         self._bases = {name: self._load(str(name)) for name in names}
-        self._fields = dict(_leaves(given.get("fields") or {}))
-        self._offsets = dict(_leaves(given.get("offsets") or {}))
-        pushes = given.get("disturbances") or {"count": 0}
-        if not isinstance(pushes, dict) or not set(pushes) <= {"count", "each"}:
+        self._fields = dict(_leaves(content.get("fields") or {}))
+        self._offsets = dict(_leaves(content.get("offsets") or {}))
+        disturbances = content.get("disturbances") or {"count": 0}
+        is_mapping = isinstance(disturbances, dict)
+        if not is_mapping or not set(disturbances) <= {"count", "each"}:
             raise ExperimentError(
-                f"disturbances is {shown(pushes)}; expected a mapping with count and "
-                "each."
+                f"disturbances is {shown(disturbances)}; expected a mapping with count "
+                "and each."
             )
-        self._count = _read(_COUNT, pushes.get("count", 1))
-        self._each = dict(_leaves(pushes.get("each") or {}))
+        self._count = _read(_COUNT, disturbances.get("count", 1))
+        self._disturbance = dict(_leaves(disturbances.get("each") or {}))
         self._check()
 
     @classmethod
@@ -188,16 +190,16 @@ class TrialSpec:
         ----------
         path : str or pathlib.Path
         robot : str, optional
-            Name or YAML file of the robot of all trials, instead of the file's.
+            Name or YAML file of the robot of all trials, instead of that in the file.
         """
         file = Path(path)
         if file.suffix not in (".yaml", ".yml"):
             file = models_dir() / "worlds" / f"{path}.yaml"
         if not file.is_file():
-            known = sorted(p.stem for p in (models_dir() / "worlds").glob("*.yaml"))
+            names = sorted(p.stem for p in (models_dir() / "worlds").glob("*.yaml"))
             raise ExperimentError(
                 f"there are no distributions {path}; give a YAML file or one of: "
-                f"{', '.join(known)}."
+                f"{', '.join(names)}."
             )
         try:
             text = file.read_text(encoding="utf-8")
@@ -218,61 +220,59 @@ class TrialSpec:
         Parameters
         ----------
         seed : int
-            Of all trials.
+            Seed of all trials.
         number : int
-            Of this one; other numbers do not influence it.
+            Number of this trial, which does not depend on the other ones.
         """
         sequence = np.random.SeedSequence(seed, spawn_key=(number,))
         rng = np.random.default_rng(sequence)
-        return self._make(
-            number,
-            lambda value: value.draw(rng) if isinstance(value, Distribution) else value,
-        )
+        return self._make(number, lambda distribution: distribution.draw(rng))
 
-    def _make(self, number: int, choose: Callable[[Any], Any]) -> Trial:
-        """Return a trial with a chosen value of each distribution."""
+    def _make(self, number: int, choose: Callable[[Distribution], Any]) -> Trial:
+        """Return a trial with one value of each distribution."""
         parameters: dict[str, Any] = {}
 
         def take(name: str, value: Any) -> Any:
-            chosen = choose(value)
-            if isinstance(value, Distribution):
-                parameters[name] = chosen
-            return chosen
+            if not isinstance(value, Distribution):
+                return value
+            parameters[name] = choose(value)
+            return parameters[name]
 
         fields = deepcopy(self._bases[take("base", self._base)])
         robot = take("robot", self._robot)
         for name, value in self._fields.items():
-            chosen = self._resolved(name, take(name, value))
-            if name != _TASK or fields["board"]["shape"] != "none":
-                _put(fields, name, chosen)
+            single_value = self._absolute_path(name, take(name, value))
+            if name != _DEMONSTRATION or fields["board"]["shape"] != "none":
+                _put(fields, name, single_value)
         for name, value in self._offsets.items():
-            offset, (place, key) = take(f"{name}, offset", value), _place(fields, name)
-            if not (is_number(offset) and is_number(place[key])):
+            offset = take(f"{name}, offset", value)
+            container, key = _find(fields, name)
+            if not (is_number(offset) and is_number(container[key])):
                 raise ExperimentError(
                     f"the offset {shown(offset)} of {name}, which is "
-                    f"{shown(place[key])}; expected two numbers."
+                    f"{shown(container[key])}; expected two numbers."
                 )
-            place[key] += offset
+            container[key] += offset
         if robot not in (None, fields["robot"]):
             self._replace_robot(fields, robot)
         for i in range(take(_COUNT, self._count)):
-            each = _as_mapping(Disturbance())
-            for name, value in self._each.items():
-                _put(each, name, take(f"disturbances[{i}].{name}", value))
-            fields["disturbances"].append(each)
+            disturbance = _as_mapping(Disturbance())
+            for name, value in self._disturbance.items():
+                _put(disturbance, name, take(f"disturbances[{i}].{name}", value))
+            fields["disturbances"].append(disturbance)
         text = yaml.dump(fields, Dumper=yaml.CSafeDumper, sort_keys=False)
         return Trial(number=number, scenario=text, parameters=parameters)
 
     def _check(self) -> None:
         """Check the extremes of all distributions against `Scenario`."""
-        drawn = [
+        values = [
             self._base,
             self._robot,
             self._count,
             *self._fields.values(),
-            *self._each.values(),
+            *self._disturbance.values(),
         ]
-        extremes = [d.extremes() for d in drawn if isinstance(d, Distribution)]
+        extremes = [v.extremes() for v in values if isinstance(v, Distribution)]
         is_drawn = isinstance(self._count, Distribution)
         for count in self._count.extremes() if is_drawn else [self._count]:
             check_number(
@@ -285,14 +285,12 @@ class TrialSpec:
             )
         for i in range(max(map(len, extremes), default=1)):
 
-            def nth(value: Any, i: int = i) -> Any:
-                if not isinstance(value, Distribution):
-                    return value
-                return value.extremes()[i % len(value.extremes())]
+            def extreme(distribution: Distribution, i: int = i) -> Any:
+                extremes = distribution.extremes()
+                return extremes[i % len(extremes)]
 
-            ParseScenario(
-                self._make(0, nth).scenario, name="a scenario at its extremes"
-            )
+            trial = self._make(0, extreme)
+            ParseScenario(trial.scenario, name="a scenario at its extremes")
 
     def _load(self, name: str) -> dict[str, Any]:
         path = self.folder / name if name.endswith((".yaml", ".yml")) else name
@@ -300,89 +298,90 @@ class TrialSpec:
         return fields
 
     def _replace_robot(self, fields: dict[str, Any], name: Any) -> None:
-        """Put a robot into a scenario, with its posture, and friction if it is known."""
-        beside = self.folder / str(name)
-        robot = str(beside.resolve()) if beside.is_file() else str(name)
+        """Replace the robot of a scenario, with its posture and its known friction."""
+        file = self.folder / str(name)
+        robot = str(file.resolve()) if file.is_file() else str(name)
         fields["robot"], fields["posture"] = robot, []
         if not LoadRobot(robot).friction.height:
             fields["friction"]["enabled"] = False
             fields["impedance"]["friction_compensation"]["enabled"] = False
 
-    def _resolved(self, name: str, value: Any) -> Any:
-        """Return the full path of a file that lies beside the YAML file."""
-        beside = name in _FILES and value and (self.folder / str(value)).is_file()
-        return str((self.folder / value).resolve()) if beside else value
+    def _absolute_path(self, name: str, value: Any) -> Any:
+        """Return the absolute path of a file in the folder, any other value unchanged."""
+        is_file = name in _FILES and value and (self.folder / str(value)).is_file()
+        return str((self.folder / value).resolve()) if is_file else value
 
 
 def _read(name: str, value: Any) -> Any:
-    """Return a distribution where the value is one."""
+    """Read a distribution; return any other value unchanged."""
     return Distribution.read(value, name) if _is_distribution(value) else value
 
 
 def _as_mapping(value: Any) -> Any:
     """Return a scenario, or a part of one, as mappings and lists with every key."""
     if isinstance(value, list):
-        return [_as_mapping(each) for each in value]
+        return [_as_mapping(item) for item in value]
     names = field_names(value)
     if not names:
         return value
     return {name: _as_mapping(getattr(value, name)) for name in names}
 
 
-def _leaves(given: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+def _leaves(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the names and values or distributions of nested mappings and lists.
 
-    Keys may be dotted names themselves.
+    Keys may be dotted names.
     """
-    if isinstance(given, Mapping) and not _is_distribution(given):
-        for key, value in given.items():
+    if isinstance(tree, Mapping) and not _is_distribution(tree):
+        for key, value in tree.items():
             yield from _leaves(value, f"{name}.{key}".lstrip("."))
-    elif isinstance(given, list) and given:
-        for i, value in enumerate(given):
+    elif isinstance(tree, list) and tree:
+        for i, value in enumerate(tree):
             yield from _leaves(value, f"{name}[{i}]")
     else:
-        yield name, _read(name, given)
+        yield name, _read(name, tree)
 
 
-def _is_distribution(given: Any) -> bool:
-    """Return whether a value is a distribution, to be read as such."""
-    return isinstance(given, Mapping) and len(given) == 1 and set(given) <= set(KINDS)
+def _is_distribution(value: Any) -> bool:
+    """Return whether a value from YAML is a distribution."""
+    return isinstance(value, Mapping) and len(value) == 1 and set(value) <= set(KINDS)
 
 
 def _put(fields: dict[str, Any], name: str, value: Any) -> None:
     """Set the value of a dotted name such as ``board.rpy[2]``."""
-    place, key = _place(fields, name)
-    place[key] = value
+    container, key = _find(fields, name)
+    container[key] = value
 
 
-def _place(fields: dict[str, Any], name: str) -> tuple[Any, str | int]:
-    """Return the mapping or list that holds the value of a dotted name, and its key there.
+def _find(fields: dict[str, Any], name: str) -> tuple[Any, str | int]:
+    """Return the mapping or list with the value of a dotted name, and the value's key.
 
     Parameters
     ----------
     fields : dict
-        Of `_as_mapping`.
+        From `_as_mapping`.
 
     Raises
     ------
     ExperimentError
         Where there is no such name; it lists the allowed ones.
     """
-    place: Any = fields
+    container: Any = fields
     keys = [int(k) if k.isdecimal() else k for k in re.findall(r"[^.\[\]]+", name)]
     for i, key in enumerate(keys):
-        before = ".".join(map(str, keys[:i])) or "it"
-        if not isinstance(place, dict | list):
+        parent = ".".join(map(str, keys[:i])) or "it"
+        if not isinstance(container, dict | list):
             raise ExperimentError(
-                f"there is no {name}: {before} is a value. Distributions are "
+                f"there is no {name}: {parent} is a value. Distributions are "
                 f"{', '.join(KINDS)}."
             )
-        known = list(range(len(place)) if isinstance(place, list) else place)
-        if key not in known:
+        is_list = isinstance(container, list)
+        allowed = list(range(len(container)) if is_list else container)
+        if key not in allowed:
             raise ExperimentError(
-                f"there is no {name}: {before} has {', '.join(map(str, known))}."
+                f"there is no {name}: {parent} has {', '.join(map(str, allowed))}."
             )
         if i == len(keys) - 1:
-            return place, key
-        place = place[key]
+            return container, key
+        container = container[key]
     raise ExperimentError(f"{name!r} is no name; expected one such as board.rpy[2].")

@@ -1,4 +1,4 @@
-"""Storage of trials in a folder."""
+"""Storage of trials in a SQLite file."""
 
 import fcntl
 import hashlib
@@ -23,7 +23,7 @@ CREATE TABLE IF NOT EXISTS worlds (
     verdict TEXT NOT NULL, checked TEXT NOT NULL, metrics TEXT NOT NULL,
     events TEXT NOT NULL, error TEXT NOT NULL, attempts INTEGER NOT NULL, cpu_seconds REAL NOT NULL);
 """
-# Kept as JSON, which knows NaN; a number of SQLite does not.
+# Columns in JSON, which can represent NaN, unlike a number in SQLite.
 _JSON = ("parameters", "checked", "metrics")
 
 
@@ -36,19 +36,19 @@ def check_parquet() -> None:
 
 
 class TrialStore:
-    """Trials in a SQLite file of a folder, one row each, readable at any moment.
+    """Trials in a SQLite file of a folder, one row each, readable at any time.
 
     Parameters
     ----------
     folder : pathlib.Path
     plan : dict of str to str, optional
-        Specification, seed and simulated time. A new folder needs one; that of an
-        existing folder must be the same.
+        Specification, seed and simulated time, as from `TrialSpec.plan`. Required for a new
+        folder; in an existing folder it must equal the stored plan.
 
     Raises
     ------
     ExperimentError
-        Where there is no store, or one of another plan.
+        If there is no store, or one with another plan.
 
     Examples
     --------
@@ -84,15 +84,15 @@ class TrialStore:
             yield
         except (OSError, sqlite3.Error) as error:
             raise ExperimentError(
-                f"cannot store trials in {self.folder}: {error}. What was stored is kept: "
-                "the same command goes on with the missing trials."
+                f"cannot store trials in {self.folder}: {error}. The stored trials are kept; "
+                "the same command continues with the missing ones."
             ) from None
 
     def _planned(self, plan: dict[str, str]) -> dict[str, str]:
-        """Return the stored plan; write the given one where there is none.
+        """Return the stored plan; write a plan if there is none.
 
-        It is written in one transaction. A part of a plan, without trials, is what was
-        left by an earlier version that was killed while it wrote; it is replaced.
+        It is written in one transaction. An incomplete plan without trials is replaced: an
+        earlier version was killed while it wrote.
         """
         self._base.execute("BEGIN IMMEDIATE" if plan else "BEGIN")
         stored = dict(self._base.execute("SELECT name, value FROM plan"))
@@ -107,26 +107,26 @@ class TrialStore:
 
     @contextmanager
     def writing(self) -> Iterator[None]:
-        """Lock the folder: other processes must not run the same trials."""
+        """Lock the folder, so that no other process runs the same trials."""
         lock = os.open(self.folder, os.O_RDONLY)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield
         except BlockingIOError:
             raise ExperimentError(
-                f"trials are being run in {self.folder} by another process; wait for it."
+                f"another process runs trials in {self.folder}; wait until it ends."
             ) from None
         finally:
             os.close(lock)
 
     def key(self, trial: Trial) -> str:
-        """Return a hash of scenario, simulated time and code: the key of a row."""
+        """Return the key of a row: a hash of scenario, simulated time and code."""
         seconds = float(self.plan["seconds"])
         parts = (trial.scenario, seconds.hex(), trial.code)
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
     def keep(self, trial: Trial) -> None:
-        """Write a trial, in place of an earlier row of the same key."""
+        """Write a trial; it replaces a row with the same key."""
         row = {"key": self.key(trial)} | asdict(trial)
         row |= {name: json.dumps(row[name]) for name in _JSON}
         names = ", ".join(row)
@@ -137,7 +137,10 @@ class TrialStore:
             )
 
     def finished(self, *, force: bool) -> set[str]:
-        """Return the keys of the trials that need not run, with `force` or without."""
+        """Return the keys of the trials that need not run.
+
+        With `force` those that were found infeasible, but not run, are missing.
+        """
         rows = self._base.execute("SELECT key, metrics, error FROM worlds")
         return {
             k for k, metrics, error in rows if not force or metrics != "null" or error
@@ -149,7 +152,7 @@ class TrialStore:
         Raises
         ------
         ExperimentError
-            Where there is none of that number.
+            If there is no trial with that number.
         """
         trials = {trial.number: trial for trial in self.trials()}
         if number not in trials:
@@ -160,7 +163,7 @@ class TrialStore:
         return trials[number]
 
     def trials(self) -> list[Trial]:
-        """Return the trials by their numbers, the last row of each."""
+        """Return the last row of each trial, in the order of their numbers."""
         cursor = self._base.execute("SELECT * FROM worlds ORDER BY rowid")
         names = [column[0] for column in cursor.description]
         trials = {}
@@ -175,7 +178,7 @@ class TrialStore:
     def export(self, path: Path) -> None:
         """Write the trials to a Parquet file, one column for each parameter and metric.
 
-        It needs what `check_parquet` checks.
+        It requires pyarrow; see `check_parquet`.
         """
         import pyarrow
         import pyarrow.parquet

@@ -1,4 +1,4 @@
-"""One trial of randomised scenarios: its row in a store, and its faults."""
+"""Trial of a randomised scenario: its row in a store, and its faults."""
 
 import math
 from collections.abc import Mapping
@@ -12,17 +12,20 @@ from fmp_drake.station import LoadRobot
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
 MOST_RMS = 0.010
-"""Largest rms distance from the path, m."""
+"""Greatest allowed rms distance from the path, m."""
 LEAST_PRESSED = 0.95
-"""Least fraction of the time in contact within 5 N of the desired normal force."""
+"""Least allowed fraction of the time in contact within 5 N of the desired normal force."""
 LEAST_CONTACT = 0.95
-"""Least fraction of the time in contact where contact is desired, after the first one."""
+"""Least allowed fraction of contact in the time in which contact is desired, after the first
+contact."""
 MOST_FORCE_ERROR = 0.5
-"""Largest rms error of a normal force that changes (a force channel), N."""
+"""Greatest allowed rms error of a normal force that changes (a force channel), N."""
 MOST_TILT, MOST_TILT_WITH_FRICTION = 0.5, 0.6
-"""Largest rms error of an orientation channel without and with joint friction, degrees."""
+"""Greatest allowed rms errors of an orientation channel, without and with joint friction,
+degrees."""
 MOST_EXCESS = 60.0
-"""Normal force above twice the desired one and the greatest push, N."""
+"""Greatest allowed normal force above the sum of twice the desired one and the greatest push,
+N."""
 
 
 @dataclass(kw_only=True)
@@ -33,25 +36,25 @@ class Trial:
     ----------
     number : int
     scenario : str
-        YAML, with every key.
+        Scenario in YAML, with every key.
     parameters : dict of str to object
-        The values that were drawn, by the names of the fields.
+        Drawn values by the names of the fields.
     code : str
-        The `code_version` that runs it.
+        The `code_version` of the run.
     is_feasible : bool
         Whether the feasibility check passes.
     verdict : str
-        The words of that check.
+        Text of the feasibility check.
     checked : dict
-        Its values.
+        Values of the feasibility check.
     metrics : dict or None
-        Of the run; None where there was none, or an exception.
+        Metrics of the run; None without a run, or after an exception.
     events : str
-        The faults that the run reports, with their times.
+        Faults that the run reports, with their times.
     error : str
-        The exception; empty where there was none.
+        Exception; empty without one.
     attempts : int
-        Number of times that it was started.
+        Number of attempts to run it.
     cpu_seconds : float
 
     Examples
@@ -76,7 +79,7 @@ class Trial:
 
     @cached_property
     def fields(self) -> dict[str, Any]:
-        """Fields of the scenario, also of one that an older version has drawn."""
+        """Fields of the scenario; older versions wrote other fields."""
         fields: dict[str, Any] = yaml.load(self.scenario, Loader=yaml.CSafeLoader)
         return fields
 
@@ -92,25 +95,25 @@ class Trial:
 
     @property
     def was_run(self) -> bool:
-        """Return whether it was simulated, or an attempt was made."""
+        """Return whether it was simulated, or an attempt failed."""
         return self.metrics is not None or bool(self.error)
 
 
 class Fault(NamedTuple):
-    """A violation of a limit or of a requirement.
+    """Violation of a limit or of a requirement.
 
     Attributes
     ----------
     kind : str
         through, nan, limit, exception, path, tilt, press, force, stop or touch.
     severity : float
-        1 at the limit, greater beyond it.
-    words : str
+        1 at the limit, greater beyond.
+    text : str
     """
 
     kind: str
     severity: float
-    words: str
+    text: str
 
 
 def faults(trial: Trial) -> list[Fault]:
@@ -129,8 +132,8 @@ def largest_push(trial: Trial) -> float:
     """Return the greatest force of the disturbances, N; 0 without any."""
     return max(
         (
-            math.hypot(*each["force"]) if each["kind"] == "push" else each["max_force"]
-            for each in trial.fields["disturbances"]
+            math.hypot(*push["force"]) if push["kind"] == "push" else push["max_force"]
+            for push in trial.fields["disturbances"]
         ),
         default=0.0,
     )
@@ -153,7 +156,7 @@ def misses_by_height(trial: Trial) -> bool:
 
 
 def most_tilt(trial: Trial) -> float:
-    """Return the largest rms error of the orientation that is allowed, degrees."""
+    """Return the greatest allowed rms error of the orientation, degrees."""
     has_friction = trial.fields.get("friction", {}).get("enabled", False)
     return MOST_TILT_WITH_FRICTION if has_friction else MOST_TILT
 
@@ -162,68 +165,68 @@ def _faults(trial: Trial) -> list[Fault]:
     metrics = trial.metrics or {}
     pushes = trial.fields["disturbances"]
     desired = trial.fields["press"]["force"] if trial.has_board else 0.0
-    found: list[Fault] = []
+    violations: list[Fault] = []
 
     def value(name: str, default: float = 0.0) -> float:
         measured = metrics.get(name)
         return default if measured is None else measured
 
-    def judge(kind: str, severity: float, words: str) -> None:
+    def judge(kind: str, severity: float, text: str) -> None:
         if severity > 1:
-            found.append(Fault(kind, severity, words))
+            violations.append(Fault(kind, severity, text))
 
     not_numbers = [
         name for name, v in metrics.items() if isinstance(v, float) and math.isnan(v)
     ]
     if not_numbers:
         judge("nan", 1e5, f"has NaN in {', '.join(not_numbers)}")
-    deep = value("penetration_max_m")
-    words = f"something hard is {1e3 * deep:.1f} mm below the surface"
-    judge("through", deep / TOLERANCE, words)
+    depth = value("penetration_max_m")
+    text = f"a hard part is {1e3 * depth:.1f} mm below the surface"
+    judge("through", depth / TOLERANCE, text)
     for name, limit, unit, what in (
         ("torque_ratio_max", 1.0, " of its limit", "a joint's torque"),
         ("joint_speed_ratio_max", 1.0, " of its limit", "a joint's speed"),
         ("torque_rate_max_nm_per_s", trial.max_torque_rate, " Nm/s", "a torque's rate"),
     ):
         most = value(name)
-        words = f"{what} reaches {most:.4g}{unit}"
-        judge("limit", most / (limit * (1 + 1e-9)), words)
+        text = f"{what} reaches {most:.4g}{unit}"
+        judge("limit", most / (limit * (1 + 1e-9)), text)
     margin = value("joint_limit_margin_min_rad")
     judge("limit", 1 - margin, f"a joint is {-margin:.3f} rad beyond its limit")
     rms, most = on_board_rms(trial), value("tracking_max_m")
-    words = f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most"
-    judge("path", rms / MOST_RMS, words)
+    text = f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most"
+    judge("path", rms / MOST_RMS, text)
     if not pushes:
         tilt, limit = value("orientation_rms_deg"), most_tilt(trial)
-        words = f"is {tilt:.2f} degrees rms off its orientation, above {limit:g}"
-        judge("tilt", tilt / limit, words)
+        text = f"is {tilt:.2f} degrees rms off its orientation, above {limit:g}"
+        judge("tilt", tilt / limit, text)
         error = value("normal_force_error_rms_n")
-        words = f"is {error:.2f} N rms off the force of the skill, above "
-        judge("press", error / MOST_FORCE_ERROR, f"{words}{MOST_FORCE_ERROR:g}")
+        text = f"is {error:.2f} N rms off the force of the skill, above "
+        judge("press", error / MOST_FORCE_ERROR, f"{text}{MOST_FORCE_ERROR:g}")
     if not pushes and desired > 0:
-        pressed = value("normal_force_wanted_fraction", 1.0)
-        words = (
+        fraction = value("normal_force_wanted_fraction", 1.0)
+        text = (
             f"presses within 5 N of the desired {desired:.1f} N for "
-            f"{100 * pressed:.0f} % of the time in contact (90 % from "
+            f"{100 * fraction:.0f} % of the time in contact (90 % from "
             f"{value('normal_force_p05_n'):.1f} to {value('normal_force_p95_n'):.1f} N)"
         )
         if value("contact_fraction") <= 0:
-            words = "never touches the board"
-        judge("press", 1 + LEAST_PRESSED - pressed, words)
+            text = "never touches the board"
+        judge("press", 1 + LEAST_PRESSED - fraction, text)
         contact = value("desired_contact_fraction", 1.0)
-        words = f"is in contact for {100 * contact:.0f} % of the time that it should be"
-        if pressed > 0:
-            judge("press", 1 + LEAST_CONTACT - contact, words)
+        text = f"is in contact for {100 * contact:.0f} % of the desired time"
+        if fraction > 0:
+            judge("press", 1 + LEAST_CONTACT - contact, text)
     force, limit = (
         value("normal_force_max_n"),
         2 * desired + largest_push(trial) + MOST_EXCESS,
     )
-    words = f"presses with up to {force:.0f} N, above {limit:.0f} N"
-    judge("force", force / limit, words)
+    text = f"presses with up to {force:.0f} N, above {limit:.0f} N"
+    judge("force", force / limit, text)
     for kind, name, what in (
         ("stop", "protective_stop_s", "is in a protective stop"),
         ("touch", "arm_on_board_s", "a link of the arm touches the board"),
     ):
         seconds = value(name)
         judge(kind, 1 + seconds, f"{what} for {seconds:.2f} s")
-    return found
+    return violations
