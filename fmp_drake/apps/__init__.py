@@ -1,1 +1,1 @@
-"""The command line: the only layer that prints and plots."""
+"""The command line, the only layer that prints."""

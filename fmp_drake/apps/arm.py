@@ -26,17 +26,19 @@ from fmp_drake.systems.teaching.hand_motion import HandMotion, Task
 
 @dataclass(frozen=True, kw_only=True)
 class BenchOptions:
-    """The simulated arm, and the faults of its messages."""
+    """Simulated arm, and faults of its messages."""
 
     scenario: str = option("table_top", "Name of a scenario, or a YAML file.")
     arm: str | None = arm_option("Bus and channels.")
-    hand: Task | None = option(None, "Let a simulated person guide the arm.")
+    hand: Task | None = option(
+        None, "Movement with which a simulated person guides the arm."
+    )
     duration: float = option(600.0, "End after this time, s.")
     drop: float = option(0.0, "Fraction of messages that are lost.")
     reorder: float = option(0.0, "Fraction of messages that overtake earlier ones.")
-    corrupt: float = option(0.0, "Fraction of messages with a wrong bit.")
+    corrupt: float = option(0.0, "Fraction of messages with a bit error.")
     jitter: float = option(0.0, "Largest delay of a message, s.")
-    seed: int = option(0, "Seed of these faults.")
+    seed: int = option(0, "Seed of the faults and of the simulated person.")
     real_time: bool = real_time_option()
     report: Path | None = option(None, "Write the metrics (.json).")
 
@@ -44,7 +46,7 @@ class BenchOptions:
 @click.command(
     cls=Command,
     examples={
-        "fmp-drake arm": "stand in for a robot on the default bus",
+        "fmp-drake arm": "simulate a robot on the default bus",
         "fmp-drake record --arm lcm --out mine.npz": "record from it, in another terminal",
     },
 )
@@ -52,7 +54,7 @@ class BenchOptions:
 def arm(to: BenchOptions) -> None:
     """Simulate an arm behind a real one's LCM messages, for tests.
 
-    It stands in for a robot: nothing here has ever been tried on a real arm.
+    It replaces a robot in tests: nothing here has ever been tried on a real arm.
     """
     console = make_console()
     check_writable(to.report)
@@ -73,16 +75,16 @@ def arm(to: BenchOptions) -> None:
         transform=None,
         stretch=1.0,
     )
-    guide = None
+    hand = None
     if to.hand is not None:
         motion = HandMotion.make(to.hand, seconds=to.duration + 1, seed=to.seed)
-        guide = SimulatedHand(motion)
+        hand = SimulatedHand(motion)
     bench = ArmBench(
         scene,
         bus,
         arm=config,
         faults=faults,
-        hand=guide,
+        hand=hand,
         demonstrated=[demonstration.values for demonstration in demonstrations],
     )
     console.print("a simulated arm sends PANDA_STATUS; Ctrl-C ends it")

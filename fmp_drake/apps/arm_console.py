@@ -18,11 +18,11 @@ from fmp_drake.systems.page.page_panel import PanelFields
 from fmp_drake.systems.page.page_status import mode_in_words
 
 ARM_MODEL: ModelChoice = "mixture"
-"""Model of the skills of an arm, which does not wait: with its choice of samples it is
-re-mapped in 11 ms, a phase model in 36."""
+"""Model of the skills of a real arm, which cannot wait: it is re-mapped in 11 ms, with its
+choice of samples, a phase model in 36 ms."""
 
-# Steps between two checks of the keyboard, and between two requests by --go.
-_LOOK, _ANSWER = 100, 500
+# Control steps between two checks of the keyboard, and between two requests of --go.
+_KEYBOARD_STEPS, _REQUEST_STEPS = 100, 500
 
 
 def arm_config(arm: str, *, dry: bool = False) -> LcmPanda:
@@ -30,7 +30,7 @@ def arm_config(arm: str, *, dry: bool = False) -> LcmPanda:
     if arm.endswith((".yaml", ".yml")):
         config = LoadPanda(arm)
         if not isinstance(config, LcmPanda):
-            raise StationError(f"{arm} names no arm behind LCM; expected !LcmPanda.")
+            raise StationError(f"{arm} is not an arm behind LCM; expected !LcmPanda.")
     elif arm == "lcm" or arm.startswith("lcm:"):
         config = LcmPanda(url=arm[4:])
     else:
@@ -43,20 +43,23 @@ def guide_arm(
     console: Console, scenario: Scenario, config: LcmPanda, seconds: float
 ) -> Demonstration:
     """Record the hand guiding of an arm, until Enter or for a duration, s."""
-    ends = "Enter ends it" if can_ask() else f"for {seconds:g} s"
-    console.print(f"nothing is sent: guide the arm now, pressing lightly; {ends}")
+    end = "Enter ends it" if can_ask() else f"for {seconds:g} s"
+    console.print(f"nothing is sent: guide the arm now, pressing lightly; {end}")
     demonstration = record_arm(
         scenario,
         config,
         until=lambda elapsed: elapsed >= seconds or is_entered(),
         note="guided by hand, on an arm behind LCM",
     )
-    low, high = demonstration.values.min(axis=0), demonstration.values.max(axis=0)
-    console.print(
-        f"recorded {demonstration.duration:.1f} s at 20 Hz: x {low[0]:.3f} to {high[0]:.3f} m, "
-        f"y {low[1]:.3f} to {high[1]:.3f} m, z {low[2]:.3f} to {high[2]:.3f} m on the board"
-    )
+    console.print(recorded_text(demonstration))
     return demonstration
+
+
+def recorded_text(demonstration: Demonstration) -> str:
+    """Describe the duration and the range of a recording on the board."""
+    low, high = demonstration.values.min(axis=0), demonstration.values.max(axis=0)
+    ranges = [f"{c} {low[i]:.3f} to {high[i]:.3f} m" for i, c in enumerate("xyz")]
+    return f"recorded {demonstration.duration:.1f} s at 20 Hz: {', '.join(ranges)} on the board"
 
 
 def wipe_with_arm(
@@ -74,8 +77,8 @@ def wipe_with_arm(
     """Play a skill on an arm; Enter enables and stops it."""
     if not (go or can_ask()):
         raise RunError(
-            "nobody can say go: run it in a terminal, or, only where the arm is a "
-            "simulated one, with --go."
+            "there is no terminal in which to enable the arm; use one, or --go for a "
+            "simulated arm."
         )
     run = ArmRun(
         scenario,
@@ -86,24 +89,24 @@ def wipe_with_arm(
         demonstrations=demonstrations,
     )
     if can_ask():
-        console.print("Enter lets the arm go, and stops it; Ctrl-C ends it")
-    last = None
+        console.print("Enter enables the arm, and stops it; Ctrl-C ends the program")
+    last_state = None
     steps = 0
 
     def operate(run: ArmRun) -> None:
-        nonlocal last, steps
+        nonlocal last_state, steps
         steps += 1
-        if steps % _LOOK:
+        if steps % _KEYBOARD_STEPS:
             return
-        if (now := (run.mode, run.faults)) != last:
-            last = now
+        if (state := (run.mode, run.faults)) != last_state:
+            last_state = state
             reason = f" ({run.faults.name})" if run.faults else ""
             console.print(f"{run.mode.name.lower()}{reason}")
         if panel is not None:
             panel.show(**arm_in_words(run))
         if is_entered():
             (run.stop if run.mode.is_enabled else run.go)()
-        elif go and steps % _ANSWER == 0 and run.mode is GateMode.WAITING:
+        elif go and steps % _REQUEST_STEPS == 0 and run.mode is GateMode.WAITING:
             run.go()
 
     try:
@@ -135,7 +138,7 @@ def arm_in_words(run: ArmRun) -> PanelFields:
         )
         return {**fields, "level": level, "mode": mode, "detail": detail}
     if run.mode is GateMode.RETURNING:
-        return {**fields, "level": "good", "mode": "coming back slowly", "detail": ""}
+        return {**fields, "level": "good", "mode": "returning slowly", "detail": ""}
     if run.mode is GateMode.STOPPED:
         return {**fields, "level": "bad", "mode": "stopped", "detail": faults}
     return {**fields, "level": "idle", "mode": "waiting", "detail": faults}

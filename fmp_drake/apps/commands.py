@@ -45,7 +45,7 @@ class _LazyGroup(click.Group):
         module = importlib.import_module(f"fmp_drake.apps.{cmd_name}")
         from threadpoolctl import threadpool_limits
 
-        # The matrices of a control step are small: more threads would only wait.
+        # The matrices of a control step are small: more threads would be slower.
         ctx.with_resource(threadpool_limits(limits=1))
         command: click.Command = getattr(module, cmd_name)
         terminal.begin_command()

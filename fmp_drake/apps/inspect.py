@@ -21,7 +21,7 @@ from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives import find_rhythm, read_demonstrations
 from fmp_drake.skills.description import describe_recording
 
-# Options in a refusal with which a recording can be learned.
+# Options that a refusal names, with which the recording can be learned.
 _ADVICE = re.compile(r"--(?:robot|unit) \w+|--as-recorded")
 
 
@@ -51,38 +51,38 @@ def inspect(
 ) -> None:
     """Report what recordings contain, and whether they can be learned.
 
-    Several recordings are learned together, where they have the same channels.
+    Several recordings with the same channels are learned together.
     """
     console = make_console()
     check_picture(plot)
-    recordings, reports = [], list[str]()
+    recordings, conclusions = [], list[str]()
     for file in files:
         demonstrations, _ = read_demonstrations([file], recording.reading())
         for demonstration in demonstrations:
-            about = demonstration.note or "as it is"
-            console.print(f"{file}: {about}", markup=False, soft_wrap=True)
+            note = demonstration.note or "as it is"
+            console.print(f"{file}: {note}", markup=False, soft_wrap=True)
             lines = describe_recording(
                 demonstration, start=rhythm.start, end=rhythm.end, period=rhythm.period
             )
-            reports.append(lines[-1])
+            conclusions.append(lines[-1])
             for line in lines:
                 console.print(f"  {line}", markup=False, soft_wrap=True)
         recordings += demonstrations
     if len(recordings) > 1 and len({d.channels for d in recordings}) == 1:
         try:
-            found = find_rhythm(
+            common_rhythm = find_rhythm(
                 recordings, start=rhythm.start, end=rhythm.end, period=rhythm.period
             )
-            about = "; ".join(found.describe())
+            text = "; ".join(common_rhythm.describe())
         except DemonstrationError as error:
-            about = f"no cycles found: {error}"
-        console.print(f"together: {about}", markup=False, soft_wrap=True)
+            text = f"no cycles found: {error}"
+        console.print(f"together: {text}", markup=False, soft_wrap=True)
     if plot is not None:
         plot_demonstrations(recordings, plot)
         console.print(f"wrote {plot}")
-    refused = [line for line in reports if "not for the board" in line]
-    advice = _ADVICE.search(refused[0]) if refused else None
-    is_possible = all(line.startswith("learning: possible") for line in reports)
-    if is_possible and (advice or not refused):
-        given = [*arguments(rhythm, recording), *(advice[0].split() if advice else ())]
-        print_next(console, "learn", *map(str, files), *given, "--out", "skill.npz")
+    refusals = [line for line in conclusions if "not for the board" in line]
+    advice = _ADVICE.search(refusals[0]) if refusals else None
+    is_possible = all(line.startswith("learning: possible") for line in conclusions)
+    if is_possible and (advice or not refusals):
+        flags = [*arguments(rhythm, recording), *(advice[0].split() if advice else ())]
+        print_next(console, "learn", *map(str, files), *flags, "--out", "skill.npz")

@@ -20,10 +20,7 @@ from fmp_drake.apps.options import (
 from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.plots import plot_skill
 from fmp_drake.plots.style import check_picture
-from fmp_drake.primitives import (
-    FourierMovementPrimitive,
-    save_skill,
-)
+from fmp_drake.primitives import FourierMovementPrimitive, save_skill
 from fmp_drake.primitives.data.channels import ROTATION_CHANNELS
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
@@ -46,8 +43,8 @@ class LearnOptions:
     )
     model: ModelChoice | None = option(
         None,
-        "How to learn: by Gaussians over windows, by the phase of the movement, or by "
-        "the phase where it can be tracked [default: "
+        "Model of the movement: Gaussians over windows, its phase, or its phase where "
+        "that can be tracked [default: "
         f"{FourierMovementPrimitive().model}].",
     )
     robot: str | None = option(
@@ -58,7 +55,7 @@ class LearnOptions:
     )
     as_recorded: bool = option(
         False,
-        "Learn all channels as they are, instead of x, y and z on the board.",
+        "Learn all channels unchanged, instead of x, y and z on the board.",
     )
 
 
@@ -96,11 +93,11 @@ def learn(
         scenario.robot = str(Path(skill.robot).resolve()) if is_file else skill.robot
         scenario.check()
     if skill.as_recorded:
-        loaded, remarks = load_as_recorded(
+        recordings, remarks = load_as_recorded(
             demonstrations, stretch=learning.stretch, reading=recording.reading()
         )
     else:
-        loaded, remarks = load_on_board(
+        recordings, remarks = load_on_board(
             demonstrations,
             scenario=scenario,
             transform=learning.transform,
@@ -112,10 +109,10 @@ def learn(
         )
     for remark in remarks:
         console.print(remark, markup=False, soft_wrap=True)
-    started = time.perf_counter()
+    start = time.perf_counter()
     with console.status("learning") as status:
         learned = learn_skill(
-            loaded,
+            recordings,
             window=learning.window,
             components=learning.components,
             model=skill.model,
@@ -128,14 +125,14 @@ def learn(
     console.print(
         f"learned {len(learned.components_)} components from {learned.n_windows_} "
         f"windows of {learned.n_steps / learned.rate:g} s in "
-        f"{time.perf_counter() - started:.2f} s"
+        f"{time.perf_counter() - start:.2f} s"
     )
     for sentence in skill_in_words(learned):
         console.print(sentence)
     save_skill(learned, skill.out)
     console.print(f"wrote {skill.out}")
     if skill.plot is not None:
-        plot_skill(learned, loaded, skill.plot)
+        plot_skill(learned, recordings, skill.plot)
         console.print(f"wrote {skill.plot}")
     if skill.board is not None:
         scenario.skill.file = os.path.relpath(skill.out, skill.board.parent)
@@ -146,6 +143,6 @@ def learn(
     elif not skill.as_recorded:
         # Poses that are not relative to a surface are played in free space.
         has_poses = ROTATION_CHANNELS[0] in learned.channels_
-        is_free = has_poses and "orientation" not in learning.extra
-        scene = ["--scenario", "stir"] if is_free else []
+        in_free_space = has_poses and "orientation" not in learning.extra
+        scene = ["--scenario", "stir"] if in_free_space else []
         print_next(console, "wipe", *scene, "--skill", str(skill.out))

@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
     """Run a command, and return an error message and the exit code."""
-    # Nothing is imported before Ctrl-C is watched for.
+    # Nothing is imported before interrupts are handled.
     import click
 
     from fmp_drake.apps.commands import app, log_to_stderr

@@ -26,8 +26,7 @@ from fmp_drake.station.scenario import LoadScenario, Scenario
 PATH = click.Path(path_type=Path)
 """Type of an argument that is a path."""
 
-
-# Most options in the help of a command; with more it shows the basic ones.
+# Greatest number of options in the short help of a command.
 _MOST_OPTIONS = 12
 
 
@@ -39,20 +38,20 @@ class GroupedOption(click.Option):
     group : str
         Title of the group.
     basic : bool
-        Whether ``--help`` shows it in a long list, too.
+        Whether ``--help`` shows it even in a long list.
     """
 
     def __init__(
-        self, *args: Any, group: str = "", basic: bool = True, **kwargs: Any
+        self, *args: Any, group: str, basic: bool = True, **kwargs: Any
     ) -> None:
         super().__init__(*args, **kwargs)
         self.group, self.is_basic = group, basic
 
 
 class Command(click.Command):
-    """Command whose help has examples, and its options in groups.
+    """Command whose help has examples, and options in groups.
 
-    With more than 12 options, ``--help`` shows the basic ones and ``--help-all`` all.
+    If it has more than 12 options, ``--help`` shows the basic ones and ``--help-all`` all.
 
     Parameters
     ----------
@@ -60,12 +59,10 @@ class Command(click.Command):
         Command lines, each with its purpose.
     """
 
-    def __init__(
-        self, *args: Any, examples: Mapping[str, str] | None = None, **kwargs: Any
-    ) -> None:
+    def __init__(self, *args: Any, examples: Mapping[str, str], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._examples = examples or {}
-        count = sum(isinstance(each, GroupedOption) for each in self.params)
+        self._examples = examples
+        count = sum(isinstance(parameter, GroupedOption) for parameter in self.params)
         self._has_more = count > _MOST_OPTIONS
         if self._has_more:
             show_all = click.Option(
@@ -102,10 +99,9 @@ class Command(click.Command):
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the examples."""
         super().format_epilog(ctx, formatter)
-        if self._examples:
-            with formatter.section("Examples"):
-                for line, purpose in self._examples.items():
-                    formatter.write(f"  # {purpose}\n  {line}\n")
+        with formatter.section("Examples"):
+            for line, purpose in self._examples.items():
+                formatter.write(f"  # {purpose}\n  {line}\n")
 
 
 _SHOW_ALL = "fmp_drake.show_all"
@@ -123,12 +119,12 @@ def option(default: Any = MISSING, help: str | None = None, **details: Any) -> A
     """Return a field of a dataclass that is an option of a command.
 
     The annotation of the field is the type of the value: a `Literal` for a choice, a tuple
-    of some numbers, or ``tuple[type, ...]`` for an option that may be repeated.
+    of numbers, or ``tuple[type, ...]`` for an option that may be repeated.
 
     Parameters
     ----------
     default : object
-        Without it the option is required.
+        Default value; without it the option is required.
     help : str
         Text of ``--help``.
     details
@@ -151,23 +147,23 @@ def options(**groups: type) -> Callable[..., Any]:
         @wraps(command)
         def run(**values: Any) -> None:
             for name, group in groups.items():
-                given = {each.name: values.pop(each.name) for each in fields(group)}
-                values[name] = group(**given)
+                settings = {f.name: values.pop(f.name) for f in fields(group)}
+                values[name] = group(**settings)
             command(**values)
 
         for group in reversed(groups.values()):
             hints = get_type_hints(group)
             title = (group.__doc__ or "").partition(".\n")[0].strip().rstrip(".")
-            for each in reversed(fields(group)):
-                run = _click_option(each, hints[each.name], title)(run)
+            for item in reversed(fields(group)):
+                run = _click_option(item, hints[item.name], title)(run)
         return run
 
     return decorate
 
 
-def _click_option(each: Field[Any], hint: Any, group: str) -> Callable[..., Any]:
+def _click_option(item: Field[Any], hint: Any, group: str) -> Callable[..., Any]:
     """Return click's option for a field of a dataclass."""
-    details = {"flag": "--" + each.name.replace("_", "-"), **each.metadata}
+    details = {"flag": "--" + item.name.replace("_", "-"), **item.metadata}
     flag = details.pop("flag")
     is_optional = NoneType in get_args(hint)
     kind = get_args(hint)[0] if is_optional else hint
@@ -182,30 +178,30 @@ def _click_option(each: Field[Any], hint: Any, group: str) -> Callable[..., Any]
             details["multiple"] = True
         else:
             details["nargs"] = len(parts)
-    if each.default is MISSING:
+    if item.default is MISSING:
         details["required"] = True
     else:
-        details["default"] = each.default
-        is_shown = each.default not in (None, "", ()) and each.default is not False
+        details["default"] = item.default
+        is_shown = item.default not in (None, "", ()) and item.default is not False
         details["show_default"] = is_shown
-    return click.option(flag, each.name, cls=GroupedOption, group=group, **details)
+    return click.option(flag, item.name, cls=GroupedOption, group=group, **details)
 
 
 def arguments(*groups: Any) -> list[str]:
-    """Return the command line that gives groups of options the values that they have."""
+    """Return the arguments of a command line that set groups of options to their values."""
     out: list[str] = []
     for group in groups:
         hints = get_type_hints(type(group))
-        for each in fields(group):
-            value = getattr(group, each.name)
-            if value == each.default:
+        for item in fields(group):
+            value = getattr(group, item.name)
+            if value == item.default:
                 continue
-            flag = each.metadata.get("flag", "--" + each.name.replace("_", "-"))
+            flag = item.metadata.get("flag", "--" + item.name.replace("_", "-"))
             values = value if isinstance(value, tuple) else (value,)
             if value is True:
                 out.append(flag)
-            elif Ellipsis in get_args(hints[each.name]):  # It is repeated.
-                out += [text for one in values for text in (flag, str(one))]
+            elif Ellipsis in get_args(hints[item.name]):  # It may be repeated.
+                out += [text for v in values for text in (flag, str(v))]
             else:
                 out += [flag, *map(str, values)]
     return out
@@ -216,7 +212,7 @@ def host_option() -> Any:
     return option(
         "localhost",
         "Address of this machine at which the page is served; 0.0.0.0 for all of them. "
-        "Everybody who can reach it can watch. The printed address can also control.",
+        "Anyone who can reach it can watch; control requires the printed address.",
         basic=False,
     )
 
@@ -249,7 +245,7 @@ class ScenarioOptions:
     )
     robot: str | None = option(
         None,
-        "Another robot than the scenario's: its name (see `fmp-drake robots`), or a YAML "
+        "Name of a robot that replaces the scenario's (see `fmp-drake robots`), or a YAML "
         "file.",
         basic=False,
     )
@@ -273,7 +269,7 @@ class SceneOptions(ScenarioOptions):
     )
     tempo: float | None = option(
         None,
-        "Tempo of the movement, 1 as demonstrated [default: the scenario's].",
+        "Tempo of the movement; 1 is as demonstrated [default: the scenario's].",
     )
     start: tuple[float, float, float] | None = option(
         None,
@@ -283,7 +279,7 @@ class SceneOptions(ScenarioOptions):
     )
 
     def load(self) -> Scenario:
-        """Return the scenario, with the given start and tempo."""
+        """Return the scenario, with start and tempo of these options."""
         scenario = super().load()
         if self.start is not None:
             scenario.start = list(self.start)
@@ -309,21 +305,21 @@ class LearningOptions:
     )
     stretch: float = option(
         1.0,
-        "Slow a recording down by this factor before it is learned; --tempo changes the "
+        "Factor that slows a recording down before it is learned; --tempo changes the "
         "playback instead.",
         basic=False,
     )
     transform: tuple[float, float, float, float, float, float] | None = option(
         None,
         "Pose of the demonstration's frame in the board's (m, rad), instead of fitting "
-        "its plane and laying it on the middle of the board.",
+        "its plane and placing it in the middle of the board.",
         metavar="X Y Z ROLL PITCH YAW",
         basic=False,
     )
     surface: str | None = option(
         None,
-        "Surface to fit to the recordings' contact, which becomes the board: the one that "
-        "fits, or a given shape.",
+        "Surface to fit to the contact of the recordings, which becomes the board: of the "
+        "shape that fits best, or of a fixed shape.",
         basic=False,
         type=click.Choice(["fitted", *SHAPES]),
     )
@@ -338,34 +334,34 @@ class LearningOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RhythmOptions:
-    """Part and period of recordings, given instead of searched."""
+    """Part and period of recordings, which are searched for by default."""
 
     start: float | None = option(
-        None, "Part to learn from: seconds at which it begins.", flag="--from"
+        None, "Start of the part to learn from, s.", flag="--from"
     )
-    end: float | None = option(
-        None, "Part to learn from: seconds at which it ends.", flag="--to"
+    end: float | None = option(None, "End of the part to learn from, s.", flag="--to")
+    period: float | None = option(
+        None, "Duration of a cycle, s [default: from the recording]."
     )
-    period: float | None = option(None, "Seconds that a cycle lasts [default: found].")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingOptions:
-    """Files of recordings: information that they lack."""
+    """Information that files of recordings lack."""
 
     columns: str = option(
         "",
-        "Which columns are read, by name or number: time=stamp [ms],x=2,y=3.",
+        "Columns to read, by name or number: time=stamp [ms],x=2,y=3.",
         metavar="NAME=COLUMN,...",
         basic=False,
     )
     unit: str = option("", "Unit of positions: m, cm, mm ...", basic=False)
     sample_rate: float | None = option(
-        None, "Samples per second (Hz) of a recording without times.", basic=False
+        None, "Sample rate of a recording without times, Hz.", basic=False
     )
     topic: str = option("", "Topic of a bag, or feature of a dataset.", basic=False)
     quaternions: Literal["xyzw", "wxyz"] = option(
-        "xyzw", "Order of quaternions whose numbers have no names.", basic=False
+        "xyzw", "Order of the elements of quaternions without names.", basic=False
     )
 
     def reading(self) -> ReadingOptions:

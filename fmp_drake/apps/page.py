@@ -1,4 +1,4 @@
-"""The console, the page, and progress bars."""
+"""Output to the console and the page, progress bars, and input from the page."""
 
 import json
 import logging
@@ -25,11 +25,8 @@ from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.warm_up import LawCompilation
 from fmp_drake.systems.page.page_panel import PagePanel, hidden_meshcat
 
-# Seconds between two polls of the buttons.
-_POLL = 0.05
-
-LOCAL = "localhost"
-"""Address of a page that only this machine can open."""
+# Time between two polls of the buttons, s.
+_POLL_PERIOD = 0.05
 
 
 def make_console() -> Console:
@@ -42,27 +39,27 @@ def make_console() -> Console:
 def log_natively() -> None:
     """Let Drake write its warnings itself, without Python's logging.
 
-    Threads of Meshcat warn, too, for example of a wrong address. If Python collected garbage
-    in such a thread, objects that must be freed in the main thread would end the process.
+    Threads of Meshcat also warn, for example of a wrong address. If Python collected garbage
+    in such a thread, it would free objects of the main thread, and the process would crash.
     """
     logging.getLogger("drake").setLevel(logging.WARNING)
     use_native_cpp_logging()  # type: ignore[no-untyped-call]
 
 
 def open_page(
-    console: Console | None = None, *, title: str = "fmp_drake", host: str = LOCAL
+    console: Console | None = None, *, title: str = "fmp_drake", host: str = "localhost"
 ) -> PagePanel:
     """Start Meshcat with a panel beside it and print the page's address.
 
     Parameters
     ----------
     console : Console, optional
-        Where to print it.
+        Console on which the address is printed.
     title : str
-        Of the panel and the tab.
+        Title of the panel and the tab.
     host : str
-        At which address of this machine the page is served. Whoever has the printed
-        address with its token can pull the arm and move the sliders; others can watch.
+        Address of this machine at which the page is served. The printed address contains a
+        token: with it the arm can be pulled and the sliders moved, without it only watched.
 
     Raises
     ------
@@ -75,7 +72,7 @@ def open_page(
     except SystemsError as error:
         raise FmpError(
             f"the page cannot be served at {host}; give one of this machine's addresses, "
-            f"0.0.0.0 for all of them, or {LOCAL} for this machine only."
+            "0.0.0.0 for all of them, or localhost for this machine only."
         ) from error
     panel.show(title=title)
     if console is not None:
@@ -97,7 +94,7 @@ def get_ready(panel: PagePanel, scenario: Scenario, *, visuals: str = "own") -> 
 def wait_for_law(
     console: Console, panel: PagePanel | None, law: LawCompilation
 ) -> None:
-    """Wait until the control law is compiled, and show how far it is."""
+    """Wait until the control law is compiled, and show the progress."""
     text = "compiling the control law, once per machine"
     with console.status(text):
         for fraction in law.progress():
@@ -113,13 +110,13 @@ def say(console: Console, panel: PagePanel | None, text: str) -> None:
 
 
 def is_watched(panel: PagePanel | None) -> bool:
-    """Return whether a browser has the page open."""
+    """Return whether the page is open in a browser."""
     return panel is not None and panel.meshcat.GetNumActiveConnections() > 0
 
 
 @contextmanager
 def ended_page(panel: PagePanel | None) -> Iterator[None]:
-    """Report on the page, at the end of a block, that the program ends, and why."""
+    """Show on the page, at the end of a block, that the program has ended, and why."""
     if panel is None:
         yield
         return
@@ -138,8 +135,7 @@ def ended_page(panel: PagePanel | None) -> Iterator[None]:
 def wait_for_click(panel: PagePanel, names: Mapping[str, str]) -> str | None:
     """Wait for a click on a button of the page, and return the name of the button.
 
-    It returns None after Enter in the terminal, or, without a terminal, when nobody
-    watches the page.
+    It returns None after Enter in the terminal; without a terminal, when the page is closed.
 
     Parameters
     ----------
@@ -157,7 +153,7 @@ def wait_for_click(panel: PagePanel, names: Mapping[str, str]) -> str | None:
             for name in names:
                 if panel.meshcat.GetButtonClicks(name):
                     return name
-            time.sleep(_POLL)
+            time.sleep(_POLL_PERIOD)
         return None
     finally:
         for name in names:
@@ -224,6 +220,6 @@ def advice(feasibility: Feasibility, scene: SceneOptions, *groups: Any) -> str:
     if feasibility.suggested_tempo is None:
         return "--start, the scenario's board or another skill may help."
     tempo = f"{feasibility.suggested_tempo:.2f}"
-    given = arguments(replace(scene, tempo=None), *groups)
-    line = shlex.join(["fmp-drake", "wipe", *given, "--tempo", tempo])
+    flags = arguments(replace(scene, tempo=None), *groups)
+    line = shlex.join(["fmp-drake", "wipe", *flags, "--tempo", tempo])
     return f"Try: {line}."

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.apps.arm_console import arm_config, guide_arm
+from fmp_drake.apps.arm_console import arm_config, guide_arm, recorded_text
 from fmp_drake.apps.options import (
     Command,
     ScenarioOptions,
@@ -25,8 +25,8 @@ from fmp_drake.station.station import MakeStation
 from fmp_drake.station.teaching_hands import DemonstrationFromRecorder, SimulatedHand
 from fmp_drake.systems.teaching.hand_motion import HandMotion, Task
 
-# The hand settles on the board before the recording begins.
-_SETTLE = 2.0
+# Time in which the hand settles on the board before the recording, s.
+_SETTLING_TIME = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class RecordOptions(ScenarioOptions):
     out: Path = option(help="File (.npz or .csv) to write.")
     page: bool = option(False, "Show the recording on a page, in real time.")
     arm: str | None = arm_option(
-        "A person guides an arm, for at most these minutes, instead of a simulation."
+        "Record an arm that a person guides, for at most --minutes, instead of a simulation."
     )
     host: str = host_option()
 
@@ -55,7 +55,7 @@ class RecordOptions(ScenarioOptions):
 def record(to: RecordOptions) -> None:
     """Record a demonstration: a simulated person guides the arm over the board.
 
-    Or, with --arm, a person a real one.
+    With --arm a person guides a real arm.
     """
     console = make_console()
     check_writable(to.out)
@@ -64,37 +64,31 @@ def record(to: RecordOptions) -> None:
     seconds = 60 * to.minutes
     if to.arm is not None:
         if to.page:
-            raise RunError(
-                "of an arm that is recorded there is no page; leave out --page."
-            )
-        shown = guide_arm(console, to.load(), arm_config(to.arm), seconds)
-        shown.save(to.out)
+            raise RunError("there is no page with --arm; leave out --page.")
+        guide_arm(console, to.load(), arm_config(to.arm), seconds).save(to.out)
         console.print(f"wrote {to.out}")
         return
-    motion = HandMotion.make(to.task, seconds=_SETTLE + seconds + 1, seed=to.seed)
+    motion = HandMotion.make(
+        to.task, seconds=_SETTLING_TIME + seconds + 1, seed=to.seed
+    )
     panel = open_page(console, title=to.scenario, host=to.host) if to.page else None
     meshcat = None if panel is None else panel.meshcat
     hand = SimulatedHand(motion)
     station = MakeStation(to.load(), hand, meshcat=meshcat)
     simulator = Simulator(station)
     simulator.set_target_realtime_rate(1.0 if to.page else 0.0)
-    started = time.perf_counter()
-    until = _SETTLE + seconds
-    times = advance(simulator, until)
-    show_progress(console, times, until=until, label=f"guiding: {to.task}")
+    start = time.perf_counter()
+    end = _SETTLING_TIME + seconds
+    times = advance(simulator, end)
+    show_progress(console, times, until=end, label=f"guiding: {to.task}")
     demonstration = DemonstrationFromRecorder(
         station,
         simulator.get_context(),
-        skip=_SETTLE,
+        skip=_SETTLING_TIME,
         note=f"simulated: a modelled hand guides the simulated arm ({to.task}, seed "
         f"{to.seed}); not recorded on a robot",
     )
     demonstration.save(to.out)
-    low, high = demonstration.values.min(axis=0), demonstration.values.max(axis=0)
-    console.print(
-        f"recorded {demonstration.duration:.1f} s at 20 Hz in "
-        f"{time.perf_counter() - started:.0f} s: x {low[0]:.3f} to {high[0]:.3f} m, "
-        f"y {low[1]:.3f} to {high[1]:.3f} m on the board"
-    )
-    console.print(f"wrote {to.out}")
+    console.print(recorded_text(demonstration))
+    console.print(f"wrote {to.out} in {time.perf_counter() - start:.0f} s")
     print_next(console, "learn", str(to.out), "--out", "skill.npz")

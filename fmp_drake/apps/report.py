@@ -41,9 +41,9 @@ class RunFiles:
     )
 
     def check(self, *, of_arm: bool) -> None:
-        """Check that the files can be written, before any work is done."""
-        for target in (self.html, self.report):
-            check_writable(target)
+        """Check before a run that the files can be written."""
+        for path in (self.html, self.report):
+            check_writable(path)
         check_picture(self.plot)
         check_film(
             self.video,
@@ -53,11 +53,10 @@ class RunFiles:
         )
         check_log(self.log)
         check_graph(self.graphviz)
-        others = (self.html, self.video, self.plot, self.log, self.graphviz)
-        if of_arm and any(others):
+        if of_arm and any((self.html, self.video, self.plot, self.log, self.graphviz)):
             raise RunError(
-                "of an arm there is only a --report; leave out --html, --video, --plot, "
-                "--log and --graphviz."
+                "with --arm only --report can be written; leave out --html, --video, "
+                "--plot, --log and --graphviz."
             )
 
     def signals(self) -> set[str]:
@@ -116,8 +115,8 @@ def print_report(console: Console, rows: Mapping[str, str]) -> None:
 def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
     """Return the names and texts of a table about a run.
 
-    Ink, normal force and surface are there where there is a board, degrees and newtons of
-    error where the skill has such channels.
+    It contains ink, normal force and surface if there is a board, and errors of orientation
+    and force if the skill has such channels.
     """
     m = metrics
     rows = {
@@ -138,8 +137,8 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
     after_pushes = f", {pushed} of them after pushes" if pushed else ""
     rows |= {
         "tracking error": tracking,
-        "path deviation": _off_paths(m),
-        "re-mapped": f"{_counted(m['remap_count'], 'time')}{after_pushes}, jumps up to "
+        "path deviation": _path_deviation(m),
+        "re-mapped": f"{_count_text(m['remap_count'], 'time')}{after_pushes}, jumps up to "
         f"{1e3 * m['desired_position_jump_max_m']:.4f} mm",
         "limits": f"torque {100 * m['torque_ratio_max']:.0f} %, torque rate "
         f"{m['torque_rate_max_nm_per_s']:.0f} Nm/s, joint speed "
@@ -160,19 +159,18 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
 
 def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
     """Return the rows about the ink and the normal force."""
-    reached = [
+    times = [
         f"{percent} % after {m[f'seconds_to_{percent}_percent']:.0f} s"
         for percent in (50, 90, 99)
         if m[f"seconds_to_{percent}_percent"] is not None
     ]
-    left = (
-        f"{_counted(m['missed_spots'], 'spot')} of {m['missed_area_cm2']:.0f} cm² left"
-    )
+    spots = _count_text(m["missed_spots"], "spot")
+    remainder = f"{spots} of {m['missed_area_cm2']:.0f} cm² left"
     return {
         "cleaned": f"{100 * m['cleaned_fraction']:.1f} % of the board, "
         f"{100 * m['cleaned_fraction_of_demonstrated_area']:.1f} % of the "
         "demonstrated area",
-        "time to clean": ", ".join([*reached, left]),
+        "time to clean": ", ".join([*times, remainder]),
         "normal force": f"{m['normal_force_mean_n']:.1f} N (90 % between "
         f"{m['normal_force_p05_n']:.1f} and {m['normal_force_p95_n']:.1f} N), "
         f"{100 * m['normal_force_precise_fraction']:.1f} % within 10 % and "
@@ -182,17 +180,17 @@ def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _counted(count: int, noun: str) -> str:
+def _count_text(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def _off_paths(m: Mapping[str, Any]) -> str:
+def _path_deviation(m: Mapping[str, Any]) -> str:
     """Return a text about the distances to the demonstrated paths."""
     distances = m["measured_off_paths_rms_m"], m["desired_off_paths_rms_m"]
     if None in distances:
-        return "never near the demonstrated paths, or they are not known"
+        return "never near the demonstrated paths, or they are unknown"
     measured, desired = (f"{1e3 * distance:.1f} mm" for distance in distances)
     return (
-        f"{measured} rms from the nearest demonstrated path, once near one; the planned "
+        f"{measured} rms from the demonstrated paths after reaching them; the planned "
         f"motion {desired}"
     )

@@ -32,7 +32,7 @@ def robots(files: tuple[str, ...]) -> None:
         )
     console.print(table)
     console.print(
-        "reach: largest distance in front of the base at which the eraser lies level on a "
-        "table"
+        "reach: greatest distance in front of the base at which the eraser can lie level on "
+        "a table"
     )
     print_next(console, "wipe", "--robot", files[0] if files else "NAME")

@@ -18,8 +18,8 @@ from fmp_drake.station.scenario import ListScenarios, LoadScenario
 @click.option(
     "--page",
     type=PATH,
-    help="Run them all and write a page (.md) with a table of what was measured, "
-    "and a picture of each beside it.",
+    help="Run all scenarios, and write a page (.md) with a table of their metrics and a "
+    "picture of each beside it.",
 )
 @click.option(
     "--duration",
@@ -43,10 +43,10 @@ def scenarios(page: Path | None, duration: float) -> None:
         console.print(table)
         console.print("run one of them: fmp-drake wipe --scenario NAME")
         return
-    measured = {}
-    for name, each in measure_scenarios(names, duration, page.parent):
-        measured[name] = each
+    runs = {}
+    for name, run in measure_scenarios(names, duration, page.parent):
+        runs[name] = run
         console.print(f"measured {name}")
-    in_order = {name: measured[name] for name in names}
-    write_text(page, scenario_page(in_order, duration=duration), RunError)
+    runs = {name: runs[name] for name in names}
+    write_text(page, scenario_page(runs, duration=duration), RunError)
     console.print(f"wrote {page}")

@@ -33,8 +33,8 @@ from fmp_drake.station import CheckFeasibility
 from fmp_drake.station.teaching_hands import MouseOnPage
 from fmp_drake.station.warm_up import WarmUp
 
-# Simulated seconds between two polls of the buttons, and between two updates of the text.
-_STEP, _TEXT = 0.1, 1.0
+# Simulated time between two polls of the buttons, and between two updates of the panel, s.
+_STEP, _UPDATE_PERIOD = 0.1, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,16 +43,16 @@ class TeachOptions(ScenarioOptions):
 
     out: Path = option(
         Path("taught.npz"),
-        "Demonstration (.npz or .csv) to write with the button save.",
+        "Demonstration (.npz or .csv) that the button save writes.",
     )
     skill_file: Path = option(
         Path("taught_skill.npz"),
-        "Skill (.npz) to write with the button save.",
+        "Skill (.npz) that the button save writes.",
         flag="--skill",
     )
     duration: float | None = option(None, "End after this time, s.")
     arm: str | None = arm_option(
-        "Guide an arm, for --duration or until Enter; then it learns, and continues by itself."
+        "Guide an arm by hand, for --duration or until Enter; then it plays the skill."
     )
     host: str = host_option()
 
@@ -68,27 +68,26 @@ class TeachOptions(ScenarioOptions):
 def teach(to: TeachOptions) -> None:
     """Teach the arm with the mouse: drag it on the page, press learn, and it continues.
 
-    Or, with --arm, a real one by hand.
+    With --arm a real arm is taught by hand.
     """
     console = make_console()
-    out, skill_file, duration = to.out, to.skill_file, to.duration
-    for target in (out, skill_file):
-        check_writable(target)
-    if duration is not None:
-        check_number(duration, "duration", above=0, unit="s", error=FmpError)
+    for path in (to.out, to.skill_file):
+        check_writable(path)
+    if to.duration is not None:
+        check_number(to.duration, "duration", above=0, unit="s", error=FmpError)
     scene = to.load()
     if to.arm is not None:
         config = arm_config(to.arm)
-        shown = guide_arm(console, scene, config, duration or inf)
-        shown.save(out)
+        demonstration = guide_arm(console, scene, config, to.duration or inf)
+        demonstration.save(to.out)
         skill = learn_skill(
-            [shown],
+            [demonstration],
             window=scene.skill.window,
             components=scene.skill.components,
             model=ARM_MODEL,
         )
-        save_skill(skill, skill_file)
-        console.print(f"wrote {out} and {skill_file}")
+        save_skill(skill, to.skill_file)
+        console.print(f"wrote {to.out} and {to.skill_file}")
         feasibility = CheckFeasibility(scene, skill)
         if not feasibility.is_feasible:
             raise StationError(feasibility.verdict)
@@ -104,14 +103,14 @@ def teach(to: TeachOptions) -> None:
             scene,
             MouseOnPage(panel.meshcat),
             panel=panel,
-            out=out,
-            skill_file=skill_file,
+            out=to.out,
+            skill_file=to.skill_file,
         )
         page = TeachPage(panel, scene)
-        steps = count() if duration is None else range(round(duration / _STEP))
+        steps = count() if to.duration is None else range(round(to.duration / _STEP))
         for step in steps:
             session.advance(_STEP)
             if button := page.attend(session):
                 console.print(f"{button}: {session.remark or session.status}")
-            elif step % round(_TEXT / _STEP) == 0:
+            elif step % round(_UPDATE_PERIOD / _STEP) == 0:
                 page.show(session)

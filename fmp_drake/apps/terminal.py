@@ -1,4 +1,4 @@
-"""The terminal: its keyboard, and Ctrl-C, which ends a command in one line."""
+"""The terminal: its keyboard, and interrupts, which end a command with one line."""
 
 import atexit
 import os
@@ -13,8 +13,8 @@ from types import FrameType
 
 MESSAGE = "fmp-drake: stopped."
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# Seconds until an interrupt is repeated that Python could not raise.
-_AGAIN = 0.01
+# Time after which an interrupt that Python could not raise is repeated, s.
+_REPEAT_DELAY = 0.01
 _received: list[int] = []
 _has_begun = False
 
@@ -23,8 +23,8 @@ _has_begun = False
 def interrupts() -> Iterator[None]:
     """Raise KeyboardInterrupt at SIGINT and SIGTERM; before `begin_command`, end the process.
 
-    An interrupt that is raised where Python only prints exceptions, such as in a callback
-    of the garbage collector, is raised again.
+    Python only prints exceptions in some places, such as callbacks of the garbage
+    collector. There an interrupt is raised again.
     """
     global _has_begun
     _received.clear()
@@ -36,7 +36,7 @@ def interrupts() -> Iterator[None]:
 
     def repeat(unraisable: "sys.UnraisableHookArgs") -> None:
         if _received:
-            threading.Timer(_AGAIN, interrupt_main).start()
+            threading.Timer(_REPEAT_DELAY, interrupt_main).start()
         else:
             hook(unraisable)
 
@@ -48,21 +48,21 @@ def interrupts() -> Iterator[None]:
         sys.unraisablehook = hook
         for number, handler in previous.items():
             signal.signal(number, handler)
-        # The end of Python would print the traceback of an interrupt, and ignore it.
+        # Python, while it ends, would print the traceback of an interrupt and ignore it.
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
 
 
 def begin_command() -> None:
-    """Say that a command begins, which has to be ended by an exception."""
+    """Declare that a command begins, which an interrupt ends by an exception."""
     global _has_begun
     _has_begun = True
 
 
 def exit_code(error: BaseException | None) -> int | None:
-    """Return the exit code of an interrupted command, None where it was not interrupted.
+    """Return the exit code of an interrupted command, None if it was not interrupted.
 
-    After a signal every error is an interrupt: compiled code, and the compilation itself,
-    turn it into another one. Further signals are ignored from then on.
+    After a signal every error is an interrupt, because compilation and compiled code turn
+    interrupts into other errors. Further signals are ignored.
     """
     while isinstance(error, SystemError):
         error = error.__cause__ or error.__context__
@@ -80,8 +80,8 @@ def _is_main() -> bool:
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
     if not _has_begun:
-        # Modules are being imported, some of which print errors and go on. Nothing has to
-        # be cleaned up yet.
+        # Some of the modules that are now imported print errors and continue. Nothing has
+        # to be cleaned up yet.
         with suppress(OSError):
             os.write(2, f"{MESSAGE}\n".encode())
         os._exit(128 + number)

@@ -15,12 +15,18 @@ from fmp_drake.primitives.data.files import check_writable
 @click.command(
     cls=Command,
     examples={
-        "fmp-drake video frames.tar run.mp4": "a film of what was recorded on the page",
+        "fmp-drake video frames.tar run.mp4": "a film of frames recorded on the page",
     },
 )
 @click.argument("frames", type=PATH)
 @click.argument("out", type=PATH)
-@click.option("--fps", type=int, default=60, show_default=True)
+@click.option(
+    "--fps",
+    type=int,
+    default=60,
+    show_default=True,
+    help="Frames per second of the film.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace an existing film.")
 def video(frames: Path, out: Path, fps: int, overwrite: bool) -> None:
     """Turn FRAMES, the .tar that the page's recorder saves, into the film OUT.
@@ -29,6 +35,6 @@ def video(frames: Path, out: Path, fps: int, overwrite: bool) -> None:
     """
     check_writable(out)
     if out.exists() and not overwrite:
-        raise FmpError(f"{out} exists already; give --overwrite to replace it.")
+        raise FmpError(f"{out} already exists; give --overwrite to replace it.")
     convert_frames(frames, out, fps=fps, track=partial(track_frames, make_console()))
     click.echo(f"wrote {out}")

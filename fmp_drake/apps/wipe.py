@@ -1,4 +1,4 @@
-"""`fmp-drake wipe`: learn a skill and wipe the board with it."""
+"""`fmp-drake wipe`."""
 
 import time
 from collections.abc import Iterable, Iterator
@@ -53,12 +53,13 @@ from fmp_drake.station.scenario_parts import ShowConfig
 from fmp_drake.station.warm_up import LawCompilation
 from fmp_drake.systems.page.page_panel import Level, PagePanel
 
-# Simulated time of a run without a viewer, and between two updates of the page, s.
-_SECONDS, _TEXT = 60.0, 1.0
-# Simulated time between two polls of the page, s.
-_STEP = 0.0999
-_ANYWAY = "run all the same"
-_AFTERWARDS = {
+# Simulated time of a run without a viewer, s.
+_DURATION = 60.0
+# Simulated time between two updates of the panel, and just below the interval at which
+# `advance` yields, s.
+_UPDATE_PERIOD, _INTERVAL = 1.0, 0.0999
+_RUN_ANYWAY = "run anyway"
+_BUTTONS_AFTER_A_RUN = {
     "run on": "continue the run from here",
     "again": "start again, as at the beginning",
 }
@@ -70,12 +71,12 @@ class PlayOptions:
 
     duration: float | None = option(
         None,
-        "Simulated time, s [default: 60, and on as long as somebody watches the page].",
+        "Simulated time, s [default: 60, and longer while the page is open].",
     )
     sample: bool | None = option(
         None,
-        "Track samples of the components, or always their means [default: the "
-        "scenario's, samples].",
+        "Track samples of the components, or their means [default: the scenario's, "
+        "samples].",
         flag="--sample/--mean",
         basic=False,
     )
@@ -84,7 +85,7 @@ class PlayOptions:
     )
     rate: float | None = option(
         None,
-        "Simulated seconds per second, 0 for as fast as possible [default: 1; headless: "
+        "Simulated seconds per second; 0 is as fast as possible [default: 1; headless: "
         "0].",
         basic=False,
     )
@@ -93,7 +94,7 @@ class PlayOptions:
     @property
     def seconds(self) -> float:
         """Simulated time after which a run without a viewer ends, s."""
-        return _SECONDS if self.duration is None else self.duration
+        return _DURATION if self.duration is None else self.duration
 
     def check(self) -> None:
         """Check the numbers."""
@@ -107,16 +108,16 @@ class PlayOptions:
 class PageOptions:
     """Page."""
 
-    headless: bool = option(False, "Run without a page, as fast as possible.")
+    headless: bool = option(False, "Run as fast as possible, without a page.")
     hide: tuple[str, ...] = option(
         (),
-        "Do not show this part on the page; may be repeated.",
+        "Part that the page does not show; may be repeated.",
         basic=False,
         type=click.Choice(list(vars(ShowConfig()))),
     )
     visuals: str = option(
         VISUALS[0],
-        "Meshes of the arm: our own, or the official ones, which Drake downloads.",
+        "Meshes of the arm: those of this package, or official ones, which Drake downloads.",
         basic=False,
         type=click.Choice(VISUALS),
     )
@@ -130,7 +131,7 @@ class ArmOptions:
     arm: str | None = arm_option("Move a real arm, or that of `fmp-drake arm`.")
     no_torque: bool = option(False, "With --arm: send zero torques only.", basic=False)
     go: bool = option(
-        False, "With --arm: begin without asking; never with a real arm.", basic=False
+        False, "With --arm: start without asking; never with a real arm.", basic=False
     )
     controls: bool = option(
         False,
@@ -144,8 +145,8 @@ class ArmOptions:
         options = (self.no_torque, self.go, self.controls, self.real_time)
         if self.arm is None and any(options):
             raise RunError(
-                "--no-torque, --go, --controls and --real-time are for an arm; name it "
-                "with --arm."
+                "--no-torque, --go, --controls and --real-time need an arm; name it with "
+                "--arm."
             )
 
 
@@ -154,7 +155,7 @@ class ArmOptions:
     examples={
         "fmp-drake wipe": "wipe a table top, with a page to watch and pull the arm",
         "fmp-drake wipe --scenario vertical --tempo 0.8": "another board, slower",
-        "fmp-drake wipe --demo mine.csv": "learn from a recording of yours",
+        "fmp-drake wipe --demo mine.csv": "learn from your recording",
         "fmp-drake wipe --headless --plot run.png": "no page, a picture of the run",
     },
 )
@@ -193,7 +194,7 @@ def wipe(
     with ended_page(panel):
         if panel is not None and config is None and not page.headless:
             get_ready(panel, scenario, visuals=page.visuals)
-        started = time.perf_counter()
+        start = time.perf_counter()
         skill, demonstrations, remarks = scenario_skill(
             scenario,
             demos=scene.demos,
@@ -202,7 +203,7 @@ def wipe(
             reading=recording.reading(),
             **vars(learning),
         )
-        learn_seconds = time.perf_counter() - started
+        learn_seconds = time.perf_counter() - start
         for text in (
             *remarks,
             (
@@ -220,13 +221,13 @@ def wipe(
         ):
             raise StationError(
                 f"{feasibility.verdict} {advice(feasibility, scene, learning, recording)} "
-                "--force runs it all the same."
+                "--force runs it anyway."
             )
         say(console, panel, feasibility.verdict)
         wait_for_law(console, panel, law)
 
         if config is not None:
-            # The page of a real arm shows it, and moves it only with --controls.
+            # The page shows a real arm, and controls it only with --controls.
             scenario.show.ink = scenario.show.force = scenario.show.mouse = False
             scenario.show.controls = arm.controls
             for refusal in request_priority() if arm.real_time else ():
@@ -262,9 +263,9 @@ def wipe(
 def _is_run_anyway(
     panel: PagePanel | None, feasibility: Feasibility, scenario: Scenario
 ) -> bool:
-    """Return whether a viewer of the page runs a skill that the arm cannot follow.
+    """Return whether a viewer of the page decides to run an infeasible skill.
 
-    Where a slower tempo helps, a button sets it.
+    If it is feasible at a slower tempo, a button sets that.
     """
     if panel is None or not is_watched(panel):
         return False
@@ -272,12 +273,12 @@ def _is_run_anyway(
     if tempo is not None:
         hint = "the fastest tempo at which the arm can follow"
         buttons[f"set tempo to {tempo:.2f}"] = hint
-    buttons[_ANYWAY] = "as --force does"
+    buttons[_RUN_ANYWAY] = "like --force"
     panel.show(
         mode="not feasible", level="busy", detail=feasibility.verdict, progress=None
     )
     choice = wait_for_click(panel, buttons)
-    if tempo is not None and choice not in (None, _ANYWAY):
+    if tempo is not None and choice not in (None, _RUN_ANYWAY):
         scenario.skill.tempo = tempo
     return choice is not None
 
@@ -292,32 +293,32 @@ def _simulate(
     about: dict[str, Any],
     title: str,
 ) -> None:
-    """Simulate runs and report their metrics, until no other run is requested."""
+    """Simulate and report runs until the viewer requests no other one."""
     panel = None if page.headless else run.panel
     reel = files.begin(console, run)
     rate = play.rate
     if rate is None:
         rate = 0.0 if page.headless else 1.0
     run.simulator.set_target_realtime_rate(rate)
-    until, is_first, wanted = play.seconds, True, None
+    end, is_first, choice = play.seconds, True, None
     while True:
         if panel is not None:
             grab = describe_page(run.scenario)["grab"]
             panel.show(summary=[], progress=None, grab=grab)
-        started, begin = time.perf_counter(), run.simulator.get_context().get_time()
+        start, begin = time.perf_counter(), run.simulator.get_context().get_time()
         times = advance(
             run.simulator,
-            until,
+            end,
             meshcat=None if page.headless else run.meshcat,
             panel=run.panel,
             advance_to=run.advance_to,
             on_reset=run.restart,
-            goes_on=partial(_goes_on, panel, play, wanted),
+            goes_on=partial(_continues, panel, play, choice),
         )
         if panel is not None:
-            times = _told(times, run, panel, rate)
-        show_progress(console, times, until=until, label="running")
-        wall_seconds = time.perf_counter() - started
+            times = _show_events(times, run, panel, rate)
+        show_progress(console, times, until=end, label="running")
+        wall_seconds = time.perf_counter() - start
         seconds = run.simulator.get_context().get_time()
         run.remove_controls()
         metrics = {
@@ -344,33 +345,33 @@ def _simulate(
             return
         if can_ask():
             console.print("the page stays open; press Enter to quit ", end="")
-        wanted = wait_for_click(panel, _AFTERWARDS)
-        if wanted is None:
+        choice = wait_for_click(panel, _BUTTONS_AFTER_A_RUN)
+        if choice is None:
             return
-        if wanted == "again":
+        if choice == "again":
             reset(run.simulator)
             run.restart()
-        until = play.seconds if wanted == "again" else seconds
+        end = play.seconds if choice == "again" else seconds
 
 
-def _goes_on(panel: PagePanel | None, play: PlayOptions, wanted: str | None) -> bool:
+def _continues(panel: PagePanel | None, play: PlayOptions, choice: str | None) -> bool:
     """Return whether a run continues after its duration."""
-    return (play.duration is None or wanted is not None) and is_watched(panel)
+    return (play.duration is None or choice is not None) and is_watched(panel)
 
 
-def _told(
+def _show_events(
     times: Iterable[float], run: StationRun, panel: PagePanel, rate: float
 ) -> Iterator[float]:
     """Yield the times of a run, and show its events and its speed on the page."""
-    shown: set[str] = set()
+    kinds: set[str] = set()
     for now in times:
-        if now < _TEXT:
-            shown = set()
-        if now % _TEXT < _STEP:
+        if now < _UPDATE_PERIOD:
+            kinds = set()
+        if now % _UPDATE_PERIOD < _INTERVAL:
             if rate > 0:
                 panel.show(rate=run.simulator.get_actual_realtime_rate() / rate)
             for event in run.recent_events():
-                if event.kind in ADVICE and event.kind not in shown:
-                    shown.add(event.kind)
+                if event.kind in ADVICE and event.kind not in kinds:
+                    kinds.add(event.kind)
                     panel.say(f"{event.text}. {ADVICE[event.kind]}", level="busy")
         yield now

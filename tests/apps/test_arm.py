@@ -48,9 +48,12 @@ def test_arm_names_a_bus_or_a_file(tmp_path):
         (["--no-torque"], "name it with --arm"),
         (["--go"], "name it with --arm"),
         (["--controls"], "name it with --arm"),
-        (["--arm", "lcm:memq://", "--html", "page.html"], "only a --report"),
+        (
+            ["--arm", "lcm:memq://", "--html", "page.html"],
+            "only --report can be written",
+        ),
         (["--arm", "ros"], "expected lcm"),
-        (["--arm", "lcm:memq://"], "nobody can say go"),
+        (["--arm", "lcm:memq://"], "no terminal in which to enable the arm"),
         (["--arm", "lcm:no bus", "--go"], "there is no bus 'no bus'"),
     ],
 )
@@ -138,7 +141,7 @@ def test_a_guided_arm_is_recorded_until_enter(command, outputs, monkeypatch, ent
 
 @pytest.mark.parametrize(
     ("press", "reason"),
-    [(10, "nobody can say go"), (60, "friction holds the eraser")],
+    [(10, "no terminal in which to enable the arm"), (60, "friction holds the eraser")],
 )
 def test_skill_taught_to_an_arm_is_saved_and_played(
     refused, outputs, monkeypatch, tmp_path, press, reason
@@ -182,7 +185,7 @@ def test_enter_enables_and_stops_an_arm_and_the_page_reports_it(
         *("--duration", 1.0, "--real-time"),
     )
     assert result.code == 0, result
-    for line in ("watch it at http://", "no SCHED_FIFO (", "Enter lets the arm go"):
+    for line in ("watch it at http://", "no SCHED_FIFO (", "Enter enables the arm"):
         assert line in result.out
     modes = ("waiting\n", "open\n", "stopped (STOPPED)\n")
     assert list(map(result.out.count, modes)) == [1, 1, 1]

@@ -297,7 +297,7 @@ def test_full_disk_is_reported_and_keeps_stored_trials(
     monkeypatch.setattr(worlds_command, "run_trials", partial(run_trials, run=run))
     line = refused("worlds", spec_file, "--count", 5, "--out", out)
     assert f"cannot store trials in {out}: database or disk is full" in line
-    assert "the same command goes on" in line
+    assert "the same command continues" in line
     assert [t.number for t in TrialStore(out).trials()] == [0, 1]
 
 
@@ -365,7 +365,7 @@ def test_process_that_ends_is_the_result_of_its_trial(make_store):
 def test_two_drivers_do_not_run_the_same_trials(make_store):
     store = make_store(passed)
     other, spec = TrialStore(store.folder), TrialSpec(SPEC)
-    with store.writing(), pytest.raises(ExperimentError, match="by another process"):
+    with store.writing(), pytest.raises(ExperimentError, match="another process runs"):
         list(run_trials(other, spec, 9, Here(), run=passed))
 
 
@@ -472,7 +472,7 @@ def test_folder_that_cannot_store_trials_is_refused(
             "0.55 degrees rms off its orientation, above 0.5",
         ),
         ({"arm_on_board_s": 0.06}, "touch", "touches the board for 0.06 s"),
-        ({"desired_contact_fraction": 0.9}, "press", "for 90 % of the time"),
+        ({"desired_contact_fraction": 0.9}, "press", "for 90 % of the desired time"),
         ({"normal_force_max_n": 78.1}, "force", "up to 78 N, above 78 N"),
         ({"protective_stop_s": 0.2}, "stop", "in a protective stop for 0.20 s"),
     ],
@@ -595,7 +595,7 @@ def test_path_is_judged_on_the_actual_board(make_store):
     assert faults(store.trial(0)) == []
     TrialsReport(store).write()
     text = (store.folder / "report.html").read_text()
-    assert "it is also too large in these: 0." in text
+    assert "it is too large in these trials: 0." in text
 
 
 def test_older_trial_with_the_whole_distance_only_is_judged_by_it(make_store):

@@ -170,7 +170,7 @@ def test_redundant_bases_of_five_frequencies_stay_finite(split_windows):
 
 
 def test_too_little_regularisation_is_an_error_that_names_it(eight_windows):
-    with pytest.raises(ExperimentError, match="reg_covar is 1e-300: too little"):
+    with pytest.raises(ExperimentError, match="reg_covar is 1e-300: too small"):
         ProMP(**SMALL, n_components=10, reg_covar=1e-300).fit(eight_windows)
 
 
