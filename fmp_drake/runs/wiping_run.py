@@ -15,9 +15,8 @@ from fmp_drake.runs.station_run import StationRun
 from fmp_drake.station import Scenario
 from fmp_drake.station.page.page_scene import INK
 from fmp_drake.systems.erase_times import EraseTimes
-from fmp_drake.systems.ink.grid import CLEAN_BELOW
-from fmp_drake.systems.ink.metrics import cleaned_history
-from fmp_drake.systems.ink.recording import AddInkToRecording
+from fmp_drake.systems.ink.grid import CLEAN_BELOW, cleaned_history
+from fmp_drake.systems.ink.mesh import AddInkToRecording
 
 # Shortest time between two samples of the ink of a recording, s.
 _INK_PERIOD = 0.25

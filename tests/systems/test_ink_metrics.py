@@ -1,11 +1,12 @@
-"""Facts about the figures of a cleaned board."""
+"""Facts about the metrics of cleaning."""
 
 import numpy as np
 import pytest
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.ink.grid import InkGrid, cleaned_fraction
-from fmp_drake.systems.ink.metrics import (
+from fmp_drake.systems.ink.grid import (
+    InkGrid,
+    cleaned_fraction,
     cleaned_history,
     missed_spots,
     times_to_clean,

@@ -10,10 +10,9 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.ink import recording as ink_recording
+from fmp_drake.systems.ink import mesh as ink_mesh_module
 from fmp_drake.systems.ink.grid import InkGrid
-from fmp_drake.systems.ink.mesh import ink_colours
-from fmp_drake.systems.ink.recording import AddInkToRecording
+from fmp_drake.systems.ink.mesh import AddInkToRecording, ink_colours
 
 GRID = InkGrid(size=(0.4, 0.3), cell=0.01)
 X_WB = RigidTransform([0.5, 0.0, 0.1])
@@ -49,14 +48,14 @@ def test_a_recording_has_two_layers_per_second_and_not_too_many(meshcat, monkeyp
     assert record(meshcat) == 8
     assert all(meshcat.HasPath(f"ink/recorded/layer_{i:03d}") for i in range(8))
     assert not meshcat.HasPath("ink/recorded/layer_008")
-    monkeypatch.setattr(ink_recording, "MAX_LAYERS", 3)
+    monkeypatch.setattr(ink_mesh_module, "MAX_LAYERS", 3)
     assert record(meshcat) == 3
 
 
 def test_layers_are_the_initial_ink_over_the_final_one(meshcat, monkeypatch):
     drawn = {}
     monkeypatch.setattr(
-        ink_recording,
+        ink_mesh_module,
         "draw_ink",
         lambda _, path, mesh: drawn.update({path: mesh}) or True,
     )
@@ -95,13 +94,13 @@ def test_no_cell_shows_its_end_before_its_time(meshcat, monkeypatch):
     """Seen from above: where and when the initial ink is hidden."""
     drawn = {}
     monkeypatch.setattr(
-        ink_recording,
+        ink_mesh_module,
         "draw_ink",
         lambda _, path, mesh: drawn.update({path: mesh}) or True,
     )
     hidden = {}
     monkeypatch.setattr(
-        ink_recording,
+        ink_mesh_module,
         "show_during",
         lambda _, path, **when: hidden.update({path: when["until"]}),
     )

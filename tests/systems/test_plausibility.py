@@ -7,13 +7,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from fmp_drake.systems.impedance.joints import JointLimits
-from fmp_drake.systems.panda.plausibility import (
+from fmp_drake.systems.panda.status import (
+    ArmReading,
+    GateFault,
     StatusTrack,
     implausible,
     initial_track,
     track_status,
 )
-from fmp_drake.systems.panda.status import ArmReading, GateFault
 
 # Ranges from -1 to 3 rad, 2 rad/s.
 LIMITS = JointLimits(

@@ -38,8 +38,7 @@ from fmp_drake.skills.placement import lay_on_board
 from fmp_drake.station import LoadScenario, MakeStation, Scenario
 from fmp_drake.station.skill_motion import DESIRED
 from fmp_drake.station.tasks.wiping import Wiping
-from fmp_drake.systems.ink.grid import CLEAN_BELOW
-from fmp_drake.systems.ink.metrics import times_to_clean
+from fmp_drake.systems.ink.grid import CLEAN_BELOW, times_to_clean
 
 _SCENARIO = "table_top"
 # Greatest number of cycles to learn from.

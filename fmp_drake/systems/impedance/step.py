@@ -42,10 +42,10 @@ from fmp_drake.systems.impedance.records import (
     decode,
     encode,
     of_joints,
+    status_of_update,
     unpack,
 )
 from fmp_drake.systems.impedance.status import StatusFlag
-from fmp_drake.systems.impedance.status_of_update import status_of_update
 from fmp_drake.systems.impedance.stiffness import (
     admit_stiffness,
     filter_fraction,

@@ -13,13 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from fmp_drake.errors import SystemsError
 from fmp_drake.settings import bounded
 from fmp_drake.systems.impedance.joints import JointLimits
-from fmp_drake.systems.panda.plausibility import (
+from fmp_drake.systems.panda.status import (
+    JOINTS,
+    ArmReading,
+    GateFault,
     StatusTrack,
     implausible,
     initial_track,
     track_status,
 )
-from fmp_drake.systems.panda.status import JOINTS, ArmReading, GateFault
 
 Array = NDArray[np.float64]
 

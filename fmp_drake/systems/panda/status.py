@@ -1,18 +1,38 @@
-"""Decoding and checks of a Panda's status message."""
+"""Decoding of a Panda's status messages, checks of each one and of successive ones."""
 
+import math
 import struct
 from enum import IntFlag
 from typing import Any, NamedTuple
 
 import numpy as np
 from drake import lcmt_panda_status
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from fmp_drake.systems.impedance.joints import JointLimits
 
 Array = NDArray[np.float64]
 
 JOINTS = 7
 # Every measurement of an arm is smaller, in rad, rad/s and Nm.
 _LARGEST = 1000.0
+# Position outside a joint's range, rad, and velocity above its limit, as a fraction.
+_RANGE_MARGIN, _SPEED_MARGIN = 0.05, 0.05
+# Step of a position beyond its greatest speed, rad: noise of encoder and stamp.
+_STEP_MARGIN = 0.005
+# Largest difference between a position and its integrated velocity, rad. The difference
+# decays with the time constant, s, and a fraction of the velocity may be wrong: so a bias
+# of 0.05 rad/s, and a wrong scale, are no fault.
+_MISMATCH, _MISMATCH_TIME, _SCALE_ERROR = 0.005, 0.1, 0.05
+# Time, s, and number of statuses with identical bits after which a value is constant.
+_CONSTANT_TIME, _CONSTANT_STATUSES = 0.005, 3
+# Velocity, rad/s, and distance, rad, above the noise of an encoder: such a joint moves. A
+# greater change of torque, Nm, moves an arm at rest.
+_MOVING, _MOVED, _TORQUE_CHANGE = 0.02, 1e-4, 0.1
+# Parts of a status that may be constant.
+_POSITIONS, _VELOCITIES, _ROBOT_TIME = range(3)
+# Greatest time between statuses that are compared, s.
+_COMPARABLE = 0.1
 
 
 class GateFault(IntFlag):
@@ -143,3 +163,172 @@ def read_status(message: Any) -> ArmReading:
     if not (is_moving and is_torque):
         faults |= GateFault.WRONG_MODE
     return ArmReading(time, rows[:2].ravel(), rows[2], -rows[3], faults, robot_time)
+
+
+class StatusTrack(NamedTuple):
+    """Memory for the comparison of statuses.
+
+    Attributes
+    ----------
+    time : float
+        Time stamp of the newest status, s; minus infinity before the first.
+    robot_time : float
+        Time stamp of the robot in it, s.
+    is_pushed : float
+        1 where the torque that was sent has changed while the state has not.
+    since : array, shape (3,)
+        Time stamps of the first statuses with its positions, its velocities and its robot
+        time, s; the first two restart when a changed torque should move the arm.
+    repeats : array, shape (3,)
+        Numbers of statuses that repeated them.
+    state : array, shape (14,)
+        Positions and velocities in the newest status, rad and rad/s.
+    mismatch : array, shape (7,)
+        Decaying difference between the positions and the integrated velocities, rad.
+    torque : array, shape (7,)
+        Torque that was sent when the state was new, Nm.
+    origin : array, shape (7,)
+        Positions when the velocities were new, rad.
+    """
+
+    time: float
+    robot_time: float
+    is_pushed: float
+    since: Array
+    repeats: Array
+    state: Array
+    mismatch: Array
+    torque: Array
+    origin: Array
+
+    @classmethod
+    def from_vector(cls, values: ArrayLike) -> "StatusTrack":
+        """Return the memory that `vector` describes."""
+        vector = np.array(values, dtype=float)
+        sizes = [3, 3, 3, 2 * JOINTS, JOINTS, JOINTS]
+        numbers, *arrays = np.split(vector, np.cumsum(sizes))
+        return cls(*numbers.tolist(), *arrays)
+
+    def vector(self) -> Array:
+        """Return all values, shape (44,)."""
+        return np.concatenate([self[:3], *self[3:]])
+
+    @property
+    def is_constant(self) -> NDArray[np.bool_]:
+        """Whether positions, velocities and robot time have stood still, shape (3,)."""
+        duration = self.time - self.since
+        is_long = duration >= _CONSTANT_TIME - 1e-6
+        return is_long & (self.repeats >= _CONSTANT_STATUSES)
+
+
+def initial_track() -> StatusTrack:
+    """Return the memory before the first status."""
+    nothing, state = np.zeros(JOINTS), np.zeros(2 * JOINTS)
+    return StatusTrack(
+        -np.inf, 0.0, 0.0, np.zeros(3), np.zeros(3), state, nothing, nothing, nothing
+    )
+
+
+def track_status(track: StatusTrack, reading: ArmReading, torque: Array) -> StatusTrack:
+    """Return the memory after a status.
+
+    Parameters
+    ----------
+    track : StatusTrack
+    reading : ArmReading
+        Finite. One that is not newer than the last changes nothing.
+    torque : array, shape (7,)
+        The last torque that was sent, Nm.
+    """
+    elapsed = reading.time - track.time
+    if not elapsed > 0:
+        return track
+    can_compare = elapsed <= _COMPARABLE
+    step = reading.state - track.state
+    is_same = np.array(
+        [
+            not step[:JOINTS].any(),
+            not step[JOINTS:].any(),
+            reading.robot_time == track.robot_time,
+        ]
+    )
+    is_pushed, start_torque = track.is_pushed, track.torque
+    has_state = can_compare and bool(is_same[:_ROBOT_TIME].all())
+    is_restarted = np.full(3, not can_compare)
+    if not has_state:
+        start_torque, is_pushed = torque, 0.0
+    elif not is_pushed and np.any(np.abs(torque - start_torque) > _TORQUE_CHANGE):
+        is_pushed = 1.0
+        # An arm that has rested so far must move now.
+        is_restarted[:_ROBOT_TIME] = not _is_moving(reading)
+    is_new = ~is_same | is_restarted
+    mismatch = np.zeros(JOINTS)
+    if can_compare:
+        move = elapsed * 0.5 * (reading.state[JOINTS:] + track.state[JOINTS:])
+        error = step[:JOINTS] - move
+        excess = np.maximum(np.abs(error) - _SCALE_ERROR * np.abs(move), 0.0)
+        decay = math.exp(-elapsed / _MISMATCH_TIME)
+        mismatch = decay * track.mismatch + np.sign(error) * excess
+    return StatusTrack(
+        reading.time,
+        reading.robot_time,
+        is_pushed,
+        np.where(is_new, reading.time, track.since),
+        np.where(is_new, 0.0, track.repeats + 1),
+        reading.state,
+        mismatch,
+        start_torque,
+        reading.state[:JOINTS] if is_new[_VELOCITIES] else track.origin,
+    )
+
+
+def implausible(
+    limits: JointLimits, before: StatusTrack, after: StatusTrack, reading: ArmReading
+) -> GateFault:
+    """Return the faults of implausible values in a status.
+
+    A frozen measurement is told from an arm at rest by the noise of a real encoder: at
+    rest, too, the last bits of 14 numbers differ from one status to the next. A
+    simulated arm without noise may rest at one state. So a state that is the same to the
+    last bit is a fault only where it has a velocity, or where the torque that is sent
+    changes meanwhile. Constant positions with a velocity are a fault, and so are constant
+    velocities of positions that change, and a robot's own time stamp that stands still.
+
+    Parameters
+    ----------
+    limits : JointLimits
+    before, after : StatusTrack
+        Before and after `track_status` for this status.
+    reading : ArmReading
+        Finite.
+    """
+    faults = GateFault(0)
+    q, v = reading.state[:JOINTS], reading.state[JOINTS:]
+    if np.any(np.abs(q - limits.middle) > limits.half_range + _RANGE_MARGIN):
+        faults |= GateFault.OUT_OF_RANGE
+    if np.any(np.abs(v) > (1 + _SPEED_MARGIN) * limits.speed):
+        faults |= GateFault.TOO_FAST
+    elapsed, step = reading.time - before.time, q - before.state[:JOINTS]
+    if elapsed == 0 and not np.array_equal(reading.state, before.state):
+        faults |= GateFault.INCONSISTENT
+    if 0 < elapsed <= _COMPARABLE:
+        reachable = (1 + _SPEED_MARGIN) * elapsed * limits.speed + _STEP_MARGIN
+        if np.any(np.abs(step) > reachable):
+            faults |= GateFault.JUMP
+    if np.any(np.abs(after.mismatch) > _MISMATCH):
+        faults |= GateFault.INCONSISTENT
+    is_constant = after.is_constant
+    is_moving = _is_moving(reading)
+    has_moved = np.any(np.abs(q - after.origin) > _MOVED)
+    if (
+        (is_constant[_POSITIONS] and is_moving)
+        or (is_constant[_VELOCITIES] and has_moved)
+        or (is_constant[:_ROBOT_TIME].all() and after.is_pushed)
+        or (is_constant[_ROBOT_TIME] and after.robot_time > 0)
+    ):
+        faults |= GateFault.FROZEN
+    return faults
+
+
+def _is_moving(reading: ArmReading) -> bool:
+    return bool(np.any(np.abs(reading.state[JOINTS:]) > _MOVING))
