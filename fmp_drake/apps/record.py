@@ -19,6 +19,7 @@ from fmp_drake.apps.options import (
 from fmp_drake.apps.page import make_console, open_page, print_next, show_progress
 from fmp_drake.errors import FmpError, RunError
 from fmp_drake.numeric import check_number
+from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.simulation_loop import advance
 from fmp_drake.station.station import MakeStation
@@ -59,6 +60,7 @@ def record(to: RecordOptions) -> None:
     """
     console = make_console()
     check_writable(to.out)
+    check_ending(to.out)
     check_number(to.minutes, "minutes", above=0, error=FmpError)
     check_number(to.seed, "seed", least=0, error=FmpError)
     seconds = 60 * to.minutes

@@ -25,6 +25,7 @@ from fmp_drake.apps.page import ended_page, get_ready, make_console, open_page
 from fmp_drake.errors import FmpError, StationError
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives import save_skill
+from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.teach_page import TeachPage
 from fmp_drake.runs.teaching_session import TeachingSession
@@ -73,6 +74,7 @@ def teach(to: TeachOptions) -> None:
     console = make_console()
     for path in (to.out, to.skill_file):
         check_writable(path)
+    check_ending(to.out)
     if to.duration is not None:
         check_number(to.duration, "duration", above=0, unit="s", error=FmpError)
     scene = to.load()

@@ -235,6 +235,13 @@ def test_path_may_be_a_string(tmp_path):
     assert Demonstration.load(path).duration == example().duration
 
 
+@pytest.mark.parametrize("name", ["d.txt", "d", "d.npz.bak"])
+def test_a_file_of_another_ending_is_not_written(tmp_path, name):
+    with pytest.raises(SkillFileError, match=r"ends with \.npz or \.csv"):
+        example().save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("suffix", ["npz", "csv"])
 def test_saving_into_a_missing_folder_is_an_error(tmp_path, suffix):
     with pytest.raises(SkillFileError, match="cannot write"):

@@ -418,6 +418,28 @@ def test_joints_of_a_dataset_have_one_unit(tmp_path):
     assert set(found[0].units) == {"1"}
 
 
+@pytest.mark.parametrize(
+    ("factor", "header", "unit", "is_questioned"),
+    [
+        (1000, "time,x,y,z", "", True),
+        (1000, "time,x,y,z", "m", False),
+        (1000, "time,x [mm],y [mm],z [mm]", "", False),
+        (1, "time,x,y,z", "", False),
+    ],
+)
+def test_a_path_too_wide_in_metres_has_a_remark(
+    factor, header, unit, is_questioned, tmp_path
+):
+    text = files.lines(files.TIME, *factor * files.PATH.T, header=header)
+    path = files.write(tmp_path, text).path
+    _, remarks = read_demonstrations([path], ReadingOptions(unit=unit))
+    assert any("m wide" in remark for remark in remarks) == is_questioned
+    (right,), _ = read_demonstrations([path], ReadingOptions(unit="mm"))
+    if is_questioned:
+        assert "add --unit mm" in remarks[0]
+        np.testing.assert_allclose(right.values, files.PATH, atol=1e-6)
+
+
 @pytest.mark.parametrize("order", ["xyzw", "wxyz"])
 def test_a_quaternion_in_numbered_columns_has_the_stated_order(order, tmp_path):
     quaternions = np.roll(files.QUATERNIONS, 1 if order == "wxyz" else 0, axis=1)

@@ -277,6 +277,7 @@ class Demonstration:
         reference it cannot hold.
         """
         path = Path(path)
+        check_ending(path)
         if path.suffix == ".csv":
             self._save_csv(path)
             return
@@ -327,6 +328,14 @@ class Demonstration:
                 "`read_demonstrations`."
             )
         return demonstrations[0]
+
+
+def check_ending(path: Path) -> None:
+    """Raise where `Demonstration.save` writes no file of such a name."""
+    if path.suffix not in (".npz", ".csv"):
+        raise SkillFileError(
+            f"cannot write {path}: the name of a demonstration ends with .npz or .csv."
+        )
 
 
 def add_orientation(

@@ -80,6 +80,8 @@ _LENGTH_ERROR = 0.1
 _LEAST_COMPLETE = 0.5
 # Greatest angle in rad, if it has no unit: two revolutions.
 _LARGEST_ANGLE = 4 * np.pi
+# Width of a path above which its unit is questioned, m.
+_WIDEST = 5.0
 # Steps backwards in time, in sample intervals, up to which samples are put in order.
 _DISORDER = 3.0
 
@@ -255,6 +257,14 @@ def _to_standard_units(
         )
         for i in angles:
             found[i] = "deg"
+    positions = [i for i, name in enumerate(chosen) if name in POSITION_CHANNELS]
+    assumed = [i for i in positions if not (stated[i] or options.unit)]
+    width = float(np.max(np.ptp(values[:, assumed], axis=0), initial=0.0))
+    if width > _WIDEST and all(found[i] == "m" for i in assumed):
+        remarks.append(
+            f"the path is {width:.0f} m wide, if the file is in metres; if it is in "
+            "millimetres, add --unit mm"
+        )
     factors, units = zip(*map(standard_unit, found), strict=True)
     values *= factors
     for unit in dict.fromkeys(units):

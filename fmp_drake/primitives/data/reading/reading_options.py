@@ -28,7 +28,8 @@ class ReadingOptions:
     topic : str
         Topic of a bag, or feature of a dataset (`action`).
     quaternions : {"xyzw", "wxyz"}
-        Order of the four numbers of an array whose file does not name them.
+        Order of the four numbers of an array whose file does not name them. Either order
+        gives unit quaternions and equal angles between samples: only the arm can tell.
     all_arrays : bool
         Whether to read all arrays of an `.npz` file instead of its position alone.
 
