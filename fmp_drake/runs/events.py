@@ -138,7 +138,6 @@ _FLAG_FAULTS = {
 class RunEvents:
     """Events of a run, derived from the controller's status, the positions and the contact.
 
-
     Parameters
     ----------
     most_force : float

@@ -182,7 +182,10 @@ def test_missing_file_is_named(tmp_path):
         ("ink: {period: 1.0e-9}", ["ink.period", "at least 0.001"]),
         ("board: {size: [1.0e+9, 1]}", ["board.size[0]", "at most 10"]),
         ("eraser: {footprint: [1.0e+9, 1]}", ["eraser.footprint[0]", "at most 1"]),
-        ("plant: {time_step: 1.0e-9}", ["plant.time_step is 1e-09 s", "at least 1e-05"]),
+        (
+            "plant: {time_step: 1.0e-9}",
+            ["plant.time_step is 1e-09 s", "at least 1e-05"],
+        ),
         ("impedance: {control_period: 1.0e-9}", ["control_period", "at least 0.0001"]),
         ("skill: {candidates: 1000000000}", ["skill.candidates", "at most 1000"]),
         ("skill: {tempo: 5}", ["skill.tempo", "at most 4"]),
