@@ -210,7 +210,7 @@ def test_columns_of_joints_are_as_many_as_the_arm_has(joints):
     torque = SIGNALS["torque"].metadata(joints)
     assert torque["columns"] == [f"joint{i + 1}" for i in range(joints)]
     assert torque["unit"] == "N m"
-    state = SIGNALS["state"].described(2 * joints)
+    state = SIGNALS["state"].metadata(2 * joints)
     assert state["unit"] == ",".join(joints * ["rad"] + joints * ["rad/s"])
     assert state["columns"] == [
         *(f"joint{i + 1}" for i in range(joints)),
