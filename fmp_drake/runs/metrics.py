@@ -296,7 +296,7 @@ class RegionMetrics:
             self._squares[name] += float(np.sum(distance[inside] ** 2))
 
     def result(self) -> Metrics:
-        """Return the metrics; None if the paths were not reached or are unknown."""
+        """Return the metrics; None if the paths were never reached or are unknown."""
         return {
             f"{name}_off_paths_rms_m": float(np.sqrt(squares / self._samples[name]))
             if self._samples[name]

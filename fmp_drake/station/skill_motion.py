@@ -199,8 +199,8 @@ def AddSkill(
             if measured.normal_force is not None:
                 port = task.GetInputPort("normal_force")
                 builder.Connect(measured.normal_force, port)
-            most = max(float(skill.extent_[1, roles.force]), 0.0)
-            force = _AddForceChannel(builder, scene, task, force, most)
+            largest_force = max(float(skill.extent_[1, roles.force]), 0.0)
+            force = _AddForceChannel(builder, scene, task, force, largest_force)
         if roles.rotation is not None:
             name = "desired_orientation"
             builder.ExportOutput(task.GetOutputPort(name), name)
@@ -252,13 +252,13 @@ def _AddForceChannel(
     scene: BoardScene,
     task: TaskMotion,
     force: InputPort,
-    most: float,
+    largest_force: float,
 ) -> InputPort:
     """Connect a skill's force channel, and return the port of the nominal force.
 
-    A sample may exceed the largest demonstrated force, `most` in N; it is not played. The
-    value at the port, less the scenario's normal force, is added to the channel: a page's
-    slider shifts the demonstrated force.
+    Samples are limited to the largest demonstrated force, N. The value at the port, less
+    the scenario's normal force, is added to the channel: a page's slider shifts the
+    demonstrated force.
     """
     total = builder.AddNamedSystem("force_channel", Adder(3, 1))
     nominal = builder.AddNamedSystem(
@@ -268,7 +268,7 @@ def _AddForceChannel(
     name = "desired_normal_force"
     limit = builder.AddNamedSystem(
         "demonstrated_force",
-        Saturation(min_value=np.zeros(1), max_value=np.full(1, most)),
+        Saturation(min_value=np.zeros(1), max_value=np.full(1, largest_force)),
     )
     builder.Connect(task.GetOutputPort(name), limit.get_input_port())
     builder.Connect(limit.get_output_port(), total.get_input_port(0))

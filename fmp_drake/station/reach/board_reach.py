@@ -1,4 +1,4 @@
-"""Reachable part of a board, with the posture that the controller would keep."""
+"""Reachable part of a board with the posture of the controller."""
 
 from dataclasses import dataclass
 
@@ -28,12 +28,12 @@ from fmp_drake.systems.surface_monitor import along, clearances, moved
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Edge of a cell of the reachable board, m, and the most of them along an edge.
-_CELL, _MOST_CELLS = 0.02, 40
-# Moves of the board that are tried, m, on every so many-th sample of a few paths.
-_MOVES, _SPARSE = (0.05, 0.10, 0.15, 0.20, 0.30, 0.40), 2
+# Edge of a cell of the reachable board, m, and largest number of cells along an edge.
+_CELL, _MAX_CELLS = 0.02, 40
+# Candidate moves of the board, m, and stride of the samples of their paths.
+_MOVES, _STRIDE = (0.05, 0.10, 0.15, 0.20, 0.30, 0.40), 2
 LONGEST_MOVE = _MOVES[-1]
-"""Longest move of the board that is tried, m."""
+"""Longest candidate move of the board, m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,28 +43,28 @@ class FollowingBounds:
     Attributes
     ----------
     distance, farthest : float
-        Between a wanted position and the one that the springs let the arm hold, m. Where
-        `distance` is exceeded for moments, the tracking error decides, up to `farthest`.
+        Distance between a desired position and the static position of the arm in its springs,
+        m. If `distance` is exceeded for moments, the tracking error decides, up to `farthest`.
     tracking_error : float
-        Predicted rms distance from the path, m, where positions are out of reach or joints
-        above their speed limit: three quarters of what a run may have.
+        Predicted rms distance from the path, m, for positions out of reach or joints above
+        their speed limit: three quarters of the limit for a run.
     tilt : float
-        Of the eraser against the board, rad: its end then lifts by 6 mm, a fifth of the
-        felt.
+        Of the eraser with respect to the board, rad: its end then lifts by 6 mm, a fifth of
+        the felt.
     joint_reserve : float
-        Margin from a joint-limit spring at which a joint counts as being at it, rad.
+        Margin from a joint-limit spring at which a joint counts as at the spring, rad.
     brief : float
-        Fraction of the samples that may be above a joint's speed limit whatever the
-        predicted tracking error.
+        Fraction of the samples that may exceed a joint's speed limit with any predicted
+        tracking error.
     clearance : float
         Of the arm's links from the board, m.
     torque_fraction : float
-        Of the joints' torque limits; what is left is for springs and pushes.
+        Of the joints' torque limits; the rest is for springs and pushes.
     friction_lag : float
-        By which friction may hold the pressed eraser behind its path, m.
+        Largest lag of the pressed eraser behind its path by friction, m.
     exceptions : float
-        Fraction of the samples that may miss a bound: tails of the Gaussians, which
-        are hardly ever played.
+        Fraction of the samples that may violate a bound: tails of the Gaussians, which are
+        hardly ever played.
 
     Examples
     --------
@@ -121,7 +121,7 @@ class ArmClearance:
         Returns
         -------
         distance : array, shape (N,)
-            Of the nearest link, m; negative where it would be in the board.
+            Of the nearest link, m; negative inside the board.
         link : str
             Name of the body.
         """
@@ -140,7 +140,7 @@ class ArmClearance:
 
 
 class BoardReach:
-    """The arm with its eraser over boards, held as the controller would hold it.
+    """Arm with its eraser over boards, in the postures of the controller.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class BoardReach:
     limits : JointLimits
         The arm's.
     rail : array, shape (3,)
-        From the middle of the rail of a moving board to its end, in B, m.
+        Vector from the middle of a moving board's rail to its end, in B, m.
     """
 
     def __init__(self, scenario: Scenario, bounds: FollowingBounds) -> None:
@@ -167,29 +167,27 @@ class BoardReach:
         self._surface = scenario.board.curvature()
 
     def start_posture(self) -> Array:
-        """Return the posture at the start, as the station solves for it, shape (n,).
+        """Return the posture of a station at the start, shape (n,).
 
         Raises
         ------
         StationError
-            Where the arm cannot reach the start.
+            If the arm cannot reach the start.
         """
-        moved = RigidTransform(-self.rail)
+        displacement = RigidTransform(-self.rail)
         X_BE = self._scenario.eraser_pose(self._scenario.start)
         return SolvePosture(
             self._model.plant,
             frame=self._model.tip,
-            X_WE=self._scenario.board.assumed_pose() @ moved @ X_BE,
+            X_WE=self._scenario.board.assumed_pose() @ displacement @ X_BE,
             q_preferred=self._scenario.preferred_posture(),
         )
 
     def near_postures(self, X_WB: list[RigidTransform]) -> Array:
         """Return postures near the preferred one at the start on boards, (boards, n)."""
         preferred = np.tile(self._scenario.preferred_posture(), (len(X_WB), 1))
-        there = np.tile(self._scenario.start, (1, 2, 1))
-        motion = self.follow(
-            X_WB, there, moved=-self.rail, step=1.0, postures=preferred
-        )
+        path = np.tile(self._scenario.start, (1, 2, 1))
+        motion = self.follow(X_WB, path, moved=-self.rail, step=1.0, postures=preferred)
         return motion.q[:, -1]
 
     def follow(
@@ -202,7 +200,7 @@ class BoardReach:
         moved: Array | float = 0.0,
         R_TE: Array | None = None,
     ) -> PredictedMotion:
-        """Follow the same paths on each of some boards, from a posture for each.
+        """Predict the motion along the same paths on several boards.
 
         Parameters
         ----------
@@ -213,12 +211,12 @@ class BoardReach:
         step : float
             Time from sample to sample, s.
         postures : array, shape (boards, n)
-            rad.
+            Initial postures, rad.
         moved : array, shape (B, T, 3)
-            How far the board is along its rail by then, in B, m.
+            Displacement of the board along its rail, in B, m.
         R_TE : array, shape (B, T, 3, 3), optional
-            How the tool is held along the way, T being the frame of the local normal, which
-            is B on a flat board; as the scenario says by default.
+            Orientation of the tool along the path, the scenario's by default. T is the frame
+            of the local normal, which is B on a flat board.
 
         Returns
         -------
@@ -252,10 +250,11 @@ class BoardReach:
     def missed(
         self, motion: PredictedMotion, *, has_rotation: bool = False
     ) -> tuple[Flags, Flags, Flags, Array]:
-        """Return which samples miss their position or orientation or are at a limit spring.
+        """Return whether samples miss their position or orientation, or are at a limit spring.
 
-        Each has shape (B, T). The last value is the margin of each joint to its limit, rad,
-        shape (B, T, n). A skill without rotation channels may be off about the normal.
+        Each result has shape (B, T). The last value is the margin of each joint from its
+        limit, rad, shape (B, T, n). Without rotation channels, rotations about the normal do
+        not count.
         """
         bounds, error = self._bounds, motion.error
         far = np.linalg.norm(error[..., 3:], axis=-1) > bounds.distance
@@ -266,14 +265,14 @@ class BoardReach:
         return far, tilted, np.min(margin, axis=-1) < wall, margin
 
     def braking_lag(self, motion: PredictedMotion, step: float) -> Array:
-        """Return the eraser's lag where the controller brakes joints, (B, T, 2): m and rad."""
-        braked = self._scenario.impedance.walls.speed_fraction * self.limits.speed
-        return self._predictor.braking_lag(motion.q, braked, step)
+        """Return the eraser's lag by braked joints, (B, T, 2): m and rad."""
+        speed = self._scenario.impedance.walls.speed_fraction * self.limits.speed
+        return self._predictor.braking_lag(motion.q, speed, step)
 
     def clearance(
         self, X_WB: list[RigidTransform], motion: PredictedMotion, moved: Array
     ) -> tuple[Array, str]:
-        """Return the least distance of the arm's links to the board, and the nearest link.
+        """Return the smallest distance of the arm's links from the board, and the link.
 
         Parameters
         ----------
@@ -281,12 +280,12 @@ class BoardReach:
         motion : PredictedMotion
             Of boards * B paths.
         moved : array, shape (B, T, 3)
-            How far the board is along its rail by then, in B, m.
+            Displacement of the board along its rail, in B, m.
 
         Returns
         -------
         distance : array, shape (boards * B, T)
-            m; negative where a link would be in the board, infinite without a board.
+            m; negative for a link inside the board, infinite without a board.
         link : str
             Name of the body.
         """
@@ -305,7 +304,7 @@ class BoardReach:
     def moves_into_reach(
         self, paths: Array, moved: Array, step: float, R_TE: Array | None = None
     ) -> list[tuple[str, Array]]:
-        """Return moves of the board that bring some of the paths into reach.
+        """Return moves of the board that bring the extreme paths into reach.
 
         Parameters
         ----------
@@ -315,7 +314,7 @@ class BoardReach:
         Returns
         -------
         list of tuple of str and array, shape (3,)
-            In words and in W, m, the shortest first.
+            Text, and displacement in W, m, the shortest one first.
         """
         assumed = self._scenario.board.assumed_pose()
         away = (assumed.translation() - self._p_WBase) * np.array([1.0, 1.0, 0.0])
@@ -326,25 +325,25 @@ class BoardReach:
         ways |= {"to the arm's left": left, "to the arm's right": -left}
         moves = [(far, *way) for far in _MOVES for way in ways.items()]
         X_WB = [RigidTransform(far * way) @ assumed for far, _, way in moves]
-        # The paths that go farthest to each side, and the one from the start.
+        # The paths with the largest extent to each side, and the one from the start.
         sides = np.concatenate([paths[..., :2], -paths[..., :2]], axis=-1)
         farthest = np.argmax(np.max(sides, axis=1), axis=0)
-        few = np.s_[[0, *farthest], ::_SPARSE]
-        moved = moved[few]
+        rows = np.s_[[0, *farthest], ::_STRIDE]
+        moved = moved[rows]
         postures = self.near_postures(X_WB)
         motion = self.follow(
             X_WB,
-            paths[few],
+            paths[rows],
             moved=moved,
-            step=step * _SPARSE,
+            step=step * _STRIDE,
             postures=postures,
-            R_TE=None if R_TE is None else R_TE[few],
+            R_TE=None if R_TE is None else R_TE[rows],
         )
         far, tilted, *_ = self.missed(motion, has_rotation=R_TE is not None)
-        near = self.clearance(X_WB, motion, moved)[0] < self._bounds.clearance
+        is_near = self.clearance(X_WB, motion, moved)[0] < self._bounds.clearance
         is_free = not self._scenario.has_board
         what = "the motion (board.translation)" if is_free else "the board"
-        fractions = np.mean((far | tilted | near).reshape(len(moves), -1), axis=1)
+        fractions = np.mean((far | tilted | is_near).reshape(len(moves), -1), axis=1)
         return [
             (f"move {what} {100 * far:.0f} cm {way}", far * direction)
             for (far, way, direction), fraction in zip(moves, fractions, strict=True)
@@ -352,7 +351,7 @@ class BoardReach:
         ]
 
     def cells(self, posture: Array) -> tuple[Array, Array, Array]:
-        """Return the margin of the joints to their limit springs over the assumed board.
+        """Return the margin of the joints from their limit springs on the assumed board.
 
         Parameters
         ----------
@@ -364,13 +363,13 @@ class BoardReach:
         x, y : array, shape (nx,) and (ny,)
             In B, m.
         margin : array, shape (nx, ny)
-            rad; NaN where the board is out of reach.
+            rad; NaN out of reach.
         """
         size = np.array(self._scenario.board.size)
-        half = np.ceil(size / 2 / np.maximum(_CELL, size / _MOST_CELLS)).astype(int)
+        half = np.ceil(size / 2 / np.maximum(_CELL, size / _MAX_CELLS)).astype(int)
         x, y = (np.linspace(0, s / 2, n + 1) for s, n in zip(size, half, strict=True))
         y = np.concatenate([-y[:0:-1], y])
-        # From the middle line outwards, both ways.
+        # From the middle line in both directions.
         lines = np.zeros((2, len(y), len(x), 3))
         lines[..., 0] = x * np.array([-1.0, 1.0])[:, None, None]
         lines[..., 1] = y[:, None]

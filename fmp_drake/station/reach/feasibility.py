@@ -28,17 +28,17 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 type Values = dict[str, np.floating | float]
 
-# Samples of all windows together, windows at the least and most; every other is used.
-_SAMPLES, _WINDOWS, _EVERY = 6000, (8, 48), 2
-# Windows that are played from the start, each with a seed of its own.
+# Total number of samples, range of the number of windows, and stride of the samples.
+_SAMPLES, _WINDOWS, _STRIDE = 6000, (8, 48), 2
+# Number of windows that are played from the start, each with its own seed.
 _BEGINNINGS = 3
-# A slower tempo is checked as this one: the joint motion is the same, and slow enough.
-_SLOWEST = 0.25
-# Of so many times the windows the longest are taken, as a run takes what wipes most.
-_DRAWN = 16
-# What is tried to help: so many moves of the board, and tempo and normal force by these
-# factors of what the check has found possible.
-_TRIED, _LESS = 4, (1.0, 0.9, 0.75)
+# Smallest checked tempo; slower joint motions are the same, and slow enough.
+_MIN_TEMPO = 0.25
+# Candidates per window: a run prefers samples that wipe much, so the longest are checked.
+_CANDIDATES = 16
+# Remedies: number of moves of the board, and factors of tempo and normal force with respect
+# to the values that the check has found possible.
+_MOVES, _FACTORS = 4, (1.0, 0.9, 0.75)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,20 +49,20 @@ class Feasibility:
     ----------
     is_feasible : bool
     verdict : str
-        One line: the numbers that decide, and the smallest change with which the check
+        One line: the decisive numbers, and the smallest change with which the check
         passes.
     values : dict
         ``reachable_fraction`` of the samples; ``largest_distance`` (m) and
-        ``largest_angle`` (rad) between wanted and predicted poses;
+        ``largest_angle`` (rad) between desired and predicted poses;
         ``smallest_joint_margin`` to a limit (rad); ``wall_fraction`` of the samples with a
         joint at its limit spring; ``smallest_manipulability`` (sqrt det J Jᵀ, m³);
         ``smallest_clearance`` of the arm's links from the board (m);
         ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
         ``braking_lag`` of the eraser where joints are braked (rms, m); ``friction_lag`` (m);
         the predicted ``tracking_error`` (rms, m); and the ``largest_tempo`` and
-        ``largest_press`` (N) that would still do.
-        Ratios leave out `FollowingBounds.exceptions` of the samples. Clearance, friction
-        and normal force are missing in free space, the angle without rotation channels.
+        ``largest_press`` (N) with which the check passes.
+        Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
+        no clearance, friction and normal force; the angle needs rotation channels.
     start : array, shape (3,)
         p_BE, m.
     paths : array, shape (B, T, 3)
@@ -72,10 +72,10 @@ class Feasibility:
     posture : array, shape (n,)
         Of the controller, rad.
     scenario : str
-        As it was when it was checked, YAML.
+        Checked scenario, YAML.
     bounds : FollowingBounds
     suggested_tempo : float or None
-        Slower tempo at which the check passes, if speed is all that is missing.
+        Slower tempo at which the check passes, if only speed is missing.
 
     Examples
     --------
@@ -98,8 +98,8 @@ class Feasibility:
     def cells(self) -> tuple[Array, Array, Array]:
         """Joint-limit margins over the whole board; computed at the first access.
 
-        x (nx,) and y (ny,) of its cells in B, m, and the margin (nx, ny) with the eraser
-        there, rad; NaN where it is out of reach.
+        x (nx,) and y (ny,) of its cells in B, m, and the margin (nx, ny) of an eraser at
+        each cell, rad; NaN out of reach.
         """
         with one_blas_thread():
             reach = BoardReach(ParseScenario(self.scenario), self.bounds)
@@ -116,20 +116,20 @@ def CheckFeasibility(
     """Check whether the arm can follow a skill on a scenario's board.
 
     `TrackingPredictor` predicts the arm's motion along windows that are drawn from the
-    skill and windows that are played from the start. The board is where it is assumed to
-    be, where it actually is, and anywhere along its rail.
+    skill and windows that are played from the start. They are checked for the assumed and
+    the actual pose of the board, and along its rail.
 
     Parameters
     ----------
     scenario : Scenario
     skill : FourierMovementPrimitive
-        Fitted, with the channels that `MakeStation` plays.
+        Fitted, with the channels that `MakeStation` config.
     bounds : FollowingBounds, optional
 
     Raises
     ------
     StationError
-        Where the scenario has values that do not fit, or a channel of the skill no role.
+        If a value of the scenario is not allowed, or a channel of the skill has no role.
 
     Examples
     --------
@@ -147,16 +147,16 @@ def CheckFeasibility(
     scenario.check()
     bounds = bounds or FollowingBounds()
     check = _Check(scenario, skill, bounds)
-    found = check.result()
-    if found.is_feasible:
-        return found
-    words, tempo = check.remedy()
-    verdict = f"{found.verdict} What would help: {words}."
-    return replace(found, verdict=verdict, suggested_tempo=tempo)
+    feasibility = check.result()
+    if feasibility.is_feasible:
+        return feasibility
+    remedy, tempo = check.remedy()
+    verdict = f"{feasibility.verdict} What would help: {remedy}."
+    return replace(feasibility, verdict=verdict, suggested_tempo=tempo)
 
 
 class _Check:
-    """One check: paths of the skill, predicted motion of the arm, and verdict."""
+    """Check of a skill: its paths, the predicted motion of the arm, and the verdict."""
 
     def __init__(
         self,
@@ -167,28 +167,28 @@ class _Check:
         self._scenario, self._skill, self._bounds = scenario, skill, bounds
         self._reach = BoardReach(scenario, bounds)
         board, roles = scenario.board, SkillRoles(skill)
-        self._tempo = max(scenario.skill.tempo, _SLOWEST)
-        self._step = _EVERY / (self._tempo * skill.rate)
+        self._tempo = max(scenario.skill.tempo, _MIN_TEMPO)
+        self._step = _STRIDE / (self._tempo * skill.rate)
         values = self._skill_paths(roles)
-        self._shown = values[..., list(roles.position)]
+        self._paths = values[..., list(roles.position)]
         self._R_TE: Array | None = None
         if roles.rotation is not None and roles.reference is not None:
             vectors = values[..., list(roles.rotation)].reshape(-1, 3)
             R_TE = rotations_of(vectors, roles.reference).as_matrix()
-            self._R_TE = R_TE.reshape(*self._shown.shape, 3)
-        # Pressed at each sample, N.
+            self._R_TE = R_TE.reshape(*self._paths.shape, 3)
+        # Normal force at each sample, N.
         self._force: Array | float = scenario.nominal_force()
         if roles.force is not None:
-            most = max(skill.extent_[1, roles.force], 0.0)
-            force = np.clip(values[..., roles.force], 0.0, most)
+            largest_force = max(skill.extent_[1, roles.force], 0.0)
+            force = np.clip(values[..., roles.force], 0.0, largest_force)
             X_WBs = 1 + bool(any([*board.error.translation, *board.error.rpy]))
             self._force = np.tile(force, (X_WBs, 1))
-        # Each path meets the board elsewhere on its rail; the first one at its end.
-        count, length = self._shown.shape[:2]
+        # Each path starts at another position of the board on its rail, the first at its end.
+        count, length = self._paths.shape[:2]
         omega, rail = 2 * math.pi * board.motion.frequency, self._reach.rail
         phase = np.linspace(-0.5, 1.5, count, endpoint=False)[:, None] * math.pi
         phase = (phase + omega * self._step * np.arange(length))[..., None]
-        self._moved = np.sin(phase) * rail
+        self._displacement = np.sin(phase) * rail
         self._faults: list[str] = []
         # Remedies: a move of the board, a slower tempo, a smaller normal force (N).
         self._is_far = False
@@ -196,7 +196,7 @@ class _Check:
         self._softer: float | None = None
 
     def _skill_paths(self, roles: ChannelRoles) -> Array:
-        """Play beginnings from the start, and draw windows from the whole mixture.
+        """Play windows from the start, and sample windows from the whole mixture.
 
         Half of the windows are any samples, half the longest of many: a run prefers samples
         that wipe much, which are long and fast.
@@ -204,27 +204,29 @@ class _Check:
         Returns
         -------
         array, shape (B, T, D)
-            Channels of the skill, positions in B, m, a step apart; beginnings first.
+            Channels of the skill, with positions in B, m; windows from the start first.
         """
-        skill, plays = self._skill, self._scenario.skill
+        skill, config = self._skill, self._scenario.skill
         start = _start_channels(self._scenario, skill, roles)
-        begun = np.empty((_BEGINNINGS, skill.n_steps, skill.n_channels_))
-        player = Player(skill, sample=plays.sample, seed=plays.seed)
+        beginnings = np.empty((_BEGINNINGS, skill.n_steps, skill.n_channels_))
+        player = Player(skill, sample=config.sample, seed=config.seed)
         for i in range(_BEGINNINGS):
-            state = player.start(start, tempo=self._tempo, seed=plays.seed + i)
+            state = player.start(start, tempo=self._tempo, seed=config.seed + i)
             for k in range(skill.n_steps):
-                begun[i, k] = player.motion(state)[0]
+                beginnings[i, k] = player.motion(state)[0]
                 state = player.advance(state, player.tick_seconds / self._tempo)
         windows = int(np.clip(_SAMPLES // skill.n_steps, *_WINDOWS))
-        drawn = skill.sample(_DRAWN * windows, seed=plays.seed, with_noise=False)
-        steps = np.diff(drawn[..., list(roles.position)], axis=1)
+        samples = skill.sample(
+            _CANDIDATES * windows, seed=config.seed, with_noise=False
+        )
+        steps = np.diff(samples[..., list(roles.position)], axis=1)
         lengths = np.sum(np.linalg.norm(steps, axis=2), axis=1)
         longest = np.argsort(lengths[windows // 2 :])[windows // 2 - windows :]
-        chosen = [*range(windows // 2), *(windows // 2 + longest)]
-        return np.concatenate([begun, drawn[chosen]])[:, ::_EVERY]
+        rows = [*range(windows // 2), *(windows // 2 + longest)]
+        return np.concatenate([beginnings, samples[rows]])[:, ::_STRIDE]
 
     def result(self) -> Feasibility:
-        """Follow the paths and judge."""
+        """Predict the motion along the paths, and return the verdict."""
         scenario, reach, board = self._scenario, self._reach, self._scenario.board
         X_WB = [board.assumed_pose()]
         if any([*board.error.translation, *board.error.rpy]):
@@ -237,17 +239,17 @@ class _Check:
         postures = np.tile(posture, (len(X_WB), 1))
         motion = reach.follow(
             X_WB,
-            self._shown,
-            moved=self._moved,
+            self._paths,
+            moved=self._displacement,
             step=self._step,
             postures=postures,
             R_TE=self._R_TE,
         )
-        near = reach.clearance(X_WB, motion, self._moved)
+        clearance, link = reach.clearance(X_WB, motion, self._displacement)
         lags = reach.braking_lag(motion, self._step)
         lag, lag_angle = map(float, np.sqrt(np.mean(lags**2, axis=(0, 1))))
-        reached, missed = self._judge_reach(motion, *near, lag)
-        values = reached | self._judge_speed(motion, lag, lag_angle)
+        values, missed = self._judge_reach(motion, clearance, link, lag)
+        values |= self._judge_speed(motion, lag, lag_angle)
         values |= self._judge_force(motion)
         ratios = [
             f"{100 * values[name]:.0f} %"
@@ -265,26 +267,26 @@ class _Check:
             verdict=verdict,
             values={name: float(value) for name, value in values.items()},
             start=np.array(scenario.start),
-            paths=self._shown,
-            followed=~np.any(missed.reshape(-1, *self._shown.shape[:2]), axis=0),
+            paths=self._paths,
+            followed=~np.any(missed.reshape(-1, *self._paths.shape[:2]), axis=0),
             posture=posture,
             scenario=yaml_dump_typed(scenario),  # type: ignore[no-untyped-call]
             bounds=self._bounds,
         )
 
     def remedy(self) -> tuple[str, float | None]:
-        """Return the smallest change with which the check passes, in words.
+        """Return a text about the smallest change with which the check passes.
 
-        Every change is checked as a scenario of its own. The second value is the tempo, where a
-        slower one is all that is missing.
+        Each change is checked as a scenario of its own. The second value is the tempo, if a
+        slower one is sufficient.
         """
-        if words := self._pace():
+        if words := self._pace_remedy():
             return words, self._slower
         for words, changed in self._changes() if self._is_far else ():
             check = _Check(changed, self._skill, self._bounds)
             if check.result().is_feasible:
                 return words, None
-            if pace := check._pace():
+            if pace := check._pace_remedy():
                 return f"{words}, and {pace}", None
         return (
             "nothing that was tried, which is a slower tempo, a smaller normal force, "
@@ -293,15 +295,15 @@ class _Check:
         ), None
 
     def _changes(self) -> Iterator[tuple[str, Scenario]]:
-        """Yield other starts and boards that may help, the smallest change first."""
+        """Yield changes of the start and the board, the smallest one first."""
         changed = self._copy()
         changed.start = [0.0, 0.0, changed.start[2]]
         if changed.start != self._scenario.start:
             yield f"start at 0 0 {changed.start[2]:g}", changed
         moves = self._reach.moves_into_reach(
-            self._shown, self._moved, self._step, self._R_TE
+            self._paths, self._displacement, self._step, self._R_TE
         )
-        for words, move in moves[:_TRIED]:
+        for words, move in moves[:_MOVES]:
             changed = self._copy()
             changed.board.translation = [*(np.array(changed.board.translation) + move)]
             yield words, changed
@@ -309,41 +311,41 @@ class _Check:
     def _copy(self) -> Scenario:
         return ParseScenario(yaml_dump_typed(self._scenario))  # type: ignore[no-untyped-call]
 
-    def _pace(self) -> str:
-        """Return the tempo and normal force with which the check passes, in words."""
+    def _pace_remedy(self) -> str:
+        """Return a text about tempo and normal force with which the check passes."""
         if self._is_far or (self._slower is None and self._softer is None):
             return ""
-        for factor in _LESS:
-            less, words = self._copy(), []
+        for factor in _FACTORS:
+            changed, words = self._copy(), []
             if self._slower is not None:
-                less.skill.tempo = max(
+                changed.skill.tempo = max(
                     math.floor(20 * factor * self._slower) / 20, 0.05
                 )
-                words.append(f"slow down to tempo {less.skill.tempo:.2f}")
+                words.append(f"slow down to tempo {changed.skill.tempo:.2f}")
             if self._softer is not None:
-                less.press.force = float(math.floor(factor * self._softer))
-                words.append(f"press with at most {less.press.force:.0f} N")
-            if _Check(less, self._skill, self._bounds).result().is_feasible:
-                self._slower = self._slower and less.skill.tempo
+                changed.press.force = float(math.floor(factor * self._softer))
+                words.append(f"press with at most {changed.press.force:.0f} N")
+            if _Check(changed, self._skill, self._bounds).result().is_feasible:
+                self._slower = self._slower and changed.skill.tempo
                 return " and ".join(words)
         return ""
 
-    def _often(self, missed: Flags) -> bool:
+    def _is_frequent(self, missed: Flags) -> bool:
         return float(np.mean(missed)) > self._bounds.exceptions
 
     def _judge_reach(
         self, motion: PredictedMotion, clearance: Array, link: str, lag: float
     ) -> tuple[Values, Flags]:
-        """Return the values, and the samples where the arm cannot or must not be.
+        """Return the values, and the samples that are out of reach or too near the board.
 
-        Where positions are out of reach for moments, the predicted tracking error decides:
-        the root sum of squares of distance, lag of braked joints (m) and of friction.
+        For positions that are out of reach for moments, the predicted tracking error decides:
+        the root sum of squares of distance, lag of braked joints and friction lag, m.
         """
         has_rotation, bounds = self._R_TE is not None, self._bounds
         far, tilted, at_wall, margin = self._reach.missed(
             motion, has_rotation=has_rotation
         )
-        near, out = clearance < bounds.clearance, far | tilted
+        is_near, is_missed = clearance < bounds.clearance, far | tilted
         distance = np.linalg.norm(motion.error[..., 3:], axis=-1)
         angle = np.linalg.norm(motion.error[..., :3], axis=-1)
         rms = math.hypot(
@@ -351,25 +353,25 @@ class _Check:
             lag,
             self._friction_lag() * float(np.max(self._force)),
         )
-        is_far = self._often(far) and (
-            rms > bounds.tracking_error or self._often(distance > bounds.farthest)
+        is_far = self._is_frequent(far) and (
+            rms > bounds.tracking_error or self._is_frequent(distance > bounds.farthest)
         )
-        if is_far or self._often(tilted):
+        if is_far or self._is_frequent(tilted):
             tilt = (
                 f" and {np.rad2deg(np.max(angle)):.0f} degrees" if has_rotation else ""
             )
             spring = (
                 f", where joint {_joint(-margin)} is at a joint-limit spring"
-                if np.any(out & at_wall)
+                if np.any(is_missed & at_wall)
                 else ""
             )
             self._faults.append(
-                f"{100 * np.mean(out):.1f} % of the path is out of reach, by up to "
+                f"{100 * np.mean(is_missed):.1f} % of the path is out of reach, by up to "
                 f"{1e3 * np.max(distance):.0f} mm{tilt}{spring}"
             )
-        if self._often(near):
+        if self._is_frequent(is_near):
             self._faults.append(
-                f"on {100 * np.mean(near):.1f} % of the path {link} touches the board, or "
+                f"on {100 * np.mean(is_near):.1f} % of the path {link} touches the board, or "
                 f"comes nearer than {1e3 * bounds.clearance:.0f} mm"
             )
         self._is_far = bool(self._faults)
@@ -380,13 +382,13 @@ class _Check:
             values["smallest_clearance"] = np.min(clearance)
         return {
             **values,
-            "reachable_fraction": 1 - np.mean(out),
+            "reachable_fraction": 1 - np.mean(is_missed),
             "largest_distance": np.max(distance),
             "tracking_error": rms,
             "smallest_joint_margin": np.min(margin),
             "wall_fraction": np.mean(at_wall),
             "smallest_manipulability": np.min(motion.manipulability),
-        }, out | near
+        }, is_missed | is_near
 
     def _judge_speed(self, motion: PredictedMotion, lag: float, angle: float) -> Values:
         """Return the values of the joints' speed."""
@@ -422,15 +424,15 @@ class _Check:
         bounds, force = self._bounds, float(np.max(self._force))
         effort = self._reach.limits.upper_effort
         friction_lag = self._friction_lag()
-        torque, press = motion.torque / effort, motion.force_torque / effort
-        pressed = np.asarray(self._force)[..., None]
+        torque, per_newton = motion.torque / effort, motion.force_torque / effort
+        forces = np.asarray(self._force)[..., None]
         ratio = np.quantile(
-            np.max(np.abs(torque + pressed * press), axis=-1), 1 - bounds.exceptions
+            np.max(np.abs(torque + forces * per_newton), axis=-1), 1 - bounds.exceptions
         )
-        room = bounds.torque_fraction - np.sign(press) * torque
-        most = np.min(room / np.maximum(np.abs(press), 1e-9), axis=-1)
-        most = np.quantile(np.maximum(most, 0.0), bounds.exceptions)
-        limit = min(float(most), bounds.friction_lag / max(friction_lag, 1e-9))
+        reserve = bounds.torque_fraction - np.sign(per_newton) * torque
+        limits = np.min(reserve / np.maximum(np.abs(per_newton), 1e-9), axis=-1)
+        torque_limit = np.quantile(np.maximum(limits, 0.0), bounds.exceptions)
+        limit = min(float(torque_limit), bounds.friction_lag / max(friction_lag, 1e-9))
         if ratio > bounds.torque_fraction and not self._faults:
             self._faults.append(f"a joint needs {100 * ratio:.0f} % of its torque")
         if not self._scenario.has_board:
@@ -453,7 +455,7 @@ class _Check:
         config = self._scenario.impedance
         stiffness = min(config.translational_stiffness[:2])
         soft = config.covariance_stiffness
-        if soft.enabled:  # Somewhere between the two.
+        if soft.enabled:  # The geometric mean of the range.
             stiffness = math.sqrt(soft.min_stiffness * soft.max_stiffness)
         return self._scenario.contact_friction() / stiffness
 
@@ -466,15 +468,15 @@ def _joint(values: Array) -> int:
 def _start_channels(
     scenario: Scenario, skill: FourierMovementPrimitive, roles: ChannelRoles
 ) -> Array:
-    """Return the channels of a skill as they are measured at the start, shape (D,).
+    """Return the measured channels of a skill at the start, shape (D,).
 
     A force channel starts at 0, before contact.
     """
     start = np.zeros(roles.count)
     start[list(roles.position)] = scenario.start
     if roles.rotation is not None and roles.reference is not None:
-        held = Rotation.from_matrix(scenario.eraser_orientation().matrix())
+        R_TE = Rotation.from_matrix(scenario.eraser_orientation().matrix())
         middle = np.mean(skill.extent_, axis=0)[list(roles.rotation)]
-        vector = rotation_vectors(held, roles.reference, near=middle)
+        vector = rotation_vectors(R_TE, roles.reference, near=middle)
         start[list(roles.rotation)] = vector
     return start

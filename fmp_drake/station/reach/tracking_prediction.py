@@ -14,11 +14,11 @@ from fmp_drake.systems.interface.arm_model import ArmModel
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Damps the inverse where the arm is singular, as a multiple of the springs' compliance,
+# Damping of the inverse at singularities, as a multiple of the springs' compliance,
 # (rad/s)². Elsewhere the corrections leave an error of less than 0.5 mm.
 _DAMPING = 6.0
 _CORRECTIONS, _LONGEST_STEP = 5, 0.15  # rad
-# Samples from the arm's posture to the beginning of a path, and of waiting there.
+# Samples from the arm's posture to the start of a path, and at rest there.
 _LEAD_IN, _SETTLE = 16, 12
 
 
@@ -49,13 +49,13 @@ class PredictedMotion(NamedTuple):
 
 
 class TrackingPredictor:
-    """Prediction of the arm's motion where its impedance controller tracks a path.
+    """Prediction of the arm's motion under impedance control along a path.
 
     Differential inverse kinematics: the dynamically consistent (minimum kinetic energy)
     inverse resolves the joint motion, with the posture's spring and damper in the
     nullspace. The springs' compliance distributes an error that cannot be removed. The
-    joints stay out of the springs at their limits, which are far stiffer; the other joints
-    take over where one is there.
+    joints do not enter the springs at their limits, which are far stiffer; other joints
+    compensate for a joint there.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class TrackingPredictor:
         q_posture: Array,
         step: float,
     ) -> PredictedMotion:
-        """Predict the motion along paths, each from its posture straight to its beginning.
+        """Predict the motion along paths, after a straight motion to the start of each.
 
         Parameters
         ----------
@@ -91,7 +91,7 @@ class TrackingPredictor:
         R_WE, R_WB : array, shape (B, T, 3, 3) or (B, 1, 3, 3)
             Orientation of the eraser, and of the board: z is its normal.
         q_posture : array, shape (B, n)
-            The controller's posture, in which the arm begins, rad.
+            The controller's posture and initial posture of the arm, rad.
         step : float
             Time from sample to sample, s.
         """
@@ -113,22 +113,26 @@ class TrackingPredictor:
         inverse = _inverse(M, J, damping[:, 0])
         for k in range(path.shape[1]):
             at = min(max(k - _LEAD_IN - _SETTLE, 0), R_WB.shape[1] - 1)
-            posture_error = _shortened(q_posture - q, config.max_posture_error)
+            posture_error = _limited(q_posture - q, config.max_posture_error)
             u = (u + pull * posture_error) / (1 + brake + step * pull)
             u -= _times(inverse, _times(J, u))
             q = q + step * u
             for _ in range(_CORRECTIONS):
                 pose_error = _errors(self._poses(q), path[:, k], R_WE[:, at])
-                dq = _shortened(_times(inverse, pose_error), _LONGEST_STEP)
-                # A joint at its limit cannot help; the others do without it.
+                dq = _limited(_times(inverse, pose_error), _LONGEST_STEP)
+                # Other joints compensate for a joint at its limit.
                 is_free = (lower <= q + dq) & (q + dq <= upper)
-                stuck = ~np.all(is_free, axis=-1)
-                if np.any(stuck):
-                    others = _inverse(
-                        M[stuck], J[stuck], damping[stuck, at], is_free[stuck]
+                is_constrained = ~np.all(is_free, axis=-1)
+                if np.any(is_constrained):
+                    constrained_inverse = _inverse(
+                        M[is_constrained],
+                        J[is_constrained],
+                        damping[is_constrained, at],
+                        is_free[is_constrained],
                     )
-                    dq[stuck] = _shortened(
-                        _times(others, pose_error[stuck]), _LONGEST_STEP
+                    dq[is_constrained] = _limited(
+                        _times(constrained_inverse, pose_error[is_constrained]),
+                        _LONGEST_STEP,
                     )
                 q = np.clip(q + dq, lower, upper)
             M, Cv, X, J = self._read(q, v)
@@ -140,17 +144,16 @@ class TrackingPredictor:
             samples.append((q, v, M, Cv, force_torque, error, np.sqrt(squared)))
         parts = zip(*samples[-p_WE.shape[1] :], strict=True)
         q, v, M, Cv, force_torque, error, size = (np.stack(p, axis=1) for p in parts)
-        v[:, :1] = v[:, 1:2]  # A window begins in the middle of a motion.
+        v[:, :1] = v[:, 1:2]  # A window starts in the middle of a motion.
         torque = _times(M, np.diff(v, axis=1, prepend=v[:, :1]) / step) + Cv
         error = error.reshape(*error.shape[:2], 6)
         return PredictedMotion(q, v, torque, force_torque, error, size)
 
     def braking_lag(self, q: Array, speed: Array, step: float) -> Array:
-        """Return the eraser's lag where joints are limited in speed, shape (B, T, 2).
+        """Return the eraser's lag by joints with a limited speed, shape (B, T, 2).
 
-        It is a distance in m, and an angle in rad.
-        Each joint follows its predicted path at its own speed limit; no other joint
-        compensates for it, as in a run some do.
+        It is a distance in m, and an angle in rad. Each joint follows its predicted path at
+        its own speed limit. Unlike in a run, no other joint compensates for it.
 
         Parameters
         ----------
@@ -161,26 +164,26 @@ class TrackingPredictor:
         step : float
             Time from sample to sample, s.
         """
-        limited, most = q.copy(), speed * step
+        limited_q, largest_step = q.copy(), speed * step
         for k in range(1, q.shape[1]):
-            before = limited[:, k - 1]
-            limited[:, k] = np.clip(q[:, k], before - most, before + most)
-        lags = np.any(limited != q, axis=-1)
+            last = limited_q[:, k - 1]
+            limited_q[:, k] = np.clip(q[:, k], last - largest_step, last + largest_step)
+        is_late = np.any(limited_q != q, axis=-1)
         lag = np.zeros((*q.shape[:2], 2))
-        if np.any(lags):
-            X = self._poses(q[lags])
-            error = _errors(self._poses(limited[lags]), X[..., 3], X[..., :3])
+        if np.any(is_late):
+            X = self._poses(q[is_late])
+            error = _errors(self._poses(limited_q[is_late]), X[..., 3], X[..., :3])
             error = error.reshape(-1, 2, 3)[:, ::-1]
-            lag[lags] = np.linalg.norm(error, axis=-1)
+            lag[is_late] = np.linalg.norm(error, axis=-1)
         return lag
 
     def _read(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M (B, n, n), Cv - g (B, n), X_WE (B, 3, 4) and J (B, 6, n) in W."""
-        read = []
+        values = []
         for state in np.concatenate([q, v], axis=1):
             _, _, M, Cv, X, J, _, weight = self._model.read(self._context, state)
-            read.append((M, Cv - weight, X.T, J.T))
-        M, C, X, J = (np.array(each) for each in zip(*read, strict=True))
+            values.append((M, Cv - weight, X.T, J.T))
+        M, C, X, J = (np.array(column) for column in zip(*values, strict=True))
         return M, C, X, J
 
     def _poses(self, q: Array) -> Array:
@@ -210,7 +213,7 @@ def _inverse(M: Array, J: Array, damping: Array, is_free: Flags | None = None) -
     return MJ @ np.linalg.inv(J @ MJ + damping)
 
 
-def _shortened(x: Array, longest: float) -> Array:
+def _limited(x: Array, longest: float) -> Array:
     length = np.linalg.norm(x, axis=-1, keepdims=True)
     return x * (longest / np.maximum(length, longest))
 

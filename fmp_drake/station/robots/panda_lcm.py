@@ -170,8 +170,8 @@ def LoadPanda(path: str | Path) -> Driver:
     with in_one_line(f"{path} does not say which arm", hint):
         text = Path(path).read_text()
         check_yaml(text, str(path), StationError)
-        loaded: _PandaFile = load_yaml(_PandaFile, text)
-    return loaded.panda
+        file: _PandaFile = load_yaml(_PandaFile, text)
+    return file.panda
 
 
 def OpenLcm(url: str) -> DrakeLcm:

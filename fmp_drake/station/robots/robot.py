@@ -224,7 +224,7 @@ def AddRobot(
             official=config.official_visuals,
         )
     _CheckModel(plant, arm, config)
-    held, tip = AddTool(plant, tool or EraserConfig())
+    tool_instance, tip = AddTool(plant, tool or EraserConfig())
     plant.WeldFrames(
         plant.world_frame(),
         plant.GetFrameByName(config.base, arm),
@@ -232,10 +232,10 @@ def AddRobot(
     )
     plant.WeldFrames(
         plant.GetFrameByName(config.flange, arm),
-        plant.GetFrameByName("mount", held),
+        plant.GetFrameByName("mount", tool_instance),
         config.mount.transform(),
     )
-    return Robot(config=config, plant=plant, arm=arm, tool=held, tip=tip)
+    return Robot(config=config, plant=plant, arm=arm, tool=tool_instance, tip=tip)
 
 
 def _CheckModel(
@@ -253,11 +253,11 @@ def _CheckModel(
     named = [("base", config.base, frames), ("flange", config.flange, frames)]
     groups = (name for group in config.contact_free for name in group)
     named += [("contact_free", name, bodies | {_TOOL}) for name in groups]
-    for field_name, name, known in named:
-        if name not in known:
+    for field_name, name, names in named:
+        if name not in names:
             raise StationError(
                 f"{field_name} names {name}, which {model} does not have; choose of: "
-                f"{', '.join(sorted(known))}."
+                f"{', '.join(sorted(names))}."
             )
     joints = [plant.get_joint(i) for i in plant.GetJointIndices(arm)]
     joints = [joint for joint in joints if joint.num_positions()]
