@@ -114,16 +114,18 @@ def pixel_of(shot, p_B):
 class TestInk:
     def test_ink_is_blue_and_wiped_cells_are_unchanged(self, station):
         bare, _ = shoot(station, FAR_BOX, ink=np.zeros(GRID.shape))
-        shot, seen = shoot(station, FAR_BOX)
+        shot, is_board = shoot(station, FAR_BOX)
         painted = blue(shot.color)
         for x in (0.05, 0.12, 0.2):
             for y in (-0.3, 0.0, 0.3):
                 assert painted[pixel_of(shot, [x, y, 0.0])]
-                wiped = pixel_of(shot, [-x, y, 0.0])
-                assert seen[wiped]
-                np.testing.assert_array_equal(shot.color[wiped], bare.color[wiped])
+                wiped_pixel = pixel_of(shot, [-x, y, 0.0])
+                assert is_board[wiped_pixel]
+                np.testing.assert_array_equal(
+                    shot.color[wiped_pixel], bare.color[wiped_pixel]
+                )
         assert not blue(bare.color).any()
-        assert not painted[~seen].any()
+        assert not painted[~is_board].any()
 
     @pytest.mark.parametrize("fraction", [0.0, 0.2, 0.5, 1.0])
     def test_colours_are_those_of_the_ink_in_the_light_of_the_board(
@@ -131,25 +133,25 @@ class TestInk:
     ):
         # Close to the box: some of the board is in its shadow.
         bare, _ = shoot(station, [0.0, 0.0], ink=np.zeros(GRID.shape))
-        shot, seen = shoot(station, [0.0, 0.0], ink=np.full(GRID.shape, fraction))
-        assert np.ptp(bare.color[seen].astype(int), axis=0).min() > 40
+        shot, is_board = shoot(station, [0.0, 0.0], ink=np.full(GRID.shape, fraction))
+        assert np.ptp(bare.color[is_board].astype(int), axis=0).min() > 40
         np.testing.assert_allclose(
-            shot.color[seen],
-            bare.color[seen] * ink_colours(fraction, srgb=True),
+            shot.color[is_board],
+            bare.color[is_board] * ink_colours(fraction, srgb=True),
             atol=2.0,
         )
 
     def test_bodies_on_the_board_hide_its_ink(self, station):
         inked = np.ones(GRID.shape)
         open_board, seen_open = shoot(station, FAR_BOX, ink=inked)
-        hidden, seen = shoot(station, [0.0, 0.0], ink=inked)
+        hidden, is_board = shoot(station, [0.0, 0.0], ink=inked)
         # In the middle of the face of the box that looks at the camera.
         pixel = pixel_of(hidden, [0.05, 0.0, 0.05])
         assert seen_open[pixel]
         assert blue(open_board.color)[pixel]
-        assert not seen[pixel]
+        assert not is_board[pixel]
         assert not blue(hidden.color)[pixel]
-        assert 0.02 < 1 - seen.sum() / seen_open.sum() < 0.3
+        assert 0.02 < 1 - is_board.sum() / seen_open.sum() < 0.3
 
     def test_ink_moves_with_the_board(self, station):
         film_scene = FilmScene(station, CAMERA, SIZE)
@@ -165,20 +167,20 @@ class TestInk:
 
     def test_the_back_of_a_board_shows_no_ink(self, station):
         below = CameraConfig(eye=[1.2, 0.0, -1.0], target=[0.0, 0.0, 0.0])
-        shot, seen = shoot(station, FAR_BOX, camera=below)
-        assert not seen.any()
+        shot, is_board = shoot(station, FAR_BOX, camera=below)
+        assert not is_board.any()
         assert not blue(shot.color).any()
         assert np.isfinite(shot.depth).any()
 
     def test_the_board_is_found_to_the_pixel(self, station):
-        shot, seen = shoot(station, FAR_BOX, size=(640, 480))
+        shot, is_board = shoot(station, FAR_BOX, size=(640, 480))
         corners = [[x, y, 0.0] for x in (-0.25, 0.25) for y in (-0.35, 0.35)]
         rows, columns = np.transpose([pixel_of(shot, corner) for corner in corners])
-        found = np.nonzero(seen)
-        assert abs(found[0].min() - rows.min()) <= 1
-        assert abs(found[0].max() - rows.max()) <= 1
-        assert abs(found[1].min() - columns.min()) <= 1
-        assert abs(found[1].max() - columns.max()) <= 1
+        board_pixels = np.nonzero(is_board)
+        assert abs(board_pixels[0].min() - rows.min()) <= 1
+        assert abs(board_pixels[0].max() - rows.max()) <= 1
+        assert abs(board_pixels[1].min() - columns.min()) <= 1
+        assert abs(board_pixels[1].max() - columns.max()) <= 1
 
 
 def test_a_caption_is_drawn_at_the_lower_left():
@@ -196,12 +198,12 @@ def test_a_trail_is_drawn_on_the_board_only(station):
     points = np.column_stack(
         [np.full(50, -0.1), np.linspace(-0.6, 0.6, 50), np.zeros(50)]
     )
-    before, seen = shoot(station, [0.0, 0.0], ink=clean)
+    before, is_board = shoot(station, [0.0, 0.0], ink=clean)
     color = before.color.copy()
-    paint_trail(color, before.pixels(points), where=seen)
+    paint_trail(color, before.pixels(points), where=is_board)
     changed = np.any(color != before.color, axis=-1)
     assert changed.sum() > 50
-    assert not changed[~seen].any()
+    assert not changed[~is_board].any()
     r, g, b = color[pixel_of(before, [-0.1, 0.3, 0.0])].astype(int)
     assert r > b + 60 > g - 60
 
@@ -290,16 +292,16 @@ class TestFilms:
     def test_every_frame_is_tracked_once(self, name, station, outputs):
         if name.endswith(".mp4"):
             pytest.importorskip("imageio_ffmpeg")
-        seen = []
+        tracked_numbers = []
 
         def track(numbers):
             for number in numbers:
-                seen.append(number)
+                tracked_numbers.append(number)
                 yield number
 
         film = outputs / name
         render_film(film, reel_of(station, 3), track=track, **VIEW)
-        assert seen == [0, 1, 2]
+        assert tracked_numbers == [0, 1, 2]
 
     @pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
     def test_a_film_that_fails_leaves_the_older_one(self, name, station, outputs):

@@ -478,10 +478,10 @@ class TestPlayed:
         player, start = Player(skill), start_outside(skill)
         ax = draw_way_back(player, start, duration=4.0)
         (lines,) = ax.collections
-        played = player.rollout(start, 4.0)[:, 0, ::-1]
+        path_values = player.rollout(start, 4.0)[:, 0, ::-1]
         segments = np.array(lines.get_segments())
-        np.testing.assert_allclose(segments[:, 0], played[:-1])
-        np.testing.assert_allclose(segments[:, 1], played[1:])
+        np.testing.assert_allclose(segments[:, 0], path_values[:-1])
+        np.testing.assert_allclose(segments[:, 1], path_values[1:])
         np.testing.assert_allclose(lines.get_array(), np.arange(40) / 10)
         assert lines.get_clim() == (0, 4.0)
         (ring,) = ax.lines
@@ -501,11 +501,11 @@ class TestPlayed:
         player = Player(skill, sample=sample, seed=4)
         start = start_outside(skill)
         *axes, _ = draw_rollout_over_time(player, start, stack(4), duration=9.0)
-        played = player.rollout(start, 9.0)[:, 0]
+        path_values = player.rollout(start, 9.0)[:, 0]
         for i, ax in enumerate(axes):
             time, value = ax.lines[0].get_data()
             np.testing.assert_allclose(time, np.arange(91) / 10)
-            np.testing.assert_allclose(value, played[:, i], atol=1e-9)
+            np.testing.assert_allclose(value, path_values[:, i], atol=1e-9)
 
     def test_remap_instants_and_components_are_those_of_the_player(self, two):
         skill, _ = two

@@ -15,11 +15,11 @@ from fmp_drake.systems import HandMotion
 
 def test_arm_that_may_be_enabled_passes_the_check(monkeypatch):
     bus = Bus(monkeypatch)
-    found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
-    assert all(each.is_good for each in found), found
-    said = " ".join(each.text for each in found)
+    results = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
+    assert all(result.is_good for result in results), results
+    text = " ".join(result.text for result in results)
     for word in ("Drake 1.", "1000 expected", "kMove", "from the start", "Nm"):
-        assert word in said
+        assert word in text
 
 
 class Odd:
@@ -40,8 +40,8 @@ class Odd:
 def test_unnamed_mode_is_reported_by_its_number(monkeypatch):
     bus = Bus(monkeypatch, speaks=False)
     bus.bench = Odd(bus.lcm)
-    found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
-    wrong = [each.text for each in found if not each.is_good]
+    results = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
+    wrong = [result.text for result in results if not result.is_good]
     assert "the robot's mode is 17; it must be kMove, controlled by torque" in wrong
 
 
@@ -50,8 +50,8 @@ def test_an_arm_that_was_sent_nonsense_is_in_a_reflex(monkeypatch):
     command = lcmt_panda_command()  # Of no joint.
     command.utime = round(1e6 * bus.seconds)
     bus.lcm.Publish("PANDA_COMMAND", command.encode())
-    found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
-    wrong = [each.text for each in found if not each.is_good]
+    results = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
+    wrong = [result.text for result in results if not result.is_good]
     assert wrong == [
         "the robot's mode is kReflex; it must be kMove, controlled by torque"
     ]
@@ -80,8 +80,10 @@ def test_faults_of_an_arm_are_reported(monkeypatch, bench, scenario, word):
     bus = Bus(monkeypatch, **bench)
     for name, value in scenario.items():
         setattr(bus.scenario, name, value)
-    found = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
-    assert any(word in each.text and not each.is_good for each in found), found
+    results = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
+    assert any(word in result.text and not result.is_good for result in results), (
+        results
+    )
 
 
 def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
@@ -93,10 +95,10 @@ def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
         states.append(bus.bench.output("state").copy())
         return seconds >= 3.0
 
-    shown = record_arm(bus.scenario, LcmPanda(), lcm=bus.lcm, until=until)
-    assert shown.frame == "board"
-    assert shown.duration > 2.5
-    np.testing.assert_allclose(np.diff(shown.time), 0.05)
+    demonstration = record_arm(bus.scenario, LcmPanda(), lcm=bus.lcm, until=until)
+    assert demonstration.frame == "board"
+    assert demonstration.duration > 2.5
+    np.testing.assert_allclose(np.diff(demonstration.time), 0.05)
     robot = MakeRobotModel(LoadRobot("panda"), bus.scenario.eraser)
     arm, tip = robot.plant, robot.tip
     context, X_BW = arm.CreateDefaultContext(), bus.scenario.board.pose().inverse()
@@ -104,9 +106,9 @@ def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
     for state in states[::5]:
         arm.SetPositionsAndVelocities(context, state)
         path.append(X_BW.multiply(tip.CalcPoseInWorld(context).translation()))
-    off = np.linalg.norm(shown.values[:, None] - np.array(path)[None], axis=2)
+    off = np.linalg.norm(demonstration.values[:, None] - np.array(path)[None], axis=2)
     assert np.max(np.min(off, axis=1)) < 2e-3
-    assert np.ptp(shown.values[:, 0]) > 0.02
+    assert np.ptp(demonstration.values[:, 0]) > 0.02
     assert bus.bench.metrics()["followed_ms"] == 0
 
 

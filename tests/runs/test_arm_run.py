@@ -336,12 +336,12 @@ def machine(monkeypatch):
 )
 def test_missing_permission_is_reported_with_advice(machine, refused):
     machine.update(refused)
-    why = {"SCHED_FIFO": "not permitted", "locked memory": "Cannot allocate memory"}
-    said = request_priority()
-    assert len(said) == len(refused)
-    for line, what in zip(said, refused, strict=True):
+    reasons = {"SCHED_FIFO": "not permitted", "locked memory": "Cannot allocate memory"}
+    refusals = request_priority()
+    assert len(refusals) == len(refused)
+    for line, what in zip(refusals, refused, strict=True):
         assert line.startswith(f"no {what} (")
-        assert why[what] in line
+        assert reasons[what] in line
         assert "/etc/security/limits.conf" in line
 
 

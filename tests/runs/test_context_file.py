@@ -50,10 +50,10 @@ def make(extra=()):
     walk = builder.AddSystem(
         AffineSystem(A=np.array([[0.7]]), B=np.array([[1.0]]), time_period=0.01)
     )
-    held = builder.AddSystem(ZeroOrderHold(0.1, 2))
+    hold = builder.AddSystem(ZeroOrderHold(0.1, 2))
     builder.Connect(source.get_output_port(), swing.get_input_port())
     builder.Connect(source.get_output_port(), walk.get_input_port())
-    builder.Connect(swing.get_output_port(), held.get_input_port())
+    builder.Connect(swing.get_output_port(), hold.get_input_port())
     for system in extra:
         builder.AddSystem(system)
     inner = builder.Build()

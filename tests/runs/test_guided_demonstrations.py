@@ -26,11 +26,11 @@ def test_hand_time_ignores_clock_jitter_while_the_simulation_keeps_pace():
 @pytest.mark.parametrize("rate", [0.5, 0.8])
 def test_slow_simulation_records_the_rhythm_of_the_hand(rate):
     clock = TIME / rate
-    [shown] = guided_demonstrations(
+    [result] = guided_demonstrations(
         hand_time(TIME, clock), eight(clock), np.ones(len(TIME))
     )
-    assert shown.duration == pytest.approx(clock[-1], abs=0.2)
-    assert np.abs(shown.values - eight(shown.time)).max() < 0.012
+    assert result.duration == pytest.approx(clock[-1], abs=0.2)
+    assert np.abs(result.values - eight(result.time)).max() < 0.012
 
 
 def test_gap_in_the_samples_splits_the_demonstration():
@@ -53,9 +53,9 @@ def test_each_guided_interval_is_one_demonstration():
 
 def test_rest_is_cut_off_at_both_ends_and_kept_in_between():
     moving = np.interp(TIME, [2, 6, 9, 16, 20], [0, 4, 4, 11, 11])
-    [shown] = guided_demonstrations(TIME, eight(moving), np.ones(len(TIME)))
-    assert shown.duration == pytest.approx(14.0, abs=0.3)
-    assert_allclose(shown.values[0], 0, atol=0.01)
+    [result] = guided_demonstrations(TIME, eight(moving), np.ones(len(TIME)))
+    assert result.duration == pytest.approx(14.0, abs=0.3)
+    assert_allclose(result.values[0], 0, atol=0.01)
 
 
 def test_no_motion_gives_no_demonstration():
@@ -66,8 +66,8 @@ def test_no_motion_gives_no_demonstration():
 
 
 def test_uniformly_sampled_path_is_unchanged():
-    [shown] = guided_demonstrations(TIME, eight(TIME), np.ones(len(TIME)))
-    assert_array_equal(shown.values, eight(TIME)[-len(shown.time) :])
+    [result] = guided_demonstrations(TIME, eight(TIME), np.ones(len(TIME)))
+    assert_array_equal(result.values, eight(TIME)[-len(result.time) :])
 
 
 @pytest.mark.parametrize("frame", [0.1, 0.25])

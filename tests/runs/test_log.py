@@ -106,8 +106,8 @@ def test_version_of_a_missing_package_is_unknown(monkeypatch):
         return "2.0"
 
     monkeypatch.setattr("fmp_drake.runs.log.version", version)
-    found = current_versions()
-    assert (found["drake"], found["numpy"]) == ("unknown", "2.0")
+    versions = current_versions()
+    assert (versions["drake"], versions["numpy"]) == ("unknown", "2.0")
 
 
 def test_a_signal_that_is_not_there_is_named(path):

@@ -72,8 +72,10 @@ def test_free_space_is_measured_in_metres_and_degrees_only(stirred):
 def test_orientation_error_is_that_of_the_poses(stirred):
     run, _ = stirred
     q = run.log("measured_pose")[:, :4]
-    wanted = run.log("desired_orientation")
-    angle = 2 * np.arccos(np.clip(np.abs(np.sum(q * wanted, axis=1)), 0, 1))
+    desired_orientation = run.log("desired_orientation")
+    angle = 2 * np.arccos(
+        np.clip(np.abs(np.sum(q * desired_orientation, axis=1)), 0, 1)
+    )
     rms = np.rad2deg(np.sqrt(np.mean(angle**2)))
     assert run.metrics()["orientation_rms_deg"] == pytest.approx(rms, rel=0.01)
 

@@ -113,9 +113,9 @@ def test_infeasibility_is_reported_after_learning():
     session.advance(2.2)
     session.press("learn")
     assert session.mode == "play"
-    learned, why = session.remark.split("; ", 1)
-    assert "learned in" in learned
-    assert "friction holds the eraser" in why
+    duration_text, verdict = session.remark.split("; ", 1)
+    assert "learned in" in duration_text
+    assert "friction holds the eraser" in verdict
 
 
 def test_taught_skill_is_saved_and_cleans_the_board(taught):
@@ -198,8 +198,10 @@ def test_a_new_movement_does_not_take_the_place_of_a_saved_one(taught):
     session.advance(1.0)
     session.press("save")
     assert len(Demonstration.load(folder / "shown.npz").time) < len(before.time)
-    kept = [Demonstration.load(path).values for path in folder.glob("shown.*.npz")]
-    assert any(np.array_equal(values, before.values) for values in kept)
+    earlier_values = [
+        Demonstration.load(path).values for path in folder.glob("shown.*.npz")
+    ]
+    assert any(np.array_equal(values, before.values) for values in earlier_values)
 
 
 def test_write_error_is_reported_and_the_session_continues(tmp_path):

@@ -155,9 +155,11 @@ def test_joints_in_the_order_of_the_alphabet_are_put_in_theirs():
 def test_a_panda_s_joints_stay_a_panda_s_for_another_robot():
     scenario = Scenario(robot="iiwa14")
     assert RobotJoints(recorded(), robot="iiwa14") == []
-    laid, remarks = lay_on_board(recorded(), scenario=scenario, transform=[0.0] * 6)
-    assert "by a Panda's kinematics" in remarks[0]
-    assert laid.channels == ("x", "y", "z")
+    placed_recording, remarks = lay_on_board(
+        recorded(), scenario=scenario, transform=[0.0] * 6
+    )
+    assert "by the kinematics of the Panda" in remarks[0]
+    assert placed_recording.channels == ("x", "y", "z")
 
 
 def test_angles_that_a_named_robot_cannot_have_are_refused():

@@ -45,13 +45,15 @@ def test_a_shared_skill_is_learned_once_for_each_robot(tmp_path):
         time=TIME, values=angles, channels=joints, units=["rad"] * 7
     )
     recording.save(tmp_path / "joints.npz")
-    learned = []
+    learned_values = []
     for robot in ("panda", "iiwa14", "panda"):
         scenario = Scenario(robot=robot)
         scenario.skill.demonstration = str(tmp_path / "joints.npz")
-        learned.append(shared_skill(scenario))
-    assert learned[0] is learned[2]
-    assert np.ptp(learned[0][1][0].values - learned[1][1][0].values) > 1e-3
+        learned_values.append(shared_skill(scenario))
+    assert learned_values[0] is learned_values[2]
+    assert (
+        np.ptp(learned_values[0][1][0].values - learned_values[1][1][0].values) > 1e-3
+    )
 
 
 def test_channels_that_the_board_does_not_need_are_left_out_and_named():
@@ -61,9 +63,9 @@ def test_channels_that_the_board_does_not_need_are_left_out_and_named():
         channels=["force_z", "x", "y", "z"],
         frame="board",
     )
-    laid, remarks = lay_on_board(demonstration, scenario=Scenario())
-    assert laid.channels == ("x", "y", "z")
-    np.testing.assert_array_equal(laid.values, demonstration.values[:, 1:])
+    placed_recording, remarks = lay_on_board(demonstration, scenario=Scenario())
+    assert placed_recording.channels == ("x", "y", "z")
+    np.testing.assert_array_equal(placed_recording.values, demonstration.values[:, 1:])
     assert remarks == ["force_z left out: the board needs x, y and z"]
 
 
@@ -89,8 +91,10 @@ def test_channels_that_the_board_does_not_need_are_left_out_and_named():
     ids=["pause", "way", "drift", "tempo"],
 )
 def test_unusual_cycles_are_reported(values, said):
-    shown = Demonstration(time=0.05 * np.arange(len(values)), values=values)
-    skill = FourierMovementPrimitive(model="phase", n_steps=60, stride=3).fit(shown)
+    recording_part = Demonstration(time=0.05 * np.arange(len(values)), values=values)
+    skill = FourierMovementPrimitive(model="phase", n_steps=60, stride=3).fit(
+        recording_part
+    )
     (odd,) = skill_in_words(skill)[2:-1]
     assert re.match(said, odd)
 
@@ -101,17 +105,19 @@ def test_tremor_of_the_force_is_not_learned_and_the_path_is_learned_as_it_was_sh
     # As of a hand, at 9 Hz in force and path alike.
     tremor = np.sin(2 * np.pi * 9 * time)
     path[:, 0] += 0.001 * tremor
-    meant = 10 + 3 * np.sin(3 * time)
+    intended_force = 10 + 3 * np.sin(3 * time)
     recording = Demonstration(
         time=time,
-        values=np.column_stack([path, meant + tremor]),
+        values=np.column_stack([path, intended_force + tremor]),
         channels=["x", "y", "z", "force"],
         units=["m", "m", "m", "N"],
     )
-    learned = np.concatenate(learn_skill([recording]).paths_)
+    learned_values = np.concatenate(learn_skill([recording]).paths_)
     inner = slice(20, -20)
-    np.testing.assert_allclose(learned[:, :3], path, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(learned[inner, 3], meant[inner], atol=0.1)
+    np.testing.assert_allclose(learned_values[:, :3], path, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        learned_values[inner, 3], intended_force[inner], atol=0.1
+    )
 
 
 def test_a_force_is_learned_from_short_parts_between_gaps_too():

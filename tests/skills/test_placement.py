@@ -47,10 +47,10 @@ def test_path_in_any_frame_comes_flat_onto_the_middle(rotvec, shift):
     turn = Rotation.from_rotvec(rotvec).as_matrix()
     path = strokes() @ turn.T + shift
     placement = fit_placement(demonstration(path), usable=(0.6, 0.6))
-    laid = placement.apply(demonstration(path))
-    assert laid.frame == "board"
+    placed_path = placement.apply(demonstration(path))
+    assert placed_path.frame == "board"
     assert placement.scale == 1.0
-    x, y, z = laid.values.T
+    x, y, z = placed_path.values.T
     assert x.min() + x.max() == pytest.approx(0, abs=1e-9)
     assert y.min() + y.max() == pytest.approx(0, abs=1e-9)
     # Lifted a third of the time, by up to 5 cm less the touch of 1 cm, and upwards.
@@ -93,10 +93,10 @@ def test_apply_is_the_documented_similarity():
     r = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix()
     placement = Placement(rotation=r, translation=np.array([0.1, 0.2, 0.3]), scale=0.5)
     path = demonstration(strokes())
-    laid = placement.apply(path)
+    placed_path = placement.apply(path)
     expected = [0.5 * r @ p + [0.1, 0.2, 0.3] for p in path.values]
-    assert_allclose(laid.values, expected, atol=1e-12)
-    assert np.array_equal(laid.time, path.time)
+    assert_allclose(placed_path.values, expected, atol=1e-12)
+    assert np.array_equal(placed_path.time, path.time)
 
 
 def test_heights_are_kept_without_a_touch():
@@ -122,10 +122,10 @@ def test_long_recordings_are_placed_in_little_memory_and_time():
 def test_apply_keeps_the_recording_and_its_note():
     path = Demonstration(time=np.arange(600), values=strokes(), note="of someone")
     before = path.values.copy()
-    laid = fit_placement(path, usable=USABLE).apply(path)
+    placed_path = fit_placement(path, usable=USABLE).apply(path)
     assert np.array_equal(path.values, before)
-    assert laid.note == "of someone"
-    assert laid.channels == ("x", "y", "z")
+    assert placed_path.note == "of someone"
+    assert placed_path.channels == ("x", "y", "z")
 
 
 def test_wall_in_front_of_the_robot_is_laid_down():
@@ -190,12 +190,12 @@ def test_width_of_an_arms_path_or_of_a_point_is_accepted(width):
 
 def test_real_demonstrations_fit_onto_the_board(real_demonstration_paths):
     for name, path in real_demonstration_paths.items():
-        recorded = Demonstration.load(path)
-        placement = fit_placement(recorded, usable=USABLE)
-        laid = placement.apply(recorded).values
-        assert np.all(np.abs(laid[:, 0]) <= 0.2 + 1e-9), name
-        assert np.all(np.abs(laid[:, 1]) <= 0.15 + 1e-9), name
-        assert np.all(laid[:, 2] >= 0), name
+        recorded_demonstration = Demonstration.load(path)
+        placement = fit_placement(recorded_demonstration, usable=USABLE)
+        placed_path = placement.apply(recorded_demonstration).values
+        assert np.all(np.abs(placed_path[:, 0]) <= 0.2 + 1e-9), name
+        assert np.all(np.abs(placed_path[:, 1]) <= 0.15 + 1e-9), name
+        assert np.all(placed_path[:, 2] >= 0), name
         assert placement.touching > 0.1, name
 
 
@@ -222,8 +222,10 @@ def test_force_is_played_where_the_recording_is_of_the_board_already(
 def test_tool_that_is_turned_is_played_where_the_recording_is_of_the_board():
     path, orientation = strokes(), Rotation.from_rotvec([0.1, 0.0, 0.2])
     recording = demonstration(path)
-    turned = add_orientation(recording, Rotation.concatenate([orientation] * 600))
-    for each, count in ((turned, 6), (recording, 3)):
+    posed_recording = add_orientation(
+        recording, Rotation.concatenate([orientation] * 600)
+    )
+    for each, count in ((posed_recording, 6), (recording, 3)):
         placed, _ = lay_on_board(replace(each, frame="board"), scenario=Scenario())
         assert len(placed.channels) == count
 

@@ -54,14 +54,14 @@ def posed(shape, *, force="tool", tilt=0.1, **options):
     )
     R_ST = Rotation.from_matrix(rotations(SURFACES[shape], uvh))
     R_DE = R_DS * R_ST * Rotation.from_rotvec(phi) * MOUNT
-    pressed = np.where(on, 12 + 3 * np.sin(np.pi * time), 0.0)
+    contact_force = np.where(on, 12 + 3 * np.sin(np.pi * time), 0.0)
     normal = (R_DS * R_ST).apply([0.0, 0.0, 1.0])
     if force == "tool":
-        vectors = pressed[:, None] * MOUNT.inv().apply([0.0, 0.0, 1.0])
+        vectors = contact_force[:, None] * MOUNT.inv().apply([0.0, 0.0, 1.0])
     elif force == "world":
-        vectors = pressed[:, None] * normal
+        vectors = contact_force[:, None] * normal
     else:
-        vectors = pressed[:, None]
+        vectors = contact_force[:, None]
     names = ["force_x", "force_y", "force_z"] if vectors.shape[1] == 3 else ["force"]
     recording = Demonstration(
         time=time,
@@ -69,7 +69,7 @@ def posed(shape, *, force="tool", tilt=0.1, **options):
         channels=("x", "y", "z", *names),
         units=("m", "m", "m", *["N"] * len(names)),
     )
-    return add_orientation(recording, R_DE), uvh, on, phi, pressed
+    return add_orientation(recording, R_DE), uvh, on, phi, contact_force
 
 
 @pytest.mark.parametrize("lift", [0.0, 0.1])
@@ -83,9 +83,9 @@ def test_shape_radius_and_pose_of_a_noisy_surface_are_found(shape, lift):
     if shape != "plane":
         assert fit.radius == pytest.approx(RADII[shape], rel=0.03)
     truth = R_DS.apply(place(SURFACES[shape], np.zeros((1, 3))))[0] + P_DS
-    found = fit.coordinates(truth[None])[0]
-    assert abs(found[2]) < 0.001
-    normal = fit.rotation @ rotations(fit.curvature, found[None])[0][:, 2]
+    coordinates = fit.coordinates(truth[None])[0]
+    assert abs(coordinates[2]) < 0.001
+    normal = fit.rotation @ rotations(fit.curvature, coordinates[None])[0][:, 2]
     angle = np.arccos(np.clip(normal @ R_DS.apply([0.0, 0.0, 1.0]), -1, 1))
     assert np.degrees(angle) < 1
     assert fit.residual == pytest.approx(0.001, rel=0.15)
@@ -132,7 +132,7 @@ def test_points_that_determine_no_surface_are_refused():
 @pytest.mark.parametrize("force", ["tool", "world", "scalar"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_pose_and_force_are_relative_to_the_local_normal(shape, force):
-    recording, _, on, phi, pressed = posed(shape, force=force, tilt=0.05)
+    recording, _, on, phi, contact_force = posed(shape, force=force, tilt=0.05)
     scenario = Scenario()
     (placed,), remarks = place_on_fitted_surface(
         [recording], scenario=scenario, extra=("orientation", "force")
@@ -156,11 +156,11 @@ def test_pose_and_force_are_relative_to_the_local_normal(shape, force):
     assert_allclose(tilt[on], expected[on], atol=np.radians(2))
     # The felt bears less on a sphere, where its edges lift: the force is scaled.
     highest, placed_highest = (
-        np.percentile(f, 95) for f in (pressed[index][on], placed.values[on, 6])
+        np.percentile(f, 95) for f in (contact_force[index][on], placed.values[on, 6])
     )
     scale = placed_highest / highest
     assert (scale == pytest.approx(1.0, abs=0.02)) == (shape != "dome")
-    force_error = placed.values[on, 6] - scale * pressed[index][on]
+    force_error = placed.values[on, 6] - scale * contact_force[index][on]
     assert scale > 0.7
     assert np.sqrt(np.mean(force_error**2)) < 0.5
     nominal = scenario.eraser_orientation().matrix()

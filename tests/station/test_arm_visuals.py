@@ -74,9 +74,9 @@ make_meshes.write_meshes(links, Path({str(tmp_path)!r}))
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"{n}.gltf" for n in names]
     for name in names:
         folders = (tmp_path, models_dir() / arm / "meshes")
-        made, kept = (_Arrays(folder / f"{name}.gltf") for folder in folders)
-        assert len(made) == len(kept)
-        for new, old in zip(made, kept, strict=True):
+        new_mesh, stored_mesh = (_Arrays(folder / f"{name}.gltf") for folder in folders)
+        assert len(new_mesh) == len(stored_mesh)
+        for new, old in zip(new_mesh, stored_mesh, strict=True):
             np.testing.assert_allclose(new[0], old[0], atol=2e-5)
             np.testing.assert_allclose(new[1], old[1], atol=2e-3)
             np.testing.assert_array_equal(new[2], old[2])

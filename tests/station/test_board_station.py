@@ -43,9 +43,9 @@ def test_both_arms_have_the_same_ports_and_lcm_has_its_own_besides(restless_skil
     for arm, own in arms.items():
         config = arm()
         board = MakeStation(scenario, None, driver=config, lcm=DrakeLcm("memq://"))
-        found = ports(board)
-        assert {k: v for k, v in found.items() if k not in own} == COMMON
-        assert set(own) <= set(found)
+        station_ports = ports(board)
+        assert {k: v for k, v in station_ports.items() if k not in own} == COMMON
+        assert set(own) <= set(station_ports)
         for name in (*DESIRED, "desired_normal_force"):
             board.GetInputPort(name)
         for name in ("wall_time", "go"):
@@ -63,7 +63,7 @@ def test_both_arms_have_the_same_ports_and_lcm_has_its_own_besides(restless_skil
         assert set(DESIRED) | controlled | {"normal_force"} <= ports(skilled).keys()
         if arm is LcmPanda:
             of_skill = {*DESIRED, "covariance", "weights", "component", "remaps"}
-            assert ports(skilled).keys() == found.keys() | of_skill
+            assert ports(skilled).keys() == station_ports.keys() | of_skill
             assert skilled.HasInputPort("tempo")
 
 
@@ -76,8 +76,8 @@ def test_simulated_robot_follows_its_inputs():
     for name, value in zip(DESIRED, (goal, np.zeros(3), np.zeros(3)), strict=True):
         board.GetInputPort(name).FixValue(context, value)
     simulator.AdvanceTo(1.0)
-    came = board.GetOutputPort("measured_position").Eval(context)
-    assert_allclose(came, goal, atol=2e-3)
+    position = board.GetOutputPort("measured_position").Eval(context)
+    assert_allclose(position, goal, atol=2e-3)
     free = board.GetOutputPort("torque_external").Eval(context)
     assert_allclose(free, 0.0, atol=1e-9)
 

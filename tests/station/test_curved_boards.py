@@ -122,10 +122,10 @@ def test_pipe_is_wiped_across_its_seam_with_an_even_force():
     assert np.ptp(forces) < 0.1 * np.mean(forces)
     # From 0.3 rad before the seam to 0.3 rad behind it, and by half the felt.
     rows = np.mean(ink, axis=1)
-    wiped = np.abs(grid.y[rows < 0.99])
+    wiped_rows = np.abs(grid.y[rows < 0.99])
     seam = np.pi * 0.15
-    assert np.max(wiped) == pytest.approx(seam, abs=grid.cell)
-    assert np.min(wiped) == pytest.approx(seam - 0.3 * 0.15 - 0.025, abs=0.01)
+    assert np.max(wiped_rows) == pytest.approx(seam, abs=grid.cell)
+    assert np.min(wiped_rows) == pytest.approx(seam - 0.3 * 0.15 - 0.025, abs=0.01)
     # Alike on both sides of the seam, as no cell is wiped twice.
     np.testing.assert_allclose(rows[:5], rows[-5:][::-1], atol=0.03)
     columns = np.abs(grid.x) < 0.05

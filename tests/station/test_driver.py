@@ -62,19 +62,19 @@ def test_simulated_arm_passes_torque_and_adds_its_weight(arm):
     driver = MakeDriver(SimulatedDriver(), arm=arm)
     context = driver.CreateDefaultContext()
     values = {"torque": 7, "plant_state": 14, "plant_external": 7}
-    given = {name: np.linspace(0.1, 1.0, size) for name, size in values.items()}
-    for name, value in given.items():
+    inputs = {name: np.linspace(0.1, 1.0, size) for name, size in values.items()}
+    for name, value in inputs.items():
         driver.GetInputPort(name).FixValue(context, value)
-    assert_array_equal(show(driver, context, "plant_actuation"), given["torque"])
-    assert_array_equal(show(driver, context, "state"), given["plant_state"])
+    assert_array_equal(show(driver, context, "plant_actuation"), inputs["torque"])
+    assert_array_equal(show(driver, context, "state"), inputs["plant_state"])
     assert_array_equal(
-        show(driver, context, "torque_external"), given["plant_external"]
+        show(driver, context, "torque_external"), inputs["plant_external"]
     )
     own = arm.CreateDefaultContext()
-    arm.SetPositionsAndVelocities(own, given["plant_state"])
+    arm.SetPositionsAndVelocities(own, inputs["plant_state"])
     weight = -arm.CalcGravityGeneralizedForces(own)
     measured = show(driver, context, "torque_measured")
-    assert_allclose(measured, given["torque"] + weight, atol=1e-12)
+    assert_allclose(measured, inputs["torque"] + weight, atol=1e-12)
     assert show(driver, context, "mode") == GateMode.OPEN
 
 

@@ -31,26 +31,26 @@ def wiped(skill, seconds, *, name="table_top", height=0.0, push=None):
 def test_a_board_that_is_lower_or_higher_is_pressed_as_wanted(wiping_skill, height):
     run, force, status = wiped(wiping_skill, 2.5, height=height)
     assert not run.scenario.impedance.force_control.enabled
-    pressed = force[-100:]  # The last second.
-    assert pressed.mean() == pytest.approx(WANTED, abs=1.5)
-    assert pressed.min() > WANTED - 5
+    last_forces = force[-100:]  # The last second.
+    assert last_forces.mean() == pytest.approx(WANTED, abs=1.5)
+    assert last_forces.min() > WANTED - 5
     assert force.max() < WANTED + 5
     assert not np.any(status[:, 0].astype(int) & StatusFlag.PROTECTIVE_STOP)
-    said = {event.kind: event.text for event in run.events()}
-    assert "contact lost" not in said
-    found = said[f"board found {'lower' if height < 0 else 'higher'} than assumed"]
+    texts = {event.kind: event.text for event in run.events()}
+    assert "contact lost" not in texts
+    text = texts[f"board found {'lower' if height < 0 else 'higher'} than assumed"]
     # The path itself has only come down to the board meanwhile.
-    assert float(found.split()[2]) == pytest.approx(9, abs=4)
+    assert float(text.split()[2]) == pytest.approx(9, abs=4)
 
 
 def test_missing_board_is_reported_by_a_protective_stop(wiping_skill):
     run, force, status = wiped(wiping_skill, 3.5, height=-0.15)
     assert force.max() == 0
     flags = status[:, 0].astype(int)
-    stopped = np.flatnonzero(flags & StatusFlag.NOT_FOUND)
-    assert len(stopped) >= 1
-    assert flags[stopped[0]] & StatusFlag.PROTECTIVE_STOP
-    assert np.all(flags[1200 : stopped[0]] & StatusFlag.CONTACT_LOST)
+    stops = np.flatnonzero(flags & StatusFlag.NOT_FOUND)
+    assert len(stops) >= 1
+    assert flags[stops[0]] & StatusFlag.PROTECTIVE_STOP
+    assert np.all(flags[1200 : stops[0]] & StatusFlag.CONTACT_LOST)
     settings = run.scenario.impedance.force_control
     z = run.log("measured_position")[:, 2]
     # As far as is searched below the path, and as the force takes to fade.
@@ -58,8 +58,8 @@ def test_missing_board_is_reported_by_a_protective_stop(wiping_skill):
     # It comes up again before it is led back to the path.
     led = np.flatnonzero(flags & StatusFlag.RECOVER)
     assert np.all(status[led[:1], 4] == 0)
-    said = {event.kind: event.text for event in run.events()}
-    assert "no board was found" in said["protective stop"]
+    texts = {event.kind: event.text for event in run.events()}
+    assert "no board was found" in texts["protective stop"]
 
 
 @pytest.mark.parametrize(
@@ -97,6 +97,8 @@ def test_eraser_pushed_off_the_board_returns_to_it(wiping_skill):
 
 def test_the_torque_does_not_jump_where_the_board_is_found(wiping_skill):
     _, force, status = wiped(wiping_skill, 1.5, height=-0.009)
-    touched = np.argmax(force > 1)
-    assert touched > 10
-    assert np.all(status[10 * touched - 100 :, 3] == 1)  # Never at the rate limit.
+    first_contact = np.argmax(force > 1)
+    assert first_contact > 10
+    assert np.all(
+        status[10 * first_contact - 100 :, 3] == 1
+    )  # Never at the rate limit.

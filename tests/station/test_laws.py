@@ -68,15 +68,15 @@ def scenario_at(tempo, name="table_top"):
 
 def state_of(station, context):
     """Return the discrete state of the parts that decide, name by name."""
-    found = {}
+    results = {}
     for name in PARTS:
         if not station.HasSubsystemNamed(name):
             continue  # There is no ink in free space.
         system = station.GetSubsystemByName(name)
         values = system.GetMyContextFromRoot(context).get_discrete_state()
         for i in range(values.num_groups()):
-            found[f"{name}[{i}]"] = values.value(i).copy()
-    return found
+            results[f"{name}[{i}]"] = values.value(i).copy()
+    return results
 
 
 def assert_same(one, two):
@@ -170,8 +170,8 @@ def test_station_continues_identically_in_another_process(restless_skill, tmp_pa
     )
     process.start()
     process.join()
-    with np.load(tmp_path / "state.npz") as found:
-        assert_same(dict(found), state_of(station, simulator.get_context()))
+    with np.load(tmp_path / "state.npz") as results:
+        assert_same(dict(results), state_of(station, simulator.get_context()))
 
 
 @pytest.mark.parametrize("t0", [0.0137, 100.001])

@@ -85,9 +85,9 @@ def assert_pressed(run):
     force = run.log("normal_force")[:, 0]
     first = np.argmax(force > 0.5)
     assert 0 < first < 200
-    pressed = force[first:]
-    assert np.mean((pressed > 5) & (pressed < 15)) >= 0.95
-    assert np.mean(pressed > 0.5) > 0.99
+    contact_force = force[first:]
+    assert np.mean((contact_force > 5) & (contact_force < 15)) >= 0.95
+    assert np.mean(contact_force > 0.5) > 0.99
 
 
 def assert_told_where_the_board_is(run):
@@ -104,15 +104,15 @@ def assert_told_where_the_board_is(run):
     speed = np.diff(p_WB, axis=0) / seconds
     between = (velocity[1:, 3:] + velocity[:-1, 3:]) / 2
     settled = np.array(run.times)[1:] > 0.2
-    missed = np.max(np.abs(speed - between)[settled], axis=1)
+    largest_error = np.max(np.abs(speed - between)[settled], axis=1)
     # Where the eraser lands, the speed changes more quickly than somebody looks.
-    assert np.quantile(missed, 0.99) < 5e-4
-    assert np.max(missed) < 5e-3
+    assert np.quantile(largest_error, 0.99) < 5e-4
+    assert np.max(largest_error) < 5e-3
     # As planned, without what the eraser's friction does to the board.
     gained = np.cumsum(seconds * (acceleration[1:, 3:] + acceleration[:-1, 3:]), axis=0)
-    missed = np.max(np.abs(velocity[1:, 3:] - gained / 2)[settled], axis=1)
-    assert np.quantile(missed, 0.99) < 5e-3
-    assert np.max(missed) < 1e-2
+    largest_error = np.max(np.abs(velocity[1:, 3:] - gained / 2)[settled], axis=1)
+    assert np.quantile(largest_error, 0.99) < 5e-3
+    assert np.max(largest_error) < 1e-2
 
 
 # A board on a rail ------------------------------------------------------------
@@ -270,14 +270,17 @@ def test_controller_sees_the_measured_state(sensed):
     driver = sensed.station.GetSubsystemByName("driver")
     controller = sensed.station.GetSubsystemByName("controller")
     port = controller.GetInputPort("state")
-    seen, real = port.Eval(sensed.context_of("controller")), sensed.log("state")[-1]
+    sensed_state, real = (
+        port.Eval(sensed.context_of("controller")),
+        sensed.log("state")[-1],
+    )
     measured = driver.GetOutputPort("state").Eval(sensed.context_of("driver"))
-    assert_array_equal(seen, measured)
+    assert_array_equal(sensed_state, measured)
     # The last sample was taken a millisecond ago, and comes 2 ms late.
     late = sensed.log("state")[-1 - 3]
-    assert_allclose(seen[:7], late[:7], atol=6e-5)
-    assert_allclose(seen[7:], late[7:], atol=0.012)
-    assert np.all(seen != real)
+    assert_allclose(sensed_state[:7], late[:7], atol=6e-5)
+    assert_allclose(sensed_state[7:], late[7:], atol=0.012)
+    assert np.all(sensed_state != real)
     # The arm's own gravity compensation is not part of what is measured.
     compensation = driver.GetSubsystemByName("gravity_compensation")
     root = sensed.simulator.get_context()

@@ -101,9 +101,9 @@ def test_a_scenario_names_a_robot_beside_it(folder):
 
 def test_six_joints_wipe_the_board_with_the_bundled_skill(run):
     time, force = run.log_times("normal_force"), run.log("normal_force")[:, 0]
-    pressed = force[time > 2.0]
-    assert_allclose(np.mean(pressed), 10.0, atol=1.0)
-    assert np.min(pressed) > 4.0
+    contact_force = force[time > 2.0]
+    assert_allclose(np.mean(contact_force), 10.0, atol=1.0)
+    assert np.min(contact_force) > 4.0
     flags = np.bitwise_or.reduce(run.log("status")[:, 0].astype(int))
     assert not flags & (StatusFlag.PROTECTIVE_STOP | StatusFlag.ARM_TOUCHES)
     metrics = run.metrics()
@@ -124,9 +124,9 @@ def test_its_reach_is_checked(folder, bundled_skill):
     scenario = LoadScenario("vertical", robot=str(folder / "six.yaml"))
     assert scenario.preferred_posture() == POSTURE
     scenario = LoadScenario("table_top", robot=str(folder / "six.yaml"))
-    near = CheckFeasibility(scenario, bundled_skill)
-    assert near.posture.shape == (6,)
-    assert near.values["reachable_fraction"] > 0.99
+    feasibility = CheckFeasibility(scenario, bundled_skill)
+    assert feasibility.posture.shape == (6,)
+    assert feasibility.values["reachable_fraction"] > 0.99
     scenario.board.translation = [1.1, 0.0, 0.1]
     assert not CheckFeasibility(scenario, bundled_skill).is_feasible
 

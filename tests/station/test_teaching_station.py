@@ -117,8 +117,10 @@ def test_eraser_stays_on_the_board(lesson):
 
 def test_arm_follows_the_hand(lesson):
     demonstration = recorded(lesson)
-    wanted = np.array([lesson.motion.at(t + SETTLE)[0] for t in demonstration.time])
-    distance = np.linalg.norm(demonstration.values[:, :2] - wanted, axis=1)
+    desired_path = np.array(
+        [lesson.motion.at(t + SETTLE)[0] for t in demonstration.time]
+    )
+    distance = np.linalg.norm(demonstration.values[:, :2] - desired_path, axis=1)
     # A hand is soft: it lags and cuts corners, by a few centimetres.
     assert np.sqrt(np.mean(distance**2)) < 0.03
     assert np.max(distance) < 0.06

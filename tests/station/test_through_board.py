@@ -31,9 +31,9 @@ def pushed(skill, *, felt=1.25e4, press=10.0, force=0.0, hard=True):
                 graph.RemoveRole(source, g, Role.kProximity)
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
-    wanted = station.GetSubsystemByName("desired_normal_force")
-    at = wanted.GetMyMutableContextFromRoot(context)
-    wanted.get_mutable_source_value(at).SetFromVector([press])
+    desired_force = station.GetSubsystemByName("desired_normal_force")
+    at = desired_force.GetMyMutableContextFromRoot(context)
+    desired_force.get_mutable_source_value(at).SetFromVector([press])
     depth, flags = 0.0, StatusFlag(0)
     for tick in range(1, 131):
         simulator.AdvanceTo(0.01 * tick)
@@ -74,7 +74,7 @@ def test_an_arm_that_falls_on_the_board_stays_above_it():
     diagram = builder.Build()
     simulator = Simulator(diagram)
     plant, context = scene.plant, simulator.get_context()
-    touched, said = set(), 0
+    touched_bodies, said = set(), 0
     for tick in range(1, 121):
         simulator.AdvanceTo(0.01 * tick)
         assert diagram.GetOutputPort("penetration").Eval(context)[0] < 0.01
@@ -86,11 +86,11 @@ def test_an_arm_that_falls_on_the_board_stays_above_it():
             both = pair.bodyA_index(), pair.bodyB_index()
             names = {plant.get_body(body).name() for body in both}
             if "board" in names and "eraser" not in names:
-                touched |= names
+                touched_bodies |= names
         said |= int(diagram.GetOutputPort("status").Eval(context)[0])
         # Seen at the next look of the monitor; a ball may be just beside.
-        assert touched or not said & StatusFlag.ARM_TOUCHES
-    assert {"panda_link6", "board"} <= touched
+        assert touched_bodies or not said & StatusFlag.ARM_TOUCHES
+    assert {"panda_link6", "board"} <= touched_bodies
     assert said == StatusFlag.ARM_TOUCHES
 
 

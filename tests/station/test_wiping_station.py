@@ -226,9 +226,9 @@ def test_outputs_agree_with_each_other(from_outside):
     velocity = from_outside.log("measured_velocity")
     slope = np.gradient(from_outside.log("measured_position"), 0.001, axis=0)
     assert_allclose(velocity[1:-1], slope[1:-1], atol=0.02)
-    wanted = from_outside.log("desired_velocity")
+    desired_velocity = from_outside.log("desired_velocity")
     slope = np.gradient(from_outside.log("desired_position"), 0.001, axis=0)
-    assert_allclose(wanted[1:-1], slope[1:-1], atol=0.02)
+    assert_allclose(desired_velocity[1:-1], slope[1:-1], atol=0.02)
 
 
 # What becomes of the ink.
@@ -460,11 +460,11 @@ def test_the_press_may_be_closed_over_the_arms_external_torque(bundled_skill):
     simulator.AdvanceTo(1.0)
     context = simulator.get_context()
     estimator = station.GetSubsystemByName("normal_force_estimator")
-    felt = estimator.GetOutputPort("normal_force").Eval(
+    estimated_force = estimator.GetOutputPort("normal_force").Eval(
         estimator.GetMyContextFromRoot(context)
     )
     force = station.GetOutputPort("normal_force").Eval(context)
     assert force[0] == pytest.approx(scenario.press.force, abs=1.0)
-    assert felt[0] == pytest.approx(force[0], abs=1e-3)
+    assert estimated_force[0] == pytest.approx(force[0], abs=1e-3)
     status = station.GetOutputPort("status").Eval(context)
     assert int(status[0]) & StatusFlag.FORCE_CONTROL

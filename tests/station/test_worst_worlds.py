@@ -48,17 +48,17 @@ def metrics(spec, number, seconds):
 )
 def test_failures_are_predicted_by_the_check(spec, number, why):
     run = make(spec, number)
-    found = CheckFeasibility(run.scenario, run.skill)
-    assert not found.is_feasible
-    assert why in found.verdict
+    feasibility = CheckFeasibility(run.scenario, run.skill)
+    assert not feasibility.is_feasible
+    assert why in feasibility.verdict
 
 
 def test_a_joint_that_contact_accelerates_stays_below_its_speed_limit(spec):
     # 104 % of it at 4.85 s where the brake counted on all of the limit.
     run = make(spec, 445)
-    found = CheckFeasibility(run.scenario, run.skill)
-    assert found.is_feasible
-    assert found.values["largest_speed_ratio"] > 0.85
+    feasibility = CheckFeasibility(run.scenario, run.skill)
+    assert feasibility.is_feasible
+    assert feasibility.values["largest_speed_ratio"] > 0.85
     run.advance_to(5.2)
     assert 0.9 < run.metrics()["joint_speed_ratio_max"] < 1.0
 
