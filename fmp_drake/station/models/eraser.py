@@ -1,4 +1,4 @@
-"""The eraser on its stem, in any size."""
+"""Eraser of any size with its stem, and the force limit of its felt."""
 
 from math import pi
 
@@ -19,13 +19,13 @@ from fmp_drake.station.models.model_files import (
 )
 from fmp_drake.station.scenario_parts import EraserConfig
 
-_THICK = 0.030  # The felt, m.
+_THICKNESS = 0.030  # Of the felt, m.
 FELT_DEPTH = 0.012
-"""Depth of the felt before its core, m."""
+"""Depth of the felt in front of its core, m."""
 
-_INSET = 0.005  # How far the core is within the felt's edges, m.
-_HARD = 1e7  # Pressure in the middle of core and handle, Pa.
-_RIM = 0.006  # How much wider the handle is than the felt, m.
+_INSET = 0.005  # Distance of the core from the felt's edges, m.
+_CORE_MODULUS = 1e7  # Pressure in the middle of core and handle, Pa.
+_RIM = 0.006  # Width of the handle less that of the felt, m.
 _METAL = (0.55, 0.57, 0.59)
 _BLUE = (0.10, 0.32, 0.62)
 _FELT = (0.20, 0.21, 0.23)
@@ -36,28 +36,27 @@ _UP = np.array([0.0, 0.0, 1.0])
 def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex:
     """Add the model `eraser`: body `eraser` with frames `mount` and `eraser_tip` (E).
 
-    The body's frame is `mount`, on the robot's flange, z pointing away from the
-    robot. E has the same axes and its origin at the centre of the felt's unloaded
-    face, 0.100 m from the flange. The mass is that of four uniform solids: flange
-    plate and stem (aluminium, 2700 kg/m^3), handle (700 kg/m^3), felt (200 kg/m^3).
+    The frame of the body is `mount`, on the robot's flange, with z away from the robot.
+    E has the same axes and its origin at the centre of the felt's unloaded face, 0.100 m
+    from the flange. The mass is that of four uniform solids: flange plate and stem
+    (aluminium, 2700 kg/m^3), handle (700 kg/m^3), felt (200 kg/m^3).
 
-    The felt's pressure is modulus * depth / 0.015 m (half the thickness), less at the
-    edges: 10 N press the whole face of 0.12 m x 0.05 m and 1.25e4 Pa 2.13 mm deep.
-    With its dissipation it does not bounce when it lands at 0.05 m/s; with none it
-    does.
+    The felt's pressure is modulus * depth / 0.015 m (half the thickness), and smaller at
+    the edges: 10 N compress a felt of 0.12 m x 0.05 m and 1.25e4 Pa by 2.13 mm. Its
+    dissipation prevents a bounce after landing at 0.05 m/s.
 
-    Behind 12 mm of felt there is a hard core, 5 mm within the felt's edges. It stands
-    for the fibres that lie on one another by then, whose pressure grows with the cube
-    of the density [1]_; the pressure of the felt alone falls again beyond half of the
-    thickness, and 45 N push it through a board. Core and handle are as hard as the
-    board, and give way by 0.03 mm for 100 N on the whole face. Thrown flat at the board
-    at 1.7 m/s with 10 kg behind it, the core goes 2.1 mm in with a felt of 3e3 Pa.
+    Behind 12 mm of felt there is a hard core, 5 mm within the felt's edges. It represents
+    compressed fibres in contact, whose pressure increases with the cube of the density
+    [1]_. The pressure of the felt alone decreases beyond half of the thickness, and 45 N
+    push it through a board. Core and handle have the modulus of the board: 100 N on the
+    whole face compress them by 0.03 mm. In a flat impact at 1.7 m/s with 10 kg, and a felt
+    of 3e3 Pa, the core penetrates the board by 2.1 mm.
 
-    The same law gives the plausible moduli. Wool, of 1310 kg/m^3 and about 3 GPa,
-    resists squeezing by half with k E phi^3 (2^3 - 1), with k about 0.01 and phi the
-    fraction of the volume that is filled: 2.5e3 Pa for a fleece of 30 kg/m^3, 1.2e4 Pa
-    for one of 50, 2e5 Pa for a felt of 130 kg/m^3. Felts also get stiffer with the load
-    that they carry [2]_, which is left out.
+    The same law yields plausible moduli. Wool, of 1310 kg/m^3 and about 3 GPa, has the
+    pressure k E phi^3 (2^3 - 1) when it is compressed by half, with k about 0.01 and phi
+    the volume fraction of the fibres: 2.5e3 Pa for a fleece of 30 kg/m^3, 1.2e4 Pa for
+    50 kg/m^3, 2e5 Pa for a felt of 130 kg/m^3. The stiffness of a felt also increases with
+    its load [2]_, which is neglected.
 
     Parameters
     ----------
@@ -72,7 +71,7 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     Raises
     ------
     StationError
-        Where a value of the config is not allowed.
+        If a value of the config is not allowed.
 
     References
     ----------
@@ -105,16 +104,15 @@ def FeltForceLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
     """Return the normal force that squeezes a felt to its core, N.
 
     It is the felt's pressure at the depth of the core on the whole footprint,
-    ``modulus * (0.012 m / 0.015 m) * x * y``: 60 N for the default eraser. The
-    simulated felt, whose pressure is less at the edges, bears 42 N of these by itself.
-    Beyond it would be the core's hard edges that wipe, not the felt. On a curved surface
-    the felt has less depth left where it is squeezed least.
+    ``modulus * (0.012 m / 0.015 m) * x * y``: 60 N for the default eraser. The simulated
+    felt, whose pressure is smaller at the edges, bears 42 N of it. With a larger force the
+    hard edges of the core would wipe, not the felt. A curved surface reduces the depth.
 
     Parameters
     ----------
     config : EraserConfig
     sagitta : float
-        How far the surface bends away under the felt, see `Surface.sagitta`, m.
+        Depth of the surface's curvature below the felt, see `Surface.sagitta`, m.
 
     Examples
     --------
@@ -123,25 +121,23 @@ def FeltForceLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
     """
     x, y = config.footprint
     depth = max(FELT_DEPTH - sagitta, 0.0)
-    return config.modulus * depth / (_THICK / 2) * x * y
+    return config.modulus * depth / (_THICKNESS / 2) * x * y
 
 
 def _Contacts(config: EraserConfig) -> list[str]:
     """Return the contact geometry: the felt, and the hard parts behind it."""
     x, y = config.footprint
-    core = Box(x - 2 * _INSET, y - 2 * _INSET, _THICK - FELT_DEPTH)
+    core = Box(x - 2 * _INSET, y - 2 * _INSET, _THICKNESS - FELT_DEPTH)
     handle = Box(x + _RIM, y + _RIM, 0.020)
     felt: dict[str, float] = {"modulus": config.modulus, "dissipation": 20}
-    hard: dict[str, float] = {"modulus": _HARD, "dissipation": 5}
-    rub = config.friction
+    hard: dict[str, float] = {"modulus": _CORE_MODULUS, "dissipation": 5}
+    mu = config.friction
     return [
-        Collision("felt", Box(x, y, _THICK), at=(0, 0, 0.085), friction=rub, **felt),
-        Collision(
-            "core", core, at=(0, 0, 0.085 - FELT_DEPTH / 2), friction=rub, **hard
-        ),
-        Collision("handle", handle, at=(0, 0, 0.060), friction=rub, **hard),
-        Collision("stem", Cylinder(0.012, 0.042), at=(0, 0, 0.029), friction=rub),
-        Collision("plate", Cylinder(0.0315, 0.008), at=(0, 0, 0.004), friction=rub),
+        Collision("felt", Box(x, y, _THICKNESS), at=(0, 0, 0.085), friction=mu, **felt),
+        Collision("core", core, at=(0, 0, 0.085 - FELT_DEPTH / 2), friction=mu, **hard),
+        Collision("handle", handle, at=(0, 0, 0.060), friction=mu, **hard),
+        Collision("stem", Cylinder(0.012, 0.042), at=(0, 0, 0.029), friction=mu),
+        Collision("plate", Cylinder(0.0315, 0.008), at=(0, 0, 0.004), friction=mu),
     ]
 
 
@@ -161,7 +157,7 @@ def _Inertia(x: float, y: float) -> SpatialInertia:
 
 
 def _Handle(x: float, y: float) -> list[str]:
-    """Draw a handle with round corners and a bulging back, z from 0.047 to 0.070."""
+    """Return the visuals of a rounded handle, z from 0.047 to 0.070."""
     r = 0.24 * min(x, y)
     parts = [
         Visual("handle", Box(x - 2 * r, y, 0.013), at=(0, 0, 0.0635), colour=_BLUE),

@@ -1,4 +1,4 @@
-"""The package's models: where they are, and pieces of SDF text for sized ones."""
+"""Folder of the package's models, and SDF text of models with variable sizes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,26 +15,26 @@ Colour = tuple[float, float, float]
 
 
 def models_dir() -> Path:
-    """Find the folder of models, in an installed wheel and in a checkout alike.
+    """Find the folder of models, in an installed wheel or in a checkout.
 
     Returns
     -------
     Path
-        The folder that holds ``package.xml``.
+        The folder with ``package.xml``.
 
     Raises
     ------
     StationError
-        If neither place has it.
+        If it is missing in both.
     """
     package = Path(__file__).resolve().parents[2]
     candidates = (package / "models", package.parent / "models")
     for folder in candidates:
         if (folder / "package.xml").is_file():
             return folder
-    looked = " and ".join(str(folder) for folder in candidates)
+    folders = " nor ".join(str(folder) for folder in candidates)
     raise StationError(
-        f"No models: package.xml is in neither {looked}. "
+        f"no models: package.xml is neither in {folders}. "
         "Install fmp_drake again, or run it from a complete checkout."
     )
 
@@ -42,12 +42,12 @@ def models_dir() -> Path:
 def AddFmpDrakePackage(parser: Parser) -> None:
     """Add the package of ``package://fmp_drake/...`` to a parser.
 
-    A parser that has it already is not changed.
+    A parser with this package is not changed.
 
     Parameters
     ----------
     parser : Parser
-        The parser that will load the models.
+        Parser of the models.
     """
     packages = parser.package_map()
     if not packages.Contains("fmp_drake"):
@@ -55,7 +55,7 @@ def AddFmpDrakePackage(parser: Parser) -> None:
 
 
 def Numbers(values: Sequence[float] | NDArray[np.float64]) -> str:
-    """Write numbers with six digits, apart by spaces."""
+    """Return numbers with six digits, separated by spaces."""
     return " ".join(f"{value:.6g}" for value in values)
 
 
@@ -117,9 +117,9 @@ def Collision(
     modulus: float | None = None,
     dissipation: float = 0,
 ) -> str:
-    """Return a shape that touches: modulus in Pa, dissipation in s/m.
+    """Return contact geometry with a modulus, Pa, and a dissipation, s/m.
 
-    It is compliant and hydroelastic; without a modulus it touches with points.
+    It is compliant hydroelastic geometry, or has point contact without a modulus.
     """
     hydroelastic = (
         f"""<drake:compliant_hydroelastic/>
@@ -140,7 +140,7 @@ def Collision(
 
 
 def Inertial(inertia: SpatialInertia) -> str:
-    """Return a symmetric body's inertia; `inertia` is about the link's origin."""
+    """Return the inertia of a symmetric body, given about the link's origin."""
     central = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
     moments = (
         f"<i{axis}>{value:.6g}</i{axis}>"
@@ -157,7 +157,7 @@ def Inertial(inertia: SpatialInertia) -> str:
 def AddModel(
     plant: MultibodyPlant, *, model: str, link: str, parts: str, frames: str
 ) -> ModelInstanceIndex:
-    """Add a model of one link, made of inertia, visuals and collisions."""
+    """Add a model of one link with inertia, visuals and collisions."""
     text = f"""<?xml version="1.0"?>
 <sdf version="1.9" xmlns:drake="http://drake.mit.edu">
 <model name="{model}">

@@ -47,21 +47,24 @@ from fmp_drake.systems.surface.surface import Surface, place, rotations
 Array = NDArray[np.float64]
 Faces = NDArray[np.int_]
 
-_THICK = 0.02  # The slab, m.
-_MODULUS = 1e7  # Its pressure in its middle, Pa.
+_THICKNESS = 0.02  # Of the slab, m.
+_MODULUS = 1e7  # Pressure in the middle of the slab, Pa.
 _DENSITY = 500.0  # kg/m^3: 3.5 kg for a board of 0.5 m x 0.7 m.
-_EDGE = 0.012  # The frame's width, m.
-_BAR, _LOW = 0.026, -0.0115  # The height of its bars and of their middle, m.
-_CORNER = 0.020  # The radius of its corner caps, m.
+_EDGE = 0.012  # Width of the frame, m.
+_BAR_HEIGHT, _BAR_Z = (
+    0.026,
+    -0.0115,
+)  # Height of the frame's bars, and z of their middle, m.
+_CORNER = 0.020  # Radius of the corner caps, m.
 
 _WHITE = (0.97, 0.97, 0.97)
 _METAL = (0.70, 0.72, 0.74)
 _DARK = (0.16, 0.17, 0.19)
 
-# How deep 10 N press a felt, m, and the fraction of it by which a flat face of the mesh may
-# be off the surface.
-_FELT_DEPTH, _DEVIATION = 2e-3, 0.1
-# A board this much narrower than a pipe's circumference is wound round it, m.
+# Compression of a felt by 10 N, m, and largest deviation of the mesh from the surface as a
+# fraction of it.
+_COMPRESSION, _DEVIATION = 2e-3, 0.1
+# Largest gap of a closed pipe: its circumference less the width of the board, m.
 _SEAM = 1e-3
 
 
@@ -69,19 +72,19 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
     """Add the model `whiteboard`: body `board` with the frame `surface` (B).
 
     B has its origin at the centre of the wiping surface and z as outward normal. The
-    board is a uniform slab, 20 mm thick. It is compliant, although stiff beside the
-    felt: under an eraser that slides at 0.1 m/s a rigid slab makes the normal force
-    of 10 N ripple by 0.65 N peak to peak, this one by 0.0001 N (`lagged`, 1 ms). The
-    frame's bars, which stand 1.5 mm over the surface, touch like the slab. A curved
-    board has no frame, and stands on a post instead of legs.
+    board is a uniform slab of 20 mm. It is compliant, but much stiffer than the felt. Below
+    an eraser that slides at 0.1 m/s a rigid slab causes a ripple of the normal force of
+    10 N by 0.65 N peak to peak, this slab 0.0001 N (`lagged`, 1 ms). The bars of the frame,
+    1.5 mm above the surface, have the contact of the slab. A curved board has no frame, and
+    a post instead of legs.
 
     Parameters
     ----------
     plant : MultibodyPlant
         Not finalized, without a model of that name.
     config : BoardConfig
-        Its size, friction, and whether four legs of 0.1 m are drawn, for a board on a
-        table, or else a mount on the back.
+        Size, friction, and whether the board has four legs of 0.1 m, for a table, or a mount
+        on its back.
 
     Returns
     -------
@@ -90,15 +93,15 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
     Raises
     ------
     StationError
-        Where a value of the config is not allowed.
+        If a value of the config is not allowed.
 
     Notes
     -----
-    The slab touches as the convex hull of its corners: Drake fills it with 12
-    tetrahedra around its middle, a box with more, of which the felt meets slivers. The
-    pressure is the same. What it costs to simulate a wiping table top, and how far
-    normal force and ink after 5 s are from those of a step of 0.125 ms (root mean
-    square; CPU time of one core, in turns):
+    The contact geometry of the slab is the convex hull of its corners. Drake divides it into
+    12 tetrahedra around its middle, and a box into more, with slivers in contact with the
+    felt. The pressure is the same. The table shows the CPU time of one core for a wiping
+    table top, and the deviations of normal force and ink after 5 s from those of a step of
+    0.125 ms (root mean square):
 
     ============================ ======= ========= ======= ======
     slab, step of the plant      plant   station   force   ink
@@ -111,17 +114,19 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
     hull, CENIC                          504 us/ms 0.054 N 0.0016
     ============================ ======= ========= ======= ======
 
-    Under the same torques hull and box differ by 4e-7 of the force; a finer felt
-    changes nothing, as a box is exact in Drake, and triangles in place of polygons cost
-    190 us more. With 2 ms the arm would feel every second torque only. Links, core,
-    handle, stem, plate and frame cost 10 us while they touch nothing.
+    With equal torques the forces of hull and box differ by 4e-7. A finer felt changes
+    nothing, because a box is exact in Drake; triangles instead of polygons cost 190 us more.
+    With a step of 2 ms only every second torque is applied. Links, core, handle, stem, plate
+    and frame cost 10 us without contact.
     """
     check_settings(config, StationError, "board.")
     x, y = config.size
     inertia = SpatialInertia(
-        _DENSITY * x * y * _THICK, np.zeros(3), UnitInertia.SolidBox(x, y, _THICK)
-    ).Shift(np.array([0, 0, _THICK / 2]))
-    middle, slab = (0.0, 0.0, -_THICK / 2), Box(x, y, _THICK)
+        _DENSITY * x * y * _THICKNESS,
+        np.zeros(3),
+        UnitInertia.SolidBox(x, y, _THICKNESS),
+    ).Shift(np.array([0, 0, _THICKNESS / 2]))
+    middle, slab = (0.0, 0.0, -_THICKNESS / 2), Box(x, y, _THICKNESS)
     is_plane = config.curvature().is_plane
     if is_plane:
         parts = [
@@ -144,20 +149,24 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
         if is_plane:
             _AddSlabContact(plant, whiteboard, config)
         else:
-            AddCurvedContact(plant, whiteboard, config, thickness=_THICK, colour=_WHITE)
+            AddCurvedContact(
+                plant, whiteboard, config, thickness=_THICKNESS, colour=_WHITE
+            )
     return whiteboard
 
 
 def BoardBox(config: BoardConfig) -> NDArray[np.float64]:
-    """Return the lower and the upper corner, shape (2, 3), of slab and frame, m.
+    """Return the lower and the upper corner of slab and frame, shape (2, 3), m.
 
-    They are in B, or on a curved board (u, v, h), see `Surface`.
+    They are in B, or (u, v, h) of a curved board, see `Surface`.
     """
     if not config.curvature().is_plane:
         x, y = (edge / 2 for edge in config.size)
-        return np.array([[-x, -y, -min(_THICK, config.radius / 2)], [x, y, 0.0]])
+        return np.array([[-x, -y, -min(_THICKNESS, config.radius / 2)], [x, y, 0.0]])
     x, y = (edge / 2 + _EDGE for edge in config.size)
-    return np.array([[-x, -y, _LOW - _BAR / 2], [x, y, _LOW + _BAR / 2]])
+    return np.array(
+        [[-x, -y, _BAR_Z - _BAR_HEIGHT / 2], [x, y, _BAR_Z + _BAR_HEIGHT / 2]]
+    )
 
 
 def _AddSlabContact(
@@ -165,13 +174,13 @@ def _AddSlabContact(
 ) -> None:
     """Add the contact of the slab, as the convex hull of its corners."""
     x, y = config.size
-    sides = ((-x / 2, x / 2), (-y / 2, y / 2), (-_THICK, 0.0))
+    sides = ((-x / 2, x / 2), (-y / 2, y / 2), (-_THICKNESS, 0.0))
     corners = np.array(list(product(*sides))).T
     contact = ProximityProperties()
-    # The hint is asked for, but a hull has no resolution.
+    # The resolution hint is required, but a hull does not use it.
     AddCompliantHydroelasticProperties(1.0, _MODULUS, contact)
-    rough = CoulombFriction(config.friction, config.friction)
-    AddContactMaterial(dissipation=0.0, friction=rough, properties=contact)
+    friction = CoulombFriction(config.friction, config.friction)
+    AddContactMaterial(dissipation=0.0, friction=friction, properties=contact)
     plant.RegisterCollisionGeometry(
         plant.GetBodyByName("board", whiteboard),
         RigidTransform(),
@@ -182,7 +191,7 @@ def _AddSlabContact(
 
 
 def _Frame(x: float, y: float) -> list[str]:
-    """Draw four bars around the slab, and round caps on the corners."""
+    """Return the visuals of four bars around the slab, and of caps on the corners."""
     gap = _CORNER - _EDGE  # From the slab's edge to a cap's axis.
     bars = [
         Visual(f"frame_{side}", bar, at=at, colour=_METAL)
@@ -190,13 +199,13 @@ def _Frame(x: float, y: float) -> list[str]:
     ]
     cap = Cylinder(_CORNER, 0.028)
     return bars + [
-        Visual(f"corner_{i}", cap, at=(*corner, _LOW), colour=_DARK)
+        Visual(f"corner_{i}", cap, at=(*corner, _BAR_Z), colour=_DARK)
         for i, corner in enumerate(_Corners(x, y, gap), start=1)
     ]
 
 
 def _FrameContacts(x: float, y: float, friction: float) -> list[str]:
-    """Return the bars as they touch: full length on two sides, for the corners."""
+    """Return the contact geometry of the bars; two of them include the corners."""
     bars = _Bars(x, y, length_x=x, length_y=y + 2 * _EDGE)
     return [
         Collision(f"bar_{i}", bar, at=at, modulus=_MODULUS, friction=friction)
@@ -207,14 +216,14 @@ def _FrameContacts(x: float, y: float, friction: float) -> list[str]:
 def _Bars(
     x: float, y: float, *, length_x: float, length_y: float
 ) -> list[tuple[str, str, tuple[float, float, float]]]:
-    """Return side, shape and place of the frame's bars, of two lengths, m."""
+    """Return side, shape and position of the frame's bars, with two lengths, m."""
     a, b = (x + _EDGE) / 2, (y + _EDGE) / 2
-    long, short = Box(_EDGE, length_y, _BAR), Box(length_x, _EDGE, _BAR)
+    long, short = Box(_EDGE, length_y, _BAR_HEIGHT), Box(length_x, _EDGE, _BAR_HEIGHT)
     return [
-        ("near", long, (-a, 0.0, _LOW)),
-        ("far", long, (a, 0.0, _LOW)),
-        ("right", short, (0.0, -b, _LOW)),
-        ("left", short, (0.0, b, _LOW)),
+        ("near", long, (-a, 0.0, _BAR_Z)),
+        ("far", long, (a, 0.0, _BAR_Z)),
+        ("right", short, (0.0, -b, _BAR_Z)),
+        ("left", short, (0.0, b, _BAR_Z)),
     ]
 
 
@@ -233,10 +242,10 @@ def _Legs(x: float, y: float) -> list[str]:
 
 
 def _Post(config: BoardConfig) -> list[str]:
-    """Draw a post from the slab down to the floor."""
-    length = max(config.translation[2] - _THICK, 0.02)
+    """Return the visuals of a post from the slab to the floor."""
+    length = max(config.translation[2] - _THICKNESS, 0.02)
     post, foot = Cylinder(0.020, length), Cylinder(0.060, 0.008)
-    bottom = -_THICK - length
+    bottom = -_THICKNESS - length
     return [
         Visual("post", post, at=(0.0, 0.0, bottom + length / 2), colour=_METAL),
         Visual("foot", foot, at=(0.0, 0.0, bottom + 0.004), colour=_DARK),
@@ -244,7 +253,7 @@ def _Post(config: BoardConfig) -> list[str]:
 
 
 def _Mount(x: float, y: float) -> list[str]:
-    """Draw two rails behind the slab and a plate that joins them."""
+    """Return the visuals of two rails behind the slab, and a plate between them."""
     rail, plate = Box(0.72 * x, 0.03, 0.014), Box(0.16 * x, 0.5 * y + 0.03, 0.012)
     return [
         Visual("rail_1", rail, at=(0, 0.25 * y, -0.027), colour=_METAL),
@@ -256,11 +265,13 @@ def _Mount(x: float, y: float) -> list[str]:
 def cell_of(surface: Surface) -> tuple[float, float]:
     """Return the longest edges of a mesh along u and v, m; infinite along straight lines.
 
-    An edge L of a circle of radius R deviates from it by L² / 8R, and the diagonal of a
-    cell on a sphere by that of both of its edges.
+    An edge of length L deviates from a circle of radius R by L² / 8R. The diagonal of a cell
+    on a sphere deviates by the sum of its edges.
     """
-    allowed = 8 * _DEVIATION * _FELT_DEPTH / max(int(np.count_nonzero(surface)), 1)
-    u, v = (math.sqrt(allowed / abs(k)) if k else math.inf for k in surface)
+    squared_ratio = (
+        8 * _DEVIATION * _COMPRESSION / max(int(np.count_nonzero(surface)), 1)
+    )
+    u, v = (math.sqrt(squared_ratio / abs(k)) if k else math.inf for k in surface)
     return u, v
 
 
@@ -284,9 +295,9 @@ def curved_slab(
     vertices : array, shape (N, 3)
         In S, m.
     normals : array, shape (N, 3)
-        Out of the slab, for shading.
+        Outward, for shading.
     faces : array of int, shape (M, 3)
-        Counterclockwise seen from outside.
+        Counterclockwise, seen from outside.
     """
     nu, nv = (
         max(1, math.ceil(edge / longest))
@@ -301,13 +312,13 @@ def curved_slab(
     index = np.arange(uvh[..., 0].size).reshape(uvh.shape[:3])
     top, bottom = index
     quads = [_quads(top), _quads(bottom)[:, ::-1]]
-    wound = [
+    is_closed = [
         a > length - _SEAM
         for a, length in zip(size, surface.circumference, strict=True)
     ]
-    if not wound[0]:
+    if not is_closed[0]:
         quads += [_quads(index[::-1, 0]), _quads(index[:, -1])]
-    if not wound[1]:
+    if not is_closed[1]:
         quads += [_quads(index[:, :, 0]), _quads(index[::-1, :, -1])]
     a, b, c, d = np.concatenate(quads).T
     faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
@@ -331,9 +342,9 @@ def AddCurvedContact(
     thickness: float,
     colour: Colour,
 ) -> None:
-    """Add a curved slab to the body `board`, for contact and for the eye.
+    """Add contact and visual geometry of a curved slab to the body `board`.
 
-    It is rigid: a felt is soft enough for both.
+    The slab is rigid; the compliance of the felt is sufficient.
 
     Parameters
     ----------
@@ -343,7 +354,7 @@ def AddCurvedContact(
     config : BoardConfig
         Of a curved shape.
     thickness : float
-        m; at most half of the radius is taken.
+        m; limited to half of the radius.
     colour : tuple of 3 floats
         sRGB.
     """
@@ -356,8 +367,8 @@ def AddCurvedContact(
     body: Any = plant.GetBodyByName("board", whiteboard)
     contact = ProximityProperties()
     AddRigidHydroelasticProperties(contact)
-    rough = CoulombFriction(config.friction, config.friction)
-    AddContactMaterial(friction=rough, properties=contact)
+    friction = CoulombFriction(config.friction, config.friction)
+    AddContactMaterial(friction=friction, properties=contact)
     plant.RegisterCollisionGeometry(body, RigidTransform(), shape, "slab", contact)
     visual = GeometryInstance(RigidTransform(), shape, "slab")
     visual.set_illustration_properties(
@@ -382,10 +393,10 @@ def _obj(vertices: Array, normals: Array, faces: Faces) -> str:
 def FilterHull(
     plant: MultibodyPlant, scene_graph: SceneGraph, whiteboard: ModelInstanceIndex
 ) -> None:
-    """Exclude contact without hydroelastic shapes for a board whose hull is not its surface.
+    """Exclude contact of other than hydroelastic shapes with a concave board.
 
-    Everything else touches a mesh as its convex hull: over a bowl that is an invisible lid.
-    The `SurfaceMonitor` reports hard bodies there.
+    The contact geometry of a mesh for these is its convex hull, which would cover a bowl.
+    The `SurfaceMonitor` reports rigid bodies there.
 
     Parameters
     ----------
@@ -399,13 +410,10 @@ def FilterHull(
     board = plant.GetBodyFrameIdOrThrow(
         plant.GetBodyByName("board", whiteboard).index()
     )
-    slab = [g for g in ids if inspector.GetFrameId(g) == board]
-    others = [g for g in ids if not _is_hydroelastic(inspector, g)]
-    scene_graph.collision_filter_manager().Apply(
-        CollisionFilterDeclaration().ExcludeBetween(
-            GeometrySet(slab), GeometrySet(others)
-        )
-    )
+    slab = GeometrySet([g for g in ids if inspector.GetFrameId(g) == board])
+    points = GeometrySet([g for g in ids if not _is_hydroelastic(inspector, g)])
+    declaration = CollisionFilterDeclaration().ExcludeBetween(slab, points)
+    scene_graph.collision_filter_manager().Apply(declaration)
 
 
 def _is_hydroelastic(inspector: Any, geometry: GeometryId) -> bool:

@@ -1,4 +1,4 @@
-"""Visuals of arms: the meshes of their own models, or those that Drake downloads."""
+"""Arms with the meshes of their own models, or with those that Drake downloads."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -39,7 +39,7 @@ def AddArm(
     Raises
     ------
     StationError
-        Where the visuals are of another kind, or the official ones are not to be had.
+        If the visuals are of another kind, or the official ones are not available.
     """
     if visuals not in VISUALS:
         raise StationError(
@@ -54,7 +54,7 @@ def AddArm(
         )
     folder = _OfficialFolder(parser.package_map())
     description = ET.fromstring(model.read_text())
-    _Dress(description, folder / official)
+    _ReplaceVisuals(description, folder / official)
     text = ET.tostring(description, encoding="unicode")
     try:
         (arm,) = parser.AddModelsFromString(text, "urdf")
@@ -67,7 +67,7 @@ def AddArm(
 
 
 def _OfficialFolder(packages: PackageMap) -> Path:
-    """Return where drake_models is, downloading it where Drake may and must."""
+    """Return the folder of drake_models, which Drake downloads if it is missing."""
     try:
         return Path(packages.GetPath("drake_models"))
     except RuntimeError as error:
@@ -80,8 +80,8 @@ def _OfficialFolder(packages: PackageMap) -> Path:
         ) from None
 
 
-def _Dress(arm: ET.Element, official: Path) -> None:
-    """Replace the arm's visuals by those of the official description."""
+def _ReplaceVisuals(arm: ET.Element, official: Path) -> None:
+    """Replace the arm's visuals with those of the official description."""
     try:
         root = ET.fromstring(official.read_text())
     except (OSError, ET.ParseError) as error:
@@ -92,16 +92,16 @@ def _Dress(arm: ET.Element, official: Path) -> None:
     links = {link.get("name"): link for link in root.iter("link")}
     arm.extend(root.findall("material"))
     for link in arm.iter("link"):
-        own = link.findall("visual")
-        if not own:
+        own_visuals = link.findall("visual")
+        if not own_visuals:
             continue
         name = link.get("name")
-        theirs = links[name].findall("visual") if name in links else []
-        if not theirs:
+        visuals = links[name].findall("visual") if name in links else []
+        if not visuals:
             raise StationError(
                 f"the official arm {official} has no visual on {name}: this Drake "
                 "brings another version of it. Take visuals: own."
             )
-        for visual in own:
+        for visual in own_visuals:
             link.remove(visual)
-        link.extend(theirs)
+        link.extend(visuals)
