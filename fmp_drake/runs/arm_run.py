@@ -84,12 +84,12 @@ class ArmRun(StationRun):
         self.late = self.skipped = 0.0
         self._last_mode = GateMode.WAITING
         for name in ("tempo", "desired_normal_force", "go", "wall_time"):
-            self._fix(name, 0.0)
+            self._set_input(name, 0.0)
 
     def _add_systems(self, builder: DiagramBuilder) -> None:
         self._add_sink(builder, "mode", MILLISECOND)
 
-    def _fix(self, name: str, value: float) -> None:
+    def _set_input(self, name: str, value: float) -> None:
         root = self.simulator.get_mutable_context()
         context = self.station.GetMyMutableContextFromRoot(root)
         self.station.GetInputPort(name).FixValue(context, np.array([value]))
@@ -122,16 +122,16 @@ class ArmRun(StationRun):
     def stop(self) -> None:
         """Stop the arm: its torque goes to zero."""
         self._enable_time = np.inf
-        self._fix("go", -1.0)
+        self._set_input("go", -1.0)
 
     def step(self, wall_time: float) -> None:
         """Advance by one period at a wall time, s."""
         time_now = self.seconds
-        self._fix("wall_time", wall_time)
+        self._set_input("wall_time", wall_time)
         if time_now >= self._enable_time:
             self._enable_time = np.inf
             self._go += 1
-            self._fix("go", float(self._go))
+            self._set_input("go", float(self._go))
         self._ticks += 1
         self.simulator.AdvanceTo(self._ticks * self.period)
         mode, checks_controls = self.mode, self._ticks % _CONTROL_STEPS == 0
@@ -141,8 +141,8 @@ class ArmRun(StationRun):
             if self.station.HasOutputPort("page_normal_force"):
                 self._force = float(self.output("page_normal_force")[0])
         if mode is not self._last_mode or (checks_controls and self._has_controls):
-            self._fix("tempo", self._tempo if is_open else 0.0)
-            self._fix("desired_normal_force", self._force if is_open else 0.0)
+            self._set_input("tempo", self._tempo if is_open else 0.0)
+            self._set_input("desired_normal_force", self._force if is_open else 0.0)
         if mode is GateMode.STOPPED and mode is not self._last_mode:
             self.stops.append((time_now, self.faults))
         self._last_mode = mode

@@ -292,7 +292,7 @@ class TeachingSession:
 
     def _press_teach(self) -> None:
         self._earlier = []
-        self._teach(self._q())
+        self._teach(self._joint_angles())
 
     def _press_more(self) -> None:
         window = self._scenario.skill.window
@@ -300,7 +300,7 @@ class TeachingSession:
         if recordings:
             self._learn([*self._earlier, *recordings])
         else:
-            self._teach(self._q())
+            self._teach(self._joint_angles())
             self.remark = "show more: it is learned together with the earlier motion"
 
     def _press_save(self) -> None:
@@ -373,7 +373,7 @@ class TeachingSession:
             self._scenario,
             skill,
             demonstrations=demonstrations,
-            q=self._q(),
+            q=self._joint_angles(),
             meshcat=self._meshcat,
             panel=self._panel,
         )
@@ -412,7 +412,7 @@ class TeachingSession:
         context = station.GetMyContextFromRoot(root)
         return np.array(station.GetOutputPort(name).Eval(context))
 
-    def _q(self) -> NDArray[np.float64]:
+    def _joint_angles(self) -> NDArray[np.float64]:
         state = self._output("state")
         return state[: len(state) // 2]
 

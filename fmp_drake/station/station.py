@@ -121,7 +121,7 @@ def MakeStation(
     lcm : DrakeLcmInterface, optional
         As for `MakeDriver`.
     start : array_like, shape (3,), optional
-        p_BE of the eraser at time 0, m; the scenario's, or the hand's, where None.
+        p_BE of the eraser at time 0, m; the scenario's, or the hand's, if None.
     q : array_like, shape (n,), optional
         Initial joint angles instead, at rest, rad.
     tracker : Tracker, optional

@@ -42,7 +42,7 @@ class TeachingHand(Protocol):
 
     @property
     def start(self) -> list[float] | None:
-        """Initial p_BE of the eraser, m; the scenario's where None."""
+        """Initial p_BE of the eraser, m; the scenario's if None."""
 
     def recorded(self, scenario: Scenario) -> tuple[str, ...]:
         """Return the outputs to record beside the position.
@@ -163,7 +163,7 @@ def DemonstrationFromRecorder(
     context : Context
         Of the diagram, after a simulation.
     skip : float
-        Seconds to leave out at the beginning.
+        Duration to omit at the start, s.
     note : str
     """
     log = _Log(diagram, context, "recorder")

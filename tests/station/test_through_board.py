@@ -10,7 +10,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from fmp_drake.errors import StationError
 from fmp_drake.station import AddBoardScene, LoadScenario, MakeWipingStation, Scenario
 from fmp_drake.station.scenario_parts import Disturbance
-from fmp_drake.station.tasks.wiping import AddSurfaceWatch
+from fmp_drake.station.tasks.wiping import AddSurfaceMonitor
 from fmp_drake.systems import ImpedanceStatus, StatusFlag
 
 
@@ -69,7 +69,7 @@ def test_an_arm_that_falls_on_the_board_stays_above_it():
     constant = (np.zeros(6), weight)
     sources = [builder.AddSystem(ConstantVectorSource(value)) for value in constant]
     status, torque = (source.get_output_port() for source in sources)
-    AddSurfaceWatch(builder, scene, status)
+    AddSurfaceMonitor(builder, scene, status)
     builder.Connect(torque, scene.plant.get_actuation_input_port(scene.robot.arm))
     diagram = builder.Build()
     simulator = Simulator(diagram)

@@ -37,10 +37,10 @@ from fmp_drake.systems.page.plan_visualizer import (
 )
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR, TrailVisualizer
 
-# Everything on the page has a period of 2^n milliseconds: its events then fall on steps
-# of the controller to the last bit, and never cut a step of the integrator in two.
+# The periods on the page are 2^n milliseconds: events then coincide exactly with steps of
+# the controller, and do not split a step of the integrator.
 
-# Every station's bodies are drawn under this path of Meshcat's tree.
+# Path of the bodies in Meshcat's tree.
 _BODIES = "bodies"
 BOARD = f"{_BODIES}/whiteboard/board"
 """Path of the board's body in Meshcat's tree. Drawings on the board are below this path
@@ -58,7 +58,7 @@ _INK_COLOR = "rgb({:.0f} {:.0f} {:.0f})".format(*(255 * ink_colours(1.0, srgb=Tr
 
 
 def AddBodies(builder: DiagramBuilder, scene: BoardScene, meshcat: Meshcat) -> None:
-    """Show arm, eraser and board, lit and seen by the scenario's camera.
+    """Show arm, eraser and board, with lights and the scenario's camera.
 
     System: meshcat_visualizer.
     """
@@ -70,7 +70,7 @@ def AddBodies(builder: DiagramBuilder, scene: BoardScene, meshcat: Meshcat) -> N
         MeshcatVisualizerParams(
             prefix=_BODIES,
             publish_period=0.032,
-            # What others draw on the board outlives an initialisation.
+            # An initialisation must not delete the drawings on the board.
             delete_on_initialization_event=False,
         ),
     )
@@ -113,10 +113,10 @@ def AddPage(
     meshcat: Meshcat,
     demonstrated: Sequence[NDArray[np.float64]],
 ) -> tuple[PageControls | None, OutputPort | None]:
-    """Show a station as far as the scenario's `show` says.
+    """Show the items of a station that the scenario's `show` enables.
 
-    An arm that is not simulated is shown at its measured state, and the board where it is
-    assumed; nothing on the page can pull at it.
+    An arm that is not simulated is shown in its measured state, with the board at its
+    assumed pose; it cannot be pulled.
 
     Systems: meshcat_visualizer, ink_visualizer, trail_visualizer, plan_visualizer,
     page_controls, force_arrow and those of `AddMousePull`; scene_graph and geometry_pose of
@@ -138,7 +138,7 @@ def AddPage(
     Returns
     -------
     controls : PageControls or None
-        The sliders; only that for samples or means is connected here.
+        The sliders; only the one for samples or means is connected here.
     pull : OutputPort or None
         The forces of the mouse on the bodies.
     """

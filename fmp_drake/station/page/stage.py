@@ -32,7 +32,7 @@ def SetStage(meshcat: Meshcat, *, eye: ArrayLike, target: ArrayLike) -> None:
     Raises
     ------
     StationError
-        Where the direction of the view is undefined or vertical.
+        If the direction of the view is undefined or vertical.
     """
     eye, target = (
         finite_array(point, f"the camera's {name}", (3,), error=StationError)
@@ -41,15 +41,15 @@ def SetStage(meshcat: Meshcat, *, eye: ArrayLike, target: ArrayLike) -> None:
     R_WC = CameraAxes(eye, target)
     meshcat.SetProperty("/Background", "top_color", list(_SKY))
     meshcat.SetProperty("/Background", "bottom_color", list(_GROUND))
-    # The background also lights the arm's meshes; no more than the ambient light.
+    # The background also illuminates the arm's meshes, here less than the ambient light.
     meshcat.SetProperty("/", "environmentIntensity", 0.15)
-    for unwanted in (
+    for name in (
         "/Grid",
         "/Axes",
         "/Lights/PointLightNegativeX",
         "/Lights/PointLightPositiveX",
     ):
-        meshcat.SetProperty(unwanted, "visible", False)
+        meshcat.SetProperty(name, "visible", False)
 
     meshcat.SetProperty("/Lights/SpotLight", "visible", True)
     key = "/Lights/SpotLight" + _ON
@@ -81,10 +81,10 @@ def SetStage(meshcat: Meshcat, *, eye: ArrayLike, target: ArrayLike) -> None:
 def RenderLights() -> RenderEngineVtkParams:
     """Return the parameters of a VTK renderer whose pictures look like the page.
 
-    The lamps are fixed to the camera, which should be 1 m to 3 m away. Two replace the key
-    light, and only one of them casts shadows: VTK's shadow maps darken patches of round
-    surfaces that face the lamp, which is faint where one of two lamps causes it. The
-    caller chooses the backend.
+    The lamps are fixed to the camera, at a distance of 1 m to 3 m. Two lamps replace the key
+    light, and only one of them casts shadows. VTK's shadow maps darken patches of round
+    surfaces towards the lamp, which is less visible with two lamps. The caller sets the
+    backend.
 
     Returns
     -------

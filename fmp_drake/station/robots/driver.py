@@ -1,4 +1,4 @@
-"""The seam between an arm and its controller."""
+"""Drivers: the interface between an arm and its controller."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
@@ -27,11 +27,11 @@ class Driver(ABC):
 
     @property
     def control_period(self) -> float | None:
-        """Period of the controller that the driver asks for, s; None for any."""
+        """Required period of the controller, s; None for any."""
         return None
 
     def check_robot(self, robot: RobotConfig) -> None:  # noqa: B027
-        """Refuse a robot that this driver is not for; a simulated arm may be any.
+        """Check that the driver is for a robot; the simulated driver is for any.
 
         Raises
         ------
@@ -162,7 +162,7 @@ def MakeDriver(
     Raises
     ------
     StationError
-        Where the driver's settings cannot be used.
+        If the driver's settings cannot be used.
 
     Examples
     --------

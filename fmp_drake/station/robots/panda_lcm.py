@@ -64,7 +64,7 @@ class LcmPanda(Driver):
         return self.gate.period
 
     def check_robot(self, robot: RobotConfig) -> None:
-        """Refuse any other robot than a Panda: its torques would move this one."""
+        """Check that the robot is a Panda, which the torques are for."""
         if robot.driver != type(self).__name__:
             raise StationError(
                 f"{Path(robot.model).stem} is simulated only; the arm behind LCM is a "
@@ -107,7 +107,7 @@ class LcmPanda(Driver):
 
 
 class TorquePublisher:
-    """Publisher of torque commands, stamped with a clock that is not a Context's.
+    """Publisher of torque commands with stamps of a wall clock.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def LoadPanda(path: str | Path) -> Driver:
     Raises
     ------
     StationError
-        Where the file cannot be read; it gives the reason.
+        If the file cannot be read; the message contains the reason.
 
     Examples
     --------
@@ -185,7 +185,7 @@ def OpenLcm(url: str) -> DrakeLcm:
     Raises
     ------
     StationError
-        Where the bus cannot be opened; it gives the reason.
+        If the bus cannot be opened; the message contains the reason.
     """
     try:
         return DrakeLcm(url)
@@ -196,8 +196,8 @@ def OpenLcm(url: str) -> DrakeLcm:
 class RawSerializer(SerializerInterface):
     """Serializer that passes the bytes of a message unread.
 
-    The deserializer of Drake's own messages ends the program (SystemExit) where the bytes
-    are not a message; these bytes are checked before anything decodes them.
+    Drake's deserializer exits the program (SystemExit) if the bytes are not a message. These
+    bytes are checked before they are decoded.
     """
 
     def CreateDefaultValue(self) -> AbstractValue:

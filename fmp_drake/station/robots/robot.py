@@ -136,7 +136,7 @@ def LoadRobot(robot: str | Path) -> RobotConfig:
     Raises
     ------
     StationError
-        Where there is no such robot, or its file has values that do not fit.
+        If there is no such robot, or a value of its file is not allowed.
 
     Examples
     --------
@@ -190,15 +190,15 @@ def AddRobot(
         Not finalized, without a model of the arm's or the tool's name.
     config : RobotConfig
     tool : EraserConfig or str, optional
-        An eraser, `spoon`, or a model file; the default eraser where None.
+        An eraser, `spoon`, or a model file; the default eraser if None.
     visuals : {"own", "drake_models"}
         The arm's meshes: those of its model, or the official ones that Drake downloads.
 
     Raises
     ------
     StationError
-        Where a value is not allowed, the model does not fit the configuration, or the
-        official meshes are not to be had.
+        If a value is not allowed, the model does not match the configuration, or the
+        official meshes are not available.
 
     Examples
     --------
@@ -342,7 +342,7 @@ def MakeRobotModel(
     config : RobotConfig
     tool : EraserConfig or str, optional
     scene_graph : SceneGraph, optional
-        Where to register the geometry, for geometry queries.
+        Registers the geometry, for geometry queries.
     """
     plant = MultibodyPlant(time_step=0.0)
     plant.set_name("arm")

@@ -11,7 +11,7 @@ from fmp_drake.systems import InkBoard
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measurements:
-    """Outputs of what a task measures.
+    """Output ports of the measurements of a task.
 
     Attributes
     ----------
@@ -20,7 +20,7 @@ class Measurements:
     normal_force : OutputPort or None
         Of the tool on the surface, N.
     ink : OutputPort or None
-        What is left on the surface, by which samples are chosen.
+        Remaining ink, for the selection of samples.
     ink_board : InkBoard or None
         The simulated ink.
     """

@@ -50,7 +50,7 @@ class Wiping(Task):
             force = AddNormalForceEstimator(builder, scene, driver)
             builder.ExportOutput(force, "normal_force")
             builder.ExportOutput(status, "status")
-            wiped = None
+            remaining_ink = None
             if scenario.skill.candidates > 1:
                 x, y = scenario.eraser.footprint
                 system = builder.AddSystem(
@@ -59,8 +59,8 @@ class Wiping(Task):
                 position = controller.GetOutputPort("measured_position")
                 builder.Connect(position, system.GetInputPort("measured_position"))
                 builder.Connect(force, system.GetInputPort("normal_force"))
-                wiped = system.get_output_port()
-            return Measurements(status=status, normal_force=force, ink=wiped)
+                remaining_ink = system.get_output_port()
+            return Measurements(status=status, normal_force=force, ink=remaining_ink)
         ink = AddInk(builder, scene)
         for i in range(ink.num_output_ports()):
             port = ink.get_output_port(i)
@@ -69,7 +69,7 @@ class Wiping(Task):
         if scenario.press.by_torque:
             force = AddNormalForceEstimator(builder, scene, driver)
         return Measurements(
-            status=AddSurfaceWatch(builder, scene, status),
+            status=AddSurfaceMonitor(builder, scene, status),
             normal_force=force,
             ink=ink.GetOutputPort("ink"),
             ink_board=ink,
@@ -87,12 +87,12 @@ def BoardGrid(scenario: Scenario) -> InkGrid:
 def AddInk(builder: DiagramBuilder, scene: BoardScene) -> InkBoard:
     """Add the ink that the eraser rubs off: system ink_board.
 
-    What is written or drawn is upright for the scenario's camera.
+    Words and pictures are upright for the scenario's camera.
 
     Raises
     ------
     StationError
-        Where a picture cannot be read, or nothing would be on the board.
+        If a picture cannot be read, or there would be no ink on the board.
     """
     scenario = scene.scenario
     grid = BoardGrid(scenario)
@@ -112,7 +112,7 @@ def AddInk(builder: DiagramBuilder, scene: BoardScene) -> InkBoard:
 
 
 def _Drawing(grid: InkGrid, scene: BoardScene) -> NDArray[np.float64] | None:
-    """Return the ink at the start, None for a board that is full of it."""
+    """Return the initial ink; None for a board full of ink."""
     scenario, ink = scene.scenario, scene.scenario.ink
     if not (ink.words or ink.picture):
         return None
@@ -122,10 +122,10 @@ def _Drawing(grid: InkGrid, scene: BoardScene) -> NDArray[np.float64] | None:
     return draw_picture(grid, ink.picture, size=ink.size, quarter_turns=turns)
 
 
-def AddSurfaceWatch(
+def AddSurfaceMonitor(
     builder: DiagramBuilder, scene: BoardScene, status: OutputPort
 ) -> OutputPort:
-    """Watch all of arm and eraser that touches and is hard; report it in the status.
+    """Monitor the clearance of the rigid geometry of arm and eraser; report it in the status.
 
     Systems: surface_monitor; status, the sum of the controller's status and the
     monitor's. Output ports: penetration, status.
