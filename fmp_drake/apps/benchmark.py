@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from fmp_drake.apps.options import PATH, Command
+from fmp_drake.apps.options import PATH, Command, GroupedOption
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.benchmark import all_methods, run_benchmark, write_benchmark
@@ -60,6 +60,8 @@ def _list_methods(
     expose_value=False,
     callback=_list_methods,
     help="List the methods and exit.",
+    cls=GroupedOption,
+    group="Options",
 )
 def benchmark(
     folder: Path,

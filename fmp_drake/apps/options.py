@@ -86,12 +86,13 @@ class Command(click.Command):
             record = parameter.get_help_record(ctx)
             if record is None or isinstance(parameter, click.Argument):
                 continue
-            if parameter.is_eager and not parameter.expose_value:
+            if isinstance(parameter, GroupedOption):
+                if parameter.is_basic or not is_short:
+                    groups.setdefault(parameter.group, []).append(record)
+            elif parameter.is_eager and not parameter.expose_value:
                 others.append(record)
-            elif not isinstance(parameter, GroupedOption):
+            else:
                 groups.setdefault("Options", []).append(record)
-            elif parameter.is_basic or not is_short:
-                groups.setdefault(parameter.group, []).append(record)
         for title, records in [*groups.items(), ("Help", others)]:
             with formatter.section(title or "Options"):
                 formatter.write_dl(records)
