@@ -39,8 +39,8 @@ ranks = [component.rank for component in skill.components_]
 print(f"{skill.n_windows_} windows, components of rank {min(ranks)} to {max(ranks)}")
 
 # %%
-# Keep
-# ----
+# Save and load
+# -------------
 # A skill is one file, without pickle.
 
 out = Path("out")
@@ -51,8 +51,8 @@ skill = load_skill(out / "skill.npz")
 # %%
 # Play
 # ----
-# For 30 s, from a start that nobody has shown: 15 cm to the side. Every 5.5 s the last half
-# second is mapped onto a new window, so there is no end.
+# For 30 s, from a start 15 cm beside the demonstrated movement. Every 5.5 s the last half
+# second is mapped onto a new window, so the movement never ends.
 
 low, high = skill.extent_
 start = (low + high) / 2
@@ -62,13 +62,13 @@ motion = player.rollout(start, duration=30.0)
 steps = np.linalg.norm(np.diff(recording.values, axis=0), axis=1)
 print(
     f"peak speed {np.max(np.linalg.norm(motion.velocity, axis=1)):.2f} m/s, "
-    f"shown {np.max(steps / np.diff(recording.time)):.2f} m/s"
+    f"demonstrated {np.max(steps / np.diff(recording.time)):.2f} m/s"
 )
 
 # %%
-# Look
+# Plot
 # ----
-# Every picture can go into axes of your own; `plot_skill` writes a whole page.
+# Every picture can be drawn into your own axes; `plot_skill` writes a whole page.
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.5), layout="constrained")
 draw_samples_in_plane(skill, n=10, demonstrations=recording, ax=left)
@@ -77,13 +77,13 @@ plot_skill(skill, recording, out / "skill_page.png")
 plt.show()
 
 # %%
-# Turn it, replay it
-# ------------------
+# View in 3D
+# ----------
 # Meshcat needs no robot. A notebook shows the page here.
 
 meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
 SetStage(meshcat, eye=[-0.3, 0.0, 0.35], target=[0.0, 0.0, 0.0])
-draw_demonstrations(meshcat, "shown", [recording.values])
+draw_demonstrations(meshcat, "demonstrated", [recording.values])
 time = np.arange(len(motion.position)) * player.tick_seconds
 path, color = motion.position, Rgba(1.0, 0.5, 0.0)
 AddPathToRecording(meshcat, "played", times=time, points=path, color=color)

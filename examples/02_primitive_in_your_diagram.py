@@ -1,10 +1,10 @@
 """
-The primitive in a diagram of your own
-======================================
+The primitive in your diagram
+=============================
 
 `FourierPrimitiveSystem` is a `LeafSystem` with ports for position, velocity, acceleration and
-covariance. Here a spring and a damper pull a point mass of 1 kg along its path: stand-ins for
-your plant and your controller.
+covariance. Here a spring and a damper pull a point mass of 1 kg along its path; they stand for
+your controller and your plant.
 """
 
 import matplotlib.pyplot as plt
@@ -39,8 +39,8 @@ builder = DiagramBuilder()
 primitive = builder.AddSystem(FourierPrimitiveSystem(skill))
 
 # %%
-# A point mass: state (position, velocity), input force, output state. The primitive reads the
-# measured position once, to start from there.
+# A point mass has the state (position, velocity), the input force, and its state as output. The
+# primitive reads the measured position once, to start from there.
 
 zero, one = np.zeros((3, 3)), np.eye(3)
 mass = builder.AddSystem(
@@ -78,7 +78,7 @@ measured_log = LogVectorOutput(position, builder, 0.01)
 diagram = builder.Build()
 
 # %%
-# Start 20 cm beside the movement and 10 cm above it, at rest, and go on for 30 s.
+# Start at rest, 20 cm beside the movement and 10 cm above it, and simulate 30 s.
 
 simulator = Simulator(diagram)
 context = simulator.get_mutable_context()
@@ -91,12 +91,12 @@ desired = desired_log.FindLog(context).data().T
 log = measured_log.FindLog(context)
 measured = log.data().T
 error = np.linalg.norm(desired - measured, axis=1)
-print(f"followed to {1e3 * np.sqrt(np.mean(error**2)):.2f} mm rms for 30 s")
+print(f"tracking error {1e3 * np.sqrt(np.mean(error**2)):.2f} mm rms for 30 s")
 state = primitive.playback_state(primitive.GetMyContextFromRoot(context))
 print(f"re-mapped {state.remaps} times")
 
 figure, ax = plt.subplots(figsize=(5, 5), layout="constrained")
-ax.plot(*recording.values.T[[1, 0]], color="0.85", linewidth=0.5, label="shown")
+ax.plot(*recording.values.T[[1, 0]], color="0.85", linewidth=0.5, label="demonstrated")
 ax.plot(*measured.T[[1, 0]], color="tab:orange", linewidth=1, label="the mass")
 ax.set(xlabel="y (m)", ylabel="x (m)", aspect="equal")
 ax.invert_xaxis()
@@ -104,11 +104,11 @@ ax.legend()
 plt.show()
 
 # %%
-# The same in Meshcat, to turn and to replay; a notebook shows the page here.
+# The same in Meshcat, in 3D; a notebook shows the page here.
 
 meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
 SetStage(meshcat, eye=[-0.3, 0.0, 0.35], target=[0.0, 0.0, 0.0])
-draw_demonstrations(meshcat, "shown", [recording.values])
+draw_demonstrations(meshcat, "demonstrated", [recording.values])
 times, color = log.sample_times(), Rgba(1.0, 0.5, 0.0)
 AddPathToRecording(meshcat, "mass", times=times, points=measured, color=color)
 meshcat.PublishRecording()

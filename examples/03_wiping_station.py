@@ -3,8 +3,8 @@ The wiping station in Python: move the board, push the arm
 ==========================================================
 
 A scenario is data. A station is built from it, and its exported ports are its interface. Here the
-board is moved and rotated. The skill is expressed in the frame of the board, so it needs no new
-learning. A push of 15 N disturbs the arm after 6 s.
+board is moved and rotated. The skill is expressed in the frame of the board, so it need not be
+learned again. A push of 15 N disturbs the arm after 6 s.
 """
 
 # sphinx_gallery_thumbnail_path = '../../models/scenarios/table_top.png'
@@ -29,16 +29,16 @@ scenario.board.translation = [0.52, 0.08, 0.14]
 scenario.board.rpy = [0.0, -0.10, 0.15]
 scenario.press.force = 8.0
 
-# Everything works without a Meshcat, too, and a little faster. To watch it while it runs,
-# open its page, `meshcat.web_url()`, and set the simulator's target realtime rate.
+# Meshcat is optional. To watch the run, open the page `meshcat.web_url()`, and set the
+# simulator's target realtime rate.
 meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
 station = MakeWipingStation(scenario, skill, start=[0.05, 0.20, 0.10], meshcat=meshcat)
 simulator = Simulator(station)
 context = simulator.get_mutable_context()
 
 # %%
-# A push from outside
-# -------------------
+# An external force
+# -----------------
 # `applied_spatial_force` is the plant's port for forces on any body.
 
 pushes = station.GetInputPort("applied_spatial_force")
@@ -47,8 +47,8 @@ push.body_index = station.GetSubsystemByName("plant").GetBodyByName("eraser").in
 push.F_Bq_W = SpatialForce(np.zeros(3), np.array([0.0, 15.0, 0.0]))
 
 # %%
-# Step it
-# -------
+# Simulate
+# --------
 
 rows = []
 meshcat.StartRecording()
@@ -62,20 +62,20 @@ for second in range(9):
         measured = station.GetOutputPort("measured_position").Eval(context)
         force = station.GetOutputPort("normal_force").Eval(context)[0]
         cleaned = station.GetOutputPort("cleaned_fraction").Eval(context)[0]
-        off = 1e3 * np.linalg.norm(desired - measured)
-        rows.append((context.get_time(), off, force, 100 * cleaned))
+        error = 1e3 * np.linalg.norm(desired - measured)
+        rows.append((context.get_time(), error, force, 100 * cleaned))
     print(
-        f"{second + 1:3} s  off the path {off:5.1f} mm  pressing {force:5.1f} N"
+        f"{second + 1:3} s  error {error:5.1f} mm  force {force:5.1f} N"
         f"  cleaned {100 * cleaned:4.1f} %{'  (pushed)' if forces else ''}"
     )
 
 # %%
-time, off, force, cleaned = np.array(rows).T
+time, error, force, cleaned = np.array(rows).T
 figure, axes = plt.subplots(3, 1, figsize=(8, 6), layout="constrained", sharex=True)
 for ax, values, label in zip(
     axes,
-    (off, force, cleaned),
-    ("off the path (mm)", "normal force (N)", "cleaned (%)"),
+    (error, force, cleaned),
+    ("tracking error (mm)", "normal force (N)", "cleaned (%)"),
     strict=True,
 ):
     ax.plot(time, values, color="tab:orange")
@@ -85,7 +85,7 @@ axes[-1].set_xlabel("time (s)")
 plt.show()
 
 # %%
-# The run, to turn and to replay; a notebook shows the page here.
+# A page that replays the run in 3D; a notebook shows it here.
 
 meshcat.StopRecording()
 meshcat.PublishRecording()

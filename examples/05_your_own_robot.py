@@ -1,9 +1,9 @@
 """
-An arm of your own
+Your own robot arm
 ==================
 
 The primitive and the controller do not depend on the Panda. Here they move an arm of six joints,
-whose URDF this script writes; replace it by yours. Each joint needs limits and an actuator, each
+whose URDF this script writes; replace it with yours. Each joint needs limits and an actuator, each
 link a mass and an inertia. The controller reads everything else from the model.
 """
 
@@ -24,7 +24,7 @@ from fmp_drake.systems import (
     OperationalSpaceImpedanceController,
 )
 
-# Of each link: the axis of its joint, its length, m, and its mass, kg.
+# For each link the axis of its joint, its length, m, and its mass, kg.
 LINKS = [
     ("0 0 1", 0.30, 5.0),
     ("0 1 0", 0.40, 4.0),
@@ -36,38 +36,38 @@ LINKS = [
 
 
 def write_urdf():
-    """Return an upright chain of slender links, a motor at the foot of each."""
+    """Return an upright chain of slender links, with a motor at the lower end of each."""
     text = '<robot name="own_arm"><link name="base"/>'
-    parent, foot = "base", 0.0
+    parent, height = "base", 0.0
     for i, (axis, length, mass) in enumerate(LINKS):
-        about = mass * length**2 / 12 + 0.01
+        inertia = mass * length**2 / 12 + 0.01
         text += f"""
         <link name="link{i}"><inertial>
           <origin xyz="0 0 {length / 2}"/><mass value="{mass}"/>
-          <inertia ixx="{about}" iyy="{about}" izz="0.01" ixy="0" ixz="0" iyz="0"/>
+          <inertia ixx="{inertia}" iyy="{inertia}" izz="0.01" ixy="0" ixz="0" iyz="0"/>
         </inertial></link>
         <joint name="joint{i}" type="revolute">
           <parent link="{parent}"/><child link="link{i}"/>
-          <origin xyz="0 0 {foot}"/><axis xyz="{axis}"/>
+          <origin xyz="0 0 {height}"/><axis xyz="{axis}"/>
           <limit lower="-2.9" upper="2.9" velocity="2.5" effort="{80 if i < 3 else 15}"/>
         </joint>
         <transmission name="motor{i}"><type>SimpleTransmission</type>
           <joint name="joint{i}"/><actuator name="motor{i}"/>
         </transmission>"""
-        parent, foot = f"link{i}", length
+        parent, height = f"link{i}", length
     return f"{text}</robot>"
 
 
 def add_arm(plant):
-    """Add the arm, welded to the world, and finish the plant."""
+    """Add the arm, welded to the world."""
     (arm,) = Parser(plant).AddModelsFromString(write_urdf(), "urdf")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
     return arm
 
 
 # %%
-# Two plants of the same arm: the one that is simulated, which carries its own weight,
-# and the one that the controller reckons with.
+# There are two plants of the same arm. The simulated one has no gravity, because a real arm
+# compensates for it. The other one is the model of the controller.
 
 builder = DiagramBuilder()
 plant = builder.AddSystem(MultibodyPlant(time_step=0.001))
@@ -79,8 +79,8 @@ model.Finalize()
 tip = model.GetFrameByName("link5")
 
 # %%
-# The movement is that of an 8, on a plane in front of the arm that leans toward it; the
-# last link points into the plane.
+# The movement is an 8 on an inclined plane in front of the arm; the last link points into the
+# plane.
 
 X_WT = RigidTransform(RotationMatrix.MakeYRotation(-0.3), [0.5, 0.0, 0.25])
 demonstration = Demonstration.load(models_dir() / "demonstrations" / "eight.npz")
@@ -101,7 +101,7 @@ posture = SolvePosture(
 plant.SetDefaultPositions(posture)
 
 # %%
-# The same connections as for any robot.
+# The connections are the same for any robot.
 
 primitive = builder.AddSystem(FourierPrimitiveSystem(skill, sample=False))
 motion = builder.AddSystem(Demultiplexer([3, 3, 3]))
@@ -120,18 +120,18 @@ logs = [
 ]
 
 # %%
-# Run it
-# ------
+# Simulate
+# --------
 
 simulator = Simulator(builder.Build())
 simulator.AdvanceTo(8.0)
-came, wanted = (log.FindLog(simulator.get_context()).data() for log in logs)
-off = np.linalg.norm(came - wanted, axis=0)
-print(f"six joints follow the 8 to {1e3 * np.sqrt(np.mean(off**2)):.1f} mm rms")
+path, desired_path = (log.FindLog(simulator.get_context()).data() for log in logs)
+error = np.linalg.norm(path - desired_path, axis=0)
+print(f"tracking error of six joints: {1e3 * np.sqrt(np.mean(error**2)):.1f} mm rms")
 
 figure, axes = plt.subplots(figsize=(5, 4), layout="constrained")
-axes.plot(*wanted[:2], color="tab:blue", label="wanted")
-axes.plot(*came[:2], "--", color="tab:orange", label="measured")
+axes.plot(*desired_path[:2], color="tab:blue", label="desired")
+axes.plot(*path[:2], "--", color="tab:orange", label="measured")
 axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
 axes.legend()
 plt.show()

@@ -1,6 +1,6 @@
 """
-Keypoints: through here, at that time, this fast
-================================================
+Keypoints: positions and velocities at given times
+==================================================
 
 A learned movement is a distribution over whole windows. It can be conditioned on any linear
 function of a window: its start, a position at some time, a velocity. This is equation (13) of
@@ -20,39 +20,38 @@ skill = FourierMovementPrimitive().fit(recording)
 # %%
 # The beginning of a window
 # -------------------------
-# Ten samples of a person's movement, half a second, are enough to say how it goes on.
+# Ten samples of a person's movement, half a second, are enough to predict how it continues.
 
 observed = recording.resample(skill.rate).values[400:410]
-begun = skill.map_partial(observed)
-print(f"component {begun.component} explains it best")
+continuation = skill.map_partial(observed)
+print(f"component {continuation.component} explains it best")
 
 # %%
 # One point, at one time
 # ----------------------
-# Wherever the movement is in its cycle: after 2 seconds it shall be 2 cm to the side
-# of the middle, without an opinion about the other channels. The result is the most
-# probable window of the component that is nearest.
+# At any phase of its cycle: after 2 seconds the movement is to be 2 cm beside the middle in y.
+# The other channels are free. The result is the most probable window of the nearest component.
 
 middle = recording.values.mean(axis=0)
 point = Keypoint(step=2.0 * skill.rate, values=[middle[1] + 0.02], channels=["y"])
-through = skill.map_keypoints([point])
+single = skill.map_keypoints([point])
 
 # %%
-# Several at once, and velocities
-# -------------------------------
-# A tolerance (in squared units) says how closely. Here: begin where the person was, and
-# 3 s later pass the middle at rest in x.
+# Several keypoints, and velocities
+# ---------------------------------
+# Each keypoint has a tolerance, a variance in squared units. Here the movement begins at the
+# position of the person, and 3 s later its velocity in x is 0.
 
 begin = Keypoint(step=0, values=observed[0], tolerance=1e-8)
-slow = Keypoint(
+rest = Keypoint(
     step=3.0 * skill.rate, values=[0.0], channels=["x"], derivative=1, tolerance=1e-4
 )
-both = skill.map_keypoints([begin, slow])
+double = skill.map_keypoints([begin, rest])
 
 figure, axes = plt.subplots(1, 3, figsize=(11, 4), layout="constrained", sharey=True)
 for ax, mapping, title in zip(
     axes,
-    (begun, through, both),
+    (continuation, single, double),
     ("from ten samples", "y after 2 s", "start, and at rest in x after 3 s"),
     strict=True,
 ):
@@ -65,12 +64,12 @@ axes[1].axvline(middle[1] + 0.02, color="k", linestyle=":")
 plt.show()
 
 # %%
-# What was asked for is what comes out, as closely as the tolerance says:
+# The keypoints are met, as closely as their tolerances require:
 
 step = int(2.0 * skill.rate)
-reached = skill.synthesize(through.weights)[step, 1]
-print(f"wanted y = {middle[1] + 0.02:.4f} m, got {reached:.4f} m")
+y = skill.synthesize(single.weights)[step, 1]
+print(f"desired y = {middle[1] + 0.02:.4f} m, result {y:.4f} m")
 velocity = skill.observation_rows([3.0 * skill.rate], channels=["x"], derivative=1)
-print(f"speed in x after 3 s: {1e3 * (velocity @ both.weights)[0]:.1f} mm/s")
-assert abs(reached - middle[1] - 0.02) < 1e-3
-assert np.abs(velocity @ both.weights)[0] < 0.02
+print(f"speed in x after 3 s: {1e3 * (velocity @ double.weights)[0]:.1f} mm/s")
+assert abs(y - middle[1] - 0.02) < 1e-3
+assert np.abs(velocity @ double.weights)[0] < 0.02

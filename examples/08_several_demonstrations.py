@@ -1,6 +1,6 @@
 """
-Several demonstrations, some better than others
-===============================================
+Several demonstrations with weights
+===================================
 
 A list of recordings is learned together. Each recording may have a weight. Nothing needs to be
 aligned, because a window may start anywhere.
@@ -15,8 +15,8 @@ from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 # %%
 # Three people draw ellipses
 # --------------------------
-# They are of different size and tempo, and begin at different places. Any `(N, D)` array
-# with its times is a demonstration.
+# The ellipses differ in size, tempo and start. Any `(N, D)` array with its times is a
+# demonstration.
 
 rng = np.random.default_rng(3)
 time = np.arange(0.0, 60.0, 0.05)
@@ -42,15 +42,15 @@ people = [ellipse(0.10, 3.0, 0.0), ellipse(0.12, 3.4, 0.0), ellipse(0.20, 4.5, 0
 # %%
 # Equal and weighted
 # ------------------
-# With equal weights the large ellipses are a third of what is learned. The third person
-# was hurried; counting a tenth as much, they hardly shape the samples.
+# With equal weights the large ellipses are a third of the samples. The third person was in a
+# hurry: with a tenth of the weight, their ellipses hardly occur. A mixture represents all
+# ellipses; a phase model would learn the one that most recordings share.
 
-# A mixture keeps all of them; a phase model would learn the movement that most show.
-together = FourierMovementPrimitive(n_components=30, model="mixture").fit(people)
-trusted = FourierMovementPrimitive(n_components=30, model="mixture").fit(
+equal = FourierMovementPrimitive(n_components=30, model="mixture").fit(people)
+weighted = FourierMovementPrimitive(n_components=30, model="mixture").fit(
     people, weights=[1, 1, 0.1]
 )
-print(f"{together.n_windows_} windows from {len(people)} recordings")
+print(f"{equal.n_windows_} windows from {len(people)} recordings")
 
 
 def width(skill: FourierMovementPrimitive) -> float:
@@ -58,13 +58,13 @@ def width(skill: FourierMovementPrimitive) -> float:
     return float(np.median(np.ptp(skill.sample(400), axis=1)[:, 0])) / 2
 
 
-print(f"half width of a sample: {width(together):.3f} m, {width(trusted):.3f} m")
+print(f"half width of a sample: {width(equal):.3f} m, {width(weighted):.3f} m")
 
 figure, axes = plt.subplots(1, 2, figsize=(9, 4.5), layout="constrained", sharey=True)
 for ax, skill, title in zip(
-    axes, (together, trusted), ("equal", "the third counts a tenth"), strict=True
+    axes, (equal, weighted), ("equal", "a tenth for the third"), strict=True
 ):
     draw_samples_in_plane(skill, n=12, demonstrations=people, ax=ax)
     ax.set_title(title)
 plt.show()
-assert width(trusted) < width(together)
+assert width(weighted) < width(equal)

@@ -2,9 +2,9 @@
 A tool that tilts: orientation channels
 =======================================
 
-Orientations are learned as rotation vectors at a reference, unwrapped: three more channels
-beside the position. The input may be quaternions of either order and with any signs; the output
-is rotations.
+Orientations are learned as unwrapped rotation vectors relative to a reference: three channels
+in addition to the position. The input may be quaternions of either order and with any signs; the
+output is rotations.
 """
 
 import matplotlib.pyplot as plt
@@ -23,8 +23,8 @@ from fmp_drake.primitives import (
 # %%
 # A recording with quaternions
 # ----------------------------
-# A scraper leans into its stroke. The quaternions change their signs now and then, as
-# those of real recorders do.
+# A scraper leans into its stroke. The quaternions change their signs at random, like those of
+# some recorders.
 
 rng = np.random.default_rng(0)
 time = np.arange(0.0, 60.0, 0.05)
@@ -47,8 +47,8 @@ print("channels:", ", ".join(recording.channels))
 # %%
 # Learn and play six channels
 # ---------------------------
-# `scales` brings metres and radians to a comparable size; by default they are taken from
-# the units of the channels.
+# `scales` makes metres and radians comparable; by default it follows from the units of the
+# channels.
 
 skill = FourierMovementPrimitive(n_components=30).fit(recording)
 motion = Player(skill).rollout(start=recording.values[0], duration=20.0)
@@ -57,24 +57,24 @@ rotations = skill_rotations(skill, values)
 omega = angular_velocity(values[:, 3:], rates[:, 3:])
 
 # %%
-# The tool's axis, played (orange) and shown (grey), and its angular speed:
+# The tool's axis, played (orange) and demonstrated (grey), and its angular speed:
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-for each, color, label in (
-    (lean, "0.7", "shown"),
+for orientation, color, label in (
+    (lean, "0.7", "demonstrated"),
     (rotations, "tab:orange", "played"),
 ):
-    axis = each.apply([0.0, 0.0, 1.0])
+    axis = orientation.apply([0.0, 0.0, 1.0])
     left.plot(axis[:, 0], axis[:, 1], color=color, label=label)
 left.set(
-    xlabel="axis, x", ylabel="axis, y", aspect="equal", title="where the tool points"
+    xlabel="axis, x", ylabel="axis, y", aspect="equal", title="direction of the tool"
 )
 left.legend()
 right.plot(np.linspace(0, 20, len(omega)), np.linalg.norm(omega, axis=1), "tab:orange")
 right.set(xlabel="time (s)", ylabel="rad/s", title="angular speed")
 plt.show()
 
-greatest = np.degrees(np.linalg.norm(rotations.as_rotvec(), axis=1).max())
-shown = np.degrees(lean.magnitude().max())
-print(f"the tool leans by up to {greatest:.1f} degrees; {shown:.1f} were shown")
-assert abs(greatest - shown) < 5
+angle = np.degrees(np.linalg.norm(rotations.as_rotvec(), axis=1).max())
+demonstrated = np.degrees(lean.magnitude().max())
+print(f"the tool leans by up to {angle:.1f} degrees; demonstrated {demonstrated:.1f}")
+assert abs(angle - demonstrated) < 5

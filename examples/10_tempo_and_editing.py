@@ -1,9 +1,9 @@
 """
-Faster, larger, elsewhere, with another rhythm
-==============================================
+Edit tempo, place, size and rhythm
+==================================
 
 A learned skill can be edited exactly, without learning it again. Every edit is a linear map
-of the windows, and so it maps the Gaussians of the mixture.
+of the windows, so it maps the Gaussians of the mixture.
 """
 
 import matplotlib.pyplot as plt
@@ -26,9 +26,9 @@ recording = Demonstration.load(models_dir() / "demonstrations" / "eight.npz")
 skill = FourierMovementPrimitive().fit(recording)
 
 # %%
-# What is in it
-# -------------
-# The spectrum of the windows tells the movement's frequencies, channel by channel.
+# Spectrum
+# --------
+# The spectrum of the windows shows the frequencies of the movement in each channel.
 
 for channel in ("x", "y"):
     (strongest, *_) = skill_spectrum(skill).peaks(channel)
@@ -40,23 +40,23 @@ for channel in ("x", "y"):
 # %%
 # Tempo
 # -----
-# Faster for good, or while it is played: `PlaybackState.tempo`, the port `tempo` of
-# `FourierPrimitiveSystem`, and the slider of the page do the latter.
+# `scale_tempo` changes the skill. During playback the tempo is changed by
+# `PlaybackState.tempo`, the port `tempo` of `FourierPrimitiveSystem`, and the page's slider.
 
-quick = scale_tempo(skill, 1.5)
+fast_skill = scale_tempo(skill, 1.5)
 start = recording.values[0]
-usual_speed, quick_speed = (
-    np.linalg.norm(Player(each).rollout(start, 20.0)[:, 1], axis=1).mean()
-    for each in (skill, quick)
+speed, fast_speed = (
+    np.linalg.norm(Player(s).rollout(start, 20.0)[:, 1], axis=1).mean()
+    for s in (skill, fast_skill)
 )
-print(f"mean speed {usual_speed:.3f} and {quick_speed:.3f} m/s")
+print(f"mean speed {speed:.3f} and {fast_speed:.3f} m/s")
 
 # %%
 # Place and size
 # --------------
-# Half as large, turned by 30 degrees in the plane, and 5 cm further away.
+# Half the size, rotated by 30 degrees in the plane, and 5 cm further away.
 
-moved = transform_space(
+moved_skill = transform_space(
     skill,
     rotation=Rotation.from_euler("z", 30, degrees=True),
     scale=0.5,
@@ -66,17 +66,22 @@ moved = transform_space(
 # %%
 # Rhythm
 # ------
-# The harmonics that make the loops of the 8, twice as strong in x: a fatter figure with the
+# The harmonics of the loops of the 8 are amplified in x: the figure becomes wider, with the
 # same timing.
 
 x = skill_spectrum(skill).peaks("x")[0].harmonic
-fat = modulate_skill(skill, harmonics=[x - 1, x, x + 1], gain=1.6, channels=["x"])
+wide_skill = modulate_skill(
+    skill, harmonics=[x - 1, x, x + 1], gain=1.6, channels=["x"]
+)
 
 figure, axes = plt.subplots(1, 3, figsize=(11, 4), layout="constrained")
-for ax, each, title in zip(
-    axes, (skill, moved, fat), ("learned", "moved", "modulated"), strict=True
+for ax, edited_skill, title in zip(
+    axes,
+    (skill, moved_skill, wide_skill),
+    ("learned", "moved", "modulated"),
+    strict=True,
 ):
-    draw_samples_in_plane(each, n=6, demonstrations=recording, ax=ax)
+    draw_samples_in_plane(edited_skill, n=6, demonstrations=recording, ax=ax)
     ax.set_title(title)
 plt.show()
-assert 1.3 < quick_speed / usual_speed < 1.7
+assert 1.3 < fast_speed / speed < 1.7

@@ -1,10 +1,10 @@
 """
-Movements that end
+Discrete movements
 ==================
 
-The first footnote of the paper: mirror a movement that has a start and a goal, and it is one
-period of a rhythmic one. So the same mathematics learns reaching, with new starts, goals and
-via-points.
+The first footnote of the paper: a movement with a start and a goal, together with its mirror
+image in time, is one period of a rhythmic movement. So the same mathematics learns reaching, with
+new starts, goals and via-points.
 """
 
 import matplotlib.pyplot as plt
@@ -15,14 +15,13 @@ from fmp_drake.primitives import Demonstration, DiscreteMovementPrimitive, ViaPo
 # %%
 # Eight demonstrations
 # --------------------
-# A hand goes from the left to the right over an obstacle: never in the same time, never
-# from quite the same place.
+# A hand moves from the left to the right over an obstacle. Duration, start and goal vary.
 
 rng = np.random.default_rng(1)
 
 
 def reach() -> Demonstration:
-    """Return one reaching movement, in the plane, in metres."""
+    """Return a reaching movement in the plane, m."""
     time = np.linspace(0, rng.uniform(1.2, 1.8), 60)
     s = time / time[-1]
     smooth = s**3 * (10 - 15 * s + 6 * s**2)
@@ -41,11 +40,11 @@ print(f"mean duration {primitive.duration_:.2f} s")
 # %%
 # New starts, goals and via-points
 # --------------------------------
-# A via-point is bound to a phase, 0 at the start and 1 at the goal.
+# A via-point has a phase, which is 0 at the start and 1 at the goal.
 
-as_shown = primitive.rollout(start=[0.0, 0.0], goal=[0.5, 0.1])
-elsewhere = primitive.rollout(start=[-0.05, 0.08], goal=[0.58, 0.18])
-higher = primitive.rollout(
+nominal = primitive.rollout(start=[0.0, 0.0], goal=[0.5, 0.1])
+new_goal = primitive.rollout(start=[-0.05, 0.08], goal=[0.58, 0.18])
+via_point = primitive.rollout(
     start=[0.0, 0.0],
     goal=[0.5, 0.1],
     via=[ViaPoint(phase=0.5, values=[0.25, 0.32])],
@@ -53,12 +52,12 @@ higher = primitive.rollout(
 )
 
 figure, ax = plt.subplots(figsize=(7, 4.5), layout="constrained")
-for each in demonstrations:
-    ax.plot(*each.values.T, color="0.8")
+for demonstration in demonstrations:
+    ax.plot(*demonstration.values.T, color="0.8")
 for path, label in (
-    (as_shown, "as shown"),
-    (elsewhere, "another start and goal"),
-    (higher, "through a via-point"),
+    (nominal, "as demonstrated"),
+    (new_goal, "new start and goal"),
+    (via_point, "through a via-point"),
 ):
     ax.plot(*path[:, 0].T, linewidth=2, label=label)
 ax.plot(0.25, 0.32, "k+", markersize=12)
@@ -67,10 +66,10 @@ ax.legend()
 plt.show()
 
 # %%
-# Start, goal and via-point are met exactly, and start and goal at rest:
+# Start, goal and via-point are met exactly, and the movement is at rest at start and goal:
 
-gap = np.min(np.linalg.norm(higher[:, 0] - [0.25, 0.32], axis=1))
-print(f"passes the via-point at {1e3 * gap:.2f} mm")
-print(f"speed at the end {np.linalg.norm(higher[-1, 1]):.1e} m/s")
-assert gap < 0.001
-assert np.allclose(elsewhere[[0, -1], 0], [[-0.05, 0.08], [0.58, 0.18]], atol=1e-6)
+distance = np.min(np.linalg.norm(via_point[:, 0] - [0.25, 0.32], axis=1))
+print(f"passes the via-point at {1e3 * distance:.2f} mm")
+print(f"speed at the end {np.linalg.norm(via_point[-1, 1]):.1e} m/s")
+assert distance < 0.001
+assert np.allclose(new_goal[[0, -1], 0], [[-0.05, 0.08], [0.58, 0.18]], atol=1e-6)

@@ -22,8 +22,8 @@ recording = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
 skill = FourierMovementPrimitive().fit(recording)
 
 # %%
-# How far people vary, over one window of a component: along the strokes a lot, across them
-# less.
+# The variation of people in one window of a component is large along the strokes, and smaller
+# across them.
 
 component = 0
 deviations = 1e3 * np.array(
@@ -40,20 +40,20 @@ ax.legend()
 plt.show()
 
 # %%
-# The scenario `gentle` is the table top with one line more:
+# The scenario `gentle` is the table top with one additional line:
 # ``covariance_stiffness: {enabled: true}``. Its parameters are the least and the greatest
-# stiffness, and the deviation half way between.
+# stiffness, and the deviation at which the stiffness is half way between them.
 
 scenario = LoadScenario("gentle")
 print(scenario.impedance.covariance_stiffness)
 
 # %%
-# Push both arms sideways with 10 N for a second, and see how far they give way. A scenario's
-# disturbances are part of its diagram.
+# Push both arms sideways with 10 N for a second, and compare their deviations. The disturbances of
+# a scenario are part of its diagram.
 
 
-def error_when_pushed(name: str) -> np.ndarray:
-    """Return how far the arm is off its path, m, at 100 Hz for 6 s."""
+def tracking_error(name: str) -> np.ndarray:
+    """Return the distance of a pushed arm from its path, m, at 100 Hz for 6 s."""
     scenario = LoadScenario(name)
     scenario.disturbances = LoadScenario("pushed").disturbances[:1]
     push = scenario.disturbances[0]
@@ -68,10 +68,10 @@ def error_when_pushed(name: str) -> np.ndarray:
 
 figure, ax = plt.subplots(figsize=(7, 3), layout="constrained")
 for name in ("table_top", "gentle"):
-    error = 1e3 * error_when_pushed(name)
+    error = 1e3 * tracking_error(name)
     ax.plot(0.01 * np.arange(len(error)), error, label=name)
-    print(f"{name}: {error[300:400].max():.0f} mm off its path while it is pushed")
+    print(f"{name}: {error[300:400].max():.0f} mm off its path during the push")
 ax.axvspan(3, 4, color="0.9")
-ax.set(xlabel="time (s)", ylabel="off the path, in the plane (mm)")
+ax.set(xlabel="time (s)", ylabel="distance from the path (mm)")
 ax.legend()
 plt.show()

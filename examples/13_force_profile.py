@@ -55,7 +55,7 @@ for i, order in enumerate(("position", "velocity", "acceleration")):
     )
 
 # %%
-# The profile: 6 N at the one side, 14 N at the other, smooth between.
+# The profile is 6 N on one side and 14 N on the other, with a smooth transition.
 
 x, y, z = (Variable(name) for name in "xyz")
 profile = builder.AddSystem(
@@ -72,25 +72,25 @@ builder.Connect(
     profile.get_output_port(), controller.GetInputPort("desired_normal_force")
 )
 
-wanted_log = LogVectorOutput(profile.get_output_port(), builder, 0.02)
+desired_log = LogVectorOutput(profile.get_output_port(), builder, 0.02)
 force_log = LogVectorOutput(ink.GetOutputPort("normal_force"), builder, 0.02)
 simulator = Simulator(builder.Build())
 simulator.AdvanceTo(10.0)
 
 # %%
-# What the board feels is what was wanted, once the tool has come down:
+# The force on the board follows the desired one after the tool has landed:
 
 context = simulator.get_context()
-time = wanted_log.FindLog(context).sample_times()
-wanted = wanted_log.FindLog(context).data()[0]
+time = desired_log.FindLog(context).sample_times()
+desired_force = desired_log.FindLog(context).data()[0]
 force = force_log.FindLog(context).data()[0]
 figure, ax = plt.subplots(figsize=(8, 3.5), layout="constrained")
 ax.plot(time, force, color="tab:orange", label="on the board")
-ax.plot(time, wanted, color="k", linestyle="--", label="wanted")
+ax.plot(time, desired_force, color="k", linestyle="--", label="desired")
 ax.set(xlabel="time (s)", ylabel="normal force (N)", ylim=(0, 20))
 ax.legend()
 plt.show()
 
-error = np.sqrt(np.mean((force - wanted)[time > 2.0] ** 2))
-print(f"off by {error:.1f} N rms")
+error = np.sqrt(np.mean((force - desired_force)[time > 2.0] ** 2))
+print(f"force error {error:.1f} N rms")
 assert error < 2.5

@@ -15,50 +15,51 @@ from fmp_drake.station import models_dir
 recording = Demonstration.load(models_dir() / "demonstrations" / "polishing.npz")
 uniform = recording.resample(20.0)
 cut = 2 * len(uniform.values) // 3
-seen, unseen = uniform.values[:cut], uniform.values[cut:]
-print(f"learned from {cut / 20:.0f} s, scored on {len(unseen) / 20:.0f} s")
+training, test = uniform.values[:cut], uniform.values[cut:]
+print(f"learned from {cut / 20:.0f} s, scored on {len(test) / 20:.0f} s")
 
 # %%
 # Fourier movement primitives
 # ---------------------------
-# The mixture and the phase model, which knows that the movement is a cycle.
+# The mixture, and the phase model, which assumes that the movement is a cycle.
 
-half = Demonstration(
+demonstration = Demonstration(
     time=uniform.time[:cut],
-    values=seen,
+    values=training,
     channels=uniform.channels,
     units=uniform.units,
 )
 models = {
-    name: FourierMovementPrimitive(model=name).fit(half)
+    name: FourierMovementPrimitive(model=name).fit(demonstration)
     for name in ("mixture", "phase")
 }
 
 # %%
-# The simplest rival
-# ------------------
-# "Go on as you did when it looked like this": the best match of the last half second in the
-# recording, started where the movement is. Whoever cannot beat it has learned nothing.
+# The simplest baseline
+# ---------------------
+# Replay finds the best match of the last half second in the recording, and continues like the
+# recording from the present position. A useful model predicts better.
 
 K, HORIZON = 10, 20
 
 
-def replayed(past: np.ndarray) -> np.ndarray:
-    """Return what followed the best match of the last K samples, (HORIZON, D)."""
-    last = np.arange(len(seen) - K - HORIZON)
-    matches = [np.sum((seen[i : i + K] - past) ** 2) for i in last]
-    best = int(np.argmin(matches))
-    return seen[best + K : best + K + HORIZON] - seen[best + K - 1] + past[-1]
+def replay(past: np.ndarray) -> np.ndarray:
+    """Return the continuation of the best match of the last K samples, (HORIZON, D)."""
+    starts = range(len(training) - K - HORIZON)
+    distances = [np.sum((training[i : i + K] - past) ** 2) for i in starts]
+    end = int(np.argmin(distances)) + K
+    return training[end : end + HORIZON] - training[end - 1] + past[-1]
 
 
 errors: dict[str, list[float]] = {name: [] for name in (*models, "replay")}
-for first in range(0, len(unseen) - K - HORIZON, 10):
-    past = unseen[first : first + K]
-    truth = unseen[first + K : first + K + HORIZON]
-    ways = {name: m.predict(past, HORIZON).values for name, m in models.items()}
-    ways["replay"] = replayed(past)
-    for name, way in ways.items():
-        errors[name].append(float(np.sqrt(np.mean(np.sum((way - truth) ** 2, axis=1)))))
+for first in range(0, len(test) - K - HORIZON, 10):
+    past = test[first : first + K]
+    truth = test[first + K : first + K + HORIZON]
+    predictions = {name: m.predict(past, HORIZON).values for name, m in models.items()}
+    predictions["replay"] = replay(past)
+    for name, prediction in predictions.items():
+        squares = np.sum((prediction - truth) ** 2, axis=1)
+        errors[name].append(float(np.sqrt(np.mean(squares))))
 
 figure, ax = plt.subplots(figsize=(7, 3.2), layout="constrained")
 ax.boxplot(
@@ -67,14 +68,14 @@ ax.boxplot(
     tick_labels=list(errors),
     showfliers=False,
 )
-ax.set(xlabel="error over the next second (mm); less is better")
+ax.set(xlabel="prediction error of the next second (mm)")
 plt.show()
 for name, values in errors.items():
     print(f"{name:8} {1e3 * np.sqrt(np.mean(np.square(values))):5.1f} mm")
 
 # %%
-# `ProMP` is an estimator with the same methods, `AlignedProMP`, `PeriodicDMP` and `PeriodicGP`
-# are methods of the benchmark. `fmp-drake benchmark` scores all of them, and more, on the
+# `ProMP` is an estimator with the same methods; `AlignedProMP`, `PeriodicDMP` and `PeriodicGP`
+# are methods of the benchmark. `fmp-drake benchmark` scores these and other methods on the
 # recordings in a folder.
 
 promp = ProMP(frequencies=5, n_components=20)

@@ -19,8 +19,8 @@ from fmp_drake.skills import scenario_skill
 from fmp_drake.station import LoadScenario
 
 # %%
-# A run keeps the signals that it is asked to keep, in temporary files, so that its memory
-# does not grow with its duration.
+# A run stores the signals in `keep` in temporary files, so that its memory does not grow with
+# its duration.
 
 scenario = LoadScenario("pushed")
 skill, demonstrations, _ = scenario_skill(scenario)
@@ -37,8 +37,8 @@ for event in run.events():
     print(event)
 
 # %%
-# Written, read again
-# -------------------
+# Write and read the log
+# ----------------------
 
 folder = Path(tempfile.mkdtemp())
 run.save_log(folder / "run.npz", metrics)
@@ -47,11 +47,11 @@ for name, signal in sorted(log.signals.items()):
     print(f"{name:18} {signal.values.shape!s:12} {signal.unit:6} {signal.meaning}")
 
 figure, axes = plt.subplots(3, 1, figsize=(8, 6), layout="constrained", sharex=True)
-for ax, (name, what) in zip(
+for ax, (name, label) in zip(
     axes,
     (
         ("normal_force", "normal force (N)"),
-        ("tracking_error", "off the path (mm)"),
+        ("tracking_error", "tracking error (mm)"),
         ("torque", "torque (Nm)"),
     ),
     strict=True,
@@ -61,6 +61,6 @@ for ax, (name, what) in zip(
     if name == "tracking_error":
         values = 1e3 * np.linalg.norm(values[:, 3:], axis=1)
     ax.plot(signal.times, values, linewidth=0.8)
-    ax.set_ylabel(what)
+    ax.set_ylabel(label)
 axes[-1].set_xlabel("time (s)")
 plt.show()

@@ -3,8 +3,8 @@ Randomised scenarios
 ====================
 
 Ten tuned scenarios prove little. Randomise any field of a scenario, and look at the failed ones.
-`fmp-drake worlds` does this from the command line for thousands, on all cores or on a cluster. It
-continues where it was stopped, and writes a report.
+`fmp-drake worlds` runs thousands from the command line, on all cores or on a cluster. It continues
+where it was stopped, and writes a report.
 """
 
 # sphinx_gallery_thumbnail_path = '../../models/scenarios/wipe_dome.png'
@@ -19,11 +19,11 @@ from fmp_drake.station import CheckFeasibility, ParseScenario
 # %%
 # Distributions
 # -------------
-# A specification names scenarios to begin with, and what is drawn of which field.
+# A specification names a base scenario, and the distributions of its fields.
 
 spec = TrialSpec(
     """
-description: A table that is shoved about, and somebody who wants it more or less firmly.
+description: A table at various places, wiped with various forces.
 base: table_top
 offsets:
   board:
@@ -34,29 +34,29 @@ fields:
 )
 
 # %%
-# A trial depends only on the specification, a seed and its number: trial 3 is the same one
-# tomorrow, on another machine, and without trials 0 to 2.
+# A trial depends only on the specification, a seed and its number: trial 3 is the same on any
+# day, on any machine, and without trials 0 to 2.
 
 trials = [spec.draw(seed=1, number=number) for number in range(5)]
 assert spec.draw(seed=1, number=3) == trials[3]
 
 # %%
-# Checked in advance, and run
-# ---------------------------
-# Where the check says that the arm cannot follow, nothing is run.
+# Check and run
+# -------------
+# Infeasible trials are not run.
 
 figure, ax = plt.subplots(figsize=(7, 4), layout="constrained")
 for number, trial in enumerate(trials):
     scenario = ParseScenario(trial.scenario)
     skill, demonstrations, _ = scenario_skill(scenario)
-    check = CheckFeasibility(scenario, skill)
+    feasibility = CheckFeasibility(scenario, skill)
     x, force = scenario.board.translation[0], scenario.press.force
-    print(f"trial {number}, board {x:.2f} m away, {force:.1f} N: {check.verdict}")
-    if check.is_feasible:
+    print(f"trial {number}, board {x:.2f} m away, {force:.1f} N: {feasibility.verdict}")
+    if feasibility.is_feasible:
         run = WipingRun(scenario, skill, demonstrations=demonstrations)
         run.advance_to(3.0)
         print(f"    cleaned {100 * run.metrics()['cleaned_fraction']:.0f} % in 3 s")
-    ax.plot(x, force, "go" if check.is_feasible else "rx", markersize=10)
-ax.set(xlabel="distance of the board (m)", ylabel="wanted force (N)")
-ax.set_title("green: run; red: refused in advance")
+    ax.plot(x, force, "go" if feasibility.is_feasible else "rx", markersize=10)
+ax.set(xlabel="distance of the board (m)", ylabel="desired force (N)")
+ax.set_title("green: feasible; red: infeasible")
 plt.show()

@@ -52,44 +52,53 @@ def test_readme_and_examples_enter_by_the_front_doors():
 FACTS = {
     "01_learn_a_skill.py": (r"(\d+) windows", lambda windows: windows > 1000),
     "02_primitive_in_your_diagram.py": (
-        r"to ([\d.]+) mm rms[^\0]*re-mapped (\d+) times",
-        lambda off, remaps: off < 5 and remaps == 6,
+        r"tracking error ([\d.]+) mm rms[^\0]*re-mapped (\d+) times",
+        lambda error, remaps: error < 5 and remaps == 6,
     ),
     "03_wiping_station.py": (
-        r"off the path +([\d.]+) mm.*cleaned +([\d.]+) %  \(pushed\)",
-        lambda off, cleaned: off > 5 and cleaned > 10,
+        r"error +([\d.]+) mm.*cleaned +([\d.]+) %  \(pushed\)",
+        lambda error, cleaned: error > 5 and cleaned > 10,
     ),
     "04_teach_by_mouse.py": (
         r"learned in ([\d.]+) s\nwiping: (\d+) %",
         lambda _, cleaned: cleaned > 20,
     ),
-    "05_your_own_robot.py": (r"8 to ([\d.]+) mm rms", lambda off: off < 2.0),
+    "05_your_own_robot.py": (
+        r"six joints: ([\d.]+) mm rms",
+        lambda error: error < 2.0,
+    ),
     "06_tilting_tool.py": (
         r"most ([\d.]+) .* ([\d.]+) mm",
-        lambda degrees, off: degrees < 0.5 and off < 2.0,
+        lambda degrees, distance: degrees < 0.5 and distance < 2.0,
     ),
     "07_keypoints.py": (
-        r"wanted y = ([\d.]+) m, got ([\d.]+) m",
-        lambda wanted, got: abs(wanted - got) < 1e-3,
+        r"desired y = ([\d.]+) m, result ([\d.]+) m",
+        lambda desired, result: abs(desired - result) < 1e-3,
     ),
     "08_several_demonstrations.py": (
         r"sample: ([\d.]+) m, ([\d.]+) m",
         lambda equal, weighted: weighted < equal,
     ),
     "09_orientation.py": (
-        r"up to ([\d.]+) degrees; ([\d.]+) were shown",
-        lambda played, shown: abs(played - shown) < 5,
+        r"up to ([\d.]+) degrees; demonstrated ([\d.]+)",
+        lambda played, demonstrated: abs(played - demonstrated) < 5,
     ),
     "10_tempo_and_editing.py": (
         r"speed ([\d.]+) and ([\d.]+) m/s",
-        lambda usual, quick: 1.3 < quick / usual < 1.7,
+        lambda speed, fast_speed: 1.3 < fast_speed / speed < 1.7,
     ),
-    "11_discrete_movement.py": (r"via-point at ([\d.]+) mm", lambda gap: gap < 1),
+    "11_discrete_movement.py": (
+        r"via-point at ([\d.]+) mm",
+        lambda distance: distance < 1,
+    ),
     "12_soft_where_people_vary.py": (
         r"table_top: (\d+) mm[^\0]*gentle: (\d+) mm",
         lambda stiff, soft: stiff < soft,
     ),
-    "13_force_profile.py": (r"off by ([\d.]+) N rms", lambda off: off < 2.5),
+    "13_force_profile.py": (
+        r"force error ([\d.]+) N rms",
+        lambda error: error < 2.5,
+    ),
     "14_compare_on_your_data.py": (
         r"phase +([\d.]+) mm\nreplay +([\d.]+) mm",
         lambda phase, replay: phase < replay,

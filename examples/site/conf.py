@@ -28,21 +28,21 @@ FRONT_DOORS = {
     "fmp_drake.experiments": "The paper's experiments, and scores on unseen data.",
     "fmp_drake.experiments.trials": "Randomised scenarios, run and judged.",
     "fmp_drake.experiments.benchmark": "Methods compared on any recordings.",
-    "fmp_drake.experiments.baselines": "Other movement primitives, to compare with.",
+    "fmp_drake.experiments.baselines": "Other movement primitives, for comparison.",
 }
-# What a user wants to do, and the modules whose public names do it.
+# Tasks of a user, and the modules with the public names for them.
 TASKS = {
     "Read and learn": ("primitives.data", "primitives.model", "primitives.discrete"),
     "Play and edit": ("primitives",),
     "Place a skill on a surface": ("skills",),
     "Build a station": ("station",),
-    "Systems for a diagram of your own": ("systems",),
+    "Systems for your own diagram": ("systems",),
     "Run, log, teach": ("runs",),
     "Draw and film": ("plots", "film"),
     "Judge and compare": ("experiments",),
 }
-# Seconds of each replay.
-REPLAYED = 8.0
+# Duration of each replay, s.
+REPLAY_SECONDS = 8.0
 
 project = "fmp_drake"
 author = "the fmp_drake authors"
@@ -61,12 +61,12 @@ html_title = f"fmp_drake {version}"
 html_css_files = ["site.css"]
 html_static_path = ["static"]
 html_show_sourcelink = False
-# Pages with nothing beside them.
-_ALONE = (
+# Pages without a sidebar.
+_WITHOUT_SIDEBAR = (
     *("start", "faq", "mathematics", "results", "limits"),
     *("generated/scenarios", "generated/changelog"),
 )
-html_sidebars = {name: [] for name in _ALONE}
+html_sidebars = {name: [] for name in _WITHOUT_SIDEBAR}
 html_favicon = "static/favicon.svg"
 html_theme_options = {
     "show_prev_next": False,
@@ -102,9 +102,9 @@ def write_api(folder: Path) -> None:
     by_task: dict[str, list[str]] = {task: [] for task in TASKS}
     for name, purpose in FRONT_DOORS.items():
         public = import_module(name).__all__
-        for each in public:
-            home = getattr(getattr(import_module(name), each), "__module__", None)
-            by_task[task_of(str(home or name))].append(f"{name}.{each}")
+        for symbol in public:
+            module = getattr(getattr(import_module(name), symbol), "__module__", None)
+            by_task[task_of(str(module or name))].append(f"{name}.{symbol}")
         classes = [n for n in public if n[0].isupper() and not n.isupper()]
         others = [n for n in public if n not in classes]
         page = [
@@ -119,7 +119,7 @@ def write_api(folder: Path) -> None:
         for group in (classes, others):
             if group:
                 page += [".. autosummary::", "   :toctree: ../api", ""]
-                page += [*(f"   {each}" for each in group), ""]
+                page += [*(f"   {symbol}" for symbol in group), ""]
         (folder / f"{name}.rst").write_text("\n".join(page), encoding="utf-8")
     for task, names in by_task.items():
         lines += [
@@ -130,7 +130,7 @@ def write_api(folder: Path) -> None:
             "   :nosignatures:",
             "",
         ]
-        lines += [*(f"   ~{each}" for each in names), ""]
+        lines += [*(f"   ~{name}" for name in names), ""]
     lines += ["By package", "----------", "", ".. toctree::", "   :maxdepth: 1", ""]
     lines += [f"   {name}" for name in FRONT_DOORS]
     (folder / "index.rst").write_text("\n".join([*lines, ""]), encoding="utf-8")
@@ -141,8 +141,8 @@ def task_of(module: str) -> str:
     inner = module.removeprefix("fmp_drake.") + "."
     return next(
         task
-        for task, homes in TASKS.items()
-        if any(inner.startswith(f"{home}.") for home in homes)
+        for task, packages in TASKS.items()
+        if any(inner.startswith(f"{package}.") for package in packages)
     )
 
 
@@ -176,9 +176,9 @@ def write_scenarios(folder: Path, replays: Path) -> None:
         "Scenarios",
         "=========",
         "",
-        f"{REPLAYED:.0f} seconds of each, to turn and to replay: the viewer's own settings have",
-        "time and speed. ``fmp-drake wipe --scenario NAME`` runs them for as long as you",
-        "like; ``fmp-drake scenarios`` lists them.",
+        f"A replay of {REPLAY_SECONDS:.0f} seconds of each scenario; the settings of the viewer",
+        "control time and speed. ``fmp-drake wipe --scenario NAME`` runs a scenario for any",
+        "duration; ``fmp-drake scenarios`` lists them.",
         "",
     ]
     for name in ListScenarios():
@@ -194,7 +194,7 @@ def write_scenarios(folder: Path, replays: Path) -> None:
                 meshcat=panel.meshcat,
                 recording=True,
             )
-            run.advance_to(REPLAYED)
+            run.advance_to(REPLAY_SECONDS)
             run.remove_controls()
             file.write_text(run.html(title=name), encoding="utf-8")
             panel.close()
@@ -210,7 +210,7 @@ def write_scenarios(folder: Path, replays: Path) -> None:
 
 
 def show_ports(*event: Any) -> None:
-    """Make of the sections of ports, which numpydoc does not know, definition lists."""
+    """Turn the sections of ports, which numpydoc does not support, into rubrics."""
     lines: list[str] = event[-1]
     text = re.sub(
         r"^(Input|Output) ports?\n-+\n",
@@ -222,7 +222,7 @@ def show_ports(*event: Any) -> None:
 
 
 def check_links(app: Sphinx, failure: Exception | None) -> None:
-    """Warn of each link inside the site that leads nowhere."""
+    """Warn about each broken link inside the site."""
     from links import dead_links
 
     if failure is None:
@@ -231,7 +231,7 @@ def check_links(app: Sphinx, failure: Exception | None) -> None:
 
 
 def setup(app: Sphinx) -> None:
-    """Write the pages that are made of the package, before Sphinx looks for pages."""
+    """Write the pages that are generated from the package, before Sphinx reads the pages."""
     from idea import draw_idea
 
     write_api(GENERATED)

@@ -19,7 +19,7 @@ EQUATIONS = (
 
 
 def draw_idea(path: Path) -> None:
-    """Draw a recording with its windows, samples of the skill, and the way back to it."""
+    """Draw a recording with its windows, samples of the skill, and a return to it."""
     recording = Demonstration.load(models_dir() / "demonstrations" / "eight.npz")
     skill = FourierMovementPrimitive().fit(recording)
     low, high = skill.extent_
@@ -29,11 +29,11 @@ def draw_idea(path: Path) -> None:
     figure, (left, middle, right) = plt.subplots(
         1, 3, figsize=(12, 4), layout="constrained", width_ratios=(1, 1, 1.15)
     )
-    shown = recording.time < 16
+    is_drawn = recording.time < 16
     for channel, color in ((1, "tab:blue"), (0, "tab:cyan")):
         left.plot(
-            recording.time[shown],
-            recording.values[shown, channel],
+            recording.time[is_drawn],
+            recording.values[is_drawn, channel],
             color=color,
             label=recording.channels[channel],
         )

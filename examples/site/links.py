@@ -1,4 +1,4 @@
-"""Whether every link inside the built site leads somewhere."""
+"""Broken links inside the built site."""
 
 from collections.abc import Iterator
 from html.parser import HTMLParser
@@ -7,27 +7,27 @@ from urllib.parse import unquote, urlsplit
 
 
 class _Page(HTMLParser):
-    """The links of a page, and the places in it that can be linked to."""
+    """Links and anchors of a page."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
         self.links: set[str] = set()
-        self.places: set[str] = set()
+        self.anchors: set[str] = set()
         self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, _: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Keep what an element links to, and its name."""
+        """Store the link and the anchor of an element."""
         for name, value in attrs:
             if value and name in ("href", "src"):
                 self.links.add(value)
             elif value and name in ("id", "name"):
-                self.places.add(value)
+                self.anchors.add(value)
 
 
 def dead_links(site: Path) -> Iterator[str]:
-    """Yield a line about each link to a file or a place that is not there.
+    """Yield a line about each link to a missing file or anchor.
 
-    Pages of others and the replays, which are Meshcat's, are not read.
+    External pages and the replays, which are Meshcat's, are not read.
     """
     pages = {
         path.resolve(): _Page(path)
@@ -42,8 +42,8 @@ def dead_links(site: Path) -> Iterator[str]:
             target = path
             if parts.path:
                 target = (path.parent / unquote(parts.path)).resolve()
-            place = unquote(parts.fragment)
+            anchor = unquote(parts.fragment)
             if not target.exists():
                 yield f"{path.relative_to(site.resolve())}: no file for {link}"
-            elif place and target in pages and place not in pages[target].places:
-                yield f"{path.relative_to(site.resolve())}: no place for {link}"
+            elif anchor and target in pages and anchor not in pages[target].anchors:
+                yield f"{path.relative_to(site.resolve())}: no anchor for {link}"
