@@ -37,6 +37,10 @@ from fmp_drake.systems.teaching.mouse_drag import (
 
 TURN_SWITCH = "turn the tool"
 """Name of the page's switch that makes a drag turn the tool."""
+
+SAMPLE_PERIOD = 0.016
+"""Time between two samples of the mouse, s."""
+
 MOST_TORQUE = 15.0
 """Greatest torque of the hand, Nm."""
 
@@ -88,8 +92,6 @@ class MouseHand(LeafSystem):
         Orientation at rest of the tool that may be turned; needs a `tip`.
     eye : array_like, shape (3,)
         Of the camera where the page does not send it, in W, m.
-    period : float
-        Between two readings, s.
 
     Examples
     --------
@@ -114,7 +116,6 @@ class MouseHand(LeafSystem):
         board: BoardSurface | None = None,
         R_WE: RotationMatrix | None = None,
         eye: Any = (1.0, 0.0, 1.0),
-        period: float = 0.016,
     ) -> None:
         super().__init__()
         self.set_name("mouse_hand")
@@ -126,12 +127,11 @@ class MouseHand(LeafSystem):
             raise SystemsError("a tool that may be turned needs a tip.")
         for name, value in {
             "specific_stiffness": specific_stiffness,
-            "period": period,
             **{n: getattr(config, n) for n in ("stiffness", "max_force", "max_speed")},
         }.items():
             check_number(value, name, above=0, error=SystemsError)
         self._meshcat, self._config, self._board = meshcat, config, board
-        self._specific, self._period = float(specific_stiffness), float(period)
+        self._specific = float(specific_stiffness)
         self._eye = np.array(eye, dtype=float)
         self._tip_body, self._p_LE = 0, np.zeros(3)
         self._R_WL: RotationMatrix | None = None
@@ -169,7 +169,7 @@ class MouseHand(LeafSystem):
                 output[0] = self._read_state(context)[field]
 
             self.DeclareVectorOutputPort(name, 1, calc, prerequisites_of_calc={ticket})
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._read)
+        self.DeclarePeriodicDiscreteUpdateEvent(SAMPLE_PERIOD, 0.0, self._read)
 
     def _read_state(self, context: Context) -> Any:
         values: Any = context.get_discrete_state(self._state).value()
@@ -254,7 +254,7 @@ class MouseHand(LeafSystem):
             state,
             drag,
             time=context.get_time(),
-            period=self._period,
+            period=SAMPLE_PERIOD,
             here=p_WQ,
             eye=self._eye if camera is None else np.array(camera.translation()),
             config=self._config,

@@ -1,6 +1,7 @@
 """Facts about paths in Meshcat: meshes, drawings, recordings."""
 
 from itertools import pairwise
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from scipy.spatial import ConvexHull
 
 from fmp_drake.systems.page import paths
 from fmp_drake.systems.page.paths import (
+    BAND_DESCENT,
+    BAND_SIDES,
     LIFT,
     AddPathToRecording,
     covariance_band,
@@ -50,7 +53,7 @@ def normals(corners):
 @settings(max_examples=60, deadline=None)
 @given(PATHS)
 def test_a_rod_is_as_thick_as_asked_wherever_the_path_leads(path):
-    vertices, _ = rod_mesh(path, 0.02, sides=6)
+    vertices, _ = rod_mesh(path, 0.02)
     rings = vertices.T.reshape(7, 6, 3)
     assert np.all(np.isfinite(rings))
     assert_allclose(
@@ -69,8 +72,8 @@ def test_a_rod_is_round_and_its_faces_look_outwards():
 
 
 def test_a_rod_may_thin_out():
-    vertices, _ = rod_mesh(LINE, np.linspace(0, 0.02, 9), sides=4)
-    rings = vertices.T.reshape(9, 4, 3) - LINE[:, np.newaxis]
+    vertices, _ = rod_mesh(LINE, np.linspace(0, 0.02, 9))
+    rings = vertices.T.reshape(9, 6, 3) - LINE[:, np.newaxis]
     assert_allclose(np.linalg.norm(rings, axis=2)[:, 0], np.linspace(0, 0.02, 9))
 
 
@@ -85,8 +88,9 @@ def test_a_band_is_the_ellipse_of_two_deviations():
     covariance = np.diag([0.01**2, 0.03**2, 1.0])
     covariance[0, 1] = covariance[1, 0] = 0.5 * 0.01 * 0.03
     path = np.zeros((2, 3))
-    vertices, _ = covariance_band(path, [covariance] * 2, thinnest=1e-9)
+    vertices, _ = covariance_band(path, [covariance] * 2)
     flat = vertices[:2].T
+    covariance[:2, :2] += 2.5e-4**2 * np.eye(2)  # The least semi-axis is 0.5 mm.
     squared = np.einsum("ni,ij,nj->n", flat, np.linalg.inv(covariance[:2, :2]), flat)
     assert_allclose(squared, 4.0, rtol=1e-6)
 
@@ -96,8 +100,9 @@ def test_a_band_is_the_ellipse_of_two_deviations():
 def test_each_piece_of_a_band_is_the_hull_of_its_two_ellipses(path, seed):
     factors = np.random.default_rng(seed).normal(size=(7, 3, 3)) * 0.1
     covariances = factors @ factors.transpose(0, 2, 1)
-    sides = 240
-    mesh = covariance_band(path, covariances, sides=sides, thinnest=1e-3)
+    sides = 240  # With few sides a polygon is smaller than a thin ellipse.
+    with patch.object(paths, "BAND_SIDES", sides):
+        mesh = covariance_band(path, covariances)
     corners = triangles(mesh).reshape(6, sides - 2, 3, 3)
     angle = np.linspace(0, 2 * np.pi, 100)
     ring = np.stack([np.cos(angle), np.sin(angle)])
@@ -106,7 +111,9 @@ def test_each_piece_of_a_band_is_the_hull_of_its_two_ellipses(path, seed):
         points = [
             path[j, :2]
             + 2
-            * (np.linalg.cholesky(covariances[j][:2, :2] + 2.5e-7 * np.eye(2)) @ ring).T
+            * (
+                np.linalg.cholesky(covariances[j][:2, :2] + 6.25e-8 * np.eye(2)) @ ring
+            ).T
             for j in (i, i + 1)
         ]
         hull = ConvexHull(np.concatenate(points)).volume  # In 2D: its area.
@@ -115,10 +122,10 @@ def test_each_piece_of_a_band_is_the_hull_of_its_two_ellipses(path, seed):
 
 def test_a_band_lies_flat_and_descends_so_that_overlaps_are_drawn_once():
     path = LINE + np.array([0, 0, 0.01])
-    vertices, _ = covariance_band(path, [1e-4 * np.eye(3)] * 9, descent=1e-5, sides=8)
-    heights = vertices[2].reshape(8, 8)
+    vertices, _ = covariance_band(path, [1e-4 * np.eye(3)] * 9)
+    heights = vertices[2].reshape(8, BAND_SIDES)
     assert_allclose(np.ptp(heights, axis=1), 0, atol=1e-15)
-    assert_allclose(np.diff(heights[:, 0]), -1e-5)
+    assert_allclose(np.diff(heights[:, 0]), -BAND_DESCENT)
     assert_allclose(heights[-1], 0.01)
 
 

@@ -21,15 +21,23 @@ DEMONSTRATION_COLOR = Rgba(0.36, 0.38, 0.42, 1.0)
 LIFT = 0.002
 """Offset along z of the drawing of a path, m."""
 
-# Size of the ellipses of covariances in standard deviations.
-_DEVIATIONS = 2.0
+BAND_SIDES = 24
+"""Number of sides of a polygon in the band of covariances."""
+
+BAND_DESCENT = 3e-5
+"""Descent from one segment of the band to the next, m."""
+
+# Size of the ellipses of covariances in standard deviations, and their least semi-axis, m.
+_DEVIATIONS, _LEAST_AXIS = 2.0, 5e-4
+# Number of sides of a rod.
+_ROD_SIDES = 6
 # The longest part that appears at once, s, unless there would be too many parts.
 _PART = 0.25
 _MAX_PARTS = 300
 
 
-def rod_mesh(points: ArrayLike, radius: ArrayLike, *, sides: int = 6) -> Mesh:
-    """Sweep a circle along a path.
+def rod_mesh(points: ArrayLike, radius: ArrayLike) -> Mesh:
+    """Sweep a hexagon along a path.
 
     Meshcat draws every line one pixel wide and opaque; a rod is visible from afar.
 
@@ -39,23 +47,21 @@ def rod_mesh(points: ArrayLike, radius: ArrayLike, *, sides: int = 6) -> Mesh:
         N of at least 2, m.
     radius : float or array_like, shape (N,)
         m.
-    sides : int
-        Of the polygon that is swept.
 
     Returns
     -------
-    vertices : ndarray, shape (3, N sides)
+    vertices : ndarray, shape (3, 6 N)
         m.
-    faces : ndarray of int32, shape (3, 2 (N - 1) sides)
+    faces : ndarray of int32, shape (3, 12 (N - 1))
         Triangles as indices of vertices.
     """
     path = np.ascontiguousarray(points, dtype=float)
-    return _rod(path, np.full(len(path), radius, dtype=float), sides)
+    return _rod(path, np.full(len(path), radius, dtype=float))
 
 
 @compiled
-def _rod(path: FloatArray, radii: FloatArray, sides: int) -> Mesh:
-    n = len(path)
+def _rod(path: FloatArray, radii: FloatArray) -> Mesh:
+    n, sides = len(path), _ROD_SIDES
     vertices = np.empty((3, n * sides))
     faces = np.empty((3, 2 * (n - 1) * sides), dtype=np.int32)
     for i in range(n):
@@ -80,21 +86,14 @@ def _rod(path: FloatArray, radii: FloatArray, sides: int) -> Mesh:
     return vertices, faces
 
 
-def covariance_band(
-    points: ArrayLike,
-    covariances: ArrayLike,
-    *,
-    sides: int = 24,
-    thinnest: float = 5e-4,
-    descent: float = 3e-5,
-) -> Mesh:
+def covariance_band(points: ArrayLike, covariances: ArrayLike) -> Mesh:
     """Sweep the ellipses of covariances along a path, flat in the plane of x and y.
 
     Their semi-axes are two standard deviations long.
 
-    Each segment of the path gives the convex hull of the ellipses at its ends. It lies a
-    little lower than the one before it: in a translucent mesh that is drawn in order,
-    what overlaps does not become darker.
+    Each segment of the path gives the convex hull of the ellipses at its ends. It is a
+    little lower than the one before it, and the last one is as high as the path: in a
+    translucent mesh that is drawn in order, overlaps do not become darker.
 
     Parameters
     ----------
@@ -102,39 +101,32 @@ def covariance_band(
         N of at least 2, m.
     covariances : array_like, shape (N, 3, 3)
         Of the points, m^2; the part of x and y is shown.
-    sides : int
-        Of the polygon that stands for a hull.
-    thinnest : float
-        Smallest semi-axis, m.
-    descent : float
-        From each segment to the next, m; the last one is as high as the path.
 
     Returns
     -------
-    vertices : ndarray, shape (3, (N - 1) sides)
+    vertices : ndarray, shape (3, 24 (N - 1))
         m.
-    faces : ndarray of int32, shape (3, (N - 1) (sides - 2))
+    faces : ndarray of int32, shape (3, 22 (N - 1))
         Triangles as indices of vertices, counterclockwise seen from above.
     """
     path = np.asarray(points, dtype=float)
     sigma = np.array(covariances, dtype=float).reshape(-1, 3, 3)[:, :2, :2]
-    sigma[:, [0, 1], [0, 1]] += (thinnest / _DEVIATIONS) ** 2
-    angle = 2 * np.pi * np.arange(sides) / sides
+    sigma[:, [0, 1], [0, 1]] += (_LEAST_AXIS / _DEVIATIONS) ** 2
+    angle = 2 * np.pi * np.arange(BAND_SIDES) / BAND_SIDES
     directions = np.stack([np.cos(angle), np.sin(angle)])
     # The farthest point of each ellipse in each direction, (N, sides).
     spread = sigma @ directions
     reach = np.sqrt(np.sum(directions * spread, axis=1))
     edge = path[:, :2, np.newaxis] + _DEVIATIONS * spread / reach[:, np.newaxis]
     distance = np.sum(directions * edge, axis=1)
-    edge = np.concatenate(
-        [edge, np.broadcast_to(path[:, 2:, np.newaxis], (len(path), 1, sides))], axis=1
-    )
+    height = np.broadcast_to(path[:, 2:, np.newaxis], (len(path), 1, BAND_SIDES))
+    edge = np.concatenate([edge, height], axis=1)
     first = (distance[:-1] >= distance[1:])[:, np.newaxis]
     hull = np.where(first, edge[:-1], edge[1:])
-    hull[:, 2] += descent * np.arange(len(hull) - 1, -1, -1)[:, np.newaxis]
-    corner = np.arange(1, sides - 1, dtype=np.int32)
+    hull[:, 2] += BAND_DESCENT * np.arange(len(hull) - 1, -1, -1)[:, np.newaxis]
+    corner = np.arange(1, BAND_SIDES - 1, dtype=np.int32)
     fan = np.stack([np.zeros_like(corner), corner, corner + 1])
-    offset = sides * np.arange(len(hull), dtype=np.int32)
+    offset = BAND_SIDES * np.arange(len(hull), dtype=np.int32)
     faces = (fan[:, np.newaxis] + offset[:, np.newaxis]).reshape(3, -1)
     return hull.transpose(1, 0, 2).reshape(3, -1), faces
 

@@ -1,4 +1,4 @@
-"""A trail in Meshcat: where the tool has just been."""
+"""Trail of the tool in Meshcat."""
 
 from typing import Any
 
@@ -6,13 +6,17 @@ import numpy as np
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
 from fmp_drake.systems.page.paths import LIFT, draw_rod
 from fmp_drake.systems.surface.surface import PLANE, Surface
 
 TRAIL_COLOR = Rgba(0.95, 0.42, 0.05, 0.9)
 """Colour of the trail."""
+
+TRAIL_DURATION = 4.0
+"""Duration of the trail, s."""
+
+TRAIL_PERIOD = 0.064
+"""Time between two points of the trail, and between two pictures, s."""
 
 # Radius of the newest end, m.
 _RADIUS = 0.0025
@@ -21,7 +25,7 @@ _STILL = 1e-4
 
 
 class TrailVisualizer(LeafSystem):
-    """Draws the last seconds of the path of a point, thinning out.
+    """Draws the last 4 s of the path of a point, which thins out.
 
     Input ports
     -----------
@@ -33,10 +37,6 @@ class TrailVisualizer(LeafSystem):
     meshcat : Meshcat
     path : str
         Where in Meshcat's tree; its transform, the caller's, is X_WB.
-    seconds : float
-        How much of the past is drawn.
-    period : float
-        Between two points, and two pictures, s.
     surface : Surface
         Of the board.
 
@@ -45,7 +45,7 @@ class TrailVisualizer(LeafSystem):
     The trail of a point that stands still:
 
     >>> from pydrake.systems.analysis import Simulator
-    >>> trail = TrailVisualizer(Meshcat(), seconds=2.0)
+    >>> trail = TrailVisualizer(Meshcat())
     >>> simulator = Simulator(trail)
     >>> context = simulator.get_mutable_context()
     >>> _ = trail.get_input_port().FixValue(context, [0.1, 0.2, 0.0])
@@ -57,25 +57,21 @@ class TrailVisualizer(LeafSystem):
         meshcat: Meshcat,
         *,
         path: str = "trail",
-        seconds: float = 4.0,
-        period: float = 0.064,
         surface: Surface = PLANE,
     ) -> None:
         super().__init__()
         self.set_name("trail_visualizer")
-        check_number(seconds, "seconds", above=0, unit="s", error=SystemsError)
-        check_number(period, "period", above=0, unit="s", error=SystemsError)
         self._meshcat = meshcat
         self._path, self._surface = path, surface
-        points = max(2, round(seconds / period))
+        points = round(TRAIL_DURATION / TRAIL_PERIOD)
         self._radii = _RADIUS * np.linspace(0.1, 1.0, points)
         self._position = self.DeclareVectorInputPort("position", 3)
         # One point after the other; NaN where there is none yet.
         self.DeclareDiscreteState(np.full(3 * points, np.nan))
         self.DeclareInitializationPublishEvent(self._redraw)
         self.DeclareForcedPublishEvent(self._redraw)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._remember)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._draw)
+        self.DeclarePeriodicDiscreteUpdateEvent(TRAIL_PERIOD, 0.0, self._remember)
+        self.DeclarePeriodicPublishEvent(TRAIL_PERIOD, 0.0, self._draw)
 
     def _remember(self, context: Context, values: DiscreteValues) -> None:
         position: Any = self._position.Eval(context)
