@@ -19,13 +19,16 @@ from fmp_drake.runs.real_time import WallClock
 from fmp_drake.station import LcmPanda, LoadRobot, Scenario
 from fmp_drake.station.robots.panda_lcm import OpenLcm, RawSerializer
 from fmp_drake.station.robots.robot import MakeRobotModel, Robot
-from fmp_drake.systems.interface.arm_model import ArmModel
+from fmp_drake.systems.interface.arm_model import ArmModel, joint_limits
 from fmp_drake.systems.panda.status import (
     JOINTS,
     ArmReading,
     GateFault,
     decode,
+    implausible,
+    initial_track,
     read_status,
+    track_status,
 )
 
 Array = NDArray[np.float64]
@@ -39,8 +42,11 @@ _START_DISTANCE, _MARGIN, _REST_SPEED = 0.15, 0.05, 0.02
 _MAX_EXTERNAL = 3.0
 # Timeout of the wait for a message, s; 0 means no timeout.
 _WAIT = 1e-4
-# Shortest time between two samples of a recording, s.
-_SAMPLE_PERIOD = 0.01
+# Shortest time between two samples of a recording, and most by which the time between two
+# stamps may differ from that between their arrivals, s.
+_SAMPLE_PERIOD, _MAX_DRIFT = 0.01, 0.25
+# Statuses with these faults are not recorded.
+_NOT_RECORDED = GateFault.OUT_OF_RANGE | GateFault.TOO_FAST | GateFault.JUMP
 
 
 class ReceivedStatus(NamedTuple):
@@ -211,7 +217,8 @@ def record_arm(
     """Record the hand guiding of an arm; return the longest part without a gap.
 
     The arm's kinematics yield the eraser's position in the frame of the assumed board, at
-    20 Hz. The robot compensates its own weight; nothing is sent to it.
+    20 Hz. The robot compensates its own weight; nothing is sent to it. Statuses with
+    impossible positions, velocities or stamps are left out.
 
     Parameters
     ----------
@@ -228,19 +235,26 @@ def record_arm(
     """
     robot_config = LoadRobot(scenario.robot)
     config.check_robot(robot_config)
+    robot = MakeRobotModel(robot_config, scenario.held_tool())
+    limits, no_torque = joint_limits(robot.plant), np.zeros(JOINTS)
+    track, offset = initial_track(), None
     times: list[float] = []
     states: list[Array] = []
-    for *_, reading in listen(config, lcm=lcm, until=until):
-        if reading.is_finite and (
-            not times or reading.time >= times[-1] + _SAMPLE_PERIOD
-        ):
+    for arrival, _, _, reading in listen(config, lcm=lcm, until=until):
+        if not reading.is_finite:
+            continue
+        offset = reading.time - arrival if offset is None else offset
+        if abs(reading.time - arrival - offset) > _MAX_DRIFT:
+            continue
+        before, track = track, track_status(track, reading, no_torque)
+        is_due = not times or reading.time >= times[-1] + _SAMPLE_PERIOD
+        if is_due and not implausible(limits, before, track, reading) & _NOT_RECORDED:
             times.append(reading.time)
             states.append(reading.state)
     if not times:
         raise RunError(
             f"no status was received on {config.status_channel}; see fmp-drake check --arm."
         )
-    robot = MakeRobotModel(robot_config, scenario.held_tool())
     demonstrations = guided_demonstrations(
         np.subtract(times, times[0]),
         _eraser_positions(scenario, robot, states),

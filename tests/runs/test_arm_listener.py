@@ -112,6 +112,23 @@ def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
     assert bus.bench.metrics()["followed_ms"] == 0
 
 
+@pytest.mark.parametrize("faults", [{"corrupt": 0.3}, {"reorder": 0.2}])
+def test_wrong_bits_and_reordered_statuses_are_not_recorded(monkeypatch, faults):
+    shown = []
+    for network in (None, NetworkFaults(**faults)):
+        hand = SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
+        bus = Bus(monkeypatch, hand=hand, faults=network)
+        shown.append(
+            record_arm(bus.scenario, LcmPanda(), lcm=bus.lcm, until=lambda s: s >= 3.0)
+        )
+    clean, broken = shown
+    assert broken.duration == pytest.approx(clean.duration, abs=0.11)
+    count = min(len(clean.values), len(broken.values))
+    np.testing.assert_allclose(
+        broken.values[:count], clean.values[:count], atol=0.01, rtol=0
+    )
+
+
 def test_silent_or_resting_arm_has_no_recording(monkeypatch):
     for speaks, word in ((False, "no status was received"), (True, "nothing moved")):
         bus = Bus(monkeypatch, speaks=speaks)
