@@ -135,9 +135,9 @@ class TrackingPredictor:
                         _LONGEST_STEP,
                     )
                 q = np.clip(q + dq, lower, upper)
+            v, before = (q - before) / step, q
             M, Cv, X, J = self._read(q, v)
             inverse = _inverse(M, J, damping[:, at])
-            v, before = (q - before) / step, q
             error = _errors(X, path[:, k], R_WE[:, at]).reshape(-1, 2, 3) @ R_WB[:, at]
             force_torque = _times(J[:, 3:].mT, -R_WB[:, at, :, 2])
             squared = np.maximum(np.linalg.det(J @ J.mT), 0.0)
