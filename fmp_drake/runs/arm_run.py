@@ -14,6 +14,7 @@ from fmp_drake.runs.real_time import (
     MAX_REPLAYED,
     WallClock,
     age_metrics,
+    ignored_signals,
     uninterrupted,
 )
 from fmp_drake.runs.station_run import StationRun
@@ -191,7 +192,8 @@ class ArmRun(StationRun):
                     self.step(now)
                     operator(self)
             finally:
-                self.ramp_down(clock)
+                with ignored_signals():
+                    self.ramp_down(clock)
 
     def ramp_down(self, clock: WallClock) -> None:
         """Ramp the torque to zero at its rate limit, without the diagram; see `GateState`."""

@@ -81,6 +81,20 @@ def uninterrupted() -> Iterator[None]:
         signal.signal(signal.SIGTERM, previous)
 
 
+@contextmanager
+def ignored_signals() -> Iterator[None]:
+    """Run a block that a second Ctrl-C or SIGTERM does not end."""
+    previous = {
+        number: signal.signal(number, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
 def age_metrics(name: str, ages: Sequence[float]) -> dict[str, float | None]:
     """Return median, 99th percentile and maximum of ages, s; None without ages.
 
