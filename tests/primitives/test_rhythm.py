@@ -186,6 +186,8 @@ def test_a_smooth_random_path_has_no_rhythm(seed):
     path = gaussian_filter1d(normals, rng.uniform(8, 24), axis=0, mode="wrap") / 2
     with pytest.raises(DemonstrationError, match="cycles"):
         find_rhythm(demonstration(path))
+    if seed == 22:  # The user knows it better.
+        assert find_rhythm(demonstration(path), period=11.7).cycles > 1.5
 
 
 @pytest.mark.parametrize(

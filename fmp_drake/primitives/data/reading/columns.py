@@ -191,9 +191,8 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     if gaps := np.count_nonzero(np.diff(time) > LONGEST_GAP):
         remarks.append(f"gaps of more than {LONGEST_GAP} s, not bridged: {gaps}")
     if set(QUATERNION_CHANNELS) <= set(chosen):
-        _check_quaternions(
-            values[:, [list(chosen).index(q) for q in QUATERNION_CHANNELS]]
-        )
+        quaternions = [list(chosen).index(name) for name in QUATERNION_CHANNELS]
+        _check_quaternions(values[:, quaternions])
     return Table(
         names=("time", *chosen),
         units=("s", *units),
@@ -257,10 +256,9 @@ def _to_standard_units(
         )
         for i in angles:
             found[i] = "deg"
-    positions = [i for i, name in enumerate(chosen) if name in POSITION_CHANNELS]
-    assumed = [i for i in positions if not (stated[i] or options.unit)]
-    width = float(np.max(np.ptp(values[:, assumed], axis=0), initial=0.0))
-    if width > _WIDEST and all(found[i] == "m" for i in assumed):
+    metres = [i for i, name in enumerate(chosen) if name in POSITION_CHANNELS]
+    metres = [i for i in metres if (found[i], stated[i] or options.unit) == ("m", "")]
+    if (width := float(np.ptp(values[:, metres], axis=0).max(initial=0))) > _WIDEST:
         remarks.append(
             f"the path is {width:.0f} m wide, if the file is in metres; if it is in "
             "millimetres, add --unit mm"

@@ -46,10 +46,14 @@ Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):
-    """Least number of cycles, and the greatest fraction of the variance beside the cycle."""
+    """Least number of cycles, and the greatest fraction of the variance beside the cycle.
+
+    A period that the user states needs no evidence that it is one.
+    """
 
     cycles: float
     unexplained: float
+    needs_evidence: bool = True
 
 
 # One cycle leaves 0.3 to 0.7 % of guided movements; strokes that were taken for the whole of
@@ -58,6 +62,7 @@ _CLEAR = 0.015
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _AS_WELL = 4.0
 _LIMITS = (_Limits(4.0, 0.05), _Limits(1.3, 0.15))
+_LIMITS_OF_STATED = (_LIMITS[0], _LIMITS[1]._replace(needs_evidence=False))
 # Numbers of cycles, and the greatest misfit of so many; none limits more of them. With the
 # limits above alone, a quarter of smooth random paths of 8 to 50 s had a rhythm.
 _MOST_MISFIT = (1.0, 2.0, 4.0, 8.0), (0.0, 0.1, 0.1, 0.15)
@@ -107,7 +112,6 @@ class _Attempt(NamedTuple):
 def find_rhythm(
     demonstrations: Demonstration | Sequence[Demonstration],
     *,
-    rate: float = DEFAULT_RATE,
     start: float | None = None,
     end: float | None = None,
     period: float | None = None,
@@ -117,8 +121,6 @@ def find_rhythm(
     Parameters
     ----------
     demonstrations : Demonstration, or a sequence of them
-    rate : float
-        Hz, to which they are resampled.
     start, end : float, optional
         Part of every demonstration to search, s from its first sample.
     period : float, optional
@@ -139,14 +141,14 @@ def find_rhythm(
     ['14.3 cycles of 2.09 s']
     """
     demonstrations = demonstration_list(demonstrations, "find_rhythm")
-    cut = cut_demonstrations(demonstrations, start, end, rate)
-    parts = [part for d in cut for part in d.split_at_gaps(rate) or [d]]
-    values = [part.resample(rate).values for part in parts]
+    cut = cut_demonstrations(demonstrations, start, end, DEFAULT_RATE)
+    parts = [part for d in cut for part in d.split_at_gaps(DEFAULT_RATE) or [d]]
+    values = [part.resample(DEFAULT_RATE).values for part in parts]
     first = parts[0]
     scales = channel_scales("units", np.concatenate(values), first.units)
     found = search_rhythm(
         [y / scales for y in values],
-        rate=rate,
+        rate=DEFAULT_RATE,
         period=period,
         units=dict(zip(first.channels, first.units, strict=True)),
     )
@@ -238,17 +240,16 @@ def _search_or_join(
     """Find the rhythm of recordings, or of all joined; return it and its parts."""
     try:
         found = _search(recordings, columns, rate, period)
+        return found, (*found.rhythm.bouts, *found.rhythm.left_out)
     except DemonstrationError as error:
-        loops = join_loops(recordings, columns)
-        if loops is None:
+        if (loops := join_loops(recordings, columns)) is None:
             raise
         try:
             found = _search([loops.values], columns, rate, period)
         except DemonstrationError:
             raise error from None
-        parts = (*found.rhythm.bouts, *found.rhythm.left_out)
-        return found, loops.parts(parts, rate)
-    return found, (*found.rhythm.bouts, *found.rhythm.left_out)
+    parts = (*found.rhythm.bouts, *found.rhythm.left_out)
+    return found, loops.parts(parts, rate)
 
 
 def _search(
@@ -256,20 +257,25 @@ def _search(
 ) -> Found:
     """Find the rhythm of some columns of recordings; see `search_rhythm`."""
     recordings = [np.ascontiguousarray(y[:, columns]) for y in every]
-    refusal = ""
+    all_limits, refusal = _LIMITS if period is None else _LIMITS_OF_STATED, ""
     # Of few cycles after an approach only neighbouring ones tell which samples recur.
     for by_neighbours in (False, True):
         candidates = _candidates(recordings, rate, period)
         attempts = _attempts(recordings, candidates, by_neighbours=by_neighbours)
-        for limits in _LIMITS:
+        for limits in all_limits:
             good = [a for a in attempts if not _reason_against(a, limits)]
             if good:
                 break
-        refusal = refusal or _refusal(attempts)
         if good:
             break
+        if attempts:
+            refusal = refusal or _reason_against(attempts[0], limits)
     else:
-        raise DemonstrationError(refusal)
+        raise DemonstrationError(
+            refusal
+            or "no part of it comes again in another cycle; record at least two "
+            "full cycles."
+        )
     best = min(good, key=lambda attempt: _misfit(attempt.track))
     if limits is not _LIMITS[0]:
         # Of few cycles the shortest period that explains the recordings about as well.
@@ -307,15 +313,6 @@ def _attempts(
         if clear and not _reason_against(attempt, _LIMITS[0]):
             break
     return attempts
-
-
-def _refusal(attempts: Sequence[_Attempt]) -> str:
-    """Return why none of the attempts has found a rhythm."""
-    if attempts:
-        return _reason_against(attempts[0], _LIMITS[-1])
-    return (
-        "no part of it comes again in another cycle; record at least two full cycles."
-    )
 
 
 def _misfit(track: PhaseTrack) -> float:
@@ -432,7 +429,7 @@ def _reason_against(attempt: _Attempt, limits: _Limits) -> str:
             f"unexplained; the phase model needs at most {100 * limits.unexplained:.0f} %."
         )
     most = float(np.interp(track.cycles, *_MOST_MISFIT, right=np.inf))
-    if _misfit(track) > most:
+    if limits.needs_evidence and _misfit(track) > most:
         return (
             f"its {track.cycles:.1f} cycles differ too much to be those of one movement "
             f"({100 * _misfit(track):.0f} % of the variance; of so few cycles at most "
