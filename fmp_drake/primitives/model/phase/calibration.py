@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.primitives.model.phase.components import PhaseGrid, grid_gaussians
-from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.residual import Residual
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 from fmp_drake.primitives.model.prediction import Conditioning, Replay, Replayed
@@ -488,12 +487,5 @@ def _splits(
             ]
         if held and kept:
             values, phases, shifts = map(list, zip(*kept, strict=True))
-            cycle = Cycle.fit_recordings(
-                phases,
-                [y - b for y, b in zip(values, shifts, strict=True)],
-                harmonics=len(track.cycle.coefficients) // 2,
-            )
-            rest = replace(
-                track, recordings=values, phases=phases, shifts=shifts, cycle=cycle
-            )
-            yield rest, held
+            rest = replace(track, recordings=values, phases=phases, shifts=shifts)
+            yield rest.with_smooth_cycle(), held

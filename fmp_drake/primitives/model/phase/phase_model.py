@@ -218,6 +218,7 @@ def fit_phase_model(
         been observed when a skill is played.
     most_components : int
     """
+    track = track.with_smooth_cycle()
     velocity = PhaseVelocity.fit(track.phases)
     residual = Residual.fit(track.phases, track.residuals())
     most = _MOST_COMPONENTS if track.cycles >= _FEW_CYCLES else _COMPONENTS_OF_FEW

@@ -1,7 +1,7 @@
 """Joint estimation of the mean cycle and of the phase of every sample."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -103,6 +103,13 @@ class PhaseTrack:
             recordings=list(recordings), phases=self.phases, shifts=shifts, cycle=cycle
         )
 
+    def with_smooth_cycle(self) -> "PhaseTrack":
+        """Return the track with the cycle of `Cycle.fit_recordings`, to be played."""
+        centred = [y - b for y, b in zip(self.recordings, self.shifts, strict=True)]
+        harmonics = len(self.cycle.coefficients) // 2
+        cycle = Cycle.fit_recordings(self.phases, centred, harmonics=harmonics)
+        return replace(self, cycle=cycle)
+
     def residuals(self) -> list[NDArray[np.float64]]:
         """Return the recordings minus the cycle at their phases; shifts are included."""
         return [
@@ -141,7 +148,9 @@ def track_phase(
             for y, p in zip(recordings, phases, strict=True)
         ]
         centred = [y - b for y, b in zip(recordings, shifts, strict=True)]
-        cycle = Cycle.fit_recordings(phases, centred, harmonics=harmonics)
+        cycle = Cycle.fit(
+            np.concatenate(phases), np.concatenate(centred), harmonics=harmonics
+        )
     return PhaseTrack(
         recordings=list(recordings), phases=phases, shifts=shifts, cycle=cycle
     )
