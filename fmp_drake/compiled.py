@@ -32,7 +32,9 @@ class _Announcer(event.Listener):
         """Log the message at the first function that is not in the cache."""
         if not self._has_announced:
             self._has_announced = True
-            logger.info("compiling, once per machine; it takes up to half a minute")
+            logger.info(
+                "compiling what this machine uses for the first time: up to half a minute"
+            )
 
     def on_end(self, event: Any) -> None:
         """Log nothing at the end of a compilation."""

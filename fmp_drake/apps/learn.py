@@ -124,7 +124,7 @@ def learn(
         )
     console.print(
         f"learned {len(learned.components_)} components from {learned.n_windows_} "
-        f"windows of {learned.n_steps / learned.rate:g} s in "
+        f"window{'s' * (learned.n_windows_ != 1)} of {learned.n_steps / learned.rate:g} s in "
         f"{time.perf_counter() - start:.2f} s"
     )
     for sentence in skill_in_words(learned):

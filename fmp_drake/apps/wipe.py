@@ -207,8 +207,9 @@ def wipe(
         for text in (
             *remarks,
             (
-                f"skill of {len(skill.components_)} components from {skill.n_windows_} windows "
-                f"of {skill.n_steps / skill.rate:g} s, ready after {learn_seconds:.2f} s"
+                f"skill of {len(skill.components_)} components from {skill.n_windows_} "
+                f"window{'s' * (skill.n_windows_ != 1)} of "
+                f"{skill.n_steps / skill.rate:g} s, ready after {learn_seconds:.2f} s"
             ),
             model_in_words(skill),
         ):

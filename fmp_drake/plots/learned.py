@@ -27,6 +27,7 @@ from fmp_drake.plots.style import (
     add_lines,
     component_color,
     lighten,
+    series_style,
     set_title,
 )
 from fmp_drake.primitives import FourierMovementPrimitive
@@ -342,7 +343,7 @@ def draw_phase(
     factor = model.residual.factor(_PHASES) * skill.scales_[:, None]
     spread = np.sqrt(np.sum(factor**2, axis=2))
     for i, name in enumerate(channels.names):
-        residual_axes.plot(_PHASES, spread[:, i], color=component_color(i), label=name)
+        residual_axes.plot(_PHASES, spread[:, i], **series_style(i), label=name)
     residual_axes.set_ylim(bottom=0)
     residual_axes.set_xlabel("phase (rad)")
     residual_axes.set_ylabel(

@@ -31,7 +31,7 @@ _AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")
 _MILESTONES = (0.5, 0.9, 0.99)
 _MIN_FORCE = 1e-3  # Of a disturbance, N.
 _DISTURBANCE_COLOR = "#CC79A7"
-_FAULT_COLOR = "#D55E00"
+_FAULT_COLORS = ("#D55E00", "#332288", "0.5", "#999933")
 
 RUN_PAGE_SIGNALS = (
     *("measured_position", "desired_position", "normal_force"),
@@ -79,7 +79,8 @@ def draw_run(run: "StationRun") -> Figure:
     finish_times(axes, list(rows))
     axes[0].set_xlim(0, run.log_times("measured_position")[-1])
     for ax in axes:
-        _draw_events(ax, run)
+        # The last title is short: the names of the events have room beside it.
+        _draw_events(ax, run, named=ax is axes[-1])
         legend_above(ax)
     figure.align_ylabels(axes)
     sentences = "\n".join(event.text for event in run.events())
@@ -202,7 +203,7 @@ def _draw_axes(
         ax.plot(times, column, color=color, linewidth=0.8, label=name)
 
 
-def _draw_events(ax: Axes, run: "StationRun") -> None:
+def _draw_events(ax: Axes, run: "StationRun", *, named: bool) -> None:
     """Mark the re-mappings, disturbances and faults of a run in axes over time."""
     time, counts = run.log_times("remaps"), run.log("remaps")
     total, after_push = (time[1:][steps] for steps in np.diff(counts, axis=0).T > 0)
@@ -217,13 +218,19 @@ def _draw_events(ax: Axes, run: "StationRun") -> None:
                 linewidth=0.7,
                 linestyle=style,
                 zorder=0.9,
-                label=label,
+                label=label if named else None,
             )
-    for start, end, kind, _ in run.events():
-        if not kind.startswith("board"):
-            ax.axvspan(
-                start, end, color=_FAULT_COLOR, alpha=0.15, linewidth=1, label=kind
-            )
+    faults = [event for event in run.events() if not event.kind.startswith("board")]
+    kinds = list(dict.fromkeys(event.kind for event in faults))
+    for start, end, kind, _ in faults:
+        ax.axvspan(
+            start,
+            end,
+            color=_FAULT_COLORS[kinds.index(kind) % len(_FAULT_COLORS)],
+            alpha=0.2,
+            linewidth=1,
+            label=kind if named else None,
+        )
     if "disturbance" not in run.kept:
         return
     is_disturbed = np.linalg.norm(run.log("disturbance"), axis=1) > _MIN_FORCE
@@ -237,5 +244,5 @@ def _draw_events(ax: Axes, run: "StationRun") -> None:
             color=_DISTURBANCE_COLOR,
             alpha=0.25,
             linewidth=0,
-            label="disturbed",
+            label="disturbed" if named else None,
         )

@@ -38,6 +38,8 @@ _COMPONENTS = (
     "#661100",
     "#882255",
 )
+# Two of these colours may look the same: lines in one picture differ in style, too.
+_LINE_STYLES = ("-", "--", ":", "-.")
 
 # Without the yellow end of viridis, which is hardly visible on white.
 TIME_MAP: Colormap = LinearSegmentedColormap.from_list(
@@ -52,6 +54,12 @@ DENSITY_MAP: Colormap = LinearSegmentedColormap.from_list(
 def component_color(component: int) -> str:
     """Return the colour of a component; ten colours repeat."""
     return _COMPONENTS[component % len(_COMPONENTS)]
+
+
+def series_style(number: int) -> dict[str, Any]:
+    """Return colour and line style of one of several lines in a picture."""
+    style = _LINE_STYLES[number % len(_LINE_STYLES)]
+    return {"color": component_color(number), "linestyle": style}
 
 
 def lighten(color: str, white: float) -> tuple[float, ...]:

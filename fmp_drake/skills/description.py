@@ -101,7 +101,7 @@ def _about_playing(skill: FourierMovementPrimitive) -> str:
     start = skill.paths_[0][-1] if skill.paths_ else skill.extent_.mean(axis=0)
     motion = player.rollout(start, 2 * _SECONDS)[round(_SECONDS * skill.rate) :]
     covers = ", ".join(
-        f"{name} {low:.2f} to {high:.2f} {unit}"
+        f"{name} {_rounded(low)} to {_rounded(high)} {unit}"
         for name, unit, low, high in zip(
             skill.channels_,
             skill.units_,
@@ -118,6 +118,11 @@ def _about_playing(skill: FourierMovementPrimitive) -> str:
         speed = float(np.linalg.norm(motion[:, 1, metres], axis=-1).max())
         sentence += f", at up to {speed:.2f} m/s"
     return sentence
+
+
+def _rounded(value: float) -> str:
+    # A small negative number would become -0.00.
+    return f"{round(value, 2) + 0.0:.2f}"
 
 
 def _percent(values: NDArray[np.float64]) -> str:

@@ -75,13 +75,16 @@ class LawCompilation:
         """
         if self._process is None:
             return
-        yield 0.0
+        yield self._fraction()
         _compile_ink()
         while self._process.poll() is None:
-            # The last function, which includes the others, takes nearly half of the time.
-            # Those that only the parts call are not in the folder.
-            yield min(1.0, len([*self._cache.glob("*.nbi")]) / self._count) * 2 / 3
+            yield self._fraction()
             time.sleep(0.1)
+
+    def _fraction(self) -> float:
+        # The last function, which includes the others, takes nearly half of the time.
+        # Those that only the parts call are not in the folder.
+        return min(1.0, len([*self._cache.glob("*.nbi")]) / self._count) * 2 / 3
 
 
 def _run(code: str, *arguments: str, cache_dir: str) -> subprocess.Popen[bytes]:

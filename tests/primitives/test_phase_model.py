@@ -196,7 +196,7 @@ def test_a_centre_that_wanders_farther_than_the_movement_is_refused():
     values = recorded(wavering(700)).values
     ramp = np.linspace(0, 0.6, 700)[:, None] * [1.0, 0.0]
     with pytest.raises(
-        DemonstrationError, match=r"its centre wanders: .* at most 50 %"
+        DemonstrationError, match=r"centre of its cycles wanders, .* at most 50 %"
     ):
         search_rhythm([values + ramp], rate=RATE)
 

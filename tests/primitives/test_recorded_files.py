@@ -268,7 +268,7 @@ def test_broken_vicon_files_are_refused(old, new, message, tmp_path):
         (files.ros1_poses, "/pose, header stamps"),
         (files.ros2_without_stamps, "/pose, times of receipt"),
         (files.ros1_out_of_order, "/pose, header stamps, put in order"),
-        (files.optitrack, "OptiTrack, Eraser; 1 markers left out"),
+        (files.optitrack, "OptiTrack, Eraser; 1 marker left out"),
         (files.vicon_trajectories, "Vicon, Trajectories at 50 Hz"),
         (files.libfranka, "O_T_EE_0 to O_T_EE_15 are a pose"),
         (files.two_hands, r"several positions \(left_x, right_x \.\.\.\): choose with"),

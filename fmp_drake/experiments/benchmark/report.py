@@ -17,7 +17,7 @@ from fmp_drake.experiments.benchmark.built_in import FMP, ReplayMethod
 from fmp_drake.experiments.benchmark.run import STEPS, MethodScores
 from fmp_drake.experiments.benchmark.splits import ALL, CYCLES
 from fmp_drake.experiments.report import Finding, write_report
-from fmp_drake.plots.style import PLAYED, SAMPLED, component_color, label_decades
+from fmp_drake.plots.style import PLAYED, SAMPLED, label_decades, series_style
 
 _COLUMNS = (*(f"{cycles:g}" for cycles in CYCLES), ALL)
 # Allowed percentages of the true samples in the tubes.
@@ -409,8 +409,7 @@ def _draw_lines(
                 group = groups[columns[i]]
                 ax.plot([i] * len(group), group, "_", color=SAMPLED, alpha=0.5)
         else:
-            style = {"linewidth": 1.1, "color": component_color(number), "marker": "."}
-            style["linestyle"] = "--" if number >= 10 else "-"
+            style = {**series_style(number), "linewidth": 1.1, "marker": "."}
         if positions:
             means = [mean(groups[columns[i]]) for i in positions]
             ax.plot(positions, means, label=name, **style)

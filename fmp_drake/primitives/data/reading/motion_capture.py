@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
 from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
-from fmp_drake.primitives.data.reading.table import Table, unit_symbol
+from fmp_drake.primitives.data.reading.table import Table, counted, unit_symbol
 from fmp_drake.primitives.data.reading.text import number_in, read_lines, split_cells
 
 # Sections of a Vicon file, the best first.
@@ -51,7 +51,7 @@ def read_optitrack(path: Path, _options: ReadingOptions) -> list[Table]:
     omitted = {bodies[i] for i in moving} - {bodies[i] for i in columns}
     remark = "OptiTrack, " + ", ".join(dict.fromkeys(bodies[i] for i in columns))
     if omitted:
-        remark += f"; {len(omitted)} markers left out"
+        remark += f"; {counted(len(omitted), 'marker')} left out"
     units = {
         "Position": unit_symbol(settings.get("Length Units", "")),
         "Rotation": "" if "W" in axes else "deg",

@@ -437,8 +437,8 @@ def _reason_against(attempt: _Attempt, limits: _Limits) -> str:
         )
     if track.shifted > _MOST_SHIFTED:
         return (
-            f"its centre wanders: that is {100 * track.shifted:.0f} % of its variance; "
-            f"the phase model needs at most {100 * _MOST_SHIFTED:.0f} %."
+            f"the centre of its cycles wanders, which makes {100 * track.shifted:.0f} % of its "
+            f"variance; the phase model needs at most {100 * _MOST_SHIFTED:.0f} %."
         )
     found = 2 * np.pi / track.velocity
     if not _VELOCITIES[0] < attempt.period / found < _VELOCITIES[1]:
