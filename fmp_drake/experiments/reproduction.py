@@ -17,7 +17,7 @@ from fmp_drake.experiments.benchmark.run import (
     Job,
     MethodScores,
     Progress,
-    all_methods,
+    checked_methods,
     run_job,
     score_method,
 )
@@ -215,7 +215,7 @@ def score_demonstrations(
     ]
     ablations = [method.name for method in ABLATIONS]
     scores: dict[str, MethodScores] = {}
-    for name in all_methods():
+    for name in checked_methods(()):
         if name in ablations:
             continue
         scores[name] = MethodScores(method=name)

@@ -113,7 +113,7 @@ def guided(seconds):
 
 
 @pytest.mark.usefixtures("no_precedence")
-def test_a_guided_arm_is_simulated_for_its_time(command):
+def test_guided_arm_is_simulated_for_its_duration(command):
     result = command(
         *("arm", "--arm", "lcm:memq://", "--hand", "eight"),
         *("--duration", 0.05, "--real-time"),
@@ -175,10 +175,10 @@ def test_enter_enables_and_stops_an_arm_and_the_page_reports_it(
         return panels[-1]
 
     monkeypatch.setattr("fmp_drake.apps.wipe.open_page", open_and_keep)
-    bus, said = Bus(monkeypatch), []
+    bus, messages = Bus(monkeypatch), []
     bus.at = {150: enter, 750: enter}
     bus.at |= dict.fromkeys(
-        (140, 740, 990), lambda: said.append(panels[0].shown["mode"])
+        (140, 740, 990), lambda: messages.append(panels[0].shown["mode"])
     )
     result = command(
         *("wipe", "--arm", "lcm:memq://", "--skill", skill, "--force"),
@@ -189,7 +189,7 @@ def test_enter_enables_and_stops_an_arm_and_the_page_reports_it(
         assert line in result.out
     modes = ("waiting\n", "open\n", "stopped (STOPPED)\n")
     assert list(map(result.out.count, modes)) == [1, 1, 1]
-    assert said == ["waiting", "in the air", "stopped"]
+    assert messages == ["waiting", "in the air", "stopped"]
     assert panels[0].shown["mode"] == "ended"
     assert 0.1 < float(result.out.split("open seconds: ")[1].split()[0]) < 0.6
     assert result.out.split("stops: ")[1].splitlines()[0].endswith("'STOPPED')]")
@@ -238,12 +238,12 @@ def test_after_kill_freeze_and_restart_an_arm_moves_only_when_enabled(tmp_path):
             assert each.poll() is None
             each.terminate()
             assert each.wait(30) == 130
-    seen = (
+    observations = (
         ("arm", "second", "GAP"),
         ("arm", "wipe", "STALE"),
         ("again", "wipe", "STALE"),
     )
-    for network, (arm, last, fault) in zip(networks, seen, strict=True):
+    for network, (arm, last, fault) in zip(networks, observations, strict=True):
         bench, wiped = network.report(arm), network.report(last)
         assert bench["reflex_ms"] == 0
         assert bench["torque_rate_max_nm_per_s"] <= 1000

@@ -49,7 +49,7 @@ def test_wiping_an_infeasible_skill_is_refused_unless_forced(command, refused, f
     assert "cannot follow" in forced.out
 
 
-def test_tempo_of_zero_holds_still(command, tmp_path, outputs):
+def test_arm_holds_still_at_tempo_zero(command, tmp_path, outputs):
     path, report = tmp_path / "still.yaml", outputs / "report.json"
     path.write_text("skill: {tempo: 0}\nstart: [0.0, 0.0, 0.1]\n", encoding="utf-8")
     result = command(

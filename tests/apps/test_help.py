@@ -41,12 +41,12 @@ assert not {HEAVY} & set(sys.modules)
 
 
 def test_help_lists_the_description_of_each_command(command):
-    said = " ".join(command("--help").out.split())
+    text = " ".join(command("--help").out.split())
     with Context(app) as context:
         for name in app.list_commands(context):
             explained = app.get_command(context, name).help
             summary = " ".join(explained.split("\n\n")[0].split())
-            assert f" {name} {summary}" in said
+            assert f" {name} {summary}" in text
 
 
 def test_unknown_command_is_refused(refused):
@@ -81,8 +81,8 @@ def test_short_help_has_twelve_options_and_the_long_one_all(command):
 
 @pytest.mark.parametrize("name", app.list_commands(Context(app)))
 def test_help_of_every_command_has_at_most_twelve_options(command, name):
-    shown = options_in(command(name, "--help").out) - {"--help", "--help-all"}
-    assert len(shown) <= 12
+    options = options_in(command(name, "--help").out) - {"--help", "--help-all"}
+    assert len(options) <= 12
 
 
 def test_command_with_few_options_shows_all_of_them(command):
@@ -130,13 +130,13 @@ def test_suggested_command_gives_the_options_that_were_given():
     )
     learning = LearningOptions(surface="fitted", extra=("orientation", "force"))
     recording = RecordingOptions(quaternions="wxyz")
-    given = arguments(scene, learning, recording)
-    assert " ".join(given) == (
+    flags = arguments(scene, learning, recording)
+    assert " ".join(flags) == (
         "--scenario iiwa_wipes --demo a.csv --demo my b.npz --start 0.1 0 -0.2 --surface "
         "fitted --with orientation --with force --quaternions wxyz"
     )
     command = app.get_command(Context(app), "wipe")
-    read = command.make_context("wipe", given).params
+    read = command.make_context("wipe", flags).params
     assert read["demos"] == scene.demos
     assert read["start"] == scene.start
     assert read["extra"] == learning.extra

@@ -29,9 +29,9 @@ def test_five_lines_and_a_picture_describe_a_recording(command, make_npz, output
 def test_gaps_are_reported_and_not_bridged(command, make_npz):
     time = np.r_[0:10:0.05, 12:20:0.05]
     path = make_npz("gap.npz", time=time, position=np.column_stack([np.sin(time)] * 3))
-    shown = command("inspect", path).out
-    assert "gaps of more than 0.5 s, not bridged: 1" in shown
-    assert "learning: possible" in shown
+    report = command("inspect", path).out
+    assert "gaps of more than 0.5 s, not bridged: 1" in report
+    assert "learning: possible" in report
 
 
 def test_reasons_against_learning_are_reported(command, make_npz, tmp_path):
@@ -51,7 +51,7 @@ def test_options_complete_the_file(command, tmp_path):
     assert "channels: x, y, z (m)" in result.out
 
 
-def test_a_dataset_is_told_of_by_episodes(command, tmp_path):
+def test_dataset_is_reported_by_episode(command, tmp_path):
     result = command("inspect", files.lerobot_3(tmp_path).path)
     assert "episode 0" in result.out
     assert "episode 1" in result.out
@@ -83,9 +83,9 @@ def in_millimetres(folder):
 )
 def test_the_next_command_learns_the_recording(command, make, tmp_path):
     file = make(tmp_path)
-    given = [x for name, value in file.options.items() for x in (f"--{name}", value)]
-    shown = command("inspect", file.path, *given).out
-    line = shown.rpartition("next: fmp-drake ")[2].strip()
+    flags = [x for name, value in file.options.items() for x in (f"--{name}", value)]
+    report = command("inspect", file.path, *flags).out
+    line = report.rpartition("next: fmp-drake ")[2].strip()
     words = shlex.split(line.replace("skill.npz", str(tmp_path / "skill.npz")))
     assert words[:2] == ["learn", str(file.path)]
     learned = command(*words)

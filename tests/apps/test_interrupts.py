@@ -111,7 +111,7 @@ def run(monkeypatch, command):
     return run
 
 
-def test_sigterm_ends_as_ctrl_c_does_with_its_own_code(run):
+def test_sigterm_ends_like_ctrl_c_with_its_own_code(run):
     ended = []
 
     def work():
@@ -126,7 +126,7 @@ def test_sigterm_ends_as_ctrl_c_does_with_its_own_code(run):
     assert ended
 
 
-def test_error_that_compilation_makes_of_an_interrupt_is_one(run):
+def test_error_that_compilation_makes_of_an_interrupt_is_an_interrupt(run):
     def work():
         try:
             os.kill(os.getpid(), signal.SIGINT)

@@ -46,15 +46,15 @@ def test_options_set_window_and_components(command, make_npz, outputs):
 
 def test_model_is_chosen_and_reported(command, make_npz, outputs):
     skill = outputs / "skill.npz"
-    said = {}
+    output = {}
     for model in ("mixture", "phase"):
         result = command("learn", make_npz(), "--out", skill, "--model", model)
         assert result.code == 0
         assert load_skill(skill).model_ == model
-        said[model] = " ".join(result.out.split())
-    assert "model: mixture, because it was asked for" in said["mixture"]
-    assert f"cycles of {load_skill(skill).period_:.2f} s" in said["phase"]
-    assert "cycles" in said["phase"]
+        output[model] = " ".join(result.out.split())
+    assert "model: mixture, because it was asked for" in output["mixture"]
+    assert f"cycles of {load_skill(skill).period_:.2f} s" in output["phase"]
+    assert "cycles" in output["phase"]
 
 
 def test_stretch_slows_the_skill_down(command, make_npz, outputs):
@@ -125,8 +125,8 @@ def test_units_that_cannot_be_right_are_refused_with_a_guess(command, refused, o
     right = table(outputs / "m.csv", time, path, header="time,x,y,z")
     wrong = table(outputs / "mm.csv", time, 1e3 * path, header="time,x,y,z")
     skill = outputs / "skill.npz"
-    said = refused("learn", wrong, "--out", skill)
-    assert "the path is 240 m wide: millimetres? Give --unit mm" in said
+    message = refused("learn", wrong, "--out", skill)
+    assert "the path is 240 m wide: millimetres? Give --unit mm" in message
     learned = []
     for options in ((right,), (wrong, "--unit", "mm")):
         assert command("learn", *options, "--components", 3, "--out", skill).code == 0
@@ -146,17 +146,15 @@ def test_path_implausible_for_the_board_is_refused_and_learned_as_recorded(
         (tumbling, r"would touch it \d+ % of the time; at least 20 %"),
         (large, "at 19 % of its size; at least 30 %"),
     ):
-        said = refused("learn", file, "--out", skill)
-        assert re.search(reason, said)
-        assert "--as-recorded" in said
+        message = refused("learn", file, "--out", skill)
+        assert re.search(reason, message)
+        assert "--as-recorded" in message
         options = ("--as-recorded", "--components", 3, "--out", skill)
         assert command("learn", file, *options).code == 0
         assert load_skill(skill).frame_ == ""
 
 
-def test_channels_of_all_kinds_are_learned_but_not_wiped_with(
-    command, refused, outputs
-):
+def test_channels_of_any_kind_are_learned_but_not_for_wiping(command, refused, outputs):
     time, path = circles()
     file = table(outputs / "d.csv", time, path[:, :2], header="t,force_x,pitch [deg]")
     skill = outputs / "skill.npz"
@@ -165,8 +163,8 @@ def test_channels_of_all_kinds_are_learned_but_not_wiped_with(
     assert "d.csv: as recorded: without x, y and z there is no board" in result.out
     assert load_skill(skill).channels_ == ("force_x", "pitch")
     assert load_skill(skill).units_ == ("N", "rad")
-    said = refused("wipe", "--headless", "--demo", file)
-    assert "the channels are force_x, pitch; the board needs x, y and z" in said
+    message = refused("wipe", "--headless", "--demo", file)
+    assert "the channels are force_x, pitch; the board needs x, y and z" in message
 
 
 def test_a_panda_s_joints_are_learned_as_the_path_of_the_eraser(command, outputs):

@@ -151,7 +151,7 @@ def test_invalid_table_is_refused(refused, outputs, tmp_path, text, reason):
 
 
 @pytest.mark.parametrize("option", ["--demo", "--skill", "--scenario"])
-def test_bytes_of_no_meaning_are_refused(refused, tmp_path, option):
+def test_meaningless_bytes_are_refused(refused, tmp_path, option):
     suffix = ".yaml" if option == "--scenario" else ".npz"
     path = tmp_path / f"noise{suffix}"
     path.write_bytes(np.random.default_rng(0).bytes(300))
@@ -215,7 +215,7 @@ def test_interruption_ends_without_a_traceback(command, monkeypatch):
     assert result.err == "fmp-drake: stopped.\n"
 
 
-def test_interrupt_while_compiled_code_is_fetched_is_one(command, monkeypatch):
+def test_error_while_compiled_code_is_fetched_is_an_interrupt(command, monkeypatch):
     def interrupted(**_):
         try:
             raise KeyboardInterrupt

@@ -26,7 +26,7 @@ def watched(monkeypatch):
         monkeypatch.setattr(
             wipe_module, "wait_for_click", lambda *_: next(choices, None)
         )
-        monkeypatch.setattr(wipe_module, "_SECONDS", 0.2)
+        monkeypatch.setattr(wipe_module, "_DURATION", 0.2)
 
     return watch
 

@@ -70,7 +70,7 @@ def wait_until(condition):
 def test_page_describes_the_scene_and_how_to_drag(page):
     text = page.wait_for(TEXT)
     assert page.run("document.title") == "table_top"
-    for said in (
+    for phrase in (
         *("wiping", "12.3 s", "cleaned", "63 %", "9.5 N", "5 N", "15 N"),
         *(
             "ink",
@@ -80,7 +80,7 @@ def test_page_describes_the_scene_and_how_to_drag(page):
         ),
         *("mean of the component", "force on the eraser", "Drag the arm"),
     ):
-        assert said in text, said
+        assert phrase in text, phrase
 
 
 @pytest.mark.parametrize("size", [(800, 500), (1600, 1000)])
@@ -93,7 +93,7 @@ def test_nothing_of_the_panel_is_cut_off_or_over_the_scene(page, panel, size):
         assert page.run(CUT_OFF) == [[], 0, 0]
 
 
-def test_a_long_reason_is_read_in_full_on_a_phone(page, panel):
+def test_long_reason_is_shown_in_full_on_a_phone(page, panel):
     resize(page, 390, 844)
     mode = "document.getElementById('fmp-mode')"
     cut_off = f"{mode}.querySelector('p').scrollHeight > {mode}.querySelector('p').clientHeight + 1"
@@ -106,7 +106,7 @@ def test_a_long_reason_is_read_in_full_on_a_phone(page, panel):
     resize(page, 800, 500)
 
 
-def test_who_only_watches_is_not_told_to_drag_the_arm(panel, tmp_path):
+def test_viewer_without_control_is_not_asked_to_drag_the_arm(panel, tmp_path):
     with Page(panel.url.split("?")[0], tmp_path) as page:
         page.wait_for_meshcat()
         text = page.wait_for(TEXT)
@@ -248,12 +248,12 @@ def test_a_saved_page_has_title_legend_and_explanation_without_network(panel, tm
     )
     with Page(html.as_uri(), tmp_path, *OFFLINE) as page:
         page.wait_for("!!document.getElementById('fmp-help')?.innerText")
-        said = page.run(TEXT)
+        content = page.run(TEXT)
         assert page.run("document.title") == "words"
         assert "Words are written on the board" in page.run(
             "document.getElementById('fmp-panel').textContent"
         )
-        assert "path of the eraser" in said
+        assert "path of the eraser" in content
         # There is no plan in a replay, and nothing to pull.
-        assert "plan" not in said
-        assert "Drag the arm" not in said
+        assert "plan" not in content
+        assert "Drag the arm" not in content

@@ -151,7 +151,7 @@ def test_without_egl_there_are_metrics_and_no_picture(monkeypatch, outputs):
     assert list(outputs.iterdir()) == []
 
 
-def test_picture_is_rendered_of_the_end(outputs):
+def test_picture_shows_the_end(outputs):
     if not film_scene.renders():
         pytest.skip("pictures need EGL")
     _, pictured = measure_scenario("words", 0.02, outputs)

@@ -143,7 +143,7 @@ class Finger(Mouse):
 @pytest.mark.browser
 @needs_chromium
 @pytest.mark.parametrize("person", [Mouse, Finger])
-def test_dragged_in_the_page_learned_with_its_button_it_wipes_on(tmp_path, person):
+def test_arm_taught_by_dragging_wipes_after_learning(tmp_path, person):
     scenario = LoadScenario("table_top")
     scenario.skill.window, scenario.skill.candidates = 2.0, 4
     panel = open_page(title="teach")
@@ -199,8 +199,8 @@ def test_dragged_in_the_page_learned_with_its_button_it_wipes_on(tmp_path, perso
         session.advance(0.2)
         assert not session.is_guided
         page.run(DRAW)
-        (shown,) = session.demonstrations
-        low, high = shown.values.min(axis=0), shown.values.max(axis=0)
+        (demonstration,) = session.demonstrations
+        low, high = demonstration.values.min(axis=0), demonstration.values.max(axis=0)
         assert np.all((high - low)[:2] > 0.08)
         assert high[2] < 0.02
         buttons.show(session)
@@ -213,7 +213,9 @@ def test_dragged_in_the_page_learned_with_its_button_it_wipes_on(tmp_path, perso
         press("teach")
         assert session.mode == "teach"
     panel.close()
-    assert len(Demonstration.load(tmp_path / "shown.npz").time) == len(shown.time)
+    assert len(Demonstration.load(tmp_path / "shown.npz").time) == len(
+        demonstration.time
+    )
     assert load_skill(tmp_path / "skill.npz").n_windows_ > 2
 
 
@@ -273,8 +275,8 @@ def test_drag_with_shift_or_with_the_switch_turns_the_tool(tmp_path, has_touch):
             wait_until(lambda: not is_turning())
         session.advance(0.1)
         assert is_turning() == has_touch
-        (shown,) = session.demonstrations
-        spread = np.ptp(shown.values, axis=0)
+        (demonstration,) = session.demonstrations
+        spread = np.ptp(demonstration.values, axis=0)
         assert np.linalg.norm(spread[3:]) > 0.2
         assert np.linalg.norm(spread[:3]) < 0.05
     panel.close()

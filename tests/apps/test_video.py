@@ -60,7 +60,9 @@ def test_film_plays_the_frames(ffmpeg, command, make_frames, outputs, size):
     assert np.all(np.diff(blue) > 0)
 
 
-def test_older_film_is_kept_unless_told(ffmpeg, command, refused, make_frames, outputs):
+def test_existing_film_is_replaced_only_on_request(
+    ffmpeg, command, refused, make_frames, outputs
+):
     film = outputs / "film.mp4"
     film.write_bytes(b"precious")
     frames = make_frames()

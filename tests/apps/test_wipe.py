@@ -117,7 +117,7 @@ def test_remappings_are_counted(wipe):
     assert 0 <= metrics["desired_position_jump_max_m"] < 1e-3
 
 
-def test_one_seed_gives_one_run_and_another_another(wipe):
+def test_run_depends_on_the_seed(wipe):
     one, same, other = (timeless(wipe("--seed", seed)) for seed in (1, 1, 2))
     assert one == same
     assert one != other
@@ -164,7 +164,7 @@ def test_csv_with_units_is_a_demonstration(wipe, make_csv):
     assert wipe("--demo", make_csv(header))["tracking_rms_m"] < 0.01
 
 
-def test_start_is_where_it_is_told(wipe):
+def test_start_is_that_of_the_option(wipe):
     high = wipe("--start", 0.0, 0.1, 0.2)
     assert high["cleaned_fraction"] == 0
     assert high["contact_fraction"] == 0

@@ -108,7 +108,7 @@ def test_bad_key_of_a_scenario_lists_the_good_ones(refused, write):
         assert key in message
 
 
-def test_options_outdo_the_scenario(command, runs, write):
+def test_options_override_the_scenario(command, runs, write):
     scene = write("skill: {sample: false, seed: 5, window: 2.0, components: 3}\n")
     # Such short windows are hasty.
     wiped(command, "--scenario", scene, "--force")
@@ -158,8 +158,8 @@ def test_scenario_names_a_skill_beside_it(command, runs, write, make_npz, tmp_pa
     assert len(loaded.skill.components_) == len(learned.skill.components_) == 3
     for run in runs:
         assert len(run.demonstrated) == 1
-        shown = Demonstration.load(demo).values
-        assert_allclose(run.demonstrated[0], shown, atol=1e-6)
+        expected = Demonstration.load(demo).values
+        assert_allclose(run.demonstrated[0], expected, atol=1e-6)
 
 
 def test_unknown_demonstration_lists_the_known_ones(refused, write):
@@ -197,9 +197,9 @@ def test_everything_is_shown_unless_it_is_hidden(command, runs, pages, outputs):
         *("ink_visualizer", "trail_visualizer", "plan_visualizer"),
         *("force_arrow", "page_controls"),
     )
-    shown, bare = runs
+    complete, bare = runs
     for name in systems:
-        assert shown.station.HasSubsystemNamed(name), name
+        assert complete.station.HasSubsystemNamed(name), name
         assert not bare.station.HasSubsystemNamed(name), name
     for name in ("ink", "demonstrations"):
         assert pages[0].HasPath(f"{BOARD}/{name}")

@@ -100,10 +100,10 @@ def test_splits_learn_from_their_number_of_cycles_and_score_on_the_rest():
     places = {}
     for split in splits(movement):
         learned = {tuple(row) for y in split.training for row in y}
-        held = {tuple(row) for y in split.held_out for row in y}
+        held_out = {tuple(row) for y in split.held_out for row in y}
         assert learned < rows
-        assert held < rows
-        assert not learned & held
+        assert held_out < rows
+        assert not learned & held_out
         places.setdefault(split.cycles, []).append(len(learned))
     assert list(places) == ["1.5", "2", "3", "4", "8", "all"]
     for cycles, counts in places.items():
@@ -149,11 +149,11 @@ def test_folder_without_a_repeated_movement_is_refused(tmp_path):
 
 
 class Truthful(Method):
-    """Predicts the truth plus Gaussian noise, and knows its covariance."""
+    """Predicts the truth plus Gaussian noise, with the covariance of the noise."""
 
     name = "truthful"
     root = np.array([[0.02, 0.0, 0.0], [0.01, 0.01, 0.0], [0.0, 0.0, 0.005]])
-    told = 1.0
+    variance_factor = 1.0
 
     def __init__(self):
         self.rng = np.random.default_rng(0)
@@ -166,7 +166,7 @@ class Truthful(Method):
 
     def predict(self, past, horizon):
         noise = self.rng.standard_normal((horizon, 3)) @ self.root.T
-        covariance = self.told * self.root @ self.root.T
+        covariance = self.variance_factor * self.root @ self.root.T
         return Forecast(
             values=self.truth[tuple(past[0])] + noise,
             covariances=np.repeat(covariance[None], horizon, axis=0),
@@ -187,7 +187,7 @@ def test_calibrated_forecasts_are_scored_as_such():
     assert scores["log_density"] == pytest.approx(-entropy, abs=0.05)
     for step in (5, 10, 20):
         assert scores[f"inside_{step}"] == pytest.approx(0.95, abs=0.02)
-    method.told = 0.25
+    method.variance_factor = 0.25
     narrow = score_predictions(method, split, count=1500)
     assert narrow["inside_10"] < 0.6
     assert narrow["log_density"] < scores["log_density"]
@@ -212,9 +212,9 @@ class Plays(Still):
     ],
 )
 def test_playback_is_compared_with_the_demonstration(options, stays, size, tempo):
-    shown = ellipse(800, seed=5)
-    movement = Movement(name="ring", parts=(shown,), period=PERIOD)
-    split = Split(cycles="2", place=0, training=(shown,), held_out=(shown,))
+    path = ellipse(800, seed=5)
+    movement = Movement(name="ring", parts=(path,), period=PERIOD)
+    split = Split(cycles="2", place=0, training=(path,), held_out=(path,))
     scores = score_playback(Plays(**options), movement, split, seed=0)
     assert scores["stays"] == pytest.approx(stays, abs=0.02)
     assert scores["size"] == pytest.approx(size, rel=0.03)
@@ -225,9 +225,9 @@ def test_playback_is_compared_with_the_demonstration(options, stays, size, tempo
 
 
 def test_playback_that_stops_has_no_tempo():
-    shown = ellipse(800, seed=5)
-    movement = Movement(name="ring", parts=(shown,), period=PERIOD)
-    split = Split(cycles="2", place=0, training=(shown,), held_out=(shown,))
+    path = ellipse(800, seed=5)
+    movement = Movement(name="ring", parts=(path,), period=PERIOD)
+    split = Split(cycles="2", place=0, training=(path,), held_out=(path,))
     scores = score_playback(Still(), movement, split, seed=0)
     assert scores["size"] == pytest.approx(0.0, abs=1e-9)
     assert scores["tempo"] is None
@@ -238,18 +238,18 @@ def test_playback_that_stops_has_no_tempo():
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
 def test_every_method_predicts_better_than_no_motion(method):
-    learned, held = ellipse(360, seed=1), ellipse(200, seed=2)
-    split = Split(cycles="8", place=0, training=(learned,), held_out=(held,))
+    learned, held_out = ellipse(360, seed=1), ellipse(200, seed=2)
+    split = Split(cycles="8", place=0, training=(learned,), held_out=(held_out,))
     learner = method()
     learner.fit([learned])
     scores = score_predictions(learner, split, count=15)
     still = score_predictions(Still(), split, count=15)
     assert scores["error_mm"] < 0.5 * still["error_mm"]
-    forecast = learner.predict(held[:10], 20)
+    forecast = learner.predict(held_out[:10], 20)
     assert forecast.values.shape == (20, 3)
     if forecast.covariances is not None:
         assert np.all(np.linalg.eigvalsh(forecast.covariances) > 0)
-    path = learner.play(held[:10], 100, seed=0)
+    path = learner.play(held_out[:10], 100, seed=0)
     assert path.shape == (100, 3)
     assert np.all(np.isfinite(path))
 
@@ -481,15 +481,15 @@ def test_path_beyond_the_board_is_refused():
 
 @pytest.mark.slow
 def test_same_station_follows_a_path_and_measures_the_area_it_cleans():
-    shown = ellipse(200) * [1.0, 1.0, 0.0]
-    half = shown[:21]
+    path = ellipse(200) * [1.0, 1.0, 0.0]
+    half = path[:21]
     back = np.concatenate([half, half[::-1]])
-    scores = clean_board(shown, (shown,), seconds=4.0)
+    scores = clean_board(path, (path,), seconds=4.0)
     # The edges of the felt clean less than its middle.
     assert scores["cleaned"] > 0.8
     assert 0.5 < scores["seconds_to_50"] < 2.5
     assert scores["tracking_rms_m"] < 0.01
     assert scores["force_near"] > 0.8
-    partly = clean_board(np.concatenate([back, back, back]), (shown,), seconds=4.0)
+    partly = clean_board(np.concatenate([back, back, back]), (path,), seconds=4.0)
     assert 0.3 < partly["cleaned"] < 0.75
     assert partly["seconds_to_90"] is None

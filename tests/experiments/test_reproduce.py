@@ -127,8 +127,8 @@ def test_claims_about_fmp_hold(reproduced):
 
 def test_a_short_recording_teaches_the_phase_model_to_predict(reproduced):
     results = json.loads((reproduced[0] / "results.json").read_text())
-    said = results["findings"]["short_eight"]["shows"]
-    short, _ = (float(number) for number in re.findall(r"with ([\d.]+) mm", said))
+    text = results["findings"]["short_eight"]["shows"]
+    short, _ = (float(number) for number in re.findall(r"with ([\d.]+) mm", text))
     # What remembers two thirds of the recording.
     (*_, replay) = results["held_out"][ReplayMethod.name]["predictions"]
     assert short < replay["error_mm"]
@@ -175,15 +175,17 @@ class Shy(Method):
 
 def test_held_out_scores_of_a_method_that_cannot_learn(monkeypatch):
     """Also a claim is judged by the methods that can."""
-    few = {m.name: m for m in (FMP, MixtureFMP, ReplayMethod, Shy)}
-    monkeypatch.setattr("fmp_drake.experiments.reproduction.all_methods", lambda: few)
+    methods = {m.name: m for m in (FMP, MixtureFMP, ReplayMethod, Shy)}
+    monkeypatch.setattr(
+        "fmp_drake.experiments.benchmark.run.all_methods", lambda: methods
+    )
     path = HandMotion.make("polishing", seconds=31, seed=1).position[:6000:10]
     values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])
     demonstration = Demonstration(time=np.arange(len(path)) / 20, values=values)
-    told = []
+    messages = []
     small = replace(QUICK, instants=3)
-    scores = score_demonstrations({"own": demonstration}, small, told.append)
-    assert "held out: own, shy" in told
+    scores = score_demonstrations({"own": demonstration}, small, messages.append)
+    assert "held out: own, shy" in messages
     assert [row["error"] for row in scores["shy"].predictions] == [
         "there are no periods"
     ] * len(scores[FMP.name].predictions)

@@ -39,7 +39,7 @@ def test_trial_depends_on_text_seed_and_number_only():
 
 
 def test_scenario_has_the_drawn_values_and_those_of_its_base():
-    seen = set()
+    values = set()
     for trial in drawn():
         p, s = trial.parameters, ParseScenario(trial.scenario)
         assert s.board.translation[2] == p["board.translation[2]"]
@@ -57,8 +57,8 @@ def test_scenario_has_the_drawn_values_and_those_of_its_base():
         for i, push in enumerate(s.disturbances):
             assert push.start == 1
             assert push.force == [0, p[f"disturbances[{i}].force[1]"], 0]
-        seen.add((p["base"], p["skill.demonstration"], p["disturbances.count"]))
-    assert [len(set(each)) for each in zip(*seen, strict=True)] == [2, 2, 2]
+        values.add((p["base"], p["skill.demonstration"], p["disturbances.count"]))
+    assert [len(set(each)) for each in zip(*values, strict=True)] == [2, 2, 2]
 
 
 @pytest.mark.parametrize(
@@ -132,18 +132,18 @@ base: {choice: [table_top, vertical]}
 robot: {choice: [panda, iiwa14, ur5e]}
 fields: {friction.enabled: true, impedance.friction_compensation.enabled: true}
 """
-    seen = set()
+    values = set()
     for trial in drawn(40, spec=text):
         scenario = ParseScenario(trial.scenario)
         scenario.check()
         robot, base = (trial.parameters[key] for key in ("robot", "base"))
-        seen.add((robot, base))
+        values.add((robot, base))
         assert scenario.robot == robot
         is_panda = robot == "panda"
         assert scenario.friction.enabled == is_panda
         assert scenario.impedance.friction_compensation.enabled == is_panda
         assert bool(scenario.posture) == (is_panda and base == "vertical")
-    assert len(seen) == 6
+    assert len(values) == 6
     (tmp_path / "spec.yaml").write_text(text)
     spec = TrialSpec.load(tmp_path / "spec.yaml", robot="ur5e")
     trials = [spec.draw(seed=3, number=i) for i in range(5)]
@@ -165,7 +165,7 @@ def test_normal_distribution_of_narrow_bounds_is_drawn_between_them(least, most)
     assert np.ptp(drawn) > 0.8 * (most - least) or least == most
 
 
-def test_paths_are_relative_to_the_spec(tmp_path, make_npz):
+def test_paths_are_relative_to_the_specification(tmp_path, make_npz):
     make_npz("mine.npz")
     path = tmp_path / "mine.yaml"
     path.write_text("fields: {skill.demonstration: {choice: [mine.npz]}}")
@@ -173,7 +173,7 @@ def test_paths_are_relative_to_the_spec(tmp_path, make_npz):
     assert scenario.skill.demonstration == str(tmp_path / "mine.npz")
 
 
-def test_missing_spec_names_those_that_come_along():
+def test_missing_specification_lists_the_bundled_ones():
     with pytest.raises(
         FmpError, match="no distributions nowhere; give a YAML file or one of: default"
     ):
@@ -204,10 +204,10 @@ def test_surfaces_robots_and_tasks_are_drawn():
 
 
 def test_empty_list_is_a_value():
-    kept, emptied = (
+    unchanged, emptied = (
         TrialSpec(f"base: tilted\n{t}") for t in ("", "fields: {posture: []}")
     )
-    assert len(kept.draw(seed=0, number=0).fields["posture"]) == 7
+    assert len(unchanged.draw(seed=0, number=0).fields["posture"]) == 7
     assert emptied.draw(seed=0, number=0).fields["posture"] == []
     with pytest.raises(FmpError, match=r"board\.translation"):
         TrialSpec("fields: {board.translation: []}")

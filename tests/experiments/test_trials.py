@@ -266,14 +266,14 @@ def test_store_continues_after_a_kill_during_its_plan(tmp_path):
 
 
 @pytest.mark.parametrize("names", [["spec"], ["spec", "seed"]])
-def test_half_plan_of_an_earlier_version_is_made_again(tmp_path, names):
+def test_incomplete_plan_of_an_earlier_version_is_replaced(tmp_path, names):
     plan = {name: name for name in ("spec", "seed", "seconds")}
     TrialStore(tmp_path, {name: "old" for name in names})
     assert TrialStore(tmp_path, plan).plan == plan
     assert TrialStore(tmp_path).plan == plan
 
 
-def test_half_plan_of_a_store_with_trials_is_refused(tmp_path):
+def test_incomplete_plan_of_a_store_with_trials_is_refused(tmp_path):
     store = TrialStore(tmp_path, {"seconds": "1.0"})
     store.keep(Trial(number=0, scenario=""))
     with pytest.raises(ExperimentError, match="trials of another spec"):
@@ -334,8 +334,8 @@ def test_progress_of_many_trials_is_printed_in_steps(
     monkeypatch.setattr(worlds_command, "LocalWorkers", lambda _: Here())
     monkeypatch.setattr(worlds_command, "run_trials", partial(run_trials, run=passed))
     result = command("worlds", spec_file, "--count", 60, "--out", tmp_path / "out")
-    said = [line for line in result.out.splitlines() if line.endswith("of 60 trials")]
-    assert said == [f"{done} of 60 trials" for done in range(0, 61, 3)]
+    lines = [line for line in result.out.splitlines() if line.endswith("of 60 trials")]
+    assert lines == [f"{done} of 60 trials" for done in range(0, 61, 3)]
 
 
 def test_replay_of_an_infeasible_trial_prints_the_verdict(
@@ -517,7 +517,7 @@ def test_trial_is_pushed_where_a_disturbance_starts_before_its_end(make_store):
     assert not is_pushed(drawn(), 1e9)
 
 
-def test_path_is_missed_by_height_where_the_distance_on_the_board_is_small():
+def test_path_is_missed_only_by_height_if_the_distance_on_the_board_is_small():
     for whole, on_board, misses in (
         (0.011, 0.009, True),
         (0.009, 0.008, False),
@@ -573,7 +573,7 @@ def test_every_fault_is_judged_at_its_limit(name, limit):
     assert fault.severity > 1
 
 
-def test_orientation_is_judged_more_mildly_with_joint_friction(make_store):
+def test_orientation_limit_is_larger_with_joint_friction(make_store):
     spec = "fields: {friction.enabled: true}"
     for error, kinds in ((0.59, []), (0.61, ["tilt"])):
         run = partial(passed, orientation_rms_deg=error)
@@ -582,10 +582,10 @@ def test_orientation_is_judged_more_mildly_with_joint_friction(make_store):
 
 
 def test_most_severe_fault_is_judged_to_be_the_first():
-    found = faults(drawn(torque_ratio_max=1.1, penetration_max_m=0.5))
-    assert [fault.kind for fault in found] == ["through", "limit"]
-    assert found[0].severity > 10
-    assert found[1].severity == pytest.approx(1.1)
+    violations = faults(drawn(torque_ratio_max=1.1, penetration_max_m=0.5))
+    assert [fault.kind for fault in violations] == ["through", "limit"]
+    assert violations[0].severity > 10
+    assert violations[1].severity == pytest.approx(1.1)
 
 
 def test_path_is_judged_on_the_actual_board(make_store):
@@ -673,8 +673,8 @@ def test_report_of_trials_in_free_space_omits_the_board(make_store, where):
 def test_report_of_infeasible_trials_only_is_written(make_store):
     store = make_store(refused_trial)
     TrialsReport(store).write()
-    said = "refuses 4. Of the 0 others 0 passed"
-    assert said in (store.folder / "report.html").read_text()
+    lines = "refuses 4. Of the 0 others 0 passed"
+    assert lines in (store.folder / "report.html").read_text()
 
 
 def test_picture_of_errors_draws_groups_with_trials_from_zero():

@@ -26,13 +26,13 @@ def test_model_covers_one_period(polished):
     assert polished.model_.sample(7, seed=1).shape == (7, 40, 3)
 
 
-def test_its_samples_are_as_the_aligned_periods(polished):
+def test_samples_resemble_the_aligned_periods(polished):
     samples, periods = polished.model_.sample(4000, seed=1), polished.aligned_.values
     assert_allclose(samples.mean(axis=0), periods.mean(axis=0), atol=2e-3)
     assert_allclose(samples.std(axis=0), periods.std(axis=0), atol=3e-3)
 
 
-def test_from_another_phase_the_period_starts_there(polished):
+def test_period_starts_at_the_phase_of_the_start(polished):
     """Fig. 6a: it has to leave its distribution to start in another region."""
     start = polished.aligned_.values.mean(axis=0)[20]  # Half a period off.
     assert_allclose(polished.model_.condition([0], [start])[0], start, atol=1e-3)

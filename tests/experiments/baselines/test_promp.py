@@ -131,7 +131,7 @@ def test_samples_repeat_with_the_seed(model):
     assert model.sample(0).shape == (0, 80, 2)
 
 
-def test_a_mixture_keeps_out_of_the_middle_where_one_gaussian_does_not(split_windows):
+def test_mixture_avoids_the_middle_unlike_one_gaussian(split_windows):
     """Fig. 5b and 5c: polishing is a ring; without alignment its phase is anything."""
     learned, _ = split_windows("polishing")
     centre, spread = learned.mean(axis=(0, 1)), learned.std(axis=(0, 1))
@@ -218,14 +218,14 @@ def test_bad_requests_are_named(model, eight_windows):
         model.sample(1, seed=-1)
 
 
-def test_inputs_stay_as_they_are(model, eight_windows):
+def test_inputs_are_not_changed(model, eight_windows):
     before = eight_windows.copy()
     model.predict(eight_windows[0, :10], 5)
     clone(model).fit(eight_windows)
     assert np.array_equal(before, eight_windows)
 
 
-def test_nothing_works_before_fit(model):
+def test_methods_require_fit(model):
     for call in (
         lambda: clone(model).sample(),
         lambda: clone(model).predict(np.zeros((2, 2)), 3),

@@ -8,7 +8,7 @@ from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines.promp import VonMisesBasis
 
 
-def test_rows_are_21():
+def test_rows_equal_equation_21():
     f, n, h, t = 3.0, 5, 0.7, 12
     rows = VonMisesBasis(frequencies=(f,), n_bases=n, width=h).rows(np.arange(t) / t)
     for step in range(t):
