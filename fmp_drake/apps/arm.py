@@ -18,9 +18,8 @@ from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.arm_bench import ArmBench, NetworkFaults
 from fmp_drake.runs.real_time import request_priority
 from fmp_drake.skills import default_demonstration, load_on_board
-from fmp_drake.station import LcmPanda, LoadScenario
+from fmp_drake.station import LcmPanda, LoadScenario, SimulatedHand
 from fmp_drake.station.robots.panda_lcm import OpenLcm
-from fmp_drake.station.teaching_hands import SimulatedHand
 from fmp_drake.systems.teaching.hand_motion import HandMotion, Task
 
 

@@ -22,7 +22,7 @@ from fmp_drake.plots import plot_reach
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs import check_arm
-from fmp_drake.skills.learning import scenario_skill
+from fmp_drake.skills import scenario_skill
 from fmp_drake.station import CheckFeasibility
 
 

@@ -21,7 +21,7 @@ from fmp_drake.numeric import check_number
 from fmp_drake.primitives import ReadingOptions
 from fmp_drake.skills.surface_fit import SHAPES
 from fmp_drake.skills.surface_placement import EXTRA_CHANNELS
-from fmp_drake.station.scenario import LoadScenario, Scenario
+from fmp_drake.station import LoadScenario, Scenario
 
 PATH = click.Path(path_type=Path)
 """Type of an argument that is a path."""

@@ -19,11 +19,11 @@ from fmp_drake.apps.options import SceneOptions, arguments
 from fmp_drake.apps.terminal import can_ask, is_entered
 from fmp_drake.errors import FmpError, RunError, SystemsError
 from fmp_drake.primitives.data.files import write_text
+from fmp_drake.station import Scenario
 from fmp_drake.station.page.page_scene import ShowStill
 from fmp_drake.station.reach.feasibility import Feasibility
-from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.warm_up import LawCompilation
-from fmp_drake.systems.page.page_panel import PagePanel, hidden_meshcat
+from fmp_drake.systems import PagePanel, hidden_meshcat
 
 # Time between two polls of the buttons, s.
 _POLL_PERIOD = 0.05

@@ -18,8 +18,8 @@ from fmp_drake.plots.graphviz import check_graph, write_graph
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives.data.files import check_writable, write_text
+from fmp_drake.runs import StationRun
 from fmp_drake.runs.log import SIGNALS, check_log
-from fmp_drake.runs.station_run import StationRun
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from fmp_drake.errors import FmpError, RunError
 from fmp_drake.experiments.scenario_page import measure_scenarios, scenario_page
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable, write_text
-from fmp_drake.station.scenario import ListScenarios, LoadScenario
+from fmp_drake.station import ListScenarios, LoadScenario
 
 
 @click.command()

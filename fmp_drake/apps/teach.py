@@ -27,12 +27,10 @@ from fmp_drake.numeric import check_number
 from fmp_drake.primitives import save_skill
 from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.runs import TeachingSession
 from fmp_drake.runs.teach_page import TeachPage
-from fmp_drake.runs.teaching_session import TeachingSession
-from fmp_drake.skills.learning import learn_skill
-from fmp_drake.station import CheckFeasibility
-from fmp_drake.station.teaching_hands import MouseOnPage
-from fmp_drake.station.warm_up import WarmUp
+from fmp_drake.skills import learn_skill
+from fmp_drake.station import CheckFeasibility, MouseOnPage, WarmUp
 
 # Simulated time between two polls of the buttons, and between two updates of the panel, s.
 _STEP, _UPDATE_PERIOD = 0.1, 1.0

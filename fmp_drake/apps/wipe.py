@@ -38,17 +38,16 @@ from fmp_drake.apps.report import RunFiles, print_report, report_rows
 from fmp_drake.apps.terminal import can_ask
 from fmp_drake.errors import FmpError, RunError, StationError
 from fmp_drake.numeric import check_number
+from fmp_drake.runs import MakeRun, StationRun
 from fmp_drake.runs.events import ADVICE
 from fmp_drake.runs.real_time import request_priority
 from fmp_drake.runs.simulation_loop import advance, reset
-from fmp_drake.runs.station_run import StationRun
-from fmp_drake.runs.wiping_run import MakeRun
+from fmp_drake.skills import scenario_skill
 from fmp_drake.skills.description import model_in_words
-from fmp_drake.skills.learning import scenario_skill
+from fmp_drake.station import Scenario
 from fmp_drake.station.page.page_scene import describe_page
 from fmp_drake.station.reach.feasibility import CheckFeasibility, Feasibility
 from fmp_drake.station.robots.visuals import VISUALS
-from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import ShowConfig
 from fmp_drake.station.warm_up import LawCompilation
 from fmp_drake.systems.page.page_panel import Level, PagePanel

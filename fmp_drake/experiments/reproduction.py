@@ -44,9 +44,9 @@ from fmp_drake.primitives import (
     FourierMovementPrimitive,
     Player,
 )
-from fmp_drake.runs.wiping_run import WipingRun
-from fmp_drake.skills.learning import default_demonstration
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.runs import WipingRun
+from fmp_drake.skills import default_demonstration
+from fmp_drake.station import Scenario
 
 # Wiping: length of a path, samples of 1/20 s, and its start in the frame of the board, m.
 _LENGTH, _START = 400, (0.05, 0.20, 0.05)

@@ -11,10 +11,10 @@ from threadpoolctl import threadpool_limits
 from fmp_drake.errors import RunError
 from fmp_drake.film import FilmReel, render_picture
 from fmp_drake.processes import LocalWorkers, run_tasks
+from fmp_drake.runs import MakeRun, WipingRun
 from fmp_drake.runs.metrics import Metrics
-from fmp_drake.runs.wiping_run import MakeRun, WipingRun
 from fmp_drake.skills.learning import shared_skill
-from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station import LoadScenario
 
 _SIZE = (480, 360)
 
