@@ -34,7 +34,7 @@ from fmp_drake.apps.page import (
     wait_for_click,
     wait_for_law,
 )
-from fmp_drake.apps.report import RunFiles, print_report, report_rows
+from fmp_drake.apps.run_report import RunFiles, print_report, report_rows
 from fmp_drake.apps.terminal import can_ask
 from fmp_drake.errors import FmpError, RunError, StationError
 from fmp_drake.numeric import check_number

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from fmp_drake.experiments.baselines.promp import AlignedProMP, ProMP
-from fmp_drake.experiments.metrics import (
+from fmp_drake.experiments.comparison import (
     FMP_STRIDE,
     N_STEPS,
     PAPER_STRIDE,

@@ -22,19 +22,19 @@ from fmp_drake.experiments.benchmark.run import (
     score_method,
 )
 from fmp_drake.experiments.benchmark.splits import ALL, make_movement
-from fmp_drake.experiments.eight import (
-    eight,
-    learn_and_sample,
-    table_one,
-    table_rows,
-)
-from fmp_drake.experiments.metrics import (
+from fmp_drake.experiments.comparison import (
     BINS,
     FLOOR,
     N_STEPS,
     PAPER_STRIDE,
     draw_paths,
     millimetres,
+)
+from fmp_drake.experiments.eight import (
+    eight,
+    learn_and_sample,
+    table_one,
+    table_rows,
 )
 from fmp_drake.experiments.polishing import polishing
 from fmp_drake.experiments.report import Finding, Profile, Section

@@ -15,14 +15,14 @@ from fmp_drake.experiments.benchmark.built_in import (
     MixtureFMP,
     ReplayMethod,
 )
-from fmp_drake.experiments.eight import FMP_PAPER, MULT, MULT_OWN, PHASE, REPLAY
-from fmp_drake.experiments.metrics import (
+from fmp_drake.experiments.comparison import (
     DemonstratedPath,
     divergences,
     draw_paths,
     grid_extent,
     rms_jerk,
 )
+from fmp_drake.experiments.eight import FMP_PAPER, MULT, MULT_OWN, PHASE, REPLAY
 from fmp_drake.experiments.report import QUICK, Finding, write_report
 from fmp_drake.experiments.reproduction import held_out_findings, score_demonstrations
 from fmp_drake.primitives import Demonstration

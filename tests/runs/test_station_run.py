@@ -5,7 +5,7 @@ import pytest
 from posed_recordings import demonstration
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from fmp_drake.apps.report import report_rows
+from fmp_drake.apps.run_report import report_rows
 from fmp_drake.film import FilmReel, film_run
 from fmp_drake.film.render import FILM_SIGNALS
 from fmp_drake.film.scene import renders

@@ -1,4 +1,4 @@
-"""Windows and played paths of section V, with their heatmaps, divergences and distances."""
+"""Comparison of learned and demonstrated paths in section V: heatmaps, divergences, distances."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

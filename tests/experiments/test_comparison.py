@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.metrics import heatmap, kl_divergence
+from fmp_drake.experiments.comparison import heatmap, kl_divergence
 
 EXTENT = [[0.0, 1.0], [0.0, 2.0]]
 
