@@ -154,25 +154,25 @@ def draw_grids(
 
 
 def draw_paths(
-    recorded: Demonstration, paths: Mapping[str, NDArray[np.float64]], *, rows: int = 1
+    recording: Demonstration, paths: Mapping[str, NDArray[np.float64]], *, rows: int = 1
 ) -> Figure:
     """Draw paths (ticks, D) side by side, each over the demonstration in grey.
 
     Parameters
     ----------
-    recorded : Demonstration
+    recording : Demonstration
     paths : mapping of str to ndarray, shape (ticks, D)
         Keys are titles; a ring marks each start.
     rows : int
         Number of rows of the pictures.
     """
     columns = len(paths) // rows
-    points = np.concatenate([recorded.values, *paths.values()])[:, :2]
+    points = np.concatenate([recording.values, *paths.values()])[:, :2]
     height = 0.9 + 3.8 * shape_of(*np.ptp(points, axis=0))
     figure = Figure(figsize=(5 * columns, 0.4 + height * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for ax, (title, path) in zip(axes, paths.items(), strict=True):
-        draw_demonstrations_in_plane([recorded], ax=ax)
+        draw_demonstrations_in_plane([recording], ax=ax)
         ax.lines[-1].set(color=DEMONSTRATED, label="demonstrated")
         x, y = path[:, 0], path[:, 1]
         ax.plot(y, x, color=PLAYED, linewidth=1.2, label="played")

@@ -47,30 +47,30 @@ def eight(
     demonstration: Demonstration, profile: Profile
 ) -> tuple[list[Finding], dict[str, dict[str, float]]]:
     """Run the experiments of the 8-shape; also return Table I."""
-    recorded = demonstration.resample(RATE)
-    path = DemonstratedPath(recorded.values)
-    skill, samples = learn_and_sample(recorded, profile)
-    table = table_one(samples, recorded.values)
+    recording = demonstration.resample(RATE)
+    path = DemonstratedPath(recording.values)
+    skill, samples = learn_and_sample(recording, profile)
+    table = table_one(samples, recording.values)
     low, high = skill.extent_
     middle, half = (low + high) / 2, (high - low) / 2
     corners = np.array([[1.8, 1.4, 0], [-1.8, 1.4, 0], [0, 0, 0], [1.8, -1.4, 0]])
     return [
-        _samples(samples, recorded, path),
-        _heatmaps(samples, recorded.values, table),
+        _samples(samples, recording, path),
+        _heatmaps(samples, recording.values, table),
         _table(table),
-        _sensitivity(samples, recorded.values),
-        _from_starts(skill, middle + corners * half, recorded, path),
-        _played(recorded, path),
+        _sensitivity(samples, recording.values),
+        _from_starts(skill, middle + corners * half, recording, path),
+        _played(recording, path),
     ], table
 
 
 def learn_and_sample(
-    recorded: Demonstration, profile: Profile
+    recording: Demonstration, profile: Profile
 ) -> tuple[FourierMovementPrimitive, Samples]:
     """Learn with every method of Table I and draw trajectories from each."""
     n = profile.samples
-    sparse = cut([recorded], stride=PAPER_STRIDE)
-    dense = cut([recorded], stride=FMP_STRIDE)
+    sparse = cut([recording], stride=PAPER_STRIDE)
+    dense = cut([recording], stride=FMP_STRIDE)
     # ProMP-VM-Mult of V-C, and its best settings with as many Gaussians as FMP.
     mult = ProMP(frequencies=(1.0, 2.0, 3.0, 4.0, 5.0), n_components=10).fit(sparse)
     mult_own = ProMP(frequencies=5, n_components=80).fit(dense)
@@ -112,11 +112,11 @@ def table_rows(table: dict[str, dict[str, float]]) -> list[list[str]]:
 
 
 def _samples(
-    samples: Samples, recorded: Demonstration, demonstrated: DemonstratedPath
+    samples: Samples, recording: Demonstration, demonstrated: DemonstratedPath
 ) -> Finding:
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
-    draw_demonstrations_in_plane([recorded], ax=axes[0])
+    draw_demonstrations_in_plane([recording], ax=axes[0])
     for ax, name in zip(axes[1:], (MULT, FMP_PAPER), strict=True):
         for path in samples[name][:15]:
             ax.plot(path[:, 1], path[:, 0], color=SAMPLED, linewidth=0.8)
@@ -135,7 +135,7 @@ def _samples(
         shows="Mean distance to the demonstrated path: "
         f"{MULT} {millimetres(distances[MULT])}, FMP {millimetres(distances[FMP_PAPER])}. "
         f"Rms jerk: {MULT} {jerks[MULT]:.1f}, FMP {jerks[FMP_PAPER]:.1f}, demonstrated "
-        f"{rms_jerk(recorded.values, RATE):.1f} m/s^3.",
+        f"{rms_jerk(recording.values, RATE):.1f} m/s^3.",
         claim="FMP's samples are smoother and closer to the demonstrations.",
         agrees=distances[FMP_PAPER] < distances[MULT]
         and jerks[FMP_PAPER] < jerks[MULT],
@@ -237,7 +237,7 @@ def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding
 def _from_starts(
     skill: FourierMovementPrimitive,
     starts: NDArray[np.float64],
-    recorded: Demonstration,
+    recording: Demonstration,
     demonstrated: DemonstratedPath,
 ) -> Finding:
     played = play(skill, starts, 12.0)
@@ -251,13 +251,13 @@ def _from_starts(
         + " of the demonstrations.",
         claim="FMP returns to the demonstrations, also with superposed frequencies.",
         agrees=bool(np.all(distances < 0.01)),
-        figure=draw_paths(recorded, paths, rows=2),
+        figure=draw_paths(recording, paths, rows=2),
     )
 
 
-def _played(recorded: Demonstration, demonstrated: DemonstratedPath) -> Finding:
-    skill = FourierMovementPrimitive().fit(recorded)
-    starts = np.repeat(recorded.values[:1], 4, axis=0)
+def _played(recording: Demonstration, demonstrated: DemonstratedPath) -> Finding:
+    skill = FourierMovementPrimitive().fit(recording)
+    starts = np.repeat(recording.values[:1], 4, axis=0)
     played = Player(skill, sample=True).rollout(starts, 60.0).position
     distances = demonstrated.distances(played)
     mean, most = float(distances.mean()), float(np.quantile(distances, 0.99))
@@ -269,5 +269,5 @@ def _played(recorded: Demonstration, demonstrated: DemonstratedPath) -> Finding:
         f"average, and 99 % of it within {millimetres(most)}.",
         claim="Samples stay near the demonstration: 2 mm on average, 8 mm for 99 %.",
         agrees=mean <= 0.002 and most <= 0.008,
-        figure=draw_paths(recorded, paths),
+        figure=draw_paths(recording, paths),
     )

@@ -34,37 +34,37 @@ _SECONDS = 12.0
 
 def polishing(demonstration: Demonstration, profile: Profile) -> list[Finding]:
     """Run the polishing experiments on a demonstration."""
-    recorded = demonstration.resample(RATE)
-    windows = cut([recorded], stride=PAPER_STRIDE)
-    path = DemonstratedPath(recorded.values)
+    recording = demonstration.resample(RATE)
+    windows = cut([recording], stride=PAPER_STRIDE)
+    path = DemonstratedPath(recording.values)
     # The bases are the paper's cosines.
     aligned = AlignedProMP(model=ProMP(frequencies=(1.0,)))
     aligned.fit(joined_recordings(windows))
     skill = FourierMovementPrimitive(model="mixture", random_state=0)
-    skill.fit(cut([recorded], stride=FMP_STRIDE))
+    skill.fit(cut([recording], stride=FMP_STRIDE))
     low, high = skill.extent_
-    inside = recorded.values[len(recorded.values) // 2]
+    inside = recording.values[len(recording.values) // 2]
     outside = (low + high) / 2 + (high - low) * np.array([1.0, 0.75, 0.0])
     return [
-        _demonstrations(recorded, skill),
-        _from_starts(play(skill, [inside, outside], _SECONDS), recorded, path),
+        _demonstrations(recording, skill),
+        _from_starts(play(skill, [inside, outside], _SECONDS), recording, path),
         _promp_heatmaps(aligned, windows, profile),
-        _promp_conditioned(aligned, windows, inside, outside, recorded, path),
+        _promp_conditioned(aligned, windows, inside, outside, recording, path),
     ]
 
 
 def _demonstrations(
-    recorded: Demonstration, skill: FourierMovementPrimitive
+    recording: Demonstration, skill: FourierMovementPrimitive
 ) -> Finding:
     figure = Figure(figsize=(10, 4.5), layout="constrained")
     left, right = np.asarray(figure.subfigures(1, 2), dtype=object)
-    first = Demonstration(time=recorded.time[:400], values=recorded.values[:400])
+    first = Demonstration(time=recording.time[:400], values=recording.values[:400])
     draw_demonstrations_over_time(first, left.subplots(3, 1, sharex=True))
-    draw_windows_in_plane(skill, [recorded], right.subplots())
+    draw_windows_in_plane(skill, [recording], right.subplots())
     return Finding(
         name="fig3",
         title="Fig. 3: demonstrations of polishing",
-        shows=f"{recorded.duration:.0f} s of guided polishing, the first 20 s over time, "
+        shows=f"{recording.duration:.0f} s of guided polishing, the first 20 s over time, "
         f"and windows of {N_STEPS / RATE:g} s in the plane, in the colours of their "
         "components. The windows start at any phase.",
         figure=figure,
@@ -78,7 +78,7 @@ def _last_period(paths: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _from_starts(
     played: NDArray[np.float64],
-    recorded: Demonstration,
+    recording: Demonstration,
     demonstrated: DemonstratedPath,
 ) -> Finding:
     paths = dict(zip(("interpolation", "extrapolation"), played, strict=True))
@@ -93,7 +93,7 @@ def _from_starts(
         claim="FMP interpolates and extrapolates: the movement returns to the "
         "demonstrated limit cycle.",
         agrees=bool(np.all(distances < 0.01)),
-        figure=draw_paths(recorded, paths),
+        figure=draw_paths(recording, paths),
     )
 
 
@@ -132,7 +132,7 @@ def _promp_conditioned(
     windows: NDArray[np.float64],
     inside: NDArray[np.float64],
     outside: NDArray[np.float64],
-    recorded: Demonstration,
+    recording: Demonstration,
     demonstrated: DemonstratedPath,
 ) -> Finding:
     mixture = ProMP(frequencies=(_FREQUENCY,), n_components=10).fit(windows)
@@ -157,5 +157,5 @@ def _promp_conditioned(
         "alignment adapts inside the demonstrations, but from outside it does not "
         "return to them.",
         agrees=bool(a > 0.02 and b < 0.02 and c > 0.02),
-        figure=draw_paths(recorded, paths),
+        figure=draw_paths(recording, paths),
     )

@@ -130,14 +130,14 @@ def load_own(path: Path) -> Demonstration:
 def _own(
     path: Path, demonstration: Demonstration, profile: Profile
 ) -> tuple[Finding, dict[str, dict[str, float]]]:
-    recorded = demonstration.resample(RATE)
-    _, samples = learn_and_sample(recorded, profile)
-    table = table_one(samples, recorded.values)
+    recording = demonstration.resample(RATE)
+    _, samples = learn_and_sample(recording, profile)
+    table = table_one(samples, recording.values)
     finding = Finding(
         name=f"own_{path.stem}",
         title=f"Table I on {path.name}",
-        shows=f"{recorded.duration:.1f} s in the plane of "
-        f"{' and '.join(recorded.channels[:2])}.",
+        shows=f"{recording.duration:.1f} s in the plane of "
+        f"{' and '.join(recording.channels[:2])}.",
         table=table_rows(table),
     )
     return finding, table
@@ -175,9 +175,8 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
         Finding(
             name="fig10_robot",
             title="Fig. 10, executed by the simulated Panda",
-            shows=f"{profile.robot_seconds:g} s on the whiteboard, followed to "
-            f"{millimetres(errors[0])} (mean) and {millimetres(errors[1])} "
-            "(sample) rms.",
+            shows=f"{profile.robot_seconds:g} s on the whiteboard, with a tracking error of "
+            f"{millimetres(errors[0])} (mean) and {millimetres(errors[1])} (sample) rms.",
             claim="An impedance controller with fixed orientation executes them.",
             agrees=max(errors) < 0.01,
             figure=draw_paths(demonstration, measured_paths),
