@@ -148,8 +148,8 @@ def draw_grids(
         ax.invert_xaxis()
         set_title(ax, name)
         ax.set(xlabel="y (m)", ylabel="x (m)")
-    shown = list(axes[: len(samples)])
-    figure.colorbar(image, ax=shown, label="fraction of the samples", extend="max")
+    used_axes = list(axes[: len(samples)])
+    figure.colorbar(image, ax=used_axes, label="fraction of the samples", extend="max")
     return figure
 
 

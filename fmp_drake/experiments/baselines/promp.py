@@ -228,8 +228,8 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         self.n_steps_, self.n_channels_ = windows.shape[1:]
         if isinstance(self.frequencies, int):
             period = movement_period(joined_recordings(windows))
-            own = self.n_steps_ / period
-            self.frequencies_ = tuple(own * k for k in range(1, self.frequencies + 1))
+            harmonics = range(1, self.frequencies + 1)
+            self.frequencies_ = tuple(self.n_steps_ / period * k for k in harmonics)
         else:
             self.frequencies_ = tuple(self.frequencies)
         rows = self._rows(np.arange(self.n_steps_))

@@ -114,8 +114,8 @@ class RecordingGP(Method):
             log_evidence -= 0.5 * np.sum(white**2, axis=1)
             log_evidence -= np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
             means[..., i] = mean[:, k:] + np.einsum("pk,pkh->ph", white, gains)
-            own = np.diagonal(covariance, axis1=1, axis2=2)[:, k:]
-            variances[..., i] = own - np.sum(gains**2, axis=1)
+            prior = np.diagonal(covariance, axis1=1, axis2=2)[:, k:]
+            variances[..., i] = prior - np.sum(gains**2, axis=1)
         value, covariances = mixture_moments(
             softmax(log_evidence), means, diagonal(variances)
         )

@@ -278,11 +278,11 @@ def _playback(scores: _Scores) -> Finding:
 def _cleaning(scores: _Scores, recording: str) -> Finding:
     """Return the table and picture of the task metric for a recording."""
     runs = {
-        name: own
+        name: group
         for name, method in scores.items()
-        if (own := [run for run in method.cleaning if run["movement"] == recording])
+        if (group := [run for run in method.cleaning if run["movement"] == recording])
     }
-    finished = {n: [r for r in own if "error" not in r] for n, own in runs.items()}
+    finished = {n: [r for r in group if "error" not in r] for n, group in runs.items()}
     figure, _, table = _summarised_runs(
         finished,
         {
@@ -295,10 +295,12 @@ def _cleaning(scores: _Scores, recording: str) -> Finding:
             "force_near": ("within 5 N (%)", 100.0, ".0f"),
         },
         lambda v, form: f"{np.mean(v):{form}} ± {np.std(v):{form}}",
-        counts={n: f"{len(finished[n])} of {len(own)}" for n, own in runs.items()},
+        counts={n: f"{len(finished[n])} of {len(group)}" for n, group in runs.items()},
         missing="{} never",
     )
-    cycles = ", ".join(sorted({run["cycles"] for own in runs.values() for run in own}))
+    cycles = ", ".join(
+        sorted({run["cycles"] for group in runs.values() for run in group})
+    )
     return Finding(
         name=f"benchmark_cleaning_{recording}",
         title=f"Task: times in which the methods clean the board, {recording}",
@@ -345,10 +347,10 @@ def _summarised_runs(
     axes = figure.subplots(1, 4, sharey=True)
     titles = [title for title, _, _ in measures.values()]
     table = [["", "runs", *titles]]
-    for row, (name, own) in enumerate(runs.items()):
+    for row, (name, group) in enumerate(runs.items()):
         cells = []
         for i, (measure, (_, factor, form)) in enumerate(measures.items()):
-            numbers = [run[measure] for run in own if run[measure] is not None]
+            numbers = [run[measure] for run in group if run[measure] is not None]
             if not numbers:
                 cells.append("-")
                 continue
@@ -357,7 +359,7 @@ def _summarised_runs(
                 color = SAMPLED if name == FMP.name else "0.5"
                 axes[i].plot(values, [row] * len(values), "|", color=color, alpha=0.6)
                 axes[i].plot(np.median(values), row, "o", color=PLAYED, markersize=4)
-            count = len(own) - len(numbers)
+            count = len(group) - len(numbers)
             remark = f", {missing.format(count)}" if count else ""
             cells.append(f"{summary(values, form)}{remark}")
         table.append([name, counts[name], *cells])
@@ -372,9 +374,9 @@ def _summarised_runs(
 def _movements(scores: _Scores) -> Finding:
     values = [mean_values(method, "error_mm") for method in scores.values()]
     rows = [["", *scores]]
-    cases = {case for own in values for case in own if case[0] == ALL}
+    cases = {case for means in values for case in means if case[0] == ALL}
     for case in sorted(cases):
-        cells = [f"{own[case]:.1f}" if case in own else "-" for own in values]
+        cells = [f"{m[case]:.1f}" if case in m else "-" for m in values]
         rows.append([case[1], *cells])
     return Finding(
         name="benchmark_movements",

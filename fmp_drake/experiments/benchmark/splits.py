@@ -25,7 +25,7 @@ ALL = "all"
 PLACES = 3
 """Greatest number of places of a training part."""
 
-# Cycles with which a recording is a movement of its own.
+# Least number of cycles of a recording that is a movement by itself.
 _LEAST_CYCLES = 2.3
 # Cycles that must remain for scoring.
 _LEAST_HELD_OUT = 0.4

@@ -384,4 +384,4 @@ def _find(fields: dict[str, Any], name: str) -> tuple[Any, str | int]:
         if i == len(keys) - 1:
             return container, key
         container = container[key]
-    raise ExperimentError(f"{name!r} is no name; expected one such as board.rpy[2].")
+    raise ExperimentError(f"{name!r} is not a name; expected one such as board.rpy[2].")
