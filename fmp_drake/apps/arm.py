@@ -51,9 +51,9 @@ class BenchOptions:
 )
 @options(to=BenchOptions)
 def arm(to: BenchOptions) -> None:
-    """Simulate an arm behind a real one's LCM messages, for tests.
+    """Simulate an arm with the LCM messages of a real one, for tests.
 
-    It replaces a robot in tests: nothing here has ever been tried on a real arm.
+    Nothing here has ever been tried on a real arm.
     """
     console = make_console()
     check_writable(to.report)

@@ -11,7 +11,7 @@ from fmp_drake.apps import terminal
 
 # The module `fmp_drake.apps.wipe` has the command `wipe`, and so on.
 _COMMANDS = {
-    "arm": "Simulate an arm behind a real one's LCM messages, for tests.",
+    "arm": "Simulate an arm with the LCM messages of a real one, for tests.",
     "benchmark": "Compare methods on the recordings in FOLDER: prediction and playback.",
     "check": "Check whether the arm can follow a skill on a board, and what would help.",
     "inspect": "Report what recordings contain, and whether they can be learned.",
@@ -25,7 +25,7 @@ _COMMANDS = {
     "scenarios": "List the scenarios that come with the package.",
     "teach": "Teach the arm with the mouse: drag it on the page, press learn, and it "
     "continues.",
-    "video": "Turn FRAMES, the .tar that the page's recorder saves, into the film OUT.",
+    "video": "Turn FRAMES, the .tar file of the page's recorder, into the film OUT.",
     "worlds": "Run randomised scenarios from SOURCE, and report which failed and why.",
     "wipe": "Learn a skill from a demonstration and play it: wipe a board, or follow a motion.",
 }

@@ -222,7 +222,7 @@ def arm_option(text: str) -> Any:
     """Return the field for an arm that another process drives or simulates."""
     return option(
         None,
-        f"{text} LCM messages (lcm, lcm:URL), or a YAML file.",
+        f"{text} Values: lcm or lcm:URL (LCM messages), or a YAML file.",
         metavar="ARM",
     )
 
@@ -335,7 +335,7 @@ class LearningOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RhythmOptions:
-    """Part and period of recordings, which are searched for by default."""
+    """Part and period of recordings."""
 
     start: float | None = option(
         None, "Start of the part to learn from, s.", flag="--from"
@@ -348,7 +348,7 @@ class RhythmOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingOptions:
-    """Information that files of recordings lack."""
+    """Information that recordings lack."""
 
     columns: str = option(
         "",

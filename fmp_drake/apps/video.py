@@ -29,7 +29,7 @@ from fmp_drake.primitives.data.files import check_writable
 )
 @click.option("--overwrite", is_flag=True, help="Replace an existing film.")
 def video(frames: Path, out: Path, fps: int, overwrite: bool) -> None:
-    """Turn FRAMES, the .tar that the page's recorder saves, into the film OUT.
+    """Turn FRAMES, the .tar file of the page's recorder, into the film OUT.
 
     Needs the extra: pip install fmp-drake[video].
     """
