@@ -1,4 +1,4 @@
-"""Stand-ins for trials, for processes that import next to nothing."""
+"""Substitutes for trials and workers, in a module with few imports."""
 
 import os
 import time
@@ -9,10 +9,10 @@ from pathlib import Path
 
 
 class AtOnce(Executor):
-    """Does what it is given when it is given it, in the thread that gives it."""
+    """Executor that runs a task at once, in the calling thread."""
 
     def submit(self, function, /, *arguments):
-        """Call a function, and return what came of it as a future that is done."""
+        """Call a function, and return its result as a finished future."""
         future = Future()
         try:
             future.set_result(function(*arguments))
@@ -22,7 +22,7 @@ class AtOnce(Executor):
 
 
 class Here:
-    """Workers that are this process."""
+    """Workers in this process."""
 
     renewed_after = None
     attempts = 1
@@ -36,13 +36,13 @@ class Here:
 
 
 def note(folder, name):
-    """Write which process has begun a task, once for each time."""
+    """Write the name of a task and the process that begins it."""
     with (Path(folder) / "begun").open("a") as stream:
         stream.write(f"{name} {os.getpid()}\n")
 
 
 def square(task):
-    """Wait and return a square; end the process where the task says so."""
+    """Wait and return a square; some tasks end their process."""
     folder, number, seconds, how = task
     note(folder, number)
     if how == "kill":
@@ -59,7 +59,7 @@ def square(task):
 
 
 def trial(drawn):
-    """Note that a trial was begun; the second one ends its process once."""
+    """Note the beginning of a trial; the second one ends its process once."""
     folder = os.environ["TRIALS_STUB"]
     last = drawn.number == int(os.environ.get("TRIALS_STUB_LAST", "-1"))
     square((folder, drawn.number, 60 if last else 0, "kill once" * (drawn.number == 1)))

@@ -1,4 +1,4 @@
-"""Facts about the commands that speak a real arm's messages."""
+"""Facts about the commands that exchange the messages of a real arm."""
 
 import ctypes
 import json
@@ -96,7 +96,7 @@ def test_silent_arm_fails_the_check_and_cannot_be_recorded(
 
 @pytest.fixture
 def no_precedence(monkeypatch):
-    """A machine that lets no program run before others, nor stay in memory."""
+    """Machine that refuses real-time priority and locked memory."""
 
     def refuse(*_):
         raise PermissionError(1, "Operation not permitted")
@@ -204,7 +204,7 @@ def test_after_kill_freeze_and_restart_an_arm_moves_only_when_enabled(tmp_path):
     skill, *_ = scenario_skill(LoadScenario("table_top"), model=ARM_MODEL)
     save_skill(skill, tmp_path / "skill.npz")
     plays = ("wipe", "--headless", "--go", "--skill", tmp_path / "skill.npz")
-    # Of each what happens to it; on networks of their own, for they wait together.
+    # Each has its own network, because they wait at the same time.
     names = ("frozen controller", "frozen arm", "killed arm")
     with ExitStack() as stack:
         networks = [
@@ -227,7 +227,7 @@ def test_after_kill_freeze_and_restart_an_arm_moves_only_when_enabled(tmp_path):
         # A controller that was killed is followed by another one.
         controllers[0].kill()
         controllers[0] = networks[0].start(*plays, name="second")
-        # Killed and started again, an arm is not moved by the controller that it had.
+        # A restarted arm is not moved by the earlier controller.
         arms[2] = networks[2].start("arm", "--duration", "200", name="again")
         networks[2].wait_for("again", "a simulated arm")
         networks[0].wait_for("second", "open")

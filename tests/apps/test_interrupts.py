@@ -48,7 +48,7 @@ def start(folder, *arguments):
         text=True,
         start_new_session=True,
     )
-    # Before that Python itself is starting, whose interrupts nobody can catch.
+    # Interrupts cannot be caught while Python itself starts.
     assert process.stdout.readline() == "here\n"
     return process
 
@@ -98,7 +98,7 @@ def test_signal_before_the_command_begins_ends_the_process_at_once(name, code):
 
 @pytest.fixture
 def run(monkeypatch, command):
-    """The function that runs a function as if it were the command."""
+    """The function that runs a function in place of the command."""
 
     def run(function):
         def main(**_):

@@ -275,7 +275,7 @@ def script(tmp_path):
 def test_installed_script_wipes(script, tmp_path):
     done = script("wipe", "--headless", "--duration", 0.5, "--report", "report.json")
     assert done.returncode == 0
-    # Only that functions are compiled may be said, once for a computer.
+    # The only allowed message is that of compilation, once per machine.
     assert "Traceback" not in done.stderr
     figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert figures["simulated_seconds"] == 0.5

@@ -1,4 +1,4 @@
-"""Facts about the page: what is seen in a browser, running and replayed."""
+"""Facts about the page in a browser, running and replayed."""
 
 import socket
 import subprocess
@@ -47,7 +47,7 @@ def wiped_patch(picture):
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    """A browser for one page after the other."""
+    """Browser that opens one page after another."""
     with Page("about:blank", tmp_path_factory.mktemp("page")) as page:
         yield page
 
@@ -60,7 +60,7 @@ def opened(browser, url):
 
 
 def settled(page, when):
-    """Return what a page shows once something holds of it, or else in the end."""
+    """Return the text of a page when a condition holds, or after a time limit."""
     for _ in range(20):
         picture = page.settled_picture()
         if when(picture):
@@ -125,7 +125,7 @@ def make_run(learned, panel, *, show=None):
 
 @pytest.fixture(scope="module")
 def run(learned, panel):
-    """Simulate three seconds of what `fmp-drake wipe` shows."""
+    """Simulate three seconds of `fmp-drake wipe`."""
     run = make_run(learned, panel)
     run.advance_to(3.0)
     return run
@@ -133,7 +133,7 @@ def run(learned, panel):
 
 @pytest.fixture(scope="module")
 def pictures(run, meshcat, browser):
-    """What the running page shows, and what it shows without arm and board."""
+    """Pictures of the running page with and without arm and board."""
     assert run.output("cleaned_fraction")[0] > 0.01
     page = opened(browser, meshcat.web_url())
     picture = settled(page, has_ink)
@@ -212,7 +212,7 @@ def test_replay_page_needs_no_network(command, tmp_path):
 def test_page_is_for_this_machine_only_unless_it_is_opened():
     for options, is_refused in (({}, True), ({"host": "0.0.0.0"}, False)):
         panel = open_page(**options)
-        # Of this machine, too, but not the address that is called localhost.
+        # An address of this machine, but not that of localhost.
         for port, refused in (
             (urlsplit(panel.url).port, is_refused),
             (panel.meshcat.port(), True),
@@ -287,5 +287,5 @@ def test_command_opens_the_page_that_it_names(command, pages, browser):
     assert browser.run("document.title") == "table_top"
     assert "finished" in browser.run("document.body.innerText")
     assert np.mean(blue_ink(picture)) > INKED
-    # The eraser has not come down yet.
+    # The eraser has not landed yet.
     assert np.mean(wiped_patch(picture)) < 0.0003

@@ -1,4 +1,4 @@
-"""Facts about what the page says of a run, and about runs that somebody watches."""
+"""Facts about the messages of the page, and about runs with a viewer."""
 
 import re
 
@@ -18,7 +18,7 @@ def panel():
 
 @pytest.fixture
 def watched(monkeypatch):
-    """The function that lets somebody watch, and then click or leave."""
+    """The function that simulates a viewer, who then clicks or leaves."""
 
     def watch(looks, clicks=()):
         answers, choices = iter([True] * looks), iter(clicks)
@@ -81,7 +81,7 @@ def test_given_duration_ends_a_run_that_is_watched(command, watched):
 
 def test_run_continues_and_starts_again_by_buttons(command, watched):
     watched(2, clicks=["run on", "again"])
-    # Two looks are used up by the first part.
+    # The first part uses two answers.
     assert simulated(command("wipe", "--rate", 0).out) == [0.4, 0.4, 0.2]
 
 

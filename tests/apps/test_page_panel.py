@@ -1,4 +1,4 @@
-"""Facts about the panel of the page in a browser: what it says, and what it does."""
+"""Facts about the panel of the page in a browser: its texts and its behaviour."""
 
 import time
 
@@ -233,7 +233,7 @@ def test_page_without_its_program_reports_it(tmp_path):
         page.wait_for(f"{BUTTON % 'stop'}?.disabled === false")
         panel.close()
         page.wait_for(f"{TEXT}.includes('no connection')")
-        # Nothing is offered that has no effect.
+        # Controls without effect are not offered.
         page.wait_for(f"{BUTTON % 'stop'}.disabled")
         assert "Drag the arm" not in page.run(TEXT)
         assert "to turn the view" in page.run(TEXT)

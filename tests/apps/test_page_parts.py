@@ -1,4 +1,4 @@
-"""Facts about the parts of the page: each is seen, and each can be left out."""
+"""Facts about the parts of the page: each is visible, and each can be left out."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ BOARD = "bodies/whiteboard/board"
 
 
 class Round(LeafSystem):
-    """A point that goes round."""
+    """A point on a circle."""
 
     def __init__(self):
         super().__init__()
@@ -106,7 +106,7 @@ def page(meshcat, tmp_path_factory):
 
 
 def picture(page, meshcat):
-    """Return what the page shows when it stopped changing."""
+    """Return the picture of the page after it has stopped changing."""
     meshcat.Flush()
     return page.settled_picture()[30:]  # Without the bar of the controls.
 

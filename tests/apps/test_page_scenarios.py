@@ -1,4 +1,4 @@
-"""Facts about what is seen of each scenario in a browser, running and replayed."""
+"""Facts about the page of each scenario in a browser, running and replayed."""
 
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ def page(tmp_path_factory):
 
 
 def pictures(run, page):
-    """Return what the page shows, and what it shows without the arm."""
+    """Return pictures of the page with and without the arm."""
     arm = f"/drake/bodies/{run.scenario.robot}"
     page.go(run.meshcat.web_url())
     page.wait_for_scene(run.meshcat)
@@ -76,12 +76,12 @@ def assert_shows_the_scene(whole, bare):
     rows, columns = (np.flatnonzero(ink.any(axis=axis)) for axis in (1, 0))
     board = white(bare)[rows[0] : rows[-1], columns[0] : columns[-1]]
     assert np.sum(board) > 0.0002 * ink.size
-    # What is gone without the arm was mostly white, and some of it dark.
+    # The pixels of the arm are mostly white, and some are dark.
     arm = np.abs(whole - bare).max(axis=-1) > 0.1
     assert np.mean(arm) > 0.01
     assert np.mean(whole[arm].min(axis=-1) > 0.6) > 0.3
     assert np.mean(whole[arm].max(axis=-1) < 0.4) > 0.02
-    # Neither is cut off by the edge of the picture.
+    # The edge of the picture cuts off neither.
     edges = [part[edge] for part in (arm, ink) for edge in (0, -1)]
     edges += [part[:, edge] for part in (arm, ink) for edge in (0, -1)]
     assert not any(np.any(edge) for edge in edges)

@@ -37,7 +37,7 @@ ROW = """(() => {
 
 
 class Holding:
-    """The arm that holds its eraser still over the board, with all controls."""
+    """An arm that holds its eraser over the board, with all controls."""
 
     def __init__(self):
         self.meshcat = Meshcat()
@@ -110,7 +110,7 @@ def page(holding, tmp_path_factory):
 
 @pytest.fixture
 def begun(holding):
-    """Begin again."""
+    """Restart."""
     context = holding.simulator.get_mutable_context()
     holding.simulator.get_system().SetDefaultContext(context)
     context.SetTime(0.0)
@@ -125,7 +125,7 @@ def step_until(holding, condition, *, seconds=60.0):
     while not condition():
         assert time.monotonic() < deadline, "it never happened"
         holding.simulator.AdvanceTo(holding.simulator.get_context().get_time() + 0.02)
-        # The page needs a processor, too.
+        # The page also needs a processor.
         time.sleep(0.01)
 
 
@@ -135,7 +135,7 @@ def row(page, name):
 
 
 def set_slider(page, name, share):
-    """Click at a share of a slider's track."""
+    """Click at a fraction of the track of a slider."""
     left, right, y = row(page, name)
     page.click(left + share * (right - left), y)
 
@@ -153,7 +153,7 @@ def test_drag_with_ctrl_moves_the_eraser_and_releases_it(begun, page):
     wiggle = itertools.cycle([0, 1])
 
     def pulled():
-        # A picture takes a second in software, and a silent page has let go.
+        # A picture takes a second in software, and a drag on a silent page ends.
         page.mouse("moved", to[0] + next(wiggle), to[1], modifiers=CTRL)
         return np.linalg.norm(begun.eraser() - rest) > 0.02
 
@@ -233,7 +233,7 @@ def test_buttons_pause_a_run_and_reset_it(begun, page):
             assert stands_still()
             seen["reset"] = now()
         finally:
-            # Go on, fast.
+            # Continue as fast as possible.
             simulator.set_target_realtime_rate(0.0)
             press(page, RunButtons.PAUSE)
 
@@ -253,7 +253,7 @@ def test_buttons_pause_a_run_and_reset_it(begun, page):
     assert seen["reset"] == 0.0
     assert resets == [0.0]
     assert now() == 3.0
-    # The logs began anew, and the buttons are gone.
+    # The logs have restarted, and the buttons are removed.
     log = begun.tempo.FindLog(simulator.get_context())
     assert log.sample_times()[0] == 0.0
     assert np.all(np.diff(log.sample_times()) > 0)

@@ -1,4 +1,4 @@
-"""Facts about recordings of real robots: they play within limits, or say why not."""
+"""Facts about recordings of real robots: they play within limits, or are refused with a reason."""
 
 import json
 

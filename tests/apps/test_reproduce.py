@@ -1,4 +1,4 @@
-"""What `fmp-drake reproduce` refuses, and says about claims that fail."""
+"""Facts about `fmp-drake reproduce`: refusals, and claims that fail."""
 
 from fmp_drake.experiments.report import Finding
 

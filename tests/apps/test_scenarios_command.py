@@ -61,7 +61,7 @@ def test_every_scenario_is_listed_with_its_description(command):
 
 
 def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
-    # The processes that simulate are told the names.
+    # The names are sent to the processes that simulate.
     monkeypatch.setattr(
         scenarios_module, "ListScenarios", lambda: ["moving_board", "words"]
     )

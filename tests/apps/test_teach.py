@@ -160,7 +160,7 @@ def test_arm_taught_by_dragging_wipes_after_learning(tmp_path, person):
     session.advance(1.0)
 
     def press(name):
-        """Press a button until it is pressed: a page that still changes moves it away."""
+        """Press a button until the page reacts: a changing page moves the button."""
         page.wait_for(f"document.querySelector('[data-name={name}]:enabled') !== null")
         deadline = time.monotonic() + 60
         pressed = None
@@ -186,7 +186,7 @@ def test_arm_taught_by_dragging_wipes_after_learning(tmp_path, person):
         at = hand.grab()
         grasp = page.run("document.getElementById('fmp-grasp').textContent")
         assert grasp == "you are guiding the eraser" or person is Mouse
-        # In software a picture takes a second, in which the page would say nothing.
+        # In software a picture takes a second, in which the page sends no message.
         page.run(STUB)
         session.advance(0.05)
         for i in range(100):

@@ -49,7 +49,7 @@ def test_film_plays_the_frames(ffmpeg, command, make_frames, outputs, size):
     assert seconds == pytest.approx(FRAMES / 24, abs=0.1)
     frames, about = read_film(ffmpeg, film)
     assert about["fps"] == 24
-    # What browsers and phones can play.
+    # A format that browsers and phones can play.
     assert about["codec"] == "h264"
     assert about["pix_fmt"].startswith("yuv420p")
     assert len(frames) == FRAMES

@@ -110,7 +110,7 @@ def test_bad_key_of_a_scenario_lists_the_good_ones(refused, write):
 
 def test_options_override_the_scenario(command, runs, write):
     scene = write("skill: {sample: false, seed: 5, window: 2.0, components: 3}\n")
-    # Such short windows are hasty.
+    # With such short windows the movement is fast.
     wiped(command, "--scenario", scene, "--force")
     wiped(
         *(command, "--scenario", scene, "--force", "--sample", "--seed", 7),
@@ -148,7 +148,7 @@ def test_scenario_names_a_skill_beside_it(command, runs, write, make_npz, tmp_pa
     demo, skill = make_npz(), tmp_path / "skill.npz"
     options = ("--window", 2.5, "--components", 3)
     assert command("learn", demo, "--out", skill, *options).code == 0
-    # Such short windows are hasty.
+    # With such short windows the movement is fast.
     scene = "--scenario", write("skill: {file: skill.npz}\n"), "--force"
     assert f"loaded {skill}" in wiped(command, *scene)
     # A demonstration on the command line is learned instead.
@@ -226,7 +226,7 @@ def test_visuals_are_passed_on(refused, monkeypatch, visuals):
     def build(*_, visuals, **__):
         raise FmpError(f"the arm looks like {visuals}.")
 
-    # What Drake downloads is not there in a test.
+    # Files that Drake downloads are missing in a test.
     monkeypatch.setattr(wipe_module, "MakeRun", build)
     options = () if visuals == "own" else ("--visuals", visuals)
     assert f"the arm looks like {visuals}." in refused("wipe", *SHORT, *options)

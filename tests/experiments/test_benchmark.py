@@ -54,7 +54,7 @@ PERIOD = 41.0
 
 
 def ellipse(count, *, period=PERIOD, seed=None, size=1.0, first=0.0):
-    """Return samples of an ellipse; with a seed tempo and size vary as a person's do."""
+    """Return samples of an ellipse; with a seed tempo and size vary like those of a person."""
     phase = 2 * np.pi * (first + np.arange(count)) / period
     if seed is not None:
         rng = np.random.default_rng(seed)
@@ -304,7 +304,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def few(monkeypatch):
-    """Let four quick methods be the built-in ones."""
+    """Replace the built-in methods by four quick ones."""
     monkeypatch.setattr(
         "fmp_drake.experiments.benchmark.run.METHODS",
         (ReplayMethod, PeriodicDMP, Still, Shy),

@@ -99,7 +99,7 @@ def test_results_hold_table_one_the_held_out_scores_and_the_settings(reproduced)
 def test_table_one_compares_equal_settings_and_names_the_replay(reproduced):
     table = json.loads((reproduced[0] / "results.json").read_text())["table1"]
     for divergence in ("forward_kl", "reverse_kl"):
-        # With the paper's settings for both there is little between them.
+        # With the paper's settings for both they differ little.
         ratio = table[FMP_PAPER][divergence] / table[MULT][divergence]
         assert 0.7 < ratio < 1.1
         assert table[PHASE][divergence] < table[MULT_OWN][divergence]
@@ -129,7 +129,7 @@ def test_a_short_recording_teaches_the_phase_model_to_predict(reproduced):
     results = json.loads((reproduced[0] / "results.json").read_text())
     text = results["findings"]["short_eight"]["shows"]
     short, _ = (float(number) for number in re.findall(r"with ([\d.]+) mm", text))
-    # What remembers two thirds of the recording.
+    # Replay stores two thirds of the recording.
     (*_, replay) = results["held_out"][ReplayMethod.name]["predictions"]
     assert short < replay["error_mm"]
 
@@ -139,7 +139,7 @@ def test_report_needs_nothing_but_itself(reproduced):
     sources = re.findall(r'src="([^"]{0,30})', page)
     assert len(sources) == len(FIGURES)
     assert all(s.startswith("data:image/png;base64,") for s in sources)
-    # The letters of a picture in base64 may spell anything.
+    # A picture in base64 may contain any letters.
     assert "http" not in re.sub(r"data:image/png;base64,[\w+/=]*", "", page)
     assert "does not hold" in page
 
@@ -174,7 +174,7 @@ class Shy(Method):
 
 
 def test_held_out_scores_of_a_method_that_cannot_learn(monkeypatch):
-    """Also a claim is judged by the methods that can."""
+    """Claims are judged by the methods that can learn."""
     methods = {m.name: m for m in (FMP, MixtureFMP, ReplayMethod, Shy)}
     monkeypatch.setattr(
         "fmp_drake.experiments.benchmark.run.all_methods", lambda: methods

@@ -82,7 +82,7 @@ def out(tmp_path_factory, spec_file):
 
 @pytest.fixture
 def make_store(tmp_path):
-    """The function that runs trials with a stand-in, in this process."""
+    """The function that runs trials with a substitute, in this process."""
 
     def make(run, count=4, *, force=False, spec=SPEC, name="made"):
         spec = TrialSpec(spec)
@@ -573,7 +573,7 @@ def test_every_fault_is_judged_at_its_limit(name, limit):
     assert fault.severity > 1
 
 
-def test_orientation_limit_is_larger_with_joint_friction(make_store):
+def test_orientation_is_judged_by_a_larger_limit_with_joint_friction(make_store):
     spec = "fields: {friction.enabled: true}"
     for error, kinds in ((0.59, []), (0.61, ["tilt"])):
         run = partial(passed, orientation_rms_deg=error)

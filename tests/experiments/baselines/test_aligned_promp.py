@@ -33,7 +33,7 @@ def test_samples_resemble_the_aligned_periods(polished):
 
 
 def test_period_starts_at_the_phase_of_the_start(polished):
-    """Fig. 6a: it has to leave its distribution to start in another region."""
+    """Fig. 6a: a start in another region is outside the distribution."""
     start = polished.aligned_.values.mean(axis=0)[20]  # Half a period off.
     assert_allclose(polished.model_.condition([0], [start])[0], start, atol=1e-3)
 

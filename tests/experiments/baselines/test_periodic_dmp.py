@@ -39,7 +39,7 @@ def test_the_limit_cycle_is_the_demonstrated_one(learned, bundled, name):
     y = bundled(name)
     cycle = learned[name].cycle(np.linspace(0, 2 * np.pi, 200))
     distances = np.linalg.norm(y[:, None] - cycle, axis=2).min(axis=1)
-    # The mean of what varies, so it is a little smaller.
+    # A mean of varying cycles is a little smaller.
     assert np.sqrt(np.mean(distances**2)) < 0.2 * np.sqrt(y.var(axis=0).sum())
 
 

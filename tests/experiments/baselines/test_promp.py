@@ -132,7 +132,7 @@ def test_samples_repeat_with_the_seed(model):
 
 
 def test_mixture_avoids_the_middle_unlike_one_gaussian(split_windows):
-    """Fig. 5b and 5c: polishing is a ring; without alignment its phase is anything."""
+    """Fig. 5b and 5c: polishing is a ring; without alignment its phase is arbitrary."""
     learned, _ = split_windows("polishing")
     centre, spread = learned.mean(axis=(0, 1)), learned.std(axis=(0, 1))
 
