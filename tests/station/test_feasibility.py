@@ -285,6 +285,52 @@ def test_press_whose_friction_drags_the_eraser_is_refused(bundled_skill):
     assert "press with at most 30 N" in found.verdict
 
 
+def test_at_the_largest_press_the_joints_need_all_of_the_torque_that_is_allowed(
+    bundled_skill,
+):
+    bounds = FollowingBounds(torque_fraction=0.5)
+    scenario = Scenario()
+    # Neither friction nor the felt is what limits it.
+    scenario.board.friction, scenario.eraser.modulus = 0.01, 1e5
+    largest = CheckFeasibility(scenario, bundled_skill, bounds=bounds)
+    scenario.press.force = largest.values["largest_press"]
+    assert 50 < scenario.press.force < 150
+    ratio = CheckFeasibility(scenario, bundled_skill, bounds=bounds).values[
+        "largest_torque_ratio"
+    ]
+    assert ratio == pytest.approx(0.5, abs=0.005)
+
+
+def test_at_the_largest_tempo_the_joints_need_all_of_the_speed_that_is_not_braked(
+    bundled_skill,
+):
+    largest = check(bundled_skill).values["largest_tempo"]
+    faster = check(bundled_skill, tempo=largest).values
+    assert faster["largest_speed_ratio"] == pytest.approx(0.85, abs=0.02)
+
+
+def test_friction_holds_a_soft_eraser_farther_behind_its_path(bundled_skill):
+    scenario = Scenario()
+    scenario.impedance.covariance_stiffness.enabled = True
+    found = CheckFeasibility(scenario, bundled_skill)
+    # 0.5 * 10 N at the geometric mean of 300 and 1500 N/m.
+    expected = 5 / np.sqrt(300 * 1500)
+    assert found.values["friction_lag"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_path_out_of_reach_is_counted_and_its_joint_named(bundled_skill):
+    found = check(bundled_skill, x=0.80)
+    part, far = re.search(
+        r"(\S+) % of the path .* up to (\d+) mm", found.verdict
+    ).groups()
+    assert 100 * (1 - found.values["reachable_fraction"]) == pytest.approx(
+        float(part), abs=0.05
+    )
+    assert 1e3 * found.values["largest_distance"] == pytest.approx(float(far), abs=0.5)
+    # The elbow is straight.
+    assert "where joint 4 is at a joint-limit spring" in found.verdict
+
+
 def test_force_of_a_skill_counts_as_its_normal_force():
     shown = demonstration(height=-0.004, force=(0.3, 0.2))
     found = CheckFeasibility(Scenario(), FourierMovementPrimitive().fit(shown))
