@@ -184,6 +184,8 @@ def test_a_watcher_hides_no_message_in_a_frame_without_a_mask(sliding, head):
         {"Origin": "http://localhost:1"},
         {"Host": "evil.example:8000"},
         {"Host": "localhost.evil.example"},
+        {"Host": "evil.example@localhost"},
+        {"Host": "localhost/evil.example"},
         {"Host": ""},
     ],
 )

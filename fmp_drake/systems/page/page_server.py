@@ -96,7 +96,10 @@ def is_own_host(header: str, served_at: str) -> bool:
         The host that the page is served at.
     """
     try:
-        name = (urlsplit(f"//{header}").hostname or "").lower()
+        parts = urlsplit(f"//{header}")
+        if parts.netloc != header or parts.username is not None:
+            return False
+        name = (parts.hostname or "").lower()
         if name in {"localhost", served_at.lower(), socket.gethostname().lower()}:
             return bool(name)
         ipaddress.ip_address(name)
