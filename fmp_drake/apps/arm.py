@@ -86,7 +86,7 @@ def arm(to: BenchOptions) -> None:
         hand=hand,
         demonstrated=[demonstration.values for demonstration in demonstrations],
     )
-    console.print("a simulated arm sends PANDA_STATUS; Ctrl-C ends it")
+    console.print(f"a simulated arm sends {config.status_channel}; Ctrl-C ends it")
     try:
         bench.play(to.duration)
     finally:
