@@ -220,3 +220,18 @@ def test_invalid_yaml_or_settings_are_refused(tmp_path, arm):
             LoadPanda(path)
     with pytest.raises(StationError, match=r"gate.max_rate is 2000.0"):
         MakeDriver(LcmPanda(gate=GateConfig(max_rate=2000.0)), arm=arm)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ("pace: 0.0", "pace is 0.0; it must be at least 0.01"),
+        ("pace: 1.0e-9", "pace is 1e-09; it must be at least 0.01"),
+        ("gate: {period: 1.0e-9}", "gate.period is 1e-09; it must be at least 0.0005"),
+    ],
+)
+def test_file_of_an_arm_that_would_never_step_is_refused(tmp_path, values, reason):
+    path = tmp_path / "arm.yaml"
+    path.write_text(f"panda: !LcmPanda {{{values}}}")
+    with pytest.raises(StationError, match=reason):
+        LoadPanda(path)

@@ -20,7 +20,7 @@ from pydrake.systems.lcm import (
 )
 
 from fmp_drake.errors import StationError
-from fmp_drake.settings import bounded, check_yaml
+from fmp_drake.settings import bounded, check_settings, check_yaml
 from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.robots.robot import RobotConfig
 from fmp_drake.station.scenario_parts import in_one_line, load_yaml
@@ -55,7 +55,7 @@ class LcmPanda(Driver):
     url: str = ""
     status_channel: str = "PANDA_STATUS"
     command_channel: str = "PANDA_COMMAND"
-    pace: float = bounded(1.0, above=0, most=1)
+    pace: float = bounded(1.0, least=0.01, most=1)
     gate: GateConfig = field(default_factory=GateConfig)
 
     @property
@@ -156,7 +156,7 @@ def LoadPanda(path: str | Path) -> Driver:
     Raises
     ------
     StationError
-        If the file cannot be read; the message contains the reason.
+        If the file cannot be read, or a value is out of range; the message contains the reason.
 
     Examples
     --------
@@ -171,6 +171,7 @@ def LoadPanda(path: str | Path) -> Driver:
         text = Path(path).read_text()
         check_yaml(text, str(path), StationError)
         file: _PandaFile = load_yaml(_PandaFile, text)
+    check_settings(file.panda, StationError)
     return file.panda
 
 

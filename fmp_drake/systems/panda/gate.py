@@ -88,7 +88,7 @@ class GateConfig:
 
     max_torque: list[float] = bounded([], above=0)
     max_rate: float = bounded(900.0, above=0, most=1000.0)
-    period: float = bounded(0.001, above=0, most=0.002)
+    period: float = bounded(0.001, least=0.0005, most=0.002)
     expiry: float = bounded(0.05, above=0, most=0.1)
     max_gap: float = bounded(0.05, above=0, most=0.1)
     return_speed: float = bounded(0.1, above=0, most=1)
