@@ -504,8 +504,7 @@ def _checked_reference(reference: Any, channels: tuple[str, ...]) -> Quaternion:
             f"there is a rotation reference but no channel {min(missing)}; add the "
             "rotation channels with `add_orientation`."
         )
-    if (
-        abs(length - 1) > 1e-12
-    ):  # Unchanged otherwise: files must return identical numbers.
+    # Unchanged otherwise: files must return identical numbers.
+    if abs(length - 1) > 1e-12:
         x, y, z, w = x / length, y / length, z / length, w / length
     return (x, y, z, w)

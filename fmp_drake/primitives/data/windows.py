@@ -113,11 +113,11 @@ def _check_compatible(demonstrations: Sequence[Demonstration]) -> None:
     first = demonstrations[0]
     for number, demonstration in enumerate(demonstrations):
         for what in ("channels", "units", "rotation_reference"):
-            values = getattr(demonstration, what), getattr(first, what)
-            if values[0] != values[1]:
-                actual, expected = (
-                    ", ".join(map(str, value or ["none"])) for value in values
-                )
+            actual, expected = (
+                ", ".join(map(str, getattr(d, what) or ["none"]))
+                for d in (demonstration, first)
+            )
+            if actual != expected:
                 raise DemonstrationError(
                     f"demonstration {number} has the {what.replace('_', ' ')} {actual}; "
                     f"the first has {expected}. They must be the same."
@@ -327,10 +327,8 @@ def joined_recordings(windows: NDArray[np.float64]) -> list[NDArray[np.float64]]
 def _shift(before: NDArray[np.float64], after: NDArray[np.float64], guess: int) -> int:
     """Return the shift between two windows in samples, 0 where they do not overlap."""
     last = len(before) - 2  # At least two samples must agree.
-    shifts = np.flatnonzero(np.all(before == after[0], axis=1))
-    for s in sorted(
-        (int(s) for s in shifts if 1 <= s <= last), key=lambda s: s != guess
-    ):
+    shifts = np.flatnonzero(np.all(before == after[0], axis=1)).tolist()
+    for s in sorted((s for s in shifts if 1 <= s <= last), key=lambda s: s != guess):
         if np.array_equal(before[s:], after[:-s]):
             return s
     return 0

@@ -56,17 +56,17 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     for key, array in (("time", time), ("values", values)):
         if not np.can_cast(array.dtype, float, "same_kind"):
             raise SkillFileError(f"{path}: `{key}` does not hold numbers.")
-    saved: dict[str, Any] = {"time": time, "values": values}
+    fields: dict[str, Any] = {"time": time, "values": values}
     if "metadata" in arrays:
         metadata = FORMAT.parse(path, arrays["metadata"])
-        saved |= {key: metadata[key] for key in METADATA if key in metadata}
-        return [Table(saved=saved)]
+        fields |= {key: metadata[key] for key in METADATA if key in metadata}
+        return [Table(saved=fields)]
     if options.columns or (options.all_arrays and len(arrays) > 2):
         return [table_of(path, arrays)]
     if time.shape != values.shape[:1] or values.ndim > 2:
-        return [Table(saved=saved)]  # The demonstration names the error.
+        return [Table(saved=fields)]  # The demonstration names the error.
     values = values.reshape(len(time), -1)
-    omitted = sorted(set(arrays) - {"time", name})
+    omissions = sorted(set(arrays) - {"time", name})
     counts = len(time) > 1 and np.all(np.diff(time) == 1)
     unnamed = ("",) * values.shape[1]
     return [
@@ -74,7 +74,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
             names=("time", *unnamed),
             units=("s" if counts else "", *unnamed),
             values=np.column_stack([time, values]),
-            remarks=(f"{', '.join(omitted)} left out",) if omitted else (),
+            remarks=(f"{', '.join(omissions)} left out",) if omissions else (),
         )
     ]
 
@@ -95,8 +95,8 @@ def read_npy(path: Path, _options: ReadingOptions) -> list[Table]:
             f"{path} is not a readable .npy file ({message})."
         ) from None
     check_size(path, array.nbytes)
-    fields = array.dtype.names
-    arrays = {name: array[name] for name in fields} if fields else {"": array}
+    names = array.dtype.names
+    arrays = {name: array[name] for name in names} if names else {"": array}
     return [table_of(path, arrays)]
 
 
@@ -132,14 +132,14 @@ def table_of(
     """
     arrays = align_arrays(arrays)
     count = max((len(a) for a in arrays.values() if a.ndim in (1, 2)), default=0)
-    names, parts, omitted, remarks = [], [], [], []
+    names, parts, omissions, remarks = [], [], [], []
     if rate is None and not any(map(TIME_NAME.fullmatch, arrays)):
         rate = rate_in({n.rsplit(".", 1)[-1]: array for n, array in arrays.items()})
         remarks += [f"at {rate:g} Hz, as the file says"] if rate else []
     for name, array in arrays.items():
         is_numbers = array.dtype.kind in "biufM"
         if array.ndim not in (1, 2) or len(array) != count or not is_numbers:
-            omitted.append(f"{name or 'the array'} {array.shape} of {array.dtype}")
+            omissions.append(f"{name or 'the array'} {array.shape} of {array.dtype}")
             continue
         if array.dtype.kind == "M":
             array = array.astype("datetime64[ns]").astype(np.int64)
@@ -152,15 +152,15 @@ def table_of(
         parts.append(columns)
     if not parts or count == 0:
         raise SkillFileError(
-            f"{path} holds {', '.join(omitted) or 'nothing'}; expected arrays of numbers, "
+            f"{path} holds {', '.join(omissions) or 'nothing'}; expected arrays of numbers, "
             "(N,) or (N, D)."
         )
     if rate is not None:
         names.insert(0, "time")
         parts.insert(0, np.arange(count)[:, None] / rate)
     units = ("s", *[""] * (len(names) - 1)) if rate is not None else ()
-    if omitted:
-        remarks.append(f"{', '.join(omitted)} left out")
+    if omissions:
+        remarks.append(f"{', '.join(omissions)} left out")
     return Table(
         names=tuple(names),
         values=np.column_stack(parts),
@@ -234,13 +234,13 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
     try:
         info = json.loads(about.read_text(encoding="utf-8"))
         features, rate = info["features"], float(info["fps"])
-        named = {str(name): dict(kind) for name, kind in features.items()}
+        kinds = {str(name): dict(kind) for name, kind in features.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise SkillFileError(
             f"{about} is not a LeRobot dataset's ({error!r})."
         ) from None
-    if feature not in named:
-        numeric = [n for n, kind in named.items() if "float" in str(kind.get("dtype"))]
+    if feature not in kinds:
+        numeric = [n for n, kind in kinds.items() if "float" in str(kind.get("dtype"))]
         raise SkillFileError(
             f"{folder} has no feature {feature}; {topic_choice(numeric)}"
         )
@@ -248,18 +248,18 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
     if not files:
         raise SkillFileError(f"{folder} has no data/**/*.parquet.")
     check_size(folder, sum(f.stat().st_size for f in files), MOST_BYTES / 4)
-    column_names = [feature, "timestamp", "episode_index"]
-    tables = [_parquet_table(file, column_names) for file in files]
+    time_columns = ["timestamp", "episode_index"]
+    tables = [_parquet_table(file, [feature, *time_columns]) for file in files]
     first = tables[0].names
     if any(table.names != first for table in tables):
         raise SkillFileError(f"{folder}: its files have different columns.")
     values = np.concatenate([table.values for table in tables])
-    missing = {"timestamp", "episode_index"} - set(first)
-    at = [i for i, name in enumerate(first) if name not in column_names[1:]]
+    missing = set(time_columns) - set(first)
+    at = [i for i, name in enumerate(first) if name not in time_columns]
     if missing or not at:
         raise SkillFileError(f"{folder} has no column {min(missing, default=feature)}.")
-    episode, time = (values[:, first.index(n)] for n in ("episode_index", "timestamp"))
-    names = ("time", *_names(named[feature].get("names"), len(at)))
+    time, episode = (values[:, first.index(name)] for name in time_columns)
+    names = ("time", *_names(kinds[feature].get("names"), len(at)))
     remark = f"{feature} at {rate:g} Hz"
     return [
         Table(
@@ -276,10 +276,5 @@ def _names(names: Any, count: int) -> tuple[str, ...]:
     """Return the names of a feature's parts, from a list or a group of lists, if any."""
     if isinstance(names, dict):
         names = next(iter(names.values()), None)
-    if (
-        isinstance(names, list)
-        and len(names) == count
-        and len(set(map(str, names))) == count
-    ):
-        return tuple(map(str, names))
-    return ("",) * count
+    labels = tuple(map(str, names)) if isinstance(names, list) else ()
+    return labels if len(set(labels)) == len(labels) == count else ("",) * count

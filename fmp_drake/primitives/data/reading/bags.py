@@ -99,22 +99,21 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
             "read."
         )
     names, index, values = _largest_kind(kinds)
-    omitted = sorted({name for kind in kinds for name in kind} - set(names))
+    omissions = sorted({name for kind in kinds for name in kind} - set(names))
     is_stamped = all(stamps) and stamps[0] != stamps[-1]
     times = stamps if is_stamped else received
     remark = f"{source}, {'header stamps' if is_stamped else 'times of receipt'}"
     if any(a > b for a, b in pairwise(times)):
         remark += ", put in order"
-    if omitted:
-        remark += f"; {', '.join(omitted)} left out, which other messages hold"
+    if omissions:
+        remark += f"; {', '.join(omissions)} left out, which other messages hold"
     time = np.array(times)[index]
     order = np.lexsort([index, time])
     values = np.column_stack([(time - time.min()) * 1e-9, values])[order]
-    units = ("s", *("" for _ in names))
     return [
         Table(
             names=("time", *names),
-            units=units,
+            units=("s", *("" for _ in names)),
             values=values,
             frame=frame,
             remarks=(remark,),

@@ -14,6 +14,7 @@ from fmp_drake.primitives.data.channels import (
     QUATERNION_CHANNELS,
     default_channels,
 )
+from fmp_drake.primitives.data.reading.clock import ordered_times
 from fmp_drake.primitives.data.reading.groups import column_groups
 from fmp_drake.primitives.data.reading.reading_options import (
     ReadingOptions,
@@ -27,7 +28,6 @@ from fmp_drake.primitives.data.reading.table import (
     TIMES,
     Table,
     counted,
-    seconds,
     standard_unit,
     suffixed_unit,
 )
@@ -72,8 +72,6 @@ _UNITS = (
     (re.compile(r"(.*_)?(force(_?[xyz])?|f_?[xyz])"), "N"),
     (re.compile(r"(.*_)?torque(_?[xyz])?"), "Nm"),
 )
-# Greatest fraction of samples whose time repeats with other values, and with any.
-_MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
 # Greatest error of a quaternion's length.
 _LENGTH_ERROR = 0.1
 # Least fraction of samples in which all channels have a value.
@@ -82,28 +80,26 @@ _LEAST_COMPLETE = 0.5
 _LARGEST_ANGLE = 4 * np.pi
 # Width of a path above which its unit is questioned, m.
 _WIDEST = 5.0
-# Steps backwards in time, in sample intervals, up to which samples are put in order.
-_DISORDER = 3.0
 
 
 class _Column(NamedTuple):
     """A column of a table, with its number from 0.
 
     `plain` is its name in lower case, words joined by underscores, without a unit at its
-    end, which is the `suffix`. `stated` is the unit of its header.
+    end, which is the `suffix`. `header_unit` is the unit of its header.
     """
 
     number: int
     name: str
     plain: str
     suffix: str
-    stated: str
+    header_unit: str
     values: NDArray[np.float64]
 
     @property
     def unit(self) -> str:
         """Unit of the header, or of the name."""
-        return self.stated or self.suffix
+        return self.header_unit or self.suffix
 
     @property
     def source(self) -> str:
@@ -145,19 +141,19 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     remarks = list(table.remarks)
     names, units, values = list(table.names), list(table.units), table.values
     plain = [_plain(name) for name in names]
-    replaced: set[int] = set()
+    group_sources: set[int] = set()
     for group in column_groups(table, plain, options):
-        replaced |= group.sources
+        group_sources |= group.sources
         names += group.names
         units += group.units
         values = np.hstack([values, group.values])
         remarks += [group.remark] if group.remark else []
     columns = [
-        _Column(i, name, *suffixed_unit(_plain(name)), stated, values[:, i])
-        for i, (name, stated) in enumerate(zip(names, units, strict=True))
+        _Column(i, name, *suffixed_unit(_plain(name)), unit, values[:, i])
+        for i, (name, unit) in enumerate(zip(names, units, strict=True))
     ]
     stamp, time_columns = _time(columns, options, remarks)
-    unread = replaced | time_columns
+    unread = group_sources | time_columns
     others = [c for c in columns if c.number not in unread and not c.counts]
     if empty := [c for c in others if np.all(np.isnan(c.values))]:
         others = [c for c in others if c not in empty]
@@ -166,35 +162,35 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         # A column without a name is found by that of its channel.
         for column, label in zip(others, _labels(others), strict=True):
             names[column.number] = label
-        chosen = {
+        channels = {
             channel: columns[options.column(channel, tuple(names))]
             for channel in options.columns
             if channel != "time"
         }
     else:
-        chosen = _channels(others, tuple(names), remarks)
-    if not chosen:
+        channels = _channels(others, tuple(names), remarks)
+    if not channels:
         raise SkillFileError(
             f"there is a time but no channel; {shown_columns(tuple(names))}."
         )
-    values = np.column_stack([c.values for c in chosen.values()])
+    values = np.column_stack([c.values for c in channels.values()])
     rows = np.flatnonzero(~np.all(np.isnan(values), axis=1))
     if len(rows) == 0:
-        raise DemonstrationError(f"there is no number in {', '.join(chosen)}.")
+        raise DemonstrationError(f"there is no number in {', '.join(channels)}.")
     if len(rows) < len(values):
         remarks.append(f"{len(values) - len(rows)} rows without a value left out")
-    time, kept = _clock(stamp, rows, values[rows], options, remarks)
+    time, kept = ordered_times(stamp, rows, values[rows], options, remarks)
     values = values[rows[kept]]
-    complete = _complete_rows(values, chosen, remarks)
+    complete = _complete_rows(values, channels, remarks)
     time, values = time[complete], values[complete]
-    units = _to_standard_units(values, chosen, options, remarks)
+    units = _to_standard_units(values, channels, options, remarks)
     if gaps := np.count_nonzero(np.diff(time) > LONGEST_GAP):
         remarks.append(f"gaps of more than {LONGEST_GAP} s, not bridged: {gaps}")
-    if set(QUATERNION_CHANNELS) <= set(chosen):
-        quaternions = [list(chosen).index(name) for name in QUATERNION_CHANNELS]
+    if set(QUATERNION_CHANNELS) <= set(channels):
+        quaternions = [list(channels).index(name) for name in QUATERNION_CHANNELS]
         _check_quaternions(values[:, quaternions])
     return Table(
-        names=("time", *chosen),
+        names=("time", *channels),
         units=("s", *units),
         values=np.column_stack([time, values]),
         frame=table.frame,
@@ -203,16 +199,16 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
 
 
 def _complete_rows(
-    values: NDArray[np.float64], chosen: Mapping[str, _Column], remarks: list[str]
+    values: NDArray[np.float64], channels: Mapping[str, _Column], remarks: list[str]
 ) -> NDArray[np.bool_]:
     """Return where all channels have a value, which most samples must have."""
     is_empty = np.isnan(values)
     complete = ~np.any(is_empty, axis=1)
     count = len(values) - int(np.count_nonzero(complete))
-    lacking = [n for n, e in zip(chosen, is_empty.T, strict=True) if np.any(e)]
+    lacking = [n for n, e in zip(channels, is_empty.T, strict=True) if np.any(e)]
     choice = next((r for r in remarks if r.startswith("several positions")), "")
     if count > (1 - _LEAST_COMPLETE) * len(values) or (count and choice):
-        others = {name: c.source for name, c in chosen.items() if name not in lacking}
+        others = {name: c.source for name, c in channels.items() if name not in lacking}
         choice = choice or f"leave them out: {columns_option(others)}"
         raise DemonstrationError(
             f"{count} of {len(values)} samples have no value of {', '.join(lacking)}; "
@@ -220,15 +216,14 @@ def _complete_rows(
         )
     if count:
         named = ", ".join(lacking)
-        remarks.append(
-            f"{counted(count, 'sample')} without a value of {named} left out"
-        )
+        samples = counted(count, "sample")
+        remarks.append(f"{samples} without a value of {named} left out")
     return complete
 
 
 def _to_standard_units(
     values: NDArray[np.float64],
-    chosen: Mapping[str, _Column],
+    channels: Mapping[str, _Column],
     options: ReadingOptions,
     remarks: list[str],
 ) -> list[str]:
@@ -236,44 +231,45 @@ def _to_standard_units(
 
     Angles without a unit are in degrees if one of them is greater than two revolutions.
     """
-    stated = [
+    header_units = [
         (options.source(name)[1] if name in options.columns else "")
-        or column.stated
+        or column.header_unit
         or (column.suffix if column.suffix in ANGLES else "")
-        for name, column in chosen.items()
+        for name, column in channels.items()
     ]
-    found = [
+    sources = [
         unit or _unit(column, name, options)
-        for unit, (name, column) in zip(stated, chosen.items(), strict=True)
+        for unit, (name, column) in zip(header_units, channels.items(), strict=True)
     ]
-    angles = [i for i, unit in enumerate(found) if unit == "rad" and not stated[i]]
+    angles = [i for i, u in enumerate(sources) if u == "rad" and not header_units[i]]
     largest = float(np.max(np.abs(values[:, angles]), initial=0.0))
     if largest > _LARGEST_ANGLE:
-        names = [list(chosen)[i] for i in angles]
+        labels = [list(channels)[i] for i in angles]
         remarks.append(
-            f"{', '.join(names)} reach {largest:.0f} and are taken for degrees; if they are "
-            f"radians, write so in the header: {names[0]} [rad]"
+            f"{', '.join(labels)} reach {largest:.0f} and are taken for degrees; if they are "
+            f"radians, write so in the header: {labels[0]} [rad]"
         )
         for i in angles:
-            found[i] = "deg"
-    metres = [i for i, name in enumerate(chosen) if name in POSITION_CHANNELS]
-    metres = [i for i in metres if (found[i], stated[i] or options.unit) == ("m", "")]
+            sources[i] = "deg"
+    metres = [i for i, name in enumerate(channels) if name in POSITION_CHANNELS]
+    given = [unit or options.unit for unit in header_units]
+    metres = [i for i in metres if sources[i] == "m" and not given[i]]
     if (width := float(np.ptp(values[:, metres], axis=0).max(initial=0))) > _WIDEST:
         remarks.append(
             f"the path is {width:.0f} m wide, if the file is in metres; if it is in "
             "millimetres, add --unit mm"
         )
-    factors, units = zip(*map(standard_unit, found), strict=True)
+    factors, units = zip(*map(standard_unit, sources), strict=True)
     values *= factors
     for unit in dict.fromkeys(units):
-        named = [
+        names = [
             name
-            for i, name in enumerate(chosen)
+            for i, name in enumerate(channels)
             if units[i] == unit and factors[i] != 1 and i not in angles
         ]
-        if named:
-            were = "were" if len(named) > 1 else "was"
-            remarks.append(f"{', '.join(named)} {were} in another unit: now in {unit}")
+        if names:
+            were = "were" if len(names) > 1 else "was"
+            remarks.append(f"{', '.join(names)} {were} in another unit: now in {unit}")
     return list(units)
 
 
@@ -300,16 +296,16 @@ def _time(
         if form.fullmatch(column.plain)
         and (not column.suffix or column.suffix in TIMES)
     ]
-    candidates = candidates or [c for c in columns if c.stated in TIMES and c.grows]
+    timed = [c for c in columns if c.header_unit in TIMES and c.grows]
+    candidates = candidates or timed
     parts = _stamp_parts(columns)
     indices = {column.number for column in (*candidates, *parts)}
-    names = tuple(column.name for column in columns)
     if options.rate is not None:
         return None, indices
     if "time" in options.columns:
-        column = columns[options.column("time", names)]
-        stated = options.source("time")[1] or column.unit
-        return (column.values, stated), {*indices, column.number}
+        column = columns[options.column("time", tuple(c.name for c in columns))]
+        header_unit = options.source("time")[1] or column.unit
+        return (column.values, header_unit), {*indices, column.number}
     if parts:
         whole, nanoseconds = (column.values for column in parts)
         remarks.append("the time is that of the stamps")
@@ -334,17 +330,14 @@ def _time(
 def _without_time(columns: Sequence[_Column], remarks: Sequence[str]) -> str:
     """Return why there is no time, and what to do."""
     names = tuple(column.name for column in columns)
-    omitted = "; ".join(
-        remark for remark in remarks if remark.endswith("left out: words")
-    )
-    beside = f" ({omitted})" if omitted else ""
-    grows = next((c for c in columns if c.grows and not c.counts), None)
-    named = (
-        f", or the column: {columns_option({'time': grows.source})}" if grows else ""
-    )
+    words = [remark for remark in remarks if remark.endswith("left out: words")]
+    beside = f" ({words[0]})" if words else ""
+    clock = next((c for c in columns if c.grows and not c.counts), None)
+    option = columns_option({"time": clock.source}) if clock else ""
+    advice = f", or the column: {option}" if option else ""
     return (
         f"no column tells the time; {shown_columns(names)}"
-        f"{beside}. Give the sample rate in Hz, such as --sample-rate 100{named}"
+        f"{beside}. Give the sample rate in Hz, such as --sample-rate 100{advice}"
     )
 
 
@@ -373,8 +366,8 @@ def _channels(
     positions, orientations, commanded = _measured(positions, orientations)
     if commanded:
         columns = [c for c in columns if c not in commanded]
-        named = ", ".join(c.name for c in commanded)
-        remarks.append(f"{named} left out: commanded, not measured")
+        names_of_commands = ", ".join(c.name for c in commanded)
+        remarks.append(f"{names_of_commands} left out: commanded, not measured")
     roles = (
         (positions, POSITION_CHANNELS),
         (orientations, QUATERNION_CHANNELS),
@@ -435,56 +428,6 @@ def _groups(columns: Sequence[_Column], form: re.Pattern[str], axes: str) -> _Gr
         if set(group) == set(axes)
     }
     return {"": whole[""]} if "" in whole else whole
-
-
-def _clock(
-    stamp: tuple[NDArray[np.float64], str] | None,
-    rows: NDArray[np.int64],
-    values: NDArray[np.float64],
-    options: ReadingOptions,
-    remarks: list[str],
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return increasing times, s, and the indices among the rows that have them."""
-    count = len(rows)
-    if stamp is None:
-        return np.arange(count) / (options.rate or 1.0), np.arange(count)
-    time, unit = seconds(stamp[0][rows], stamp[1])
-    if unit != "s":
-        remarks.append(f"the time is in {unit}")
-    order, steps = np.arange(count), np.diff(time)
-    forward = steps[steps > 0]
-    interval = float(np.median(forward)) if len(forward) else 0.0
-    farthest = -float(np.min(steps, initial=0.0))
-    if farthest > _DISORDER * interval:
-        row = int(np.argmax(steps < 0))
-        raise DemonstrationError(
-            f"time does not increase after sample {row} ({time[row]:g} s, then "
-            f"{time[row + 1]:g} s). Cut the file there, or, if the samples are at equal "
-            f"intervals, give their rate: --sample-rate {_rate(interval)}"
-        )
-    if farthest > 0:
-        remarks.append("samples put in the order of time")
-        order = np.argsort(time, kind="stable")
-        time, values = time[order], values[order]
-    is_new = np.concatenate([[True], np.diff(time) != 0])
-    is_other = np.concatenate([[False], np.any(np.diff(values, axis=0) != 0, axis=1)])
-    repeated = int(np.count_nonzero(~is_new))
-    is_coarse = np.count_nonzero(~is_new & is_other) > _MOST_REPEATED * count
-    if is_coarse or repeated > _MOST_EQUAL * count:
-        raise DemonstrationError(
-            f"the time stays the same in {repeated} of {count} samples: it is too coarse. "
-            "Give the sample rate instead: --sample-rate "
-            f"{_rate((time[-1] - time[0]) / count)}"
-        )
-    if repeated:
-        samples = counted(repeated, "sample")
-        remarks.append(f"{samples} with the time of the one before left out")
-    return time[is_new], order[is_new]
-
-
-def _rate(interval: float) -> str:
-    """Return the sample rate of an interval in s, for a command."""
-    return f"{1 / interval:.6g}" if interval > 0 else "100"
 
 
 def _unit(column: _Column, channel: str, options: ReadingOptions) -> str:

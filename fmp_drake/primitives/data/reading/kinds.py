@@ -133,10 +133,9 @@ def _unpacked(path: Path) -> tuple[str, bytes]:
             if not name.endswith("/") and not Path(name).name.startswith(".")
         ]
         if len(names) != 1:
-            listed = shlex.join(names)
             raise SkillFileError(
                 f"{path} holds {len(names)} files; unpack it and name them: unzip "
-                f"{shlex.quote(str(path))} && fmp-drake inspect {listed}"
+                f"{shlex.quote(str(path))} && fmp-drake inspect {shlex.join(names)}"
             )
         with archive.open(names[0]) as member:
             return Path(names[0]).name, member.read(MOST_BYTES + 1)

@@ -46,12 +46,14 @@ def read_optitrack(path: Path, _options: ReadingOptions) -> list[Table]:
     types, bodies, kinds = (
         [*labels.get(key, []), *[""] * len(axes)] for key in ("Type", "Name", "")
     )
-    moving = [i for i in range(2, len(axes)) if kinds[i] in ("Position", "Rotation")]
-    columns = [i for i in moving if types[i] in _RIGID] or moving
-    omitted = {bodies[i] for i in moving} - {bodies[i] for i in columns}
+    pose_columns = [
+        i for i in range(2, len(axes)) if kinds[i] in ("Position", "Rotation")
+    ]
+    columns = [i for i in pose_columns if types[i] in _RIGID] or pose_columns
+    omitted_bodies = {bodies[i] for i in pose_columns} - {bodies[i] for i in columns}
     remark = "OptiTrack, " + ", ".join(dict.fromkeys(bodies[i] for i in columns))
-    if omitted:
-        remark += f"; {counted(len(omitted), 'marker')} left out"
+    if omitted_bodies:
+        remark += f"; {counted(len(omitted_bodies), 'marker')} left out"
     units = {
         "Position": unit_symbol(settings.get("Length Units", "")),
         "Rotation": "" if "W" in axes else "deg",

@@ -7,6 +7,7 @@ import math
 import re
 import zipfile
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -222,12 +223,8 @@ def _group_table(
         arrays[name.rsplit("/", 1)[-1]] = np.asarray(sets[name])
     table = table_of(path, arrays, rate=None if times else rate)
     remark = ", ".join(names) + (f" at {rate:g} Hz" if rate and not times else "")
-    return Table(
-        names=table.names,
-        units=table.units,
-        values=table.values,
-        remarks=(f"{episode}: {remark}" if episode else remark, *table.remarks),
-    )
+    remark = f"{episode}: {remark}" if episode else remark
+    return replace(table, remarks=(remark, *table.remarks))
 
 
 def _rate(group: Any) -> float | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.errors import DemonstrationError, FmpError, SkillFileError
+from fmp_drake.errors import FmpError, SkillFileError
 
 # Greatest size of a recording, bytes of numbers or of text.
 MOST_BYTES = 2**28
@@ -37,10 +37,6 @@ _SYMBOLS = {
 _SUFFIXES = "|".join(sorted({*TIMES, *LENGTHS, *ANGLES}, key=len, reverse=True))
 # Names of arrays of times.
 TIME_NAME = re.compile(r"(?:.*[/.])?(time|times|timestamps?|t)")
-# Least time since 1970 in each unit.
-_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (0.0, "s"))
-# Plausible sample intervals of a recorded movement, s.
-_STEPS = (4e-4, 0.5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,43 +156,3 @@ def standard_unit(unit: str) -> tuple[float, str]:
         if unit in factors:
             return factors[unit], standard
     return 1.0, unit
-
-
-def seconds(time: NDArray[np.float64], stated: str) -> tuple[NDArray[np.float64], str]:
-    """Return times in seconds and their unit in the file; times since 1970 start at 0.
-
-    Parameters
-    ----------
-    time : ndarray, shape (N,)
-    stated : str
-        The unit; "" to infer it from the numbers.
-
-    Raises
-    ------
-    DemonstrationError
-        Where the unit is unknown or cannot be inferred.
-    """
-    if stated and stated not in TIMES:
-        raise DemonstrationError(
-            f"the time is in {stated!r}; s, ms, us and ns are understood."
-        )
-    steps = np.abs(np.diff(time))
-    steps = steps[steps > 0]
-    unit = stated
-    if not unit and len(steps):
-        step, start = float(np.median(steps)), abs(float(time[0]))
-        if start > 1e8:
-            unit = next(name for limit, name in _EPOCHS if start > limit)
-        elif step < 1:
-            unit = "s"
-        elif np.all(np.diff(time) == 1):
-            raise DemonstrationError(
-                "the time counts 1, 2, 3 ...: samples, or milliseconds? Give the sample "
-                "rate (--sample-rate), or the unit (--columns 'time=t [ms]')."
-            )
-        else:
-            low, high = _STEPS
-            units = (u for u in ("ms", "us", "ns") if low <= step * TIMES[u] <= high)
-            unit = next(units, "s")
-    start = time[0] if abs(time[0]) * TIMES[unit or "s"] > 1e8 else 0.0
-    return (time - start) * TIMES[unit or "s"], unit or "s"

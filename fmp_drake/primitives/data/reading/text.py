@@ -161,11 +161,8 @@ def _decoded(path: Path) -> str:
     """Return the text of a file in UTF-8, UTF-16 or the encoding of old spreadsheets."""
     check_size(path, path.stat().st_size, MOST_BYTES / 2)
     raw = path.read_bytes()
-    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        encodings = ["utf-16"]
-    else:
-        encodings = ["utf-8-sig", "cp1252"]
-    for encoding in encodings:
+    is_utf_16 = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ("utf-16",) if is_utf_16 else ("utf-8-sig", "cp1252"):
         try:
             text = raw.decode(encoding)
         except UnicodeDecodeError:
@@ -193,10 +190,10 @@ def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
             if fraction > most:
                 most, best = fraction, delimiter
         # A single number before rows of another length belongs to the preamble.
-        alone = after is not None and len(
+        is_alone = after is not None and len(
             split_cells(lines[after], best or " ")
         ) != len(split_cells(lines[i], best or " "))
-        if best and not (alone and len(split_cells(lines[i], best)) == 1):
+        if best and not (is_alone and len(split_cells(lines[i], best)) == 1):
             return i, best
     raise SkillFileError(
         f"{path} has no line of numbers among its first {_LONGEST_PREAMBLE}; expected a "
