@@ -68,6 +68,9 @@ def load_yaml(schema: type, text: str) -> Any:
     )
 
 
+_ANGLE: dict[str, Any] = {"least": -6.3, "most": 6.3, "hint": "in rad, not degrees"}
+
+
 @dataclass(kw_only=True)
 class BoardMotion:
     """Oscillation of a board on a rail.
@@ -117,7 +120,7 @@ class PoseConfig:
     """
 
     translation: list[float] = bounded([0.0, 0.0, 0.0])
-    rpy: list[float] = bounded([0.0, 0.0, 0.0])
+    rpy: list[float] = bounded([0.0, 0.0, 0.0], **_ANGLE)
 
     def transform(self) -> RigidTransform:
         """Return the pose."""
@@ -165,7 +168,7 @@ class BoardConfig:
     radius: float = bounded(0.30, above=0)
     axis: str = "x"
     translation: list[float] = bounded([0.55, 0.0, 0.10])
-    rpy: list[float] = bounded([0.0, 0.0, 0.0])
+    rpy: list[float] = bounded([0.0, 0.0, 0.0], **_ANGLE)
     size: list[float] = bounded([0.50, 0.70], least=0.1, most=10)
     friction: float = bounded(0.5, least=0)
     legs: bool = True

@@ -298,3 +298,30 @@ def test_an_own_model_with_a_fixed_gripper_and_without_its_meshes_is_an_arm(tmp_
     }
     robot = MakeRobotModel(LoadRobot(_own(tmp_path, changes)))
     assert robot.plant.num_positions() == 6
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (
+            "base_pose: {xyz: [0, 0, 1]}",
+            "base_pose has no key 'xyz'; allowed are: tran",
+        ),
+        (
+            "flanche: here",
+            "it has no key 'flanche'; allowed are: description, model, b",
+        ),
+        (
+            "base_pose: {rpy: [180, 0, 0]}",
+            r"base_pose\.rpy\[0\] is 180.0; .*not degrees",
+        ),
+    ],
+)
+def test_mistakes_in_a_robot_s_file_are_named(tmp_path, line, reason):
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "model: a.urdf\nbase: b\nflange: f\nposture: [0.0]" + f"\n{line}\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(StationError, match=reason):
+        LoadRobot(file)

@@ -1,11 +1,13 @@
 """Robots: configuration (a YAML file beside a URDF), models in plants, rigid geometry."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 from pydrake.geometry import (
     Box,
@@ -19,6 +21,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import shown
 from fmp_drake.settings import bounded, check_settings, check_yaml
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import AddFmpDrakePackage, models_dir
@@ -154,10 +157,24 @@ def LoadRobot(robot: str | Path) -> RobotConfig:
     with in_one_line(f"{file.name} is not a robot"):
         text = file.read_text(encoding="utf-8")
         check_yaml(text, "it", StationError)
+        _CheckKeys(yaml.safe_load(text), RobotConfig())
         config: RobotConfig = load_yaml(RobotConfig, text)
         _CheckRobot(config)
     config.model = str(file.parent / config.model)
     return config
+
+
+def _CheckKeys(value: object, default: object, name: str = "it") -> None:
+    """Check that a mapping has no other keys than a dataclass."""
+    if not is_dataclass(default) or not isinstance(value, Mapping):
+        return
+    allowed = [field.name for field in fields(default)]
+    for key, item in value.items():
+        if key not in allowed:
+            raise StationError(
+                f"{name} has no key {shown(key)}; allowed are: {', '.join(allowed)}."
+            )
+        _CheckKeys(item, getattr(default, key), str(key))
 
 
 def _CheckRobot(config: RobotConfig) -> None:
