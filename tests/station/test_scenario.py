@@ -162,7 +162,7 @@ def test_missing_file_is_named(tmp_path):
         ("- 1\n", ["list"]),
         # What is well written but cannot be.
         ("board: {translation: [0.5, 0.0]}", ["board.translation", "3 numbers"]),
-        ("board: {rpy: [0.0, .nan, 0.0]}", ["board.rpy[1] is nan", "finite"]),
+        ("board: {rpy: [0.0, .nan, 0.0]}", ["board.rpy[1] is nan", "in rad"]),
         ("board: {size: [0.05, 0.7]}", ["board.size", "at least 0.1"]),
         ("board: {shape: saddle}", ["board.shape", "plane, cylinder, dome, bowl"]),
         ("board: {axis: z}", ["board.axis is z", "x or y"]),
