@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist
 
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.period import (
@@ -440,12 +439,15 @@ def _nearest_apart(states: Array, rests: Mask, period: float) -> Array:
     chosen = np.flatnonzero(~rests)
     out = np.full(len(states), np.inf)
     if len(chosen):
-        for first in range(0, len(states), 500):
-            part = np.arange(first, min(first + 500, len(states)))
-            distance = cdist(states[part], states[chosen])
+        states = states - states[chosen].mean(axis=0)
+        others = states[chosen]
+        squares = np.sum(others**2, axis=1)
+        for first in range(0, len(states), 100):
+            part = np.arange(first, min(first + 100, len(states)))
+            distance = squares - 2 * states[part] @ others.T
             begins = np.searchsorted(chosen, part - 0.5 * period, side="right")
             ends = np.searchsorted(chosen, part + 0.5 * period)
             for row, begin, end in zip(distance, begins, ends, strict=True):
                 row[begin:end] = np.inf
-            out[part] = distance.min(axis=1)
-    return out
+            out[part] = distance.min(axis=1) + np.sum(states[part] ** 2, axis=1)
+    return np.sqrt(np.maximum(out, 0.0))

@@ -213,22 +213,21 @@ def _grid_path(
     count = int(np.clip(_STATES_PER_SAMPLE * 2 * np.pi / velocity, *_STATES))
     grid = 2 * np.pi * np.arange(count) / count
     states, rates = cycle.values(grid), velocity * cycle.values(grid, 1)
-    cost = 1.0 * _distances(values, states)
-    cost += 0.5 * _distances(np.gradient(values, axis=0), rates)
-    cost /= 2 * _VALUE_SPREAD**2
+    # Squared distances of values and velocities, each relative to the variance of the states.
+    # What is the same for all states does not matter.
+    sizes = [max(x.var(axis=0).sum(), 1e-300) for x in (states, rates)]
+    scales = np.sqrt([1 / sizes[0], 0.5 / sizes[1]]) / (np.sqrt(2) * _VALUE_SPREAD)
+    scales = np.repeat(scales, values.shape[1])
+    centre = states.mean(axis=0)
+    samples = np.hstack([values - centre, np.gradient(values, axis=0)]) * scales
+    nodes = np.hstack([states - centre, rates]) * scales
+    cost = np.column_stack([samples, np.ones(len(samples))]) @ np.vstack(
+        [-2 * nodes.T, np.sum(nodes**2, axis=1)]
+    )
     nominal = velocity * count / (2 * np.pi)
     increments = np.arange(int(_FASTEST * nominal) + 1) / nominal
     start, path = best_path(cost, ((increments - 1) / _VELOCITY_SPREAD) ** 2 / 2)
     return np.asarray((start + np.cumsum(path)) * (2 * np.pi / count), dtype=float)
-
-
-def _distances(
-    values: NDArray[np.float64], states: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return squared distances (n, S), relative to the variance of the S states."""
-    total = max(float(states.var(axis=0).sum()), 1e-300)
-    squares = np.sum(values**2, axis=1)[:, None] + np.sum(states**2, axis=1)
-    return np.maximum(squares - 2 * values @ states.T, 0) / total
 
 
 @compiled
@@ -253,25 +252,29 @@ def best_path(
     """
     n, count = cost.shape
     reach = len(step_cost) - 1
-    best = cost[0].copy()
-    # Without a remainder of a division in the innermost loop.
+    best = cost.copy()
+    # Without a remainder of a division in the innermost loop, over the states, which is
+    # vectorised. The increments are found again on the way back.
     unrolled = np.empty(reach + count)
-    choice = np.zeros((n, count), dtype=np.int16)
+    least = np.empty(count)
     for i in range(1, n):
         for s in range(reach + count):
-            unrolled[s] = best[(s - reach) % count]
-        for s in range(count):
-            least, by = np.inf, 0
-            for j in range(reach + 1):
-                total = unrolled[s + reach - j] + step_cost[j]
-                if total < least:
-                    least, by = total, j
-            best[s] = least + cost[i, s]
-            choice[i, s] = by
+            unrolled[s] = best[i - 1, (s - reach) % count]
+        least[:] = np.inf
+        for j in range(reach + 1):
+            before = unrolled[reach - j : reach - j + count]
+            for s in range(count):
+                total = before[s] + step_cost[j]
+                least[s] = min(least[s], total)
+        best[i] += least
     out = np.zeros(n, dtype=np.int64)
-    state = int(np.argmin(best))
+    state = int(np.argmin(best[n - 1]))
     for i in range(n - 1, 0, -1):
-        out[i] = choice[i, state]
+        lowest = np.inf
+        for j in range(reach + 1):
+            total = best[i - 1, (state - j) % count] + step_cost[j]
+            if total < lowest:
+                lowest, out[i] = total, j
         state = (state - out[i]) % count
     return state, out
 
