@@ -25,7 +25,7 @@ from fmp_drake.primitives.data.channels import ROTATION_CHANNELS
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills import learn_skill
-from fmp_drake.skills.description import skill_in_words
+from fmp_drake.skills.description import skill_in_words, source_in_words
 from fmp_drake.skills.placement import load_as_recorded, load_on_board
 from fmp_drake.station import Scenario
 
@@ -123,9 +123,8 @@ def learn(
             progress=status.update,
         )
     console.print(
-        f"learned {len(learned.components_)} components from {learned.n_windows_} "
-        f"window{'s' * (learned.n_windows_ != 1)} of {learned.n_steps / learned.rate:g} s in "
-        f"{time.perf_counter() - start:.2f} s"
+        f"learned {len(learned.components_)} components from "
+        f"{source_in_words(learned)} in {time.perf_counter() - start:.2f} s"
     )
     for sentence in skill_in_words(learned):
         console.print(sentence)

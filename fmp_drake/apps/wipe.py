@@ -43,7 +43,7 @@ from fmp_drake.runs.events import ADVICE
 from fmp_drake.runs.real_time import request_priority
 from fmp_drake.runs.simulation_loop import advance, reset
 from fmp_drake.skills import scenario_skill
-from fmp_drake.skills.description import model_in_words
+from fmp_drake.skills.description import model_in_words, source_in_words
 from fmp_drake.station import Scenario
 from fmp_drake.station.page.page_scene import describe_page
 from fmp_drake.station.reach.feasibility import CheckFeasibility, Feasibility
@@ -206,9 +206,8 @@ def wipe(
         for text in (
             *remarks,
             (
-                f"skill of {len(skill.components_)} components from {skill.n_windows_} "
-                f"window{'s' * (skill.n_windows_ != 1)} of "
-                f"{skill.n_steps / skill.rate:g} s, ready after {learn_seconds:.2f} s"
+                f"skill of {len(skill.components_)} components from "
+                f"{source_in_words(skill)}, ready after {learn_seconds:.2f} s"
             ),
             model_in_words(skill),
         ):

@@ -58,6 +58,24 @@ def skill_in_words(skill: FourierMovementPrimitive) -> list[str]:
     return [model_in_words(skill), *remarks, _about_playing(skill)]
 
 
+def source_in_words(skill: FourierMovementPrimitive) -> str:
+    """Return what a skill was learned from: the cycles of a phase model, else windows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> phase = np.arange(0, 12.6, 0.1)
+    >>> circles = 0.1 * np.column_stack([np.cos(phase), np.sin(phase)])
+    >>> source_in_words(FourierMovementPrimitive(model="phase").fit(circles))
+    '2.0 cycles of 3.14 s'
+    """
+    if skill.phase_model_ is None:
+        return f"{skill.n_windows_} windows of {skill.window:g} s"
+    rhythm = skill.rhythm_
+    cycles = skill.phase_model_.cycles if rhythm is None else rhythm.cycles
+    return f"{cycles:.1f} cycles of {skill.period_:.2f} s"
+
+
 def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
     seconds = sum(len(path) for path in skill.paths_) / skill.rate
     window = skill.n_steps / skill.rate

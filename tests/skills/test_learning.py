@@ -12,7 +12,7 @@ from fmp_drake.primitives import (
     save_skill,
 )
 from fmp_drake.skills import learn_skill, scenario_skill
-from fmp_drake.skills.description import skill_in_words
+from fmp_drake.skills.description import skill_in_words, source_in_words
 from fmp_drake.skills.learning import shared_skill
 from fmp_drake.skills.placement import lay_on_board
 from fmp_drake.station.scenario import Scenario
@@ -97,6 +97,16 @@ def test_unusual_cycles_are_reported(values, said):
     )
     (odd,) = skill_in_words(skill)[2:-1]
     assert re.match(said, odd)
+
+
+def test_a_bout_shorter_than_a_window_is_reported_by_its_cycles():
+    short = circles(2 * np.pi * np.arange(38) / 24)
+    skill = FourierMovementPrimitive(model="phase", rate=20.0).fit(short)
+    assert skill.n_windows_ == 0
+    assert source_in_words(skill) == "1.6 cycles of 1.19 s"
+    assert "; windows of 2 s at 20 Hz" in repr(skill)
+    mixture = FourierMovementPrimitive(model="mixture", window=1.0, rate=20.0)
+    assert source_in_words(mixture.fit(short)) == "19 windows of 1 s"
 
 
 def test_tremor_of_the_force_is_not_learned_and_the_path_is_learned_as_it_was_shown():
