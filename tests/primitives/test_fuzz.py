@@ -146,14 +146,13 @@ parameters = st.fixed_dictionaries(
         "n_steps": st.one_of(st.integers(6, 12), no_numbers, numbers),
         "stride": st.one_of(small, no_numbers, numbers),
         "rate": st.one_of(numbers, no_numbers),
-        "n_components": st.one_of(small, st.just("bic"), no_numbers, numbers),
+        "n_components": st.one_of(small, st.just("automatic"), no_numbers, numbers),
         "overlap": st.one_of(small, no_numbers, numbers),
         "explained_variance": st.one_of(st.floats(0, 1.1), numbers, no_numbers),
         "regularization": st.one_of(st.floats(0, 1), numbers, no_numbers),
         "shrinkage": st.one_of(st.floats(0, 9), numbers, no_numbers),
         "scales": st.one_of(st.just("units"), arrays(2), arrays(3), no_numbers),
         "tolerance": st.one_of(st.floats(0, 1), numbers, no_numbers),
-        "selection": st.one_of(st.sampled_from(["cost", "evidence"]), no_numbers),
         "random_state": st.one_of(small, no_numbers, numbers),
     },
 )
@@ -199,7 +198,7 @@ def sets_of_windows(draw):
 @given(
     st.one_of(sets_of_windows(), sets_of_windows(), no_numbers, odd_shapes()),
     st.one_of(st.none(), arrays(5), no_numbers, st.just("ones")),
-    st.sampled_from([1, 2, 8, "bic"]),
+    st.sampled_from([1, 2, 8, "automatic"]),
 )
 def test_any_windows_are_refused_or_learned(x, weights, n_components):
     if isinstance(weights, str) and weights == "ones":

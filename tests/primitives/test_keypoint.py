@@ -6,7 +6,6 @@ from dense_paper import dense
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from sklearn.base import clone
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import Keypoint
@@ -203,16 +202,6 @@ def test_plan_observes_channels_and_derivatives_as_keypoints_do(small_skill):
     one = plan.map([0.1, 0.2])
     two = small_skill.map_keypoints(points)
     assert_allclose(one.weights, two.weights, atol=1e-12)
-
-
-def test_selection_of_the_skill_is_used(small_skill):
-    points = [Keypoint(step=3, values=[0.0, 0.0])]
-    other = clone(small_skill).set_params(selection="evidence")
-    other.__dict__.update(
-        {k: v for k, v in vars(small_skill).items() if k.endswith("_")}
-    )
-    one, two = small_skill.map_keypoints(points), other.map_keypoints(points)
-    assert not np.allclose(one.costs, two.costs)
 
 
 # Errors -----------------------------------------------------------------------

@@ -168,26 +168,6 @@ def test_keypoints_with_a_tolerance_each_are_posterior_means(problem):
     assert mapping.component == int(np.argmin(costs))
 
 
-@settings(deadline=None, max_examples=60)
-@given(problems())
-def test_evidence_is_the_density_of_the_observation(problem):
-    pi, components, rows, tolerance, y = problem
-    plan = MappingPlan(
-        pi, components, rows=rows, tolerance=tolerance, selection="evidence"
-    )
-    expected = []
-    for p, component in zip(pi, components, strict=True):
-        mean, cov = component.marginal(rows)
-        log_density = dense_paper.gaussian_log_density(
-            y, mean, cov + np.diag(tolerance)
-        )
-        expected.append(-np.log(p) - log_density)
-    constant = 0.5 * len(y) * np.log(2 * np.pi)
-    mapping = plan.map(y)
-    assert_allclose(mapping.costs + constant, expected, rtol=1e-8, atol=1e-8)
-    assert mapping.component == int(np.argmin(expected))
-
-
 def plan_of_two(**changes):
     component = LowRankGaussian(
         mean=np.zeros(3), basis=np.eye(3)[:, :1], variances=np.ones(1), noise=0.1
@@ -208,11 +188,6 @@ def test_one_row_may_be_given_as_a_vector():
 def test_tolerance_that_is_not_positive_is_refused(tolerance):
     with pytest.raises(SkillError, match="must be positive"):
         plan_of_two(tolerance=tolerance)
-
-
-def test_unknown_selection_is_refused():
-    with pytest.raises(SkillError, match="'best'; choose 'cost'"):
-        plan_of_two(selection="best")
 
 
 def test_observation_of_another_length_is_refused():

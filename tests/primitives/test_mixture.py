@@ -127,28 +127,6 @@ def test_one_proportion_is_needed_per_component():
         log_densities(clusters(), np.array([0.5, 0.5]), components)
 
 
-# Number of components -------------------------------------------------------
-
-
-@pytest.mark.parametrize("centres", [1, 2, 4])
-def test_bic_finds_the_number_of_separate_clusters(centres):
-    w = clusters(centres=centres)
-    pi, _ = fit_mixture(
-        w, **{**OPTIONS, "n_components": "bic", "explained_variance": 0.999}
-    )
-    assert len(pi) == centres
-    counts = np.arange(centres, 0, -1)
-    assert_allclose(pi, counts / counts.sum(), atol=1e-6)
-
-
-@pytest.mark.parametrize("count", [2, 3, 5])
-def test_bic_chooses_among_few_windows(count):
-    w = np.random.default_rng(0).standard_normal((count, 12))
-    pi, components = fit_mixture(w, **{**OPTIONS, "n_components": "bic"})
-    assert 1 <= len(components) <= max(1, count // 2)
-    assert pi.sum() == pytest.approx(1)
-
-
 # Principal directions -------------------------------------------------------
 
 

@@ -299,6 +299,19 @@ def test_pickles_are_refused_and_never_run(saved, tmp_path):
     assert not mark.exists()
 
 
+def test_file_with_parameters_of_an_earlier_version_is_read(saved, small_skill):
+    def as_before(metadata):
+        del metadata["overlap"], metadata["parameters"]["window"]
+        metadata["parameters"].update(
+            selection="evidence", n_components="bic", overlap=small_skill.overlap
+        )
+
+    loaded = load_skill(rewritten(saved, as_before))
+    assert loaded.get_params()["n_components"] == len(small_skill.components_)
+    assert loaded.overlap == small_skill.overlap
+    assert np.array_equal(loaded.sample(2), small_skill.sample(2))
+
+
 def test_file_of_version_1_has_scales_of_1_and_no_orientation(saved, small_skill):
     def older(metadata):
         metadata.pop("rotation_reference")

@@ -99,6 +99,18 @@ def test_tempo_leaves_the_distribution_over_windows(small_skill):
     assert np.array_equal(fast.sample(3, seed=1), small_skill.sample(3, seed=1))
 
 
+@pytest.mark.parametrize("options", [{}, {"window": 1.0}])
+def test_another_tempo_has_the_same_samples(options, tmp_path):
+    values = np.cumsum(np.random.default_rng(0).standard_normal((400, 2)), axis=0)
+    skill = FourierMovementPrimitive(model="mixture", rate=20.0, **options).fit(values)
+    for factor in (0.3, 3.0):
+        copy = scale_tempo(skill, factor)
+        save_skill(copy, tmp_path / "skill.npz")
+        for other in (copy, load_skill(tmp_path / "skill.npz")):
+            assert (other.n_steps, other.overlap) == (skill.n_steps, skill.overlap)
+            assert other.window == pytest.approx(skill.window / factor)
+
+
 def test_tempo_halves_the_period(small_skill):
     def fastest_frequency(skill):
         # Of the mean, without its offset.

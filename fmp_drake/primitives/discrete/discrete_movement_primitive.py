@@ -14,7 +14,7 @@ from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.demonstration import Demonstration
-from fmp_drake.primitives.model.mapping import MappingPlan, Selection
+from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.playback.motion import Motion
 
@@ -111,7 +111,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         T, samples of a movement.
     n_components : int
         M, Gaussians in the mixture; at most half the number of demonstrations are used.
-    explained_variance, regularization, tolerance, selection, random_state
+    explained_variance, regularization, tolerance, random_state
         See `FourierMovementPrimitive`.
     confidence : float
         Probability mass of the ellipsoid of a component's weights that an adapted
@@ -153,7 +153,6 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         explained_variance: float = 0.9999,
         regularization: float = 1e-8,
         tolerance: float = 1e-8,
-        selection: Selection = "cost",
         confidence: float = 0.99,
         random_state: int = 0,
     ) -> None:
@@ -162,7 +161,6 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         self.explained_variance = explained_variance
         self.regularization = regularization
         self.tolerance = tolerance
-        self.selection = selection
         self.confidence = confidence
         self.random_state = random_state
 
@@ -206,7 +204,6 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
             explained_variance=self.explained_variance,
             regularization=self.regularization,
             tolerance=self.tolerance,
-            selection=self.selection,
             random_state=self.random_state,
         )
         skill.fit([_mirrored(d, self.n_steps, rate) for d in demonstrations])
@@ -340,7 +337,6 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
             skill.components_,
             rows=np.concatenate(rows),
             tolerance=np.concatenate(tolerances),
-            selection=skill.selection,
         )
         mapping = plan.map(np.concatenate(values))
         gaussian = skill.components_[mapping.component]

@@ -21,6 +21,8 @@ from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
+_SAMPLES = 1000
+
 
 @dataclass(frozen=True, kw_only=True)
 class SpectralPeak:
@@ -67,12 +69,8 @@ class Spectrum:
         Circular mean, -pi to pi, and circular standard deviation, rad. They mean little
         for sliding windows, which start at any phase: use the relative ones.
     relative_phase_mean, relative_phase_std : ndarray, shape (H, D)
-        The same for the phase relative to the reference channel, rad, which does not
+        The same for the phase relative to that of the first channel, rad, which does not
         depend on the start of a window.
-    reference : str
-        The reference channel.
-    reference_harmonic : int or None
-        None: each harmonic is relative to the same one of the reference channel.
 
     Examples
     --------
@@ -93,8 +91,6 @@ class Spectrum:
     phase_std: NDArray[np.float64]
     relative_phase_mean: NDArray[np.float64]
     relative_phase_std: NDArray[np.float64]
-    reference: str
-    reference_harmonic: int | None
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -155,8 +151,6 @@ def window_spectrum(
     *,
     rate: float,
     channels: Sequence[str] = (),
-    reference: str | int = 0,
-    reference_harmonic: int | None = None,
 ) -> Spectrum:
     """Return the statistics of magnitude and phase of windows.
 
@@ -168,30 +162,20 @@ def window_spectrum(
         Samples per second (Hz).
     channels : sequence of str
         Names of the channels; `c0`, `c1` and so on where empty.
-    reference : str or int
-        Reference channel r of the relative phases.
-    reference_harmonic : int, optional
-        None gives phi_k - phi_k^r, the lead of a channel over the reference at
-        the same frequency. A harmonic h, for example that of the fundamental frequency,
-        gives (h phi_k - k phi_h^r) / gcd(h, k): for multiples of h the phase in
-        a period that starts where the reference peaks, otherwise the generalised
-        phase difference of h:k locking (P. Tass et al., "Detection of n:m phase locking
-        from noisy data", Physical Review Letters 81, 1998).
 
     Raises
     ------
     SkillError
-        Where the windows, the rate or the reference cannot be used.
+        Where the windows or the rate cannot be used.
     """
     y = finite_array(windows, "the windows", ("windows", "samples", "channels"))
     check_number(rate, "rate", above=0.0, unit="Hz")
     names = tuple(channels) or tuple(f"c{i}" for i in range(y.shape[2]))
     if len(names) != y.shape[2]:
         raise SkillError(f"{len(names)} channel names for {y.shape[2]} channels.")
-    (index,) = channel_indices([reference], names)
     n = y.shape[1]
     magnitude, phase = polar(y)
-    relative = _relative(phase, phase[:, :, index], reference_harmonic)
+    relative = phase - phase[:, :, :1]
     power = np.mean(magnitude**2, axis=0) / 2
     power[0] = 0
     if n % 2 == 0:
@@ -209,40 +193,19 @@ def window_spectrum(
         phase_std=_circular_std(phase),
         relative_phase_mean=circmean(relative, low=-np.pi, high=np.pi, axis=0),
         relative_phase_std=_circular_std(relative),
-        reference=names[index],
-        reference_harmonic=reference_harmonic,
     )
 
 
-def skill_spectrum(
-    skill: FourierMovementPrimitive,
-    *,
-    n_samples: int = 1000,
-    seed: int = 0,
-    reference: str | int = 0,
-    reference_harmonic: int | None = None,
-) -> Spectrum:
-    """Return the statistics of magnitude and phase of a skill.
+def skill_spectrum(skill: FourierMovementPrimitive) -> Spectrum:
+    """Return the statistics of magnitude and phase of a fitted skill.
 
-    They have no closed form for a Gaussian over weights, so they are those of samples
-    without white noise.
-
-    Parameters
-    ----------
-    skill : FourierMovementPrimitive
-        Fitted.
-    n_samples : int
-        Number of windows drawn.
-    seed : int
-    reference, reference_harmonic
-        See `window_spectrum`.
+    They have no closed form for a Gaussian over weights, so they are those of 1000
+    samples without white noise.
     """
     return window_spectrum(
-        skill.sample(n_samples, seed=seed, with_noise=False),
+        skill.sample(_SAMPLES, with_noise=False),
         rate=skill.rate,
         channels=skill.channels_,
-        reference=reference,
-        reference_harmonic=reference_harmonic,
     )
 
 
@@ -256,20 +219,6 @@ def polar(
     if n % 2 == 0:
         spectrum[:, -1] /= 2
     return np.abs(spectrum), np.angle(spectrum)
-
-
-def _relative(
-    phase: NDArray[np.float64], reference: NDArray[np.float64], harmonic: int | None
-) -> NDArray[np.float64]:
-    """Return phases (N, H, D) relative to those (N, H) of the reference channel."""
-    if harmonic is None:
-        return phase - reference[:, :, None]
-    count = phase.shape[1]
-    check_number(harmonic, "reference_harmonic", least=1, most=count - 1, whole=True)
-    k = np.arange(count)
-    common = np.gcd(harmonic, k)
-    own = (harmonic // common)[:, None] * phase
-    return own - (k // common)[:, None] * reference[:, [harmonic], None]
 
 
 def _circular_std(phase: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -48,7 +48,13 @@ def scale_tempo(
         Where the factor is not positive.
     """
     check_number(factor, "factor", above=0.0)
-    return copy_skill(skill, parameters={"rate": float(skill.rate * factor)})
+    parameters = {
+        "rate": float(skill.rate * factor),
+        "n_steps": skill.n_steps,
+        "window": None,
+        "overlap": skill.overlap,
+    }
+    return copy_skill(skill, parameters=parameters)
 
 
 def transform_space(

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +11,6 @@ from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST, as_floats, finite_array
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-
-Selection = Literal["cost", "evidence"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,8 +58,7 @@ class Mapping:
     component : int
         j* of (15).
     costs : ndarray, shape (M,)
-        Cost of each component: (15) divided by lambda, or the negative log evidence up
-        to a constant.
+        Cost of each component: (15) divided by lambda.
 
     Examples
     --------
@@ -109,9 +105,6 @@ class MappingPlan:
     tolerance : array_like, shape () or (m,)
         lambda of (13), in squared units of the observation, common or for each value.
         An observation with a smaller one is met more closely.
-    selection : {"cost", "evidence"}
-        Criterion for the component: (15), or the evidence of the observation, which
-        adds the log determinant of S_j.
 
     Examples
     --------
@@ -132,7 +125,6 @@ class MappingPlan:
         *,
         rows: ArrayLike,
         tolerance: ArrayLike = 1e-8,
-        selection: Selection = "cost",
     ) -> None:
         phi = np.atleast_2d(as_floats(rows, "the rows"))
         phi = as_floats(phi, "the rows", ("m", components[0].dim))
@@ -146,14 +138,9 @@ class MappingPlan:
                 f"the tolerances run from {np.min(lam)} to {np.max(lam)}; every one "
                 "must be positive and finite."
             )
-        if selection not in ("cost", "evidence"):
-            raise SkillError(
-                f"selection is {selection!r}; choose 'cost' (15) or 'evidence'."
-            )
         self.size = size
         n_components = len(components)
         whitening = np.empty((n_components, size, size))
-        offsets = np.empty(n_components)
         self._gains = np.empty((n_components, phi.shape[1], size))
         self._means = np.stack([c.mean for c in components])
         expected = self._means @ phi.T
@@ -169,17 +156,10 @@ class MappingPlan:
                 ) from None
             whitening[j] = solve_triangular(lower, np.eye(size), lower=True)
             self._gains[j] = cross.T @ (whitening[j].T @ whitening[j])
-            offsets[j] = -np.log(proportions[j])
-            if selection == "evidence":
-                offsets[j] += np.sum(np.log(np.diag(lower)))
-        # (15) weighs the squares by 1, a log density by 1/2.
-        weight = 1.0 if selection == "cost" else 0.5
-        self._whitening = np.sqrt(weight) * whitening.reshape(-1, size)
-        self._whitened = np.einsum(
-            "jab,jb->ja", self._whitening.reshape(whitening.shape), expected
-        )
+        self._whitening = whitening.reshape(-1, size)
+        self._whitened = np.einsum("jab,jb->ja", whitening, expected)
         self._expected = expected
-        self._offsets = offsets
+        self._offsets = -np.log(proportions)
 
     def map(self, values: ArrayLike) -> Mapping:
         """Return the weights of the component that fits observed values (m,) best."""

@@ -13,7 +13,7 @@ from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
-ComponentCount = int | Literal["automatic", "bic"]
+ComponentCount = int | Literal["automatic"]
 Progress = Callable[[str], None]
 
 MOST_COMPONENTS = 80
@@ -21,8 +21,6 @@ MOST_COMPONENTS = 80
 # The least number, and windows for each: with fewer windows the held-out density and
 # prediction get worse.
 _LEAST_COMPONENTS, _WINDOWS_EACH = 5, 7
-# Candidates for BIC.
-_CANDIDATES = (1, 2, 3, 4, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80)
 # Above this number of windows and weights the Gram matrix is decomposed instead.
 _LARGE = 1000
 _LOG_2_PI = float(np.log(2 * np.pi))
@@ -39,14 +37,11 @@ class MixtureFit:
     means : ndarray, shape (M, r)
     covariances : ndarray, shape (M, r, r)
         With the regulariser on their diagonals.
-    log_likelihood : float
-        Weighted mean of the samples' log densities.
     """
 
     proportions: NDArray[np.float64]
     means: NDArray[np.float64]
     covariances: NDArray[np.float64]
-    log_likelihood: float
 
 
 def fit_mixture(
@@ -70,10 +65,9 @@ def fit_mixture(
     ----------
     weights : ndarray, shape (N, n)
         One row of Fourier weights per window.
-    n_components : int, "automatic" or "bic"
+    n_components : int or "automatic"
         M; at most half the number of windows are used. "automatic" takes one for each 7
-        windows, from 5 to 80, "bic" the number with the least Bayesian information
-        criterion.
+        windows, from 5 to 80.
     explained_variance : float
         Fraction of the variance that the principal directions keep, in (0, 1].
     regularization : float
@@ -106,25 +100,19 @@ def fit_mixture(
     noise = regularization + residual
     samples = (weights - mean) @ directions.T
 
-    def fitted(m: int) -> MixtureFit:
-        return fit_gaussians(
-            samples,
-            sample_weights=counts,
-            n_components=m,
-            regularization=noise,
-            shrinkage=shrinkage,
-            seed=seed,
-            progress=progress,
-        )
-
+    if n_components == "automatic":
+        n_components = n_windows // _WINDOWS_EACH
+        n_components = min(max(n_components, _LEAST_COMPONENTS), MOST_COMPONENTS)
     most = max(1, min(n_windows // 2, _distinct(samples)))
-    if n_components == "bic":
-        fit = _least_bic(fitted, n_windows, rank, most)
-    elif n_components == "automatic":
-        count = np.clip(n_windows // _WINDOWS_EACH, _LEAST_COMPONENTS, MOST_COMPONENTS)
-        fit = fitted(min(int(count), most))
-    else:
-        fit = fitted(min(n_components, most))
+    fit = fit_gaussians(
+        samples,
+        sample_weights=counts,
+        n_components=min(n_components, most),
+        regularization=noise,
+        shrinkage=shrinkage,
+        seed=seed,
+        progress=progress,
+    )
     order = np.argsort(-fit.proportions, kind="stable")
     components = []
     for j in order:
@@ -201,25 +189,6 @@ def _distinct(samples: NDArray[np.float64]) -> int:
     return len(np.unique(np.round(samples / greatest, 9), axis=0))
 
 
-def _least_bic(
-    fitted: Callable[[int], MixtureFit], n_windows: int, rank: int, most: int
-) -> MixtureFit:
-    """Try growing numbers of components until BIC has got worse twice running."""
-    best, least, worse = None, np.inf, 0
-    for m in (c for c in _CANDIDATES if c <= most):
-        fit = fitted(m)
-        free = m - 1 + m * rank + m * rank * (rank + 1) / 2
-        bic = free * np.log(n_windows) - 2 * n_windows * fit.log_likelihood
-        if bic < least:
-            best, least, worse = fit, bic, 0
-        else:
-            worse += 1
-            if worse == 2:
-                break
-    assert best is not None  # One component always fits.
-    return best
-
-
 def fit_gaussians(
     samples: NDArray[np.float64],
     *,
@@ -275,7 +244,7 @@ def fit_gaussians(
                 f"log-likelihood {now:.3f}"
             )
         fit = _maximise(
-            samples, sample_weights, responsibilities, regularization, shrinkage, now
+            samples, sample_weights, responsibilities, regularization, shrinkage
         )
         if abs(now - previous) < tolerance:
             break
@@ -311,7 +280,6 @@ def _maximise(
     responsibilities: NDArray[np.float64],
     regularization: float,
     shrinkage: float,
-    log_likelihood: float = -np.inf,
 ) -> MixtureFit:
     counted = responsibilities * sample_weights[:, None]
     counts = counted.sum(axis=0) + _TINY
@@ -330,5 +298,4 @@ def _maximise(
         proportions=counts / counts.sum(),
         means=means,
         covariances=covariances,
-        log_likelihood=log_likelihood,
     )

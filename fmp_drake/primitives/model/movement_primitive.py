@@ -22,7 +22,6 @@ from fmp_drake.primitives.data.windows import (
     extent_of,
     weighted_windows,
 )
-from fmp_drake.primitives.model.mapping import Selection
 from fmp_drake.primitives.model.mixture import (
     MOST_COMPONENTS,
     ComponentCount,
@@ -93,11 +92,10 @@ class FourierMovementPrimitive(TrajectoryMixture):
         120) where None.
     rate : float
         Samples per second (Hz); demonstrations are resampled to it.
-    n_components : int, "automatic" or "bic"
+    n_components : int or "automatic"
         M, Gaussians in the mixture. "automatic": 80, or fewer where the recordings are
-        short: one for each 7 windows, at least 5. "bic" chooses by the Bayesian
-        information criterion. The phase model has at most so many: one for each sample
-        of a period, from 30 to 80.
+        short: one for each 7 windows, at least 5. The phase model has at most so many:
+        one for each sample of a period, from 30 to 80.
     overlap : int, optional
         K, samples that two consecutive windows share when a skill is played. Where None
         half a second, at most a quarter of `window`; 10 with `n_steps`.
@@ -116,8 +114,6 @@ class FourierMovementPrimitive(TrajectoryMixture):
         of a unit. The regularization and the tolerance are in scaled units.
     tolerance : float
         lambda of (13).
-    selection : {"cost", "evidence"}
-        How a mapping chooses its component: (15), or the evidence.
     random_state : int
         Seed of the k-means initialisation.
     window : float, optional
@@ -134,8 +130,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         The model that was learned.
     model_reason_ : str
         Reason for the choice of the model.
-    n_steps_ : int
-        T that was chosen; only where `n_steps` is None or a rhythm was found.
+    n_steps_, overlap_ : int
+        T and K that were chosen.
     rhythm_ : Rhythm or None
         Period, cycles and bouts of the demonstrations, and the parts that are left out.
     phase_model_ : PhaseModel or None
@@ -152,7 +148,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     n_channels_ : int
         D.
     n_windows_ : int
-        N, the windows learned from.
+        N, whole windows in the demonstrations.
     extent_ : ndarray, shape (2, D)
         Least and greatest value of each channel in the demonstrations.
     paths_ : tuple of ndarray, shape (samples, D)
@@ -184,22 +180,15 @@ class FourierMovementPrimitive(TrajectoryMixture):
     <FourierMovementPrimitive: mixture of 2 components; x (m), y (m); 141 windows of 6 s at 20 Hz>
     """
 
-    @classmethod
-    def _get_param_names(cls) -> list[str]:
-        """Return the names of the parameters; `window` is held as `n_steps`."""
-        return [name for name in super()._get_param_names() if name != "window"]
-
-    @property
-    def window(self) -> float:
-        """Duration of a window, s."""
-        return self.n_steps / self.rate
-
     def __repr__(self, N_CHAR_MAX: int = 700) -> str:
         """Return the parameters before `fit`, and what was learned after it."""
         if not hasattr(self, "components_"):
             return str(super().__repr__(N_CHAR_MAX))
         model = f"mixture of {len(self.components_)} components"
+        windows = f"{self.n_windows_} windows"
         if self.phase_model_ is not None:
+            # A bout may be shorter than a window.
+            windows = "windows"
             cycles = self.phase_model_.cycles
             model = f"phase model of {cycles} cycles of {self.period_:.2f} s"
         channels = ", ".join(
@@ -207,7 +196,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
             for channel, unit in zip(self.channels_, self.units_, strict=True)
         )
         return (
-            f"<{type(self).__name__}: {model}; {channels}; {self.n_windows_} windows of "
+            f"<{type(self).__name__}: {model}; {channels}; {windows} of "
             f"{self.window:g} s at {self.rate:g} Hz>"
         )
 
@@ -225,30 +214,24 @@ class FourierMovementPrimitive(TrajectoryMixture):
         shrinkage: float = 5.0,
         scales: ChannelScales = "units",
         tolerance: float = 1e-8,
-        selection: Selection = "cost",
         random_state: int = 0,
         window: float | None = None,
     ) -> None:
-        nominal_overlap = 10
-        if n_steps is None and window is None:
-            nominal_overlap = _at_least(10, 0.5, rate)
         if window is not None:
             check_number(rate, "rate", least=1e-6, most=1e6, unit="Hz")
             check_number(window, "window", least=8 / rate, most=1e6 / rate, unit="s")
-            n_steps = round(window * rate)
-            nominal_overlap = max(2, min(round(0.5 * rate), n_steps // 4))
         self.model = model
         self.n_steps = n_steps
+        self.window = window
         self.stride = stride
         self.rate = rate
         self.n_components = n_components
-        self.overlap = nominal_overlap if overlap is None else overlap
+        self.overlap = overlap
         self.explained_variance = explained_variance
         self.regularization = regularization
         self.shrinkage = shrinkage
         self.scales = scales
         self.tolerance = tolerance
-        self.selection = selection
         self.random_state = random_state
 
     def fit(
@@ -290,7 +273,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.check_parameters()
         if period is not None:
             check_number(period, "period", least=8 / self.rate, unit="s")
-        self.__dict__.pop("n_steps_", None)
+        for name in ("n_steps_", "overlap_"):
+            self.__dict__.pop(name, None)
         X = cut_demonstrations(X, start, end, self.rate)
         recorded, counts = weighted_windows(self._windows(X, at_least=0), weights)
         recordings, example = recorded.recordings(), recorded.example
@@ -308,6 +292,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 self._learn_phase(found, start or 0.0, are_windows=example is None)
             else:
                 self._learn_mixture(X, weights, progress)
+        # A copy of another tempo has another rate and the same samples.
+        self.n_steps_, self.overlap_ = self.n_steps, self.overlap
         return self
 
     def _learn_phase(
@@ -402,7 +388,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
             self.model_reason_ = "it was asked for"
             return None
         count = self.n_components
-        few = count == "bic" or (count != "automatic" and count < LEAST_COMPONENTS)
+        few = count != "automatic" and count < LEAST_COMPONENTS
         if self.model == "automatic" and few:
             self.model_reason_ = (
                 f"n_components is {count}; the phase model has "
@@ -458,8 +444,46 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
     @n_steps.setter
     def n_steps(self, value: int | None) -> None:
-        self._given_steps = value
+        self._n_steps = value
         self.__dict__.pop("n_steps_", None)
+
+    @property
+    def window(self) -> float:
+        """Duration of a window, s."""
+        return self.n_steps / self.rate
+
+    @window.setter
+    def window(self, value: float | None) -> None:
+        self._window = value
+        self.__dict__.pop("n_steps_", None)
+
+    @property
+    def overlap(self) -> int:
+        """K, samples that two consecutive windows share: as given, or about half a second."""
+        chosen: int = self.__dict__.get("overlap_", self._nominal_overlap)
+        return chosen
+
+    @overlap.setter
+    def overlap(self, value: int | None) -> None:
+        self._overlap = value
+        self.__dict__.pop("overlap_", None)
+
+    @property
+    def _nominal_overlap(self) -> int:
+        """K as given, or about half a second."""
+        if self._overlap is not None:
+            return self._overlap
+        if self._window is not None:
+            quarter = round(self._window * self.rate) // 4
+            return max(2, min(round(0.5 * self.rate), quarter))
+        return 10 if self._n_steps is not None else _at_least(10, 0.5, self.rate)
+
+    @property
+    def _given_steps(self) -> int | None:
+        """T as given, in samples or in seconds."""
+        if self._window is None:
+            return self._n_steps
+        return round(self._window * self.rate)
 
     @property
     def _most_steps(self) -> int:
@@ -484,10 +508,15 @@ class FourierMovementPrimitive(TrajectoryMixture):
         """
         return int(np.clip(longest // 2, 4 * self.overlap, self._most_steps))
 
-    def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Return the parameters of the constructor; `n_steps` as it was given."""
-        parameters: dict[str, Any] = super().get_params(deep)
-        return {**parameters, "n_steps": self._given_steps}
+    def get_params(self, deep: bool = True) -> dict[str, Any]:  # noqa: ARG002
+        """Return the parameters of the constructor, as they were given."""
+        given = {
+            "n_steps": self._n_steps,
+            "window": self._window,
+            "overlap": self._overlap,
+        }
+        names = self._get_param_names()
+        return {n: given[n] if n in given else getattr(self, n) for n in names}
 
     def check_parameters(self) -> None:
         """Raise SkillError where a parameter is out of range.
@@ -501,35 +530,28 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 f"model is {model!r}; it must be 'mixture', 'phase' or 'automatic'."
             )
         least_positive = 1 / GREATEST
-        steps = values["n_steps"]
-        if steps is None:
-            steps = _at_least(_DEFAULT_STEPS, _DEFAULT_WINDOW, values["rate"])
+        check_number(values["rate"], "rate", least=1e-6, most=1e6, unit="Hz")
+        steps = self._most_steps if self._given_steps is None else self._given_steps
         check_number(steps, "n_steps", least=8, whole=True)
-        half = steps // 2
-        check_number(values["overlap"], "overlap", least=2, most=half, whole=True)
+        overlap = self._nominal_overlap
+        check_number(overlap, "overlap", least=2, most=steps // 2, whole=True)
         if values["stride"] is not None:
             check_number(values["stride"], "stride", least=1, whole=True)
         components = values["n_components"]
-        is_named = isinstance(components, str) and components in ("automatic", "bic")
-        if not (is_named or (is_whole(components) and components >= 1)):
+        is_automatic = isinstance(components, str) and components == "automatic"
+        if not (is_automatic or (is_whole(components) and components >= 1)):
             raise SkillError(
                 f"n_components is {components!r}; it must be a whole number, at least 1, "
-                "'automatic' or 'bic'."
+                "or 'automatic'."
             )
         seed = values["random_state"]
         check_number(seed, "random_state", least=0, most=2**32 - 1, whole=True)
-        check_number(values["rate"], "rate", least=1e-6, most=1e6, unit="Hz")
         check_number(
             values["explained_variance"], "explained_variance", above=0.0, most=1.0
         )
         check_number(values["regularization"], "regularization", least=least_positive)
         check_number(values["shrinkage"], "shrinkage", least=0.0)
         check_number(values["tolerance"], "tolerance", least=least_positive)
-        selection = values["selection"]
-        if not isinstance(selection, str) or selection not in ("cost", "evidence"):
-            raise SkillError(
-                f"selection is {selection!r}; it must be 'cost' or 'evidence'."
-            )
 
 
 def _at_least(samples: int, seconds: float, rate: float) -> int:

@@ -79,6 +79,7 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
     metadata = {
         "parameters": skill.get_params(),
         "n_steps": skill.n_steps,
+        "overlap": skill.overlap,
         "n_windows": skill.n_windows_,
         "channels": skill.channels_,
         "units": skill.units_,
@@ -120,7 +121,7 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
     metadata, arrays = FORMAT.read(path)
     try:
         fitted = _fitted(metadata, arrays)
-        skill = build_skill(metadata["parameters"], fitted)
+        skill = build_skill(_parameters(metadata, fitted), fitted)
         skill.check_parameters()
         _check_arrays(skill)
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
@@ -153,6 +154,17 @@ def _check_arrays(skill: FourierMovementPrimitive) -> None:
     for c in skill.components_:
         if np.max(np.abs(c.basis.T @ c.basis - np.eye(c.rank)), initial=0) > 1e-6:
             raise SkillFileError("the basis of a component is not orthonormal")
+
+
+def _parameters(
+    metadata: Mapping[str, Any], fitted: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the parameters of the constructor; earlier versions had more choices."""
+    parameters = dict(metadata["parameters"])
+    parameters.pop("selection", None)
+    if parameters.get("n_components") == "bic":
+        parameters["n_components"] = len(fitted["components_"])
+    return parameters
 
 
 def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
@@ -194,7 +206,10 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
         "calibration_": _calibration(arrays, d),
         "memory_": _paths(arrays, "memory", d),
         "rhythm_": None if rhythm is None else _rhythm(rhythm),
-        "n_steps_": int(metadata.get("n_steps") or metadata["parameters"]["n_steps"]),
+        **{
+            f"{name}_": int(metadata.get(name) or metadata["parameters"][name])
+            for name in ("n_steps", "overlap")
+        },
         "n_channels_": d,
         "n_windows_": int(metadata["n_windows"]),
         "channels_": tuple(metadata["channels"]),

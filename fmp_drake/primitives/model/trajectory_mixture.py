@@ -21,7 +21,6 @@ from fmp_drake.primitives.model.mapping import (
     LruCache,
     Mapping,
     MappingPlan,
-    Selection,
 )
 from fmp_drake.primitives.model.mixture import log_densities
 from fmp_drake.primitives.model.phase.calibration import Calibration, variance_factor
@@ -60,7 +59,6 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     rate: float
     overlap: int
     tolerance: float
-    selection: Selection
     proportions_: NDArray[np.float64]
     components_: tuple[LowRankGaussian, ...]
     phase_model_: PhaseModel | None
@@ -383,7 +381,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             index = channel_indices(channels, self.channels_)
             tolerance = np.tile(self._tolerances()[index], np.size(steps))
         arrays = (rows, as_floats(tolerance, "the tolerance"), self.proportions_)
-        key = (self.components_, self.selection, *(a.tobytes() for a in arrays))
+        key = (self.components_, *(a.tobytes() for a in arrays))
         plan: MappingPlan = self._cache.get(key, lambda: self._plan(rows, tolerance))
         return plan
 
@@ -393,7 +391,6 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             self.components_,
             rows=rows,
             tolerance=tolerance,
-            selection=self.selection,
         )
 
     def map_keypoints(self, keypoints: Sequence[Keypoint]) -> Mapping:
@@ -479,6 +476,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
 
         It is (18); components of a mixture lack the errors of predictions, which are
         added after the first K samples, as in `predict`. Those of a phase model have them.
+        From few cycles `predict` also uses the observed samples for replay and for an
+        extrapolation of their velocities; a window that is played follows neither.
         """
         out = self.covariance(component, step)
         if self.phase_model_ is None and self.calibration_ is not None:
