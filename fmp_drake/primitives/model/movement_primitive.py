@@ -1,6 +1,6 @@
 """The Fourier movement primitive: a skill that is learned from demonstrations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, Self
 
@@ -20,15 +20,21 @@ from fmp_drake.primitives.data.windows import (
     UNSTATED_RATE,
     cut_demonstrations,
     extent_of,
+    sliding_windows,
     weighted_windows,
 )
+from fmp_drake.primitives.model.basis import FourierBasis
+from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.mixture import (
     MOST_COMPONENTS,
     ComponentCount,
     Progress,
     fit_mixture,
 )
-from fmp_drake.primitives.model.phase.calibration import calibrate_replay
+from fmp_drake.primitives.model.phase.calibration import (
+    calibrate_playback,
+    calibrate_replay,
+)
 from fmp_drake.primitives.model.phase.phase_model import (
     LEAST_COMPONENTS,
     fit_phase_model,
@@ -48,6 +54,9 @@ _PERIODS, _LEAST_PERIODS = 3.2, 1.2
 _MOST_VALUES = 1500
 # A mixture of fewer windows that do not overlap cannot predict; replay of the past can.
 _FEW_WINDOWS = 10
+
+# Confidence of the ellipsoid that played weights are kept in.
+_CONFIDENCE = 0.99
 
 # Section V of the paper.
 PAPER_SETTINGS: dict[str, Any] = {
@@ -375,6 +384,51 @@ class FourierMovementPrimitive(TrajectoryMixture):
             self.calibration_ = replace(
                 calibration, weight=1.0, local=0.0, background=background
             )
+
+        if self.calibration_ is not None and few:
+            self.calibration_ = calibrate_playback(
+                self.calibration_, recordings, self._continuation, seen=self.overlap
+            )
+
+    def _continuation(
+        self, recordings: list[NDArray[np.float64]]
+    ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
+        """Learn a mixture of scaled recordings; return what it plays after K samples.
+
+        None where they have fewer than two windows.
+        """
+        k, d = self.overlap, recordings[0].shape[1]
+        steps = min(self.n_steps, self.mixture_steps(max(map(len, recordings))))
+        stride = max(1, steps // 60)
+        windows = np.concatenate(
+            [sliding_windows(y, n_steps=steps, stride=stride) for y in recordings]
+        )
+        if len(windows) < 2:
+            return None
+        basis = FourierBasis(steps)
+        proportions, components = fit_mixture(
+            basis.analyze(windows),
+            n_components=self.n_components,
+            explained_variance=self.explained_variance,
+            regularization=self.regularization,
+            shrinkage=self.shrinkage,
+            seed=self.random_state,
+        )
+        rows = np.einsum("kt,cd->kcdt", basis.series(np.arange(k)), np.eye(d))
+        plan = MappingPlan(
+            proportions,
+            components,
+            rows=rows.reshape(k * d, -1),
+            tolerance=self.tolerance,
+        )
+
+        def play(past: NDArray[np.float64]) -> NDArray[np.float64]:
+            mapping = plan.map(past.ravel())
+            component = components[mapping.component]
+            weights = component.confined(mapping.weights, _CONFIDENCE)
+            return basis.synthesize(weights)[k:]
+
+        return play
 
     def _found(
         self,

@@ -248,6 +248,8 @@ def _calibration_arrays(skill: FourierMovementPrimitive) -> dict[str, Any]:
         f"calibration_{name}": np.asarray(getattr(calibration, name))
         for name in (*_CALIBRATION, *_CALIBRATION_NUMBERS)
     }
+    if calibration.played is not None:
+        out["calibration_played"] = calibration.played
     if skill.memory_:
         out["memory"] = np.concatenate(skill.memory_)
         out["memory_lengths"] = np.array([len(y) for y in skill.memory_])
@@ -264,7 +266,7 @@ def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None
         ahead, factors = table.T
         values = {"ahead": ahead, "factors": np.maximum(factors, 1.0)}
     elif "calibration_ahead" in arrays:
-        names = (*_CALIBRATION, *_CALIBRATION_NUMBERS)
+        names = (*_CALIBRATION, *_CALIBRATION_NUMBERS, "played")
         values = {
             name: arrays[f"calibration_{name}"]
             for name in names
@@ -278,8 +280,9 @@ def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None
     if "changes" not in values:
         values |= dict.fromkeys(("errors", "changes"), np.zeros((n, d, d)))
     shapes = ((n,), (n,), (n, d, d), (n, d, d))
-    for name, shape in zip(_CALIBRATION, shapes, strict=True):
-        if values[name].shape != shape:
+    named = dict(zip(_CALIBRATION, shapes, strict=True)) | {"played": (n, d, d)}
+    for name, shape in named.items():
+        if name in values and values[name].shape != shape:
             raise SkillFileError(f"calibration_{name} has shape {values[name].shape}")
     if not (n and np.all(np.diff(ahead) > 0) and np.all(factors > 0)):
         raise SkillFileError("its predictions have no covariances")

@@ -474,14 +474,15 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     def predicted_covariance(self, component: int, step: float) -> NDArray[np.float64]:
         """Return the covariance (D, D) of the movement about a window that is played.
 
-        It is (18); components of a mixture lack the errors of predictions, which are
-        added after the first K samples, as in `predict`. Those of a phase model have them.
+        It is (18); components of a mixture lack the errors of what is played, which are
+        added after the first K samples. Those of a phase model have the errors of
+        predictions.
         From few cycles `predict` also uses the observed samples for replay and for an
         extrapolation of their velocities; a window that is played follows neither.
         """
         out = self.covariance(component, step)
         if self.phase_model_ is None and self.calibration_ is not None:
-            errors = self.calibration_.errors_at(step - self.overlap + 1)
+            errors = self.calibration_.played_at(step - self.overlap + 1)
             out = out + errors * np.outer(self.scales_, self.scales_)
         return out
 

@@ -1,6 +1,6 @@
 """Calibration of predictions by cross-validation within the recordings."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -22,6 +22,8 @@ _BLENDED = 20
 MANY_CYCLES, _PARTS_OF_MANY = 15.0, 5
 # Parts that are left out for each cycle, and bounds of their number.
 _PARTS_PER_CYCLE, _PARTS = 3.0, (4, 10)
+# Parts that are left out of a mixture, which is learned again without each.
+_PLAYED_PARTS = 4
 # Places in all parts at which is predicted.
 _PLACES = 300
 # Segments of the rest that are shorter are left out.
@@ -83,6 +85,9 @@ class Calibration:
         Degrees of freedom of the t distributions.
     background : float
         Weight of the background in the density of windows.
+    played : ndarray, shape (A, D, D), optional
+        Covariances of the errors of windows that a mixture plays, beside those of its
+        components; `errors` where None.
     """
 
     ahead: Array
@@ -93,6 +98,7 @@ class Calibration:
     local: float = 0.0
     degrees: float = 100.0
     background: float = 0.0
+    played: Array | None = None
 
     def at(self, horizon: int) -> "Calibration":
         """Return the calibration of the next samples, up to a horizon."""
@@ -109,12 +115,14 @@ class Calibration:
             factors=np.interp(steps, self.ahead, self.factors),
             errors=matrices(self.errors),
             changes=matrices(self.changes),
+            played=None if self.played is None else matrices(self.played),
         )
 
-    def errors_at(self, ahead: float) -> Array:
-        """Return `errors` (D, D) any time ahead, in samples; 0 for what is observed."""
+    def played_at(self, ahead: float) -> Array:
+        """Return `played` (D, D) any time ahead, in samples; 0 for what is observed."""
         steps = np.concatenate([[0.0], self.ahead])
-        errors = np.concatenate([np.zeros_like(self.errors[:1]), self.errors])
+        played = self.errors if self.played is None else self.played
+        errors = np.concatenate([np.zeros_like(played[:1]), played])
         after = int(np.clip(np.searchsorted(steps, ahead), 1, len(steps) - 1))
         before = after - 1
         ratio = (ahead - steps[before]) / (steps[after] - steps[before])
@@ -129,6 +137,7 @@ class Calibration:
             self,
             errors=matrix @ self.errors @ matrix.T,
             changes=matrix @ self.changes @ matrix.T,
+            played=None if self.played is None else matrix @ self.played @ matrix.T,
         )
 
     def combined(
@@ -252,18 +261,15 @@ def calibrate_replay(
     truth: list[Array] = []
     replayed: list[Array] = []
     part: list[int] = []
-    for i, y in enumerate(recordings):
-        parts = max(2, round(count * len(y) / total))
-        for a, b in pairwise(np.linspace(0, len(y), parts + 1).astype(int)):
-            rest = [x for j, x in enumerate(recordings) if j != i] + [y[:a], y[b:]]
-            replay = Replay(rest, seen, int(ahead[-1]))
-            if not replay.is_possible or b - a <= seen:
-                continue
-            number = part[-1] + 1 if part else 0
-            for window in _windows(y[a:b], steps, max(1, _PLACES // count))[0]:
-                truth.append(window[seen:])
-                replayed.append(replay.predict(window[:seen]).values[ahead - 1])
-                part.append(number)
+    for rest, held in _left_out(recordings, count, least=2):
+        replay = Replay(rest, seen, int(ahead[-1]))
+        if not replay.is_possible or len(held) <= seen:
+            continue
+        number = part[-1] + 1 if part else 0
+        for window in _windows(held, steps, max(1, _PLACES // count))[0]:
+            truth.append(window[seen:])
+            replayed.append(replay.predict(window[:seen]).values[ahead - 1])
+            part.append(number)
     if not Replay(recordings, seen, horizon).is_possible:
         return None
     errors = None
@@ -273,6 +279,82 @@ def calibrate_replay(
     cycles = _CYCLES_PER_PART * (0 if errors is None else errors.parts)
     changes = _changes(recordings, ahead)
     return _calibration(errors, changes, ahead, 0.0, max(_LEAST_CYCLES, cycles))
+
+
+def calibrate_playback(
+    calibration: Calibration,
+    recordings: Sequence[Array],
+    learn: Callable[[list[Array]], Callable[[Array], Array] | None],
+    *,
+    seen: int,
+) -> Calibration:
+    """Return a calibration with the errors of the windows that a mixture plays.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    recordings : sequence of ndarray, shape (n, D)
+    learn : callable
+        Learns a mixture of recordings; returns its continuation (H, D) of a past (K, D)
+        as a function, or None where they are too short.
+    seen : int
+        K, samples of a past.
+    """
+    ahead = calibration.ahead.astype(int)
+    steps = np.concatenate([np.arange(seen), seen + ahead - 1])
+    off: list[Array] = []
+    part: list[int] = []
+    for number, (rest, held) in enumerate(
+        _left_out(recordings, _PLAYED_PARTS, least=1)
+    ):
+        play = learn(rest) if len(held) > seen else None
+        if play is None:
+            continue
+        for window in _windows(held, steps, _PLACES // _PLAYED_PARTS)[0]:
+            values = play(window[:seen])
+            reached = (ahead <= len(values))[:, None]
+            values = values[np.minimum(ahead, len(values)) - 1]
+            off.append(np.where(reached, window[seen:] - values, np.nan))
+            part.append(number)
+    if not part:
+        return calibration
+    errors = np.stack(off)
+    all_errors = _Errors(errors, errors, errors, np.empty(0), np.array(part))
+    pooled, count = all_errors.of_parts(errors[..., :, None] * errors[..., None, :])
+    last = int(np.flatnonzero(count)[-1])
+    # Few parts show too small errors: to first order by two over their number.
+    pooled = (pooled.T * (1 + 2 / np.maximum(count, 1))).T
+    replayed = np.trace(calibration.errors, axis1=1, axis2=2)
+    pooled[last:] = np.multiply.outer(replayed[last:] / replayed[last], pooled[last])
+    return replace(calibration, played=_less_dependent(pooled, float(count.max())))
+
+
+def _left_out(
+    recordings: Sequence[Array], count: int, *, least: int
+) -> Iterator[tuple[list[Array], Array]]:
+    """Yield the rest of recordings, and the part of about `count` that is left out.
+
+    There are at least some parts of each recording.
+    """
+    total = sum(map(len, recordings))
+    for i, y in enumerate(recordings):
+        parts = max(least, round(count * len(y) / total))
+        for a, b in pairwise(np.linspace(0, len(y), parts + 1).astype(int)):
+            others = [x for j, x in enumerate(recordings) if j != i]
+            yield [*others, y[:a], y[b:]], y[a:b]
+
+
+def _less_dependent(covariances: Array, parts: float) -> Array:
+    """Return covariances (A, D, D) whose channels depend less on each other.
+
+    Few parts do not show how the errors of many channels do.
+    """
+    d = covariances.shape[1]
+    variance = np.trace(covariances, axis1=1, axis2=2) / d
+    even = variance[:, None, None] * np.eye(d)
+    independent = d / (d + max(1.0, parts))
+    less = covariances - independent * covariances * (1 - np.eye(d))
+    return np.asarray(less + _LEAST_RELATIVE * even)
 
 
 def _calibration(
@@ -324,11 +406,7 @@ def _calibration(
         # Farther ahead than the parts reach, the errors grow as the changes do.
         last = int(np.flatnonzero(count)[-1])
         pooled[last:] = np.multiply.outer(total[last:] / total[last], pooled[last])
-    variance = np.trace(pooled, axis1=1, axis2=2) / d
-    even = variance[:, None, None] * np.eye(d)
-    # Few parts do not show how the errors of many channels depend on each other.
-    independent = d / (d + max(1.0, float(count.max())))
-    pooled = pooled - independent * pooled * (1 - np.eye(d)) + _LEAST_RELATIVE * even
+    pooled = _less_dependent(pooled, float(count.max()))
     growth = (ahead / _MIDDLE) ** (_GROWTH * _GROWTH_CYCLES / (_GROWTH_CYCLES + cycles))
     lacking = np.log(variance_factor(cycles))
     logs = (scaled * logs + _LACKING_PARTS * lacking) / (scaled + _LACKING_PARTS)

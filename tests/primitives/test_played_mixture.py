@@ -1,0 +1,71 @@
+"""Facts about the uncertainty of what a mixture plays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.ndimage import gaussian_filter1d
+from scipy.stats import chi2
+
+from fmp_drake.primitives import (
+    FourierMovementPrimitive,
+    load_skill,
+    save_skill,
+    transform_space,
+)
+from fmp_drake.primitives.model.movement_primitive import copy_skill
+
+
+@pytest.fixture(scope="module", params=[0, 4])
+def aimless(request):
+    """A mixture of 20 s in which nothing repeats, and what follows."""
+    noise = np.random.default_rng(request.param).standard_normal((700, 2))
+    y = gaussian_filter1d(noise, 10, axis=0)
+    skill = FourierMovementPrimitive(rate=20.0).fit(y[:400])
+    assert skill.model_ == "mixture"
+    return skill, y[400:]
+
+
+def inside(skill, y, ahead):
+    """Return which fraction of a movement is in the 95 % tube of what is played."""
+    k, found = skill.overlap, []
+    for i in range(0, len(y) - k - ahead, 5):
+        mapping = skill.map_partial(y[i : i + k])
+        component = skill.components_[mapping.component]
+        played = skill.synthesize(component.confined(mapping.weights, 0.99))
+        step = k - 1 + ahead
+        error = y[i + step] - played[step]
+        covariance = skill.predicted_covariance(mapping.component, step)
+        found.append(error @ np.linalg.solve(covariance, error) < chi2.ppf(0.95, 2))
+    return np.mean(found)
+
+
+def test_tube_of_a_played_mixture_holds_what_follows(aimless):
+    skill, y = aimless
+    for ahead in (5, 10, 20):
+        assert inside(skill, y, ahead) > 0.85
+    # The errors of replay are smaller than those of the mixture.
+    calibration = replace(skill.calibration_, played=None)
+    by_replay = copy_skill(skill, calibration_=calibration)
+    assert inside(by_replay, y, 20) < 0.75
+
+
+def test_errors_of_a_played_mixture_are_saved_and_rotated(aimless, tmp_path):
+    skill, _ = aimless
+    save_skill(skill, tmp_path / "skill.npz")
+    loaded = load_skill(tmp_path / "skill.npz")
+    one, two = (s.predicted_covariance(0, 40) for s in (skill, loaded))
+    assert np.array_equal(one, two)
+    quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    turned = transform_space(skill, rotation=quarter, channels=["x", "y"])
+    expected = quarter @ one @ quarter.T
+    assert_allclose(turned.predicted_covariance(0, 40), expected)
+
+
+def test_predictions_are_calibrated_by_their_own_errors(aimless):
+    skill, y = aimless
+    calibration = replace(skill.calibration_, played=None)
+    other = copy_skill(skill, calibration_=calibration)
+    one, two = (s.predict(y[:10], 20).covariances for s in (skill, other))
+    assert np.array_equal(one, two)
