@@ -12,8 +12,7 @@ from fmp_drake.primitives.discrete.discrete_movement_primitive import (
     DiscreteMovementPrimitive,
     ViaPoint,
 )
-from fmp_drake.primitives.editing.modulation import modulate_skill
-from fmp_drake.primitives.editing.spectrum import skill_spectrum
+from fmp_drake.primitives.editing.spectrum import modulate_skill, skill_spectrum
 from fmp_drake.primitives.editing.transforms import scale_tempo, transform_space
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.mapping import Keypoint

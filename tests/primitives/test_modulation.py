@@ -11,8 +11,11 @@ from synthetic_recordings import waves
 
 from fmp_drake.errors import SkillError
 from fmp_drake.primitives import FourierMovementPrimitive, Player
-from fmp_drake.primitives.editing.modulation import modulate_skill, modulate_windows
-from fmp_drake.primitives.editing.spectrum import skill_spectrum
+from fmp_drake.primitives.editing.spectrum import (
+    modulate_skill,
+    modulate_windows,
+    skill_spectrum,
+)
 
 T = 60
 

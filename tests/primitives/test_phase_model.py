@@ -27,7 +27,7 @@ from fmp_drake.primitives.model.phase.calibration import (
 )
 from fmp_drake.primitives.model.phase.components import leading_eigenvectors
 from fmp_drake.primitives.model.phase.cycle import Cycle
-from fmp_drake.primitives.model.phase.residual import Residual
+from fmp_drake.primitives.model.phase.processes import Residual
 from fmp_drake.primitives.model.phase.search import search_rhythm
 from fmp_drake.primitives.model.phase.tracking import best_path, phase_path
 from fmp_drake.primitives.model.prediction import (

@@ -1,8 +1,8 @@
 """Gaussian mixture over Fourier weights, fitted in the span of the data."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,10 @@ from scipy.special import logsumexp
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST
+from fmp_drake.primitives.data.windows import sliding_windows
+from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.mapping import MappingPlan
 
 ComponentCount = int | Literal["automatic"]
 Progress = Callable[[str], None]
@@ -21,6 +24,8 @@ MOST_COMPONENTS = 80
 # The least number, and windows for each: with fewer windows the held-out density and
 # prediction get worse.
 _LEAST_COMPONENTS, _WINDOWS_EACH = 5, 7
+# Confidence of the ellipsoid that played weights are kept in.
+_CONFIDENCE = 0.99
 # Above this number of windows and weights the Gram matrix is decomposed instead.
 _LARGE = 1000
 _LOG_2_PI = float(np.log(2 * np.pi))
@@ -127,6 +132,60 @@ def fit_mixture(
             )
         )
     return fit.proportions[order], tuple(components)
+
+
+def learn_continuation(
+    recordings: Sequence[NDArray[np.float64]],
+    *,
+    n_steps: int,
+    n_observed: int,
+    tolerance: float,
+    **options: Any,
+) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
+    """Learn a mixture of recordings; return a function from a past to what is played then.
+
+    Parameters
+    ----------
+    recordings : sequence of ndarray, shape (n, D)
+    n_steps : int
+        T, samples in a window.
+    n_observed : int
+        K, samples of a past.
+    tolerance : float
+        lambda of (13).
+    **options
+        See `fit_mixture`.
+
+    Returns
+    -------
+    callable or None
+        From a past (K, D) to the rest of its window (T - K, D). None where the recordings
+        have fewer than two windows.
+    """
+    stride = max(1, n_steps // 60)
+    windows = np.concatenate(
+        [sliding_windows(y, n_steps=n_steps, stride=stride) for y in recordings]
+    )
+    if len(windows) < 2:
+        return None
+    basis, channels = FourierBasis(n_steps), windows.shape[2]
+    proportions, components = fit_mixture(basis.analyze(windows), **options)
+    rows = np.einsum(
+        "kt,cd->kcdt", basis.series(np.arange(n_observed)), np.eye(channels)
+    )
+    plan = MappingPlan(
+        proportions,
+        components,
+        rows=rows.reshape(n_observed * channels, -1),
+        tolerance=tolerance,
+    )
+
+    def play(past: NDArray[np.float64]) -> NDArray[np.float64]:
+        mapping = plan.map(past.ravel())
+        weights = components[mapping.component].confined(mapping.weights, _CONFIDENCE)
+        return basis.synthesize(weights)[n_observed:]
+
+    return play
 
 
 def log_densities(

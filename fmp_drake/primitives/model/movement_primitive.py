@@ -20,16 +20,14 @@ from fmp_drake.primitives.data.windows import (
     UNSTATED_RATE,
     cut_demonstrations,
     extent_of,
-    sliding_windows,
     weighted_windows,
 )
-from fmp_drake.primitives.model.basis import FourierBasis
-from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.mixture import (
     MOST_COMPONENTS,
     ComponentCount,
     Progress,
     fit_mixture,
+    learn_continuation,
 )
 from fmp_drake.primitives.model.phase.calibration import (
     calibrate_playback,
@@ -54,9 +52,6 @@ _PERIODS, _LEAST_PERIODS = 3.2, 1.2
 _MOST_VALUES = 1500
 # A mixture of fewer windows that do not overlap cannot predict; replay of the past can.
 _FEW_WINDOWS = 10
-
-# Confidence of the ellipsoid that played weights are kept in.
-_CONFIDENCE = 0.99
 
 # Section V of the paper.
 PAPER_SETTINGS: dict[str, Any] = {
@@ -359,13 +354,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.extent_ = extent_of([values.reshape(-1, self.n_channels_)])
         self.proportions_, self.components_ = fit_mixture(
             self.analyze(values),
-            n_components=self.n_components,
-            explained_variance=self.explained_variance,
-            regularization=self.regularization,
-            shrinkage=self.shrinkage,
-            seed=self.random_state,
             sample_weights=counts,
             progress=progress,
+            **self._mixture_options,
         )
         self.memory_, self.calibration_ = (), None
         recordings = [y / self.scales_ for y in windows.recordings()]
@@ -393,42 +384,25 @@ class FourierMovementPrimitive(TrajectoryMixture):
     def _continuation(
         self, recordings: list[NDArray[np.float64]]
     ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
-        """Learn a mixture of scaled recordings; return what it plays after K samples.
-
-        None where they have fewer than two windows.
-        """
-        k, d = self.overlap, recordings[0].shape[1]
-        steps = min(self.n_steps, self.mixture_steps(max(map(len, recordings))))
-        stride = max(1, steps // 60)
-        windows = np.concatenate(
-            [sliding_windows(y, n_steps=steps, stride=stride) for y in recordings]
-        )
-        if len(windows) < 2:
-            return None
-        basis = FourierBasis(steps)
-        proportions, components = fit_mixture(
-            basis.analyze(windows),
-            n_components=self.n_components,
-            explained_variance=self.explained_variance,
-            regularization=self.regularization,
-            shrinkage=self.shrinkage,
-            seed=self.random_state,
-        )
-        rows = np.einsum("kt,cd->kcdt", basis.series(np.arange(k)), np.eye(d))
-        plan = MappingPlan(
-            proportions,
-            components,
-            rows=rows.reshape(k * d, -1),
+        """Learn a mixture of scaled recordings; return what it plays after K samples."""
+        return learn_continuation(
+            recordings,
+            n_steps=min(self.n_steps, self.mixture_steps(max(map(len, recordings)))),
+            n_observed=self.overlap,
             tolerance=self.tolerance,
+            **self._mixture_options,
         )
 
-        def play(past: NDArray[np.float64]) -> NDArray[np.float64]:
-            mapping = plan.map(past.ravel())
-            component = components[mapping.component]
-            weights = component.confined(mapping.weights, _CONFIDENCE)
-            return basis.synthesize(weights)[k:]
-
-        return play
+    @property
+    def _mixture_options(self) -> dict[str, Any]:
+        """Options of `fit_mixture`."""
+        return {
+            "n_components": self.n_components,
+            "explained_variance": self.explained_variance,
+            "regularization": self.regularization,
+            "shrinkage": self.shrinkage,
+            "seed": self.random_state,
+        }
 
     def _found(
         self,

@@ -16,13 +16,15 @@ from fmp_drake.primitives.model.movement_primitive import (
     FourierMovementPrimitive,
     build_skill,
 )
-from fmp_drake.primitives.model.phase.autoregression import Autoregression
 from fmp_drake.primitives.model.phase.calibration import Calibration
 from fmp_drake.primitives.model.phase.components import PhaseGrid
 from fmp_drake.primitives.model.phase.cycle import Cycle, CycleHistory
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
-from fmp_drake.primitives.model.phase.phase_velocity import PhaseVelocity
-from fmp_drake.primitives.model.phase.residual import Residual
+from fmp_drake.primitives.model.phase.processes import (
+    Autoregression,
+    PhaseVelocity,
+    Residual,
+)
 from fmp_drake.primitives.model.phase.rhythm import Part, Rhythm
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
 

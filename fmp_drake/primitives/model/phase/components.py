@@ -11,8 +11,11 @@ from scipy.linalg.lapack import dormqr, dsytrd, dsytrd_lwork
 
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.phase.phase_velocity import phase_covariance
-from fmp_drake.primitives.model.phase.residual import Residual
+from fmp_drake.primitives.model.phase.processes import (
+    Residual,
+    phase_covariance,
+    symmetric_roots,
+)
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 
 Array = NDArray[np.float64]
@@ -232,13 +235,6 @@ def _kernel(phases: Array) -> Array:
     near = np.exp(-0.5 * (apart / _NEAR) ** 2)
     near[near < 1e-4] = 0.0
     return near
-
-
-def symmetric_roots(covariances: Array) -> Array:
-    """Return the symmetric square roots of covariances (n, D, D)."""
-    variances, vectors = np.linalg.eigh(covariances)
-    half = vectors * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
-    return np.asarray(half @ np.swapaxes(vectors, 1, 2))
 
 
 def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
