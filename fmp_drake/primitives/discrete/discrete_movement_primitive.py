@@ -367,17 +367,17 @@ def _correction(
     """
     k = np.arange(len(coefficients))
     rows = np.cos(np.pi * phases[:, None] * k)
-    missing = values - rows @ coefficients
+    errors = values - rows @ coefficients
     flexibility = np.concatenate([[0.0], 1.0 / k[1:] ** 4])
     kernel = (rows * flexibility) @ rows.T
     size = len(phases)
     system = np.ones((size + 1, size + 1))
     system[:size, :size] = kernel
     system[size, size] = 0.0
-    solution = np.linalg.lstsq(system, np.append(missing, 0.0))[0]
+    solution = np.linalg.lstsq(system, np.append(errors, 0.0))[0]
     out = flexibility * (rows.T @ solution[:size])
     out[0] = solution[size]
-    if not np.max(np.abs(rows @ out - missing)) < 1e-6 * (1 + np.max(np.abs(missing))):
+    if not np.max(np.abs(rows @ out - errors)) < 1e-6 * (1 + np.max(np.abs(errors))):
         raise SkillError(
             "two via-points of a channel are at the same phase or too near to each "
             "other; move them apart."

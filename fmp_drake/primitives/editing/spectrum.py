@@ -332,9 +332,9 @@ def modulate_skill(
 
     components = []
     for component in skill.components_:
-        moved = replace(component, mean=mapped(component.mean))
+        shifted_component = replace(component, mean=mapped(component.mean))
         basis = mapped(component.basis.T).T
-        components.append(_with_factor(moved, basis))
+        components.append(_with_factor(shifted_component, basis))
     # Drawn from the original: samples of a phase model's Gaussians would leave the cycle.
     samples = modulated(skill.sample(_EXTENT_SAMPLES, with_noise=False))
     return copy_skill(
@@ -357,9 +357,9 @@ def _with_factor(
     directions, triangle = np.linalg.qr(factor)
     core = (triangle * component.variances) @ triangle.T
     variances, rotation = np.linalg.eigh((core + core.T) / 2)
-    keep = variances > 1e-12 * np.max(variances, initial=1e-300)
+    is_kept = variances > 1e-12 * np.max(variances, initial=1e-300)
     return replace(
         component,
-        basis=np.ascontiguousarray(directions @ rotation[:, keep]),
-        variances=np.ascontiguousarray(variances[keep]),
+        basis=np.ascontiguousarray(directions @ rotation[:, is_kept]),
+        variances=np.ascontiguousarray(variances[is_kept]),
     )

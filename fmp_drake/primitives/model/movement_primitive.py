@@ -291,9 +291,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.rotation_reference_ = example.rotation_reference if example else None
         self.scales_ = channel_scales(self.scales, samples, self.units_)
         with one_blas_thread():
-            found = self._found(recordings, counts, period, progress)
-            if found is not None and self._fits(found, are_windows=example is None):
-                self._learn_phase(found, start or 0.0, are_windows=example is None)
+            rhythm = self._found(recordings, counts, period, progress)
+            if rhythm is not None and self._fits(rhythm, are_windows=example is None):
+                self._learn_phase(rhythm, start or 0.0, are_windows=example is None)
             else:
                 self._learn_mixture(X, weights, progress)
         # A copy of another tempo has another rate and the same samples.
@@ -312,10 +312,10 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.rhythm_: Rhythm | None = found.rhythm.shifted(start)
         if not are_windows:
             self.n_steps_ = self._steps_for(found)
-        given = self._given_steps
-        if given is not None and self.n_steps < given:
+        given_steps = self._given_steps
+        if given_steps is not None and self.n_steps < given_steps:
             self.model_reason_ += (
-                f"; the window is {self.window:g} s instead of {given / self.rate:g} s, "
+                f"; the window is {self.window:g} s instead of {given_steps / self.rate:g} s, "
                 "which no bout lasts"
             )
         most = self.n_components
@@ -325,16 +325,16 @@ class FourierMovementPrimitive(TrajectoryMixture):
             reference_step=self.overlap,
             most_components=MOST_COMPONENTS if isinstance(most, str) else most,
         )
-        few = self.calibration_.weight < 1
-        self.memory_ = tuple(found.recordings) if few else ()
+        has_few_cycles = self.calibration_.weight < 1
+        self.memory_ = tuple(found.recordings) if has_few_cycles else ()
         m = len(self.components_)
         self.proportions_ = np.full(m, 1 / m)
         # Parts that are left out must not be played.
-        kept = [y * self.scales_ for y in found.track.recordings]
-        self.extent_ = extent_of(kept)
-        self.paths_ = () if are_windows else tuple(kept)
+        bouts = [y * self.scales_ for y in found.track.recordings]
+        self.extent_ = extent_of(bouts)
+        self.paths_ = () if are_windows else tuple(bouts)
         self.n_windows_ = sum(
-            max(0, (len(y) - self.n_steps) // self.window_stride + 1) for y in kept
+            max(0, (len(y) - self.n_steps) // self.window_stride + 1) for y in bouts
         )
 
     def _learn_mixture(
@@ -360,11 +360,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
         )
         self.memory_, self.calibration_ = (), None
         recordings = [y / self.scales_ for y in windows.recordings()]
-        few = sum(map(len, recordings)) < _FEW_WINDOWS * self.n_steps
+        has_few_windows = sum(map(len, recordings)) < _FEW_WINDOWS * self.n_steps
         calibration = calibrate_replay(
             recordings, self.overlap, self.n_steps - self.overlap
         )
-        if calibration is not None and self.model == "automatic" and few:
+        if calibration is not None and self.model == "automatic" and has_few_windows:
             self.memory_, self.calibration_ = tuple(recordings), calibration
         elif calibration is not None:
             # What replay errs by is added to the mixture's own covariance. A mixture that
@@ -376,7 +376,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 calibration, weight=1.0, local=0.0, background=background
             )
 
-        if self.calibration_ is not None and few:
+        if self.calibration_ is not None and has_few_windows:
             self.calibration_ = calibrate_playback(
                 self.calibration_, recordings, self._continuation, seen=self.overlap
             )
@@ -416,8 +416,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
             self.model_reason_ = "it was asked for"
             return None
         count = self.n_components
-        few = count != "automatic" and count < LEAST_COMPONENTS
-        if self.model == "automatic" and few:
+        is_small = count != "automatic" and count < LEAST_COMPONENTS
+        if self.model == "automatic" and is_small:
             self.model_reason_ = (
                 f"n_components is {count}; the phase model has "
                 f"{LEAST_COMPONENTS} or more"
@@ -430,7 +430,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 raise DemonstrationError("its demonstrations have different weights.")
             scaled = [y / self.scales_ for y in recordings]
             units = dict(zip(self.channels_, self.units_, strict=True))
-            found = search_rhythm(scaled, rate=self.rate, period=period, units=units)
+            result = search_rhythm(scaled, rate=self.rate, period=period, units=units)
         except DemonstrationError as error:
             if self.model == "phase":
                 raise DemonstrationError(
@@ -442,10 +442,10 @@ class FourierMovementPrimitive(TrajectoryMixture):
             )
             return None
         self.model_reason_ = (
-            f"{found.track.cycles:.1f} cycles, of which one cycle and its tempo explain "
-            f"{100 * (1 - found.track.unexplained):.1f} %"
+            f"{result.track.cycles:.1f} cycles, of which one cycle and its tempo explain "
+            f"{100 * (1 - result.track.unexplained):.1f} %"
         )
-        return found
+        return result
 
     def _fits(self, found: Found, *, are_windows: bool) -> bool:
         """Return whether the phase model has few enough values to be learned."""
@@ -624,11 +624,11 @@ def copy_skill(
         Fitted attributes that differ.
     """
     skill.check_fitted()
-    kept = {
+    attributes = {
         name: value
         for name, value in vars(skill).items()
         if name.endswith("_") and not name.startswith("_")
     }
     return build_skill(
-        {**skill.get_params(deep=False), **(parameters or {})}, {**kept, **fitted}
+        {**skill.get_params(deep=False), **(parameters or {})}, {**attributes, **fitted}
     )

@@ -117,24 +117,24 @@ class Replay:
 
     def __init__(self, recordings: Sequence[Array], seen: int, horizon: int) -> None:
         self._seen, self._ahead = seen, np.arange(horizon)
-        long = [y for y in recordings if len(y) > seen]
+        usable = [y for y in recordings if len(y) > seen]
         d = recordings[0].shape[1]
         # The end of a recording is a past, too: of the samples that it has.
-        after = np.full((horizon, d), np.nan)
+        gap = np.full((horizon, d), np.nan)
         view = np.lib.stride_tricks.sliding_window_view
         self._values = np.concatenate(
-            [np.empty((0, d)), *(x for y in long for x in (y, after))]
+            [np.empty((0, d)), *(x for y in usable for x in (y, gap))]
         )
-        pasts = [np.swapaxes(view(y[:-1], seen, axis=0), 1, 2) for y in long]
+        pasts = [np.swapaxes(view(y[:-1], seen, axis=0), 1, 2) for y in usable]
         self._pasts = np.concatenate([np.empty((0, seen, d)), *pasts])
         self._shapes = self._pasts - self._pasts.mean(axis=1, keepdims=True)
-        starts = np.cumsum([0, *(len(y) + horizon for y in long)])[:-1]
+        starts = np.cumsum([0, *(len(y) + horizon for y in usable)])[:-1]
         self._next = np.concatenate(
             [np.empty(0, dtype=int)]
             + [a + seen + np.arange(len(p)) for a, p in zip(starts, pasts, strict=True)]
         )
-        every = np.concatenate(list(recordings))
-        self.variance = max(float(every.var(axis=0).sum()), 1e-300)
+        all_values = np.concatenate(list(recordings))
+        self.variance = max(float(all_values.var(axis=0).sum()), 1e-300)
         steps = np.arange(1.0, horizon + 1)[:, None]
         self._decay = np.exp(-steps / _DECAY)
         self._travel = steps * np.exp(-steps / _VELOCITY_DECAY)
@@ -149,27 +149,29 @@ class Replay:
         shape = past - past.mean(axis=0)
         distance = np.sum((self._shapes - shape) ** 2, axis=(1, 2))
         distance += _PLACE * np.sum((self._pasts - past) ** 2, axis=(1, 2))
-        best = np.argsort(distance, kind="stable")[:_MOST_PASTS]
-        least = float(distance[best[0]])
+        nearest = np.argsort(distance, kind="stable")[:_MOST_PASTS]
+        least = float(distance[nearest[0]])
         width = least + _WIDTH * self.variance * self._seen
-        weights = np.exp((least - distance[best]) / width)
-        futures = self._values[self._next[best, None] + self._ahead]
-        known = np.isfinite(futures[..., 0])
-        offset = past - self._pasts[best]
+        weights = np.exp((least - distance[nearest]) / width)
+        futures = self._values[self._next[nearest, None] + self._ahead]
+        is_known = np.isfinite(futures[..., 0])
+        offset = past - self._pasts[nearest]
         # Over two samples: one would double the noise of a sensor.
         change = (offset[:, -1] - offset[:, max(-3, -self._seen)]) / 2
         futures = (
             futures + self._decay * offset[:, -1:] + self._travel * change[:, None]
         )
-        futures = np.where(known[..., None], futures, 0.0)
-        weighted = weights[:, None] * known
+        futures = np.where(is_known[..., None], futures, 0.0)
+        weighted = weights[:, None] * is_known
         weighted /= np.maximum(weighted.sum(axis=0), 1e-300)
         values = np.einsum("nh,nhd->hd", weighted, futures)
         # After the end of all that followed the last value stays.
-        last = np.maximum.accumulate(np.where(known.any(axis=0), self._ahead, 0))
+        last = np.maximum.accumulate(np.where(is_known.any(axis=0), self._ahead, 0))
         values = values[last]
-        off = futures - values
-        spread = np.einsum("nh,nha,nhb->hab", weighted, off, off, optimize=True)[last]
+        deviations = futures - values
+        spread = np.einsum(
+            "nh,nha,nhb->hab", weighted, deviations, deviations, optimize=True
+        )[last]
         return Replayed(values, spread, least / self._seen)
 
 
@@ -205,14 +207,14 @@ class Extrapolation:
         view = np.lib.stride_tricks.sliding_window_view
         coefficients, covariances, leverages = [], [], []
         for ahead in range(1, horizon + 1):
-            long = [y for y in recordings if len(y) > p + ahead]
-            count = sum(len(y) - p - ahead for y in long)
+            usable = [y for y in recordings if len(y) > p + ahead]
+            count = sum(len(y) - p - ahead for y in usable)
             if count <= 2 * p:
                 break
             x = np.concatenate(
-                [view(np.diff(y[:-ahead], axis=0), p, axis=0) for y in long]
+                [view(np.diff(y[:-ahead], axis=0), p, axis=0) for y in usable]
             )
-            change = np.concatenate([y[p + ahead :] - y[p:-ahead] for y in long])
+            change = np.concatenate([y[p + ahead :] - y[p:-ahead] for y in usable])
             square = np.einsum("ndp,ndq->dpq", x, x)
             ridge = _RIDGE * np.trace(square, axis1=1, axis2=2) / p + 1e-12
             square += ridge[:, None, None] * np.eye(p)

@@ -109,16 +109,18 @@ class DemonstratedRegion:
         limit = self.distance(steady)
         within = np.maximum(limit, _FILLED * self.margin)
         limit = np.where(limit > self.margin, limit + _SLACK * self.margin, within)
-        out = np.zeros(len(deviations))
-        left = np.arange(len(deviations))
+        fractions = np.zeros(len(deviations))
+        remaining = np.arange(len(deviations))
         steady = np.broadcast_to(steady, deviations.shape)
         limit = np.broadcast_to(limit, deviations.shape[:2])
         for fraction in _FRACTIONS:
-            distance = self.distance(steady[left] + fraction * deviations[left])
-            fits = np.all(distance <= limit[left], axis=1)
-            out[left[fits]] = fraction
-            left = left[~fits]
-        return out
+            distance = self.distance(
+                steady[remaining] + fraction * deviations[remaining]
+            )
+            fits = np.all(distance <= limit[remaining], axis=1)
+            fractions[remaining[fits]] = fraction
+            remaining = remaining[~fits]
+        return fractions
 
 
 def automatic_margin(skill: "FourierMovementPrimitive") -> float | None:

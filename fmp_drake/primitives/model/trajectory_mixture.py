@@ -174,8 +174,10 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             drawn = gaussian.sample(rng, size, with_noise=False)
             centre = np.broadcast_to(gaussian.mean, drawn.shape)
             return centre, drawn - gaussian.mean
-        scaled = None if past is None else past / self.scales_
-        parts = self.phase_model_.draw(rng, component, size, self.n_steps, past=scaled)
+        scaled_past = None if past is None else past / self.scales_
+        parts = self.phase_model_.draw(
+            rng, component, size, self.n_steps, past=scaled_past
+        )
         return self.basis.analyze(parts[0]), self.basis.analyze(parts[1])
 
     def expected(
@@ -289,27 +291,30 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             If the channels are not some of the skill's, or the values do not fit them.
         """
         self.check_fitted()
-        known = channel_indices(channels, self.channels_)
-        wanted = [i for i in range(self.n_channels_) if i not in known]
-        if not wanted:
+        observed_channels = channel_indices(channels, self.channels_)
+        inferred_channels = [
+            i for i in range(self.n_channels_) if i not in observed_channels
+        ]
+        if not inferred_channels:
             raise SkillError("all channels are observed; leave out those to infer.")
-        y = finite_array(values, "the values", ("n", len(known)))
+        y = finite_array(values, "the values", ("n", len(observed_channels)))
         n = len(y)
         span = min(n, _SPANS * self.overlap, self.n_steps)
         steps = np.arange(span)
         rows = [
-            self.observation_rows(steps, channels=index) for index in (known, wanted)
+            self.observation_rows(steps, channels=index)
+            for index in (observed_channels, inferred_channels)
         ]
         parts = [c.marginal(np.concatenate(rows)) for c in self.components_]
         conditioning = Conditioning(
             self.proportions_,
             np.stack([mean for mean, _ in parts]),
             np.stack([covariance for _, covariance in parts]),
-            noise=np.tile(self._tolerances()[known], span),
-            channels=len(wanted),
+            noise=np.tile(self._tolerances()[observed_channels], span),
+            channels=len(inferred_channels),
         )
-        mean = np.empty((n, len(wanted)))
-        covariances = np.empty((n, len(wanted), len(wanted)))
+        mean = np.empty((n, len(inferred_channels)))
+        covariances = np.empty((n, len(inferred_channels), len(inferred_channels)))
         # The middle of each window; at both ends also the rest.
         first, margin = 0, span // 4
         while True:

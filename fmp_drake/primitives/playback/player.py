@@ -381,18 +381,18 @@ class Player:
             order = np.argsort(-score(values[:count]), kind="stable")
         if region is None:
             return self._tracking(state, targets[order[0]])
-        best, least = state, math.inf
+        best_state, least_distance = state, math.inf
         for i in [*order[:_TRIES], *range(count, len(targets))]:
             candidate = self._tracking(state, targets[i])
             path = self._next_mean(candidate, values[i])
             if skill.phase_model_ is not None:
                 path = np.concatenate([values[i], path])
-            outside = max(float(np.max(region.distance(path))), region.margin)
-            if outside < least:
-                best, least = candidate, outside
-            if outside <= region.margin:
+            distance = max(float(np.max(region.distance(path))), region.margin)
+            if distance < least_distance:
+                best_state, least_distance = candidate, distance
+            if distance <= region.margin:
                 break
-        return best
+        return best_state
 
     def _past(self, state: PlaybackState) -> NDArray[np.float64]:
         """Return the first samples (K, D) of the window that a state plays."""
@@ -428,8 +428,10 @@ class Player:
             gaussian = skill.components_[state.component]
             state = self.retarget(state, gaussian.mean)
             ahead = look_ahead(skill, self.relaxations[state.component], state)
-            added = np.tensordot(deviation @ gaussian.basis, ahead.response, (1, 2))
-            return ahead.steady, added
+            contributions = np.tensordot(
+                deviation @ gaussian.basis, ahead.response, (1, 2)
+            )
+            return ahead.steady, contributions
         steady, rows = look_ahead_at_once(skill, state, self.motion(state)[:2])
 
         def values_of(weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -491,8 +493,8 @@ class Player:
         motion = self.motion(replace(state, tempo=1.0, tempo_rate=0.0))[:2]
         desired = (motion / self.skill.scales_ / [[1.0], [velocity * rate]]).ravel()
         step = state.step + state.time_since_tick * rate - model.reference_step
-        near = model.grid.phases[state.component] + velocity * step
-        phases = near + np.linspace(
+        nominal = model.grid.phases[state.component] + velocity * step
+        phases = nominal + np.linspace(
             -_LARGEST_PHASE_ERROR, _LARGEST_PHASE_ERROR, _PHASES
         )
         cycle = np.concatenate(

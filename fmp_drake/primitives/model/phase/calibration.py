@@ -104,10 +104,10 @@ class Calibration:
         """Return the calibration of the next samples, up to a horizon."""
         steps = np.arange(1, horizon + 1, dtype=float)
 
-        def matrices(given: Array) -> Array:
-            flat = given.reshape(len(self.ahead), -1)
+        def matrices(table: Array) -> Array:
+            flat = table.reshape(len(self.ahead), -1)
             columns = [np.interp(steps, self.ahead, column) for column in flat.T]
-            return np.stack(columns, axis=1).reshape(horizon, *given.shape[1:])
+            return np.stack(columns, axis=1).reshape(horizon, *table.shape[1:])
 
         return replace(
             self,
@@ -123,11 +123,11 @@ class Calibration:
         steps = np.concatenate([[0.0], self.ahead])
         played = self.errors if self.played is None else self.played
         errors = np.concatenate([np.zeros_like(played[:1]), played])
-        after = int(np.clip(np.searchsorted(steps, ahead), 1, len(steps) - 1))
-        before = after - 1
-        ratio = (ahead - steps[before]) / (steps[after] - steps[before])
-        out: Array = errors[before] + float(np.clip(ratio, 0, 1)) * (
-            errors[after] - errors[before]
+        upper = int(np.clip(np.searchsorted(steps, ahead), 1, len(steps) - 1))
+        lower = upper - 1
+        ratio = (ahead - steps[lower]) / (steps[upper] - steps[lower])
+        out: Array = errors[lower] + float(np.clip(ratio, 0, 1)) * (
+            errors[upper] - errors[lower]
         )
         return out
 
@@ -155,11 +155,15 @@ class Calibration:
         """
         weight = self.weight
         change = mean - replayed.values
-        apart = weight * (1 - weight) * change[:, :, None] * change[:, None]
-        new = _NOVELTY * max(replayed.distance - _NOT_NEW * variance, 0.0)
-        even = np.eye(mean.shape[1]) / mean.shape[1]
-        out = covariances + self.factors[:, None, None] * apart
-        out = out + self.local * replayed.spread + new / 2 * (self.changes + even)
+        disagreement = weight * (1 - weight) * change[:, :, None] * change[:, None]
+        novelty = _NOVELTY * max(replayed.distance - _NOT_NEW * variance, 0.0)
+        isotropic = np.eye(mean.shape[1]) / mean.shape[1]
+        out = covariances + self.factors[:, None, None] * disagreement
+        out = (
+            out
+            + self.local * replayed.spread
+            + novelty / 2 * (self.changes + isotropic)
+        )
         return mean - (1 - weight) * change, out
 
 
@@ -190,13 +194,15 @@ class _Errors(NamedTuple):
 
         Also return the number of parts (A,) with values that are not NaN.
         """
-        known = np.isfinite(values.reshape(*values.shape[:2], -1)[..., 0])
+        is_known = np.isfinite(values.reshape(*values.shape[:2], -1)[..., 0])
         means, counts = np.zeros(values.shape[1:]), np.zeros(values.shape[1])
         for part in np.unique(self.part):
-            of = self.part == part
-            number = known[of].sum(axis=0)
-            means += (np.nansum(values[of], axis=0).T / np.maximum(number, 1)).T
-            counts += number > 0
+            is_in_part = self.part == part
+            numbers = is_known[is_in_part].sum(axis=0)
+            means += (
+                np.nansum(values[is_in_part], axis=0).T / np.maximum(numbers, 1)
+            ).T
+            counts += numbers > 0
         return (means.T / np.maximum(counts, 1)).T, counts
 
 
@@ -221,17 +227,19 @@ def calibrate(
     """
     ahead = _AHEAD[_AHEAD <= n_steps - reference_step]
     cycles = track.cycles
-    few = cycles < MANY_CYCLES
+    has_few_cycles = cycles < MANY_CYCLES
     errors = _cross_validation(track, grid, ahead, reference_step)
     weight = 1.0
-    if few:
+    if has_few_cycles:
         weight = _WEIGHT
         if errors is not None:
-            near = ahead <= _BLENDED
-            change = (errors.model - errors.replay)[:, near]
-            left = np.sum((errors.truth - errors.replay)[:, near] * change, axis=2)
-            squares = np.sum(change**2, axis=2)[np.isfinite(left)]
-            ratio = np.nansum(left) / max(float(squares.sum()), 1e-300)
+            is_blended = ahead <= _BLENDED
+            change = (errors.model - errors.replay)[:, is_blended]
+            projections = np.sum(
+                (errors.truth - errors.replay)[:, is_blended] * change, axis=2
+            )
+            squares = np.sum(change**2, axis=2)[np.isfinite(projections)]
+            ratio = np.nansum(projections) / max(float(squares.sum()), 1e-300)
             weight = errors.parts * float(np.clip(ratio, 0, _MOST_WEIGHT))
             weight += _WEIGHT_PARTS * _WEIGHT
             weight = min(1.0, weight / (errors.parts + _WEIGHT_PARTS))
@@ -261,12 +269,12 @@ def calibrate_replay(
     truth: list[Array] = []
     replayed: list[Array] = []
     part: list[int] = []
-    for rest, held in _left_out(recordings, count, least=2):
+    for rest, left_out in _left_out(recordings, count, least=2):
         replay = Replay(rest, seen, int(ahead[-1]))
-        if not replay.is_possible or len(held) <= seen:
+        if not replay.is_possible or len(left_out) <= seen:
             continue
         number = part[-1] + 1 if part else 0
-        for window in _windows(held, steps, max(1, _PLACES // count))[0]:
+        for window in _windows(left_out, steps, max(1, _PLACES // count))[0]:
             truth.append(window[seen:])
             replayed.append(replay.predict(window[:seen]).values[ahead - 1])
             part.append(number)
@@ -274,8 +282,10 @@ def calibrate_replay(
         return None
     errors = None
     if part:
-        known, again = np.stack(truth), np.stack(replayed)
-        errors = _Errors(known, again, again, np.empty(0), np.array(part))
+        true_values, predictions = np.stack(truth), np.stack(replayed)
+        errors = _Errors(
+            true_values, predictions, predictions, np.empty(0), np.array(part)
+        )
     cycles = _CYCLES_PER_PART * (0 if errors is None else errors.parts)
     changes = _changes(recordings, ahead)
     return _calibration(errors, changes, ahead, 0.0, max(_LEAST_CYCLES, cycles))
@@ -302,31 +312,35 @@ def calibrate_playback(
     """
     ahead = calibration.ahead.astype(int)
     steps = np.concatenate([np.arange(seen), seen + ahead - 1])
-    off: list[Array] = []
+    deviations: list[Array] = []
     part: list[int] = []
-    for number, (rest, held) in enumerate(
+    for number, (rest, left_out) in enumerate(
         _left_out(recordings, _PLAYED_PARTS, least=1)
     ):
-        play = learn(rest) if len(held) > seen else None
+        play = learn(rest) if len(left_out) > seen else None
         if play is None:
             continue
-        for window in _windows(held, steps, _PLACES // _PLAYED_PARTS)[0]:
+        for window in _windows(left_out, steps, _PLACES // _PLAYED_PARTS)[0]:
             values = play(window[:seen])
-            reached = (ahead <= len(values))[:, None]
+            is_reached = (ahead <= len(values))[:, None]
             values = values[np.minimum(ahead, len(values)) - 1]
-            off.append(np.where(reached, window[seen:] - values, np.nan))
+            deviations.append(np.where(is_reached, window[seen:] - values, np.nan))
             part.append(number)
     if not part:
         return calibration
-    errors = np.stack(off)
+    errors = np.stack(deviations)
     all_errors = _Errors(errors, errors, errors, np.empty(0), np.array(part))
-    pooled, count = all_errors.of_parts(errors[..., :, None] * errors[..., None, :])
+    covariances, count = all_errors.of_parts(
+        errors[..., :, None] * errors[..., None, :]
+    )
     last = int(np.flatnonzero(count)[-1])
     # Few parts show too small errors: to first order by two over their number.
-    pooled = (pooled.T * (1 + 2 / np.maximum(count, 1))).T
-    replayed = np.trace(calibration.errors, axis1=1, axis2=2)
-    pooled[last:] = np.multiply.outer(replayed[last:] / replayed[last], pooled[last])
-    return replace(calibration, played=_less_dependent(pooled, float(count.max())))
+    covariances = (covariances.T * (1 + 2 / np.maximum(count, 1))).T
+    replay_variances = np.trace(calibration.errors, axis1=1, axis2=2)
+    covariances[last:] = np.multiply.outer(
+        replay_variances[last:] / replay_variances[last], covariances[last]
+    )
+    return replace(calibration, played=_less_dependent(covariances, float(count.max())))
 
 
 def _left_out(
@@ -381,35 +395,45 @@ def _calibration(
     cycles : float
     """
     a, d = changes.shape[:2]
-    pooled, count = np.zeros((a, d, d)), np.zeros(a)
-    logs, scaled = np.zeros(a), np.zeros(a)
+    covariances, count = np.zeros((a, d, d)), np.zeros(a)
+    logs, scale_counts = np.zeros(a), np.zeros(a)
     if errors is not None:
-        apart = errors.model - errors.replay
-        off = errors.truth - errors.replay - weight * apart
-        pooled, count = errors.of_parts(off[..., :, None] * off[..., None, :])
+        disagreement = errors.model - errors.replay
+        deviations = errors.truth - errors.replay - weight * disagreement
+        covariances, count = errors.of_parts(
+            deviations[..., :, None] * deviations[..., None, :]
+        )
         if weight > 0:
             model = errors.covariances + weight * (1 - weight) * (
-                apart[..., :, None] * apart[..., None, :]
+                disagreement[..., :, None] * disagreement[..., None, :]
             )
-            solved = np.linalg.solve(model, off[..., None])[..., 0]
-            squares, scaled = errors.of_parts(np.sum(off * solved, axis=2) / d)
-            logs = np.log(np.maximum(squares, 1e-12)) * (scaled > 0)
+            solved = np.linalg.solve(model, deviations[..., None])[..., 0]
+            squares, scale_counts = errors.of_parts(
+                np.sum(deviations * solved, axis=2) / d
+            )
+            logs = np.log(np.maximum(squares, 1e-12)) * (scale_counts > 0)
     # Of many cycles only few parts are left out, but they are long.
-    many = cycles**2 / _CYCLES_OF_MANY
-    count = np.where(count > 0, np.maximum(count, many), 0.0)
-    scaled = np.where(scaled > 0, np.maximum(scaled, many), 0.0)
-    pooled = (count * pooled.T + _ERROR_PARTS * _ERROR**2 * changes.T) / (
+    count_of_many = cycles**2 / _CYCLES_OF_MANY
+    count = np.where(count > 0, np.maximum(count, count_of_many), 0.0)
+    scale_counts = np.where(
+        scale_counts > 0, np.maximum(scale_counts, count_of_many), 0.0
+    )
+    covariances = (count * covariances.T + _ERROR_PARTS * _ERROR**2 * changes.T) / (
         count + _ERROR_PARTS
     )
-    pooled, total = pooled.T, np.trace(changes, axis1=1, axis2=2)
+    covariances, change_variances = covariances.T, np.trace(changes, axis1=1, axis2=2)
     if count.any():
         # Farther ahead than the parts reach, the errors grow as the changes do.
         last = int(np.flatnonzero(count)[-1])
-        pooled[last:] = np.multiply.outer(total[last:] / total[last], pooled[last])
-    pooled = _less_dependent(pooled, float(count.max()))
+        covariances[last:] = np.multiply.outer(
+            change_variances[last:] / change_variances[last], covariances[last]
+        )
+    covariances = _less_dependent(covariances, float(count.max()))
     growth = (ahead / _MIDDLE) ** (_GROWTH * _GROWTH_CYCLES / (_GROWTH_CYCLES + cycles))
-    lacking = np.log(variance_factor(cycles))
-    logs = (scaled * logs + _LACKING_PARTS * lacking) / (scaled + _LACKING_PARTS)
+    prior_log = np.log(variance_factor(cycles))
+    logs = (scale_counts * logs + _LACKING_PARTS * prior_log) / (
+        scale_counts + _LACKING_PARTS
+    )
     padded = np.pad(logs, 1, mode="edge")
     factors = np.exp((padded[:-2] + padded[1:-1] + padded[2:]) / 3)
     of_errors = 1 / (1 + (cycles / _MODEL_CYCLES) ** 2) if weight > 0 else 1.0
@@ -420,8 +444,8 @@ def _calibration(
         factors=growth * (1 - of_errors) * (1 + _UNSURE / cycles) * factors
         if weight > 0
         else np.ones(a),
-        errors=(growth * of_errors * (1 - local))[:, None, None] * pooled,
-        changes=changes / total[:, None, None],
+        errors=(growth * of_errors * (1 - local))[:, None, None] * covariances,
+        changes=changes / change_variances[:, None, None],
         weight=weight,
         local=of_errors * local,
         degrees=_DEGREES + _DEGREES_OF_CYCLES * cycles**2,
@@ -453,7 +477,7 @@ def _cross_validation(
     """Predict the parts of recordings that are left out; None where nothing can be."""
     k = reference_step
     d = track.cycle.coefficients.shape[1]
-    few = track.cycles < MANY_CYCLES
+    has_few_cycles = track.cycles < MANY_CYCLES
     least = k + min(_BLENDED, int(ahead[-1])) + 4
     splits = [
         split
@@ -463,15 +487,15 @@ def _cross_validation(
     results: list[tuple[Array, Array, Array, Array]] = []
     part: list[int] = []
     steps = np.concatenate([np.arange(k), k + ahead - 1])
-    for number, (rest, held) in enumerate(splits):
+    for number, (rest, left_out) in enumerate(splits):
         windows = [
-            _windows(y, steps, max(1, _PLACES // len(splits) // len(held)))
-            for y, _ in held
+            _windows(y, steps, max(1, _PLACES // len(splits) // len(left_out)))
+            for y, _ in left_out
         ]
-        observed = np.concatenate([values for values, _ in windows])
-        known = _known(rest, [phase for _, phase in held], windows, steps)
-        observed = observed[known]
-        if not len(observed):
+        trials = np.concatenate([values for values, _ in windows])
+        is_known = _known(rest, [phase for _, phase in left_out], windows, steps)
+        trials = trials[is_known]
+        if not len(trials):
             continue
         residual = Residual.fit(rest.phases, rest.residuals())
         gaussian = grid_gaussians(rest, residual, grid, steps - k)
@@ -485,18 +509,18 @@ def _cross_validation(
             noise=np.full(k * d, _NOISE),
             channels=d,
         )
-        replay = Replay(rest.recordings, k, int(ahead[-1])) if few else None
-        for window in observed:
+        replay = Replay(rest.recordings, k, int(ahead[-1])) if has_few_cycles else None
+        for window in trials:
             mean, covariance = conditioning.predict(window[:k])
-            again = mean
+            replay_mean = mean
             if replay is not None and replay.is_possible:
-                again = replay.predict(window[:k]).values[ahead - 1]
+                replay_mean = replay.predict(window[:k]).values[ahead - 1]
             part.append(number)
-            results.append((window[k:], mean, again, covariance))
+            results.append((window[k:], mean, replay_mean, covariance))
     if not results:
         return None
-    truth, model, replayed, covariances = map(np.stack, zip(*results, strict=True))
-    return _Errors(truth, model, replayed, covariances, np.array(part))
+    truth, model, replays, covariances = map(np.stack, zip(*results, strict=True))
+    return _Errors(truth, model, replays, covariances, np.array(part))
 
 
 def _windows(
@@ -524,18 +548,18 @@ def _known(
 ) -> NDArray[np.bool_]:
     """Return which windows pass only phases that the rest contains."""
     bins = 48
-    covered = np.zeros(bins, dtype=bool)
-    wide = round(_KNOWN / (2 * np.pi) * bins)
-    present = np.floor(
+    is_covered = np.zeros(bins, dtype=bool)
+    reach = round(_KNOWN / (2 * np.pi) * bins)
+    occupied = np.floor(
         np.mod(np.concatenate(rest.phases), 2 * np.pi) / (2 * np.pi) * bins
     ).astype(int)
-    for shift in range(-wide, wide + 1):
-        covered[(present + shift) % bins] = True
+    for shift in range(-reach, reach + 1):
+        is_covered[(occupied + shift) % bins] = True
     out = []
     for phase, (_, first) in zip(phases, windows, strict=True):
         at = np.minimum(first[:, None] + steps, len(phase) - 1)
-        place = np.floor(np.mod(phase[at], 2 * np.pi) / (2 * np.pi) * bins).astype(int)
-        out.append(covered[place % bins].all(axis=1))
+        places = np.floor(np.mod(phase[at], 2 * np.pi) / (2 * np.pi) * bins).astype(int)
+        out.append(is_covered[places % bins].all(axis=1))
     return np.concatenate(out)
 
 
@@ -545,25 +569,25 @@ def _splits(
     """Yield tracks without a part of the recordings, and values and phases of the part."""
     ends = np.cumsum([len(y) for y in track.recordings])
     if track.cycles < MANY_CYCLES:
-        wanted = int(np.clip(round(_PARTS_PER_CYCLE * track.cycles), *_PARTS))
-        parts = max(2, min(wanted, int(ends[-1]) // least))
+        nominal = int(np.clip(round(_PARTS_PER_CYCLE * track.cycles), *_PARTS))
+        parts = max(2, min(nominal, int(ends[-1]) // least))
     else:
         parts = _PARTS_OF_MANY
     for a, b in pairwise(np.linspace(0, ends[-1], parts + 1).astype(int)):
-        kept: list[tuple[Array, Array, Array]] = []
-        held: list[tuple[Array, Array]] = []
+        rest_parts: list[tuple[Array, Array, Array]] = []
+        left_out: list[tuple[Array, Array]] = []
         for y, phase, shift, end in zip(
             track.recordings, track.phases, track.shifts, ends, strict=True
         ):
             low, high = np.clip(np.array([a, b]) - (end - len(y)), 0, len(y))
             if high - low >= least - _BLENDED // 2:
-                held.append((y[low:high], phase[low:high]))
-            kept += [
+                left_out.append((y[low:high], phase[low:high]))
+            rest_parts += [
                 (y[part], phase[part], shift[part])
                 for part in (slice(0, low), slice(high, None))
                 if len(y[part]) >= _SHORTEST
             ]
-        if held and kept:
-            values, phases, shifts = map(list, zip(*kept, strict=True))
+        if left_out and rest_parts:
+            values, phases, shifts = map(list, zip(*rest_parts, strict=True))
             rest = replace(track, recordings=values, phases=phases, shifts=shifts)
-            yield rest.with_smooth_cycle(), held
+            yield rest.with_smooth_cycle(), left_out

@@ -14,7 +14,6 @@ from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.phase.processes import (
     Residual,
     phase_covariance,
-    symmetric_roots,
 )
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 
@@ -92,18 +91,22 @@ def phase_components(
     weights = FourierBasis(n_steps).analyze(np.eye(n_steps)[..., None]).T
     steps = np.arange(n_steps) - reference_step
     root = symmetric_roots(errors)
-    apart = np.arange(len(root))[:, None] - np.arange(len(root))
-    together = np.exp(-0.5 * (apart / reference_step) ** 2)
-    added = np.einsum("iab,ij,jcb->iajc", root, together, root, optimize=True)
+    lags = np.arange(len(root))[:, None] - np.arange(len(root))
+    correlations = np.exp(-0.5 * (lags / reference_step) ** 2)
+    added_covariance = np.einsum(
+        "iab,ij,jcb->iajc", root, correlations, root, optimize=True
+    )
     size = len(root) * root.shape[1]
-    added = np.asarray(added.reshape(size, size), dtype=float)
+    added_covariance = np.asarray(added_covariance.reshape(size, size), dtype=float)
     scale = np.repeat(np.sqrt(factors), root.shape[1])
     growth = np.outer(scale, scale) - 1
     gaussians = grid_gaussians(track, residual, grid, steps)
 
     def component(m: int) -> LowRankGaussian:
         mean, covariance = gaussians(m)
-        return _low_rank(mean, _rescaled(covariance, growth, added), weights, rank)
+        return _low_rank(
+            mean, _rescaled(covariance, growth, added_covariance), weights, rank
+        )
 
     return tuple(map(component, range(len(grid.phases))))
 
@@ -128,9 +131,9 @@ def grid_gaussians(
     )
     noise = noise[np.ix_(steps + reference_step, steps + reference_step)]
     noise = np.asarray(np.kron(noise, np.ones((d, d))), dtype=float)
-    smooth = residual.process.covariance(steps)
+    residual_covariance = residual.process.covariance(steps)
     slow = np.concatenate(track.shifts).var(axis=0)
-    shifted = np.kron(np.ones((n_steps, n_steps)), np.diag(2 * slow))
+    shift_covariance = np.kron(np.ones((n_steps, n_steps)), np.diag(2 * slow))
     paths = grid.phases[:, None] + velocity * steps
     cycles = cycle.values(paths)
     tangents = cycle.values(paths, 1).reshape(len(paths), -1)
@@ -139,30 +142,30 @@ def grid_gaussians(
         prior = noise + spread
         prior *= tangents[m]
         prior *= tangents[m][:, None]
-        prior += shifted
-        prior += residual.shaped_covariance(paths[m], smooth)
+        prior += shift_covariance
+        prior += residual.shaped_covariance(paths[m], residual_covariance)
         return prior
 
     errors = _errors(track, cycles, grid.phases, steps)
     counts = np.array([float(len(windows)) for windows in errors])
-    missing = {
+    conditional_covariances = {
         m: _fill_missing(windows, structure(m))
         for m, windows in enumerate(errors)
         if np.isnan(windows).any()
     }
-    near = _kernel(grid.phases)
-    sums = near @ np.stack([windows.sum(axis=0) for windows in errors])
-    grams = np.empty((len(near), *noise.shape))
+    kernel = _kernel(grid.phases)
+    sums = kernel @ np.stack([windows.sum(axis=0) for windows in errors])
+    grams = np.empty((len(kernel), *noise.shape))
     for m, windows in enumerate(errors):
         np.matmul(windows.T, windows, out=grams[m])
-    for m, left in missing.items():
-        grams[m] += left
+    for m, conditional in conditional_covariances.items():
+        grams[m] += conditional
     # One row at a time: all of them twice need much memory.
     for row in range(len(noise)):
-        grams[:, row] = near @ grams[:, row]
+        grams[:, row] = kernel @ grams[:, row]
 
     def gaussian(m: int) -> tuple[Array, Array]:
-        windows, total = float(near[m] @ counts), sums[m]
+        windows, total = float(kernel[m] @ counts), sums[m]
         weight = _COVARIANCE_WINDOWS + windows
         move = total / (windows + _MEAN_WINDOWS)
         # The windows' scatter about the moved mean is their Gram matrix minus this.
@@ -191,23 +194,25 @@ def _errors(
     With few cycles, windows that are cut by the end of a recording after at least a
     quarter of their length count as well; their missing samples are NaN.
     """
-    cut = 0 if track.cycles > _MANY_CYCLES else 3 * int(steps[-1]) // 4
-    found: list[list[Array]] = [[] for _ in phases]
+    missing_samples = 0 if track.cycles > _MANY_CYCLES else 3 * int(steps[-1]) // 4
+    windows_of: list[list[Array]] = [[] for _ in phases]
     for y, phase in zip(track.recordings, track.phases, strict=True):
         times = np.arange(len(y), dtype=float)
         spline = CubicSpline(times, y)
-        rising = np.maximum.accumulate(phase) + 1e-9 * times
+        monotonic_phase = np.maximum.accumulate(phase) + 1e-9 * times
         for m, grid_phase in enumerate(phases):
-            first = np.ceil((rising[0] - grid_phase) / (2 * np.pi))
-            last = np.floor((rising[-1] - grid_phase) / (2 * np.pi))
-            passed = grid_phase + 2 * np.pi * np.arange(first, last + 1)
-            at = np.interp(passed, rising, times)
-            at = at[(at + steps[0] >= 0) & (at + steps[-1] <= times[-1] + cut)]
-            place = at[:, None] + steps
-            windows = spline(place) - cycles[m]
-            windows[place > times[-1]] = np.nan
-            found[m].append(windows.reshape(len(at), cycles[m].size))
-    return [np.concatenate(windows) for windows in found]
+            first = np.ceil((monotonic_phase[0] - grid_phase) / (2 * np.pi))
+            last = np.floor((monotonic_phase[-1] - grid_phase) / (2 * np.pi))
+            passages = grid_phase + 2 * np.pi * np.arange(first, last + 1)
+            at = np.interp(passages, monotonic_phase, times)
+            at = at[
+                (at + steps[0] >= 0) & (at + steps[-1] <= times[-1] + missing_samples)
+            ]
+            places = at[:, None] + steps
+            windows = spline(places) - cycles[m]
+            windows[places > times[-1]] = np.nan
+            windows_of[m].append(windows.reshape(len(at), cycles[m].size))
+    return [np.concatenate(windows) for windows in windows_of]
 
 
 def _fill_missing(errors: Array, prior: Array) -> Array:
@@ -217,24 +222,35 @@ def _fill_missing(errors: Array, prior: Array) -> Array:
     """
     covariance = np.zeros_like(prior)
     for window in errors:
-        seen = np.isfinite(window)
-        if not seen.all():
-            known = prior[seen]
+        is_observed = np.isfinite(window)
+        if not is_observed.all():
+            observed_rows = prior[is_observed]
             gains = np.linalg.solve(
-                known[:, seen] + _WHITE * np.eye(len(known)), known[:, ~seen]
+                observed_rows[:, is_observed] + _WHITE * np.eye(len(observed_rows)),
+                observed_rows[:, ~is_observed],
             )
-            window[~seen] = window[seen] @ gains
-            left = prior[np.ix_(~seen, ~seen)] - known[:, ~seen].T @ gains
-            covariance[np.ix_(~seen, ~seen)] += left
+            window[~is_observed] = window[is_observed] @ gains
+            conditional = (
+                prior[np.ix_(~is_observed, ~is_observed)]
+                - observed_rows[:, ~is_observed].T @ gains
+            )
+            covariance[np.ix_(~is_observed, ~is_observed)] += conditional
     return covariance
 
 
 def _kernel(phases: Array) -> Array:
     """Return the weight of the windows of one phase at another one, (M, M)."""
-    apart = np.angle(np.exp(1j * (phases[:, None] - phases)))
-    near = np.exp(-0.5 * (apart / _NEAR) ** 2)
-    near[near < 1e-4] = 0.0
-    return near
+    distances = np.angle(np.exp(1j * (phases[:, None] - phases)))
+    weights = np.exp(-0.5 * (distances / _NEAR) ** 2)
+    weights[weights < 1e-4] = 0.0
+    return weights
+
+
+def symmetric_roots(covariances: Array) -> Array:
+    """Return the symmetric square roots of covariances (n, D, D)."""
+    variances, vectors = np.linalg.eigh(covariances)
+    half = vectors * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
+    return np.asarray(half @ np.swapaxes(vectors, 1, 2))
 
 
 def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
@@ -244,12 +260,14 @@ def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
     and is `added` to; how they depend on these stays.
     """
     first = len(covariance) - len(growth)
-    known = covariance[:first, :first] + _WHITE * np.eye(first)
+    observed = covariance[:first, :first] + _WHITE * np.eye(first)
     across = covariance[:first, first:]
-    more = covariance[first:, first:] - across.T @ np.linalg.solve(known, across)
-    more *= growth
-    more += added
-    covariance[first:, first:] += more
+    conditional = covariance[first:, first:] - across.T @ np.linalg.solve(
+        observed, across
+    )
+    conditional *= growth
+    conditional += added
+    covariance[first:, first:] += conditional
     return covariance
 
 
@@ -262,10 +280,10 @@ def leading_eigenvectors(matrix: Array, count: int) -> tuple[Array, Array]:
     """
     n = len(matrix)
     size = int(dsytrd_lwork(n, lower=1)[0])
-    reflectors, diagonal, beside, scales, _ = dsytrd(
+    reflectors, diagonal, off_diagonal, scales, _ = dsytrd(
         matrix.T, lower=1, lwork=size, overwrite_a=1
     )
-    values, vectors = eigh_tridiagonal(diagonal, beside, check_finite=False)
+    values, vectors = eigh_tridiagonal(diagonal, off_diagonal, check_finite=False)
     leading: Array = vectors[:, n - count :]
     # The product of the reflections leaves the first row as it is.
     leading[1:] = dormqr(
@@ -282,15 +300,15 @@ def _low_rank(
     `weights` (T, T) maps the samples of a channel to its weights.
     """
     size = len(covariance)
-    kept = min(rank, size - 1)
+    count = min(rank, size - 1)
     total = float(np.trace(covariance))
-    variances, vectors = leading_eigenvectors(covariance, kept)
-    noise = (total - float(variances.sum())) / (size - kept)
+    variances, vectors = leading_eigenvectors(covariance, count)
+    noise = (total - float(variances.sum())) / (size - count)
     noise = max(noise, 0.0) + _WHITE
-    windows = np.swapaxes(vectors.reshape(*mean.shape, kept), 0, 1)
+    windows = np.swapaxes(vectors.reshape(*mean.shape, count), 0, 1)
     return LowRankGaussian(
         mean=(weights @ mean).T.ravel(),
-        basis=(weights @ windows).reshape(size, kept),
+        basis=(weights @ windows).reshape(size, count),
         variances=np.maximum(variances + _WHITE - noise, 0.0),
         noise=noise,
     )

@@ -57,12 +57,12 @@ class Autoregression:
     @classmethod
     def fit(cls, recordings: Sequence[Array], *, order: int) -> "Autoregression":
         """Fit recordings (n, D) of about unit variance and zero mean."""
-        lagged, after = [], []
+        regressors, targets = [], []
         for v in recordings:
             past = [v[order - k : len(v) - k] for k in range(1, order + 1)]
-            lagged.append(np.concatenate(past, axis=1))
-            after.append(v[order:])
-        x, y = np.concatenate(lagged), np.concatenate(after)
+            regressors.append(np.concatenate(past, axis=1))
+            targets.append(v[order:])
+        x, y = np.concatenate(regressors), np.concatenate(targets)
         gram = x.T @ x + _RIDGE * len(x) * np.eye(x.shape[1])
         solution = np.linalg.solve(gram, x.T @ y)
         errors = y - x @ solution
@@ -77,9 +77,7 @@ class Autoregression:
         )
 
     @classmethod
-    def fit_shared(
-        cls, recordings: Sequence[Array], *, order: int
-    ) -> "Autoregression":
+    def fit_shared(cls, recordings: Sequence[Array], *, order: int) -> "Autoregression":
         """Fit one process of unit variance, independent in each channel, to recordings (n, D).
 
         It has `order` coefficients instead of D^2 times as many, which few samples would
@@ -235,9 +233,9 @@ class PhaseVelocity:
         past = (np.diff(start) - self.mean) / self.spread
         past = np.clip(past, -_MOST, _MOST)[None, :, None]
         past = np.repeat(past, len(normals), axis=0)
-        after = self._phases(self.process.sample(normals[..., None], past=past))
-        before = np.repeat(start[None], len(normals), axis=0)
-        return np.concatenate([before, start[-1] + after[:, 1:]], axis=1)
+        increments = self._phases(self.process.sample(normals[..., None], past=past))
+        known_phases = np.repeat(start[None], len(normals), axis=0)
+        return np.concatenate([known_phases, start[-1] + increments[:, 1:]], axis=1)
 
     def _phases(self, deviations: Array) -> Array:
         """Integrate deviations (S, n, 1) of the velocity to phases (S, n + 1) from 0."""
@@ -269,23 +267,23 @@ def phase_covariance(
     end of a recording count as far as they go, and the process of the velocity as half a
     window's worth of them.
     """
-    whole = sum(max(0, len(p) - count + 1) for p in phases)
-    few = whole < _MANY * count
-    cut = count - 2 - reference_step if few else 0
-    lacking = np.full(cut, np.nan)
+    whole_windows = sum(max(0, len(p) - count + 1) for p in phases)
+    has_few_windows = whole_windows < _MANY * count
+    missing_samples = count - 2 - reference_step if has_few_windows else 0
+    padding = np.full(missing_samples, np.nan)
     windows = [
-        np.lib.stride_tricks.sliding_window_view(np.concatenate([p, lacking]), count)
+        np.lib.stride_tricks.sliding_window_view(np.concatenate([p, padding]), count)
         for p in phases
-        if len(p) + len(lacking) >= count
+        if len(p) + len(padding) >= count
     ]
     psi, steps = np.concatenate(windows), np.arange(count) - reference_step
     psi = psi - psi[:, reference_step, None] - velocity * steps
     sizes = np.nanmean(psi**2, axis=1)
     psi = psi[sizes <= np.quantile(sizes, 1 - _LEFT_OUT)]
-    known = np.isfinite(psi).astype(float)
-    psi = np.where(known > 0, psi, 0.0)
-    squares, counts = psi.T @ psi, known.T @ known
-    if few:
+    is_known = np.isfinite(psi).astype(float)
+    psi = np.where(is_known > 0, psi, 0.0)
+    squares, counts = psi.T @ psi, is_known.T @ is_known
+    if has_few_windows:
         # What no window shows follows from the process of the velocity.
         process = PhaseVelocity.fit(phases).phase_noise(count)
         row = process[reference_step]
@@ -337,7 +335,8 @@ class Residual:
         cycles = sum(float(p[-1] - p[0]) for p in phases) / (2 * np.pi)
         local = (cycles * local + _PRIOR_CYCLES * overall) / (cycles + _PRIOR_CYCLES)
         local += 1e-12 * np.eye(r.shape[1])
-        factors = symmetric_roots(local)
+        variances, vectors = np.linalg.eigh(local)
+        factors = np.einsum("gab,gb,gcb->gac", vectors, np.sqrt(variances), vectors)
         if cycles < FEW_CYCLES:
             process = Autoregression.fit_shared(residuals, order=_RESIDUAL_ORDER)
         else:
@@ -370,20 +369,13 @@ class Residual:
         """Return L at phases (...), shape (..., D, D)."""
         count = len(self.factors)
         place = np.mod(phase, 2 * np.pi) * (count / (2 * np.pi))
-        before = np.floor(place).astype(int)
-        ahead = (place - before)[..., None, None]
-        return (1 - ahead) * self.factors[before % count] + ahead * self.factors[
-            (before + 1) % count
+        lower = np.floor(place).astype(int)
+        ratio = (place - lower)[..., None, None]
+        return (1 - ratio) * self.factors[lower % count] + ratio * self.factors[
+            (lower + 1) % count
         ]
 
 
 _NO_PROCESS = Autoregression(
     coefficients=np.zeros((1, 1, 1)), innovation=np.ones((1, 1))
 )
-
-
-def symmetric_roots(covariances: Array) -> Array:
-    """Return the symmetric square roots of covariances (n, D, D)."""
-    variances, vectors = np.linalg.eigh(covariances)
-    half = vectors * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
-    return np.asarray(half @ np.swapaxes(vectors, 1, 2))
