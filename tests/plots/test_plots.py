@@ -708,10 +708,23 @@ class TestPages:
         text = "contact lost from 0.5 to 0.9 s"
         run = fake_run(skills[3], events=[RunEvent(0.5, 0.9, "contact lost", text)])
         assert run_page.draw_run(run).get_suptitle() == text
-        for ax in run_axes(run)[2:]:
-            (shaded,) = (p for p in ax.patches if p.get_label() == "contact lost")
-            assert shaded.get_extents().width > 0
+        *others, last = run_axes(run)[2:]
+        (shaded,) = (p for p in last.patches if p.get_label() == "contact lost")
+        assert shaded.get_extents().width > 0
+        # The other axes shade it without a name, which would not fit beside their titles.
+        for ax in others:
+            assert shaded.get_facecolor() in [p.get_facecolor() for p in ax.patches]
+            assert "contact lost" not in [p.get_label() for p in ax.patches]
         assert run_page.draw_run(fake_run(skills[3])).get_suptitle() == ""
+
+    def test_kinds_of_events_have_colours_of_their_own(self, skills):
+        events = [
+            RunEvent(0.5, 0.9, kind, kind)
+            for kind in ("contact lost", "protective stop")
+        ]
+        ax = run_axes(fake_run(skills[3], events=events))[-1]
+        colors = {p.get_facecolor() for p in ax.patches if p.get_label()[0] != "_"}
+        assert len(colors) == 2
 
     def test_contact_with_the_board_is_labelled_and_not_shaded(self, skills):
         event = RunEvent(0.0, 2.0, "board found", "the board is 3 mm lower")
