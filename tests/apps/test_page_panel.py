@@ -228,13 +228,19 @@ def test_page_without_its_program_reports_it(tmp_path):
     with Page(panel.url, tmp_path) as page:
         page.wait_for_meshcat()
         panel.show(mode="wiping", level="good", **describe_page(LoadScenario("words")))
+        panel.show(rate=0.5)
         panel.meshcat.AddButton("stop")
+        panel.meshcat.AddSlider("tempo", 0.0, 2.0, 0.01, 1.0)
         page.wait_for(f"{TEXT}.includes('Drag the arm')")
+        page.wait_for(f"{TEXT}.includes('this machine is slow')")
         page.wait_for(f"{BUTTON % 'stop'}?.disabled === false")
+        page.wait_for(f"{SLIDER % 'tempo'}?.disabled === false")
         panel.close()
         page.wait_for(f"{TEXT}.includes('no connection')")
         # Controls without effect are not offered.
         page.wait_for(f"{BUTTON % 'stop'}.disabled")
+        page.wait_for(f"{SLIDER % 'tempo'}.disabled")
+        assert "this machine is slow" not in page.run(TEXT)
         assert "Drag the arm" not in page.run(TEXT)
         assert "to turn the view" in page.run(TEXT)
 

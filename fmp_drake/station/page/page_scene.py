@@ -49,7 +49,8 @@ INK = f"{BOARD}/ink"
 """Path of the ink in Meshcat's tree."""
 
 VIEW_HELP = (
-    "Drag beside it to turn the view; two fingers or right button: move, wheel: zoom."
+    "Drag the background to turn the view. Two fingers or the right button move it, "
+    "the wheel zooms."
 )
 """Help about the camera."""
 
