@@ -99,8 +99,11 @@ def test_long_reason_is_shown_in_full_on_a_phone(page, panel):
     cut_off = f"{mode}.querySelector('p').scrollHeight > {mode}.querySelector('p').clientHeight + 1"
     panel.show(mode="refused", level="bad", detail="a reason, and what to do; " * 12)
     page.wait_for(cut_off)
+    hint = f"getComputedStyle({mode}, '::after').content.includes('tap to read on')"
+    page.wait_for(hint)
     page.run(f"{mode}.click()")
     page.wait_for(f"!({cut_off})")
+    assert not page.run(hint)
     page.run(f"{mode}.click()")
     panel.show(mode="wiping", level="good", detail="")
     resize(page, 800, 500)
