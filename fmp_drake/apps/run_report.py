@@ -138,7 +138,8 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
     rows |= {
         "tracking error": tracking,
         "path deviation": _path_deviation(m),
-        "re-mapped": f"{_count_text(m['remap_count'], 'time')}{after_pushes}, jumps up to "
+        "re-mapped": f"{_count_text(m['remap_count'], 'time')}{after_pushes}; the "
+        "desired position jumps by at most "
         f"{1e3 * m['desired_position_jump_max_m']:.4f} mm",
         "limits": f"torque {100 * m['torque_ratio_max']:.0f} %, torque rate "
         f"{m['torque_rate_max_nm_per_s']:.0f} Nm/s, joint speed "
