@@ -38,7 +38,7 @@ from fmp_drake.plots.learned import (
 )
 from fmp_drake.plots.played import draw_rollout_over_time
 from fmp_drake.plots.skill_page import draw_skill
-from fmp_drake.plots.style import component_color
+from fmp_drake.plots.style import component_color, series_style
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.runs.events import RunEvent
@@ -732,6 +732,13 @@ class TestPages:
         assert run_page.draw_run(run).get_suptitle() == event.text
         for ax in run_axes(run)[2:]:
             assert "board found" not in [p.get_label() for p in ax.patches]
+
+
+def test_lines_in_one_picture_differ_in_colour_or_style():
+    styles = [tuple(series_style(number).values()) for number in range(20)]
+    assert len(set(styles)) == 20
+    # The second and third colour look the same to a deuteranope.
+    assert len({line for _, line in styles[:4]}) == 4
 
 
 def run_axes(run):

@@ -147,3 +147,12 @@ def test_a_recording_shorter_than_the_window_is_learned_in_a_shorter_one():
     skill = learn_skill([recording], window=6.0)
     assert skill.window == pytest.approx(5.0)
     assert "the window is 5 s instead of 6 s" in skill.model_reason_
+
+
+def test_no_extent_is_minus_zero():
+    time = np.arange(0, 20, 0.05)
+    circles = 0.1 * np.column_stack([np.cos(2 * time), np.sin(2 * time), 0 * time])
+    circles[:, 2] = -1e-3 * (1 + np.cos(2 * time))
+    skill = FourierMovementPrimitive(rate=20).fit(circles)
+    played = skill_in_words(skill)[-1]
+    assert "to 0.10 m, z 0.00 to 0.00 m" in played
