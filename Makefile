@@ -20,6 +20,7 @@ help:
 
 # uv installs its own Python 3.12; without uv, Python 3.12 must be installed.
 $(STAMP): pyproject.toml constraints.txt .python-version
+	@echo "making an environment in $(VENV), once; it takes a minute or two"
 	@if command -v uv >/dev/null 2>&1; then \
 	    rm -rf $(VENV) && uv venv --quiet --seed $(VENV); \
 	else \

@@ -1,6 +1,8 @@
 """What the README says of the checkout is so; ``make readme`` runs its commands."""
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -43,3 +45,18 @@ def test_links_and_pictures_are_there():
     for file, anchor in links:
         assert (REPOSITORY / file).exists(), file
         assert not anchor or anchor in anchors, anchor
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_first_make_announces_the_environment_before_it_makes_it(tmp_path):
+    for name in ("Makefile", "pyproject.toml", "constraints.txt", ".python-version"):
+        shutil.copy(REPOSITORY / name, tmp_path)
+    planned = subprocess.run(
+        ["make", "--dry-run", "wipe"],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    assert "a minute or two" in planned.splitlines()[0]
+    assert planned.index("a minute or two") < planned.index("pip install")
