@@ -211,6 +211,28 @@ def test_rhythm_of_real_recordings_is_found(
     assert found.cycles == pytest.approx(cycles, abs=0.5)
 
 
+@pytest.mark.parametrize("name", ["car_rim_1", "car_rim_4"])
+def test_the_rhythm_of_positions_is_found_beside_all_other_channels(
+    real_demonstration_paths, name
+):
+    with np.load(real_demonstration_paths[name]) as file:
+        names = ("position", "quaternion", "force", "joints")
+        arrays, time = [file[key] for key in names], file["time"]
+    units = ("m",) * 3 + ("1",) * 4 + ("N",) * 3 + ("rad",) * 7
+    values = np.concatenate(arrays, axis=1)
+    found = find_rhythm(
+        Demonstration(
+            time=time,
+            values=values,
+            channels=tuple(f"c{i}" for i in range(len(units))),
+            units=units,
+        )
+    )
+    alone = find_rhythm(Demonstration(time=time, values=values[:, :3]))
+    assert found.period == pytest.approx(alone.period, rel=0.01)
+    assert found.cycles == pytest.approx(alone.cycles, abs=0.1)
+
+
 def test_one_and_a_half_cycles_after_an_approach_are_found(real_demonstration_paths):
     with np.load(real_demonstration_paths["car_fender_3"]) as file:
         recording = Demonstration(time=file["time"], values=file["position"])

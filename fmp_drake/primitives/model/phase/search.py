@@ -82,7 +82,7 @@ _BOUT, _LEFT_OUT, _BACKWARDS, _OTHER = range(4)
 # Fraction of noise in a channel, and of all variance, from which the phase ignores it.
 _NOISE, _NOTICED = 0.5, 0.02
 # Misfit of fewer channels relative to that of all, below which they are preferred.
-_FEWER_CHANNELS = 0.5
+_FEWER_CHANNELS = 0.75
 # Units of channels that may have a rhythm alone, in this order.
 _MOTION = ("m", "rad")
 
@@ -92,7 +92,8 @@ class Found(NamedTuple):
 
     It was found in `recordings` (n, D): those given, the longest first, or joined where each
     is one cycle. The track has all channels, also those that do not repeat. The misfit is 0
-    where there are many similar cycles; else it is greater, the more they differ.
+    where there are many similar cycles; else it is the greater, the fewer they are and the
+    more they differ.
     """
 
     rhythm: Rhythm
@@ -295,8 +296,8 @@ def _search(
     if len(columns) < every[0].shape[1]:
         bouts = _cut(every, [label == _BOUT for label in best.labels])
         track = track.with_channels(bouts)
-    misfit = 0.0 if limits is _LIMITS[0] else _misfit(best.track)
-    return Found(rhythm, track, every, misfit)
+    misfit = _misfit(best.track) / best.track.cycles
+    return Found(rhythm, track, every, 0.0 if limits is _LIMITS[0] else misfit)
 
 
 def _attempts(
