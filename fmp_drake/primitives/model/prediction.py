@@ -14,11 +14,11 @@ Array = NDArray[np.float64]
 
 
 # Of the difference of two pasts: weight of their distance beside that of their shapes.
-_PLACE = 0.2
+_DISTANCE_WEIGHT = 0.2
 # Width of the kernel over similar pasts relative to the variance of the recordings, greatest
 # number of pasts that count, and the samples in which an offset to the present, and one of the
 # velocity, decay.
-_WIDTH, _MOST_PASTS, _DECAY, _VELOCITY_DECAY = 0.002, 60, 20.0, 4.0
+_KERNEL_WIDTH, _MOST_PASTS, _DECAY, _VELOCITY_DECAY = 0.002, 60, 20.0, 4.0
 # Velocities that an extrapolation regards.
 _VELOCITIES = 5
 # Relative ridge of its regression, and its least variance in squared scaled units.
@@ -148,10 +148,10 @@ class Replay:
         """Predict the samples that follow a past (K, D)."""
         shape = past - past.mean(axis=0)
         distance = np.sum((self._shapes - shape) ** 2, axis=(1, 2))
-        distance += _PLACE * np.sum((self._pasts - past) ** 2, axis=(1, 2))
+        distance += _DISTANCE_WEIGHT * np.sum((self._pasts - past) ** 2, axis=(1, 2))
         nearest = np.argsort(distance, kind="stable")[:_MOST_PASTS]
         least = float(distance[nearest[0]])
-        width = least + _WIDTH * self.variance * self._seen
+        width = least + _KERNEL_WIDTH * self.variance * self._seen
         weights = np.exp((least - distance[nearest]) / width)
         futures = self._values[self._next[nearest, None] + self._ahead]
         is_known = np.isfinite(futures[..., 0])

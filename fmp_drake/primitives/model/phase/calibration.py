@@ -15,45 +15,45 @@ from fmp_drake.primitives.model.prediction import Conditioning, Replay, Replayed
 
 Array = NDArray[np.float64]
 
-# Samples ahead that are looked at, and up to which the blend is fitted.
-_AHEAD = np.array([1, 2, 3, 5, 7, 10, 14, 20, 28, 40])
-_BLENDED = 20
+# Horizons of the predictions that are evaluated, samples, and the greatest one of the blend.
+_HORIZONS = np.array([1, 2, 3, 5, 7, 10, 14, 20, 28, 40])
+_BLEND_HORIZON = 20
 # With so many cycles nothing is gained by a blend with replay, and fewer parts suffice.
 MANY_CYCLES, _PARTS_OF_MANY = 15.0, 5
 # Parts that are left out for each cycle, and bounds of their number.
 _PARTS_PER_CYCLE, _PARTS = 3.0, (4, 10)
 # Parts that are left out of a mixture, which is learned again without each.
 _PLAYED_PARTS = 4
-# Places in all parts at which is predicted.
-_PLACES = 300
+# Predictions in all parts.
+_PREDICTIONS = 300
 # Segments of the rest that are shorter are left out.
-_SHORTEST = 12
-# A phase is known where a sample of the rest is this near, rad.
-_KNOWN = 0.35
+_LEAST_SEGMENT = 12
+# Greatest distance of a known phase to a sample of the rest, rad.
+_PHASE_REACH = 0.35
 # Weight of the phase model where nothing can be left out, and what it counts in parts.
 _WEIGHT, _WEIGHT_PARTS, _MOST_WEIGHT = 0.4, 6.0, 1.2
 # Priors of errors, and what they count in parts. They are rounded from a fit to bundled and real
 # recordings. Fitted without one recording, they put 92, 91 and 87 % of it into the 95 % tube after
 # 0.25, 0.5 and 1 s. Standard deviation of an error, relative to that of the change of the
 # movement in the same time:
-_ERROR, _ERROR_PARTS = 0.4, 2.0
-# Of one cycle's covariances, which fall short by 1 + _LACKING / cycles^1.5:
-_LACKING, _LACKING_PARTS = 4.5, 6.0
+_PRIOR_ERROR, _ERROR_PARTS = 0.4, 2.0
+# Of one cycle's covariances, which fall short by 1 + _SHORTFALL / cycles^1.5:
+_SHORTFALL, _SHORTFALL_PARTS = 4.5, 6.0
 # Cycles after which the model's covariances count as much as the errors do.
 _MODEL_CYCLES = 5.0
 # Fraction of the errors that the spread of similar futures takes, and least relative variance
 # of a channel.
-_LOCAL, _LEAST_RELATIVE = 0.4, 0.003
-# The model's variances of few cycles are themselves uncertain: 1 + _UNSURE / cycles. All grow
-# with the horizon, from the middle one on, by a power that falls from _GROWTH with cycles.
-_UNSURE, _GROWTH, _GROWTH_CYCLES, _MIDDLE = 1.5, 0.5, 3.0, 10.0
+_LOCAL_FRACTION, _LEAST_RELATIVE = 0.4, 0.003
+# The model's variances of few cycles are uncertain: 1 + _VARIANCE_UNCERTAINTY / cycles. All
+# grow with the horizon, from the middle one on, by a power that falls from _GROWTH with cycles.
+_VARIANCE_UNCERTAINTY, _GROWTH, _GROWTH_CYCLES, _MIDDLE_HORIZON = 1.5, 0.5, 3.0, 10.0
 # Left-out parts of n cycles count at least as n^2 / _CYCLES_OF_MANY.
 _CYCLES_OF_MANY = 8.0
 # Degrees of freedom without, and for the square of the number of cycles.
 _DEGREES, _DEGREES_OF_CYCLES = 4.0, 0.05
 # Variance that a past unlike all others adds: fraction of its squared distance beyond a part of
 # the variance of the recordings.
-_NOVELTY, _NOT_NEW = 0.75, 0.04
+_NOVELTY_FRACTION, _NOVELTY_THRESHOLD = 0.75, 0.04
 # Weight of the background in the density: at most, and the cycles that halve it.
 _BACKGROUND, _BACKGROUND_CYCLES = 0.2, 6.0
 # In squared scaled units.
@@ -104,32 +104,23 @@ class Calibration:
         """Return the calibration of the next samples, up to a horizon."""
         steps = np.arange(1, horizon + 1, dtype=float)
 
-        def matrices(table: Array) -> Array:
-            flat = table.reshape(len(self.ahead), -1)
-            columns = [np.interp(steps, self.ahead, column) for column in flat.T]
-            return np.stack(columns, axis=1).reshape(horizon, *table.shape[1:])
+        def later(values: Array) -> Array:
+            return _interpolated(steps, self.ahead, values)
 
         return replace(
             self,
             ahead=steps,
-            factors=np.interp(steps, self.ahead, self.factors),
-            errors=matrices(self.errors),
-            changes=matrices(self.changes),
-            played=None if self.played is None else matrices(self.played),
+            factors=later(self.factors),
+            errors=later(self.errors),
+            changes=later(self.changes),
+            played=None if self.played is None else later(self.played),
         )
 
     def played_at(self, ahead: float) -> Array:
         """Return `played` (D, D) any time ahead, in samples; 0 for what is observed."""
-        steps = np.concatenate([[0.0], self.ahead])
         played = self.errors if self.played is None else self.played
-        errors = np.concatenate([np.zeros_like(played[:1]), played])
-        upper = int(np.clip(np.searchsorted(steps, ahead), 1, len(steps) - 1))
-        lower = upper - 1
-        ratio = (ahead - steps[lower]) / (steps[upper] - steps[lower])
-        out: Array = errors[lower] + float(np.clip(ratio, 0, 1)) * (
-            errors[upper] - errors[lower]
-        )
-        return out
+        grown = float(np.clip(ahead / self.ahead[0], 0, 1))
+        return grown * _interpolated(np.asarray(ahead), self.ahead, played)
 
     def transformed(self, matrix: Array) -> "Calibration":
         """Return the calibration of A y for a matrix (D, D)."""
@@ -156,7 +147,9 @@ class Calibration:
         weight = self.weight
         change = mean - replayed.values
         disagreement = weight * (1 - weight) * change[:, :, None] * change[:, None]
-        novelty = _NOVELTY * max(replayed.distance - _NOT_NEW * variance, 0.0)
+        novelty = _NOVELTY_FRACTION * max(
+            replayed.distance - _NOVELTY_THRESHOLD * variance, 0.0
+        )
         isotropic = np.eye(mean.shape[1]) / mean.shape[1]
         out = covariances + self.factors[:, None, None] * disagreement
         out = (
@@ -189,22 +182,6 @@ class _Errors(NamedTuple):
         """Number of parts with predictions."""
         return len(np.unique(self.part))
 
-    def of_parts(self, values: Array) -> tuple[Array, Array]:
-        """Return the mean over parts, (A, ...), of each part's mean of values (N, A, ...).
-
-        Also return the number of parts (A,) with values that are not NaN.
-        """
-        is_known = np.isfinite(values.reshape(*values.shape[:2], -1)[..., 0])
-        means, counts = np.zeros(values.shape[1:]), np.zeros(values.shape[1])
-        for part in np.unique(self.part):
-            is_in_part = self.part == part
-            numbers = is_known[is_in_part].sum(axis=0)
-            means += (
-                np.nansum(values[is_in_part], axis=0).T / np.maximum(numbers, 1)
-            ).T
-            counts += numbers > 0
-        return (means.T / np.maximum(counts, 1)).T, counts
-
 
 def calibrate(
     track: PhaseTrack, grid: PhaseGrid, *, n_steps: int, reference_step: int
@@ -225,7 +202,7 @@ def calibrate(
     reference_step : int
         K, samples of a window that are observed when its end is predicted.
     """
-    ahead = _AHEAD[_AHEAD <= n_steps - reference_step]
+    ahead = _HORIZONS[_HORIZONS <= n_steps - reference_step]
     cycles = track.cycles
     has_few_cycles = cycles < MANY_CYCLES
     errors = _cross_validation(track, grid, ahead, reference_step)
@@ -233,11 +210,10 @@ def calibrate(
     if has_few_cycles:
         weight = _WEIGHT
         if errors is not None:
-            is_blended = ahead <= _BLENDED
+            is_blended = ahead <= _BLEND_HORIZON
             change = (errors.model - errors.replay)[:, is_blended]
-            projections = np.sum(
-                (errors.truth - errors.replay)[:, is_blended] * change, axis=2
-            )
+            true_change = (errors.truth - errors.replay)[:, is_blended]
+            projections = np.sum(true_change * change, axis=2)
             squares = np.sum(change**2, axis=2)[np.isfinite(projections)]
             ratio = np.nansum(projections) / max(float(squares.sum()), 1e-300)
             weight = errors.parts * float(np.clip(ratio, 0, _MOST_WEIGHT))
@@ -261,9 +237,9 @@ def calibrate_replay(
     horizon : int
         Greatest number of samples to predict.
     """
-    ahead = _AHEAD[_AHEAD <= horizon]
+    ahead = _HORIZONS[_HORIZONS <= horizon]
     total = sum(map(len, recordings))
-    size = seen + _BLENDED + 4
+    size = seen + _BLEND_HORIZON + 4
     count = int(np.clip(total // size, 2, _PARTS[1]))
     steps = np.concatenate([np.arange(seen), seen + ahead - 1])
     truth: list[Array] = []
@@ -274,7 +250,7 @@ def calibrate_replay(
         if not replay.is_possible or len(left_out) <= seen:
             continue
         number = part[-1] + 1 if part else 0
-        for window in _windows(left_out, steps, max(1, _PLACES // count))[0]:
+        for window in _windows(left_out, steps, max(1, _PREDICTIONS // count))[0]:
             truth.append(window[seen:])
             replayed.append(replay.predict(window[:seen]).values[ahead - 1])
             part.append(number)
@@ -282,10 +258,8 @@ def calibrate_replay(
         return None
     errors = None
     if part:
-        true_values, predictions = np.stack(truth), np.stack(replayed)
-        errors = _Errors(
-            true_values, predictions, predictions, np.empty(0), np.array(part)
-        )
+        values = np.stack(replayed)
+        errors = _Errors(np.stack(truth), values, values, np.empty(0), np.array(part))
     cycles = _CYCLES_PER_PART * (0 if errors is None else errors.parts)
     changes = _changes(recordings, ahead)
     return _calibration(errors, changes, ahead, 0.0, max(_LEAST_CYCLES, cycles))
@@ -314,13 +288,12 @@ def calibrate_playback(
     steps = np.concatenate([np.arange(seen), seen + ahead - 1])
     deviations: list[Array] = []
     part: list[int] = []
-    for number, (rest, left_out) in enumerate(
-        _left_out(recordings, _PLAYED_PARTS, least=1)
-    ):
+    splits = _left_out(recordings, _PLAYED_PARTS, least=1)
+    for number, (rest, left_out) in enumerate(splits):
         play = learn(rest) if len(left_out) > seen else None
         if play is None:
             continue
-        for window in _windows(left_out, steps, _PLACES // _PLAYED_PARTS)[0]:
+        for window in _windows(left_out, steps, _PREDICTIONS // _PLAYED_PARTS)[0]:
             values = play(window[:seen])
             is_reached = (ahead <= len(values))[:, None]
             values = values[np.minimum(ahead, len(values)) - 1]
@@ -328,19 +301,36 @@ def calibrate_playback(
             part.append(number)
     if not part:
         return calibration
-    errors = np.stack(deviations)
-    all_errors = _Errors(errors, errors, errors, np.empty(0), np.array(part))
-    covariances, count = all_errors.of_parts(
-        errors[..., :, None] * errors[..., None, :]
-    )
+    squares = _squares(np.stack(deviations))
+    covariances, count = _part_means(squares, np.array(part))
     last = int(np.flatnonzero(count)[-1])
     # Few parts show too small errors: to first order by two over their number.
     covariances = (covariances.T * (1 + 2 / np.maximum(count, 1))).T
-    replay_variances = np.trace(calibration.errors, axis1=1, axis2=2)
-    covariances[last:] = np.multiply.outer(
-        replay_variances[last:] / replay_variances[last], covariances[last]
-    )
+    growth = np.trace(calibration.errors, axis1=1, axis2=2)[last:]
+    covariances[last:] = np.multiply.outer(growth / growth[0], covariances[last])
     return replace(calibration, played=_less_dependent(covariances, float(count.max())))
+
+
+def _squares(errors: Array) -> Array:
+    """Return the outer products (..., D, D) of errors (..., D) with themselves."""
+    out: Array = errors[..., :, None] * errors[..., None, :]
+    return out
+
+
+def _part_means(values: Array, part: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the mean over parts, (A, ...), of each part's mean of values (N, A, ...).
+
+    Also return the number of parts (A,) with values that are not NaN.
+    """
+    is_known = np.isfinite(values.reshape(*values.shape[:2], -1)[..., 0])
+    means, counts = np.zeros(values.shape[1:]), np.zeros(values.shape[1])
+    for number in np.unique(part):
+        is_in_part = part == number
+        known = is_known[is_in_part].sum(axis=0)
+        total = np.nansum(values[is_in_part], axis=0)
+        means += (total.T / np.maximum(known, 1)).T
+        counts += known > 0
+    return (means.T / np.maximum(counts, 1)).T, counts
 
 
 def _left_out(
@@ -400,17 +390,12 @@ def _calibration(
     if errors is not None:
         disagreement = errors.model - errors.replay
         deviations = errors.truth - errors.replay - weight * disagreement
-        covariances, count = errors.of_parts(
-            deviations[..., :, None] * deviations[..., None, :]
-        )
+        covariances, count = _part_means(_squares(deviations), errors.part)
         if weight > 0:
-            model = errors.covariances + weight * (1 - weight) * (
-                disagreement[..., :, None] * disagreement[..., None, :]
-            )
+            model = errors.covariances + weight * (1 - weight) * _squares(disagreement)
             solved = np.linalg.solve(model, deviations[..., None])[..., 0]
-            squares, scale_counts = errors.of_parts(
-                np.sum(deviations * solved, axis=2) / d
-            )
+            squares = np.sum(deviations * solved, axis=2) / d
+            squares, scale_counts = _part_means(squares, errors.part)
             logs = np.log(np.maximum(squares, 1e-12)) * (scale_counts > 0)
     # Of many cycles only few parts are left out, but they are long.
     count_of_many = cycles**2 / _CYCLES_OF_MANY
@@ -418,30 +403,34 @@ def _calibration(
     scale_counts = np.where(
         scale_counts > 0, np.maximum(scale_counts, count_of_many), 0.0
     )
-    covariances = (count * covariances.T + _ERROR_PARTS * _ERROR**2 * changes.T) / (
-        count + _ERROR_PARTS
-    )
+    covariances = (
+        count * covariances.T + _ERROR_PARTS * _PRIOR_ERROR**2 * changes.T
+    ) / (count + _ERROR_PARTS)
     covariances, change_variances = covariances.T, np.trace(changes, axis1=1, axis2=2)
     if count.any():
         # Farther ahead than the parts reach, the errors grow as the changes do.
         last = int(np.flatnonzero(count)[-1])
-        covariances[last:] = np.multiply.outer(
-            change_variances[last:] / change_variances[last], covariances[last]
-        )
+        later = change_variances[last:] / change_variances[last]
+        covariances[last:] = np.multiply.outer(later, covariances[last])
     covariances = _less_dependent(covariances, float(count.max()))
-    growth = (ahead / _MIDDLE) ** (_GROWTH * _GROWTH_CYCLES / (_GROWTH_CYCLES + cycles))
+    growth = (ahead / _MIDDLE_HORIZON) ** (
+        _GROWTH * _GROWTH_CYCLES / (_GROWTH_CYCLES + cycles)
+    )
     prior_log = np.log(variance_factor(cycles))
-    logs = (scale_counts * logs + _LACKING_PARTS * prior_log) / (
-        scale_counts + _LACKING_PARTS
+    logs = (scale_counts * logs + _SHORTFALL_PARTS * prior_log) / (
+        scale_counts + _SHORTFALL_PARTS
     )
     padded = np.pad(logs, 1, mode="edge")
     factors = np.exp((padded[:-2] + padded[1:-1] + padded[2:]) / 3)
     of_errors = 1 / (1 + (cycles / _MODEL_CYCLES) ** 2) if weight > 0 else 1.0
     # A model of many cycles replays none of them.
-    local = _LOCAL if weight < 1 else 0.0
+    local = _LOCAL_FRACTION if weight < 1 else 0.0
     return Calibration(
         ahead=ahead.astype(float),
-        factors=growth * (1 - of_errors) * (1 + _UNSURE / cycles) * factors
+        factors=growth
+        * (1 - of_errors)
+        * (1 + _VARIANCE_UNCERTAINTY / cycles)
+        * factors
         if weight > 0
         else np.ones(a),
         errors=(growth * of_errors * (1 - local))[:, None, None] * covariances,
@@ -453,9 +442,16 @@ def _calibration(
     )
 
 
+def _interpolated(at: Array, steps: Array, values: Array) -> Array:
+    """Return values (A, ...) at increasing steps (A,) for other ones (...)."""
+    columns = values.reshape(len(steps), -1).T
+    out = np.stack([np.interp(at, steps, column) for column in columns], axis=-1)
+    return out.reshape(*at.shape, *values.shape[1:])
+
+
 def variance_factor(cycles: float) -> float:
     """Return by how much the variances fall short that some cycles show."""
-    return float((1 + _LACKING / cycles**1.5) ** 2)
+    return float((1 + _SHORTFALL / cycles**1.5) ** 2)
 
 
 def _changes(recordings: Sequence[Array], ahead: NDArray[np.int64]) -> Array:
@@ -478,7 +474,7 @@ def _cross_validation(
     k = reference_step
     d = track.cycle.coefficients.shape[1]
     has_few_cycles = track.cycles < MANY_CYCLES
-    least = k + min(_BLENDED, int(ahead[-1])) + 4
+    least = k + min(_BLEND_HORIZON, int(ahead[-1])) + 4
     splits = [
         split
         for split in _splits(track, least)
@@ -489,7 +485,7 @@ def _cross_validation(
     steps = np.concatenate([np.arange(k), k + ahead - 1])
     for number, (rest, left_out) in enumerate(splits):
         windows = [
-            _windows(y, steps, max(1, _PLACES // len(splits) // len(left_out)))
+            _windows(y, steps, max(1, _PREDICTIONS // len(splits) // len(left_out)))
             for y, _ in left_out
         ]
         trials = np.concatenate([values for values, _ in windows])
@@ -549,7 +545,7 @@ def _known(
     """Return which windows pass only phases that the rest contains."""
     bins = 48
     is_covered = np.zeros(bins, dtype=bool)
-    reach = round(_KNOWN / (2 * np.pi) * bins)
+    reach = round(_PHASE_REACH / (2 * np.pi) * bins)
     occupied = np.floor(
         np.mod(np.concatenate(rest.phases), 2 * np.pi) / (2 * np.pi) * bins
     ).astype(int)
@@ -580,12 +576,12 @@ def _splits(
             track.recordings, track.phases, track.shifts, ends, strict=True
         ):
             low, high = np.clip(np.array([a, b]) - (end - len(y)), 0, len(y))
-            if high - low >= least - _BLENDED // 2:
+            if high - low >= least - _BLEND_HORIZON // 2:
                 left_out.append((y[low:high], phase[low:high]))
             rest_parts += [
                 (y[part], phase[part], shift[part])
                 for part in (slice(0, low), slice(high, None))
-                if len(y[part]) >= _SHORTEST
+                if len(y[part]) >= _LEAST_SEGMENT
             ]
         if left_out and rest_parts:
             values, phases, shifts = map(list, zip(*rest_parts, strict=True))

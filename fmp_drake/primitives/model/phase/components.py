@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 
 # Width of the kernel that shares windows between components, rad; weights of the structural
 # mean and covariance, in windows.
-_NEAR = 0.21
+_KERNEL_WIDTH = 0.21
 _MEAN_WINDOWS = 5.0
 _COVARIANCE_WINDOWS = 60.0
-_WHITE = 1e-10
+_WHITE_NOISE = 1e-10
 # With more cycles, windows that are cut by the end of a recording are left out.
 _MANY_CYCLES = 12.0
 # Columns that LAPACK reflects at a time.
@@ -226,7 +226,8 @@ def _fill_missing(errors: Array, prior: Array) -> Array:
         if not is_observed.all():
             observed_rows = prior[is_observed]
             gains = np.linalg.solve(
-                observed_rows[:, is_observed] + _WHITE * np.eye(len(observed_rows)),
+                observed_rows[:, is_observed]
+                + _WHITE_NOISE * np.eye(len(observed_rows)),
                 observed_rows[:, ~is_observed],
             )
             window[~is_observed] = window[is_observed] @ gains
@@ -241,7 +242,7 @@ def _fill_missing(errors: Array, prior: Array) -> Array:
 def _kernel(phases: Array) -> Array:
     """Return the weight of the windows of one phase at another one, (M, M)."""
     distances = np.angle(np.exp(1j * (phases[:, None] - phases)))
-    weights = np.exp(-0.5 * (distances / _NEAR) ** 2)
+    weights = np.exp(-0.5 * (distances / _KERNEL_WIDTH) ** 2)
     weights[weights < 1e-4] = 0.0
     return weights
 
@@ -260,7 +261,7 @@ def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
     and is `added` to; how they depend on these stays.
     """
     first = len(covariance) - len(growth)
-    observed = covariance[:first, :first] + _WHITE * np.eye(first)
+    observed = covariance[:first, :first] + _WHITE_NOISE * np.eye(first)
     across = covariance[:first, first:]
     conditional = covariance[first:, first:] - across.T @ np.linalg.solve(
         observed, across
@@ -304,11 +305,11 @@ def _low_rank(
     total = float(np.trace(covariance))
     variances, vectors = leading_eigenvectors(covariance, count)
     noise = (total - float(variances.sum())) / (size - count)
-    noise = max(noise, 0.0) + _WHITE
+    noise = max(noise, 0.0) + _WHITE_NOISE
     windows = np.swapaxes(vectors.reshape(*mean.shape, count), 0, 1)
     return LowRankGaussian(
         mean=(weights @ mean).T.ravel(),
         basis=(weights @ windows).reshape(size, count),
-        variances=np.maximum(variances + _WHITE - noise, 0.0),
+        variances=np.maximum(variances + _WHITE_NOISE - noise, 0.0),
         noise=noise,
     )

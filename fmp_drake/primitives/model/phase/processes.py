@@ -18,15 +18,15 @@ _RIDGE = 1e-6
 _MOST_RADIUS = 0.995
 _VELOCITY_ORDER, _RESIDUAL_ORDER = 4, 6
 # Fraction of the windows, those with the greatest phase noise, that are left out.
-_LEFT_OUT = 0.05
+_OUTLIER_FRACTION = 0.05
 # Whole windows per sample of a window that suffice.
-_MANY = 5
+_SUFFICIENT_WINDOWS = 5
 # Greatest deviation of an initial phase velocity, in standard deviations.
-_MOST = 2.5
+_MOST_DEVIATION = 2.5
 # Residual: phases of the factors, width of the kernel over phases, rad, and weight of the
 # covariance over all phases, in cycles.
-_PHASES = 64
-_WIDTH = 0.3
+_GRID_PHASES = 64
+_KERNEL_WIDTH = 0.3
 _PRIOR_CYCLES = 3.0
 
 
@@ -231,7 +231,7 @@ class PhaseVelocity:
         start : ndarray, shape (k,)
         """
         past = (np.diff(start) - self.mean) / self.spread
-        past = np.clip(past, -_MOST, _MOST)[None, :, None]
+        past = np.clip(past, -_MOST_DEVIATION, _MOST_DEVIATION)[None, :, None]
         past = np.repeat(past, len(normals), axis=0)
         increments = self._phases(self.process.sample(normals[..., None], past=past))
         known_phases = np.repeat(start[None], len(normals), axis=0)
@@ -268,7 +268,7 @@ def phase_covariance(
     window's worth of them.
     """
     whole_windows = sum(max(0, len(p) - count + 1) for p in phases)
-    has_few_windows = whole_windows < _MANY * count
+    has_few_windows = whole_windows < _SUFFICIENT_WINDOWS * count
     missing_samples = count - 2 - reference_step if has_few_windows else 0
     padding = np.full(missing_samples, np.nan)
     windows = [
@@ -279,7 +279,7 @@ def phase_covariance(
     psi, steps = np.concatenate(windows), np.arange(count) - reference_step
     psi = psi - psi[:, reference_step, None] - velocity * steps
     sizes = np.nanmean(psi**2, axis=1)
-    psi = psi[sizes <= np.quantile(sizes, 1 - _LEFT_OUT)]
+    psi = psi[sizes <= np.quantile(sizes, 1 - _OUTLIER_FRACTION)]
     is_known = np.isfinite(psi).astype(float)
     psi = np.where(is_known > 0, psi, 0.0)
     squares, counts = psi.T @ psi, is_known.T @ is_known
@@ -327,8 +327,8 @@ class Residual:
     ) -> "Residual":
         """Fit residuals (n, D) at phases (n,) of recordings."""
         phase, r = np.concatenate(phases), np.concatenate(residuals)
-        grid = 2 * np.pi * np.arange(_PHASES) / _PHASES
-        near = np.exp((np.cos(grid[:, None] - phase) - 1) / _WIDTH**2)
+        grid = 2 * np.pi * np.arange(_GRID_PHASES) / _GRID_PHASES
+        near = np.exp((np.cos(grid[:, None] - phase) - 1) / _KERNEL_WIDTH**2)
         near /= near.sum(axis=1, keepdims=True)
         local = np.einsum("gn,na,nb->gab", near, r, r, optimize=True)
         overall = r.T @ r / len(r)

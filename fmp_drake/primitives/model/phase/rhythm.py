@@ -21,34 +21,34 @@ Mask = NDArray[np.bool_]
 
 # Speed that counts as rest, relative to its root mean square, and the factor by which a rest
 # must be longer than those that every cycle has.
-_REST, _LONGER = 0.08, 1.7
+_REST_SPEED, _REST_FACTOR = 0.08, 1.7
 # Lags, in periods, at which neighbouring cycles are compared.
 _LAGS = (0.8, 0.9, 1.0, 1.12, 1.25)
 # Bounds of the distance to another cycle, in sizes of the movement, and the limit relative to
 # the distance that nearly all samples of similar cycles keep.
-_TUBE, _WIDER, _NEARLY_ALL = (0.12, 0.5), 2.0, 0.9
+_TUBE_BOUNDS, _TUBE_FACTOR, _TUBE_QUANTILE = (0.12, 0.5), 2.0, 0.9
 # Standard deviation beside the cycle that is always granted, in sizes of the movement.
-_GRANTED = 0.03
+_LEAST_DEVIATION = 0.03
 # Quantile of the distances from the cycle that gives their limit, times a factor; a part is
 # left out only where it goes farther than the limit by another factor.
-_INSIDE, _LIMIT, _FAR = 0.9, 1.5, 2.0
+_LIMIT_QUANTILE, _LIMIT_FACTOR, _EXIT_FACTOR = 0.9, 1.5, 2.0
 # Phase velocities that count as rest, and as nearly at rest, relative to the mean; and the
 # squared velocity of the cycle, relative to its mean, below which they are not judged.
-_SLOW, _NEARLY_AT_REST, _JUDGED = 0.3, 0.6, 0.1
+_REST_VELOCITY, _SLOW_VELOCITY, _LEAST_SQUARED_VELOCITY = 0.3, 0.6, 0.1
 # Cycles with a middle that has no counterpart before or after it.
 _FEW_CYCLES = 2.1
 # Shortest bout, gap, rest and part that is left out, in periods.
 _LEAST_BOUT, _LEAST_GAP, _LEAST_REST, _LEAST_PART = 0.6, 0.15, 0.12, 0.07
 # Squared distance of states from the cycle, relative to its variance, above which it is another
 # movement; and that of reversed states relative to the others.
-_OTHER, _BACKWARDS = 0.3, 0.4
+_OTHER_DISTANCE, _REVERSE_RATIO = 0.3, 0.4
 _PHASES = 400
 # Fraction of the recordings above which what is left out deserves a warning.
-_MUCH = 0.2
+_LARGE_FRACTION = 0.2
 # Relative change from the first to the last cycle, and its standard errors, to be reported.
-_NOTABLE, _SIGNIFICANT = 0.25, 3.0
+_LEAST_CHANGE, _STANDARD_ERRORS = 0.25, 3.0
 # Drift to be reported.
-_FAR_DRIFT = 0.1
+_LEAST_DRIFT = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,7 +168,7 @@ class Rhythm:
                 "there are two movements: the one of fewer cycles is left out; learn a skill "
                 "of each (from, to)"
             )
-        if self.fraction_left_out > _MUCH:
+        if self.fraction_left_out > _LARGE_FRACTION:
             out.append(
                 f"{100 * self.fraction_left_out:.0f} % of the recording is left out"
             )
@@ -182,7 +182,7 @@ class Rhythm:
                     f"the {what} {grows} by {100 * abs(change):.0f} % of its mean: the skill "
                     "is about the middle, and its samples vary as much"
                 )
-        if self.drift > _FAR_DRIFT:
+        if self.drift > _LEAST_DRIFT:
             out.append(
                 f"the centre drifts by {100 * self.drift:.0f} % of the width: the skill is "
                 "played about the middle, and its samples are wider than one cycle"
@@ -203,7 +203,7 @@ def trend(values: Array) -> float:
     errors = values - values.mean() - slope * at
     deviation = np.sqrt(float(errors @ errors) / (count - 2) / float(at @ at))
     change = slope * (count - 1) / float(values.mean())
-    notable = abs(change) > _NOTABLE and abs(slope) > _SIGNIFICANT * deviation
+    notable = abs(change) > _LEAST_CHANGE and abs(slope) > _STANDARD_ERRORS * deviation
     return change if notable else 0.0
 
 
@@ -222,14 +222,14 @@ def recurrent_samples(
     are part of two similar neighbouring cycles; `by_neighbours` are these alone.
     """
     rests = [_rests(y, period) for y in recordings]
-    found = [_core(y, period) for y in recordings]
-    cores = [core & ~rest for (core, _), rest in zip(found, rests, strict=True)]
+    similar_parts = [_core(y, period) for y in recordings]
+    cores = [core & ~rest for (core, _), rest in zip(similar_parts, rests, strict=True)]
     if not any(core.any() for core in cores):
         cores = [~rest for rest in rests]
     if by_neighbours:
         return [without_short(core, _LEAST_BOUT * period) for core in cores]
-    inside = np.concatenate([y[c] for y, c in zip(recordings, cores, strict=True)])
-    size = float(np.sqrt(inside.var(axis=0).sum()))
+    core_values = np.concatenate([y[c] for y, c in zip(recordings, cores, strict=True)])
+    size = float(np.sqrt(core_values.var(axis=0).sum()))
     states = [_states(y, 2 * np.pi / period) for y in recordings]
     trees = [
         KDTree(s[~r]) if not r.all() else None
@@ -242,14 +242,20 @@ def recurrent_samples(
             if tree is not None and i != j:
                 nearest = np.minimum(nearest, tree.query(state)[0])
         distances.append(np.minimum(nearest, _nearest_apart(state, rests[i], period)))
-    usual = np.quantile(
+    typical_distance = np.quantile(
         np.concatenate([d[c] for d, c in zip(distances, cores, strict=True)]),
-        _NEARLY_ALL,
+        _TUBE_QUANTILE,
     )
-    limit = float(np.clip(_WIDER * usual, _TUBE[0] * size, _TUBE[1] * size))
+    limit = float(
+        np.clip(
+            _TUBE_FACTOR * typical_distance,
+            _TUBE_BOUNDS[0] * size,
+            _TUBE_BOUNDS[1] * size,
+        )
+    )
     out = []
     for distance, rest, core, (_, part) in zip(
-        distances, rests, cores, found, strict=True
+        distances, rests, cores, similar_parts, strict=True
     ):
         # With fewer than two cycles a part does not recur.
         mask = ((distance <= limit) | (core & part)) & ~rest
@@ -304,9 +310,12 @@ def cyclic_samples(
         error = y - points[nearest]
         # The error along the cycle is one of the phase.
         along = np.sum(error * tangent, axis=1, keepdims=True)
-        errors.append(error - tangent * along / (squared + _JUDGED * square.mean()))
+        errors.append(
+            error
+            - tangent * along / (squared + _LEAST_SQUARED_VELOCITY * square.mean())
+        )
         along = np.sum(state[:, y.shape[1] :] * tangents[nearest], axis=1)
-        unjudged = square[nearest] < _JUDGED * square.mean()
+        unjudged = square[nearest] < _LEAST_SQUARED_VELOCITY * square.mean()
         speeds.append(
             np.where(unjudged, 1.0, along / np.maximum(square[nearest], 1e-300))
         )
@@ -314,26 +323,30 @@ def cyclic_samples(
     core = core[np.argsort(np.sum(core**2, axis=1))[: max(4, round(0.9 * len(core)))]]
     d = core.shape[1]
     covariance = core.T @ core / len(core)
-    covariance += _GRANTED**2 * float(points.var(axis=0).sum()) * np.eye(d)
+    covariance += _LEAST_DEVIATION**2 * float(points.var(axis=0).sum()) * np.eye(d)
     root = np.linalg.cholesky(np.linalg.inv(covariance))
     distances = [np.linalg.norm(e @ root, axis=1) / np.sqrt(d) for e in errors]
-    inside = np.concatenate([x[m] for x, m in zip(distances, masks, strict=True)])
-    limit = max(1.0, _LIMIT * float(np.quantile(inside, _INSIDE)))
+    core_distances = np.concatenate(
+        [x[m] for x, m in zip(distances, masks, strict=True)]
+    )
+    limit = max(
+        1.0, _LIMIT_FACTOR * float(np.quantile(core_distances, _LIMIT_QUANTILE))
+    )
     period = 2 * np.pi / velocity
     out = []
     for y, distance, speed in zip(recordings, distances, speeds, strict=True):
-        rest = (speed < _SLOW) | _rests(y, period)
-        off = (distance > limit) | rest
-        joined = off.copy()
-        for a, b in runs(~off):
+        is_at_rest = (speed < _REST_VELOCITY) | _rests(y, period)
+        is_off = (distance > limit) | is_at_rest
+        is_off_joined = is_off.copy()
+        for a, b in runs(~is_off):
             if b - a <= _LEAST_PART * period:
-                joined[a:b] = True
-        mask = np.ones(len(off), dtype=bool)
-        for a, b in runs(joined):
+                is_off_joined[a:b] = True
+        mask = np.ones(len(is_off), dtype=bool)
+        for a, b in runs(is_off_joined):
             if b - a <= max(2.0, _LEAST_PART * period):
                 continue
-            longest = max((e - s for s, e in runs(rest[a:b])), default=0)
-            if distance[a:b].max() > _FAR * limit or longest >= max(
+            longest = max((e - s for s, e in runs(is_at_rest[a:b])), default=0)
+            if distance[a:b].max() > _EXIT_FACTOR * limit or longest >= max(
                 5.0, _LEAST_REST * period
             ):
                 mask[slice(*_to_rests(speed, a, b, _LEAST_GAP * period))] = False
@@ -363,8 +376,10 @@ def other_samples(
             uniform_filter1d(tree.query(state * np.repeat([1, sign], d))[0] ** 2, size)
             for sign in (1, -1)
         )
-        reverse = backwards < _BACKWARDS * forwards
-        other = ~reverse & (np.minimum(forwards, backwards) > _OTHER * variance)
+        reverse = backwards < _REVERSE_RATIO * forwards
+        other = ~reverse & (
+            np.minimum(forwards, backwards) > _OTHER_DISTANCE * variance
+        )
         out.append(
             (without_short(reverse, 1.5 * period), without_short(other, 1.5 * period))
         )
@@ -384,9 +399,9 @@ def _to_rests(speed: Array, start: int, end: int, most: float) -> tuple[int, int
     """Extend a run to where the phase velocity (n,) is least nearby, if it is small there."""
     before = max(0, start - round(most))
     after = min(len(speed), end + round(most))
-    if start > 0 and speed[before : start + 1].min() < _NEARLY_AT_REST:
+    if start > 0 and speed[before : start + 1].min() < _SLOW_VELOCITY:
         start = before + int(np.argmin(speed[before : start + 1]))
-    if end < len(speed) and speed[end - 1 : after].min() < _NEARLY_AT_REST:
+    if end < len(speed) and speed[end - 1 : after].min() < _SLOW_VELOCITY:
         end = end + int(np.argmin(speed[end - 1 : after]))
     return start, end
 
@@ -402,16 +417,16 @@ def _rests(values: Array, period: float) -> Mask:
     velocity = np.gradient(uniform_filter1d(values, 3, axis=0), axis=0)
     speed = np.linalg.norm(velocity, axis=1)
     least = max(5.0, 0.1 * period)
-    found = [
+    rests = [
         (a, b)
-        for a, b in runs(speed < _REST * np.sqrt(np.mean(speed**2)))
+        for a, b in runs(speed < _REST_SPEED * np.sqrt(np.mean(speed**2)))
         if b - a >= least
     ]
-    if len(found) >= max(3, 0.6 * len(values) / period):
-        usual = float(np.median([b - a for a, b in found]))
-        found = [(a, b) for a, b in found if b - a >= _LONGER * usual]
+    if len(rests) >= max(3, 0.6 * len(values) / period):
+        typical_length = float(np.median([b - a for a, b in rests]))
+        rests = [(a, b) for a, b in rests if b - a >= _REST_FACTOR * typical_length]
     out = np.zeros(len(values), dtype=bool)
-    for a, b in found:
+    for a, b in rests:
         out[a:b] = True
     return out
 
@@ -436,18 +451,18 @@ def _core(values: Array, period: float) -> tuple[Mask, bool]:
 
 def _nearest_apart(states: Array, rests: Mask, period: float) -> Array:
     """Return the distance (n,) of each state to others at least half a period away."""
-    chosen = np.flatnonzero(~rests)
+    moving = np.flatnonzero(~rests)
     out = np.full(len(states), np.inf)
-    if len(chosen):
-        states = states - states[chosen].mean(axis=0)
-        others = states[chosen]
-        squares = np.sum(others**2, axis=1)
+    if len(moving):
+        states = states - states[moving].mean(axis=0)
+        moving_states = states[moving]
+        squares = np.sum(moving_states**2, axis=1)
         for first in range(0, len(states), 100):
-            part = np.arange(first, min(first + 100, len(states)))
-            distance = squares - 2 * states[part] @ others.T
-            begins = np.searchsorted(chosen, part - 0.5 * period, side="right")
-            ends = np.searchsorted(chosen, part + 0.5 * period)
+            rows = np.arange(first, min(first + 100, len(states)))
+            distance = squares - 2 * states[rows] @ moving_states.T
+            begins = np.searchsorted(moving, rows - 0.5 * period, side="right")
+            ends = np.searchsorted(moving, rows + 0.5 * period)
             for row, begin, end in zip(distance, begins, ends, strict=True):
                 row[begin:end] = np.inf
-            out[part] = distance.min(axis=1) + np.sum(states[part] ** 2, axis=1)
+            out[rows] = distance.min(axis=1) + np.sum(states[rows] ** 2, axis=1)
     return np.sqrt(np.maximum(out, 0.0))

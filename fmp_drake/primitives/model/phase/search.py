@@ -58,9 +58,9 @@ class _Limits(NamedTuple):
 
 # One cycle leaves 0.3 to 0.7 % of guided movements; strokes that were taken for the whole of
 # three left 3.5 to 7 %. Below the first value no other period is tried.
-_CLEAR = 0.015
+_CLEAR_MISFIT = 0.015
 # Misfit of a shorter period relative to the best, up to which it is preferred.
-_AS_WELL = 4.0
+_MISFIT_RATIO = 4.0
 _LIMITS = (_Limits(4.0, 0.05), _Limits(1.3, 0.15))
 _LIMITS_OF_STATED = (_LIMITS[0], _LIMITS[1]._replace(needs_evidence=False))
 # Numbers of cycles, and the greatest misfit of so many; none limits more of them. With the
@@ -264,10 +264,10 @@ def _search(
         candidates = _candidates(recordings, rate, period)
         attempts = _attempts(recordings, candidates, by_neighbours=by_neighbours)
         for limits in all_limits:
-            good = [a for a in attempts if not _reason_against(a, limits)]
-            if good:
+            acceptable = [a for a in attempts if not _reason_against(a, limits)]
+            if acceptable:
                 break
-        if good:
+        if acceptable:
             break
         if attempts:
             refusal = refusal or _reason_against(attempts[0], limits)
@@ -277,18 +277,18 @@ def _search(
             or "no part of it comes again in another cycle; record at least two "
             "full cycles."
         )
-    best = min(good, key=lambda attempt: _misfit(attempt.track))
+    best = min(acceptable, key=lambda attempt: _misfit(attempt.track))
     if limits is not _LIMITS[0]:
         # Of few cycles the shortest period that explains the recordings about as well.
-        most = max(_CLEAR, _AS_WELL * _misfit(best.track))
-        explaining = [a for a in good if _misfit(a.track) <= most]
-        best = max(explaining, key=lambda attempt: attempt.track.cycles)
-    while period is None and (folds := best.track.cycle.folds(_CLEAR)) > 1:
+        most = max(_CLEAR_MISFIT, _MISFIT_RATIO * _misfit(best.track))
+        comparable = [a for a in acceptable if _misfit(a.track) <= most]
+        best = max(comparable, key=lambda attempt: attempt.track.cycles)
+    while period is None and (folds := best.track.cycle.folds(_CLEAR_MISFIT)) > 1:
         attempt = _attempt(recordings, 2 * np.pi / best.track.velocity / folds)
         if (
             attempt is None
             or _reason_against(attempt, limits)
-            or attempt.track.unexplained > _CLEAR
+            or attempt.track.unexplained > _CLEAR_MISFIT
         ):
             break
         best = attempt
@@ -310,7 +310,7 @@ def _attempts(
         if attempt is None:
             continue
         attempts.append(attempt)
-        clear = attempt.track.unexplained <= _CLEAR
+        clear = attempt.track.unexplained <= _CLEAR_MISFIT
         if clear and not _reason_against(attempt, _LIMITS[0]):
             break
     return attempts
@@ -321,8 +321,8 @@ def _misfit(track: PhaseTrack) -> float:
 
     Of few cycles their mean takes a part of it: one over their number.
     """
-    lacking = 1 - 1 / max(track.cycles, _LIMITS[-1].cycles)
-    return (track.unexplained + track.shifted**2 / 4) / lacking
+    explainable = 1 - 1 / max(track.cycles, _LIMITS[-1].cycles)
+    return (track.unexplained + track.shifted**2 / 4) / explainable
 
 
 def _candidates(
@@ -343,18 +343,18 @@ def _candidates(
         estimated = []
     refined = [p for p in estimated[:1] if local and abs(p / local[0] - 1) < _REFINED]
     samples = sum(map(len, recordings))
-    tried: list[float] = []
+    previous: list[float] = []
     for candidate in (*refined, *local, *estimated):
         if samples < _LIMITS[-1].cycles * candidate:
             continue
-        if all(abs(candidate / other - 1) > _SAME for other in tried) and not (
+        if all(abs(candidate / other - 1) > _SAME for other in previous) and not (
             refined and candidate in local[:1]
         ):
-            tried.append(candidate)
+            previous.append(candidate)
             yield candidate
     for candidate in local_periods(recordings, fraction=PART):
-        if all(abs(candidate / other - 1) > _SAME for other in tried):
-            tried.append(candidate)
+        if all(abs(candidate / other - 1) > _SAME for other in previous):
+            previous.append(candidate)
             yield candidate
 
 
@@ -389,21 +389,23 @@ def _attempt(
             other_samples(recordings, cycle, period), masks, strict=True
         )
     ]
-    excluded = [reverse | other for reverse, other in others]
-    masks = [m & ~x for m, x in zip(masks, excluded, strict=True)]
+    excluded_masks = [reverse | other for reverse, other in others]
+    masks = [m & ~x for m, x in zip(masks, excluded_masks, strict=True)]
     bouts = _cut(recordings, masks)
     if max(map(len, bouts), default=0) < period + 1:
         return None
     track = track_phase(bouts, period=period, cycle=cycle)
-    refined = cyclic_samples(recordings, masks, track.cycle, track.velocity)
-    refined = [m & ~x for m, x in zip(refined, excluded, strict=True)]
-    again = _cut(recordings, refined)
-    if not again:
+    refined_masks = cyclic_samples(recordings, masks, track.cycle, track.velocity)
+    refined_masks = [m & ~x for m, x in zip(refined_masks, excluded_masks, strict=True)]
+    refined_bouts = _cut(recordings, refined_masks)
+    if not refined_bouts:
         return None
-    if [len(y) for y in again] != [len(y) for y in bouts]:
-        track = track_phase(again, period=2 * np.pi / track.velocity, cycle=track.cycle)
+    if [len(y) for y in refined_bouts] != [len(y) for y in bouts]:
+        track = track_phase(
+            refined_bouts, period=2 * np.pi / track.velocity, cycle=track.cycle
+        )
     labels = []
-    for mask, (reverse, other) in zip(refined, others, strict=True):
+    for mask, (reverse, other) in zip(refined_masks, others, strict=True):
         label = np.where(mask, _BOUT, _LEFT_OUT)
         for a, b in runs(mask):
             if b - a < _SHORTEST_BOUT:
@@ -412,9 +414,9 @@ def _attempt(
         label[other] = _OTHER
         # The few samples of the change to another movement are no pause.
         for a, b in runs(label == _LEFT_OUT):
-            beside = {int(x) for x in (*label[a - 1 : a], *label[b : b + 1])}
-            if b - a < _SHORTEST_BOUT and beside - {_BOUT}:
-                label[a:b] = max(beside)
+            neighbours = {int(x) for x in (*label[a - 1 : a], *label[b : b + 1])}
+            if b - a < _SHORTEST_BOUT and neighbours - {_BOUT}:
+                label[a:b] = max(neighbours)
         labels.append(label)
     return _Attempt(labels, track, period)
 

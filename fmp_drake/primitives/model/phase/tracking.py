@@ -135,8 +135,8 @@ def track_phase(
         cycle = first_cycle(recordings, period)
     most = max(1, int(min(_HARMONICS[1], period / 2 - 2)))
     velocity = 2 * np.pi / period
-    few = sum(map(len, recordings)) < FEW_CYCLES * period
-    change = _CHANGE_OF_FEW if few else CHANGE
+    has_few_cycles = sum(map(len, recordings)) < FEW_CYCLES * period
+    change = _CHANGE_OF_FEW if has_few_cycles else CHANGE
     shifts = [np.zeros_like(y) for y in recordings]
     for harmonics in np.linspace(min(_HARMONICS[0], most), most, _ROUNDS).astype(int):
         phases = [
@@ -173,8 +173,8 @@ def first_cycle(recordings: Recordings, period: float) -> Cycle:
     squares = np.sum(pieces**2, axis=1)
     distance = squares[:, None] - 2 * pieces @ candidates.T
     distance += np.sum(candidates**2, axis=1)
-    usable = len(pieces) // size * size or len(pieces)
-    distance = distance[:usable].reshape(-1, min(size, usable), len(candidates))
+    whole_size = len(pieces) // size * size or len(pieces)
+    distance = distance[:whole_size].reshape(-1, min(size, whole_size), len(candidates))
     best = candidates[int(np.argmin(np.median(distance.min(axis=1), axis=0)))]
     phase = np.asarray(2 * np.pi * np.arange(size) / period, dtype=float)
     values: NDArray[np.float64] = best.reshape(-1, size).T
