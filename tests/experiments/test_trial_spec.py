@@ -87,7 +87,7 @@ def test_distribution_has_its_mean_and_deviation(kind, values, mean, deviation):
         ),
         ('fields: {"board.rpy[3]": 1}', r"no board.rpy\[3\]: board.rpy has 0, 1, 2"),
         ("fields: {press.force: {unifrm: [1, 2]}}", "press.force is a value. Dist"),
-        ("fields: 3", "no name; expected one such as board.rpy"),
+        ("fields: 3", "not a name; expected one such as board.rpy"),
         ("fields: {board.friction: -1}", "board.friction is -1.0; it must be at least"),
         ("fields: {press.force: {uniform: [-1, 2]}}", "press.force is -1.0; it must"),
         ("fields: {press.force: {choice: [1, much]}}", "press.force is 'much'; expect"),

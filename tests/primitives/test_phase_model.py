@@ -27,7 +27,7 @@ from fmp_drake.primitives.model.phase.calibration import (
 )
 from fmp_drake.primitives.model.phase.components import leading_eigenvectors
 from fmp_drake.primitives.model.phase.cycle import Cycle
-from fmp_drake.primitives.model.phase.processes import Residual
+from fmp_drake.primitives.model.phase.random_processes import Residual
 from fmp_drake.primitives.model.phase.search import search_rhythm
 from fmp_drake.primitives.model.phase.tracking import best_path, phase_path
 from fmp_drake.primitives.model.prediction import (
@@ -787,7 +787,7 @@ def test_error_grows_linearly_between_horizons_from_none_for_what_is_observed():
         changes=np.array([shape, shape]),
     )
     for ahead, factor in ((0, 0), (0.5, 2), (1, 4), (1.5, 5), (3, 8), (9, 8)):
-        np.testing.assert_allclose(calibration.errors_at(ahead), factor * shape)
+        np.testing.assert_allclose(calibration.played_at(ahead), factor * shape)
 
 
 def test_few_cycles_are_blended_with_replay_and_many_are_not():

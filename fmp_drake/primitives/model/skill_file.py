@@ -20,7 +20,7 @@ from fmp_drake.primitives.model.phase.calibration import Calibration
 from fmp_drake.primitives.model.phase.components import PhaseGrid
 from fmp_drake.primitives.model.phase.cycle import Cycle, CycleHistory
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
-from fmp_drake.primitives.model.phase.processes import (
+from fmp_drake.primitives.model.phase.random_processes import (
     Autoregression,
     PhaseVelocity,
     Residual,

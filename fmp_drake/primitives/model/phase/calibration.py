@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.primitives.model.phase.components import PhaseGrid, grid_gaussians
-from fmp_drake.primitives.model.phase.processes import Residual
+from fmp_drake.primitives.model.phase.random_processes import Residual
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 from fmp_drake.primitives.model.prediction import Conditioning, Replay, Replayed
 

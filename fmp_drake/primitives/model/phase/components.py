@@ -11,7 +11,7 @@ from scipy.linalg.lapack import dormqr, dsytrd, dsytrd_lwork
 
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-from fmp_drake.primitives.model.phase.processes import (
+from fmp_drake.primitives.model.phase.random_processes import (
     Residual,
     phase_covariance,
 )

@@ -16,7 +16,7 @@ from fmp_drake.primitives.model.phase.components import (
     phase_grid,
 )
 from fmp_drake.primitives.model.phase.cycle import Cycle, CycleHistory
-from fmp_drake.primitives.model.phase.processes import PhaseVelocity, Residual
+from fmp_drake.primitives.model.phase.random_processes import PhaseVelocity, Residual
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack, phase_path
 
 Array = NDArray[np.float64]
