@@ -89,7 +89,7 @@ class FourierPrimitiveSystem(LeafSystem):
     motion : (3*D,)
         Position, velocity and acceleration, by one evaluation.
     covariance : (D*D,)
-        Of the desired position (18), row by row.
+        Of the demonstrations about the desired position (18), row by row.
     weights : (D*T,)
         The Fourier weights, channel by channel.
     component : (1,)
@@ -100,7 +100,7 @@ class FourierPrimitiveSystem(LeafSystem):
     plan : (P*D,)
         Desired positions at the ticks from the last event on, if nothing interferes.
     plan_covariance : (P*D*D,)
-        Of the plan (18).
+        Of the plan (18), with the errors of predictions.
     remaps : (2,)
         Number of re-mappings, and of the reactive ones among them.
     measurement_age : (1,)
@@ -232,7 +232,7 @@ class FourierPrimitiveSystem(LeafSystem):
         for order, name in enumerate(("position", "velocity", "acceleration")):
             declare(name, d, self._calc_part_of(motion.Eval, order), now)
         player = self._player
-        declare("covariance", d * d, self._calc_of(player.covariance), now)
+        declare("covariance", d * d, self._calc_of(player.variation), now)
         declare("weights", weights, self._calc_of(player.weights), now)
         declare("component", 1, self._calc_of(lambda state: state.component), now)
         if player.skill.phase_model_ is not None:

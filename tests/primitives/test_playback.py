@@ -370,6 +370,14 @@ def test_covariance_is_that_of_predictions_at_the_time(small_skill):
     assert np.all(np.linalg.eigvalsh(expected) > 0)
 
 
+def test_variation_of_the_demonstrations_lacks_the_errors_of_predictions(small_skill):
+    player = Player(small_skill)
+    later = player.advance(replace(player.start([0, 0]), step=7), 0.04)
+    variation = player.variation(later)
+    assert_allclose(variation, small_skill.covariance(later.component, 7.4))
+    assert np.trace(variation) < 0.999 * np.trace(player.covariance(later))
+
+
 def test_motion_is_weights_plus_offset(player):
     start = outside(player.skill)
     for state in ticks(player, player.start(start), 30):

@@ -516,10 +516,20 @@ class Player:
 
     def covariance(self, state: PlaybackState) -> NDArray[np.float64]:
         """Return the covariance of the movement about the desired value, shape (D, D)."""
+        return self.skill.predicted_covariance(state.component, self._step(state))
+
+    def variation(self, state: PlaybackState) -> NDArray[np.float64]:
+        """Return how much the demonstrations vary about the desired value, shape (D, D).
+
+        It is (18), without the errors of predictions that `covariance` has: a stiffness
+        follows what people vary, not what is hard to predict.
+        """
+        return self.skill.covariance(state.component, self._step(state))
+
+    def _step(self, state: PlaybackState) -> float:
+        """Return the position of a state in its window, in samples."""
         step = state.step + state.time_since_tick * self.skill.rate
-        return self.skill.predicted_covariance(
-            state.component, min(step, self.skill.n_steps - 1.0)
-        )
+        return min(step, self.skill.n_steps - 1.0)
 
     def plan(
         self, state: PlaybackState, ticks: int
