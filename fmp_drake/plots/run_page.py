@@ -61,9 +61,9 @@ def draw_run(run: "StationRun") -> Figure:
     rows: dict[str, Callable[[Axes, Any], None]] = {}
     if _has_board(run):
         rows = {"clean (%)": _draw_cleaned, "normal force (N)": _draw_force}
-    rows["measured - desired (mm)"] = _draw_error
+    rows["error (mm)"] = _draw_error
     if run.roles.rotation is not None:
-        rows["measured - desired (degrees)"] = _draw_orientation_error
+        rows["error (degrees)"] = _draw_orientation_error
     figure = Figure(figsize=(11, 10.5), layout="constrained")
     ratios = [2.1] + [1.0] * len(rows)
     grid = figure.add_gridspec(len(ratios), 2, height_ratios=ratios)

@@ -130,6 +130,8 @@ def legend_above(ax: Axes) -> None:
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
         ncols=4,
+        columnspacing=1.2,
+        handlelength=1.5,
         frameon=False,
         borderaxespad=0.0,
         fontsize="small",

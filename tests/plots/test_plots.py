@@ -648,7 +648,7 @@ class TestPages:
         band = force.patches[0]
         low, high = band.get_y(), band.get_y() + band.get_height()
         assert (low, high) == (5.0, 15.0)
-        assert error.get_ylabel() == "measured - desired (mm)"
+        assert error.get_ylabel() == "error (mm)"
         assert [line.get_label() for line in error.lines[:3]] == ["x", "y", "z"]
         np.testing.assert_allclose(error.lines[2].get_ydata(), 2.0)
         plot_run(run, tmp_path / "run.png")
