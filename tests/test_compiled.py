@@ -125,6 +125,20 @@ def test_control_law_compiled_in_another_process_is_found_in_the_cache(
     assert "compiling" not in again.stderr
 
 
+def test_ink_is_ready_also_where_the_law_is_in_the_cache():
+    done = run(
+        "from numba.core.dispatcher import Dispatcher\n"
+        "from fmp_drake.station import WarmUp\n"
+        "from fmp_drake.systems.ink import mesh\n"
+        "WarmUp()\n"
+        "functions = [f for f in vars(mesh).values() if isinstance(f, Dispatcher)]\n"
+        "print(*(len(f.signatures) for f in functions))"
+    )
+    counts = done.stdout.split()
+    assert counts
+    assert "0" not in counts
+
+
 @pytest.mark.slow
 def test_control_law_uses_the_parts_that_another_process_compiled(
     tmp_path, monkeypatch

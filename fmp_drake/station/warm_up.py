@@ -140,6 +140,8 @@ def WarmUp(report: Callable[[float], object] = lambda _: None) -> None:
         Player(skill).rollout(start=circles[0], duration=1.0)
     for fraction in law.progress():
         report(fraction)
+    # The law may be in the cache, and these not.
+    _compile_ink()
     for skill in skills:
         station = MakeWipingStation(Scenario(), skill)
         Simulator(station).AdvanceTo(0.15)
