@@ -269,8 +269,7 @@ class RegionMetrics:
         self, region: DemonstratedRegion | None, roles: ChannelRoles = _POSITION
     ) -> None:
         self._region, self._roles = region, roles
-        self._squares = dict.fromkeys(("desired", "measured"), 0.0)
-        self._samples = dict.fromkeys(self._squares, 0)
+        self._distances = {n: _ErrorStatistics() for n in ("desired", "measured")}
         self.outside = Occurrences(
             "the eraser was outside the demonstrated region",
             "up to {:.0f} mm from its paths",
@@ -280,28 +279,25 @@ class RegionMetrics:
         """Add samples of positions."""
         if self._region is None:
             return
-        for name in self._squares:
+        for name, distances in self._distances.items():
             position = chunk[f"{name}_position"].values
             values = np.zeros((len(position), self._roles.count))
             values[:, self._roles.position] = position
             distance = self._region.distance(values)
             inside = np.logical_or.accumulate(distance <= self._region.margin)
-            inside |= self._samples[name] > 0
+            inside |= distances.count > 0
             if name == "measured":
                 outside = inside & (distance > self._region.margin)
                 self.outside.update(
                     chunk["measured_position"].times, 1e3 * outside * distance
                 )
-            self._samples[name] += int(np.sum(inside))
-            self._squares[name] += float(np.sum(distance[inside] ** 2))
+            distances.update(distance[inside] ** 2)
 
     def result(self) -> Metrics:
         """Return the metrics; None if the paths were never reached or are unknown."""
         return {
-            f"{name}_off_paths_rms_m": float(np.sqrt(squares / self._samples[name]))
-            if self._samples[name]
-            else None
-            for name, squares in self._squares.items()
+            f"{name}_off_paths_rms_m": distances.rms() if distances.count else None
+            for name, distances in self._distances.items()
         }
 
 

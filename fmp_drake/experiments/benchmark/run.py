@@ -158,7 +158,7 @@ def checked_methods(names: Sequence[str]) -> list[str]:
     Raises
     ------
     ExperimentError
-        Where there is no method of a name.
+        If a method does not exist.
     """
     available = all_methods()
     for name in names:

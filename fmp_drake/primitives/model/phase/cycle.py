@@ -79,12 +79,15 @@ class Cycle:
             weights=weights,
         )
 
+    @property
+    def harmonics(self) -> int:
+        """Number of harmonics."""
+        return len(self.coefficients) // 2
+
     def values(self, phase: ArrayLike, derivative: int = 0) -> Array:
         """Return the values at phases (...), or their derivative by phase, (..., D)."""
-        harmonics = len(self.coefficients) // 2
-        return _rows(np.asarray(phase, dtype=float), harmonics, derivative) @ (
-            self.coefficients
-        )
+        rows = _rows(np.asarray(phase, dtype=float), self.harmonics, derivative)
+        return rows @ self.coefficients
 
     def folds(self, tolerance: float) -> int:
         """Return how many equal cycles it contains, up to a fraction of its variance."""

@@ -90,7 +90,7 @@ class PhaseTrack:
 
     def with_channels(self, recordings: Recordings) -> "PhaseTrack":
         """Return the track of the same samples with other channels, (n, D)."""
-        harmonics = len(self.cycle.coefficients) // 2
+        harmonics = self.cycle.harmonics
         phases, values = np.concatenate(self.phases), np.concatenate(recordings)
         cycle = Cycle.fit(phases, values, harmonics=harmonics)
         shifts = [
@@ -106,8 +106,9 @@ class PhaseTrack:
     def with_smooth_cycle(self) -> "PhaseTrack":
         """Return the track with the cycle of `Cycle.fit_recordings`, to be played."""
         centred = [y - b for y, b in zip(self.recordings, self.shifts, strict=True)]
-        harmonics = len(self.cycle.coefficients) // 2
-        cycle = Cycle.fit_recordings(self.phases, centred, harmonics=harmonics)
+        cycle = Cycle.fit_recordings(
+            self.phases, centred, harmonics=self.cycle.harmonics
+        )
         return replace(self, cycle=cycle)
 
     def residuals(self) -> list[NDArray[np.float64]]:
