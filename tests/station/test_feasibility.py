@@ -2,30 +2,26 @@
 
 import pickle
 import re
+from functools import partial
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from posed_recordings import demonstration
 from pydrake.common.yaml import yaml_dump_typed
-from pydrake.geometry import Role
-from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
 from fmp_drake.experiments.trials import TrialSpec
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.skills.learning import shared_skill
 from fmp_drake.station import (
-    AddBoardScene,
     CheckFeasibility,
     ListScenarios,
     LoadScenario,
     ParseScenario,
     Scenario,
 )
-from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.reach.board_reach import (
-    ArmClearance,
     BoardReach,
     FollowingBounds,
 )
@@ -145,116 +141,68 @@ def test_skill_that_needs_more_torque_than_is_allowed_is_refused(bundled_skill):
 
 
 def test_skill_that_is_too_fast_is_refused_and_the_tempo_helps(bundled_skill):
-    found = check(bundled_skill, tempo=3.0)
+    # Runs of 15 s: at tempo 1.8 97 % of the time within 5 N of the desired force, at 1.9
+    # 91 %, at 2.4 51 % and 78 mm rms from the path.
+    found = check(bundled_skill, tempo=2.4)
     assert not found.is_feasible
+    assert re.search(
+        r"greatest speed, and more than 100 % on 4\d\.\d % of", found.verdict
+    )
+    assert "lags" not in found.verdict
     tempo = float(re.search(r"slow down to tempo (\d\.\d+)", found.verdict)[1])
-    assert "it is braked above 85 %, and the eraser lags" in found.verdict
     assert found.suggested_tempo == pytest.approx(tempo)
-    # A little slower, the eraser does not lag, and the verdict says nothing about it.
-    verdict = check(bundled_skill, tempo=1.7).verdict
-    assert re.search(r"greatest speed, and more than 100 % on [\d.]+ % of", verdict)
-    assert "lags" not in verdict
     slower = check(bundled_skill, tempo=tempo)
     assert slower.is_feasible
     assert slower.values["largest_speed_ratio"] > 0.8
 
 
+def test_skill_whose_eraser_would_lag_behind_is_refused(bundled_skill):
+    scenario = Scenario()
+    scenario.skill.tempo = 2.4
+    bounds = FollowingBounds(tracking_error=1e-4, brief=1.0)
+    found = CheckFeasibility(scenario, bundled_skill, bounds=bounds)
+    assert not found.is_feasible
+    assert (
+        "it is braked above 85 %, and the eraser lags behind its path" in found.verdict
+    )
+
+
 def test_skill_whose_joints_are_braked_for_moments_is_accepted(bundled_skill):
     # The eraser lags by a little then: the run follows.
-    found = check(bundled_skill, tempo=1.45)
+    found = check(bundled_skill, tempo=1.7)
     assert found.is_feasible
-    assert found.values["largest_speed_ratio"] > 0.85
+    assert found.values["largest_speed_ratio"] > 1.2
     assert found.values["braking_lag"] < 0.010
 
 
-def test_lag_of_a_limited_joint_is_its_arc():
+def test_other_joints_compensate_for_a_braked_one():
     scenario = Scenario()
     reach = BoardReach(scenario, FollowingBounds())
-    predictor = reach._predictor
-    q = np.tile(reach.start_posture(), (2, 5, 1))
-    # The first joint turns by 0.1 rad in a sample, and then waits.
-    q[1, 1:, 0] += 0.1
-    speed = np.full(7, 0.2)
-    lag = predictor.braking_lag(q, speed, 0.2)
-    radius = np.linalg.norm(predictor._poses(q[0, :1])[0, :2, 3])
-    arcs = np.array([0.0, 0.06, 0.02, 0.0, 0.0])
-    np.testing.assert_array_equal(lag[0], 0.0)
-    chords = 2 * radius * np.sin(arcs / 2)
-    assert_allclose(lag[1], np.stack([chords, arcs], axis=-1), atol=1e-9)
-
-
-@pytest.mark.parametrize("rail", [0.0, 0.05])
-def test_board_that_the_elbow_would_touch_is_refused_and_the_move_helps(
-    bundled_skill, rail
-):
-    scenario = LoadScenario("tilted")
-    scenario.board.translation = [0.36, 0.19, 0.71]
-    scenario.board.rpy = [-0.05, -0.29, 0.07]
-    scenario.board.motion.amplitude = rail
-    found = CheckFeasibility(scenario, bundled_skill)
-    assert not found.is_feasible
-    assert re.search(r"% of the path panda_link4 touches the board", found.verdict)
-    assert found.values["smallest_clearance"] < 0.02
-    down = int(re.search(r"move the board (\d+) cm down", found.verdict)[1])
-    scenario.board.translation[2] -= down / 100
-    assert CheckFeasibility(scenario, bundled_skill).is_feasible
-
-
-def test_distance_of_the_links_is_that_of_the_simulated_shapes():
-    scenario = LoadScenario("tilted")
-    scenario.board.translation = [0.36, 0.19, 0.71]
-    builder = DiagramBuilder()
-    scene = AddBoardScene(builder, scenario, start=[0.0, 0.1, 0.0])
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    plant, links = scene.plant, ArmClearance(scene.robot.config)
-    rng = np.random.default_rng(2)
-    limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    box, X_BW = BoardBox(scenario.board), scene.X_WB.inverse().GetAsMatrix34()
-    graph = scene.scene_graph
-    inspector = graph.model_inspector()
-    slab, *bars = (
-        g
-        for g in inspector.GetAllGeometryIds(Role.kProximity)
-        if inspector.GetName(g).startswith("whiteboard::")
+    path = np.zeros((1, 60, 3))
+    path[0, :, 1] = np.linspace(0.0, 0.2, 60)
+    follow = partial(
+        reach.follow,
+        [scenario.board.assumed_pose()],
+        path,
+        step=0.02,
+        postures=reach.start_posture()[None],
     )
-    compared = 0
-    for _ in range(20):
-        q = rng.uniform(*limits)
-        plant.SetPositions(plant.GetMyMutableContextFromRoot(context), q)
-        query = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(context))
-        exact = min(
-            query.ComputeSignedDistancePairClosestPoints(part, g).distance
-            for part in (slab, *bars)
-            for g in inspector.GetAllGeometryIds(Role.kProximity)
-            if inspector.GetName(g).startswith("panda::")
-        )
-        found, _ = links.nearest(q[None], X_BW[None], box)
-        if exact > 0:
-            # Balls along a capsule, and one box for slab and bars.
-            assert exact - 0.004 < found[0] < exact + 0.004
-            compared += 1
-    assert compared > 10
-
-
-@pytest.mark.parametrize(("number", "is_feasible"), [(114, True), (96, False)])
-def test_joint_may_be_at_its_limit_spring_where_the_others_take_over(
-    number, is_feasible
-):
-    """Runs of 10 s: the first 2.9 mm rms and 0.1 rad from the limit, the other failed."""
-    trial = TrialSpec.load("surfaces").draw(seed=2312, number=number)
-    scenario = ParseScenario(trial.scenario)
-    skill, _ = shared_skill(scenario)
-    found = CheckFeasibility(scenario, skill)
-    assert found.is_feasible == is_feasible
-    assert found.values["wall_fraction"] > 0.08
-    # The joint stays where the spring begins, as in the run.
-    assert_allclose(found.values["smallest_joint_margin"], 0.1, atol=1e-3)
+    free = np.abs(follow().v[0]).max(axis=0)
+    fastest = np.argmax(free)
+    speed = np.full(7, np.inf)
+    speed[fastest] = 0.7 * free[fastest]
+    one = follow(speed=speed)
+    assert np.abs(one.v[0, 1:, fastest]).max() <= speed[fastest] * (1 + 1e-9)
+    assert np.abs(one.error[..., 3:]).max() < 1e-3
+    # No joint is left to compensate.
+    every = follow(speed=0.7 * free)
+    assert np.all(np.abs(every.v[0, 1:]) <= 0.7 * free * (1 + 1e-9))
+    assert np.abs(every.error[..., 3:]).max() > 0.02
 
 
 @pytest.mark.parametrize(
     ("number", "error", "is_feasible"),
-    [(23, 5.1, True), (19, 8.4, False)],
+    [(23, 4.4, True), (19, 8.2, False)],
 )
 def test_positions_that_are_missed_for_moments_are_judged_by_the_tracking_error(
     number, error, is_feasible

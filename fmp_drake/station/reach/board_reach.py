@@ -46,16 +46,17 @@ class FollowingBounds:
         Distance between a desired position and the static position of the arm in its springs,
         m. If `distance` is exceeded for moments, the tracking error decides, up to `farthest`.
     tracking_error : float
-        Predicted rms distance from the path, m, for positions out of reach or joints above
-        their speed limit: three quarters of the limit for a run.
+        Predicted rms distance from the path, m, for positions out of reach or braked joints:
+        three quarters of the limit for a run.
     tilt : float
         Of the eraser with respect to the board, rad: its end then lifts by 6 mm, a fifth of
         the felt.
     joint_reserve : float
         Margin from a joint-limit spring at which a joint counts as at the spring, rad.
     brief : float
-        Fraction of the samples that may exceed a joint's speed limit with any predicted
-        tracking error.
+        Fraction of the samples that may exceed a joint's speed limit, even if other joints
+        compensate for the braked ones. A fifth of them disturbs the normal force, two fifths
+        the whole motion.
     clearance : float
         Of the arm's links from the board, m.
     torque_fraction : float
@@ -77,7 +78,7 @@ class FollowingBounds:
     tracking_error: float = 0.0075
     tilt: float = 0.1
     joint_reserve: float = 0.03
-    brief: float = 0.02
+    brief: float = 0.12
     clearance: float = 0.02
     torque_fraction: float = 0.9
     friction_lag: float = 0.010
@@ -199,6 +200,7 @@ class BoardReach:
         postures: Array,
         moved: Array | float = 0.0,
         R_TE: Array | None = None,
+        speed: Array | None = None,
     ) -> PredictedMotion:
         """Predict the motion along the same paths on several boards.
 
@@ -217,6 +219,8 @@ class BoardReach:
         R_TE : array, shape (B, T, 3, 3), optional
             Orientation of the tool along the path, the scenario's by default. T is the frame
             of the local normal, which is B on a flat board.
+        speed : array, shape (n,), optional
+            Greatest speed of each joint, rad/s.
 
         Returns
         -------
@@ -245,6 +249,7 @@ class BoardReach:
             R_WT,
             q_posture=np.repeat(postures, len(paths), axis=0),
             step=step,
+            speed=speed,
         )
 
     def missed(
@@ -263,11 +268,6 @@ class BoardReach:
         margin = self.limits.half_range - np.abs(motion.q - self.limits.middle)
         wall = self._scenario.impedance.walls.width + bounds.joint_reserve
         return far, tilted, np.min(margin, axis=-1) < wall, margin
-
-    def braking_lag(self, motion: PredictedMotion, step: float) -> Array:
-        """Return the eraser's lag by braked joints, (B, T, 2): m and rad."""
-        speed = self._scenario.impedance.walls.speed_fraction * self.limits.speed
-        return self._predictor.braking_lag(motion.q, speed, step)
 
     def clearance(
         self, X_WB: list[RigidTransform], motion: PredictedMotion, moved: Array

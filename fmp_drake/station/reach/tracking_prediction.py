@@ -81,6 +81,7 @@ class TrackingPredictor:
         *,
         q_posture: Array,
         step: float,
+        speed: Array | None = None,
     ) -> PredictedMotion:
         """Predict the motion along paths, after a straight motion to the start of each.
 
@@ -94,6 +95,9 @@ class TrackingPredictor:
             The controller's posture and initial posture of the arm, rad.
         step : float
             Time from sample to sample, s.
+        speed : array, shape (n,), optional
+            Greatest speed of each joint on the path, rad/s. Other joints compensate for one
+            that is too slow.
         """
         config, width = self._config, self._config.walls.width
         lower = self._arm.GetPositionLowerLimits() + width
@@ -116,25 +120,27 @@ class TrackingPredictor:
             posture_error = _limited(q_posture - q, config.max_posture_error)
             u = (u + pull * posture_error) / (1 + brake + step * pull)
             u -= _times(inverse, _times(J, u))
+            least, most = lower, upper
+            if speed is not None and k >= _LEAD_IN + _SETTLE:
+                least = np.maximum(lower, q - step * speed)
+                most = np.minimum(upper, q + step * speed)
             q = q + step * u
             for _ in range(_CORRECTIONS):
                 pose_error = _errors(self._poses(q), path[:, k], R_WE[:, at])
                 dq = _limited(_times(inverse, pose_error), _LONGEST_STEP)
                 # Other joints compensate for a joint at its limit.
-                is_free = (lower <= q + dq) & (q + dq <= upper)
-                is_constrained = ~np.all(is_free, axis=-1)
-                if np.any(is_constrained):
-                    constrained_inverse = _inverse(
-                        M[is_constrained],
-                        J[is_constrained],
-                        damping[is_constrained, at],
-                        is_free[is_constrained],
+                limited = np.clip(q + dq, least, most)
+                is_free = limited == q + dq
+                rows = ~np.all(is_free, axis=-1)
+                if np.any(rows):
+                    free, J_rows = is_free[rows], J[rows]
+                    fixed = np.where(free, 0.0, (limited - q)[rows])
+                    rest = pose_error[rows] - _times(J_rows, fixed)
+                    inverse_rows = _inverse(M[rows], J_rows, damping[rows, at], free)
+                    dq[rows] = fixed + _limited(
+                        _times(inverse_rows, rest), _LONGEST_STEP
                     )
-                    dq[is_constrained] = _limited(
-                        _times(constrained_inverse, pose_error[is_constrained]),
-                        _LONGEST_STEP,
-                    )
-                q = np.clip(q + dq, lower, upper)
+                q = np.clip(q + dq, least, most)
             v, before = (q - before) / step, q
             M, Cv, X, J = self._read(q, v)
             inverse = _inverse(M, J, damping[:, at])
@@ -148,34 +154,6 @@ class TrackingPredictor:
         torque = _times(M, np.diff(v, axis=1, prepend=v[:, :1]) / step) + Cv
         error = error.reshape(*error.shape[:2], 6)
         return PredictedMotion(q, v, torque, force_torque, error, size)
-
-    def braking_lag(self, q: Array, speed: Array, step: float) -> Array:
-        """Return the eraser's lag by joints with a limited speed, shape (B, T, 2).
-
-        It is a distance in m, and an angle in rad. Each joint follows its predicted path at
-        its own speed limit. Unlike in a run, no other joint compensates for it.
-
-        Parameters
-        ----------
-        q : array, shape (B, T, n)
-            Of a `PredictedMotion`, rad.
-        speed : array, shape (n,)
-            rad/s.
-        step : float
-            Time from sample to sample, s.
-        """
-        limited_q, largest_step = q.copy(), speed * step
-        for k in range(1, q.shape[1]):
-            last = limited_q[:, k - 1]
-            limited_q[:, k] = np.clip(q[:, k], last - largest_step, last + largest_step)
-        is_late = np.any(limited_q != q, axis=-1)
-        lag = np.zeros((*q.shape[:2], 2))
-        if np.any(is_late):
-            X = self._poses(q[is_late])
-            error = _errors(self._poses(limited_q[is_late]), X[..., 3], X[..., :3])
-            error = error.reshape(-1, 2, 3)[:, ::-1]
-            lag[is_late] = np.linalg.norm(error, axis=-1)
-        return lag
 
     def _read(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M (B, n, n), Cv - g (B, n), X_WE (B, 3, 4) and J (B, 6, n) in W."""
