@@ -1,10 +1,10 @@
 """Skill files: one fitted skill in one `.npz` file, without pickle."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -17,14 +17,7 @@ from fmp_drake.primitives.model.movement_primitive import (
     build_skill,
 )
 from fmp_drake.primitives.model.phase.calibration import Calibration
-from fmp_drake.primitives.model.phase.components import PhaseGrid
-from fmp_drake.primitives.model.phase.cycle import Cycle, CycleHistory
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
-from fmp_drake.primitives.model.phase.random_processes import (
-    Autoregression,
-    PhaseVelocity,
-    Residual,
-)
 from fmp_drake.primitives.model.phase.rhythm import Part, Rhythm
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
 
@@ -58,20 +51,19 @@ _PHASE_NUMBERS = (
     ("tempo_spread", "velocity.spread", float),
     ("pinned", "reference_step", int),
 )
-# Attributes of a calibration, and the names of the lengths of paths.
-_CALIBRATION = ("ahead", "factors", "errors", "changes")
-_CALIBRATION_NUMBERS = ("weight", "local", "degrees", "background")
+# Shape of each attribute of a calibration; "" is a number.
+_CALIBRATION = {
+    "ahead": "A",
+    "factors": "A",
+    "errors": "ADD",
+    "changes": "ADD",
+    "played": "ADD",
+    "weight": "",
+    "local": "",
+    "degrees": "",
+    "background": "",
+}
 _LENGTHS = {"paths": "path_lengths", "memory": "memory_lengths"}
-# Types of the attributes that have attributes; parts come before the whole.
-_PHASE_TYPES = (
-    ("cycle", Cycle),
-    ("residual.process", Autoregression),
-    ("residual", Residual),
-    ("velocity.process", Autoregression),
-    ("velocity", PhaseVelocity),
-    ("history", CycleHistory),
-    ("grid", PhaseGrid),
-)
 
 
 def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
@@ -243,15 +235,10 @@ def _rhythm(values: Mapping[str, Any]) -> Rhythm:
 
 def _calibration_arrays(skill: FourierMovementPrimitive) -> dict[str, Any]:
     """Return the calibration and the memory of a skill, by their names in a file."""
-    calibration = skill.calibration_
-    if calibration is None:
-        return {}
-    out = {
-        f"calibration_{name}": np.asarray(getattr(calibration, name))
-        for name in (*_CALIBRATION, *_CALIBRATION_NUMBERS)
-    }
-    if calibration.played is not None:
-        out["calibration_played"] = calibration.played
+    out = {}
+    for name in _CALIBRATION:
+        if (value := getattr(skill.calibration_, name, None)) is not None:
+            out[f"calibration_{name}"] = np.asarray(value)
     if skill.memory_:
         out["memory"] = np.concatenate(skill.memory_)
         out["memory_lengths"] = np.array([len(y) for y in skill.memory_])
@@ -260,38 +247,30 @@ def _calibration_arrays(skill: FourierMovementPrimitive) -> dict[str, Any]:
 
 def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None:
     """Return the calibration in a file; of version 3 it has factors only."""
-    d = channels
+    values = {
+        name: arrays[f"calibration_{name}"]
+        for name in _CALIBRATION
+        if f"calibration_{name}" in arrays
+    }
     if "phase_calibration" in arrays:
         table = arrays["phase_calibration"]
-        if table.ndim != 2 or table.shape[1] != 2:
-            raise SkillFileError(f"phase_calibration has shape {table.shape}")
-        ahead, factors = table.T
-        values = {"ahead": ahead, "factors": np.maximum(factors, 1.0)}
-    elif "calibration_ahead" in arrays:
-        names = (*_CALIBRATION, *_CALIBRATION_NUMBERS, "played")
-        values = {
-            name: arrays[f"calibration_{name}"]
-            for name in names
-            if f"calibration_{name}" in arrays
-        }
-    else:
+        _check_shape("phase_calibration", table, "A2", {"2": 2})
+        values = {"ahead": table[:, 0], "factors": np.maximum(table[:, 1], 1.0)}
+    if "ahead" not in values:
         return None
     ahead, factors = values["ahead"], values["factors"]
-    n = ahead.size
     # Earlier files have factors alone, or errors that the components do not contain.
     if "changes" not in values:
-        values |= dict.fromkeys(("errors", "changes"), np.zeros((n, d, d)))
-    shapes = ((n,), (n,), (n, d, d), (n, d, d))
-    named = dict(zip(_CALIBRATION, shapes, strict=True)) | {"played": (n, d, d)}
-    for name, shape in named.items():
-        if name in values and values[name].shape != shape:
-            raise SkillFileError(f"calibration_{name} has shape {values[name].shape}")
-    if not (n and np.all(np.diff(ahead) > 0) and np.all(factors > 0)):
+        zeros = np.zeros((ahead.size, channels, channels))
+        values |= dict.fromkeys(("errors", "changes"), zeros)
+    sizes = {"D": channels}
+    for name, value in values.items():
+        _check_shape(f"calibration_{name}", value, _CALIBRATION[name], sizes)
+        if not _CALIBRATION[name]:
+            values[name] = float(value)
+    if not (ahead.size and np.all(np.diff(ahead) > 0) and np.all(factors > 0)):
         raise SkillFileError("its predictions have no covariances")
-    numbers: dict[str, Any] = {
-        name: float(values.pop(name)) for name in _CALIBRATION_NUMBERS if name in values
-    }
-    calibration = replace(Calibration(**values), **numbers)
+    calibration = Calibration(**values)
     if not (
         0 <= calibration.weight <= 1
         and 0 <= calibration.local <= 1
@@ -300,6 +279,15 @@ def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None
     ):
         raise SkillFileError("the numbers of its calibration are out of range")
     return calibration
+
+
+def _check_shape(name: str, array: Any, shape: str, sizes: dict[str, int]) -> None:
+    """Raise SkillFileError unless an array has a shape; new letters are added to sizes."""
+    if array.ndim != len(shape) or any(
+        sizes.setdefault(letter, length) != length
+        for letter, length in zip(shape, array.shape, strict=True)
+    ):
+        raise SkillFileError(f"{name} has shape {array.shape}")
 
 
 def _values_of(model: PhaseModel, table: Iterable[tuple[Any, ...]]) -> dict[str, Any]:
@@ -312,19 +300,25 @@ def _phase_model(numbers: Mapping[str, Any], arrays: Mapping[str, Any]) -> Phase
     sizes = {"1": 1}
     values: dict[str, Any] = {}
     for name, attribute, shape in _PHASE_ARRAYS:
-        array = arrays[name]
-        if array.ndim != len(shape) or any(
-            sizes.setdefault(letter, length) != length
-            for letter, length in zip(shape, array.shape, strict=True)
-        ):
-            raise SkillFileError(f"{name} has shape {array.shape}")
-        values[attribute] = array
+        _check_shape(name, arrays[name], shape, sizes)
+        values[attribute] = arrays[name]
     for name, attribute, kind in _PHASE_NUMBERS:
         values[attribute] = kind(numbers[name])
     forwards = values["velocity.mean"] > 0 and values["velocity.spread"] >= 0
     if not (forwards and sizes["h"] % 2 == 1):
         raise SkillFileError("its phase does not run forwards")
-    for path, part_type in _PHASE_TYPES:
-        parts = [name for name in values if name.rpartition(".")[0] == path]
-        values[path] = part_type(**{n.rpartition(".")[2]: values.pop(n) for n in parts})
-    return PhaseModel(**values)
+    model: PhaseModel = _object_of(PhaseModel, values)
+    return model
+
+
+def _object_of(of: type, values: Mapping[str, Any], path: str = "") -> Any:
+    """Return an object of a type from its attributes and theirs, by dotted names."""
+    attributes = {}
+    for name, part in get_type_hints(of).items():
+        dotted = path + name
+        attributes[name] = (
+            values[dotted]
+            if dotted in values
+            else _object_of(part, values, dotted + ".")
+        )
+    return of(**attributes)
