@@ -17,7 +17,7 @@ from fmp_drake.station.robots.panda_lcm import RawSerializer
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems import GateConfig, GateMode
 from fmp_drake.systems.interface.arm_model import joint_limits
-from fmp_drake.systems.panda.status import GateFault
+from fmp_drake.systems.panda.arm_status import GateFault
 
 NOW = 1.7e9
 LIMITS = joint_limits(MakeRobotModel(LoadRobot("panda")).plant)

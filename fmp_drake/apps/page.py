@@ -20,7 +20,7 @@ from fmp_drake.apps.terminal import can_ask, is_entered
 from fmp_drake.errors import FmpError, RunError, SystemsError
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.station import Scenario
-from fmp_drake.station.page.page_scene import ShowStill
+from fmp_drake.station.page import ShowStill
 from fmp_drake.station.reach.feasibility import Feasibility
 from fmp_drake.station.warm_up import LawCompilation
 from fmp_drake.systems import PagePanel, hidden_meshcat

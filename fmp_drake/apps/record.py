@@ -23,7 +23,7 @@ from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.simulation_loop import advance
 from fmp_drake.station import MakeStation
-from fmp_drake.station.teaching_hands import DemonstrationFromRecorder, SimulatedHand
+from fmp_drake.station.external_forces import DemonstrationFromRecorder, SimulatedHand
 from fmp_drake.systems.teaching.hand_motion import HandMotion, Task
 
 # Time in which the hand settles on the board before the recording, s.

@@ -45,9 +45,9 @@ from fmp_drake.runs.simulation_loop import advance, reset
 from fmp_drake.skills import scenario_skill
 from fmp_drake.skills.description import model_in_words, source_in_words
 from fmp_drake.station import Scenario
-from fmp_drake.station.page.page_scene import describe_page
+from fmp_drake.station.page import describe_page
 from fmp_drake.station.reach.feasibility import CheckFeasibility, Feasibility
-from fmp_drake.station.robots.visuals import VISUALS
+from fmp_drake.station.robots.robot import VISUALS
 from fmp_drake.station.scenario_parts import ShowConfig
 from fmp_drake.station.warm_up import LawCompilation
 from fmp_drake.systems.page.page_panel import Level, PagePanel

@@ -29,7 +29,7 @@ from pydrake.systems.sensors import CameraInfo
 from scipy.ndimage import map_coordinates
 
 from fmp_drake.errors import RunError
-from fmp_drake.station.page.stage import FIELD_OF_VIEW, CameraAxes, RenderLights
+from fmp_drake.station.page import FIELD_OF_VIEW, CameraAxes, RenderLights
 from fmp_drake.station.scenario_parts import CameraConfig
 from fmp_drake.systems import InkGrid
 from fmp_drake.systems.ink.mesh import ink_colours

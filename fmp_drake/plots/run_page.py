@@ -23,8 +23,7 @@ from fmp_drake.plots.style import (
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS, ROTATION_CHANNELS
 
 if TYPE_CHECKING:
-    from fmp_drake.runs.station_run import StationRun
-    from fmp_drake.runs.wiping_run import WipingRun
+    from fmp_drake.runs.station_run import StationRun, WipingRun
 
 _POSITION = Channels(POSITION_CHANNELS, ("m",) * 3)
 _AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")

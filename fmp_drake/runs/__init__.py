@@ -4,9 +4,8 @@ from fmp_drake.runs.arm_listener import check_arm, record_arm
 from fmp_drake.runs.arm_run import ArmRun
 from fmp_drake.runs.context_file import load_context, save_context
 from fmp_drake.runs.log import RunLog
-from fmp_drake.runs.station_run import StationRun
+from fmp_drake.runs.station_run import MakeRun, StationRun, WipingRun
 from fmp_drake.runs.teaching_session import TeachingSession
-from fmp_drake.runs.wiping_run import MakeRun, WipingRun
 
 __all__ = [
     "ArmRun",

@@ -20,7 +20,7 @@ from fmp_drake.station import LcmPanda, LoadRobot, Scenario
 from fmp_drake.station.robots.panda_lcm import OpenLcm, RawSerializer
 from fmp_drake.station.robots.robot import MakeRobotModel, Robot
 from fmp_drake.systems.interface.arm_model import ArmModel, joint_limits
-from fmp_drake.systems.panda.status import (
+from fmp_drake.systems.panda.arm_status import (
     JOINTS,
     ArmReading,
     GateFault,

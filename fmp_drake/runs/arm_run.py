@@ -21,8 +21,8 @@ from fmp_drake.runs.station_run import StationRun
 from fmp_drake.station import LcmPanda, Scenario
 from fmp_drake.station.robots.panda_lcm import OpenLcm, TorquePublisher
 from fmp_drake.systems import GateMode
+from fmp_drake.systems.panda.arm_status import GateFault
 from fmp_drake.systems.panda.gate import EXPIRED_AGE, largest_change, limited_change
-from fmp_drake.systems.panda.status import GateFault
 
 # Time for the controller to settle at the start before the gate opens, s.
 _SETTLE = 0.3

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from fmp_drake.runs.log import Chunk
 from fmp_drake.systems import StatusFlag
+from fmp_drake.systems.impedance.controller_status import CONDITIONS, STOP_REASONS
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
-from fmp_drake.systems.impedance.status import CONDITIONS, STOP_REASONS
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
 # Smallest and largest reported error of the board's height, mm.

@@ -108,7 +108,7 @@ _ERROR = "of the controller: a rotation vector, a translation"
 _STATE = "of the arm: angles, then velocities"
 _CLEANED = "fraction of the cells that are clean"
 _PENETRATION = "of the deepest hard point below the board's surface"
-_STATUS = "of the controller: see fmp_drake.systems.impedance.status"
+_STATUS = "of the controller: see fmp_drake.systems.impedance.controller_status"
 _REMAPS = "re-mappings so far, and those after a push among them"
 
 _KINDS: dict[str, tuple[Any, ...]] = {

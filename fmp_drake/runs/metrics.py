@@ -18,8 +18,8 @@ from fmp_drake.runs.events import Occurrences, RunEvent, RunEvents
 from fmp_drake.runs.log import MILLISECOND, Chunk, Samples
 from fmp_drake.station import Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
-from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.ink.grid import (
     CLEAN_BELOW,
     InkGrid,

@@ -4,7 +4,7 @@ from typing import Any
 
 from fmp_drake.runs.teaching_session import TeachingSession
 from fmp_drake.station import Scenario
-from fmp_drake.station.page.page_scene import VIEW_HELP, describe_page
+from fmp_drake.station.page import VIEW_HELP, describe_page
 from fmp_drake.systems import PagePanel
 from fmp_drake.systems.mouse_hand import TURN_SWITCH
 from fmp_drake.systems.page.page_controls import set_tempo

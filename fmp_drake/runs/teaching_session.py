@@ -18,12 +18,11 @@ from fmp_drake.runs.guided_demonstrations import (
     guided_demonstrations,
     hand_time,
 )
-from fmp_drake.runs.station_run import StationRun
-from fmp_drake.runs.wiping_run import MakeRun, WipingRun
+from fmp_drake.runs.station_run import MakeRun, StationRun, WipingRun
 from fmp_drake.skills import learn_skill
 from fmp_drake.station import CheckFeasibility, MakeStation, Scenario
-from fmp_drake.station.page.page_scene import BOARD
-from fmp_drake.station.teaching_hands import TeachingHand
+from fmp_drake.station.external_forces import TeachingHand
+from fmp_drake.station.page import BOARD
 from fmp_drake.systems import PagePanel, draw_demonstrations
 from fmp_drake.systems.ink.grid import cleaned_fraction
 from fmp_drake.systems.mouse_hand import TURN_SWITCH

@@ -7,8 +7,10 @@ of your own.
 """
 
 from fmp_drake.station.arm_controller import AddArmController
+from fmp_drake.station.board_scene import AddBoardScene
+from fmp_drake.station.external_forces import MouseOnPage, SimulatedHand
 from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.page.stage import SetStage
+from fmp_drake.station.page import SetStage
 from fmp_drake.station.reach.feasibility import CheckFeasibility
 from fmp_drake.station.reach.posture import SolvePosture
 from fmp_drake.station.robots.panda_lcm import LcmPanda
@@ -19,10 +21,8 @@ from fmp_drake.station.scenario import (
     ParseScenario,
     Scenario,
 )
-from fmp_drake.station.scene import AddBoardScene
 from fmp_drake.station.station import MakeStation, MakeWipingStation
 from fmp_drake.station.tasks.wiping import AddInk
-from fmp_drake.station.teaching_hands import MouseOnPage, SimulatedHand
 from fmp_drake.station.warm_up import WarmUp
 
 __all__ = [

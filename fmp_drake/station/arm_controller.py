@@ -8,8 +8,8 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, MatrixGain
 
+from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.station.robots.driver import Driver, MakeDriver, SimulatedDriver
-from fmp_drake.station.scene import BoardScene
 from fmp_drake.systems import (
     ImpedanceConfig,
     NormalForceEstimator,

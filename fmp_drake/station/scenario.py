@@ -1,23 +1,17 @@
 """Scenarios: all settings of a station, as YAML."""
 
-import dataclasses
 import math
-import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import shown
-from fmp_drake.settings import bounded, check_settings, check_yaml
+from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import FeltForceLimit
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.robots.robot import LoadRobot
@@ -32,7 +26,7 @@ from fmp_drake.station.scenario_parts import (
     ShowConfig,
     SkillConfig,
     in_one_line,
-    load_yaml,
+    load_settings,
 )
 from fmp_drake.systems import FrictionConfig, ImpedanceConfig
 from fmp_drake.systems.surface.surface import place, rotation
@@ -266,10 +260,7 @@ def _Parse(
     robot: str | None = None,
 ) -> Scenario:
     with in_one_line(f"{name} is not a scenario"):
-        check_yaml(text, "it", StationError)
-        _check_types(yaml.safe_load(text), Scenario())
-        data = text.decode() if isinstance(text, bytes) else text
-        scenario: Scenario = load_yaml(Scenario, data)
+        scenario: Scenario = load_settings(Scenario, text)
         if folder is not None:
             _Locate(scenario, folder)
         if robot not in (None, scenario.robot):
@@ -291,53 +282,3 @@ def _Locate(scenario: Scenario, folder: Path) -> None:
         scenario.tool = str(folder / scenario.tool)
     if scenario.robot.endswith((".yaml", ".yml")):
         scenario.robot = str(folder / scenario.robot)
-
-
-def _check_types(value: Any, default: Any, name: str = "") -> None:
-    """Raise an error for a value whose type is not that of its default value."""
-    fields = field_names(default)
-    if fields:
-        path, allowed = name or "a scenario", ", ".join(fields)
-        if not isinstance(value, Mapping):
-            raise StationError(
-                f"{path} is {shown(value)} ({type(value).__name__}); expected a mapping "
-                f"with any of: {allowed}."
-            )
-        for key, item in value.items():
-            if key not in fields:
-                raise StationError(
-                    f"{path} has no key {shown(key)}; allowed are: {allowed}."
-                )
-            _check_types(item, getattr(default, key), f"{name}.{key}".lstrip("."))
-    elif default == [] and isinstance(value, list):
-        example = Disturbance() if name == "disturbances" else 0.0
-        for i, item in enumerate(value):
-            _check_types(item, example, f"{name}[{i}]")
-    elif not _fits(value, default):
-        expected = f"a list like {default}" if isinstance(default, list) else "a number"
-        expected = _EXPECTED.get(type(default), expected)
-        raise StationError(f"{name} is {shown(value)}; expected {expected}.")
-
-
-_EXPECTED = {bool: "true or false", str: "text", type(None): "a number or null"}
-
-
-def _fits(value: Any, default: Any) -> bool:
-    if isinstance(default, list):
-        return isinstance(value, list) and all(
-            _fits(item, default[0] if default else 0.0) for item in value
-        )
-    if isinstance(default, bool | str):
-        return isinstance(value, type(default))
-    if value is None:
-        return default is None
-    if isinstance(value, str):  # YAML 1.1 reads 1e-3, without a point, as text.
-        return re.fullmatch(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+", value) is not None
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def field_names(value: Any) -> list[str]:
-    """Return the names of a dataclass's fields, or of one of Drake's own configs."""
-    if dataclasses.is_dataclass(value):
-        return [field.name for field in dataclasses.fields(value)]
-    return [field.name for field in getattr(type(value), "__fields__", ())]

@@ -3,8 +3,10 @@
 `Scenario.check` checks their values, because loading YAML does not call constructors.
 """
 
+import dataclasses
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, get_args
@@ -16,8 +18,9 @@ from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import shown
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
-from fmp_drake.settings import bounded
+from fmp_drake.settings import bounded, check_yaml
 from fmp_drake.systems.operational_space_impedance_controller import ENGAGE_HEIGHT
 from fmp_drake.systems.surface.surface import Surface
 
@@ -507,3 +510,73 @@ class SkillConfig:
         if self.model not in (models := get_args(ModelChoice)):
             return f"skill.model is {self.model}; choose one of: {', '.join(models)}."
         return ""
+
+
+def load_settings(schema: type, text: str | bytes) -> Any:
+    """Check YAML text and load it as a dataclass, over its defaults.
+
+    Parameters
+    ----------
+    schema : type
+        The dataclass.
+    text : str or bytes
+
+    Raises
+    ------
+    StationError
+        With a key that the dataclass does not have, or a value of another type.
+    """
+    check_yaml(text, "it", StationError)
+    _check_types(yaml.safe_load(text), schema())
+    return load_yaml(schema, text.decode() if isinstance(text, bytes) else text)
+
+
+def _check_types(value: Any, default: Any, name: str = "") -> None:
+    """Raise an error for a value whose type is not that of its default value."""
+    fields = field_names(default)
+    if fields:
+        path, allowed = name or "it", ", ".join(fields)
+        if not isinstance(value, Mapping):
+            raise StationError(
+                f"{path} is {shown(value)} ({type(value).__name__}); expected a mapping "
+                f"with any of: {allowed}."
+            )
+        for key, item in value.items():
+            if key not in fields:
+                raise StationError(
+                    f"{path} has no key {shown(key)}; allowed are: {allowed}."
+                )
+            _check_types(item, getattr(default, key), f"{name}.{key}".lstrip("."))
+    elif default == [] and isinstance(value, list):
+        for i, item in enumerate(value):
+            _check_types(item, _ITEMS.get(name, 0.0), f"{name}[{i}]")
+    elif not _fits(value, default):
+        expected = f"a list like {default}" if isinstance(default, list) else "a number"
+        expected = _EXPECTED.get(type(default), expected)
+        raise StationError(f"{name} is {shown(value)}; expected {expected}.")
+
+
+# Items of lists that are empty by default; of all others they are numbers.
+_ITEMS: dict[str, Any] = {"disturbances": Disturbance(), "contact_free": [""]}
+_EXPECTED = {bool: "true or false", str: "text", type(None): "a number or null"}
+
+
+def _fits(value: Any, default: Any) -> bool:
+    if isinstance(default, list):
+        return isinstance(value, list) and all(
+            _fits(item, default[0] if default else 0.0) for item in value
+        )
+    if isinstance(default, bool | str):
+        return isinstance(value, type(default))
+    if value is None:
+        return default is None
+    if isinstance(value, str):  # YAML 1.1 reads 1e-3, without a point, as text.
+        return re.fullmatch(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+", value) is not None
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def field_names(value: Any) -> list[str]:
+    """Return the names of a dataclass's fields, or of one of Drake's own configs."""
+    if dataclasses.is_dataclass(value):
+        return [field.name for field in dataclasses.fields(value)]
+    return [field.name for field in getattr(type(value), "__fields__", ())]

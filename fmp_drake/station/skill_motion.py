@@ -18,8 +18,8 @@ from pydrake.systems.primitives import (
 from fmp_drake.errors import SkillError, StationError
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
+from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scene import BoardScene
 from fmp_drake.station.tasks.task import Measurements
 from fmp_drake.station.tasks.wiping import BoardGrid
 from fmp_drake.systems import FourierPrimitiveSystem

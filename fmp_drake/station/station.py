@@ -15,12 +15,17 @@ from fmp_drake.errors import StationError
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.station.arm_controller import AddArmController
-from fmp_drake.station.external_forces import AddExternalForces
-from fmp_drake.station.page.page_scene import AddBodies, AddPage, AddPageStatus
+from fmp_drake.station.board_scene import AddBoardScene, BoardScene
+from fmp_drake.station.external_forces import (
+    GUIDING,
+    TURNING,
+    AddExternalForces,
+    TeachingHand,
+)
+from fmp_drake.station.page import AddBodies, AddPage, AddPageStatus
 from fmp_drake.station.reach.posture import TORQUE_FRACTION, ArmForceLimit
 from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scene import AddBoardScene, BoardScene
 from fmp_drake.station.skill_motion import (
     DESIRED,
     AddSkill,
@@ -31,7 +36,6 @@ from fmp_drake.station.skill_motion import (
 from fmp_drake.station.tasks.following import Following
 from fmp_drake.station.tasks.task import Task
 from fmp_drake.station.tasks.wiping import AddInk, Wiping
-from fmp_drake.station.teaching_hands import GUIDING, TURNING, TeachingHand
 from fmp_drake.systems import PagePanel
 from fmp_drake.systems.page.page_controls import PageControls
 from fmp_drake.systems.surface.surface import rotation

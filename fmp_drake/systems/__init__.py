@@ -6,8 +6,8 @@ Every module directly in this folder is one LeafSystem of its name; the visualiz
 
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.controller_status import ImpedanceStatus, StatusFlag
 from fmp_drake.systems.impedance.joints import FrictionConfig
-from fmp_drake.systems.impedance.status import ImpedanceStatus, StatusFlag
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.normal_force_estimator import NormalForceEstimator

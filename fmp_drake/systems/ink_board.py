@@ -25,17 +25,15 @@ from fmp_drake.systems.ink.grid import (
     InkGrid,
     cleaned_fraction,
 )
-from fmp_drake.systems.ink.patch import (
-    compile_rubbing,
-    planar_motion,
-    read_patch,
-    rectangle,
-)
 from fmp_drake.systems.ink.rubbing import (
     Cells,
     Patch,
     PlanarMotion,
+    compile_rubbing,
     exposure,
+    planar_motion,
+    read_patch,
+    rectangle,
     wear,
 )
 from fmp_drake.systems.interface.callbacks import collision_ids, declare_bodies

@@ -118,6 +118,7 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.controller_status import STATUS_SIZE
 from fmp_drake.systems.impedance.records import (
     OPTIONAL,
     PACKED_SIZE,
@@ -128,7 +129,6 @@ from fmp_drake.systems.impedance.records import (
     joint_settings,
     settings_of,
 )
-from fmp_drake.systems.impedance.status import STATUS_SIZE
 from fmp_drake.systems.impedance.step import impedance_step, measured_motion
 from fmp_drake.systems.interface.arm_model import (
     ArmModel,

@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import finite_array
-from fmp_drake.systems.impedance.status import STATUS_SIZE, StatusFlag
+from fmp_drake.systems.impedance.controller_status import STATUS_SIZE, StatusFlag
 from fmp_drake.systems.surface.surface import PLANE, Surface, project_all
 
 type FloatArray = NDArray[np.float64]

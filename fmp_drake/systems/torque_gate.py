@@ -20,17 +20,17 @@ from fmp_drake.numeric import as_floats
 from fmp_drake.settings import check_settings
 from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
+from fmp_drake.systems.panda.arm_status import (
+    JOINTS,
+    ArmReading,
+    decode,
+    read_status,
+)
 from fmp_drake.systems.panda.gate import (
     GateConfig,
     GateState,
     gate_step,
     initial_gate,
-)
-from fmp_drake.systems.panda.status import (
-    JOINTS,
-    ArmReading,
-    decode,
-    read_status,
 )
 
 # Groups of the discrete state.

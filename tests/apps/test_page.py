@@ -13,7 +13,7 @@ from browser import CTRL, OFFLINE, PANEL, Page, needs_chromium
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import open_page
 from fmp_drake.errors import FmpError
-from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.runs.station_run import WipingRun
 from fmp_drake.skills.learning import default_demonstration, learn_skill
 from fmp_drake.skills.placement import load_on_board
 from fmp_drake.station.scenario import LoadScenario

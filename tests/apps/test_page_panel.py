@@ -9,7 +9,7 @@ from browser import OFFLINE, Page, needs_chromium
 from fmp_drake.apps.page import open_page
 from fmp_drake.runs.simulation_loop import RunButtons
 from fmp_drake.station import LoadScenario
-from fmp_drake.station.page.page_scene import describe_page
+from fmp_drake.station.page import describe_page
 from fmp_drake.systems.page.page_controls import PageControls
 from fmp_drake.systems.page.page_panel import add_panel
 

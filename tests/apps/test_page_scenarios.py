@@ -5,9 +5,9 @@ import pytest
 from browser import OFFLINE, PANEL, Page, needs_chromium
 
 from fmp_drake.apps.page import open_page
-from fmp_drake.runs.wiping_run import MakeRun, WipingRun
+from fmp_drake.runs.station_run import MakeRun, WipingRun
 from fmp_drake.skills.learning import scenario_skill
-from fmp_drake.station.page.page_scene import BOARD
+from fmp_drake.station.page import BOARD
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 REPLAYED = "moving_board"

@@ -14,9 +14,9 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from fmp_drake.runs.simulation_loop import RunButtons, advance
 from fmp_drake.station.arm_controller import AddArmController
+from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.external_forces import AddMousePull
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.scene import AddBoardScene
 from fmp_drake.systems.page.page_controls import PageControls
 
 pytestmark = [pytest.mark.browser, needs_chromium]

@@ -14,12 +14,12 @@ from fmp_drake.errors import FmpError, RunError
 from fmp_drake.film import scene as film_scene
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.primitives import Demonstration
-from fmp_drake.runs import wiping_run
+from fmp_drake.runs import station_run
 from fmp_drake.runs.log import SIGNALS, RunLog
-from fmp_drake.runs.wiping_run import WipingRun
+from fmp_drake.runs.station_run import WipingRun
 from fmp_drake.skills.learning import bundled_demonstrations, default_demonstration
-from fmp_drake.station.page.page_scene import BOARD, INK
-from fmp_drake.station.robots.visuals import VISUALS
+from fmp_drake.station.page import BOARD, INK
+from fmp_drake.station.robots.robot import VISUALS
 from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
 from fmp_drake.station.scenario_parts import ShowConfig
 
@@ -39,7 +39,7 @@ def runs(monkeypatch):
             super().__init__(*arguments, **options)
             made.append(self)
 
-    monkeypatch.setattr(wiping_run, "WipingRun", Collected)
+    monkeypatch.setattr(station_run, "WipingRun", Collected)
     return made
 
 

@@ -20,8 +20,8 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.scene import AddBoardScene
 from fmp_drake.station.station import MakeWipingStation
 
 TICK = 0.001

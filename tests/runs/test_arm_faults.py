@@ -5,11 +5,11 @@ import pytest
 from arm_faults import LIMITS, NOW, FailingNetwork, Fault, frozen
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.runs.arm_bench import Obeyed
 from fmp_drake.station import models_dir
 from fmp_drake.station.robots.panda_lcm import TorquePublisher
 from fmp_drake.systems import GateMode
-from fmp_drake.systems.panda.firmware import Obeyed
-from fmp_drake.systems.panda.status import GateFault
+from fmp_drake.systems.panda.arm_status import GateFault
 
 LARGEST = np.radians(2.0)
 

@@ -12,12 +12,11 @@ from pydrake.lcm import DrakeLcm
 from fmp_drake.apps.arm_console import arm_in_words
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs import ArmRun, WipingRun
-from fmp_drake.runs.arm_bench import ArmBench, NetworkFaults
+from fmp_drake.runs.arm_bench import ArmBench, NetworkFaults, Obeyed
 from fmp_drake.runs.real_time import WallClock, request_priority
 from fmp_drake.station import LcmPanda, LoadScenario, models_dir
 from fmp_drake.systems import GateConfig, GateMode, StatusFlag
-from fmp_drake.systems.panda.firmware import Obeyed
-from fmp_drake.systems.panda.status import GateFault
+from fmp_drake.systems.panda.arm_status import GateFault
 
 NOW = 1.7e9
 

@@ -21,7 +21,7 @@ from fmp_drake.runs.metrics import (
     metric_signals,
 )
 from fmp_drake.station import Scenario
-from fmp_drake.systems.impedance.status import StatusFlag as Flag
+from fmp_drake.systems.impedance.controller_status import StatusFlag as Flag
 from fmp_drake.systems.ink.grid import InkGrid
 
 LIMITS = ArmLimits(

@@ -19,8 +19,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
 from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.robots.robot import AddRobot, LoadRobot
-from fmp_drake.station.robots.visuals import AddArm
+from fmp_drake.station.robots.robot import AddArm, AddRobot, LoadRobot
 
 JOINTS = {"panda": 7, "iiwa14": 7, "ur5e": 6}
 MESHES = [

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station import MakeStation, Scenario
-from fmp_drake.station.page.page_scene import BOARD
+from fmp_drake.station.page import BOARD
 
 pytestmark = pytest.mark.slow
 

@@ -10,15 +10,15 @@ from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
 from fmp_drake.station import MakeStation
-from fmp_drake.station import scene as scene_module
+from fmp_drake.station import board_scene as scene_module
 from fmp_drake.station import skill_motion as skill_motion_module
+from fmp_drake.station.board_scene import AddBoardScene
+from fmp_drake.station.external_forces import SimulatedHand
 from fmp_drake.station.models.eraser import AddEraser, FeltForceLimit
 from fmp_drake.station.models.whiteboard import AddWhiteboard, cell_of, curved_slab
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
 from fmp_drake.station.scenario import LoadScenario, Scenario
 from fmp_drake.station.scenario_parts import BoardConfig, BoardMotion, EraserConfig
-from fmp_drake.station.scene import AddBoardScene
-from fmp_drake.station.teaching_hands import SimulatedHand
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.surface.surface import project_all, rotation

@@ -17,7 +17,7 @@ from fmp_drake.station.robots.panda_lcm import LoadPanda
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario_parts import SensorConfig
 from fmp_drake.systems import GateConfig, GateMode
-from fmp_drake.systems.panda.status import GateFault
+from fmp_drake.systems.panda.arm_status import GateFault
 
 OUTPUTS = {"state": 14, "torque_measured": 7, "torque_external": 7, "mode": 1, "age": 1}
 NOW = 1.7e9

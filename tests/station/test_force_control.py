@@ -10,12 +10,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
+from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import BoardConfig
-from fmp_drake.station.scene import AddBoardScene
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
-from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.operational_space_impedance_controller import (

@@ -9,9 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
+from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.external_forces import AddMousePull
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.scene import AddBoardScene
 
 BODIES = ["eraser/eraser", "panda/panda_link5", "panda/panda_link3"]
 

@@ -10,11 +10,11 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.framework import DiagramBuilder, EventStatus
 from station_run import StationRun, check_limits
 
+from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import BoardMotion, PoseConfig, SensorConfig
-from fmp_drake.station.scene import AddBoardScene
 from fmp_drake.station.station import MakeWipingStation
-from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import StationError
 from fmp_drake.station import LoadScenario, MakeStation
-from fmp_drake.station.teaching_hands import DemonstrationFromRecorder, SimulatedHand
+from fmp_drake.station.external_forces import DemonstrationFromRecorder, SimulatedHand
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 pytestmark = pytest.mark.slow

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import StationError
 from fmp_drake.station import LoadRobot, Scenario, models_dir
+from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.robots.robot import FilterSelfContact, MakeRobotModel
-from fmp_drake.station.scene import AddBoardScene
 
 ARMS = ("panda", "iiwa14", "ur5e")
 HALF = np.pi / 2

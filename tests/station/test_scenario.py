@@ -7,10 +7,10 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import FmpError, StationError
+from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
 from fmp_drake.station.scenario_parts import BoardConfig
-from fmp_drake.station.scene import AddBoardScene
 
 BUNDLED = sorted(path.stem for path in (models_dir() / "scenarios").glob("*.yaml"))
 

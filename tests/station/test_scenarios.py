@@ -9,7 +9,7 @@ import json
 
 import pytest
 
-from fmp_drake.runs.wiping_run import MakeRun
+from fmp_drake.runs.station_run import MakeRun
 from fmp_drake.skills.learning import scenario_skill
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE

@@ -14,7 +14,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.runs import RunLog, WipingRun
 from fmp_drake.station import CheckFeasibility, LoadRobot, LoadScenario
 from fmp_drake.station.robots.robot import MakeRobotModel
-from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 
 # Axis, origin in the link before (z, m), length of the capsule (m), mass (kg), effort (Nm).
 JOINTS = (

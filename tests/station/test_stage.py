@@ -18,7 +18,7 @@ from pydrake.systems.sensors import CameraInfo
 
 from fmp_drake.errors import StationError
 from fmp_drake.station.models.whiteboard import AddWhiteboard
-from fmp_drake.station.page.stage import FIELD_OF_VIEW, RenderLights, SetStage
+from fmp_drake.station.page import FIELD_OF_VIEW, RenderLights, SetStage
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.station.scenario_parts import BoardConfig
 

@@ -9,12 +9,12 @@ from station_run import MILLISECOND, StationRun, check_limits
 
 from fmp_drake.errors import StationError
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
-from fmp_drake.station.scenario import LoadScenario, Scenario
-from fmp_drake.station.station import MakeStation
-from fmp_drake.station.teaching_hands import (
+from fmp_drake.station.external_forces import (
     DemonstrationFromRecorder,
     SimulatedHand,
 )
+from fmp_drake.station.scenario import LoadScenario, Scenario
+from fmp_drake.station.station import MakeStation
 from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion
 
 pytestmark = pytest.mark.slow

@@ -20,7 +20,7 @@ from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker, modulate_
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.station import MakeStation, MakeWipingStation
-from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.ink.grid import cleaned_fraction
 
 pytestmark = pytest.mark.slow

@@ -23,11 +23,11 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.joints import (
     SigmoidFriction,
     friction_torque,
 )
-from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.stiffness import EnergyTankConfig
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,

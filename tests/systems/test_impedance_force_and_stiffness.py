@@ -9,6 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.systems.impedance.algebra import (
     Pose,
+    TaskTarget,
+    blended,
+    motion_in_world,
     rotation_from_quaternion,
     rotation_from_vector,
 )
@@ -31,7 +34,6 @@ from fmp_drake.systems.impedance.stiffness import (
     refill,
     stiffness_from_covariance,
 )
-from fmp_drake.systems.impedance.target import TaskTarget, blended, motion_in_world
 
 FORCE = ForceControlConfig()
 SOFT = CovarianceStiffnessConfig()

@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.impedance.algebra import Pose, eigen, rotation_vector
+from fmp_drake.systems.impedance.algebra import Pose, eigen, rotation_vector, task_error
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
 from fmp_drake.systems.impedance.joints import (
@@ -32,7 +32,6 @@ from fmp_drake.systems.impedance.stiffness import (
     EnergyTankConfig,
 )
 from fmp_drake.systems.impedance.supervision import WatchdogConfig
-from fmp_drake.systems.impedance.target import task_error
 
 seeds = st.integers(min_value=0, max_value=2**32 - 1)
 

@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.systems.impedance.algebra import Pose
+from fmp_drake.systems.impedance.algebra import Pose, TaskTarget, task_error, unwrapped
+from fmp_drake.systems.impedance.controller_status import (
+    STATUS_SIZE,
+    ImpedanceStatus,
+    StatusFlag,
+)
 from fmp_drake.systems.impedance.force_control import ForceState
 from fmp_drake.systems.impedance.joints import (
     JointLimits,
@@ -22,11 +27,6 @@ from fmp_drake.systems.impedance.records import (
     decode,
     encode,
     values_of,
-)
-from fmp_drake.systems.impedance.status import (
-    STATUS_SIZE,
-    ImpedanceStatus,
-    StatusFlag,
 )
 from fmp_drake.systems.impedance.supervision import (
     LOST,
@@ -43,7 +43,6 @@ from fmp_drake.systems.impedance.supervision import (
     target_fraction,
     watch,
 )
-from fmp_drake.systems.impedance.target import TaskTarget, task_error, unwrapped
 
 WATCHDOG = WatchdogConfig()
 WALLS = JointWallConfig()

@@ -22,6 +22,7 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.systems.impedance import step as step_module
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.impedance.records import (
     OPTIONAL,
@@ -32,7 +33,6 @@ from fmp_drake.systems.impedance.records import (
     joint_settings,
     settings_of,
 )
-from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.step import impedance_step
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.runs.events import _STOPS
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.status import STOP_REASONS, StatusFlag
+from fmp_drake.systems.impedance.controller_status import STOP_REASONS, StatusFlag
 from fmp_drake.systems.page.page_status import mode_in_words
 from tests.arm_loop import Q_START, X_WT_FLAT, ArmLoop, make_arm, pose_in_task
 

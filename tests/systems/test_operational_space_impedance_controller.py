@@ -29,13 +29,12 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
-from fmp_drake.systems.impedance.algebra import Pose
+from fmp_drake.systems.impedance.algebra import Pose, task_error
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import rate_scale, torque_scale
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
 from fmp_drake.systems.impedance.records import values_of
 from fmp_drake.systems.impedance.step import impedance_step
-from fmp_drake.systems.impedance.target import task_error
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )

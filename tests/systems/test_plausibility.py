@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from fmp_drake.systems.impedance.joints import JointLimits
-from fmp_drake.systems.panda.status import (
+from fmp_drake.systems.panda.arm_status import (
     ArmReading,
     GateFault,
     StatusTrack,

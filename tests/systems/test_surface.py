@@ -6,19 +6,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.systems.surface.rotations import (
-    angular_motion,
-    quaternion,
-    quaternion_product,
-    rotation_matrix,
-)
 from fmp_drake.systems.surface.surface import (
     Surface,
+    angular_motion,
     moving_frame,
     place,
     point,
     project,
+    quaternion,
+    quaternion_product,
     rotation,
+    rotation_matrix,
 )
 
 SURFACES = {

@@ -16,6 +16,7 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems import GateConfig, GateMode
 from fmp_drake.systems.interface.arm_model import joint_limits
+from fmp_drake.systems.panda.arm_status import GateFault, read_status
 from fmp_drake.systems.panda.gate import (
     GateState,
     command_utime,
@@ -23,7 +24,6 @@ from fmp_drake.systems.panda.gate import (
     initial_gate,
     limited_change,
 )
-from fmp_drake.systems.panda.status import GateFault, read_status
 from fmp_drake.systems.torque_gate import TorqueGate
 
 NOW = 1.7e9

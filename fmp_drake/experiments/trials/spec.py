@@ -16,8 +16,7 @@ from fmp_drake.experiments.trials.trial import Trial
 from fmp_drake.numeric import check_number, is_number, is_whole, shown
 from fmp_drake.settings import check_yaml
 from fmp_drake.station import LoadRobot, LoadScenario, ParseScenario, models_dir
-from fmp_drake.station.scenario import field_names
-from fmp_drake.station.scenario_parts import Disturbance
+from fmp_drake.station.scenario_parts import Disturbance, field_names
 
 KINDS = {
     "uniform": "[least, most], within 1e+15",

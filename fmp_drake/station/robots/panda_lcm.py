@@ -26,7 +26,7 @@ from fmp_drake.station.robots.robot import RobotConfig
 from fmp_drake.station.scenario_parts import in_one_line, load_yaml
 from fmp_drake.systems import GateConfig
 from fmp_drake.systems.interface.arm_model import joint_limits
-from fmp_drake.systems.panda.status import JOINTS
+from fmp_drake.systems.panda.arm_status import JOINTS
 from fmp_drake.systems.torque_gate import TorqueGate
 
 

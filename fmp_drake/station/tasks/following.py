@@ -3,7 +3,7 @@
 from pydrake.systems.framework import DiagramBuilder, System
 
 from fmp_drake.station.arm_controller import AddNormalForceEstimator
-from fmp_drake.station.scene import BoardScene
+from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.station.tasks.task import Measurements, Task
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 
-from fmp_drake.station.scene import BoardScene
+from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.systems import InkBoard
 
 

@@ -6,13 +6,13 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder
 
 from fmp_drake.station.arm_controller import AddNormalForceEstimator
+from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.robots.robot import CollectCollisionSpheres
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scene import BoardScene
 from fmp_drake.station.tasks.task import Measurements, Task
 from fmp_drake.systems import InkBoard, InkGrid
-from fmp_drake.systems.impedance.status import STATUS_SIZE
+from fmp_drake.systems.impedance.controller_status import STATUS_SIZE
 from fmp_drake.systems.ink.drawing import draw_picture, draw_words, upright_turns
 from fmp_drake.systems.surface_monitor import SurfaceMonitor
 from fmp_drake.systems.wiped_area import WipedArea

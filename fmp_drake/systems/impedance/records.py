@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from fmp_drake.compiled import compiled, inlined
 from fmp_drake.systems.impedance.algebra import (
     Pose,
+    TaskTarget,
     applied,
     rotation_from_quaternion,
     stacked,
     twist_rotation,
 )
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import ForceCorrection, ForceState
 from fmp_drake.systems.impedance.joints import (
     FrictionConfig,
@@ -26,7 +28,6 @@ from fmp_drake.systems.impedance.joints import (
     SigmoidFriction,
 )
 from fmp_drake.systems.impedance.law import LawTorque
-from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.supervision import (
     RECOVERING,
     STOPPED,
@@ -34,7 +35,6 @@ from fmp_drake.systems.impedance.supervision import (
     LastTarget,
     WatchdogState,
 )
-from fmp_drake.systems.impedance.target import TaskTarget
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,20 @@ from numpy.typing import NDArray
 from fmp_drake.compiled import compiled, inlined
 from fmp_drake.systems.impedance.algebra import (
     Pose,
+    TaskTarget,
     applied,
+    blended,
     compose,
     cross,
     dot,
+    motion_in_world,
     relative,
+    task_error,
     twist_rotation,
+    unwrapped,
 )
 from fmp_drake.systems.impedance.config import ImpedanceConfig
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import (
     ForceCorrection,
     NormalForceDemand,
@@ -45,7 +51,6 @@ from fmp_drake.systems.impedance.records import (
     status_of_update,
     unpack,
 )
-from fmp_drake.systems.impedance.status import StatusFlag
 from fmp_drake.systems.impedance.stiffness import (
     admit_stiffness,
     filter_fraction,
@@ -63,13 +68,6 @@ from fmp_drake.systems.impedance.supervision import (
     supervised,
     target_faults,
     target_fraction,
-)
-from fmp_drake.systems.impedance.target import (
-    TaskTarget,
-    blended,
-    motion_in_world,
-    task_error,
-    unwrapped,
 )
 
 Array = NDArray[np.float64]

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
 from fmp_drake.settings import bounded
-from fmp_drake.systems.impedance.algebra import Pose, norm, rotation_angle
-from fmp_drake.systems.impedance.status import StatusFlag
+from fmp_drake.systems.impedance.algebra import Pose, TaskTarget, norm, rotation_angle
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.stiffness import filter_fraction
-from fmp_drake.systems.impedance.target import TaskTarget
 
 Array = NDArray[np.float64]
 

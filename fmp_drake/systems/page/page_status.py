@@ -14,13 +14,13 @@ from pydrake.systems.framework import (
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_number
-from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
-from fmp_drake.systems.impedance.status import (
+from fmp_drake.systems.impedance.controller_status import (
     CONDITIONS,
     STATUS_SIZE,
     STOP_REASONS,
     StatusFlag,
 )
+from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
 from fmp_drake.systems.ink.grid import cleaned_fraction
 from fmp_drake.systems.page.page_panel import PagePanel, PanelFields
 from fmp_drake.systems.page.paths import css_color

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from fmp_drake.errors import SystemsError
 from fmp_drake.settings import bounded
 from fmp_drake.systems.impedance.joints import JointLimits
-from fmp_drake.systems.panda.status import (
+from fmp_drake.systems.panda.arm_status import (
     JOINTS,
     ArmReading,
     GateFault,

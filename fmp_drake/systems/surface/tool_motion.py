@@ -11,17 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
-from fmp_drake.systems.surface.rotations import (
-    angular_motion,
-    cross,
-    quaternion,
-    quaternion_product,
-)
 from fmp_drake.systems.surface.surface import (
     Surface,
+    angular_motion,
+    cross,
     moving_frame,
     point,
     project,
+    quaternion,
+    quaternion_product,
     rotation,
 )
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from drake import lcmt_panda_command, lcmt_panda_status
 
-from fmp_drake.systems.panda.firmware import (
+from fmp_drake.runs.arm_bench import (
     FirmwareConfig,
     FirmwareState,
     Obeyed,
