@@ -21,6 +21,9 @@ from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.runs import StationRun
 from fmp_drake.runs.log import SIGNALS, check_log
 
+# Smallest error of the board's height that is reported, m; the felt yields by less.
+_MIN_HEIGHT_ERROR = 0.003
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunFiles:
@@ -153,6 +156,10 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
             if m["penetration_max_m"] > 0
             else "no hard part below it"
         )
+        height = m["board_height_error_m"] or 0.0
+        if abs(height) >= _MIN_HEIGHT_ERROR:
+            side = "higher" if height > 0 else "lower"
+            rows["surface"] += f"; {1e3 * abs(height):.0f} mm {side} than assumed"
     events = [event["text"] for event in m["events"]]
     rows["what went wrong"] = "\n".join(events) or "nothing"
     return rows

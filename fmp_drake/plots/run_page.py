@@ -219,7 +219,7 @@ def _draw_events(ax: Axes, run: "StationRun", *, named: bool) -> None:
                 zorder=0.9,
                 label=label if named else None,
             )
-    faults = [event for event in run.events() if not event.kind.startswith("board")]
+    faults = run.events()
     kinds = list(dict.fromkeys(event.kind for event in faults))
     for start, end, kind, _ in faults:
         ax.axvspan(

@@ -11,24 +11,16 @@ from fmp_drake.systems.impedance.controller_status import CONDITIONS, STOP_REASO
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
-# Smallest and largest reported error of the board's height, mm.
-_MIN_HEIGHT, _MAX_HEIGHT = 3, 1000
+# Largest error of the board's height, mm.
+_MAX_HEIGHT = 1000
 # A magnitude above 0 that is rounded to 0 in texts.
 _TINY = 1e-9
 _FORCE = "a normal force far too large"
 _STOPPED = int(StatusFlag.PROTECTIVE_STOP)
 _NO_TARGET = int(StatusFlag.PROTECTIVE_STOP | StatusFlag.RECOVER)
-ADVICE = {
-    CONDITIONS[flag].event: text
-    for flag, text in {
-        StatusFlag.PROTECTIVE_STOP: "The arm returns by itself. If it stops again, lower "
-        "the tempo, or check the pose of the board.",
-        StatusFlag.CONTACT_LOST: "The arm searches the board by itself.",
-        StatusFlag.ARM_TOUCHES: "Move the board away from the arm's base.",
-        StatusFlag.BELOW_SURFACE: "Lower the normal force.",
-        StatusFlag.OVERSPEED: "Lower the tempo, or the stiffness.",
-    }.items()
-} | {_FORCE: "Lower the tempo or the stiffness, or move the board."}
+ADVICE = {c.event: c.advice for c in CONDITIONS.values() if c.advice} | {
+    _FORCE: "Lower the tempo or the stiffness, or move the board."
+}
 """Advice for each kind of event."""
 
 _STOPS = {**STOP_REASONS, StatusFlag.JUMP: "the target was {:.0f} cm away"}
@@ -129,14 +121,11 @@ class Occurrences:
 
 
 # Faults that are reported while their flag is set.
-_FLAG_FAULTS = {
-    flag: CONDITIONS[flag].event
-    for flag in (StatusFlag.ARM_TOUCHES, StatusFlag.OVERSPEED)
-} | {StatusFlag.JOINT_WALL: "a joint at its limit"}
+_FLAG_FAULTS = StatusFlag.ARM_TOUCHES, StatusFlag.OVERSPEED, StatusFlag.JOINT_WALL
 
 
 class RunEvents:
-    """Events of a run, derived from the controller's status, the positions and the contact.
+    """Events of a run and height of its board, from status, positions and contact.
 
     Parameters
     ----------
@@ -155,11 +144,10 @@ class RunEvents:
         below = CONDITIONS[StatusFlag.BELOW_SURFACE].event
         self._below = Occurrences(below, "up to {:.1f} mm deep")
         self._flag_faults = {
-            int(flag): Occurrences(kind) for flag, kind in _FLAG_FAULTS.items()
+            int(flag): Occurrences(CONDITIONS[flag].event) for flag in _FLAG_FAULTS
         }
         self._cause = 0
         self._touch = self._contact = np.inf
-        self._span = (np.inf, 0.0)
         self._heights = np.zeros(2 * _MAX_HEIGHT + 1, dtype=np.int64)
 
     def update(self, chunk: Chunk) -> None:
@@ -202,10 +190,6 @@ class RunEvents:
         in_contact = (flags[rows] & (int(StatusFlag.CONTACT_LOST) | _NO_TARGET)) == 0
         in_contact &= (position_times >= self._contact) & (status[rows, 4] != 0)
         if np.any(in_contact):
-            self._span = (
-                min(self._span[0], float(position_times[in_contact][0])),
-                float(position_times[in_contact][-1]),
-            )
             heights = np.clip(
                 np.rint(1e3 * error[in_contact, 2]), -_MAX_HEIGHT, _MAX_HEIGHT
             )
@@ -220,12 +204,12 @@ class RunEvents:
             self._below,
             self._forces,
         )
-        events = [event for fault in faults for event in fault.events()]
+        return sorted(event for fault in faults for event in fault.events())
+
+    @property
+    def board_height_error(self) -> float | None:
+        """Median height of the board above the assumed one, m; None without contact."""
         counts = np.cumsum(self._heights)
-        height = int(np.searchsorted(counts, counts[-1] / 2)) - _MAX_HEIGHT
-        if counts[-1] and abs(height) >= _MIN_HEIGHT:
-            side = "higher" if height > 0 else "lower"
-            kind = f"board found {side} than assumed"
-            text = f"board found {abs(height)} mm {side} than assumed"
-            events.append(RunEvent(*self._span, kind, text))
-        return sorted(events)
+        if not counts[-1]:
+            return None
+        return 1e-3 * (int(np.searchsorted(counts, counts[-1] / 2)) - _MAX_HEIGHT)

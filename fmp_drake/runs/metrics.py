@@ -4,13 +4,11 @@ The `update` of each class takes a chunk of the logged `METRIC_SIGNALS`, of any 
 chronological order. Its `result` returns the metrics of all chunks so far.
 """
 
-from dataclasses import dataclass
 from math import ceil
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.model.region import DemonstratedRegion
@@ -20,6 +18,7 @@ from fmp_drake.station import Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
+from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.ink.grid import (
     CLEAN_BELOW,
     InkGrid,
@@ -52,7 +51,12 @@ METRIC_SIGNALS = (
 _POSITION = ChannelRoles(position=(0, 1, 2))
 # Samples of a signal that is not measured.
 _NO_SAMPLES = Samples(np.zeros(0), np.zeros((0, 1)))
-_BOARD_METRICS = ("tracking_on_board_rms_m", "penetration_max_m", "arm_on_board_s")
+_BOARD_METRICS = (
+    "tracking_on_board_rms_m",
+    "penetration_max_m",
+    "arm_on_board_s",
+    "board_height_error_m",
+)
 
 
 def metric_signals(roles: ChannelRoles) -> tuple[str, ...]:
@@ -301,38 +305,19 @@ class RegionMetrics:
         }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ArmLimits:
-    """Limits of the arm's n joints: positions, speeds and torques, each (n,)."""
-
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    torque: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, arm: MultibodyPlant) -> Self:
-        """Return the limits of an arm; the joints of the plant are those of the arm."""
-        return cls(
-            lower=arm.GetPositionLowerLimits(),
-            upper=arm.GetPositionUpperLimits(),
-            speed=arm.GetVelocityUpperLimits(),
-            torque=arm.GetEffortUpperLimits(),
-        )
-
-
 class LimitMetrics:
     """Margins from the arm's limits, and duration of the controller's interventions.
 
     Parameters
     ----------
-    limits : ArmLimits
+    limits : JointLimits
+        Of the arm.
     control_period : float
         Seconds between two updates of the commanded torque, which is logged every
         millisecond.
     """
 
-    def __init__(self, limits: ArmLimits, *, control_period: float) -> None:
+    def __init__(self, limits: JointLimits, *, control_period: float) -> None:
         self._limits = limits
         # The torque changes once per update of the controller.
         updates = ceil(MILLISECOND / control_period - 1e-9)
@@ -341,16 +326,16 @@ class LimitMetrics:
         self._margin = np.inf
         self._faults = self._samples = self._touches = self._stops = 0
         self._depth = 0.0
-        self._last: NDArray[np.float64] = np.zeros((0, len(limits.lower)))
+        self._last: NDArray[np.float64] = np.zeros((0, len(limits.speed)))
 
     def update(self, chunk: Chunk) -> None:
         """Add samples of the arm's state, the torques and the controller's status."""
         limits = self._limits
         q, v = np.split(chunk["state"].values, 2, axis=1)
-        margin = np.minimum(q - limits.lower, limits.upper - q)
+        margin = limits.half_range - np.abs(q - limits.middle)
         self._margin = float(np.min(margin, initial=self._margin))
         self._speed = float(np.max(np.abs(v) / limits.speed, initial=self._speed))
-        effort = np.abs(chunk["actuation"].values) / limits.torque
+        effort = np.abs(chunk["actuation"].values) / limits.upper_effort
         self._effort = float(np.max(effort, initial=self._effort))
         torque = np.concatenate([self._last, chunk["torque"].values])
         rate = np.abs(np.diff(torque, axis=0)) / self._torque_period
@@ -386,7 +371,8 @@ class RunMetrics:
     scenario : Scenario
     region : DemonstratedRegion or None
         Of the skill; None if its paths are unknown.
-    limits : ArmLimits
+    limits : JointLimits
+        Of the arm.
     control_period : float
         As for `LimitMetrics`.
     roles : ChannelRoles
@@ -397,7 +383,7 @@ class RunMetrics:
         self,
         scenario: Scenario,
         region: DemonstratedRegion | None,
-        limits: ArmLimits,
+        limits: JointLimits,
         *,
         control_period: float,
         roles: ChannelRoles = _POSITION,
@@ -439,6 +425,7 @@ class RunMetrics:
         """Return the metrics so far."""
         parts = (*self._played, self._limits)
         result = {name: x for part in parts for name, x in part.result().items()}
+        result["board_height_error_m"] = self._events.board_height_error
         for name in () if self._has_board else _BOARD_METRICS:
             del result[name]
         return result

@@ -27,7 +27,7 @@ from fmp_drake.runs.log import (
     skill_signals,
     write_log,
 )
-from fmp_drake.runs.metrics import ArmLimits, RunMetrics, ink_metrics, metric_signals
+from fmp_drake.runs.metrics import RunMetrics, ink_metrics, metric_signals
 from fmp_drake.station import LoadRobot, MakeStation, Scenario
 from fmp_drake.station.page import BOARD, INK, describe_page
 from fmp_drake.station.robots.driver import Driver
@@ -37,6 +37,7 @@ from fmp_drake.systems import AddPathToRecording, PagePanel
 from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, cleaned_history
 from fmp_drake.systems.ink.mesh import AddInkToRecording
+from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.page.page_panel import add_panel
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 
@@ -181,7 +182,7 @@ class StationRun:
         self._metrics = RunMetrics(
             self.scenario,
             self._primitive.player.region,
-            ArmLimits.of(arm),
+            joint_limits(arm),
             control_period=self._control_period,
             roles=self.roles,
         )

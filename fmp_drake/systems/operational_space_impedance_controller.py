@@ -73,11 +73,10 @@ at the next update and is reported on the port `status`.
 
 For any inputs, no joint exceeds its speed limit by its own torque: a torque is
 applied only where the limited torque rate suffices to end its acceleration in time.
-Otherwise the joints are braked until it does, and the status reports it. That is not a
-protective stop, because a person's push can make a joint too fast, too: a stop during
-the push would leave the arm where it was pushed. A normal force that is far
-above the desired one, or that oscillates, ends in a protective stop. All this assumes
-that the measured state is true.
+Otherwise the joints are braked until it does, and the status reports it. A joint that a
+push or a contact drives above its limit all the same ends in a protective stop, and so
+does a normal force that is far above the desired one, or that oscillates. All this
+assumes that the measured state is true.
 
 Friction compensation uses the measured velocity: it cannot help at rest, and with a
 gain above 1 the joints run away.

@@ -726,13 +726,6 @@ class TestPages:
         colors = {p.get_facecolor() for p in ax.patches if p.get_label()[0] != "_"}
         assert len(colors) == 2
 
-    def test_contact_with_the_board_is_labelled_and_not_shaded(self, skills):
-        event = RunEvent(0.0, 2.0, "board found", "the board is 3 mm lower")
-        run = fake_run(skills[3], events=[event])
-        assert run_page.draw_run(run).get_suptitle() == event.text
-        for ax in run_axes(run)[2:]:
-            assert "board found" not in [p.get_label() for p in ax.patches]
-
 
 def test_lines_in_one_picture_differ_in_colour_or_style():
     styles = [tuple(series_style(number).values()) for number in range(20)]

@@ -80,10 +80,18 @@ def test_protective_stop_is_reported_with_its_cause():
     ]
 
 
-@pytest.mark.parametrize(("height", "side"), [(-0.008, "lower"), (0.012, "higher")])
-def test_error_of_the_height_of_the_board_is_reported(height, side):
-    expected = f"board found {1e3 * abs(height):.0f} mm {side} than assumed"
-    assert sentences(recorded(height=height)) == [expected]
+@pytest.mark.parametrize("height", [-0.008, 0.012])
+def test_error_of_the_height_of_the_board_is_measured_and_no_fault(height):
+    events = RunEvents()
+    events.update(recorded(height=height))
+    assert events.board_height_error == pytest.approx(height)
+    assert events.result() == []
+
+
+def test_height_of_a_board_that_was_never_touched_is_unknown():
+    events = RunEvents()
+    events.update(recorded(touch=99.0))
+    assert events.board_height_error is None
 
 
 def test_arm_on_the_board_is_reported():
@@ -108,7 +116,7 @@ def test_sentences_do_not_depend_on_the_chunks():
     status = signals["status"].values
     status[1000:, 0] = np.repeat(rng.choice(flags, 70), 101)[: len(status) - 1000]
     whole = sentences(signals)
-    assert len(whole) == 5
+    assert len(whole) == 4
     for ends in (np.arange(0.0, 8.0, 0.037), [0.2, 0.9995, 1.0, 5.5, 5.5], [7.9]):
         assert sentences(signals, until=tuple(ends)) == whole
 

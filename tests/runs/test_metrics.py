@@ -10,7 +10,6 @@ from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.runs.log import Samples
 from fmp_drake.runs.metrics import (
     METRIC_SIGNALS,
-    ArmLimits,
     ForceMetrics,
     LimitMetrics,
     OrientationMetrics,
@@ -22,13 +21,16 @@ from fmp_drake.runs.metrics import (
 )
 from fmp_drake.station import Scenario
 from fmp_drake.systems.impedance.controller_status import StatusFlag as Flag
+from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.ink.grid import InkGrid
 
-LIMITS = ArmLimits(
-    lower=-3 * np.ones(7),
-    upper=2.5 * np.ones(7),
+LOWER, UPPER, TORQUE = -3 * np.ones(7), 2.5 * np.ones(7), np.full(7, 80.0)
+LIMITS = JointLimits.between(
+    LOWER,
+    UPPER,
     speed=np.full(7, 2.0),
-    torque=np.full(7, 80.0),
+    lower_effort=-TORQUE,
+    upper_effort=TORQUE,
 )
 PERIODS = {
     "normal_force": (1, 0.01),

@@ -36,11 +36,10 @@ def test_a_board_that_is_lower_or_higher_is_pressed_as_wanted(wiping_skill, heig
     assert last_forces.min() > WANTED - 5
     assert force.max() < WANTED + 5
     assert not np.any(status[:, 0].astype(int) & StatusFlag.PROTECTIVE_STOP)
-    texts = {event.kind: event.text for event in run.events()}
-    assert "contact lost" not in texts
-    text = texts[f"board found {'lower' if height < 0 else 'higher'} than assumed"]
+    assert "contact lost" not in {event.kind for event in run.events()}
     # The path itself has only come down to the board meanwhile.
-    assert float(text.split()[2]) == pytest.approx(9, abs=4)
+    found = run.metrics()["board_height_error_m"]
+    assert found == pytest.approx(height, abs=0.004)
 
 
 def test_missing_board_is_reported_by_a_protective_stop(wiping_skill):
@@ -92,7 +91,9 @@ def test_eraser_pushed_off_the_board_returns_to_it(wiping_skill):
     assert z.min() > -0.01
     assert force[-50:] == pytest.approx(WANTED, abs=5)  # From 2 s after it.
     assert "a hard part below the board" not in {e.kind for e in run.events()}
-    assert not np.any(status[:, 0].astype(int) & StatusFlag.PROTECTIVE_STOP)
+    # It was stopped while it was pushed faster than its joints may move.
+    stops = [e.text for e in run.events() if e.kind == "protective stop"]
+    assert all("a joint was faster than its limit" in text for text in stops)
 
 
 def test_the_torque_does_not_jump_where_the_board_is_found(wiping_skill):

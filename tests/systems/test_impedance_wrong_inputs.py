@@ -162,13 +162,17 @@ def test_no_input_makes_a_joint_exceed_its_speed_limit(case):
         assert flags[first : first + 150].min() & FLAG.PROTECTIVE_STOP
 
 
-def test_a_joint_that_is_moved_too_fast_is_reported_and_braked():
+@pytest.mark.parametrize(("ratio", "stops"), [(0.97, False), (1.02, True)])
+def test_a_joint_that_is_moved_too_fast_is_braked_and_above_its_limit_stopped(
+    ratio, stops
+):
     v = np.zeros(7)
-    v[6] = 1.1 * SPEED_LIMIT[6]
+    v[6] = ratio * SPEED_LIMIT[6]
     logs = ArmLoop().run(0.2, v=v)
     flags = logs["status"][:, 0].astype(int)
-    assert flags[1] & FLAG.OVERSPEED
-    assert not flags[1] & FLAG.PROTECTIVE_STOP
+    expected = FLAG.PROTECTIVE_STOP | FLAG.SPEED_EXCEEDED if stops else 0
+    assert flags[1] & (FLAG.PROTECTIVE_STOP | FLAG.SPEED_EXCEEDED) == expected
+    assert bool(logs["status"][1, 1] == 0) == stops
     assert np.abs(logs["state"][-1, 7:]).max() < 0.25 * SPEED_LIMIT[6]
     assert mode_in_words(FLAG.OVERSPEED, 0, 0.0, desired=9.0)[1] == "braking"
 

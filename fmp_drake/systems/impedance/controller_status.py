@@ -21,6 +21,7 @@ class StatusFlag(IntFlag):
     - `NOT_FOUND`: the surface is lower than is searched, or there is none.
     - `EXCESS_FORCE`: the normal force is far above the desired one.
     - `FORCE_OSCILLATION`: the normal force oscillates.
+    - `SPEED_EXCEEDED`: a joint is faster than its limit.
 
     The torque was limited:
 
@@ -29,8 +30,8 @@ class StatusFlag(IntFlag):
     - `TORQUE_LIMITED`, `RATE_LIMITED`: by the joints' effort or the torque's rate.
     - `JOINT_WALL`: a joint is near its limit, and pushed back.
     - `SPEED_LIMITED`: a joint is braked.
-    - `OVERSPEED`: a joint exceeds its speed limit, or could not have been braked in time
-      with the desired torque, which was replaced.
+    - `OVERSPEED`: a joint could not have been braked in time with the desired torque,
+      which was replaced, or exceeds its speed limit.
 
     The force and the stiffness:
 
@@ -77,6 +78,7 @@ class StatusFlag(IntFlag):
     ARM_TOUCHES = 2097152
     EXCESS_FORCE = 4194304
     FORCE_OSCILLATION = 8388608
+    SPEED_EXCEEDED = 16777216
 
 
 class ImpedanceStatus(NamedTuple):
@@ -131,20 +133,28 @@ class Condition(NamedTuple):
     level : str
         ``busy`` where the arm goes on by itself, or ``bad``.
     mode, detail : str
-        On a page: in a word or two, and why.
+        On a page: in a word or two, and why; the mode is empty where it is not shown.
     event : str
         In the list of what went wrong in a run; empty where it is not listed.
+    advice : str
+        What a person can do about the event.
     """
 
     level: Literal["busy", "bad"]
     mode: str
     detail: str
     event: str = ""
+    advice: str = ""
 
 
 CONDITIONS = {
     StatusFlag.PROTECTIVE_STOP: Condition(
-        "bad", "protective stop", "", "protective stop"
+        "bad",
+        "protective stop",
+        "",
+        "protective stop",
+        "The arm returns by itself. If it stops again, lower the tempo, or check the pose "
+        "of the board.",
     ),
     StatusFlag.RECOVER: Condition("busy", "going back", "after a protective stop: "),
     StatusFlag.BELOW_SURFACE: Condition(
@@ -152,24 +162,32 @@ CONDITIONS = {
         "below the board",
         "something hard is below the surface",
         "a hard part below the board",
+        "Lower the normal force.",
     ),
     StatusFlag.ARM_TOUCHES: Condition(
         "bad",
         "arm on the board",
         "a link of the arm touches the board",
         "the arm touches the board",
+        "Move the board away from the arm's base.",
     ),
     StatusFlag.OVERSPEED: Condition(
-        "busy", "braking", "a joint is too fast", "a joint too fast"
+        "busy",
+        "braking",
+        "a joint is too fast",
+        "a joint too fast",
+        "Lower the tempo, or the stiffness.",
     ),
     StatusFlag.CONTACT_LOST: Condition(
         "busy",
         "searching the board",
         "nothing is touched where it should be",
         "contact lost",
+        "The arm searches the board by itself.",
     ),
+    StatusFlag.JOINT_WALL: Condition("busy", "", "", "a joint at its limit"),
 }
-"""Conditions of a wiping arm that are shown to a person, worst first.
+"""Conditions of a wiping arm that are shown or reported to a person, worst first.
 
 The reasons of a protective stop, `STOP_REASONS`, follow its detail."""
 
@@ -184,5 +202,6 @@ STOP_REASONS = {
     StatusFlag.IMPLAUSIBLE: "the target moved in an implausible way",
     StatusFlag.EXCESS_FORCE: "the normal force was far above the desired one",
     StatusFlag.FORCE_OSCILLATION: "the normal force oscillated",
+    StatusFlag.SPEED_EXCEEDED: "a joint was faster than its limit",
 }
 """Why there is a protective stop, by the fault that began it."""

@@ -83,6 +83,7 @@ _NOT_FOUND = int(StatusFlag.NOT_FOUND)
 _NO_STATE = int(StatusFlag.NO_STATE)
 _NOT_FINITE = int(StatusFlag.NOT_FINITE)
 _PROTECTIVE_STOP = int(StatusFlag.PROTECTIVE_STOP)
+_SPEED_EXCEEDED = int(StatusFlag.SPEED_EXCEEDED)
 _STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
 _TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
 
@@ -216,6 +217,8 @@ def _next_torque(
         config.force_control, memory.force, contact.height
     ):
         flags |= _NOT_FOUND
+    if np.max(np.abs(arm.v) - joints.limits.speed) > 0:
+        flags |= _SPEED_EXCEEDED
     # A tool that was below the surface comes up in the stop, slowly, and that long it
     # lasts; the surface that was found is forgotten meanwhile.
     surface = memory.force.surface

@@ -155,12 +155,9 @@ def checked_posture(
     plant: MultibodyPlant, q_posture: NDArray[np.float64] | None
 ) -> Array:
     """Return a copy of the posture in rad, or the middle of the joints' ranges."""
-    lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
     if q_posture is None:
-        has_limits = np.isfinite(lower) & np.isfinite(upper)
-        middle = np.zeros(plant.num_positions())
-        middle[has_limits] = 0.5 * (lower[has_limits] + upper[has_limits])
-        return middle
+        return joint_limits(plant).middle
+    lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
     q = np.array(q_posture, dtype=float)
     if q.shape != lower.shape or not np.all((lower <= q) & (q <= upper)):
         raise SystemsError(

@@ -168,7 +168,7 @@ def mode_in_words(
     ('bad', 'protective stop', 'the target was too old')
     """
     for flag, condition in CONDITIONS.items():
-        if flags & flag:
+        if flags & flag and condition.mode:
             detail = condition.detail
             if flag in StatusFlag.PROTECTIVE_STOP | StatusFlag.RECOVER:
                 reasons = [text for r, text in STOP_REASONS.items() if fault & r]
