@@ -31,7 +31,7 @@ if page:
     session = TeachingSession(scenario, hand, panel=panel, clock=time.monotonic)
     print(f"guide the arm at {panel.url}")
 else:
-    hand = SimulatedHand(HandMotion.make("eight", seconds=20.0, seed=0))
+    hand = SimulatedHand(HandMotion.make("eight", duration=20.0, seed=0))
     session = TeachingSession(scenario, hand, clock=None)
 
 # %%

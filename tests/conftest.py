@@ -103,7 +103,7 @@ def pytest_runtest_setup(item):
 
 def hand_demonstration(task, *, seconds, seed, rate=50):
     """Return a demonstration (x, y, z) in metres, with a height that wanders."""
-    position = HandMotion.make(task, seconds=seconds, seed=seed).position
+    position = HandMotion.make(task, duration=seconds, seed=seed).position
     position = position[:: 200 // rate]
     time = np.arange(len(position)) / rate
     height = 0.002 * np.sin(1.3 * time + seed)

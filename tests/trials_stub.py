@@ -74,5 +74,5 @@ def drive(folder, count):
     from fmp_drake.processes import LocalWorkers
 
     spec = TrialSpec("fields: {press.force: {uniform: [5.0, 9.0]}}")
-    store = TrialStore(Path(folder), spec.plan(seed=0, seconds=1.0))
+    store = TrialStore(Path(folder), spec.plan(seed=0, duration=1.0))
     list(run_trials(store, spec, int(count), LocalWorkers(1), run=trial))

@@ -29,7 +29,7 @@ class BenchOptions:
 
     scenario: str = option("table_top", "Name of a scenario, or a YAML file.")
     arm: str | None = arm_option("Bus and channels.")
-    hand: Task | None = option(
+    task: Task | None = option(
         None, "Movement with which a simulated person guides the arm."
     )
     duration: float = option(600.0, "End after this time, s.")
@@ -75,8 +75,8 @@ def arm(to: BenchOptions) -> None:
         stretch=1.0,
     )
     hand = None
-    if to.hand is not None:
-        motion = HandMotion.make(to.hand, seconds=to.duration + 1, seed=to.seed)
+    if to.task is not None:
+        motion = HandMotion.make(to.task, duration=to.duration + 1, seed=to.seed)
         hand = SimulatedHand(motion)
     bench = ArmBench(
         scene,

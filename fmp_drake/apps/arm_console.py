@@ -40,15 +40,15 @@ def arm_config(arm: str, *, dry: bool = False) -> LcmPanda:
 
 
 def guide_arm(
-    console: Console, scenario: Scenario, config: LcmPanda, seconds: float
+    console: Console, scenario: Scenario, config: LcmPanda, duration: float
 ) -> Demonstration:
     """Record the hand guiding of an arm, until Enter or for a duration, s."""
-    end = "Enter ends it" if can_ask() else f"for {seconds:g} s"
+    end = "Enter ends it" if can_ask() else f"for {duration:g} s"
     console.print(f"nothing is sent: guide the arm now, pressing lightly; {end}")
     demonstration = record_arm(
         scenario,
         config,
-        until=lambda elapsed: elapsed >= seconds or is_entered(),
+        until=lambda elapsed: elapsed >= duration or is_entered(),
         note="guided by hand, on an arm behind LCM",
     )
     console.print(recorded_text(demonstration))

@@ -94,13 +94,13 @@ def benchmark(
             folder, out, workers, methods=methods, instants=instants, progress=progress
         )
     else:
-        seconds, seeds = (5.0, 2) if quick else (60.0, 5)
+        duration, seeds = (5.0, 2) if quick else (60.0, 5)
         scores = run_cleaning(
             clean,
             out,
             workers,
             methods=methods,
-            seconds=seconds,
+            duration=duration,
             seeds=seeds,
             progress=progress,
         )

@@ -62,7 +62,7 @@ def check(
     scenario = scene.load()
     skill, _, remarks = scenario_skill(
         scenario,
-        demos=scene.demos,
+        demonstrations=scene.demonstrations,
         skill_file=scene.skill_file,
         reading=recording.reading(),
         **vars(learning),

@@ -61,18 +61,14 @@ def inspect(
         for demonstration in demonstrations:
             note = demonstration.note or "as it is"
             console.print(f"{file}: {note}", markup=False, soft_wrap=True)
-            lines = describe_recording(
-                demonstration, start=rhythm.start, end=rhythm.end, period=rhythm.period
-            )
+            lines = describe_recording(demonstration, **vars(rhythm))
             conclusions.append(lines[-1])
             for line in lines:
                 console.print(f"  {line}", markup=False, soft_wrap=True)
         recordings += demonstrations
     if len(recordings) > 1 and len({d.channels for d in recordings}) == 1:
         try:
-            common_rhythm = find_rhythm(
-                recordings, start=rhythm.start, end=rhythm.end, period=rhythm.period
-            )
+            common_rhythm = find_rhythm(recordings, **vars(rhythm))
             text = "; ".join(common_rhythm.describe())
         except DemonstrationError as error:
             text = f"no cycles found: {error}"

@@ -64,7 +64,7 @@ class LearnOptions:
     examples={
         "fmp-drake learn mine.csv --out skill.npz": "learn a movement on the board",
         "fmp-drake learn a.csv b.csv --out skill.npz": "two recordings of one movement",
-        "fmp-drake learn car.npz --surface fitted --with orientation --out skill.npz "
+        "fmp-drake learn car.npz --surface fitted --extra orientation --out skill.npz "
         "--board car.yaml": "poses on a surface fitted to the recording",
     },
 )
@@ -114,11 +114,9 @@ def learn(
         learned = learn_skill(
             recordings,
             window=learning.window,
-            components=learning.components,
+            n_components=learning.n_components,
             model=skill.model,
-            start=rhythm.start,
-            end=rhythm.end,
-            period=rhythm.period,
+            **vars(rhythm),
             by_position=learning.surface is not None,
             progress=status.update,
         )

@@ -7,7 +7,7 @@ A command takes one argument for each group of options::
     def wipe(play: PlayOptions, page: PageOptions) -> None: ...
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from functools import wraps
 from pathlib import Path
@@ -26,8 +26,27 @@ from fmp_drake.station import LoadScenario, Scenario
 PATH = click.Path(path_type=Path)
 """Type of an argument that is a path."""
 
+DEMONSTRATION_FLAGS = ("--demonstration", "--demo")
+"""Names of an option for a recording to learn from."""
+SKILL_FLAGS = ("--skill-file", "--skill")
+"""Names of an option for a skill file."""
+
 # Greatest number of options in the short help of a command.
 _MOST_OPTIONS = 12
+# Former names of options, with the present ones.
+_FORMER = {
+    "--components": "--n-components",
+    "--demos": "--folder",
+    "--from": "--start-time",
+    "--hand": "--task",
+    "--minutes": "--duration (in seconds)",
+    "--no-torque": "--dry",
+    "--page": "--markdown",
+    "--rate": "--target-realtime-rate",
+    "--seconds": "--duration",
+    "--to": "--end-time",
+    "--with": "--extra",
+}
 
 
 class GroupedOption(click.Option):
@@ -74,6 +93,15 @@ class Command(click.Command):
                 help=f"Show all {count} options.",
             )
             self.params.append(show_all)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse arguments; an error about a former option states its present name."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            if error.option_name in _FORMER:
+                error.possibilities = [_FORMER[error.option_name]]
+            raise
 
     def format_options(
         self, ctx: click.Context, formatter: click.HelpFormatter
@@ -129,8 +157,8 @@ def option(default: Any = MISSING, help: str | None = None, **details: Any) -> A
     help : str
         Text of ``--help``.
     details
-        Other arguments of `GroupedOption`; ``flag`` is the name on the command line if it
-        differs from the name of the field.
+        Other arguments of `GroupedOption`; ``flags`` are the names on the command line if
+        they differ from the name of the field.
     """
     return field(default=default, metadata={"help": help, **details})
 
@@ -164,8 +192,7 @@ def options(**groups: type) -> Callable[..., Any]:
 
 def _click_option(item: Field[Any], hint: Any, group: str) -> Callable[..., Any]:
     """Return click's option for a field of a dataclass."""
-    details = {"flag": "--" + item.name.replace("_", "-"), **item.metadata}
-    flag = details.pop("flag")
+    details = {k: v for k, v in item.metadata.items() if k != "flags"}
     is_optional = NoneType in get_args(hint)
     kind = get_args(hint)[0] if is_optional else hint
     parts = get_args(kind) or (kind,)
@@ -185,7 +212,16 @@ def _click_option(item: Field[Any], hint: Any, group: str) -> Callable[..., Any]
         details["default"] = item.default
         is_shown = item.default not in (None, "", ()) and item.default is not False
         details["show_default"] = is_shown
-    return click.option(flag, item.name, cls=GroupedOption, group=group, **details)
+    names = (*_flags(item), item.name)
+    return click.option(*names, cls=GroupedOption, group=group, **details)
+
+
+def _flags(item: Field[Any]) -> Sequence[str]:
+    """Return the names on the command line of a field."""
+    flags: Sequence[str] = item.metadata.get(
+        "flags", ["--" + item.name.replace("_", "-")]
+    )
+    return flags
 
 
 def arguments(*groups: Any) -> list[str]:
@@ -197,7 +233,7 @@ def arguments(*groups: Any) -> list[str]:
             value = getattr(group, item.name)
             if value == item.default:
                 continue
-            flag = item.metadata.get("flag", "--" + item.name.replace("_", "-"))
+            flag = _flags(item)[-1]
             values = value if isinstance(value, tuple) else (value,)
             if value is True:
                 out.append(flag)
@@ -260,17 +296,20 @@ class ScenarioOptions:
 class SceneOptions(ScenarioOptions):
     """Skill and scene."""
 
-    demos: tuple[Path, ...] = option(
+    demonstrations: tuple[Path, ...] = option(
         (),
         "Learn from this recording instead of the scenario's; may be repeated.",
-        flag="--demo",
+        flags=DEMONSTRATION_FLAGS,
     )
     skill_file: Path | None = option(
-        None, "Play this skill file (.npz) instead.", flag="--skill"
+        None, "Play this skill file (.npz) instead.", flags=SKILL_FLAGS
     )
     tempo: float | None = option(
         None,
         "Tempo of the movement; 1 is as demonstrated [default: the scenario's].",
+    )
+    press_force: float | None = option(
+        None, "Normal force on the board, N [default: the scenario's].", basic=False
     )
     start: tuple[float, float, float] | None = option(
         None,
@@ -280,13 +319,16 @@ class SceneOptions(ScenarioOptions):
     )
 
     def load(self) -> Scenario:
-        """Return the scenario, with start and tempo of these options."""
+        """Return the scenario, with start, tempo and normal force of these options."""
         scenario = super().load()
         if self.start is not None:
             scenario.start = list(self.start)
         if self.tempo is not None:
             check_number(self.tempo, "tempo", least=0, error=FmpError)
             scenario.skill.tempo = self.tempo
+        if self.press_force is not None:
+            scenario.press.force = self.press_force
+            scenario.check()
         return scenario
 
 
@@ -294,7 +336,7 @@ class SceneOptions(ScenarioOptions):
 class LearningOptions:
     """Learning."""
 
-    components: int | None = option(
+    n_components: int | None = option(
         None,
         "Gaussians in the mixture [default: 80, fewer for short recordings].",
         basic=False,
@@ -327,7 +369,6 @@ class LearningOptions:
     extra: tuple[str, ...] = option(
         (),
         "Channels to learn beside x, y and z, relative to the surface; may be repeated.",
-        flag="--with",
         basic=False,
         type=click.Choice(EXTRA_CHANNELS),
     )
@@ -337,10 +378,8 @@ class LearningOptions:
 class RhythmOptions:
     """Part and period of recordings."""
 
-    start: float | None = option(
-        None, "Start of the part to learn from, s.", flag="--from"
-    )
-    end: float | None = option(None, "End of the part to learn from, s.", flag="--to")
+    start_time: float | None = option(None, "Start of the part to learn from, s.")
+    end_time: float | None = option(None, "End of the part to learn from, s.")
     period: float | None = option(
         None, "Duration of a cycle, s [default: from the recording]."
     )
@@ -367,10 +406,4 @@ class RecordingOptions:
 
     def reading(self) -> ReadingOptions:
         """Return the options for the readers of recordings."""
-        return ReadingOptions.parse(
-            self.columns,
-            unit=self.unit,
-            rate=self.sample_rate,
-            topic=self.topic,
-            quaternions=self.quaternions,
-        )
+        return ReadingOptions.parse(**vars(self))

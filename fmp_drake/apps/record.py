@@ -35,12 +35,12 @@ class RecordOptions(ScenarioOptions):
     """Motion, scene, and file to write."""
 
     task: Task = option("wiping", "Movement of the simulated person.")
-    minutes: float = option(2.0, "Length of the recording, minutes.")
+    duration: float = option(120.0, "Length of the recording, s.")
     seed: int = option(0, "Seed of the simulated person.")
     out: Path = option(help="File (.npz or .csv) to write.")
     page: bool = option(False, "Show the recording on a page, in real time.")
     arm: str | None = arm_option(
-        "Record an arm that a person guides, for at most --minutes, instead of a simulation."
+        "Record an arm that a person guides, for at most --duration, instead of a simulation."
     )
     host: str = host_option()
 
@@ -61,18 +61,16 @@ def record(to: RecordOptions) -> None:
     console = make_console()
     check_writable(to.out)
     check_ending(to.out)
-    check_number(to.minutes, "minutes", above=0, error=FmpError)
+    check_number(to.duration, "duration", above=0, unit="s", error=FmpError)
     check_number(to.seed, "seed", least=0, error=FmpError)
-    seconds = 60 * to.minutes
     if to.arm is not None:
         if to.page:
             raise RunError("there is no page with --arm; leave out --page.")
-        guide_arm(console, to.load(), arm_config(to.arm), seconds).save(to.out)
+        guide_arm(console, to.load(), arm_config(to.arm), to.duration).save(to.out)
         console.print(f"wrote {to.out}")
         return
-    motion = HandMotion.make(
-        to.task, seconds=_SETTLING_TIME + seconds + 1, seed=to.seed
-    )
+    end = _SETTLING_TIME + to.duration
+    motion = HandMotion.make(to.task, duration=end + 1, seed=to.seed)
     panel = open_page(console, title=to.scenario, host=to.host) if to.page else None
     meshcat = None if panel is None else panel.meshcat
     hand = SimulatedHand(motion)
@@ -80,7 +78,6 @@ def record(to: RecordOptions) -> None:
     simulator = Simulator(station)
     simulator.set_target_realtime_rate(1.0 if to.page else 0.0)
     start = time.perf_counter()
-    end = _SETTLING_TIME + seconds
     times = advance(simulator, end)
     show_progress(console, times, until=end, label=f"guiding: {to.task}")
     demonstration = DemonstrationFromRecorder(

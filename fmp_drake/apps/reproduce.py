@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from fmp_drake.apps.options import PATH, Command
+from fmp_drake.apps.options import DEMONSTRATION_FLAGS, PATH, Command
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.experiments import FULL, QUICK, Profile, write_report
 from fmp_drake.experiments.benchmark import run_benchmark
@@ -25,25 +25,24 @@ from fmp_drake.processes import LocalWorkers
 @click.option("--out", type=PATH, required=True, help="Folder to write into.")
 @click.option("--quick", is_flag=True, help="Fewer samples and seeds: 1 to 2 minutes.")
 @click.option(
-    "--demo",
-    "demos",
+    *DEMONSTRATION_FLAGS,
+    "demonstrations",
     type=PATH,
     multiple=True,
     help="Also compare the methods on this recording; may be repeated.",
 )
 @click.option(
-    "--demos",
-    "folder",
+    "--folder",
     type=PATH,
     help="Also run the benchmark on the recordings in this folder.",
 )
 def reproduce(
-    out: Path, quick: bool, demos: tuple[Path, ...], folder: Path | None
+    out: Path, quick: bool, demonstrations: tuple[Path, ...], folder: Path | None
 ) -> None:
     """Rerun the paper's experiments and write a report with figures and tables."""
     console = make_console()
     profile = QUICK if quick else FULL
-    others = {path: load_own(path) for path in demos}
+    others = {path: load_own(path) for path in demonstrations}
     make_folder(out)
 
     start = time.perf_counter()

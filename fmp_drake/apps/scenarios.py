@@ -16,9 +16,9 @@ from fmp_drake.station import ListScenarios, LoadScenario
 
 @click.command()
 @click.option(
-    "--page",
+    "--markdown",
     type=PATH,
-    help="Run all scenarios, and write a page (.md) with a table of their metrics and a "
+    help="Run all scenarios, and write a file (.md) with a table of their metrics and a "
     "picture of each beside it.",
 )
 @click.option(
@@ -28,15 +28,15 @@ from fmp_drake.station import ListScenarios, LoadScenario
     show_default=True,
     help="Simulated time of each run, s.",
 )
-def scenarios(page: Path | None, duration: float) -> None:
+def scenarios(markdown: Path | None, duration: float) -> None:
     """List the scenarios that come with the package."""
     console = make_console()
-    check_writable(page)
-    if page is not None and page.suffix != ".md":
-        raise FmpError(f"{page} is not a page; its name must end in .md.")
+    check_writable(markdown)
+    if markdown is not None and markdown.suffix != ".md":
+        raise FmpError(f"{markdown} is not Markdown; its name must end in .md.")
     check_number(duration, "duration", above=0, unit="s", error=FmpError)
     names = ListScenarios()
-    if page is None:
+    if markdown is None:
         table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
         for name in names:
             table.add_row(f"[bold]{name}[/bold]", LoadScenario(name).description)
@@ -44,9 +44,9 @@ def scenarios(page: Path | None, duration: float) -> None:
         console.print("run one of them: fmp-drake wipe --scenario NAME")
         return
     runs = {}
-    for name, run in measure_scenarios(names, duration, page.parent):
+    for name, run in measure_scenarios(names, duration, markdown.parent):
         runs[name] = run
         console.print(f"measured {name}")
     runs = {name: runs[name] for name in names}
-    write_text(page, scenario_page(runs, duration=duration), RunError)
-    console.print(f"wrote {page}")
+    write_text(markdown, scenario_page(runs, duration=duration), RunError)
+    console.print(f"wrote {markdown}")

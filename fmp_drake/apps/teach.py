@@ -14,6 +14,7 @@ from fmp_drake.apps.arm_console import (
     wipe_with_arm,
 )
 from fmp_drake.apps.options import (
+    SKILL_FLAGS,
     Command,
     ScenarioOptions,
     arm_option,
@@ -47,7 +48,7 @@ class TeachOptions(ScenarioOptions):
     skill_file: Path = option(
         Path("taught_skill.npz"),
         "Skill (.npz) that the button save writes.",
-        flag="--skill",
+        flags=SKILL_FLAGS,
     )
     duration: float | None = option(None, "End after this time, s.")
     arm: str | None = arm_option(
@@ -83,7 +84,7 @@ def teach(to: TeachOptions) -> None:
         skill = learn_skill(
             [demonstration],
             window=scene.skill.window,
-            components=scene.skill.components,
+            n_components=scene.skill.n_components,
             model=ARM_MODEL,
         )
         save_skill(skill, to.skill_file)

@@ -76,16 +76,16 @@ class PlayOptions:
         None,
         "Track samples of the components, or their means [default: the scenario's, "
         "samples].",
-        flag="--sample/--mean",
+        flags=["--sample/--mean"],
         basic=False,
     )
     seed: int | None = option(
         None, "Seed of the samples [default: the scenario's, 0].", basic=False
     )
-    rate: float | None = option(
+    target_realtime_rate: float | None = option(
         None,
-        "Simulated seconds per second; 0 is as fast as possible [default: 1; headless: "
-        "0].",
+        "Simulated seconds per second; 0 is as fast as possible [default: the scenario's, "
+        "or 1; headless: 0].",
         basic=False,
     )
     force: bool = option(False, "Run even if the arm cannot follow the skill.")
@@ -98,8 +98,8 @@ class PlayOptions:
     def check(self) -> None:
         """Check the numbers."""
         check_number(self.seconds, "duration", above=0, unit="s", error=FmpError)
-        for name, value in {"rate": self.rate, "seed": self.seed}.items():
-            if value is not None:
+        for name in ("target_realtime_rate", "seed"):
+            if (value := getattr(self, name)) is not None:
                 check_number(value, name, least=0, error=FmpError)
 
 
@@ -128,7 +128,7 @@ class ArmOptions:
     """Arm behind LCM, in place of the simulated one."""
 
     arm: str | None = arm_option("Move a real arm, or that of `fmp-drake arm`.")
-    no_torque: bool = option(False, "With --arm: send zero torques only.", basic=False)
+    dry: bool = option(False, "With --arm: send zero torques only.", basic=False)
     go: bool = option(
         False, "With --arm: start without asking; never with a real arm.", basic=False
     )
@@ -141,11 +141,10 @@ class ArmOptions:
 
     def check(self) -> None:
         """Check that options of an arm come with an arm."""
-        options = (self.no_torque, self.go, self.controls, self.real_time)
+        options = (self.dry, self.go, self.controls, self.real_time)
         if self.arm is None and any(options):
             raise RunError(
-                "--no-torque, --go, --controls and --real-time need an arm; name it with "
-                "--arm."
+                "--dry, --go, --controls and --real-time need an arm; name it with --arm."
             )
 
 
@@ -184,7 +183,7 @@ def wipe(
     scenario = scene.load()
     for part in page.hide:
         setattr(scenario.show, part, False)
-    config = None if arm.arm is None else arm_config(arm.arm, dry=arm.no_torque)
+    config = None if arm.arm is None else arm_config(arm.arm, dry=arm.dry)
     title = Path(scene.scenario).stem
     law, panel = LawCompilation(), None
     if files.html or not page.headless:
@@ -196,7 +195,7 @@ def wipe(
         start = time.perf_counter()
         skill, demonstrations, remarks = scenario_skill(
             scenario,
-            demos=scene.demos,
+            demonstrations=scene.demonstrations,
             skill_file=scene.skill_file,
             model=None if config is None else ARM_MODEL,
             reading=recording.reading(),
@@ -295,9 +294,10 @@ def _simulate(
     """Simulate and report runs until the viewer requests no other one."""
     panel = None if page.headless else run.panel
     reel = files.begin(console, run)
-    rate = play.rate
+    rate = play.target_realtime_rate
     if rate is None:
-        rate = 0.0 if page.headless else 1.0
+        config = run.scenario.simulator
+        rate = config.target_realtime_rate or (0.0 if page.headless else 1.0)
     run.simulator.set_target_realtime_rate(rate)
     end, is_first, choice = play.seconds, True, None
     while True:

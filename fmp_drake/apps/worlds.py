@@ -27,7 +27,7 @@ class TrialsOptions:
     """Trials."""
 
     count: int = option(100, "Number of trials.")
-    seconds: float = option(30.0, "Simulated time of each trial, s.")
+    duration: float = option(30.0, "Simulated time of each trial, s.")
     seed: int = option(0, "Seed of the draws.")
     robot: str | None = option(
         None, "Robot of all trials: its name, or a YAML file [default: SOURCE's]."
@@ -49,7 +49,7 @@ class TrialsOutput:
     parquet: Path | None = option(
         None, "Write all metrics to a file (.parquet).", basic=False
     )
-    page: Path | None = option(None, "Also write the report as a page (.md).")
+    markdown: Path | None = option(None, "Also write the report as a file (.md).")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,11 +80,11 @@ def worlds(
     report is written again, or one trial is run again.
     """
     console = make_console()
-    for path in (output.parquet, output.page, one.html):
+    for path in (output.parquet, output.markdown, one.html):
         check_writable(path)
     check_film(one.video, fps=20, speed=1, size=film_size(640))
-    if output.page is not None and output.page.suffix != ".md":
-        raise FmpError(f"{output.page} is not a page; its name must end in .md.")
+    if output.markdown is not None and output.markdown.suffix != ".md":
+        raise FmpError(f"{output.markdown} is not Markdown; its name must end in .md.")
     if output.parquet is not None:
         check_parquet()
     if one.replay is None and (one.html or one.video):
@@ -101,11 +101,11 @@ def worlds(
     else:
         store = _run(console, source, to)
     report = TrialsReport(store)
-    report.write(output.page)
+    report.write(output.markdown)
     console.print(report.verdict())
     console.print(f"wrote {store.folder / 'report.html'}")
-    if output.page is not None:
-        console.print(f"wrote {output.page}")
+    if output.markdown is not None:
+        console.print(f"wrote {output.markdown}")
     if output.parquet is not None:
         store.export(output.parquet)
         console.print(f"wrote {output.parquet}")
@@ -122,12 +122,12 @@ def _run(console: Console, source: str, to: TrialsOptions) -> TrialStore:
         ("seed", to.seed, 0, 2**63),
     ):
         check_number(value, name, least=least, most=most, whole=True, error=FmpError)
-    check_number(to.seconds, "seconds", above=0, unit="s", error=FmpError)
+    check_number(to.duration, "duration", above=0, unit="s", error=FmpError)
     spec = TrialSpec.load(source, robot=to.robot)
     workers: Workers = (
         LocalWorkers(jobs) if to.cluster is None else ClusterWorkers(to.cluster)
     )
-    store = TrialStore(to.out, spec.plan(seed=to.seed, seconds=to.seconds))
+    store = TrialStore(to.out, spec.plan(seed=to.seed, duration=to.duration))
     steps = run_trials(store, spec, to.count, workers, force=to.force)
     try:
         with closing(steps), make_progress(console) as progress:
@@ -153,7 +153,7 @@ def _replay(
     if not trial.is_feasible:
         console.print(f"infeasible: {trial.verdict}")
     metrics = replay_trial(
-        trial, float(store.plan["seconds"]), html=files.html, video=files.video
+        trial, float(store.plan["duration"]), html=files.html, video=files.video
     )
     texts = [fault.text for fault in faults(replace(trial, metrics=metrics, error=""))]
     console.print(f"trial {number} {'; '.join(texts) or 'passed'}")

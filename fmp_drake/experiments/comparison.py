@@ -47,10 +47,10 @@ def cut(demonstrations: Sequence[Demonstration], *, stride: int) -> NDArray[np.f
 
 
 def play(
-    skill: FourierMovementPrimitive, starts: ArrayLike, seconds: float
+    skill: FourierMovementPrimitive, starts: ArrayLike, duration: float
 ) -> NDArray[np.float64]:
     """Return the paths that Algorithm 2 plays from starts (S, D), (S, ticks, D)."""
-    return Player(skill).rollout(np.atleast_2d(starts), seconds)[:, :, 0]
+    return Player(skill).rollout(np.atleast_2d(starts), duration)[:, :, 0]
 
 
 def heatmap(

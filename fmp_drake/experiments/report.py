@@ -52,7 +52,7 @@ class Profile:
         Demonstrations of the held-out evaluation.
     instants : int
         Number of predictions of the next second for each training part.
-    robot_seconds : float
+    robot_duration : float
         Simulated time of wiping by the Panda, s.
 
     Examples
@@ -67,7 +67,7 @@ class Profile:
     places: int
     tasks: tuple[str, ...]
     instants: int
-    robot_seconds: float
+    robot_duration: float
 
 
 FULL = Profile(
@@ -75,14 +75,14 @@ FULL = Profile(
     places=3,
     tasks=("polishing", "eight", "wiping"),
     instants=60,
-    robot_seconds=20.0,
+    robot_duration=20.0,
 )
 QUICK = Profile(
     samples=1_000,
     places=1,
     tasks=("eight",),
     instants=15,
-    robot_seconds=3.0,
+    robot_duration=3.0,
 )
 
 

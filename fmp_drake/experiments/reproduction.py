@@ -159,7 +159,7 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
             sample=sample,
             keep=["measured_position"],
         )
-        run.advance_to(profile.robot_seconds)
+        run.advance_to(profile.robot_duration)
         measured_paths[f"{title}, measured"] = run.log("measured_position")[::4]
         errors.append(run.metrics()["tracking_rms_m"] or 0.0)
     return [
@@ -175,7 +175,7 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
         Finding(
             name="fig10_robot",
             title="Fig. 10, executed by the simulated Panda",
-            shows=f"{profile.robot_seconds:g} s on the whiteboard, with a tracking error of "
+            shows=f"{profile.robot_duration:g} s on the whiteboard, with a tracking error of "
             f"{millimetres(errors[0])} (mean) and {millimetres(errors[1])} (sample) rms.",
             claim="An impedance controller with fixed orientation executes them.",
             agrees=max(errors) < 0.01,

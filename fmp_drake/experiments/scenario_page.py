@@ -85,7 +85,7 @@ def scenario_page(runs: Mapping[str, ScenarioRun], *, duration: float) -> str:
         "# Scenarios",
         "",
         (
-            "Written by `fmp-drake scenarios --page README.md`: "
+            "Written by `fmp-drake scenarios --markdown README.md`: "
             f"{duration:g} s of each, headless, with its own seed."
         ),
         "",

@@ -139,8 +139,8 @@ class ArmRun(StationRun):
         is_open = mode is GateMode.OPEN
         if checks_controls and self._has_controls:
             self._tempo = float(self.output("page_tempo")[0])
-            if self.station.HasOutputPort("page_normal_force"):
-                self._force = float(self.output("page_normal_force")[0])
+            if self.station.HasOutputPort("page_press_force"):
+                self._force = float(self.output("page_press_force")[0])
         if mode is not self._last_mode or (checks_controls and self._has_controls):
             self._set_input("tempo", self._tempo if is_open else 0.0)
             self._set_input("desired_normal_force", self._force if is_open else 0.0)

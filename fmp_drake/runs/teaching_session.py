@@ -98,7 +98,7 @@ class TeachingSession:
     --------
     >>> from fmp_drake.station import LoadScenario, SimulatedHand
     >>> from fmp_drake.systems import HandMotion
-    >>> hand = SimulatedHand(HandMotion.make("eight", seconds=20.0, seed=0))
+    >>> hand = SimulatedHand(HandMotion.make("eight", duration=20.0, seed=0))
     >>> session = TeachingSession(LoadScenario("table_top"), hand, clock=None)
     >>> session.advance(0.2)
     >>> session.press("learn")
@@ -338,7 +338,7 @@ class TeachingSession:
         skill = learn_skill(
             demonstrations,
             window=window,
-            components=self._scenario.skill.components,
+            n_components=self._scenario.skill.n_components,
         )
         self._play(skill, demonstrations)
         self.remark = f"learned in {time.perf_counter() - started:.1f} s"

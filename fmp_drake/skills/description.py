@@ -150,13 +150,13 @@ def _percent(values: NDArray[np.float64]) -> str:
 def describe_recording(
     demonstration: Demonstration,
     *,
-    start: float | None = None,
-    end: float | None = None,
+    start_time: float | None = None,
+    end_time: float | None = None,
     period: float | None = None,
 ) -> list[str]:
     """Return four lines: channels, rate and gaps, cycles, what can be learned.
 
-    `start`, `end` and `period` are those of `find_rhythm`.
+    `start_time`, `end_time` and `period` are those of `find_rhythm`.
 
     Examples
     --------
@@ -178,7 +178,9 @@ def describe_recording(
         rate += f"; intervals from {steps.min():.3g} to {steps.max():.3g} ms"
     rhythm: Rhythm | None = None
     try:
-        rhythm = find_rhythm(demonstration, start=start, end=end, period=period)
+        rhythm = find_rhythm(
+            demonstration, start_time=start_time, end_time=end_time, period=period
+        )
         cycles = "; ".join(rhythm.describe())
     except DemonstrationError as error:
         cycles = f"none found: {error}"

@@ -63,12 +63,12 @@ def _folder() -> Path:
 def scenario_skill(
     scenario: Scenario,
     *,
-    demos: Sequence[Path] = (),
+    demonstrations: Sequence[Path] = (),
     skill_file: Path | None = None,
     transform: Sequence[float] | None = None,
     stretch: float = 1.0,
     window: float | None = None,
-    components: int | None = None,
+    n_components: int | None = None,
     model: ModelChoice | None = None,
     reading: ReadingOptions | None = None,
     surface: str | None = None,
@@ -86,10 +86,10 @@ def scenario_skill(
         Those that it was learned from; empty for a skill from a file.
     remarks : list of str
     """
-    if skill_file is not None and demos:
+    if skill_file is not None and demonstrations:
         raise RunError("give either --demo or --skill, not both.")
     config = scenario.skill
-    if skill_file is None and config.file and not demos:
+    if skill_file is None and config.file and not demonstrations:
         skill_file = Path(config.file)
     if skill_file is not None:
         skill, remarks = load_skill(skill_file), [f"loaded {skill_file}"]
@@ -99,8 +99,8 @@ def scenario_skill(
                 "played may lead anywhere. Learn it again to bound it."
             )
         return skill, [], remarks
-    demonstrations, remarks = load_on_board(
-        demos or [default_demonstration(config.demonstration)],
+    recordings, remarks = load_on_board(
+        demonstrations or [default_demonstration(config.demonstration)],
         scenario=scenario,
         transform=transform,
         stretch=stretch,
@@ -109,13 +109,13 @@ def scenario_skill(
         extra=extra,
     )
     skill = learn_skill(
-        demonstrations,
+        recordings,
         window=config.window if window is None else window,
-        components=config.components if components is None else components,
+        n_components=config.n_components if n_components is None else n_components,
         model=model or cast(ModelChoice, config.model),
         by_position=surface is not None,
     )
-    return skill, demonstrations, remarks
+    return skill, recordings, remarks
 
 
 def shared_skill(
@@ -123,7 +123,7 @@ def shared_skill(
 ) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
     """Return the skill of a scenario and its demonstrations, learned once per process."""
     config = scenario.skill
-    learned = (config.demonstration, config.file, config.window, config.components)
+    learned = (config.demonstration, config.file, config.window, config.n_components)
     place = (scenario.robot, scenario.board.size, scenario.eraser.footprint)
     key = repr((*learned, config.model, *place))
     if key not in _LEARNED:
@@ -136,25 +136,25 @@ def learn_skill(
     demonstrations: Demonstration | Sequence[Demonstration],
     *,
     window: float | None = None,
-    components: int | None = None,
+    n_components: int | None = None,
     model: ModelChoice | None = None,
-    start: float | None = None,
-    end: float | None = None,
+    start_time: float | None = None,
+    end_time: float | None = None,
     period: float | None = None,
     by_position: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> FourierMovementPrimitive:
     """Learn a skill with the options of the command line; None for the defaults.
 
-    Without a window its length follows from the period of the movement. `start`, `end` and
-    `period` are those of `FourierMovementPrimitive.fit`. `by_position` lets x, y and z decide
+    Without a window its length follows from the period of the movement. `start_time`,
+    `end_time` and `period` are those of `FourierMovementPrimitive.fit`. `by_position` lets x, y and z decide
     about the phase: orientation and force of a person's hand repeat less exactly.
     """
     demonstrations = demonstration_list(demonstrations, "learn_skill")
     scales: ChannelScales = "units"
     if by_position and set(POSITION_CHANNELS) < set(demonstrations[0].channels):
         scales = _scales_by_position(demonstrations)
-        if period is None and start is None and end is None:
+        if period is None and start_time is None and end_time is None:
             period = _period_of_position(demonstrations)
     default = FourierMovementPrimitive()
     rate, n_steps, overlap = default.rate, None, default.overlap
@@ -165,15 +165,15 @@ def learn_skill(
     skill = FourierMovementPrimitive(
         model=default.model if model is None else model,
         n_steps=n_steps,
-        n_components=default.n_components if components is None else components,
+        n_components=default.n_components if n_components is None else n_components,
         overlap=overlap,
         scales=scales,
     )
     try:
         return skill.fit(
             [part for d in demonstrations for part in _without_tremor(d, rate)],
-            start=start,
-            end=end,
+            start_time=start_time,
+            end_time=end_time,
             period=period,
             progress=progress,
         )

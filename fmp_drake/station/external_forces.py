@@ -235,7 +235,7 @@ class TeachingHand(Protocol):
 
     Examples
     --------
-    >>> hand: TeachingHand = SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
+    >>> hand: TeachingHand = SimulatedHand(HandMotion.make("eight", duration=5.0, seed=0))
     >>> from fmp_drake.station import LoadScenario, MakeStation
     >>> station = MakeStation(LoadScenario("table_top"), hand)
     """
@@ -268,7 +268,7 @@ class SimulatedHand:
 
     Examples
     --------
-    >>> motion = HandMotion.make("eight", seconds=5.0, seed=0)
+    >>> motion = HandMotion.make("eight", duration=5.0, seed=0)
     >>> len(SimulatedHand(motion).start)
     3
     """

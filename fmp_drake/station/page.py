@@ -198,7 +198,7 @@ def _AddControls(
     controls = PageControls(
         meshcat,
         tempo=scenario.skill.tempo,
-        normal_force=scenario.press.force if scenario.has_board else None,
+        press_force=scenario.press.force if scenario.has_board else None,
         sample=primitive.player.sample,
     )
     builder.AddSystem(controls)

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import Any, get_args
 
 import numpy as np
@@ -464,7 +465,7 @@ class SkillConfig:
         A learned skill to play instead.
     window : float
         Length of the windows to learn from, s.
-    components : int or None
+    n_components : int or None
         Number of Gaussians; None for as many as the recordings allow.
     model : str
         automatic, phase or mixture, as for `FourierMovementPrimitive`.
@@ -495,7 +496,7 @@ class SkillConfig:
     demonstration: str = "wiping"
     file: str = ""
     window: float = bounded(6.0, above=0)
-    components: int | None = bounded(None, least=1)
+    n_components: int | None = bounded(None, least=1)
     model: str = "automatic"
     sample: bool = True
     candidates: int = bounded(48, least=1, most=1000)
@@ -543,8 +544,10 @@ def _check_types(value: Any, default: Any, name: str = "") -> None:
             )
         for key, item in value.items():
             if key not in fields:
+                near = get_close_matches(str(key), fields, 1)
+                hint = f"did you mean {near[0]}? All" if near else "allowed"
                 raise StationError(
-                    f"{path} has no key {shown(key)}; allowed are: {allowed}."
+                    f"{path} has no key {shown(key)}; {hint} are: {allowed}."
                 )
             _check_types(item, getattr(default, key), f"{name}.{key}".lstrip("."))
     elif default == [] and isinstance(value, list):

@@ -106,7 +106,7 @@ def MakeStation(
     An arm that is not simulated, and one without skill and hand, has the outputs of the
     controller and of `MakeDriver`, such as torque_measured and torque_external. It also
     has normal_force, N, from the external torque. With a skill there are the outputs of the
-    skill, and with controls on a page page_tempo (1,) and page_normal_force (1,), which are
+    skill, and with controls on a page page_tempo (1,) and page_press_force (1,), which are
     not connected. Its inputs are desired_normal_force
     (1,), N; tempo (1,) of a skill or else desired_position, desired_velocity,
     desired_acceleration (3,); wall_time and go of an arm behind LCM.
@@ -283,7 +283,7 @@ def _AddNominalMotion(
     tempo, force = playback.primitive.GetInputPort("tempo"), scenario.nominal_force()
     for name, system, port, value in (
         ("tempo", "tempo", tempo, scenario.skill.tempo),
-        ("normal_force", "desired_normal_force", playback.force, force),
+        ("press_force", "desired_normal_force", playback.force, force),
     ):
         if controls is not None and controls.HasOutputPort(name):
             source = controls.GetOutputPort(name)

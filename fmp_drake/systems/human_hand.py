@@ -77,7 +77,7 @@ class HumanHand(LeafSystem):
     ...     plant,
     ...     grip=tool.body_frame(),
     ...     X_WB=RigidTransform([0.5, 0.0, 0.0]),
-    ...     motion=HandMotion.make("wiping", seconds=5.0, seed=0),
+    ...     motion=HandMotion.make("wiping", duration=5.0, seed=0),
     ...     R_BE=RotationMatrix(),
     ... )
     >>> _ = builder.AddSystem(hand)

@@ -45,7 +45,7 @@ def test_arm_names_a_bus_or_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--no-torque"], "name it with --arm"),
+        (["--dry"], "name it with --arm"),
         (["--go"], "name it with --arm"),
         (["--controls"], "name it with --arm"),
         (
@@ -80,7 +80,7 @@ def test_silent_arm_fails_the_check_and_cannot_be_recorded(
     assert [each["is_good"] for each in checked["arm"]] == [True, False]
     monkeypatch.setattr(sys, "stdin", None)
     for options in (
-        ["record", "--minutes", "0.01", "--out", "shown.npz"],
+        ["record", "--duration", "0.6", "--out", "shown.npz"],
         ["teach", "--duration", "0.5"],
     ):
         with pytest.raises(SystemExit):
@@ -109,13 +109,13 @@ def no_precedence(monkeypatch):
 
 
 def guided(seconds):
-    return SimulatedHand(HandMotion.make("eight", seconds=seconds, seed=0))
+    return SimulatedHand(HandMotion.make("eight", duration=seconds, seed=0))
 
 
 @pytest.mark.usefixtures("no_precedence")
 def test_guided_arm_is_simulated_for_its_duration(command):
     result = command(
-        *("arm", "--arm", "lcm:memq://", "--hand", "eight"),
+        *("arm", "--arm", "lcm:memq://", "--task", "eight"),
         *("--duration", 0.05, "--real-time"),
     )
     assert result.code == 0, result

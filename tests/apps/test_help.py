@@ -125,7 +125,7 @@ def test_a_skill_that_is_too_fast_is_refused_with_a_command_that_works(refused):
 def test_suggested_command_gives_the_options_that_were_given():
     scene = SceneOptions(
         scenario="iiwa_wipes",
-        demos=(Path("a.csv"), Path("my b.npz")),
+        demonstrations=(Path("a.csv"), Path("my b.npz")),
         start=(0.1, 0, -0.2),
     )
     learning = LearningOptions(surface="fitted", extra=("orientation", "force"))
@@ -133,11 +133,11 @@ def test_suggested_command_gives_the_options_that_were_given():
     flags = arguments(scene, learning, recording)
     assert " ".join(flags) == (
         "--scenario iiwa_wipes --demo a.csv --demo my b.npz --start 0.1 0 -0.2 --surface "
-        "fitted --with orientation --with force --quaternions wxyz"
+        "fitted --extra orientation --extra force --quaternions wxyz"
     )
     command = app.get_command(Context(app), "wipe")
     read = command.make_context("wipe", flags).params
-    assert read["demos"] == scene.demos
+    assert read["demonstrations"] == scene.demonstrations
     assert read["start"] == scene.start
     assert read["extra"] == learning.extra
     assert arguments(SceneOptions(), LearningOptions(), RecordingOptions()) == []

@@ -37,7 +37,7 @@ def test_poses_are_played_where_the_tool_moves_freely(command, outputs):
 
 def test_options_set_window_and_components(command, make_npz, outputs):
     skill = outputs / "skill.npz"
-    options = ("--window", 2.0, "--components", 3)
+    options = ("--window", 2.0, "--n-components", 3)
     assert command("learn", make_npz(), "--out", skill, *options).code == 0
     learned = load_skill(skill)
     assert learned.n_steps == 40
@@ -129,7 +129,7 @@ def test_units_that_cannot_be_right_are_refused_with_a_guess(command, refused, o
     assert "the path is 240 m wide: millimetres? Give --unit mm" in message
     learned = []
     for options in ((right,), (wrong, "--unit", "mm")):
-        assert command("learn", *options, "--components", 3, "--out", skill).code == 0
+        assert command("learn", *options, "--n-components", 3, "--out", skill).code == 0
         learned.append(load_skill(skill).components_[0].mean)
     np.testing.assert_allclose(*learned, atol=1e-9)
 
@@ -149,7 +149,7 @@ def test_path_implausible_for_the_board_is_refused_and_learned_as_recorded(
         message = refused("learn", file, "--out", skill)
         assert re.search(reason, message)
         assert "--as-recorded" in message
-        options = ("--as-recorded", "--components", 3, "--out", skill)
+        options = ("--as-recorded", "--n-components", 3, "--out", skill)
         assert command("learn", file, *options).code == 0
         assert load_skill(skill).frame_ == ""
 
@@ -158,7 +158,7 @@ def test_channels_of_any_kind_are_learned_but_not_for_wiping(command, refused, o
     time, path = circles()
     file = table(outputs / "d.csv", time, path[:, :2], header="t,force_x,pitch [deg]")
     skill = outputs / "skill.npz"
-    result = command("learn", file, "--components", 3, "--out", skill)
+    result = command("learn", file, "--n-components", 3, "--out", skill)
     assert result.code == 0
     assert "d.csv: as recorded: without x, y and z there is no board" in result.out
     assert load_skill(skill).channels_ == ("force_x", "pitch")
@@ -173,7 +173,7 @@ def test_a_panda_s_joints_are_learned_as_the_path_of_the_eraser(command, outputs
     names = [f"panda_joint{i}" for i in range(1, 8)]
     file = table(outputs / "d.csv", time, joints, header=",".join(["time", *names]))
     skill = outputs / "skill.npz"
-    options = ("--transform", 0, 0, 0, 0, 0, 0, "--components", 3, "--out", skill)
+    options = ("--transform", 0, 0, 0, 0, 0, 0, "--n-components", 3, "--out", skill)
     result = command("learn", file, *options)
     assert result.code == 0, result
     assert "the eraser's path by a Panda's kinematics, from panda_joint1" in result.out

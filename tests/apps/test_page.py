@@ -279,7 +279,7 @@ def test_arm_and_board_are_on_the_page_before_anything_is_learned(
 
 
 def test_command_opens_the_page_that_it_names(command, pages, browser):
-    result = command("wipe", "--rate", 0, "--duration", 1)
+    result = command("wipe", "--target-realtime-rate", 0, "--duration", 1)
     assert result.code == 0
     (page,) = pages
     assert f"watch it at {page.url}" in result.out

@@ -64,25 +64,31 @@ def test_normal_end_is_not_an_error(panel):
 
 def test_run_without_a_viewer_ends_by_itself(command, watched):
     watched(0)
-    result = command("wipe", "--rate", 0)
+    result = command("wipe", "--target-realtime-rate", 0)
     assert result.code == 0
     assert simulated(result.out) == [0.2]
 
 
 def test_run_continues_while_a_page_is_open(command, watched):
     watched(3)
-    assert simulated(command("wipe", "--rate", 0).out) == [0.5]
+    assert simulated(command("wipe", "--target-realtime-rate", 0).out) == [0.5]
 
 
 def test_given_duration_ends_a_run_that_is_watched(command, watched):
     watched(100)
-    assert simulated(command("wipe", "--rate", 0, "--duration", 0.1).out) == [0.1]
+    assert simulated(
+        command("wipe", "--target-realtime-rate", 0, "--duration", 0.1).out
+    ) == [0.1]
 
 
 def test_run_continues_and_starts_again_by_buttons(command, watched):
     watched(2, clicks=["run on", "again"])
     # The first part uses two answers.
-    assert simulated(command("wipe", "--rate", 0).out) == [0.4, 0.4, 0.2]
+    assert simulated(command("wipe", "--target-realtime-rate", 0).out) == [
+        0.4,
+        0.4,
+        0.2,
+    ]
 
 
 def test_finished_page_has_results_and_no_arm_to_drag(command, watched, monkeypatch):
@@ -98,7 +104,7 @@ def test_finished_page_has_results_and_no_arm_to_drag(command, watched, monkeypa
 
     monkeypatch.setattr(wipe_module, "open_page", open_and_watch)
     watched(2, clicks=["run on"])
-    assert command("wipe", "--rate", 0).code == 0
+    assert command("wipe", "--target-realtime-rate", 0).code == 0
     grabs = [fields["grab"] for fields in shown if "grab" in fields]
     ends = ["you are pulling", ""]
     assert grabs[-5:] == [*ends, *ends, ""]
@@ -110,8 +116,8 @@ def test_finished_page_has_results_and_no_arm_to_drag(command, watched, monkeypa
 
 def test_skill_that_is_too_fast_can_be_slowed_down_on_the_page(command, watched):
     watched(1, clicks=[None])
-    result = command("wipe", "--rate", 0, "--tempo", 2.0)
+    result = command("wipe", "--target-realtime-rate", 0, "--tempo", 2.0)
     assert result.code == 2
     tempo = re.search(r"slow down to tempo ([\d.]+)", result.err)[1]
     watched(1, clicks=[f"set tempo to {tempo}"])
-    assert command("wipe", "--rate", 0, "--tempo", 2.0).code == 0
+    assert command("wipe", "--target-realtime-rate", 0, "--tempo", 2.0).code == 0

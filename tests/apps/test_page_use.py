@@ -187,10 +187,10 @@ def test_sliders_of_the_page_are_outputs_of_the_diagram(begun, page):
     assert begun.output("tempo") == 1.0
     set_slider(page, "tempo", 0.98)
     step_until(begun, lambda: begun.output("tempo") > 1.8)
-    set_slider(page, "normal force (N)", 0.2)
+    set_slider(page, "press force (N)", 0.2)
     step_until(begun, lambda: 2 < begun.output("normal_force") < 4)
     assert begun.output("sample") == 0
-    set_slider(page, "play samples", 0.9)
+    set_slider(page, "sample (0: mean)", 0.9)
     step_until(begun, lambda: begun.output("sample") == 1)
 
 

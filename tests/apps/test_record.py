@@ -10,7 +10,7 @@ pytestmark = pytest.mark.slow
 
 def test_recording_is_a_demonstration_to_learn_from(command, outputs):
     path = outputs / "eight.npz"
-    result = command("record", "--task", "eight", "--minutes", 0.05, "--out", path)
+    result = command("record", "--task", "eight", "--duration", 3, "--out", path)
     assert result.code == 0
     assert result.err == ""
     assert f"wrote {path}" in result.out
@@ -22,7 +22,7 @@ def test_recording_is_a_demonstration_to_learn_from(command, outputs):
     assert "eight" in recorded.note
     played = command(
         *("wipe", "--headless", "--duration", 0.2),
-        *("--demo", path, "--window", 2, "--components", 2, "--force"),
+        *("--demo", path, "--window", 2, "--n-components", 2, "--force"),
     )
     assert played.code == 0
     assert "laid onto" not in played.out
@@ -31,7 +31,7 @@ def test_recording_is_a_demonstration_to_learn_from(command, outputs):
 def test_seed_determines_the_recording_and_the_name_its_format(command, outputs):
     recordings = {}
     for name, seed in (("a.npz", 3), ("b.csv", 3), ("c.npz", 4)):
-        options = ("--minutes", 0.01, "--seed", seed, "--out", outputs / name)
+        options = ("--duration", 0.6, "--seed", seed, "--out", outputs / name)
         assert command("record", *options).code == 0
         recordings[name] = Demonstration.load(outputs / name)
     one, table, other = recordings.values()
@@ -43,11 +43,11 @@ def test_seed_determines_the_recording_and_the_name_its_format(command, outputs)
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (("--minutes", 0), "minutes is 0"),
-        (("--minutes", -1), "minutes is -1"),
-        (("--minutes", "nan"), "minutes is nan"),
-        (("--minutes", "inf"), "minutes is inf"),
-        (("--minutes", 0.0001), "samples"),
+        (("--duration", 0), "duration is 0"),
+        (("--duration", -1), "duration is -1"),
+        (("--duration", "nan"), "duration is nan"),
+        (("--duration", "inf"), "duration is inf"),
+        (("--duration", 0.006), "samples"),
         (("--seed", -1), "seed is -1"),
         (("--task", "dance"), "wiping"),
         (("--scenario", "billiards"), "table_top"),
@@ -55,12 +55,14 @@ def test_seed_determines_the_recording_and_the_name_its_format(command, outputs)
     ],
 )
 def test_wrong_option_is_refused_in_one_line(refused, outputs, options, reason):
-    short = ("--minutes", 0.01, "--out", outputs / "out.npz")
+    short = ("--duration", 0.6, "--out", outputs / "out.npz")
     assert reason in refused("record", *short, *options)
     assert list(outputs.iterdir()) == []
 
 
 def test_output_that_cannot_be_written_is_refused_before_the_work(refused, tmp_path):
     missing = tmp_path / "missing" / "out.npz"
-    assert "there is no folder" in refused("record", "--minutes", 60, "--out", missing)
+    assert "there is no folder" in refused(
+        "record", "--duration", 3600, "--out", missing
+    )
     assert "--out" in refused("record")

@@ -66,7 +66,7 @@ def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
         scenarios_module, "ListScenarios", lambda: ["moving_board", "words"]
     )
     path = outputs / "README.md"
-    result = command("scenarios", "--page", path, "--duration", 0.5)
+    result = command("scenarios", "--markdown", path, "--duration", 0.5)
     assert result.code == 0, result
     assert result.err == ""
     assert f"wrote {path}" in result.out
@@ -168,13 +168,13 @@ def test_scenario_that_cannot_be_measured_is_an_error(monkeypatch, outputs):
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (("--page", "page.txt"), "name must end in .md"),
-        (("--page", "missing/page.md"), "there is no folder"),
-        (("--page", "."), "is a folder"),
-        (("--page", "page.md", "--duration", 0), "duration is 0"),
-        (("--page", "page.md", "--duration", -1), "duration is -1"),
-        (("--page", "page.md", "--duration", "nan"), "duration is nan"),
-        (("--page", "page.md", "--duration", "inf"), "duration is inf"),
+        (("--markdown", "page.txt"), "name must end in .md"),
+        (("--markdown", "missing/page.md"), "there is no folder"),
+        (("--markdown", "."), "is a folder"),
+        (("--markdown", "page.md", "--duration", 0), "duration is 0"),
+        (("--markdown", "page.md", "--duration", -1), "duration is -1"),
+        (("--markdown", "page.md", "--duration", "nan"), "duration is nan"),
+        (("--markdown", "page.md", "--duration", "inf"), "duration is inf"),
         (("--pages",), "--pages"),
     ],
 )

@@ -111,7 +111,7 @@ def test_three_seconds_write_report_picture_and_page(command, outputs):
 
 
 def test_remappings_are_counted(wipe):
-    metrics = wipe("--window", 1.0, "--components", 5, "--force", duration=0.95)
+    metrics = wipe("--window", 1.0, "--n-components", 5, "--force", duration=0.95)
     # Windows of 20 samples overlap by 5: one every 0.75 s at most.
     assert metrics["remap_count"] == 1
     assert 0 <= metrics["desired_position_jump_max_m"] < 1e-3
@@ -131,7 +131,7 @@ def test_means_have_no_seed(wipe):
 
 def test_learned_skill_plays_like_its_demonstration(command, wipe, make_npz, outputs):
     demo, skill = make_npz(), outputs / "skill.npz"
-    options = ("--window", 2.5, "--components", 3, "--stretch", 1.25)
+    options = ("--window", 2.5, "--n-components", 3, "--stretch", 1.25)
     assert command("learn", demo, "--out", skill, *options).code == 0
     played = timeless(wipe("--skill", skill))
     learned = timeless(wipe("--demo", demo, *options))
@@ -199,7 +199,7 @@ def test_scenario_may_be_a_file(wipe, tmp_path):
 
 
 def test_rate_slows_the_simulation_down(wipe):
-    assert wipe("--rate", 2.0, duration=0.1)["simulated_seconds"] == 0.1
+    assert wipe("--target-realtime-rate", 2.0, duration=0.1)["simulated_seconds"] == 0.1
 
 
 def test_page_stays_open_until_enter(command, enter):

@@ -109,12 +109,12 @@ def test_bad_key_of_a_scenario_lists_the_good_ones(refused, write):
 
 
 def test_options_override_the_scenario(command, runs, write):
-    scene = write("skill: {sample: false, seed: 5, window: 2.0, components: 3}\n")
+    scene = write("skill: {sample: false, seed: 5, window: 2.0, n_components: 3}\n")
     # With such short windows the movement is fast.
     wiped(command, "--scenario", scene, "--force")
     wiped(
         *(command, "--scenario", scene, "--force", "--sample", "--seed", 7),
-        *("--window", 3.0, "--components", 2),
+        *("--window", 3.0, "--n-components", 2),
     )
     own, told = runs
     for run, sample, seed, steps, components in (
@@ -146,7 +146,7 @@ def test_scenario_names_a_demonstration_beside_it(command, runs, write, make_npz
 
 def test_scenario_names_a_skill_beside_it(command, runs, write, make_npz, tmp_path):
     demo, skill = make_npz(), tmp_path / "skill.npz"
-    options = ("--window", 2.5, "--components", 3)
+    options = ("--window", 2.5, "--n-components", 3)
     assert command("learn", demo, "--out", skill, *options).code == 0
     # With such short windows the movement is fast.
     scene = "--scenario", write("skill: {file: skill.npz}\n"), "--force"

@@ -1,6 +1,6 @@
 """Teaches by a synthetic mouse, learns, plays, and says how well, as a table.
 
-    python teach_by_mouse.py --seconds 30 --play 60 --frames 60
+    python teach_by_mouse.py --duration 30 --play 60 --frames 60
     python teach_by_mouse.py --shape eight --board vertical --frames 10 --play 0
 
 Shapes on boards, each seen by the scenario's camera and by one from the other side. Columns:
@@ -102,7 +102,7 @@ def main():
     )
     parser.add_argument("--camera", nargs="+", default=["own", "other"])
     parser.add_argument("--frames", type=float, default=60.0)
-    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--duration", type=float, default=30.0)
     parser.add_argument("--play", type=float, default=60.0)
     chosen = parser.parse_args()
     sys.stdout.write(
@@ -117,7 +117,7 @@ def main():
                     shape,
                     mirrored=camera == "other",
                     frames=chosen.frames,
-                    seconds=chosen.seconds,
+                    seconds=chosen.duration,
                     play=chosen.play,
                 )
                 sys.stdout.write(f"{line}\n")

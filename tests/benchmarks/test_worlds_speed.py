@@ -22,10 +22,10 @@ def cpu_seconds(lengths):
     took = np.empty((TRIALS, len(lengths)))
     # What is compiled and learned once for a process does not count.
     for trial in trials:
-        run_trial(trial, seconds=0.1, force=True)
+        run_trial(trial, duration=0.1, force=True)
     for i, trial in enumerate(trials):
         for j, seconds in enumerate(lengths):
-            took[i, j] = run_trial(trial, seconds=seconds, force=True).cpu_seconds
+            took[i, j] = run_trial(trial, duration=seconds, force=True).cpu_seconds
     return took
 
 

@@ -476,7 +476,7 @@ def test_recording_of_too_few_cycles_cleans_no_board():
 def test_path_beyond_the_board_is_refused():
     far = ellipse(200) + np.array([0.3, 0.0, 0.0])
     with pytest.raises(DemonstrationError, match="leaves the board"):
-        clean_board(far, (ellipse(200),), seconds=1.0)
+        clean_board(far, (ellipse(200),), duration=1.0)
 
 
 @pytest.mark.slow
@@ -484,12 +484,12 @@ def test_same_station_follows_a_path_and_measures_the_area_it_cleans():
     path = ellipse(200) * [1.0, 1.0, 0.0]
     half = path[:21]
     back = np.concatenate([half, half[::-1]])
-    scores = clean_board(path, (path,), seconds=4.0)
+    scores = clean_board(path, (path,), duration=4.0)
     # The edges of the felt clean less than its middle.
     assert scores["cleaned"] > 0.8
     assert 0.5 < scores["seconds_to_50"] < 2.5
     assert scores["tracking_rms_m"] < 0.01
     assert scores["force_near"] > 0.8
-    partly = clean_board(np.concatenate([back, back, back]), (path,), seconds=4.0)
+    partly = clean_board(np.concatenate([back, back, back]), (path,), duration=4.0)
     assert 0.3 < partly["cleaned"] < 0.75
     assert partly["seconds_to_90"] is None

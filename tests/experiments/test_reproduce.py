@@ -52,7 +52,7 @@ FIGURES = (
 @pytest.fixture(scope="module")
 def own_recording(tmp_path_factory):
     """30 s of a hand's eight in the y-z plane, without a frame."""
-    path = HandMotion.make("eight", seconds=31, seed=5).position[:6000:10]
+    path = HandMotion.make("eight", duration=31, seed=5).position[:6000:10]
     values = np.column_stack([np.zeros(len(path)), path[:, 1], path[:, 0]])
     file = tmp_path_factory.mktemp("own") / "mine.npz"
     np.savez(file, time=np.arange(len(path)) / 20, position=values)
@@ -179,7 +179,7 @@ def test_held_out_scores_of_a_method_that_cannot_learn(monkeypatch):
     monkeypatch.setattr(
         "fmp_drake.experiments.benchmark.run.all_methods", lambda: methods
     )
-    path = HandMotion.make("polishing", seconds=31, seed=1).position[:6000:10]
+    path = HandMotion.make("polishing", duration=31, seed=1).position[:6000:10]
     values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])
     demonstration = Demonstration(time=np.arange(len(path)) / 20, values=values)
     messages = []
@@ -213,7 +213,7 @@ def test_benchmark_of_a_folder_is_a_section_of_the_report(
     phase = np.arange(300) / 6
     ring = 0.1 * np.column_stack([np.cos(phase), np.sin(phase), 0 * phase])
     np.savez(folder / "ring.npz", time=np.arange(300) / 20, position=ring)
-    result = command("reproduce", "--quick", "--demos", folder, "--out", out)
+    result = command("reproduce", "--quick", "--folder", folder, "--out", out)
     assert result.code == 0, result
     assert "Benchmark: recordings in mine" in (out / "report.html").read_text()
     assert json.loads((out / "method_replay.json").read_text())["predictions"]

@@ -72,7 +72,7 @@ def out(tmp_path_factory, spec_file):
     from fmp_drake.apps.commands import app
 
     folder = tmp_path_factory.mktemp("worlds") / "out"
-    call = ["worlds", spec_file, "--count", 2, "--seconds", 0.3, "--jobs", 1]
+    call = ["worlds", spec_file, "--count", 2, "--duration", 0.3, "--jobs", 1]
     call = [str(each) for each in [*call, "--out", folder]]
     result = CliRunner().invoke(app, call, catch_exceptions=False)
     assert result.exit_code == 0, result.output
@@ -86,7 +86,7 @@ def make_store(tmp_path):
 
     def make(run, count=4, *, force=False, spec=SPEC, name="made"):
         spec = TrialSpec(spec)
-        store = TrialStore(tmp_path / name, spec.plan(seed=0, seconds=9.0))
+        store = TrialStore(tmp_path / name, spec.plan(seed=0, duration=9.0))
         list(run_trials(store, spec, count, Here(), force=force, run=run))
         return store
 
@@ -152,7 +152,7 @@ def test_replay_that_differs_is_reported(out, command, monkeypatch):
 
 def test_infeasible_trial_is_not_run(tmp_path):
     spec = TrialSpec("fields: {board.translation: [0.8, 0.0, 0.1]}")
-    store = TrialStore(tmp_path, spec.plan(seed=0, seconds=0.1))
+    store = TrialStore(tmp_path, spec.plan(seed=0, duration=0.1))
     list(run_trials(store, spec, 1, Here()))
     (trial,) = store.trials()
     assert (trial.is_feasible, trial.was_run) == (False, False)
@@ -164,7 +164,7 @@ def test_infeasible_trial_is_not_run(tmp_path):
 def test_cluster_gives_the_identical_store(out, spec_file, tmp_path):
     distributed = pytest.importorskip("distributed", reason="needs the extra cluster")
     spec = TrialSpec.load(spec_file)
-    store = TrialStore(tmp_path, spec.plan(seed=0, seconds=0.3))
+    store = TrialStore(tmp_path, spec.plan(seed=0, duration=0.3))
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=None
     ) as cluster:
@@ -196,7 +196,7 @@ def test_killed_worker_and_driver_lose_and_repeat_no_trial(tmp_path):
     driver.wait()
     (plan,) = {TrialStore(tmp_path).plan["spec"]}
     spec = TrialSpec(plan)
-    store = TrialStore(tmp_path, spec.plan(seed=0, seconds=1.0))
+    store = TrialStore(tmp_path, spec.plan(seed=0, duration=1.0))
     assert [t.number for t in store.trials()] == [0, 1, 2]
     os.environ["TRIALS_STUB"] = str(tmp_path)
     try:
@@ -216,7 +216,7 @@ import os, random, signal, sqlite3, sys, time
 from pathlib import Path
 from fmp_drake.experiments.trials import TrialStore
 
-plan = {name: name for name in ("spec", "seed", "seconds")}
+plan = {name: name for name in ("spec", "seed", "duration")}
 connect = sqlite3.connect
 
 def make(folder, last):
@@ -258,7 +258,7 @@ def test_store_continues_after_a_kill_during_its_plan(tmp_path):
         check=True,
     )
     assert done.stdout.split().count(str(signal.SIGKILL.value)) >= 10
-    plan = {name: name for name in ("spec", "seed", "seconds")}
+    plan = {name: name for name in ("spec", "seed", "duration")}
     for i in range(40):
         store = TrialStore(tmp_path / str(i), plan)
         assert store.plan == plan
@@ -267,17 +267,17 @@ def test_store_continues_after_a_kill_during_its_plan(tmp_path):
 
 @pytest.mark.parametrize("names", [["spec"], ["spec", "seed"]])
 def test_incomplete_plan_of_an_earlier_version_is_replaced(tmp_path, names):
-    plan = {name: name for name in ("spec", "seed", "seconds")}
+    plan = {name: name for name in ("spec", "seed", "duration")}
     TrialStore(tmp_path, {name: "old" for name in names})
     assert TrialStore(tmp_path, plan).plan == plan
     assert TrialStore(tmp_path).plan == plan
 
 
 def test_incomplete_plan_of_a_store_with_trials_is_refused(tmp_path):
-    store = TrialStore(tmp_path, {"seconds": "1.0"})
+    store = TrialStore(tmp_path, {"duration": "1.0"})
     store.keep(Trial(number=0, scenario=""))
     with pytest.raises(ExperimentError, match="trials of another spec"):
-        TrialStore(tmp_path, {"spec": "", "seed": "0", "seconds": "1.0"})
+        TrialStore(tmp_path, {"spec": "", "seed": "0", "duration": "1.0"})
 
 
 def test_full_disk_is_reported_and_keeps_stored_trials(
@@ -391,7 +391,7 @@ def test_changed_code_runs_trials_again(make_store, monkeypatch):
 
 def test_worker_with_other_code_is_refused(make_store):
     def run(trial):
-        return run_trial(replace(trial, code="x"), seconds=0.1, force=False)
+        return run_trial(replace(trial, code="x"), duration=0.1, force=False)
 
     with pytest.raises(ExperimentError, match="its parent x: the code"):
         make_store(run)
@@ -410,7 +410,7 @@ def test_infeasible_trials_run_by_force_only(make_store):
 
 def test_exception_in_a_trial_is_a_result(tmp_path):
     spec = TrialSpec("fields: {board.translation: [5.0, 0.0, 0.0]}")
-    store = TrialStore(tmp_path, spec.plan(seed=0, seconds=0.1))
+    store = TrialStore(tmp_path, spec.plan(seed=0, duration=0.1))
     list(run_trials(store, spec, 1, Here(), force=True))
     (trial,) = store.trials()
     (fault,) = faults(trial)
@@ -623,7 +623,7 @@ def test_report_and_page_list_faults_and_replay_commands(make_store, command, ou
 
     store = make_store(run, 30)
     page = outputs / "README.md"
-    assert command("worlds", store.folder, "--page", page).code == 0
+    assert command("worlds", store.folder, "--markdown", page).code == 0
     texts = page.read_text(), (store.folder / "report.html").read_text()
     for text in texts:
         assert "Of 30 trials" in text
@@ -746,10 +746,10 @@ def test_parquet_without_pyarrow_is_refused(make_store, refused, outputs, monkey
         (("default", "--out", "x", "--count", 0), "count is 0"),
         (("default", "--out", "x", "--jobs", 0), "jobs is 0"),
         (("default", "--out", "x", "--seed", -1), "seed is -1"),
-        (("default", "--out", "x", "--seconds", 0), "seconds is 0"),
+        (("default", "--out", "x", "--duration", 0), "duration is 0"),
         (("default", "--out", "x", "--html", "x.html"), "give its number by --replay"),
         (("default", "--replay", 1), "not a folder of trials"),
-        (("default", "--out", "x", "--page", "x.html"), "end in .md"),
+        (("default", "--out", "x", "--markdown", "x.html"), "end in .md"),
         (("moon", "--out", "x"), "there are no distributions moon"),
     ],
 )
@@ -764,7 +764,7 @@ def test_inconsistent_options_are_refused(
 def test_report_states_the_trials_per_core_hour(make_store):
     def run(trial):
         done = passed(trial) if trial.number else refused_trial(trial)
-        return replace(done, cpu_seconds=9.0)
+        return replace(done, cpu_duration=9.0)
 
     # In 36 s three are run and one is refused.
     verdict = TrialsReport(make_store(run, 4)).verdict()

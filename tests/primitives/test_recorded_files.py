@@ -192,7 +192,7 @@ def written(make, folder):
 def options_of(file):
     given = dict(file.options)
     rate = given.pop("sample-rate", None)
-    return ReadingOptions.parse(given.pop("columns", ""), rate=rate, **given)
+    return ReadingOptions.parse(given.pop("columns", ""), sample_rate=rate, **given)
 
 
 def read(make, folder):
@@ -341,7 +341,9 @@ def test_few_broken_rows_are_left_out(make, rows, said, tmp_path):
 
 def test_a_row_that_is_left_out_does_not_move_the_others_in_time(tmp_path):
     file = files.values_missing(tmp_path, [8])
-    (found,), _ = read_demonstrations([file.path], ReadingOptions(rate=files.RATE))
+    (found,), _ = read_demonstrations(
+        [file.path], ReadingOptions(sample_rate=files.RATE)
+    )
     assert_allclose(found.time, np.delete(files.TIME, 7), atol=1e-12)
 
 
@@ -541,12 +543,12 @@ def test_robomimic_episodes_are_read_at_their_control_frequency(tmp_path):
 def test_aloha_joints_are_read_at_a_stated_rate(topic, tmp_path):
     file = written(files.aloha, tmp_path)
     (demonstration,), remarks = read_demonstrations(
-        [file.path], ReadingOptions(rate=50, topic=topic)
+        [file.path], ReadingOptions(sample_rate=50, topic=topic)
     )
     assert_allclose(demonstration.values, files.JOINTS, atol=1e-12)
     assert (topic or "observations/qpos") in remarks[0]
     with pytest.raises(FmpError, match="no dataset nose; choose with --topic among"):
-        read_demonstrations([file.path], ReadingOptions(rate=50, topic="nose"))
+        read_demonstrations([file.path], ReadingOptions(sample_rate=50, topic="nose"))
 
 
 def test_joints_of_a_bag_keep_their_names(tmp_path):
@@ -748,7 +750,7 @@ CELLS = [
 def test_tables_of_anything_are_read_or_refused(tmp_path):
     rng = np.random.default_rng(0)
     path, reasons = tmp_path / "d.csv", []
-    given = [None, ReadingOptions(rate=10), ReadingOptions.parse("time=1,x=2")]
+    given = [None, ReadingOptions(sample_rate=10), ReadingOptions.parse("time=1,x=2")]
     for number in range(400):
         width, delimiter = rng.integers(1, 7), rng.choice([",", ";", "\t", " "])
         head = rng.choice(CELLS, (rng.integers(0, 4), width))

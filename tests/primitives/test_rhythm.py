@@ -158,10 +158,10 @@ def test_the_change_to_another_movement_is_no_pause(seed):
 def test_a_user_may_choose_part_and_period():
     values = np.concatenate([drop(phases(500)), drop(phases(500, 80), 0.2)])
     recording = demonstration(values)
-    chosen = find_rhythm(recording, start=26.0, end=49.0)
+    chosen = find_rhythm(recording, start_time=26.0, end_time=49.0)
     assert chosen.period == pytest.approx(4.0, rel=0.02)
     assert chosen.bouts[0].start == pytest.approx(26.0, abs=0.3)
-    skill = FourierMovementPrimitive().fit(recording, start=26.0, end=49.0)
+    skill = FourierMovementPrimitive().fit(recording, start_time=26.0, end_time=49.0)
     assert skill.rhythm_ == chosen
     double = find_rhythm(demonstration(drop(phases(600))), period=5.0)
     assert double.period == pytest.approx(5.0, rel=0.02)
@@ -170,7 +170,7 @@ def test_a_user_may_choose_part_and_period():
 
 def test_a_part_without_samples_is_refused():
     with pytest.raises(DemonstrationError, match="no two samples from 40 to 50 s"):
-        find_rhythm(demonstration(drop(phases(600))), start=40.0, end=50.0)
+        find_rhythm(demonstration(drop(phases(600))), start_time=40.0, end_time=50.0)
 
 
 def test_recording_without_repetition_has_no_rhythm():
@@ -236,7 +236,7 @@ def test_the_rhythm_of_positions_is_found_beside_all_other_channels(
 def test_one_and_a_half_cycles_after_an_approach_are_found(real_demonstration_paths):
     with np.load(real_demonstration_paths["car_fender_3"]) as file:
         recording = Demonstration(time=file["time"], values=file["position"])
-    assert find_rhythm(recording, end=9.45).period == pytest.approx(5.4, rel=0.05)
+    assert find_rhythm(recording, end_time=9.45).period == pytest.approx(5.4, rel=0.05)
 
 
 def test_two_of_six_cycles_are_not_taken_for_one(real_demonstration_paths):

@@ -69,7 +69,7 @@ def test_an_arm_that_was_sent_nonsense_is_in_a_reflex(monkeypatch):
             "clocks and network",
         ),
         (
-            {"hand": SimulatedHand(HandMotion.make("eight", seconds=2.0, seed=0))},
+            {"hand": SimulatedHand(HandMotion.make("eight", duration=2.0, seed=0))},
             {},
             "mode is kGuiding; it must be kMove",
         ),
@@ -87,7 +87,7 @@ def test_faults_of_an_arm_are_reported(monkeypatch, bench, scenario, word):
 
 
 def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
-    hand = SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
+    hand = SimulatedHand(HandMotion.make("eight", duration=5.0, seed=0))
     bus = Bus(monkeypatch, hand=hand)
     states = []
 
@@ -116,7 +116,7 @@ def test_a_person_who_guides_an_arm_is_recorded_by_its_kinematics(monkeypatch):
 def test_wrong_bits_and_reordered_statuses_are_not_recorded(monkeypatch, faults):
     shown = []
     for network in (None, NetworkFaults(**faults)):
-        hand = SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
+        hand = SimulatedHand(HandMotion.make("eight", duration=5.0, seed=0))
         bus = Bus(monkeypatch, hand=hand, faults=network)
         shown.append(
             record_arm(bus.scenario, LcmPanda(), lcm=bus.lcm, until=lambda s: s >= 3.0)

@@ -298,7 +298,7 @@ def test_sliders_act_only_where_the_operator_wants_them(skill):
     loop.advance(200)
     assert played() == [1.0, 10.0]
     meshcat.SetSliderValue("tempo", 0.5)
-    meshcat.SetSliderValue("normal force (N)", 4.0)
+    meshcat.SetSliderValue("press force (N)", 4.0)
     loop.advance(300)
     assert played() == [0.5, 4.0]
     loop.run.stop()

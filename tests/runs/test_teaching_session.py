@@ -9,7 +9,7 @@ from fmp_drake.runs import TeachingSession
 from fmp_drake.station import LoadScenario, SimulatedHand
 from fmp_drake.systems import HandMotion
 
-MOTION = HandMotion.make("eight", seconds=30.0, seed=0)
+MOTION = HandMotion.make("eight", duration=30.0, seed=0)
 
 
 def begin(*, press=10.0, **options):

@@ -73,7 +73,7 @@ def test_free_space_has_neither_board_nor_ink_nor_force(stirring):
     assert not station.HasOutputPort("ink")
     plant = station.GetSubsystemByName("plant")
     assert not plant.HasModelInstanceNamed("whiteboard")
-    assert "normal force (N)" not in meshcat.GetSliderNames()
+    assert "press force (N)" not in meshcat.GetSliderNames()
     error, force = samples(
         station, ("tracking_error", "normal_force"), seconds=5.0, after=2.5
     )

@@ -271,7 +271,7 @@ def test_pipe_is_not_followed_by_a_frame_without_its_velocity(
 @pytest.mark.parametrize("name", ["polish_pipe", "clean_bowl"])
 def test_hand_guides_the_tool_along_a_curved_board(name):
     scenario = LoadScenario(name)
-    motion = HandMotion.make("polishing", seconds=5.0, seed=0)
+    motion = HandMotion.make("polishing", duration=5.0, seed=0)
     station = MakeStation(scenario, SimulatedHand(motion))
     simulator, surface = Simulator(station), scenario.board.curvature()
     motion = motion.slowed(surface)
@@ -296,7 +296,7 @@ def test_hand_guides_the_tool_along_a_curved_board(name):
 
 def test_hand_that_wipes_a_dome_keeps_the_speeds_of_the_joints():
     scenario = LoadScenario("wipe_dome")
-    motion = HandMotion.make("wiping", seconds=6.0, seed=0)
+    motion = HandMotion.make("wiping", duration=6.0, seed=0)
     station = MakeStation(scenario, SimulatedHand(motion))
     limits = station.GetSubsystemByName("plant").GetVelocityUpperLimits()[:7]
     simulator, fastest = Simulator(station), 0.0

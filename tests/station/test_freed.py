@@ -35,7 +35,7 @@ STATIONS = {
     "late sensors": lambda skill: wiping(skill, "late_sensors"),
     "moving board": lambda skill: wiping(skill, "moving_board"),
     "simulated hand": lambda _: taught_by(
-        SimulatedHand(HandMotion.make("eight", seconds=5.0, seed=0))
+        SimulatedHand(HandMotion.make("eight", duration=5.0, seed=0))
     ),
 }
 

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 
 def recorded(task, scenario, *, seconds, skip):
     """Return a motion and what the station records of it."""
-    motion = HandMotion.make(task, seconds=seconds + 1, seed=3)
+    motion = HandMotion.make(task, duration=seconds + 1, seed=3)
     station = MakeStation(LoadScenario(scenario), SimulatedHand(motion))
     simulator = Simulator(station)
     simulator.AdvanceTo(seconds)
@@ -52,7 +52,7 @@ def test_pulsing_records_the_force_of_the_contact():
 
 
 def test_a_hand_that_leads_over_a_board_needs_one():
-    motion = HandMotion.make("eight", seconds=5.0, seed=0)
+    motion = HandMotion.make("eight", duration=5.0, seed=0)
     with pytest.raises(StationError, match="take a motion with a height"):
         MakeStation(LoadScenario("stir"), SimulatedHand(motion))
 

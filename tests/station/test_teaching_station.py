@@ -34,7 +34,7 @@ SYSTEMS = {
 
 
 def teach(task, *, seed=0, seconds=SECONDS):
-    motion = HandMotion.make(task, seconds=SECONDS + 1, seed=seed)
+    motion = HandMotion.make(task, duration=SECONDS + 1, seed=seed)
     run = StationRun(MakeStation(LoadScenario("table_top"), SimulatedHand(motion)))
     run.motion = motion
     return run.advance(seconds)
@@ -159,6 +159,6 @@ def test_recording_begins_above_the_beginning_of_the_motion(lesson):
 def test_board_out_of_reach_is_refused():
     scenario = Scenario()
     scenario.board.translation = [1.5, 0.0, 0.1]
-    motion = HandMotion.make("eight", seconds=1, seed=0)
+    motion = HandMotion.make("eight", duration=1, seed=0)
     with pytest.raises(StationError, match="cannot bring the eraser to"):
         MakeStation(scenario, SimulatedHand(motion))

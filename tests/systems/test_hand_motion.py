@@ -29,7 +29,7 @@ def test_tasks_are_those_of_the_paper():
 
 @pytest.mark.parametrize("task", POSED_TASKS)
 def test_a_posed_motion_has_its_channels_around_their_means(task):
-    motion = HandMotion.make(task, seconds=60, seed=2)
+    motion = HandMotion.make(task, duration=60, seed=2)
     mean = dict(zip(motion.channels, motion.position.mean(axis=0), strict=True))
     spread = dict(zip(motion.channels, np.ptp(motion.position, axis=0), strict=True))
     if task == "pulsing":
@@ -50,7 +50,7 @@ def test_a_posed_motion_has_its_channels_around_their_means(task):
 
 @pytest.mark.parametrize("curved", [Surface(0.0, 4.0), Surface(-3.0, -3.0)])
 def test_hand_is_slow_where_the_board_turns_the_tool(curved):
-    motion = HandMotion.make("wiping", seconds=20, seed=1)
+    motion = HandMotion.make("wiping", duration=20, seed=1)
     slowed = motion.slowed(curved)
     assert slowed.channels == motion.channels
     assert slowed.position.shape == motion.position.shape
@@ -71,14 +71,14 @@ def test_hand_is_slow_where_the_board_turns_the_tool(curved):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_path_repeats_with_the_seed(task):
-    one, same, other = (HandMotion.make(task, seconds=5, seed=s) for s in (1, 1, 2))
+    one, same, other = (HandMotion.make(task, duration=5, seed=s) for s in (1, 1, 2))
     assert np.array_equal(one.position, same.position)
     assert np.max(np.abs(one.position - other.position)) > 0.01
 
 
 @pytest.mark.parametrize("task", TASKS)
 def test_longer_path_covers_its_whole_time(task):
-    motion = HandMotion.make(task, seconds=7.3, seed=0)
+    motion = HandMotion.make(task, duration=7.3, seed=0)
     assert motion.position.shape[1] == 2
     assert len(motion.position) / RATE >= 7.3
     before, _ = motion.at(7.29)
@@ -88,7 +88,7 @@ def test_longer_path_covers_its_whole_time(task):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_steady_hand_repeats_after_a_period(task):
-    motion = HandMotion.make(task, seconds=15, seed=4, variability=STEADY)
+    motion = HandMotion.make(task, duration=15, seed=4, variability=STEADY)
     period = PERIODS[task]
     for time in np.linspace(0, 9, 25):
         assert_allclose(motion.at(time + period)[0], motion.at(time)[0], atol=2e-5)
@@ -100,8 +100,8 @@ def test_steady_hand_repeats_after_a_period(task):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_wandering_hand_keeps_period_and_size_on_average(task):
-    steady = HandMotion.make(task, seconds=60, seed=0, variability=STEADY).position
-    human = HandMotion.make(task, seconds=240, seed=0).position
+    steady = HandMotion.make(task, duration=60, seed=0, variability=STEADY).position
+    human = HandMotion.make(task, duration=240, seed=0).position
     assert_allclose(human.std(axis=0), steady.std(axis=0), rtol=0.1)
     assert np.all(np.abs(human) < 1.5 * np.abs(steady).max(axis=0))
     crossings = np.sum(np.diff(np.sign(human[:, 1])) > 0) / 240
@@ -109,7 +109,7 @@ def test_wandering_hand_keeps_period_and_size_on_average(task):
 
 
 def test_path_never_repeats():
-    position = HandMotion.make("polishing", seconds=60, seed=0).position
+    position = HandMotion.make("polishing", duration=60, seed=0).position
     period = 2 * RATE
     apart = np.linalg.norm(position[period:] - position[:-period], axis=1)
     assert np.max(apart) > 0.03
@@ -117,8 +117,8 @@ def test_path_never_repeats():
 
 def test_tremor_has_its_size_and_band():
     only = HandVariability(frequency=0, amplitude=0, centre=0, tremor=0.001)
-    shaking = HandMotion.make("eight", seconds=60, seed=0, variability=only)
-    still = HandMotion.make("eight", seconds=60, seed=0, variability=STEADY)
+    shaking = HandMotion.make("eight", duration=60, seed=0, variability=only)
+    still = HandMotion.make("eight", duration=60, seed=0, variability=STEADY)
     tremor = shaking.position - still.position
     assert_allclose(tremor.std(axis=0), 0.001, rtol=0.1)
     power = np.abs(np.fft.rfft(tremor[:, 0])) ** 2
@@ -130,7 +130,7 @@ def test_tremor_has_its_size_and_band():
 @settings(deadline=None, max_examples=30)
 @given(time=st.floats(0.01, 4.9))
 def test_velocity_is_the_slope_of_the_position(time):
-    motion = HandMotion.make("eight", seconds=5, seed=3)
+    motion = HandMotion.make("eight", duration=5, seed=3)
     position, velocity = motion.at(time)
     i = int(time * RATE)
     slope = (motion.position[i + 1] - motion.position[i]) * RATE
@@ -141,14 +141,14 @@ def test_velocity_is_the_slope_of_the_position(time):
 
 
 def test_time_outside_the_path_is_clamped():
-    motion = HandMotion.make("eight", seconds=2, seed=0)
+    motion = HandMotion.make("eight", duration=2, seed=0)
     assert_allclose(motion.at(-1)[0], motion.position[0])
     assert_allclose(motion.at(99)[0], motion.position[-1], atol=1e-4)
 
 
 def test_hand_moves_at_the_speed_of_a_person():
     for task in TASKS:
-        position = HandMotion.make(task, seconds=60, seed=5).position
+        position = HandMotion.make(task, duration=60, seed=5).position
         speed = np.linalg.norm(np.diff(position, axis=0), axis=1) * RATE
         assert 0.1 < speed.mean() < 0.8
         assert speed.max() < 1.5
@@ -156,15 +156,15 @@ def test_hand_moves_at_the_speed_of_a_person():
 
 def test_path_is_read_only():
     with pytest.raises(ValueError, match="read-only"):
-        HandMotion.make("eight", seconds=1, seed=0).position[0] = 1
+        HandMotion.make("eight", duration=1, seed=0).position[0] = 1
 
 
 def test_unknown_task_lists_the_tasks():
     with pytest.raises(SystemsError, match="'dance'; choose from wiping, polishing"):
-        HandMotion.make("dance", seconds=1, seed=0)
+        HandMotion.make("dance", duration=1, seed=0)
 
 
 @pytest.mark.parametrize("seconds", [0, -1, np.nan, np.inf])
 def test_duration_that_is_not_positive_is_refused(seconds):
     with pytest.raises(SystemsError, match="must be positive"):
-        HandMotion.make("eight", seconds=seconds, seed=0)
+        HandMotion.make("eight", duration=seconds, seed=0)

@@ -39,7 +39,7 @@ OUTPUTS = ("spatial_forces", "position")
 X_WB = RigidTransform(RollPitchYaw(0.2, -0.3, 0.7), [0.5, -0.1, 0.2])
 X_LE = RigidTransform(RollPitchYaw(0.1, 0.4, -0.2), [0.02, -0.03, 0.1])
 R_BE = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
-MOTION = HandMotion.make("eight", seconds=4, seed=7)
+MOTION = HandMotion.make("eight", duration=4, seed=7)
 
 
 def make_hand(motion=MOTION, surface=None):

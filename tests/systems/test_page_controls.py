@@ -10,8 +10,8 @@ from fmp_drake.systems.page.page_controls import PageControls
 
 NAMES = {
     "tempo": "tempo",
-    "normal_force": "normal force (N)",
-    "sample": "play samples",
+    "press_force": "press force (N)",
+    "sample": "sample (0: mean)",
 }
 
 
@@ -48,12 +48,12 @@ def test_the_sliders_come_with_the_initialisation_and_go_with_delete(meshcat):
 
 
 def test_a_moved_slider_is_followed_at_a_bounded_rate(meshcat):
-    controls = PageControls(meshcat, tempo=0.8, normal_force=9.0, sample=True)
+    controls = PageControls(meshcat, tempo=0.8, press_force=9.0, sample=True)
     simulator = Simulator(controls)
     simulator.AdvanceTo(0.3)
-    initial = {"tempo": 0.8, "normal_force": 9.0, "sample": 1.0}
+    initial = {"tempo": 0.8, "press_force": 9.0, "sample": 1.0}
     assert outputs(controls, simulator) == initial
-    moved = {"tempo": 1.5, "normal_force": 3.0, "sample": 0.0}
+    moved = {"tempo": 1.5, "press_force": 3.0, "sample": 0.0}
     for name, value in moved.items():
         meshcat.SetSliderValue(NAMES[name], value)
     assert outputs(controls, simulator) == initial
@@ -61,7 +61,7 @@ def test_a_moved_slider_is_followed_at_a_bounded_rate(meshcat):
     first = outputs(controls, simulator)
     # By the greatest rates: 2 per second and 40 N per second.
     assert first["tempo"] == pytest.approx(0.8 + 0.256)
-    assert first["normal_force"] == pytest.approx(9.0 - 5.12)
+    assert first["press_force"] == pytest.approx(9.0 - 5.12)
     assert first["sample"] == 0.0
     simulator.AdvanceTo(0.8)
     assert outputs(controls, simulator) == moved
@@ -91,15 +91,15 @@ class Page:
     [(1000.0, 15.0), (-5.0, 0.0), (np.nan, 9.0), (np.inf, 9.0), (1e308, 15.0)],
 )
 def test_no_page_moves_an_output_out_of_its_range(value, expected):
-    controls = PageControls(Page(**{"normal force (N)": value}), normal_force=9.0)
+    controls = PageControls(Page(**{"press force (N)": value}), press_force=9.0)
     simulator = Simulator(controls)
     simulator.AdvanceTo(2.0)
-    assert outputs(controls, simulator)["normal_force"] == expected
+    assert outputs(controls, simulator)["press_force"] == expected
 
 
 def test_an_untouched_slider_does_not_round_the_initial_value(meshcat):
-    initial = {"tempo": 0.83, "normal_force": 9.123, "sample": 0.0}
-    controls = PageControls(meshcat, tempo=0.83, normal_force=9.123)
+    initial = {"tempo": 0.83, "press_force": 9.123, "sample": 0.0}
+    controls = PageControls(meshcat, tempo=0.83, press_force=9.123)
     simulator = Simulator(controls)
     simulator.AdvanceTo(0.5)
     assert outputs(controls, simulator) == initial
@@ -109,11 +109,11 @@ def test_an_untouched_slider_does_not_round_the_initial_value(meshcat):
 
 
 def test_a_slider_reaches_an_unusual_initial_value(meshcat):
-    controls = PageControls(meshcat, tempo=3.0, normal_force=22.0)
+    controls = PageControls(meshcat, tempo=3.0, press_force=22.0)
     simulator = Simulator(controls)
     simulator.AdvanceTo(0.5)
     assert meshcat.GetSliderValue("tempo") == 3.0
-    assert outputs(controls, simulator)["normal_force"] == 22.0
+    assert outputs(controls, simulator)["press_force"] == 22.0
 
 
 def test_an_initialisation_shows_the_values_of_its_context(meshcat):
@@ -133,7 +133,7 @@ def test_an_initialisation_shows_the_values_of_its_context(meshcat):
 
 
 def test_a_continued_run_keeps_the_exact_values(meshcat):
-    controls = PageControls(meshcat, tempo=0.83, normal_force=31.7)
+    controls = PageControls(meshcat, tempo=0.83, press_force=31.7)
     simulator = Simulator(controls)
     simulator.AdvanceTo(0.25)
     # In between, another simulation has used the page.
@@ -142,7 +142,7 @@ def test_a_continued_run_keeps_the_exact_values(meshcat):
     Simulator(PageControls(meshcat)).Initialize()
     copy = Simulator(controls, simulator.get_context().Clone())
     copy.AdvanceTo(1.0)
-    expected = {"tempo": 0.83, "normal_force": 31.7, "sample": 0.0}
+    expected = {"tempo": 0.83, "press_force": 31.7, "sample": 0.0}
     assert outputs(controls, copy) == expected
 
 
@@ -163,7 +163,7 @@ def test_two_pages_do_not_disturb_each_other():
     assert len(pages[1].GetSliderNames()) == 3
 
 
-@pytest.mark.parametrize("options", [{"tempo": -1.0}, {"normal_force": np.nan}])
+@pytest.mark.parametrize("options", [{"tempo": -1.0}, {"press_force": np.nan}])
 def test_values_that_do_not_fit_are_refused(meshcat, options):
     with pytest.raises(SystemsError, match="must"):
         PageControls(meshcat, **options)

@@ -54,7 +54,7 @@ def run_cleaning(
     workers: Workers,
     *,
     methods: Sequence[str] = (),
-    seconds: float = 60.0,
+    duration: float = 60.0,
     seeds: int = 5,
     progress: Progress = lambda _: None,
 ) -> dict[str, MethodScores]:
@@ -71,7 +71,7 @@ def run_cleaning(
     workers : Workers
     methods : sequence of str
         Names; all methods where empty.
-    seconds : float
+    duration : float
         Simulated time.
     seeds : int
         Runs of each method.
@@ -86,7 +86,7 @@ def run_cleaning(
     names = checked_methods(methods)
     movement = board_movement(file)
     split = split_to_learn(movement)
-    score = partial(score_cleaning, movement=movement, split=split, seconds=seconds)
+    score = partial(score_cleaning, movement=movement, split=split, duration=duration)
     jobs = [
         Job(method=name, score=partial(score, seed=seed))
         for name in names
@@ -128,7 +128,7 @@ def score_cleaning(
     *,
     movement: Movement,
     split: Split,
-    seconds: float,
+    duration: float,
     seed: int,
 ) -> MethodScores:
     """Let a method clean the board once.
@@ -140,7 +140,7 @@ def score_cleaning(
         In the frame of the board, m.
     split : Split
         Split of the movement; the method learns from its training parts.
-    seconds : float
+    duration : float
         Simulated time.
     seed : int
         Seed of the method, and of the sample from which it begins.
@@ -159,17 +159,17 @@ def score_cleaning(
         longest = max(split.training, key=len)
         first = int(rng.integers(len(longest) - PAST))
         past = longest[first : first + PAST]
-        path = learner.play(past, round(seconds * RATE), seed=seed)
+        path = learner.play(past, round(duration * RATE), seed=seed)
         if path is None:
             raise ExperimentError("it does not play.")
-        row = clean_board(path, movement.parts, seconds=seconds)
+        row = clean_board(path, movement.parts, duration=duration)
     except FmpError as error:
         row = {"error": str(error)}
     return MethodScores(method=method.name, cleaning=[labels | row])
 
 
 def clean_board(
-    path: Array, demonstrated: Sequence[Array], *, seconds: float
+    path: Array, demonstrated: Sequence[Array], *, duration: float
 ) -> dict[str, Any]:
     """Let the station follow a path, and measure the times to clean the board.
 
@@ -179,7 +179,7 @@ def clean_board(
         In the frame of the board at `RATE`, m.
     demonstrated : sequence of ndarray, shape (n, 3)
         Paths whose swept area is to be cleaned.
-    seconds : float
+    duration : float
         Simulated time.
 
     Returns
@@ -194,7 +194,7 @@ def clean_board(
     if not np.all(np.isfinite(path)) or np.any(np.abs(path[:, :2]) > reach):
         raise DemonstrationError("the path leaves the board.")
     builder = DiagramBuilder()
-    trajectory = _accelerated_path(path, seconds)
+    trajectory = _accelerated_path(path, duration)
     station = _add_station(builder, scenario, trajectory)
     ink_board: Any = station.GetSubsystemByName("ink_board")
     area = ink_board.grid.swept_by(demonstrated, tuple(scenario.eraser.footprint))
@@ -204,7 +204,7 @@ def clean_board(
     def value(name: str) -> Any:
         return station.GetOutputPort(name).Eval(context)
 
-    times = np.arange(_PERIOD, seconds + 1e-9, _PERIOD)
+    times = np.arange(_PERIOD, duration + 1e-9, _PERIOD)
     cleaned, errors, forces = [], [], []
     for until in times:
         simulator.AdvanceTo(until)
@@ -243,9 +243,9 @@ def _add_station(
     return station
 
 
-def _accelerated_path(path: Array, seconds: float) -> PiecewisePolynomial:
+def _accelerated_path(path: Array, duration: float) -> PiecewisePolynomial:
     """Return a path (n, 3) as a twice differentiable trajectory that begins at rest."""
-    time = np.arange(round((seconds + 1) * RATE) + 1) / RATE
+    time = np.arange(round((duration + 1) * RATE) + 1) / RATE
     # Progress along the path: its speed rises from 0 to 1 within the ramp.
     u = np.clip(time / _RAMP, 0, 1)
     progress = np.where(time < _RAMP, _RAMP * (u**3 - 0.5 * u**4), time - 0.5 * _RAMP)

@@ -61,7 +61,7 @@ class TrialsReport:
 
     Examples
     --------
-    >>> TrialsReport(TrialStore(Path("out"), {"seconds": "9.0", "seed": "0"}))
+    >>> TrialsReport(TrialStore(Path("out"), {"duration": "9.0", "seed": "0"}))
     Traceback (most recent call last):
     fmp_drake.errors.ExperimentError: there are no trials in out yet.
     """
@@ -88,7 +88,7 @@ class TrialsReport:
 
     def write(self, page: Path | None = None) -> None:
         """Write report.html into the folder of the store, and optionally a Markdown page."""
-        title = f"{len(self._trials)} trials of {float(self._plan['seconds']):g} s"
+        title = f"{len(self._trials)} trials of {float(self._plan['duration']):g} s"
         sections: list[Section] = [
             ("Verdict", [self._violations(), self._accuracy()]),
             ("Failed trials", [self._success(), self._worst()]),
@@ -137,8 +137,8 @@ class TrialsReport:
         return {kind: sum(kind in faulty for faulty in kinds) for kind in _KINDS}
 
     def _by_push(self) -> dict[str, list[Trial]]:
-        seconds = float(self._plan["seconds"])
-        pushed = {t.number for t in self._run if is_pushed(t, seconds)}
+        duration = float(self._plan["duration"])
+        pushed = {t.number for t in self._run if is_pushed(t, duration)}
         return {
             "without disturbances": [t for t in self._run if t.number not in pushed],
             "with disturbances": [t for t in self._run if t.number in pushed],

@@ -63,9 +63,9 @@ def run_trials(
     count, total : int
         Number of trials that have been run, and number of those that were missing.
     """
-    seed, seconds = int(store.plan["seed"]), float(store.plan["seconds"])
+    seed, duration = int(store.plan["seed"]), float(store.plan["duration"])
     code = code_version()
-    run = run or partial(run_trial, seconds=seconds, force=force)
+    run = run or partial(run_trial, duration=duration, force=force)
     with store.writing():
         finished = store.finished(force=force)
         trials = [
@@ -85,13 +85,13 @@ def run_trials(
                 yield number, len(missing)
 
 
-def run_trial(trial: Trial, *, seconds: float, force: bool) -> Trial:
+def run_trial(trial: Trial, *, duration: float, force: bool) -> Trial:
     """Check the feasibility of a trial and run it; an exception is stored as a result.
 
     Parameters
     ----------
     trial : Trial
-    seconds : float
+    duration : float
         Simulated time.
     force : bool
         Run it even if it is infeasible.
@@ -110,14 +110,14 @@ def run_trial(trial: Trial, *, seconds: float, force: bool) -> Trial:
     trial = replace(trial)
     try:
         with threadpool_limits(limits=1):
-            _run(trial, seconds, force)
+            _run(trial, duration, force)
     except Exception as error:  # noqa: BLE001
         trial.error = f"{type(error).__name__}: {' '.join(str(error).split())}"
     trial.cpu_seconds = time.process_time() - begin
     return trial
 
 
-def _run(trial: Trial, seconds: float, force: bool) -> None:
+def _run(trial: Trial, duration: float, force: bool) -> None:
     """Run a trial and store the result in it."""
     scenario = ParseScenario(trial.scenario)
     skill, _ = shared_skill(scenario)
@@ -127,7 +127,7 @@ def _run(trial: Trial, seconds: float, force: bool) -> None:
     _free_memory()
     if trial.is_feasible or force:
         run = make_run(trial.scenario)
-        run.advance_to(seconds)
+        run.advance_to(duration)
         trial.metrics = as_stored(run.metrics())
         trial.events = "; ".join(event.text for event in run.events())
 
@@ -139,14 +139,18 @@ def _free_memory() -> None:
 
 
 def replay_trial(
-    trial: Trial, seconds: float, *, html: Path | None = None, video: Path | None = None
+    trial: Trial,
+    duration: float,
+    *,
+    html: Path | None = None,
+    video: Path | None = None,
 ) -> dict[str, Any]:
     """Run a trial again; it is bit-identical if code and machine are the same.
 
     Parameters
     ----------
     trial : Trial
-    seconds : float
+    duration : float
         Simulated time of its first run.
     html, video : pathlib.Path, optional
         Page and film to write.
@@ -168,7 +172,7 @@ def replay_trial(
         reel = FilmReel(run.station, fps=_FPS)
         if video is not None:
             reel.watch(run.simulator)
-        run.advance_to(seconds)
+        run.advance_to(duration)
         metrics = as_stored(run.metrics())
         run.remove_controls()
         if html is not None:

@@ -209,9 +209,10 @@ class TrialSpec:
             text = f"{text.rstrip()}\nrobot: {name}\n"  # The last key counts in YAML.
         return cls(text, folder=file.parent)
 
-    def plan(self, *, seed: int, seconds: float) -> dict[str, str]:
+    def plan(self, *, seed: int, duration: float) -> dict[str, str]:
         """Return the common settings of all trials of a store."""
-        return {"spec": self.text, "seed": str(seed), "seconds": repr(float(seconds))}
+        length = repr(float(duration))
+        return {"spec": self.text, "seed": str(seed), "duration": length}
 
     def draw(self, *, seed: int, number: int) -> Trial:
         """Draw a trial.

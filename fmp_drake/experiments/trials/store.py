@@ -52,7 +52,7 @@ class TrialStore:
 
     Examples
     --------
-    >>> store = TrialStore(Path("out"), {"spec": "", "seed": "0", "seconds": "14.0"})
+    >>> store = TrialStore(Path("out"), {"spec": "", "seed": "0", "duration": "14.0"})
     >>> store.trials()
     []
     """
@@ -96,6 +96,8 @@ class TrialStore:
         """
         self._base.execute("BEGIN IMMEDIATE" if plan else "BEGIN")
         stored = dict(self._base.execute("SELECT name, value FROM plan"))
+        if "seconds" in stored:  # Of an earlier version.
+            stored["duration"] = stored.pop("seconds")
         (count,) = self._base.execute("SELECT count(*) FROM worlds").fetchone()
         if set(stored) < set(plan) and count == 0:
             stored = plan
@@ -121,8 +123,8 @@ class TrialStore:
 
     def key(self, trial: Trial) -> str:
         """Return the key of a row: a hash of scenario, simulated time and code."""
-        seconds = float(self.plan["seconds"])
-        parts = (trial.scenario, seconds.hex(), trial.code)
+        duration = float(self.plan["duration"])
+        parts = (trial.scenario, duration.hex(), trial.code)
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
     def keep(self, trial: Trial) -> None:

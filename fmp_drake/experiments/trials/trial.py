@@ -123,9 +123,9 @@ def faults(trial: Trial) -> list[Fault]:
     return sorted(_faults(trial), key=lambda fault: -fault.severity)
 
 
-def is_pushed(trial: Trial, seconds: float) -> bool:
+def is_pushed(trial: Trial, duration: float) -> bool:
     """Return whether a disturbance starts before the end of the run."""
-    return any(push["start"] < seconds for push in trial.fields["disturbances"])
+    return any(push["start"] < duration for push in trial.fields["disturbances"])
 
 
 def largest_push(trial: Trial) -> float:

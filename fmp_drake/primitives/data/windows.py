@@ -178,7 +178,7 @@ def _sampled(values: NDArray[np.float64], rate: float) -> Demonstration:
 
 
 def cut_demonstrations(
-    X: Any, start: float | None, end: float | None, rate: float
+    X: Any, start_time: float | None, end_time: float | None, rate: float
 ) -> Any:
     """Return the part of every recording between two times, s from its first sample.
 
@@ -187,15 +187,15 @@ def cut_demonstrations(
     DemonstrationError
         If windows were given as an array, or a recording has no two samples there.
     """
-    if start is None and end is None:
+    if start_time is None and end_time is None:
         return X
     recordings = _recordings(X, n_steps=0, rate=rate)
     if recordings is None:
         raise DemonstrationError(
-            "windows have no start and end; give demonstrations instead."
+            "windows have no start_time and end_time; give demonstrations instead."
         )
-    first = 0.0 if start is None else float(start)
-    last = np.inf if end is None else float(end)
+    first = 0.0 if start_time is None else float(start_time)
+    last = np.inf if end_time is None else float(end_time)
     out = []
     for number, recording in enumerate(recordings):
         time = recording.time - recording.time[0]

@@ -244,8 +244,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         y: object = None,  # noqa: ARG002 - scikit-learn's signature
         *,
         weights: ArrayLike | None = None,
-        start: float | None = None,
-        end: float | None = None,
+        start_time: float | None = None,
+        end_time: float | None = None,
         period: float | None = None,
         progress: Progress | None = None,
     ) -> Self:
@@ -260,7 +260,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         weights : array_like, optional
             Relative weight of each demonstration (or window); one with weight 0 is left
             out.
-        start, end : float, optional
+        start_time, end_time : float, optional
             Part of every demonstration to learn from, s from its first sample.
         period : float, optional
             Duration of a cycle, s; estimated where None.
@@ -279,7 +279,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
             check_number(period, "period", least=8 / self.rate, unit="s")
         for name in ("n_steps_", "overlap_"):
             self.__dict__.pop(name, None)
-        X = cut_demonstrations(X, start, end, self.rate)
+        X = cut_demonstrations(X, start_time, end_time, self.rate)
         recorded, counts = weighted_windows(self._windows(X, at_least=0), weights)
         recordings, example = recorded.recordings(), recorded.example
         samples = np.concatenate(recordings)
@@ -293,7 +293,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         with one_blas_thread():
             rhythm = self._found(recordings, counts, period, progress)
             if rhythm is not None and self._fits(rhythm, are_windows=example is None):
-                self._learn_phase(rhythm, start or 0.0, are_windows=example is None)
+                self._learn_phase(
+                    rhythm, start_time or 0.0, are_windows=example is None
+                )
             else:
                 self._learn_mixture(X, weights, progress)
         # A copy of another tempo has another rate and the same samples.

@@ -23,8 +23,8 @@ class _Slider(NamedTuple):
 
 _SLIDERS = {
     "tempo": _Slider("tempo", 0.25, 2.0, 0.05, 2.0),
-    "normal_force": _Slider("normal force (N)", 0.0, 15.0, 0.5, 40.0),
-    "sample": _Slider("play samples", 0.0, 1.0, 1.0, np.inf),
+    "press_force": _Slider("press force (N)", 0.0, 15.0, 0.5, 40.0),
+    "sample": _Slider("sample (0: mean)", 0.0, 1.0, 1.0, np.inf),
 }
 # Time between two readings, s.
 _PERIOD = 0.128
@@ -52,8 +52,8 @@ class PageControls(LeafSystem):
     ------------
     tempo : (1,)
         Relative to the demonstration, 1 for the same.
-    normal_force : (1,)
-        N.
+    press_force : (1,)
+        Desired normal force, N.
     sample : (1,)
         1 to track samples of the components, 0 for their means.
 
@@ -63,8 +63,8 @@ class PageControls(LeafSystem):
         Its page gets the sliders.
     tempo : float
         Initial value. The slider goes from 0.25 to 2, or as far as this.
-    normal_force : float or None
-        Initial value, N. The slider goes from 0 to 15, or as far as this. None for neither
+    press_force : float or None
+        Initial value of the desired normal force, N. The slider goes from 0 to 15, or as far as this. None for neither
         slider nor port.
     sample : bool
         Initial value.
@@ -83,7 +83,7 @@ class PageControls(LeafSystem):
         meshcat: Meshcat,
         *,
         tempo: float = 1.0,
-        normal_force: float | None = 10.0,
+        press_force: float | None = 10.0,
         sample: bool = False,
     ) -> None:
         super().__init__()
@@ -93,7 +93,7 @@ class PageControls(LeafSystem):
         self._ends: dict[str, tuple[float, float]] = {}
         initial = {
             "tempo": tempo,
-            "normal_force": normal_force,
+            "press_force": press_force,
             "sample": float(sample),
         }
         for name, value in initial.items():

@@ -89,7 +89,7 @@ class HandVariability:
     Examples
     --------
     >>> steady = HandVariability(amplitude=0.0, tremor=0.0)
-    >>> HandMotion.make("eight", seconds=5.0, seed=0, variability=steady).at(1.0)[0].shape
+    >>> HandMotion.make("eight", duration=5.0, seed=0, variability=steady).at(1.0)[0].shape
     (2,)
     """
 
@@ -114,7 +114,7 @@ class HandMotion:
 
     Examples
     --------
-    >>> motion = HandMotion.make("wiping", seconds=10.0, seed=0)
+    >>> motion = HandMotion.make("wiping", duration=10.0, seed=0)
     >>> position, velocity = motion.at(2.5)
     >>> bool(abs(position).max() < 0.3)
     True
@@ -164,7 +164,7 @@ class HandMotion:
         cls,
         task: Task,
         *,
-        seconds: float,
+        duration: float,
         seed: int,
         variability: HandVariability | None = None,
     ) -> "HandMotion":
@@ -173,11 +173,11 @@ class HandMotion:
 
         if task not in _FIGURES:
             raise SystemsError(f"task is {task!r}; choose from {', '.join(_FIGURES)}.")
-        check_number(seconds, "seconds", above=0, unit="s", error=SystemsError)
+        check_number(duration, "duration", above=0, unit="s", error=SystemsError)
         figure = _FIGURES[task]
         human = HandVariability() if variability is None else variability
         rng = np.random.default_rng(seed)
-        count = int(np.ceil(seconds * _RATE)) + 2
+        count = int(np.ceil(duration * _RATE)) + 2
         slow = butter(2, 1 / human.slowness, fs=_RATE, output="sos")
         shake = butter(2, (8.0, 12.0), "bandpass", fs=_RATE, output="sos")
 

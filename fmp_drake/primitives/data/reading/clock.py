@@ -27,7 +27,7 @@ def ordered_times(
     """Return increasing times, s, and the indices among the rows that have them."""
     count = len(rows)
     if stamp is None:
-        return np.arange(count) / (options.rate or 1.0), np.arange(count)
+        return np.arange(count) / (options.sample_rate or 1.0), np.arange(count)
     time, unit = _seconds(stamp[0][rows], stamp[1])
     if unit != "s":
         remarks.append(f"the time is in {unit}")

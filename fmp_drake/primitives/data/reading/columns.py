@@ -300,7 +300,7 @@ def _time(
     candidates = candidates or timed
     parts = _stamp_parts(columns)
     indices = {column.number for column in (*candidates, *parts)}
-    if options.rate is not None:
+    if options.sample_rate is not None:
         return None, indices
     if "time" in options.columns:
         column = columns[options.column("time", tuple(c.name for c in columns))]

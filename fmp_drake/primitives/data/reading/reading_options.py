@@ -23,7 +23,7 @@ class ReadingOptions:
         where empty.
     unit : str
         Unit of positions where the file does not state it: m, cm, mm ...
-    rate : float, optional
+    sample_rate : float, optional
         Samples per second (Hz), instead of a time column.
     topic : str
         Topic of a bag, or feature of a dataset (`action`).
@@ -41,15 +41,17 @@ class ReadingOptions:
 
     columns: Mapping[str, str] = field(default_factory=dict)
     unit: str = ""
-    rate: float | None = None
+    sample_rate: float | None = None
     topic: str = ""
     quaternions: str = "xyzw"
     all_arrays: bool = False
 
     def __post_init__(self) -> None:
         """Check the unit and the rate."""
-        if self.rate is not None:
-            check_number(self.rate, "the sample rate", above=0, error=SkillFileError)
+        if self.sample_rate is not None:
+            check_number(
+                self.sample_rate, "the sample rate", above=0, error=SkillFileError
+            )
         if self.quaternions not in ("xyzw", "wxyz"):
             raise SkillFileError(
                 f"the order of quaternions is {self.quaternions!r}; choose xyzw or wxyz."

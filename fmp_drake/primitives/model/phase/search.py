@@ -113,8 +113,8 @@ class _Attempt(NamedTuple):
 def find_rhythm(
     demonstrations: Demonstration | Sequence[Demonstration],
     *,
-    start: float | None = None,
-    end: float | None = None,
+    start_time: float | None = None,
+    end_time: float | None = None,
     period: float | None = None,
 ) -> Rhythm:
     """Find period, cycles and bouts of demonstrations, as a skill that learns them does.
@@ -122,7 +122,7 @@ def find_rhythm(
     Parameters
     ----------
     demonstrations : Demonstration, or a sequence of them
-    start, end : float, optional
+    start_time, end_time : float, optional
         Part of every demonstration to search, s from its first sample.
     period : float, optional
         Duration of a cycle, s; estimated where None.
@@ -142,7 +142,7 @@ def find_rhythm(
     ['14.3 cycles of 2.09 s']
     """
     demonstrations = demonstration_list(demonstrations, "find_rhythm")
-    cut = cut_demonstrations(demonstrations, start, end, DEFAULT_RATE)
+    cut = cut_demonstrations(demonstrations, start_time, end_time, DEFAULT_RATE)
     parts = [part for d in cut for part in d.split_at_gaps(DEFAULT_RATE) or [d]]
     values = [part.resample(DEFAULT_RATE).values for part in parts]
     first = parts[0]
@@ -153,7 +153,7 @@ def find_rhythm(
         period=period,
         units=dict(zip(first.channels, first.units, strict=True)),
     )
-    return found.rhythm.shifted(start or 0.0)
+    return found.rhythm.shifted(start_time or 0.0)
 
 
 def search_rhythm(
