@@ -10,7 +10,7 @@ from fmp_drake.apps.options import DEMONSTRATION_FLAGS, PATH, Command
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.experiments import FULL, QUICK, Profile, write_report
 from fmp_drake.experiments.benchmark import run_benchmark
-from fmp_drake.experiments.benchmark.report import benchmark_findings
+from fmp_drake.experiments.benchmark.findings import benchmark_findings
 from fmp_drake.experiments.report import Section
 from fmp_drake.experiments.reproduction import load_own, run_experiments
 from fmp_drake.processes import LocalWorkers

@@ -12,10 +12,10 @@ from fmp_drake.apps.options import Command, option, options
 from fmp_drake.apps.page import make_console, make_progress
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.trials import TrialSpec, TrialStore, run_trials
-from fmp_drake.experiments.trials.report import TrialsReport
 from fmp_drake.experiments.trials.running import replay_trial
 from fmp_drake.experiments.trials.store import check_parquet
 from fmp_drake.experiments.trials.trial import faults
+from fmp_drake.experiments.trials.trials_report import TrialsReport
 from fmp_drake.film import check_film, film_size
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.baselines.method import RATE
 from fmp_drake.experiments.benchmark.built_in import ABLATIONS, FMP, MixtureFMP
-from fmp_drake.experiments.benchmark.report import benchmark_findings, mean_values
+from fmp_drake.experiments.benchmark.findings import benchmark_findings, mean_values
 from fmp_drake.experiments.benchmark.run import (
     Job,
     MethodScores,

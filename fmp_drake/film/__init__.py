@@ -4,9 +4,9 @@ A `FilmReel` records positions and ink during a simulation; `film_run` then make
 or a .gif. `check_film` checks the settings of a film before the run.
 """
 
-from fmp_drake.film.reel import FilmReel
 from fmp_drake.film.render import (
     FILM_SIGNALS,
+    FilmReel,
     check_film,
     film_run,
     film_size,

@@ -18,8 +18,7 @@ from fmp_drake.plots.demonstrations import (
     plot_demonstrations,
 )
 from fmp_drake.plots.graphviz import write_graph
-from fmp_drake.plots.learned import draw_samples_in_plane
-from fmp_drake.plots.played import draw_way_back
+from fmp_drake.plots.learned import draw_samples_in_plane, draw_way_back
 from fmp_drake.plots.reach import plot_reach
 from fmp_drake.plots.run_page import plot_run
 from fmp_drake.plots.skill_page import plot_skill

@@ -9,15 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fmp_drake.plots.panels import (
+from fmp_drake.plots.style import (
+    DEMONSTRATED,
     Channels,
     Demonstrations,
     PlanePanel,
     TimePanels,
     as_list,
-)
-from fmp_drake.plots.style import (
-    DEMONSTRATED,
     component_color,
     save,
     set_title,

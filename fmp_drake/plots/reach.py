@@ -9,11 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.patches import Rectangle
 
-from fmp_drake.plots.panels import Channels, PlanePanel
 from fmp_drake.plots.style import (
     INFEASIBLE,
     PLAYED,
     SAMPLED,
+    Channels,
+    PlanePanel,
     add_colorbar,
     legend_above,
     save,

@@ -9,11 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from fmp_drake.plots.panels import Channels, PlanePanel
 from fmp_drake.plots.style import (
     DEMONSTRATED,
     PLAYED,
     SAMPLED,
+    Channels,
+    PlanePanel,
     add_colorbar,
     finish_times,
     legend_above,

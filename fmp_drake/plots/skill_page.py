@@ -15,11 +15,11 @@ from fmp_drake.plots.learned import (
     draw_component_over_time,
     draw_heatmaps,
     draw_phase,
+    draw_rollout_over_time,
     draw_samples_in_plane,
+    draw_way_back,
 )
-from fmp_drake.plots.panels import Channels, Demonstrations
-from fmp_drake.plots.played import draw_rollout_over_time, draw_way_back
-from fmp_drake.plots.style import same_limits, save, shape_of
+from fmp_drake.plots.style import Channels, Demonstrations, same_limits, save, shape_of
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 
 # Inches: letters are legible on a page of 800 pixels.

@@ -6,7 +6,7 @@ from fmp_drake.primitives.data.demonstration import (
     read_demonstrations,
 )
 from fmp_drake.primitives.data.orientation import angular_velocity, skill_rotations
-from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
+from fmp_drake.primitives.data.reading.table import ReadingOptions
 from fmp_drake.primitives.data.windows import sliding_windows
 from fmp_drake.primitives.discrete.discrete_movement_primitive import (
     DiscreteMovementPrimitive,

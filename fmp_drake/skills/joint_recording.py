@@ -11,7 +11,7 @@ from pydrake.multibody.tree import JointIndex
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
-from fmp_drake.primitives.data.reading.reading_options import columns_option
+from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.station import LoadRobot
 from fmp_drake.station.robots.robot import MakeRobotModel
 from fmp_drake.station.scenario_parts import EraserConfig

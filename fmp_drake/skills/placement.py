@@ -16,7 +16,7 @@ from fmp_drake.primitives.data.channels import (
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
 )
-from fmp_drake.primitives.data.reading.reading_options import columns_option
+from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.skills.joint_recording import EraserPath, RobotJoints
 from fmp_drake.skills.surface_placement import (
     curved_surface_remark,

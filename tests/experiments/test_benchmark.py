@@ -12,13 +12,12 @@ from trials_stub import Here
 
 from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines import method as method_module
-from fmp_drake.experiments.baselines.delay_gp import DelayGP
+from fmp_drake.experiments.baselines.gaussian_processes import DelayGP, RecordingGP
 from fmp_drake.experiments.baselines.periodic_dmp import (
     AdaptiveOscillatorDMP,
     PeriodicDMP,
 )
 from fmp_drake.experiments.baselines.periodic_kmp import PeriodicKMP
-from fmp_drake.experiments.baselines.recording_gp import RecordingGP
 from fmp_drake.experiments.benchmark import (
     Forecast,
     Method,
@@ -31,7 +30,7 @@ from fmp_drake.experiments.benchmark.built_in import (
     ReplayMethod,
 )
 from fmp_drake.experiments.benchmark.cleaning import clean_board, split_to_learn
-from fmp_drake.experiments.benchmark.report import benchmark_findings
+from fmp_drake.experiments.benchmark.findings import benchmark_findings
 from fmp_drake.experiments.benchmark.run import (
     Job,
     MethodScores,

@@ -8,8 +8,8 @@ from trials_stub import Here
 
 from fmp_drake.apps import reproduce as reproduce_module
 from fmp_drake.errors import ExperimentError
+from fmp_drake.experiments.baselines.gaussian_processes import PeriodicGP
 from fmp_drake.experiments.baselines.method import Method
-from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.benchmark.built_in import (
     FMP,
     MixtureFMP,

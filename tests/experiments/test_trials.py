@@ -22,8 +22,6 @@ from fmp_drake.experiments.trials import (
     TrialStore,
     run_trials,
 )
-from fmp_drake.experiments.trials.pictures import draw_figures, draw_success, interval
-from fmp_drake.experiments.trials.report import TrialsReport
 from fmp_drake.experiments.trials.running import code_version, replay_trial, run_trial
 from fmp_drake.experiments.trials.trial import (
     LEAST_CONTACT,
@@ -33,6 +31,12 @@ from fmp_drake.experiments.trials.trial import (
     is_pushed,
     largest_push,
     misses_by_height,
+)
+from fmp_drake.experiments.trials.trials_report import (
+    TrialsReport,
+    draw_figures,
+    draw_success,
+    interval,
 )
 from fmp_drake.film import scene as film_scene
 from fmp_drake.processes import ClusterWorkers

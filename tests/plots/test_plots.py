@@ -34,9 +34,9 @@ from fmp_drake.plots.learned import (
     draw_component_over_time,
     draw_heatmaps,
     draw_phase,
+    draw_rollout_over_time,
     grid_edges,
 )
-from fmp_drake.plots.played import draw_rollout_over_time
 from fmp_drake.plots.skill_page import draw_skill
 from fmp_drake.plots.style import component_color, series_style
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player

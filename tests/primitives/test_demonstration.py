@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from fmp_drake.errors import DemonstrationError, FmpError, SkillFileError
 from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.data.demonstration import FORMAT
-from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
+from fmp_drake.primitives.data.reading.table import ReadingOptions
 
 
 def example(count=50, rate=20.0, **changes):

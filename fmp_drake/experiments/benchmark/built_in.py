@@ -7,7 +7,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.baselines.delay_gp import DelayGP
+from fmp_drake.experiments.baselines.gaussian_processes import (
+    DelayGP,
+    PeriodicGP,
+    RecordingGP,
+)
 from fmp_drake.experiments.baselines.method import (
     HORIZON,
     PAST,
@@ -20,10 +24,8 @@ from fmp_drake.experiments.baselines.periodic_dmp import (
     AdaptiveOscillatorDMP,
     PeriodicDMP,
 )
-from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.baselines.periodic_kmp import PeriodicKMP
 from fmp_drake.experiments.baselines.promp import AlignedProMP, WindowedProMP
-from fmp_drake.experiments.baselines.recording_gp import RecordingGP
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,

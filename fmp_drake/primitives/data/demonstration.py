@@ -31,8 +31,7 @@ from fmp_drake.primitives.data.orientation import (
 from fmp_drake.primitives.data.reading.arrays import FORMAT, METADATA
 from fmp_drake.primitives.data.reading.columns import recognise_columns
 from fmp_drake.primitives.data.reading.kinds import read_tables
-from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
-from fmp_drake.primitives.data.reading.table import LONGEST_GAP, Table
+from fmp_drake.primitives.data.reading.table import LONGEST_GAP, ReadingOptions, Table
 
 _LEAST_SAMPLES = 4
 _UNIFORM = 1e-3

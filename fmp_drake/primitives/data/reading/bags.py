@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
-from fmp_drake.primitives.data.reading.table import Table, readable
+from fmp_drake.primitives.data.reading.table import ReadingOptions, Table, readable
 
 # Message types that hold the position of a robot, the best first.
 _POSES = (

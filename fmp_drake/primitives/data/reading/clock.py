@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
-from fmp_drake.primitives.data.reading.table import TIMES, counted
+from fmp_drake.primitives.data.reading.table import TIMES, ReadingOptions, counted
 
 # Least time since 1970 in each unit.
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (0.0, "s"))

@@ -16,18 +16,16 @@ from fmp_drake.primitives.data.channels import (
 )
 from fmp_drake.primitives.data.reading.clock import ordered_times
 from fmp_drake.primitives.data.reading.groups import column_groups
-from fmp_drake.primitives.data.reading.reading_options import (
-    ReadingOptions,
-    columns_option,
-    shown_columns,
-)
 from fmp_drake.primitives.data.reading.table import (
     ANGLES,
     LENGTHS,
     LONGEST_GAP,
     TIMES,
+    ReadingOptions,
     Table,
+    columns_option,
     counted,
+    shown_columns,
     standard_unit,
     suffixed_unit,
 )

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
-from fmp_drake.primitives.data.reading.table import Table, standard_unit
+from fmp_drake.primitives.data.reading.table import ReadingOptions, Table, standard_unit
 
 Array = NDArray[np.float64]
 

@@ -10,26 +10,28 @@ from pathlib import Path
 
 from fmp_drake.errors import FmpError, SkillFileError
 from fmp_drake.primitives.data.reading.arrays import (
+    read_excel,
+    read_hdf5,
+    read_json,
     read_lerobot,
+    read_matlab,
     read_npy,
     read_npz_file,
     read_parquet,
 )
 from fmp_drake.primitives.data.reading.bags import read_bag
-from fmp_drake.primitives.data.reading.motion_capture import (
+from fmp_drake.primitives.data.reading.table import (
+    MOST_BYTES,
+    ReadingOptions,
+    Table,
+    check_size,
+)
+from fmp_drake.primitives.data.reading.text import (
     is_vicon,
     read_optitrack,
+    read_text,
     read_vicon,
 )
-from fmp_drake.primitives.data.reading.reading_options import ReadingOptions
-from fmp_drake.primitives.data.reading.structured import (
-    read_excel,
-    read_hdf5,
-    read_json,
-    read_matlab,
-)
-from fmp_drake.primitives.data.reading.table import MOST_BYTES, Table, check_size
-from fmp_drake.primitives.data.reading.text import read_text
 
 # A reader returns one table for each recording in a file.
 _Reader = Callable[[Path, ReadingOptions], list[Table]]

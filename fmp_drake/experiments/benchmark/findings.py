@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import wilcoxon
 
-from fmp_drake.experiments.baselines.delay_gp import DelayGP
+from fmp_drake.experiments.baselines.gaussian_processes import DelayGP, PeriodicGP
 from fmp_drake.experiments.baselines.method import Array
-from fmp_drake.experiments.baselines.periodic_gp import PeriodicGP
 from fmp_drake.experiments.benchmark.built_in import FMP, ReplayMethod
 from fmp_drake.experiments.benchmark.run import STEPS, MethodScores
 from fmp_drake.experiments.benchmark.splits import ALL, CYCLES
