@@ -32,7 +32,7 @@ class BenchOptions:
     task: Task | None = option(
         None, "Movement with which a simulated person guides the arm."
     )
-    duration: float = option(600.0, "End after this time, s.")
+    duration: float = option(600.0, "End after this time, s.", above=0)
     drop: float = option(0.0, "Fraction of messages that are lost.")
     reorder: float = option(0.0, "Fraction of messages that overtake earlier ones.")
     corrupt: float = option(0.0, "Fraction of messages with a bit error.")

@@ -31,6 +31,7 @@ DEMONSTRATION_FLAGS = ("--demonstration", "--demo")
 SKILL_FLAGS = ("--skill-file", "--skill")
 """Names of an option for a skill file."""
 
+_LIMITS = ("above", "least", "most")
 # Greatest number of options in the short help of a command.
 _MOST_OPTIONS = 12
 # Former names of options, with the present ones.
@@ -99,9 +100,11 @@ class Command(click.Command):
         try:
             return super().parse_args(ctx, args)
         except click.NoSuchOption as error:
-            if error.option_name in _FORMER:
-                error.possibilities = [_FORMER[error.option_name]]
-            raise
+            name = error.option_name
+            if name not in _FORMER:
+                raise
+            text = f"there is no option {name}; it is now {_FORMER[name]}."
+            raise click.NoSuchOption(name, text, ctx=ctx) from None
 
     def format_options(
         self, ctx: click.Context, formatter: click.HelpFormatter
@@ -158,7 +161,8 @@ def option(default: Any = MISSING, help: str | None = None, **details: Any) -> A
         Text of ``--help``.
     details
         Other arguments of `GroupedOption`; ``flags`` are the names on the command line if
-        they differ from the name of the field.
+        they differ from the name of the field; ``above``, ``least`` and ``most`` are the
+        limits of a number.
     """
     return field(default=default, metadata={"help": help, **details})
 
@@ -177,6 +181,10 @@ def options(**groups: type) -> Callable[..., Any]:
         def run(**values: Any) -> None:
             for name, group in groups.items():
                 settings = {f.name: values.pop(f.name) for f in fields(group)}
+                for item in fields(group):
+                    limits = {k: v for k, v in item.metadata.items() if k in _LIMITS}
+                    if limits and (value := settings[item.name]) is not None:
+                        check_number(value, item.name, error=FmpError, **limits)
                 values[name] = group(**settings)
             command(**values)
 
@@ -192,7 +200,8 @@ def options(**groups: type) -> Callable[..., Any]:
 
 def _click_option(item: Field[Any], hint: Any, group: str) -> Callable[..., Any]:
     """Return click's option for a field of a dataclass."""
-    details = {k: v for k, v in item.metadata.items() if k != "flags"}
+    others = {"flags", *_LIMITS}
+    details = {k: v for k, v in item.metadata.items() if k not in others}
     is_optional = NoneType in get_args(hint)
     kind = get_args(hint)[0] if is_optional else hint
     parts = get_args(kind) or (kind,)
@@ -307,6 +316,7 @@ class SceneOptions(ScenarioOptions):
     tempo: float | None = option(
         None,
         "Tempo of the movement; 1 is as demonstrated [default: the scenario's].",
+        least=0,
     )
     press_force: float | None = option(
         None, "Normal force on the board, N [default: the scenario's].", basic=False
@@ -324,7 +334,6 @@ class SceneOptions(ScenarioOptions):
         if self.start is not None:
             scenario.start = list(self.start)
         if self.tempo is not None:
-            check_number(self.tempo, "tempo", least=0, error=FmpError)
             scenario.skill.tempo = self.tempo
         if self.press_force is not None:
             scenario.press.force = self.press_force

@@ -17,8 +17,7 @@ from fmp_drake.apps.options import (
     options,
 )
 from fmp_drake.apps.page import make_console, open_page, print_next, show_progress
-from fmp_drake.errors import FmpError, RunError
-from fmp_drake.numeric import check_number
+from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.simulation_loop import advance
@@ -35,8 +34,8 @@ class RecordOptions(ScenarioOptions):
     """Motion, scene, and file to write."""
 
     task: Task = option("wiping", "Movement of the simulated person.")
-    duration: float = option(120.0, "Length of the recording, s.")
-    seed: int = option(0, "Seed of the simulated person.")
+    duration: float = option(120.0, "Length of the recording, s.", above=0)
+    seed: int = option(0, "Seed of the simulated person.", least=0)
     out: Path = option(help="File (.npz or .csv) to write.")
     page: bool = option(False, "Show the recording on a page, in real time.")
     arm: str | None = arm_option(
@@ -61,8 +60,6 @@ def record(to: RecordOptions) -> None:
     console = make_console()
     check_writable(to.out)
     check_ending(to.out)
-    check_number(to.duration, "duration", above=0, unit="s", error=FmpError)
-    check_number(to.seed, "seed", least=0, error=FmpError)
     if to.arm is not None:
         if to.page:
             raise RunError("there is no page with --arm; leave out --page.")

@@ -23,8 +23,7 @@ from fmp_drake.apps.options import (
     options,
 )
 from fmp_drake.apps.page import ended_page, get_ready, make_console, open_page
-from fmp_drake.errors import FmpError, StationError
-from fmp_drake.numeric import check_number
+from fmp_drake.errors import StationError
 from fmp_drake.primitives import save_skill
 from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
@@ -50,7 +49,7 @@ class TeachOptions(ScenarioOptions):
         "Skill (.npz) that the button save writes.",
         flags=SKILL_FLAGS,
     )
-    duration: float | None = option(None, "End after this time, s.")
+    duration: float | None = option(None, "End after this time, s.", above=0)
     arm: str | None = arm_option(
         "Guide an arm by hand, for --duration or until Enter; then it plays the skill."
     )
@@ -74,8 +73,6 @@ def teach(to: TeachOptions) -> None:
     for path in (to.out, to.skill_file):
         check_writable(path)
     check_ending(to.out)
-    if to.duration is not None:
-        check_number(to.duration, "duration", above=0, unit="s", error=FmpError)
     scene = to.load()
     if to.arm is not None:
         config = arm_config(to.arm)

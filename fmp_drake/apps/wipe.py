@@ -36,8 +36,7 @@ from fmp_drake.apps.page import (
 )
 from fmp_drake.apps.run_report import RunFiles, print_report, report_rows
 from fmp_drake.apps.terminal import can_ask
-from fmp_drake.errors import FmpError, RunError, StationError
-from fmp_drake.numeric import check_number
+from fmp_drake.errors import RunError, StationError
 from fmp_drake.runs import MakeRun, StationRun
 from fmp_drake.runs.events import ADVICE
 from fmp_drake.runs.real_time import request_priority
@@ -71,6 +70,7 @@ class PlayOptions:
     duration: float | None = option(
         None,
         "Simulated time, s [default: 60, and longer while the page is open].",
+        above=0,
     )
     sample: bool | None = option(
         None,
@@ -80,13 +80,17 @@ class PlayOptions:
         basic=False,
     )
     seed: int | None = option(
-        None, "Seed of the samples [default: the scenario's, 0].", basic=False
+        None,
+        "Seed of the samples [default: the scenario's, 0].",
+        basic=False,
+        least=0,
     )
     target_realtime_rate: float | None = option(
         None,
         "Simulated seconds per second; 0 is as fast as possible [default: the scenario's, "
         "or 1; headless: 0].",
         basic=False,
+        least=0,
     )
     force: bool = option(False, "Run even if the arm cannot follow the skill.")
 
@@ -94,13 +98,6 @@ class PlayOptions:
     def seconds(self) -> float:
         """Simulated time after which a run without a viewer ends, s."""
         return _DURATION if self.duration is None else self.duration
-
-    def check(self) -> None:
-        """Check the numbers."""
-        check_number(self.seconds, "duration", above=0, unit="s", error=FmpError)
-        for name in ("target_realtime_rate", "seed"):
-            if (value := getattr(self, name)) is not None:
-                check_number(value, name, least=0, error=FmpError)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +175,6 @@ def wipe(
     """Learn a skill from a demonstration and play it: wipe a board, or follow a motion."""
     console = make_console()
     files.check(of_arm=arm.arm is not None)
-    play.check()
     arm.check()
     scenario = scene.load()
     for part in page.hide:

@@ -17,7 +17,6 @@ from fmp_drake.experiments.trials.store import check_parquet
 from fmp_drake.experiments.trials.trial import faults
 from fmp_drake.experiments.trials.trials_report import TrialsReport
 from fmp_drake.film import check_film, film_size
-from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.processes import ClusterWorkers, LocalWorkers, Workers
 
@@ -26,15 +25,18 @@ from fmp_drake.processes import ClusterWorkers, LocalWorkers, Workers
 class TrialsOptions:
     """Trials."""
 
-    count: int = option(100, "Number of trials.")
-    duration: float = option(30.0, "Simulated time of each trial, s.")
-    seed: int = option(0, "Seed of the draws.")
+    count: int = option(100, "Number of trials.", least=1, most=100_000)
+    duration: float = option(30.0, "Simulated time of each trial, s.", above=0)
+    seed: int = option(0, "Seed of the draws.", least=0, most=2**63)
     robot: str | None = option(
         None, "Robot of all trials: its name, or a YAML file [default: SOURCE's]."
     )
     out: Path | None = option(None, "Folder for the trials and the report.")
     jobs: int | None = option(
-        None, "Number of processes on this machine [default: one for each core]."
+        None,
+        "Number of processes on this machine [default: one for each core].",
+        least=1,
+        most=1000,
     )
     cluster: str | None = option(
         None, "Address of a Dask cluster to run on instead, tcp://...", basic=False
@@ -116,13 +118,6 @@ def _run(console: Console, source: str, to: TrialsOptions) -> TrialStore:
     if to.out is None:
         raise FmpError("there is no folder for the trials; give one by --out.")
     jobs = (os.cpu_count() or 1) if to.jobs is None else to.jobs
-    for name, value, least, most in (
-        ("count", to.count, 1, 100_000),
-        ("jobs", jobs, 1, 1000),
-        ("seed", to.seed, 0, 2**63),
-    ):
-        check_number(value, name, least=least, most=most, whole=True, error=FmpError)
-    check_number(to.duration, "duration", above=0, unit="s", error=FmpError)
     spec = TrialSpec.load(source, robot=to.robot)
     workers: Workers = (
         LocalWorkers(jobs) if to.cluster is None else ClusterWorkers(to.cluster)

@@ -18,7 +18,6 @@ from fmp_drake.apps.options import (
     SceneOptions,
     arguments,
 )
-from fmp_drake.errors import FmpError
 from fmp_drake.skills import scenario_skill
 from fmp_drake.station import CheckFeasibility, LoadScenario
 
@@ -75,7 +74,7 @@ def test_short_help_has_twelve_options_and_the_long_one_all(command):
     complete = options_in(command("wipe", "--help-all").out)
     assert 6 <= len(short) <= 12
     assert short < complete
-    assert {"--tempo", "--scenario", "--demo", "--skill"} <= short
+    assert {"--tempo", "--scenario", "--demonstration", "--skill-file"} <= short
     assert {"--video-fps", "--host", "--transform", "--seed"} <= complete - short
 
 
@@ -105,11 +104,12 @@ def test_examples_of_the_help_are_command_lines_that_parse(name):
             command.make_context(name, arguments)
 
 
-def test_tempo_is_that_of_the_scenario_unless_it_is_given():
+def test_tempo_and_force_are_those_of_the_scenario_unless_they_are_given(refused):
     assert SceneOptions().load().skill.tempo == LoadScenario("table_top").skill.tempo
     assert SceneOptions(tempo=0.7).load().skill.tempo == 0.7
-    with pytest.raises(FmpError, match="tempo is -1"):
-        SceneOptions(tempo=-1.0).load()
+    assert SceneOptions(press_force=6.5).load().press.force == 6.5
+    assert "tempo is -1" in refused("check", "--tempo", -1)
+    assert "press.force is 500" in refused("check", "--press-force", 500)
 
 
 def test_a_skill_that_is_too_fast_is_refused_with_a_command_that_works(refused):
