@@ -4,10 +4,12 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import time
 
 import pytest
+from forked import Forked
+
+from fmp_drake.apps.main import main
 
 URL = "udpm://239.255.76.67:7667?ttl=0"
 _PREPARE = "ip link set lo up && ip route add 224.0.0.0/4 dev lo && echo ready && cat"
@@ -56,24 +58,15 @@ class Network:
     def start(self, command, *options, name=None):
         """Start a command of fmp-drake; it writes NAME.log, and a report NAME.json."""
         name = name or command
-        inside = ["nsenter", "-t", str(self._holder.pid), "-n"]
-        program = [sys.executable, "-m", "fmp_drake.apps.main", command]
         report = ["--report", f"{name}.json", "--arm", "arm.yaml"]
-        with (self.folder / f"{name}.log").open("w") as log:
-            process = subprocess.Popen(
-                [*inside, *program, *report, *options],
-                cwd=self.folder,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env={
-                    **os.environ,
-                    "PYTHONUNBUFFERED": "1",
-                    "MPLBACKEND": "Agg",
-                    "DRAKE_ALLOW_NETWORK": "lcm:package_map",
-                },
-            )
-        self._started[name] = process
-        return process
+        self._started[name] = Forked(
+            _run_in_namespace,
+            self._holder.pid,
+            [command, *report, *map(str, options)],
+            output=self.folder / f"{name}.log",
+            folder=self.folder,
+        )
+        return self._started[name]
 
     def wait_for(self, name, begin, *, patience=120.0):
         """Wait until a line of what a command says begins so."""
@@ -93,7 +86,15 @@ class Network:
         return json.loads((self.folder / f"{name}.json").read_text())
 
 
+def _run_in_namespace(pid, arguments):
+    """Run `fmp-drake` in the network namespace of a process."""
+    with open(f"/proc/{pid}/ns/net") as namespace:
+        os.setns(namespace.fileno(), os.CLONE_NEWNET)
+    os.environ["DRAKE_ALLOW_NETWORK"] = "lcm:package_map"
+    main(arguments)
+
+
 needs_network = pytest.mark.skipif(
-    not (shutil.which("unshare") and shutil.which("nsenter") and shutil.which("ip")),
-    reason="unshare, nsenter or ip is not installed",
+    not (shutil.which("unshare") and shutil.which("ip")),
+    reason="unshare or ip is not installed",
 )

@@ -203,7 +203,7 @@ def test_enter_enables_and_stops_an_arm_and_the_page_reports_it(
 def test_after_kill_freeze_and_restart_an_arm_moves_only_when_enabled(tmp_path):
     skill, *_ = scenario_skill(LoadScenario("table_top"), model=ARM_MODEL)
     save_skill(skill, tmp_path / "skill.npz")
-    plays = ("wipe", "--headless", "--go", "--skill", tmp_path / "skill.npz")
+    plays = ("wipe", "--headless", "--force", "--go", "--skill", tmp_path / "skill.npz")
     # Each has its own network, because they wait at the same time.
     names = ("frozen controller", "frozen arm", "killed arm")
     with ExitStack() as stack:
