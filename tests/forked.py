@@ -1,4 +1,4 @@
-"""Processes that are forked from one in which all is imported and compiled.
+"""Processes that are forked from one that has imported the package.
 
 They start in milliseconds; a new Python that imports Drake takes two seconds of a core.
 """
@@ -6,9 +6,6 @@ They start in milliseconds; a new Python that imports Drake takes two seconds of
 import multiprocessing
 import os
 import sys
-from pathlib import Path
-
-import pytest
 
 _context = multiprocessing.get_context("forkserver")
 
@@ -30,10 +27,8 @@ class Forked(_context.Process):
         super().__init__(target=function, args=arguments)
         self._output, self._folder = output, folder
         output.touch()
-        _context.set_forkserver_preload(["warmed"])
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("PYTHONPATH", str(Path(__file__).parent))
-            self.start()
+        _context.set_forkserver_preload(["fmp_drake.apps.arm", "fmp_drake.apps.wipe"])
+        self.start()
 
     def run(self):
         """Run the function, in the new process."""

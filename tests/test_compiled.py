@@ -36,10 +36,9 @@ print(decayed_offset.stats.cache_path)
 """
 
 
-def run(code):
-    return subprocess.run(
-        [sys.executable, "-c", code], check=True, capture_output=True, text=True
-    )
+def run(code, *arguments):
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True)
 
 
 def test_compiled_functions_call_only_those_of_their_folder():
@@ -95,33 +94,59 @@ def test_nothing_is_announced_where_the_cache_holds_it():
     assert "compiling" not in run(USE).stderr
 
 
+# The law waits here for its parts, which it otherwise needs only after some seconds.
+WAIT = """
+import os, time
+from pathlib import Path
+from fmp_drake.systems.impedance.step import impedance_step
+
+def parts():
+    files = Path(impedance_step.stats.cache_path).glob("*.nbi")
+    return sorted(file.name.partition("-")[0] for file in files)
+
+for _ in range(2400):
+    if len(parts()) == 2:
+        break
+    time.sleep(0.05)
+Path(os.environ["PARTS"]).write_text(" ".join(parts()))
+"""
 CONTROLLER = """
 import logging, sys
 logging.basicConfig(level=logging.INFO)
-from fmp_drake.station.warm_up import LawCompilation
+from fmp_drake.station import LoadScenario, MakeStation, warm_up
 from fmp_drake.systems.impedance.step import impedance_step as step
-print(*LawCompilation().progress())
 print(step.stats.cache_path)
-from fmp_drake.station import LoadScenario, MakeStation
-MakeStation(LoadScenario("table_top"), None)
+warm_up._compile_ink = lambda: None
+warm_up._COMPILE_STEP = sys.argv[1] + warm_up._COMPILE_STEP
+print(*warm_up.LawCompilation().progress())
+MakeStation(LoadScenario("stir"), None)
 print(sum(step.stats.cache_hits.values()), sum(step.stats.cache_misses.values()))
 """
 
 
 @pytest.mark.slow
-def test_control_law_compiled_in_another_process_is_found_in_the_cache(
+def test_control_law_and_parts_compiled_in_other_processes_are_found_in_the_cache(
     tmp_path, monkeypatch
 ):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    progress, place, counts = run(CONTROLLER).stdout.splitlines()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("PARTS", str(tmp_path / "parts"))
+    place, progress, counts = run(CONTROLLER, WAIT).stdout.splitlines()
     fractions = [float(fraction) for fraction in progress.split()]
     assert fractions == sorted(fractions)
     assert 0.4 < fractions[-1] <= 2 / 3
     assert Path(place).is_relative_to(tmp_path)
     assert counts == "1 0"
+    # The law uses the parts: each exists for one signature, and what only the parts
+    # call was not needed.
+    parts = ["joints.limited_torque", "law.impedance_law"]
+    assert (tmp_path / "parts").read_text().split() == parts
+    written = [file.name.partition("-")[0] for file in Path(place).glob("*.nbc")]
+    assert "step.impedance_step" in written
+    assert [written.count(part) for part in parts] == [1, 1]
+    assert not {"law.task_modes", "joints.speed_limited"} & set(written)
     # The second time there is nothing to wait for.
-    again = run(CONTROLLER)
-    assert again.stdout.splitlines() == ["", place, "1 0"]
+    again = run(CONTROLLER, WAIT)
+    assert again.stdout.splitlines() == [place, "", "1 0"]
     assert "compiling" not in again.stderr
 
 
@@ -137,28 +162,3 @@ def test_ink_is_ready_also_where_the_law_is_in_the_cache():
     counts = done.stdout.split()
     assert counts
     assert "0" not in counts
-
-
-@pytest.mark.slow
-def test_control_law_uses_the_parts_that_another_process_compiled(
-    tmp_path, monkeypatch
-):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "step"))
-    place = Path(
-        run(
-            "from fmp_drake.systems.impedance.step import impedance_step as s\n"
-            "print(s.stats.cache_path)"
-        ).stdout.strip()
-    )
-    module = "fmp_drake.systems.impedance.compilation"
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "parts"))
-    run(f"from {module} import compile_parts\ncompile_parts({str(place)!r})")
-    parts = {"law.impedance_law", "joints.limited_torque"}
-    assert {file.name.partition("-")[0] for file in place.iterdir()} == parts
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "step"))
-    run(f"from {module} import compile_step\ncompile_step()")
-    written = [file.name.partition("-")[0] for file in place.glob("*.nbc")]
-    assert "step.impedance_step" in written
-    # Each part exists for one signature, and what only the parts call was not needed.
-    assert [written.count(part) for part in parts] == [1, 1]
-    assert not {"law.task_modes", "joints.speed_limited"} & set(written)

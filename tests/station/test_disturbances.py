@@ -15,7 +15,7 @@ from fmp_drake.systems.impedance.controller_status import StatusFlag
 
 pytestmark = pytest.mark.slow
 
-FIRST, APART = 2.5, 3.3
+FIRST, APART, DURATION = 1.5, 2.8, 0.7
 LOGGED = ("measured_position", "desired_position", "disturbance", "status")
 PUSHES = {
     "away from the base": [36.0, 0.0, 0.0],
@@ -35,11 +35,11 @@ def period(bundled_demonstration):
 
 @pytest.fixture(scope="module")
 def pushed(bundled_skill):
-    """A run in which 36 N push for 1 s in five directions, one after the other."""
+    """A run in which 36 N push for 0.7 s in five directions, one after the other."""
     scenario = LoadScenario("table_top")
     scenario.skill.sample = False
     scenario.disturbances = [
-        Disturbance(start=FIRST + APART * i, duration=1.0, force=force)
+        Disturbance(start=FIRST + APART * i, duration=DURATION, force=force)
         for i, force in enumerate(PUSHES.values())
     ]
     run = StationRun(MakeWipingStation(scenario, bundled_skill), *LOGGED)
@@ -63,7 +63,7 @@ def test_arm_is_back_on_its_path_within_a_period(pushed, outside, period, number
     force = pushed.log("disturbance")
     direction = list(PUSHES.values())[number]
     assert np.array_equal(force[round(1e3 * (begin + 0.5))], direction)
-    released = begin + 1.0
+    released = begin + DURATION
     assert not force[round(1e3 * released) + 1].any()
     back = slice(round((released + period) / SELDOM), round((begin + APART) / SELDOM))
     assert not outside[back].any()
@@ -89,9 +89,9 @@ def test_pushes_break_no_limit(pushed):
 
 def test_a_wrist_that_80_N_overload_swings_back_within_its_limits(bundled_skill):
     scenario = LoadScenario("table_top")
-    push = Disturbance(start=2.5, duration=1.0, force=[80 / np.sqrt(3)] * 3)
+    push = Disturbance(start=1.5, duration=1.0, force=[80 / np.sqrt(3)] * 3)
     scenario.disturbances = [push]
-    run = StationRun(MakeWipingStation(scenario, bundled_skill), "status").advance(3.8)
+    run = StationRun(MakeWipingStation(scenario, bundled_skill), "status").advance(2.8)
     flags = run.log("status")[:, 0].astype(int)
     assert np.any(flags & int(StatusFlag.TORQUE_LIMITED))
     check_limits(run)
@@ -99,7 +99,7 @@ def test_a_wrist_that_80_N_overload_swings_back_within_its_limits(bundled_skill)
 
 # A person who leads the arm to a point and keeps it there -----------------------
 
-START, RELEASE = 2.0, 5.5
+START, RELEASE = 1.2, 4.7
 
 GRASP = Disturbance(
     kind="grasp",
