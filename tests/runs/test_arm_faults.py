@@ -57,7 +57,7 @@ def mode(value):
 )
 def test_an_implausible_status_stops_the_arm_in_time(skill, fault, name):
     network = FailingNetwork(skill).begin()
-    reaction = network.react(fault, 400)
+    reaction = network.react(fault, 150)
     assert reaction.stopped_after <= 20
     assert reaction.faults & name
     assert reaction.moved < LARGEST
@@ -83,7 +83,7 @@ def test_an_arm_at_rest_is_not_frozen(skill):
     network = FailingNetwork(skill).advance(200)
     states = np.array(network.states)
     assert np.array_equal(states[-1], states[-50])
-    assert network.begin().run.mode is GateMode.OPEN
+    assert network.begin(500).run.mode is GateMode.OPEN
 
 
 class OtherController:
@@ -107,7 +107,7 @@ def test_an_arm_is_not_enabled_while_another_program_commands_it(skill):
     assert network.run.mode is GateMode.WAITING
     assert network.run.faults is GateFault.OTHER_CONTROLLER
     # An old command of a program that has ended does not count.
-    assert network.advance(200).begin().run.mode is GateMode.OPEN
+    assert network.advance(200).begin(500).run.mode is GateMode.OPEN
 
 
 def test_an_arm_stops_where_another_program_commands_it(skill):
@@ -137,7 +137,7 @@ def moved_by_hand(network, offset):
 
 @pytest.mark.parametrize("joints", [(0, 1, 3), (4, 5, 6)])
 def test_displaced_arm_returns_slowly(skill, joints):
-    network = FailingNetwork(skill).begin()
+    network = FailingNetwork(skill).begin(500)
     network.run.stop()
     network.advance(400)
     offset = np.zeros(7)
@@ -173,7 +173,7 @@ def test_a_slow_arm_is_plausible_and_its_freeze_is_seen(skill, hertz):
     def both(ms, message, earlier):
         return freeze(ms, message, earlier) if ms % stride == 0 else []
 
-    reaction = network.react(Fault(status=both), 400)
+    reaction = network.react(Fault(status=both), 150)
     assert reaction.stopped_after <= 20
     assert reaction.faults & GateFault.FROZEN
     assert reaction.moved < LARGEST

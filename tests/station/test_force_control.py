@@ -40,7 +40,7 @@ def wipe(t):
     )
 
 
-def press_run(*, enabled, height, friction, tilt=5.0, seconds=4.5, lift=np.inf):
+def press_run(*, enabled, height, friction, tilt=5.0, seconds=4.1, lift=np.inf):
     """Return the normal force and the status of every millisecond."""
     builder = DiagramBuilder()
     board = BoardConfig(

@@ -27,7 +27,7 @@ LOGGED = (
     "cleaned_fraction",
 )
 EVERY = 20  # ms
-AMPLITUDE, FREQUENCY = 0.06, 0.15
+AMPLITUDE, FREQUENCY = 0.06, 0.2
 
 
 class WatchedRun(StationRun):
@@ -120,12 +120,12 @@ def assert_told_where_the_board_is(run):
 
 @pytest.fixture(scope="module")
 def moved(bundled_skill):
-    """Seven seconds on a board that slides by 6 cm to both sides along y."""
+    """Five seconds on a board that slides by 6 cm to both sides along y."""
     scenario = LoadScenario("moving_board")
     scenario.board.motion = BoardMotion(
         axis=[0.0, 2.0, 0.0], amplitude=AMPLITUDE, frequency=FREQUENCY
     )
-    return WatchedRun(scenario, bundled_skill).advance(7.0)
+    return WatchedRun(scenario, bundled_skill).advance(5.0)
 
 
 def wanted_shift(run):
@@ -234,12 +234,12 @@ def test_without_an_error_the_assumed_board_is_the_real_one():
 def test_force_is_kept_on_a_board_at_the_wrong_height(bundled_skill):
     scenario = LoadScenario("wrong_height")
     assert scenario.board.error.translation[2] >= 0.01
-    run = WatchedRun(scenario, bundled_skill).advance(5.0)
+    run = WatchedRun(scenario, bundled_skill).advance(3.5)
     assert_pressed(run)
     check_limits(run)
     settled = run.log("normal_force")[300:, 0]
     assert np.mean(settled) == pytest.approx(10.0, abs=1.0)
-    flags = run.log("status")[3000:, 0].astype(int)
+    flags = run.log("status")[2000:, 0].astype(int)
     assert np.all(flags & int(StatusFlag.FORCE_CONTROL))
     # What is wiped is the real board, 1 cm above the assumed one.
     assert np.mean(run.watched("measured_position")[150:, 2]) > 0.007

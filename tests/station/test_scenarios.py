@@ -16,14 +16,14 @@ from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 
 pytestmark = pytest.mark.slow
 
-SECONDS, APART = 8.0, 2.0
+SECONDS, APART = 6.6, 1.5
 
 
 def metrics_of(name):
     """Return the metrics of a run as `fmp-drake wipe --headless` simulates it.
 
-    Past a re-mapping at any tempo, and until two seconds after the last disturbance.
-    Between them are two seconds, too, less than in the scenarios.
+    Past a re-mapping at any tempo, and until 1.5 s after the last disturbance.
+    Between them are 1.5 s, too, less than in the scenarios.
     """
     scenario = LoadScenario(name)
     skill, demonstrations, _ = scenario_skill(scenario)

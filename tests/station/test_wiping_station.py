@@ -1,6 +1,6 @@
 """Facts about the whiteboard station: what a user would measure on the robot.
 
-Thirteen seconds of wiping and seven from outside are simulated once, and looked at from
+Ten seconds of wiping and six from outside are simulated once, and looked at from
 many sides.
 """
 
@@ -64,7 +64,7 @@ SYSTEMS = {
 FOOTPRINT = (0.12, 0.05)
 # The tempo comes up at first, which takes 0.15 s of the first window.
 REMAP_TIMES = (5.05, 9.95)
-REMAPS, SECONDS = len(REMAP_TIMES), 13.0
+REMAPS, SECONDS = len(REMAP_TIMES), 10.5
 ARRIVED = 4.0
 FOLLOWED = (
     "desired_position",
@@ -105,12 +105,12 @@ def outside(bundled_demonstration):
 
 @pytest.fixture(scope="module")
 def from_outside(bundled_skill, outside):
-    """Simulate seven seconds from outside, and keep the context just before three."""
+    """Simulate six seconds from outside, and keep the context just before three."""
     station = make_station(bundled_skill, start=outside)
     run = StationRun(station, *FOLLOWED, "measured_velocity", "normal_force")
     run.advance(2.9995)
     run.before_three = run.simulator.get_context().Clone()
-    return run.advance(7.0)
+    return run.advance(6.0)
 
 
 @pytest.fixture(params=["wiped", "from_outside"])
@@ -210,7 +210,7 @@ def test_actuation_is_torque_plus_gravity(from_outside):
     AddRobot(arm, LoadRobot("panda"))
     arm.Finalize()
     context = arm.CreateDefaultContext()
-    for k in (0, 3000, 7000):
+    for k in (0, 3000, 6000):
         arm.SetPositions(context, from_outside.log("state")[k, :7])
         assert_allclose(
             gravity[k], -arm.CalcGravityGeneralizedForces(context), atol=1e-9
@@ -356,10 +356,10 @@ def test_push_moves_the_arm_and_it_returns(from_outside, force):
     push(run, force)
     run.advance(3.5)
     push(run, None)
-    run.advance(4.5)
+    run.advance(4.3)
     moved = (
-        run.log("measured_position")[:4501]
-        - from_outside.log("measured_position")[:4501]
+        run.log("measured_position")[:4301]
+        - from_outside.log("measured_position")[:4301]
     )
     assert_array_equal(moved[:3000], 0.0)
     along = moved @ np.array(force) / 20
@@ -368,7 +368,7 @@ def test_push_moves_the_arm_and_it_returns(from_outside, force):
     assert np.max(np.linalg.norm(moved[4000:], axis=1)) < 0.001
     # The skill is not a spring to a point in time: what is desired is as before.
     assert_allclose(
-        run.log("desired_position"), from_outside.log("desired_position")[:4501]
+        run.log("desired_position"), from_outside.log("desired_position")[:4301]
     )
     check_limits(run)
 
