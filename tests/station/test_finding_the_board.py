@@ -85,7 +85,7 @@ def test_a_person_who_lifts_the_eraser_is_soon_forgotten(
 def test_eraser_pushed_off_the_board_returns_to_it(wiping_skill):
     """The push is more than the arm can hold; before, it hooked behind the frame."""
     push = [-80.0, 0.0, 0.0]
-    run, force, status = wiped(wiping_skill, 4.5, name="vertical", push=push)
+    run, force, _ = wiped(wiping_skill, 4.5, name="vertical", push=push)
     x, _, z = run.log("measured_position").T
     assert x.min() < -0.3  # The board ends at -0.25 m.
     assert z.min() > -0.01
