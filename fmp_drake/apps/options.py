@@ -34,18 +34,15 @@ SKILL_FLAGS = ("--skill-file", "--skill")
 _LIMITS = ("above", "least", "most")
 # Greatest number of options in the short help of a command.
 _MOST_OPTIONS = 12
-# Former names of options, with the present ones.
+# Former names of options, which still work, with the present ones.
 _FORMER = {
     "--components": "--n-components",
     "--demos": "--folder",
-    "--from": "--start-time",
     "--hand": "--task",
-    "--minutes": "--duration (in seconds)",
     "--no-torque": "--dry",
     "--page": "--markdown",
     "--rate": "--target-realtime-rate",
     "--seconds": "--duration",
-    "--to": "--end-time",
     "--with": "--extra",
 }
 
@@ -96,15 +93,15 @@ class Command(click.Command):
             self.params.append(show_all)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse arguments; an error about a former option states its present name."""
-        try:
-            return super().parse_args(ctx, args)
-        except click.NoSuchOption as error:
-            name = error.option_name
-            if name not in _FORMER:
-                raise
-            text = f"there is no option {name}; it is now {_FORMER[name]}."
-            raise click.NoSuchOption(name, text, ctx=ctx) from None
+        """Parse arguments, with the present names in place of former ones."""
+        names = {name for parameter in self.params for name in parameter.opts}
+        renamed = []
+        for arg in args:
+            name, equals, value = arg.partition("=")
+            present = _FORMER.get(name)
+            is_former = name not in names and present in names
+            renamed.append(f"{present}{equals}{value}" if is_former else arg)
+        return super().parse_args(ctx, renamed)
 
     def format_options(
         self, ctx: click.Context, formatter: click.HelpFormatter
@@ -387,8 +384,12 @@ class LearningOptions:
 class RhythmOptions:
     """Part and period of recordings."""
 
-    start_time: float | None = option(None, "Start of the part to learn from, s.")
-    end_time: float | None = option(None, "End of the part to learn from, s.")
+    start_time: float | None = option(
+        None, "Start of the part to learn from, s.", flags=("--start-time", "--from")
+    )
+    end_time: float | None = option(
+        None, "End of the part to learn from, s.", flags=("--end-time", "--to")
+    )
     period: float | None = option(
         None, "Duration of a cycle, s [default: from the recording]."
     )

@@ -1,7 +1,7 @@
 """`fmp-drake record`."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import click
@@ -35,6 +35,7 @@ class RecordOptions(ScenarioOptions):
 
     task: Task = option("wiping", "Movement of the simulated person.")
     duration: float = option(120.0, "Length of the recording, s.", above=0)
+    minutes: float | None = option(None, "Former --duration, in minutes.", hidden=True)
     seed: int = option(0, "Seed of the simulated person.", least=0)
     out: Path = option(help="File (.npz or .csv) to write.")
     page: bool = option(False, "Show the recording on a page, in real time.")
@@ -58,6 +59,8 @@ def record(to: RecordOptions) -> None:
     With --arm a person guides a real arm.
     """
     console = make_console()
+    if to.minutes is not None:
+        to = replace(to, duration=60 * to.minutes, minutes=None)
     check_writable(to.out)
     check_ending(to.out)
     if to.arm is not None:

@@ -3,6 +3,7 @@
 import inspect
 from dataclasses import fields
 from functools import reduce
+from pathlib import Path
 from typing import NamedTuple
 
 import click
@@ -11,7 +12,6 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.apps.commands import app
-from fmp_drake.apps.options import _FORMER
 from fmp_drake.experiments.benchmark import run_benchmark
 from fmp_drake.experiments.benchmark.cleaning import run_cleaning
 from fmp_drake.experiments.trials import TrialSpec, run_trials
@@ -130,7 +130,7 @@ def option_names():
     with click.Context(app) as context:
         for command in app.list_commands(context):
             for parameter in app.get_command(context, command).params:
-                if isinstance(parameter, click.Option):
+                if isinstance(parameter, click.Option) and not parameter.hidden:
                     name = parameter.opts[0].removeprefix("--").replace("-", "_")
                     names.setdefault(name.removeprefix(PREFIX), command)
     return names
@@ -168,9 +168,21 @@ def test_parts_that_can_be_hidden_and_gates_have_the_names_of_yaml():
     assert LcmPanda().gate.dry is False
 
 
-@pytest.mark.parametrize("former", _FORMER)
-def test_a_former_option_is_refused_with_its_present_name(refused, former):
-    assert _FORMER[former] in refused("wipe", former, 1)
+@pytest.mark.parametrize(
+    ("arguments", "parameter", "value"),
+    [
+        (["worlds", "default", "--seconds", "3"], "duration", 3.0),
+        (["worlds", "default", "--page=a.md"], "markdown", Path("a.md")),
+        (["wipe", "--components", "4"], "n_components", 4),
+        (["learn", "a.npz", "--out", "b.npz", "--from", "1.5"], "start_time", 1.5),
+        (["record", "--hand", "eight", "--out", "a.npz"], "task", "eight"),
+    ],
+)
+def test_a_former_option_still_works(arguments, parameter, value):
+    name, *others = arguments
+    with click.Context(app) as context:
+        command = app.get_command(context, name)
+        assert command.make_context(name, others).params[parameter] == value
 
 
 def test_a_key_of_yaml_with_another_name_is_refused_with_the_right_one(
