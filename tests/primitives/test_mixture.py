@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from fmp_drake.errors import SkillError
 from fmp_drake.primitives import FourierBasis
 from fmp_drake.primitives.model import mixture
-from fmp_drake.primitives.model.mixture import fit_mixture, log_densities
+from fmp_drake.primitives.model.mixture import fit_mixture
 
 OPTIONS = {
     "n_components": 1,
@@ -111,7 +110,7 @@ def test_log_density_is_that_of_9_up_to_the_change_of_weights(
     noise = skill.components_[0].noise
     of_paper = paper_mixture(skill)
     y = skill.sample(5, seed=2)
-    ours = log_densities(skill.basis.analyze(y), skill.proportions_, skill.components_)
+    ours = skill.score_samples(y)
     # The paper's weights: n directions longer by sqrt(T), and n more that are zero
     # and have the variance T * noise of the regulariser.
     constant = 0.5 * n * (np.log(t) + np.log(2 * np.pi * t * noise))
@@ -119,12 +118,6 @@ def test_log_density_is_that_of_9_up_to_the_change_of_weights(
         w = dense_paper.weights_of(window)
         theirs = dense_paper.mixture_log_density(w, *of_paper)
         assert value == pytest.approx(theirs + constant, rel=1e-7)
-
-
-def test_one_proportion_is_needed_per_component():
-    _, components = fit_mixture(clusters(), **{**OPTIONS, "n_components": 3})
-    with pytest.raises(SkillError, match="2 proportions for 3 components"):
-        log_densities(clusters(), np.array([0.5, 0.5]), components)
 
 
 # Principal directions -------------------------------------------------------

@@ -188,21 +188,6 @@ def learn_continuation(
     return play
 
 
-def log_densities(
-    weights: NDArray[np.float64],
-    proportions: NDArray[np.float64],
-    components: tuple[LowRankGaussian, ...],
-) -> NDArray[np.float64]:
-    """Return the log density of the mixture (9) at weights (N, n), shape (N,)."""
-    if len(proportions) != len(components):
-        raise SkillError(
-            f"{len(proportions)} proportions for {len(components)} components."
-        )
-    logs = np.stack([c.log_density(weights) for c in components], axis=-1)
-    out: NDArray[np.float64] = logsumexp(logs + np.log(proportions), axis=-1)
-    return out
-
-
 def _principal_directions(
     centred: NDArray[np.float64], explained_variance: float
 ) -> tuple[NDArray[np.float64], float]:

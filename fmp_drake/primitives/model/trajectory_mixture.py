@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import logsumexp
 from sklearn.base import BaseEstimator, DensityMixin
 from sklearn.utils.validation import check_is_fitted
 
@@ -22,7 +23,6 @@ from fmp_drake.primitives.model.mapping import (
     Mapping,
     MappingPlan,
 )
-from fmp_drake.primitives.model.mixture import log_densities
 from fmp_drake.primitives.model.phase.calibration import Calibration, variance_factor
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.primitives.model.prediction import (
@@ -95,7 +95,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         """
         self.check_fitted()
         weights = self.analyze(self._windows(X, at_least=1).values)
-        out = log_densities(weights, self.proportions_, self.components_)
+        logs = np.stack([c.log_density(weights) for c in self.components_], axis=-1)
+        out = logsumexp(logs + np.log(self.proportions_), axis=-1)
         calibration = self.calibration_
         if calibration is not None and calibration.background > 0:
             background = self._cache.get(
@@ -305,11 +306,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             self.observation_rows(steps, channels=index)
             for index in (observed_channels, inferred_channels)
         ]
-        parts = [c.marginal(np.concatenate(rows)) for c in self.components_]
-        conditioning = Conditioning(
-            self.proportions_,
-            np.stack([mean for mean, _ in parts]),
-            np.stack([covariance for _, covariance in parts]),
+        conditioning = self.conditioning(
+            np.concatenate(rows),
             noise=np.tile(self._tolerances()[observed_channels], span),
             channels=len(inferred_channels),
         )
@@ -331,6 +329,15 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             covariances *= variance_factor(max(self.phase_model_.cycles, 1))
         degrees = None if self.calibration_ is None else self.calibration_.degrees
         return Prediction(values=mean, covariances=covariances, degrees=degrees)
+
+    def conditioning(self, rows: NDArray[np.float64], **options: Any) -> Conditioning:
+        """Return the distribution of values, rows of `observation_rows`, given the first.
+
+        Options are the noise and the channels of `Conditioning`, and its spread.
+        """
+        parts = [c.marginal(rows) for c in self.components_]
+        means, covariances = map(np.stack, zip(*parts, strict=True))
+        return Conditioning(self.proportions_, means, covariances, **options)
 
     def observation_rows(
         self,
@@ -566,11 +573,8 @@ class PredictionPlan:
         if calibration is not None:
             calibration = calibration.at(horizon)
         rows = skill.observation_rows(np.arange(k + horizon))
-        parts = [component.marginal(rows) for component in skill.components_]
-        self._conditioning = Conditioning(
-            skill.proportions_,
-            np.stack([mean for mean, _ in parts]),
-            np.stack([covariance for _, covariance in parts]),
+        self._conditioning = skill.conditioning(
+            rows,
             noise=np.tile(skill.tolerance * skill.scales_**2, k),
             channels=d,
             spread=None if calibration is None else calibration.factors,
