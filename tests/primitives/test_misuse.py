@@ -88,6 +88,11 @@ WRONG = {
     ),
     "no skill file": (lambda: load_skill("/nowhere.npz"), "there is no skill file"),
     "rhythm of an array": (lambda: find_rhythm(CIRCLES), "find_rhythm needs a Demo"),
+    "rhythm of nothing": (lambda: find_rhythm([]), "there is no demonstration"),
+    "rhythm of other channels": (
+        lambda: find_rhythm([recording(), recording(values=CIRCLES[:, :2])]),
+        r"demonstration 1 has the channels x, y; the first has x, y, z",
+    ),
     "learned arrays": (lambda: learn_skill([CIRCLES]), "learn_skill needs a Demo"),
     "learned nothing": (lambda: learn_skill([]), "there is no demonstration"),
 }

@@ -38,7 +38,7 @@ from fmp_drake.primitives.model.phase.phase_model import (
     fit_phase_model,
 )
 from fmp_drake.primitives.model.phase.rhythm import Rhythm
-from fmp_drake.primitives.model.phase.search import Found, search_rhythm
+from fmp_drake.primitives.model.phase.search import TrackedRhythm, search_rhythm
 from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
 
 ModelChoice = Literal["mixture", "phase", "automatic"]
@@ -291,10 +291,10 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.rotation_reference_ = example.rotation_reference if example else None
         self.scales_ = channel_scales(self.scales, samples, self.units_)
         with one_blas_thread():
-            rhythm = self._found(recordings, counts, period, progress)
-            if rhythm is not None and self._fits(rhythm, are_windows=example is None):
+            tracked = self._tracked_rhythm(recordings, counts, period, progress)
+            if tracked is not None and self._fits(tracked, are_windows=example is None):
                 self._learn_phase(
-                    rhythm, start_time or 0.0, are_windows=example is None
+                    tracked, start_time or 0.0, are_windows=example is None
                 )
             else:
                 self._learn_mixture(X, weights, progress)
@@ -304,16 +304,16 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
     def _learn_phase(
         self,
-        found: Found,
+        tracked: TrackedRhythm,
         start: float,
         *,
         are_windows: bool,
     ) -> None:
         """Learn the phase model of a rhythm."""
         self.model_: Literal["phase", "mixture"] = "phase"
-        self.rhythm_: Rhythm | None = found.rhythm.shifted(start)
+        self.rhythm_: Rhythm | None = tracked.rhythm.shifted(start)
         if not are_windows:
-            self.n_steps_ = self._steps_for(found)
+            self.n_steps_ = self._steps_for(tracked)
         given_steps = self._given_steps
         if given_steps is not None and self.n_steps < given_steps:
             self.model_reason_ += (
@@ -322,17 +322,17 @@ class FourierMovementPrimitive(TrajectoryMixture):
             )
         most = self.n_components
         self.phase_model_, self.components_, self.calibration_ = fit_phase_model(
-            found.track,
+            tracked.track,
             n_steps=self.n_steps,
             reference_step=self.overlap,
             most_components=MOST_COMPONENTS if isinstance(most, str) else most,
         )
         has_few_cycles = self.calibration_.weight < 1
-        self.memory_ = tuple(found.recordings) if has_few_cycles else ()
+        self.memory_ = tuple(tracked.recordings) if has_few_cycles else ()
         m = len(self.components_)
         self.proportions_ = np.full(m, 1 / m)
         # Parts that are left out must not be played.
-        bouts = [y * self.scales_ for y in found.track.recordings]
+        bouts = [y * self.scales_ for y in tracked.track.recordings]
         self.extent_ = extent_of(bouts)
         self.paths_ = () if are_windows else tuple(bouts)
         self.n_windows_ = sum(
@@ -406,13 +406,13 @@ class FourierMovementPrimitive(TrajectoryMixture):
             "seed": self.random_state,
         }
 
-    def _found(
+    def _tracked_rhythm(
         self,
         recordings: Sequence[NDArray[np.float64]],
         counts: NDArray[np.float64] | None,
         period: float | None,
         progress: Progress | None,
-    ) -> Found | None:
+    ) -> TrackedRhythm | None:
         """Choose the model: return the rhythm to learn, None for the mixture."""
         if self.model == "mixture":
             self.model_reason_ = "it was asked for"
@@ -449,9 +449,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         )
         return result
 
-    def _fits(self, found: Found, *, are_windows: bool) -> bool:
+    def _fits(self, tracked: TrackedRhythm, *, are_windows: bool) -> bool:
         """Return whether the phase model has few enough values to be learned."""
-        steps = self.n_steps if are_windows else self._steps_for(found)
+        steps = self.n_steps if are_windows else self._steps_for(tracked)
         if (count := steps * self.n_channels_) <= _MOST_VALUES:
             return True
         self.model_reason_ = (
@@ -520,14 +520,14 @@ class FourierMovementPrimitive(TrajectoryMixture):
         """Greatest window that is chosen without need, samples."""
         return _at_least(_DEFAULT_STEPS, _DEFAULT_WINDOW, self.rate)
 
-    def _steps_for(self, found: Found) -> int:
+    def _steps_for(self, tracked: TrackedRhythm) -> int:
         """Return the samples in a window for a rhythm, within what can be learned."""
-        longest = max(map(len, found.track.recordings))
+        longest = max(map(len, tracked.track.recordings))
         if self._given_steps is not None:
             return min(self._given_steps, max(longest, 4 * self.overlap))
         values = max(_DEFAULT_STEPS, _MOST_VALUES // self.n_channels_)
         most = min(self._most_steps, values, longest)
-        period = found.rhythm.period * self.rate
+        period = tracked.rhythm.period * self.rate
         nominal = min(_PERIODS * period, float(most))
         return max(round(max(nominal, _LEAST_PERIODS * period)), 4 * self.overlap)
 

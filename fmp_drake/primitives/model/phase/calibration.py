@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,18 +103,12 @@ class Calibration:
     def at(self, horizon: int) -> "Calibration":
         """Return the calibration of the next samples, up to a horizon."""
         steps = np.arange(1, horizon + 1, dtype=float)
-
-        def later(values: Array) -> Array:
-            return _interpolated(steps, self.ahead, values)
-
-        return replace(
-            self,
-            ahead=steps,
-            factors=later(self.factors),
-            errors=later(self.errors),
-            changes=later(self.changes),
-            played=None if self.played is None else later(self.played),
-        )
+        interpolated: dict[str, Any] = {
+            name: _interpolated(steps, self.ahead, values)
+            for name in ("factors", "errors", "changes", "played")
+            if (values := getattr(self, name)) is not None
+        }
+        return replace(self, ahead=steps, **interpolated)
 
     def played_at(self, ahead: float) -> Array:
         """Return `played` (D, D) any time ahead, in samples; 0 for what is observed."""
@@ -543,19 +537,20 @@ def _known(
     steps: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
     """Return which windows pass only phases that the rest contains."""
-    bins = 48
-    is_covered = np.zeros(bins, dtype=bool)
-    reach = round(_PHASE_REACH / (2 * np.pi) * bins)
-    occupied = np.floor(
-        np.mod(np.concatenate(rest.phases), 2 * np.pi) / (2 * np.pi) * bins
-    ).astype(int)
+    count = 48
+
+    def bins(phase: Array) -> NDArray[np.int64]:
+        turns = np.mod(phase, 2 * np.pi) / (2 * np.pi)
+        return np.floor(turns * count).astype(int) % count
+
+    reach = round(_PHASE_REACH / (2 * np.pi) * count)
+    is_covered = np.zeros(count, dtype=bool)
     for shift in range(-reach, reach + 1):
-        is_covered[(occupied + shift) % bins] = True
+        is_covered[(bins(np.concatenate(rest.phases)) + shift) % count] = True
     out = []
     for phase, (_, first) in zip(phases, windows, strict=True):
         at = np.minimum(first[:, None] + steps, len(phase) - 1)
-        places = np.floor(np.mod(phase[at], 2 * np.pi) / (2 * np.pi) * bins).astype(int)
-        out.append(is_covered[places % bins].all(axis=1))
+        out.append(is_covered[bins(phase[at])].all(axis=1))
     return np.concatenate(out)
 
 

@@ -54,7 +54,7 @@ def autocorrelation(
     """
     from scipy.signal import detrend  # Slow to import.
 
-    above, first, second = np.zeros((3, longest + 1))
+    sums, earlier, later = np.zeros((3, longest + 1))
     for recording in recordings:
         n = len(recording)
         y = detrend(recording, axis=0)
@@ -63,11 +63,11 @@ def autocorrelation(
         products = np.fft.irfft(power.sum(axis=1), size)
         energy = np.concatenate([[0.0], np.cumsum(np.sum(y**2, axis=1))])
         lags = np.arange(min(longest, n - 1) + 1)
-        above[lags] += products[lags]
-        first[lags] += energy[n - lags]
-        second[lags] += energy[n] - energy[lags]
-    norm = np.sqrt(first * second)
-    return np.where(norm > 1e-12 * norm[0], above, 0) / np.where(norm > 0, norm, 1.0)
+        sums[lags] += products[lags]
+        earlier[lags] += energy[n - lags]
+        later[lags] += energy[n] - energy[lags]
+    norm = np.sqrt(earlier * later)
+    return np.where(norm > 1e-12 * norm[0], sums, 0) / np.where(norm > 0, norm, 1.0)
 
 
 def fundamental_period(recordings: Sequence[NDArray[np.float64]]) -> float:
@@ -105,13 +105,13 @@ def possible_periods(recordings: Sequence[NDArray[np.float64]]) -> list[float]:
     period, longest = _fundamental(r), len(r) - 2
     inner = np.arange(1, longest + 1)
     peaks = inner[(r[1:-1] > r[:-2]) & (r[1:-1] >= r[2:]) & (r[1:-1] > 0)]
-    first = [parabola_top(r, int(top)) for top in peaks[:_FIRST_PEAKS]]
-    found = [period]
-    for other in sorted([*first, period / 3, period / 2, 2 * period, 3 * period]):
-        different = all(abs(other - p) > 0.05 * p for p in found)
-        if different and _SHORTEST_LAG <= other <= longest:
-            found.append(other)
-    return found
+    first_peaks = [parabola_top(r, int(top)) for top in peaks[:_FIRST_PEAKS]]
+    periods = [period]
+    for other in sorted([*first_peaks, period / 3, period / 2, 2 * period, 3 * period]):
+        is_new = all(abs(other - p) > 0.05 * p for p in periods)
+        if is_new and _SHORTEST_LAG <= other <= longest:
+            periods.append(other)
+    return periods
 
 
 def _correlated(recordings: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -141,15 +141,15 @@ def _fundamental(r: NDArray[np.float64]) -> float:
             f"no period from {_SHORTEST:g} to {longest} samples was found (the best "
             f"correlates with {best:.2f}); record at least two full cycles."
         )
-    first = int(peaks[np.argmax(r[peaks] >= _ALMOST * r[peaks].max())])
-    period = parabola_top(r, first)
+    fundamental = int(peaks[np.argmax(r[peaks] >= _ALMOST * r[peaks].max())])
+    period = parabola_top(r, fundamental)
     for k in range(2, _MOST_PERIODS + 1):
         lag = k * period
         low, high = int(lag - period / 4), int(np.ceil(lag + period / 4))
         if high > longest:
             break
         top = low + int(np.argmax(r[low : high + 1]))
-        if top in (low, high) or r[top] < 0.7 * r[first]:
+        if top in (low, high) or r[top] < 0.7 * r[fundamental]:
             break
         period = parabola_top(r, top) / k
     return period

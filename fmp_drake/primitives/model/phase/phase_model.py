@@ -121,23 +121,24 @@ class PhaseModel:
             and the new residual.
         """
         velocity, process = self.velocity, self.residual.process
-        of_velocity = len(velocity.process.coefficients) + count - 1
-        of_residual = len(process.coefficients) + count
+        n_velocity = len(velocity.process.coefficients) + count - 1
+        n_residual = len(process.coefficients) + count
         d = self.cycle.coefficients.shape[1]
         # One draw, so that the first sample does not depend on their number.
-        normals = rng.standard_normal((size, 1 + of_velocity + of_residual * d))
-        place, normals = normals[:, :1], normals[:, 1:]
-        of_v = normals[:, of_velocity:].reshape(size, of_residual, d)
-        normals = normals[:, :of_velocity]
+        normals = rng.standard_normal((size, 1 + n_velocity + n_residual * d))
+        uniform, normals = normals[:, :1], normals[:, 1:]
+        draws = normals[:, n_velocity:].reshape(size, n_residual, d)
+        normals = normals[:, :n_velocity]
         if past is not None:
             known = len(past)
             return self._continued(
-                past, component, normals[:, known - 1 :], of_v[:, known:]
+                past, component, normals[:, known - 1 :], draws[:, known:]
             )
         path = velocity.sample(normals, reference_step=self.reference_step)
         width = self.grid.cell_widths[component]
-        path += self.grid.phases[component] + width * (ndtr(place) - 0.5)
-        return self.cycle.values(path), self.residual.values(path, process.sample(of_v))
+        path += self.grid.phases[component] + width * (ndtr(uniform) - 0.5)
+        v = process.sample(draws)
+        return self.cycle.values(path), self.residual.values(path, v)
 
     def expected(self, component: int, count: int, *, past: Array) -> Array:
         """Return the window (count, D) that continues its first samples (K, D).
@@ -148,20 +149,20 @@ class PhaseModel:
         later = count - len(past)
         d = self.cycle.coefficients.shape[1]
         normals = np.zeros((1, len(self.velocity.process.coefficients) + later))
-        of_v = np.zeros((1, len(self.residual.process.coefficients) + later, d))
-        return self._continued(past, component, normals, of_v)[0][0]
+        draws = np.zeros((1, len(self.residual.process.coefficients) + later, d))
+        return self._continued(past, component, normals, draws)[0][0]
 
     def _continued(
-        self, past: Array, component: int, normals: Array, of_v: Array
+        self, past: Array, component: int, normals: Array, draws: Array
     ) -> tuple[Array, Array]:
         """Return windows from normals of the velocity and of v; see `draw`."""
         start = self._past_phase(past, component)
         path = self.velocity.continued(normals, start)
         size, known = len(path), len(past)
-        kept = np.zeros((1 + size, *past.shape))
-        kept[0] = self.residual.standardised(start, past - self.cycle.values(start))
+        past_v = np.zeros((1 + size, *past.shape))
+        past_v[0] = self.residual.standardised(start, past - self.cycle.values(start))
         v = self.residual.process.sample(
-            np.concatenate([np.zeros_like(of_v[:1]), of_v]), past=kept
+            np.concatenate([np.zeros_like(draws[:1]), draws]), past=past_v
         )
         centre = self.cycle.values(path)
         deviation = np.zeros_like(centre)
@@ -181,12 +182,12 @@ class PhaseModel:
         path = self.grid.phases[component] + self.velocity.mean * steps
         along = self.cycle.values(path, 1)
         noise = self.velocity.phase_noise(k) + _PHASE_DEVIATION**2
-        moved = noise[:, :, None] * along
+        cross = noise[:, :, None] * along
         v = self.residual.process.covariance(np.arange(k))
         covariance = self.residual.shaped_covariance(path, v) + _NOISE * np.eye(k * d)
-        covariance += (along[:, :, None, None] * moved[:, None]).reshape(k * d, k * d)
+        covariance += (along[:, :, None, None] * cross[:, None]).reshape(k * d, k * d)
         error = (past - self.cycle.values(path)).ravel()
-        out: Array = path + moved.reshape(k, k * d) @ np.linalg.solve(covariance, error)
+        out: Array = path + cross.reshape(k, k * d) @ np.linalg.solve(covariance, error)
         return out
 
     def transformed(self, matrix: Array, offset: Array) -> "PhaseModel":

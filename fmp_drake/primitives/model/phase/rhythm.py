@@ -1,4 +1,4 @@
-"""Rhythmic parts of recordings, and parts of other movements."""
+"""Segmentation of recordings into rhythmic bouts and other parts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,35 +19,36 @@ from fmp_drake.primitives.model.phase.period import (
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Speed that counts as rest, relative to its root mean square, and the factor by which a rest
-# must be longer than those that every cycle has.
+# Speed at rest relative to its root mean square. A rest is longer by the factor than the
+# median where each cycle contains one.
 _REST_SPEED, _REST_FACTOR = 0.08, 1.7
 # Lags, in periods, at which neighbouring cycles are compared.
 _LAGS = (0.8, 0.9, 1.0, 1.12, 1.25)
-# Bounds of the distance to another cycle, in sizes of the movement, and the limit relative to
-# the distance that nearly all samples of similar cycles keep.
+# Limit of the distance to another cycle: bounds in sizes of the movement, and factor of the
+# quantile over samples of similar cycles.
 _TUBE_BOUNDS, _TUBE_FACTOR, _TUBE_QUANTILE = (0.12, 0.5), 2.0, 0.9
-# Standard deviation beside the cycle that is always granted, in sizes of the movement.
+# Least standard deviation from the cycle that is assumed, in sizes of the movement.
 _LEAST_DEVIATION = 0.03
-# Quantile of the distances from the cycle that gives their limit, times a factor; a part is
-# left out only where it goes farther than the limit by another factor.
+# Limit of the distance from the cycle: quantile and factor. A part is left out where its
+# distance exceeds the limit by a further factor.
 _LIMIT_QUANTILE, _LIMIT_FACTOR, _EXIT_FACTOR = 0.9, 1.5, 2.0
-# Phase velocities that count as rest, and as nearly at rest, relative to the mean; and the
-# squared velocity of the cycle, relative to its mean, below which they are not judged.
+# Phase velocities at rest and nearly at rest, relative to the mean. They are not evaluated
+# where the squared velocity of the cycle, relative to its mean, is below the last value.
 _REST_VELOCITY, _SLOW_VELOCITY, _LEAST_SQUARED_VELOCITY = 0.3, 0.6, 0.1
-# Cycles with a middle that has no counterpart before or after it.
+# Number of cycles up to which samples in the middle do not recur.
 _FEW_CYCLES = 2.1
 # Shortest bout, gap, rest and part that is left out, in periods.
 _LEAST_BOUT, _LEAST_GAP, _LEAST_REST, _LEAST_PART = 0.6, 0.15, 0.12, 0.07
-# Squared distance of states from the cycle, relative to its variance, above which it is another
-# movement; and that of reversed states relative to the others.
+# Squared distance of states from the cycle, relative to its variance, in another movement.
+# In reversed motion, squared distance of the reversed states relative to that of the states.
 _OTHER_DISTANCE, _REVERSE_RATIO = 0.3, 0.4
 _PHASES = 400
-# Fraction of the recordings above which what is left out deserves a warning.
+# Fraction of the recorded time that is left out, above which a remark is made.
 _LARGE_FRACTION = 0.2
-# Relative change from the first to the last cycle, and its standard errors, to be reported.
+# Least relative change from the first to the last cycle that is reported, also in standard
+# errors.
 _LEAST_CHANGE, _STANDARD_ERRORS = 0.25, 3.0
-# Drift to be reported.
+# Least drift that is reported.
 _LEAST_DRIFT = 0.1
 
 
@@ -79,7 +80,7 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Rhythm:
-    """Period, cycles and bouts of recordings, and the parts beside them.
+    """Period, cycles, bouts and omitted parts of recordings.
 
     Attributes
     ----------
@@ -88,10 +89,10 @@ class Rhythm:
     cycles : float
         Number of cycles in all bouts.
     bouts, left_out : tuple of Part
-        Parts that are learned from, and the others.
+        Parts that are learned from, and omitted parts.
     amplitude_change, tempo_change : float
-        Change along the recordings relative to the mean, as a straight line has it; 0 where
-        it is not significant.
+        Change along the recordings relative to the mean, from a linear fit; 0 where it is
+        not significant.
     drift : float
         Displacement of the centre along the recordings, relative to the width.
     irregular : tuple of str
@@ -120,29 +121,29 @@ class Rhythm:
     @property
     def fraction_left_out(self) -> float:
         """Fraction of the recorded time that is left out."""
-        left = sum(part.duration for part in self.left_out)
-        return left / (left + sum(part.duration for part in self.bouts))
+        omitted = sum(part.duration for part in self.left_out)
+        return omitted / (omitted + sum(part.duration for part in self.bouts))
 
     def shifted(self, seconds: float) -> "Rhythm":
         """Return the rhythm of recordings that begin later by some seconds."""
 
-        def later(part: Part) -> Part:
+        def shift(part: Part) -> Part:
             return replace(part, start=part.start + seconds, end=part.end + seconds)
 
         return replace(
             self,
-            bouts=tuple(map(later, self.bouts)),
-            left_out=tuple(map(later, self.left_out)),
+            bouts=tuple(map(shift, self.bouts)),
+            left_out=tuple(map(shift, self.left_out)),
         )
 
     def describe(self) -> list[str]:
-        """Return lines about cycles, parts that are left out, and remarks."""
+        """Return lines about cycles and omitted parts, and remarks."""
         bouts = f" in {len(self.bouts)} bouts" if len(self.bouts) > 1 else ""
         lines = [f"{self.cycles:.1f} cycles of {self.period:.2f} s{bouts}"]
-        several = len({part.recording for part in (*self.bouts, *self.left_out)}) > 1
+        recordings = {part.recording for part in (*self.bouts, *self.left_out)}
         parts = [
             f"{part.kind}, {part.start:.1f} to {part.end:.1f} s"
-            + f" of recording {part.recording + 1}" * several
+            + f" of recording {part.recording + 1}" * (len(recordings) > 1)
             for part in self.left_out
         ]
         if parts:
@@ -203,8 +204,8 @@ def trend(values: Array) -> float:
     errors = values - values.mean() - slope * at
     deviation = np.sqrt(float(errors @ errors) / (count - 2) / float(at @ at))
     change = slope * (count - 1) / float(values.mean())
-    notable = abs(change) > _LEAST_CHANGE and abs(slope) > _STANDARD_ERRORS * deviation
-    return change if notable else 0.0
+    is_significant = abs(slope) > _STANDARD_ERRORS * deviation
+    return change if is_significant and abs(change) > _LEAST_CHANGE else 0.0
 
 
 def runs(mask: Mask) -> list[tuple[int, int]]:
@@ -216,14 +217,14 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
 def recurrent_samples(
     recordings: Sequence[Array], period: float, *, by_neighbours: bool = False
 ) -> list[Mask]:
-    """Return which samples (n,) of recordings (n, D) recur in another cycle.
+    """Return masks (n,) of the samples of recordings (n, D) that recur in another cycle.
 
-    Position and velocity count. The limit of their distance follows from the samples that
-    are part of two similar neighbouring cycles; `by_neighbours` are these alone.
+    Positions and velocities are compared. The limit of their distance follows from the
+    samples in two similar neighbouring cycles; `by_neighbours` returns only these.
     """
     rests = [_rests(y, period) for y in recordings]
-    similar_parts = [_core(y, period) for y in recordings]
-    cores = [core & ~rest for (core, _), rest in zip(similar_parts, rests, strict=True)]
+    comparisons = [_similar_cycles(y, period) for y in recordings]
+    cores = [core & ~rest for (core, _), rest in zip(comparisons, rests, strict=True)]
     if not any(core.any() for core in cores):
         cores = [~rest for rest in rests]
     if by_neighbours:
@@ -241,7 +242,7 @@ def recurrent_samples(
         for j, tree in enumerate(trees):
             if tree is not None and i != j:
                 nearest = np.minimum(nearest, tree.query(state)[0])
-        distances.append(np.minimum(nearest, _nearest_apart(state, rests[i], period)))
+        distances.append(np.minimum(nearest, _cycle_distance(state, rests[i], period)))
     typical_distance = np.quantile(
         np.concatenate([d[c] for d, c in zip(distances, cores, strict=True)]),
         _TUBE_QUANTILE,
@@ -255,9 +256,9 @@ def recurrent_samples(
     )
     out = []
     for distance, rest, core, (_, part) in zip(
-        distances, rests, cores, similar_parts, strict=True
+        distances, rests, cores, comparisons, strict=True
     ):
-        # With fewer than two cycles a part does not recur.
+        # Fewer than two cycles recur only in part.
         mask = ((distance <= limit) | (core & part)) & ~rest
         gap = max(3.0, _LEAST_GAP * period)
         for a, b in runs(~mask):
@@ -269,17 +270,17 @@ def recurrent_samples(
 
 
 def _fill_middle(masks: Sequence[Mask], rests: Sequence[Mask], period: float) -> None:
-    """Fill the gap of masks (n,) that together span fewer than two cycles.
+    """Fill the gap in masks (n,) that together span fewer than about two cycles.
 
-    The middle of 1.5 cycles does not come again: only their ends do.
+    Of 1.5 cycles only both ends recur, not the middle.
     """
     (mask, rest), *others = [
         pair for pair in zip(masks, rests, strict=True) if pair[0].any()
     ] or [(np.zeros(0, dtype=bool),) * 2]
-    found = runs(mask)
-    if others or len(found) != 2:
+    intervals = runs(mask)
+    if others or len(intervals) != 2:
         return
-    (first, a), (b, after) = found
+    (first, a), (b, after) = intervals
     if after - first < _FEW_CYCLES * period and b - a < period and not rest[a:b].any():
         mask[a:b] = True
 
@@ -287,7 +288,7 @@ def _fill_middle(masks: Sequence[Mask], rests: Sequence[Mask], period: float) ->
 def cyclic_samples(
     recordings: Sequence[Array], masks: Sequence[Mask], cycle: Cycle, velocity: float
 ) -> list[Mask]:
-    """Return which samples (n,) of recordings (n, D) follow a cycle.
+    """Return masks (n,) of the samples of recordings (n, D) that follow a cycle.
 
     Parameters
     ----------
@@ -308,21 +309,23 @@ def cyclic_samples(
         nearest = tree.query(state)[1]
         tangent, squared = tangents[nearest], square[nearest, None]
         error = y - points[nearest]
-        # The error along the cycle is one of the phase.
+        # The error along the cycle is a phase error.
         along = np.sum(error * tangent, axis=1, keepdims=True)
         errors.append(
             error
             - tangent * along / (squared + _LEAST_SQUARED_VELOCITY * square.mean())
         )
         along = np.sum(state[:, y.shape[1] :] * tangents[nearest], axis=1)
-        unjudged = square[nearest] < _LEAST_SQUARED_VELOCITY * square.mean()
+        is_too_slow = square[nearest] < _LEAST_SQUARED_VELOCITY * square.mean()
         speeds.append(
-            np.where(unjudged, 1.0, along / np.maximum(square[nearest], 1e-300))
+            np.where(is_too_slow, 1.0, along / np.maximum(square[nearest], 1e-300))
         )
-    core = np.concatenate([e[m] for e, m in zip(errors, masks, strict=True)])
-    core = core[np.argsort(np.sum(core**2, axis=1))[: max(4, round(0.9 * len(core)))]]
-    d = core.shape[1]
-    covariance = core.T @ core / len(core)
+    inner = np.concatenate([e[m] for e, m in zip(errors, masks, strict=True)])
+    inner = inner[
+        np.argsort(np.sum(inner**2, axis=1))[: max(4, round(0.9 * len(inner)))]
+    ]
+    d = inner.shape[1]
+    covariance = inner.T @ inner / len(inner)
     covariance += _LEAST_DEVIATION**2 * float(points.var(axis=0).sum()) * np.eye(d)
     root = np.linalg.cholesky(np.linalg.inv(covariance))
     distances = [np.linalg.norm(e @ root, axis=1) / np.sqrt(d) for e in errors]
@@ -336,20 +339,20 @@ def cyclic_samples(
     out = []
     for y, distance, speed in zip(recordings, distances, speeds, strict=True):
         is_at_rest = (speed < _REST_VELOCITY) | _rests(y, period)
-        is_off = (distance > limit) | is_at_rest
-        is_off_joined = is_off.copy()
-        for a, b in runs(~is_off):
+        is_outside = (distance > limit) | is_at_rest
+        is_joined = is_outside.copy()
+        for a, b in runs(~is_outside):
             if b - a <= _LEAST_PART * period:
-                is_off_joined[a:b] = True
-        mask = np.ones(len(is_off), dtype=bool)
-        for a, b in runs(is_off_joined):
+                is_joined[a:b] = True
+        mask = np.ones(len(is_outside), dtype=bool)
+        for a, b in runs(is_joined):
             if b - a <= max(2.0, _LEAST_PART * period):
                 continue
             longest = max((e - s for s, e in runs(is_at_rest[a:b])), default=0)
             if distance[a:b].max() > _EXIT_FACTOR * limit or longest >= max(
                 5.0, _LEAST_REST * period
             ):
-                mask[slice(*_to_rests(speed, a, b, _LEAST_GAP * period))] = False
+                mask[slice(*_extended(speed, a, b, _LEAST_GAP * period))] = False
         out.append(without_short(mask, _LEAST_BOUT * period))
     return out
 
@@ -357,9 +360,9 @@ def cyclic_samples(
 def other_samples(
     recordings: Sequence[Array], cycle: Cycle, period: float
 ) -> list[tuple[Mask, Mask]]:
-    """Return which samples (n,) go through a cycle backwards, or belong to another one.
+    """Return masks (n,) of reversed motion and of another movement, for each recording.
 
-    Slow displacements of the centre do not count.
+    Slow displacements of the centre are ignored.
     """
     grid = 2 * np.pi * np.arange(_PHASES) / _PHASES
     points, tangents = cycle.values(grid), cycle.values(grid, 1)
@@ -377,12 +380,8 @@ def other_samples(
             for sign in (1, -1)
         )
         reverse = backwards < _REVERSE_RATIO * forwards
-        other = ~reverse & (
-            np.minimum(forwards, backwards) > _OTHER_DISTANCE * variance
-        )
-        out.append(
-            (without_short(reverse, 1.5 * period), without_short(other, 1.5 * period))
-        )
+        is_far = np.minimum(forwards, backwards) > _OTHER_DISTANCE * variance
+        out.append((reverse, ~reverse & is_far))
     return out
 
 
@@ -395,8 +394,8 @@ def without_short(mask: Mask, least: float) -> Mask:
     return out
 
 
-def _to_rests(speed: Array, start: int, end: int, most: float) -> tuple[int, int]:
-    """Extend a run to where the phase velocity (n,) is least nearby, if it is small there."""
+def _extended(speed: Array, start: int, end: int, most: float) -> tuple[int, int]:
+    """Extend a run to nearby minima of the phase velocity (n,) where that is small."""
     before = max(0, start - round(most))
     after = min(len(speed), end + round(most))
     if start > 0 and speed[before : start + 1].min() < _SLOW_VELOCITY:
@@ -413,7 +412,7 @@ def _states(values: Array, velocity: float) -> Array:
 
 
 def _rests(values: Array, period: float) -> Mask:
-    """Return where a recording (n, D) is at rest, except for rests that cycles have."""
+    """Return a mask (n,) of the rests of a recording (n, D), except those in each cycle."""
     velocity = np.gradient(uniform_filter1d(values, 3, axis=0), axis=0)
     speed = np.linalg.norm(velocity, axis=1)
     least = max(5.0, 0.1 * period)
@@ -431,10 +430,10 @@ def _rests(values: Array, period: float) -> Mask:
     return out
 
 
-def _core(values: Array, period: float) -> tuple[Mask, bool]:
-    """Return which samples (n,) are part of two similar neighbouring cycles.
+def _similar_cycles(values: Array, period: float) -> tuple[Mask, bool]:
+    """Return a mask (n,) of the samples in two similar neighbouring cycles.
 
-    And whether only parts of them are similar.
+    Also return whether only parts of the cycles are similar.
     """
     out = np.zeros(len(values), dtype=bool)
     fraction = 1.0
@@ -449,7 +448,7 @@ def _core(values: Array, period: float) -> tuple[Mask, bool]:
     return out, fraction < 1
 
 
-def _nearest_apart(states: Array, rests: Mask, period: float) -> Array:
+def _cycle_distance(states: Array, rests: Mask, period: float) -> Array:
     """Return the distance (n,) of each state to others at least half a period away."""
     moving = np.flatnonzero(~rests)
     out = np.full(len(states), np.inf)

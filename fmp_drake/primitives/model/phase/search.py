@@ -1,4 +1,4 @@
-"""Search for the rhythm of recordings: period, bouts and the phase of every sample."""
+"""Search for the rhythm of recordings: period, bouts and phase of each sample."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +16,7 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.windows import (
     DEFAULT_RATE,
+    as_windows,
     cut_demonstrations,
     demonstration_list,
 )
@@ -46,7 +47,7 @@ Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):
-    """Least number of cycles, and the greatest fraction of the variance beside the cycle.
+    """Limits of a track: least number of cycles and greatest unexplained variance.
 
     A period that the user states needs no evidence that it is one.
     """
@@ -56,44 +57,51 @@ class _Limits(NamedTuple):
     needs_evidence: bool = True
 
 
-# One cycle leaves 0.3 to 0.7 % of guided movements; strokes that were taken for the whole of
-# three left 3.5 to 7 %. Below the first value no other period is tried.
+# Unexplained fraction of the variance below which no other period is tried. One cycle leaves
+# 0.3 to 0.7 % of hand-guided movements unexplained. One stroke taken for the cycle of three
+# left 3.5 to 7 %.
 _CLEAR_MISFIT = 0.015
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _MISFIT_RATIO = 4.0
 _LIMITS = (_Limits(4.0, 0.05), _Limits(1.3, 0.15))
 _LIMITS_OF_STATED = (_LIMITS[0], _LIMITS[1]._replace(needs_evidence=False))
-# Numbers of cycles, and the greatest misfit of so many; none limits more of them. With the
-# limits above alone, a quarter of smooth random paths of 8 to 50 s had a rhythm.
+# Numbers of cycles and their greatest misfit, interpolated; more cycles have no limit. With
+# the limits above alone, a quarter of smooth random paths of 8 to 50 s had a rhythm.
 _MOST_MISFIT = (1.0, 2.0, 4.0, 8.0), (0.0, 0.1, 0.1, 0.15)
 # Fraction of the variance that slow displacements of the centre may take.
 _MOST_SHIFTED = 0.5
-# A track whose mean velocity differs more from its initial estimate has another cycle.
+# Bounds of the mean phase velocity relative to its initial estimate.
 _VELOCITIES = (0.6, 1.6)
-# Relative difference of two periods that are the same, and of an estimate and its refinement.
-_SAME, _REFINED = 0.05, 0.25
+# Greatest relative difference of two equal periods, and of two estimates of one period.
+_SAME, _NEAR = 0.05, 0.25
 # Samples.
 _SHORTEST_BOUT = 12
-# Periods of another movement, or of one backwards.
+# Least duration of another movement or of reversed motion, in periods.
 _LEAST_OTHER = 1.5
-# Speed relative to that of the movement, and the fraction of a part that is slower in a pause.
-_REST, _PAUSE = 0.15, 0.5
+# Speed at rest relative to that of the movement, and the least fraction of a pause at rest.
+_REST, _PAUSE_FRACTION = 0.15, 0.5
 _BOUT, _LEFT_OUT, _BACKWARDS, _OTHER = range(4)
-# Fraction of noise in a channel, and of all variance, from which the phase ignores it.
-_NOISE, _NOTICED = 0.5, 0.02
-# Misfit of fewer channels relative to that of all, below which they are preferred.
+# Noise of a channel that the phase ignores: least fraction of its own variance, and of the
+# variance of all channels.
+_NOISE, _POWER = 0.5, 0.02
+# Misfit of a subset of channels relative to that of all, below which it is preferred.
 _FEWER_CHANNELS = 0.75
-# Units of channels that may have a rhythm alone, in this order.
-_MOTION = ("m", "rad")
+# Units of the channels that are searched separately, in this order.
+_MOTION_UNITS = ("m", "rad")
 
 
-class Found(NamedTuple):
-    """A rhythm, with the phase of the samples of its bouts.
+class TrackedRhythm(NamedTuple):
+    """Rhythm of recordings, and the phase of the samples in its bouts.
 
-    It was found in `recordings` (n, D): those given, the longest first, or joined where each
-    is one cycle. The track has all channels, also those that do not repeat. The misfit is 0
-    where there are many similar cycles; else it is the greater, the fewer they are and the
-    more they differ.
+    Attributes
+    ----------
+    rhythm : Rhythm
+    track : PhaseTrack
+        Of all channels, also those that do not repeat.
+    recordings : sequence of ndarray, shape (n, D)
+        The searched ones: those given, the longest first, or joined where each is one cycle.
+    misfit : float
+        0 for many similar cycles; greater for fewer and less similar ones.
     """
 
     rhythm: Rhythm
@@ -103,7 +111,7 @@ class Found(NamedTuple):
 
 
 class _Attempt(NamedTuple):
-    """Labels (n,) of the samples of each recording, and the track of their bouts."""
+    """Attempt with one period: labels (n,) of the samples, and the track of the bouts."""
 
     labels: list[NDArray[np.int64]]
     track: PhaseTrack
@@ -143,17 +151,16 @@ def find_rhythm(
     """
     demonstrations = demonstration_list(demonstrations, "find_rhythm")
     cut = cut_demonstrations(demonstrations, start_time, end_time, DEFAULT_RATE)
-    parts = [part for d in cut for part in d.split_at_gaps(DEFAULT_RATE) or [d]]
-    values = [part.resample(DEFAULT_RATE).values for part in parts]
-    first = parts[0]
-    scales = channel_scales("units", np.concatenate(values), first.units)
-    found = search_rhythm(
-        [y / scales for y in values],
+    windows = as_windows(cut, n_steps=1, stride=1, rate=DEFAULT_RATE, at_least=0)
+    recordings, units = windows.recordings(), cut[0].units
+    scales = channel_scales("units", np.concatenate(recordings), units)
+    tracked = search_rhythm(
+        [y / scales for y in recordings],
         rate=DEFAULT_RATE,
         period=period,
-        units=dict(zip(first.channels, first.units, strict=True)),
+        units=dict(zip(cut[0].channels, units, strict=True)),
     )
-    return found.rhythm.shifted(start_time or 0.0)
+    return tracked.rhythm.shifted(start_time or 0.0)
 
 
 def search_rhythm(
@@ -162,17 +169,17 @@ def search_rhythm(
     rate: float,
     period: float | None = None,
     units: Mapping[str, str] | None = None,
-) -> Found:
+) -> TrackedRhythm:
     """Find the rhythm of recordings (n, D), and the phase of their rhythmic samples.
 
-    Approach, retreat, lifts, pauses and parts of another movement are left out; each bout
-    between them counts. Where the estimated period does not explain the rest, others are
-    tried. Where the cycle consists of several equal ones, it is one of these. Recordings in
-    which nothing repeats, but each of which ends where another begins, are joined. The
-    order of the recordings does not matter.
+    Approach, retreat, lifts, pauses and parts of another movement are left out; all bouts
+    between them are used. Where the estimated period does not explain the bouts, others are
+    tried. A cycle of several equal ones is replaced by one of these. Recordings of one cycle
+    each, which begin where another one ends, are joined. The order of the recordings does
+    not matter.
 
-    Channels of noise do not count. Where the others do not repeat together, the positions
-    are searched alone, then the angles.
+    Channels of noise are ignored. Where the others do not repeat together, positions are
+    searched without them, then angles.
 
     Parameters
     ----------
@@ -198,28 +205,28 @@ def search_rhythm(
     ordered = [recordings[i] for i in order]
     if units is None:
         units = dict.fromkeys(default_channels(ordered[0].shape[1]), "m")
-    best: tuple[float, list[int], Found, Iterable[Part]] | None = None
+    best: tuple[float, list[int], TrackedRhythm, Iterable[Part]] | None = None
     refusal: DemonstrationError | None = None
     for columns in _column_choices(ordered, tuple(units.values())):
         try:
-            found, parts = _search_or_join(ordered, columns, rate, period)
+            tracked, parts = _search_or_join(ordered, columns, rate, period)
         except DemonstrationError as error:
             refusal = refusal or error
             continue
-        if best is None or found.misfit < _FEWER_CHANNELS * best[0]:
-            best = found.misfit, columns, found, parts
-        if not found.misfit:
+        if best is None or tracked.misfit < _FEWER_CHANNELS * best[0]:
+            best = tracked.misfit, columns, tracked, parts
+        if not tracked.misfit:
             break
     if best is None:
         raise refusal or DemonstrationError("there is no channel.")
-    _, columns, found, parts = best
+    _, columns, tracked, parts = best
     parts = (replace(part, recording=order[part.recording]) for part in parts)
-    bouts, left_out = _parted(sorted(parts, key=lambda p: (p.recording, p.start)))
+    bouts, left_out = _split_kinds(sorted(parts, key=lambda p: (p.recording, p.start)))
     irregular = (name for i, name in enumerate(units) if i not in columns)
     rhythm = replace(
-        found.rhythm, bouts=bouts, left_out=left_out, irregular=tuple(irregular)
+        tracked.rhythm, bouts=bouts, left_out=left_out, irregular=tuple(irregular)
     )
-    return found._replace(rhythm=rhythm)
+    return tracked._replace(rhythm=rhythm)
 
 
 def _column_choices(
@@ -228,49 +235,49 @@ def _column_choices(
     """Yield the columns to search: those without noise, the positions, the angles."""
     variance = np.sum([len(y) * y.var(axis=0) for y in recordings], axis=0)
     noise = noise_fractions(recordings)
-    is_noise = (noise > _NOISE) & (noise * variance > _NOTICED * variance.sum())
+    is_noise = (noise > _NOISE) & (noise * variance > _POWER * variance.sum())
     steady = np.flatnonzero(~is_noise).tolist() or list(range(len(units)))
     yield steady
-    groups = [[i for i in steady if units[i] == unit] for unit in _MOTION]
+    groups = [[i for i in steady if units[i] == unit] for unit in _MOTION_UNITS]
     yield from (g for g in groups if 1 < len(g) < len(steady))
 
 
 def _search_or_join(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> tuple[Found, Iterable[Part]]:
-    """Find the rhythm of recordings, or of all joined; return it and its parts."""
+) -> tuple[TrackedRhythm, Iterable[Part]]:
+    """Find the rhythm of recordings, separate or joined; return it and its parts."""
     try:
-        found = _search(recordings, columns, rate, period)
-        return found, (*found.rhythm.bouts, *found.rhythm.left_out)
+        tracked = _search(recordings, columns, rate, period)
+        return tracked, (*tracked.rhythm.bouts, *tracked.rhythm.left_out)
     except DemonstrationError as error:
         if (loops := join_loops(recordings, columns)) is None:
             raise
         try:
-            found = _search([loops.values], columns, rate, period)
+            tracked = _search([loops.values], columns, rate, period)
         except DemonstrationError:
             raise error from None
-    parts = (*found.rhythm.bouts, *found.rhythm.left_out)
-    return found, loops.parts(parts, rate)
+    parts = (*tracked.rhythm.bouts, *tracked.rhythm.left_out)
+    return tracked, loops.parts(parts, rate)
 
 
 def _search(
-    every: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> Found:
+    all_channels: Sequence[Array], columns: list[int], rate: float, period: float | None
+) -> TrackedRhythm:
     """Find the rhythm of some columns of recordings; see `search_rhythm`."""
-    recordings = [np.ascontiguousarray(y[:, columns]) for y in every]
+    recordings = [np.ascontiguousarray(y[:, columns]) for y in all_channels]
     all_limits, refusal = _LIMITS if period is None else _LIMITS_OF_STATED, ""
-    # Of few cycles after an approach only neighbouring ones tell which samples recur.
+    # After an approach, few cycles are distinguished only by comparing neighbouring ones.
     for by_neighbours in (False, True):
         candidates = _candidates(recordings, rate, period)
         attempts = _attempts(recordings, candidates, by_neighbours=by_neighbours)
         for limits in all_limits:
-            acceptable = [a for a in attempts if not _reason_against(a, limits)]
+            acceptable = [a for a in attempts if not _objection(a, limits)]
             if acceptable:
                 break
         if acceptable:
             break
         if attempts:
-            refusal = refusal or _reason_against(attempts[0], limits)
+            refusal = refusal or _objection(attempts[0], limits)
     else:
         raise DemonstrationError(
             refusal
@@ -279,7 +286,7 @@ def _search(
         )
     best = min(acceptable, key=lambda attempt: _misfit(attempt.track))
     if limits is not _LIMITS[0]:
-        # Of few cycles the shortest period that explains the recordings about as well.
+        # Of few cycles, choose the shortest period among those of similar misfit.
         most = max(_CLEAR_MISFIT, _MISFIT_RATIO * _misfit(best.track))
         comparable = [a for a in acceptable if _misfit(a.track) <= most]
         best = max(comparable, key=lambda attempt: attempt.track.cycles)
@@ -287,23 +294,23 @@ def _search(
         attempt = _attempt(recordings, 2 * np.pi / best.track.velocity / folds)
         if (
             attempt is None
-            or _reason_against(attempt, limits)
+            or _objection(attempt, limits)
             or attempt.track.unexplained > _CLEAR_MISFIT
         ):
             break
         best = attempt
     rhythm, track = _rhythm(recordings, best, rate), best.track
-    if len(columns) < every[0].shape[1]:
-        bouts = _cut(every, [label == _BOUT for label in best.labels])
+    if len(columns) < all_channels[0].shape[1]:
+        bouts = _cut(all_channels, [label == _BOUT for label in best.labels])
         track = track.with_channels(bouts)
-    misfit = _misfit(best.track) / best.track.cycles
-    return Found(rhythm, track, every, 0.0 if limits is _LIMITS[0] else misfit)
+    misfit = 0.0 if limits is _LIMITS[0] else _misfit(best.track) / best.track.cycles
+    return TrackedRhythm(rhythm, track, all_channels, misfit)
 
 
 def _attempts(
     recordings: Sequence[Array], candidates: Iterable[float], *, by_neighbours: bool
 ) -> list[_Attempt]:
-    """Return attempts with candidates of the period, up to one that is clear."""
+    """Attempt candidates of the period until one explains the recordings clearly."""
     attempts = []
     for candidate in candidates:
         attempt = _attempt(recordings, candidate, by_neighbours=by_neighbours)
@@ -311,15 +318,15 @@ def _attempts(
             continue
         attempts.append(attempt)
         clear = attempt.track.unexplained <= _CLEAR_MISFIT
-        if clear and not _reason_against(attempt, _LIMITS[0]):
+        if clear and not _objection(attempt, _LIMITS[0]):
             break
     return attempts
 
 
 def _misfit(track: PhaseTrack) -> float:
-    """Return the fraction of the variance beside the cycle; large shifts count as well.
+    """Return the fraction of unexplained variance, with a penalty for large shifts.
 
-    Of few cycles their mean takes a part of it: one over their number.
+    The mean of n cycles explains 1 / n of any variance, which is corrected for.
     """
     explainable = 1 - 1 / max(track.cycles, _LIMITS[-1].cycles)
     return (track.unexplained + track.shifted**2 / 4) / explainable
@@ -338,17 +345,17 @@ def _candidates(
         masks = recurrent_samples(recordings, local[0])
         bouts = _cut(recordings, masks) or bouts
     try:
-        estimated = possible_periods(bouts)
+        estimates = possible_periods(bouts)
     except DemonstrationError:
-        estimated = []
-    refined = [p for p in estimated[:1] if local and abs(p / local[0] - 1) < _REFINED]
+        estimates = []
+    confirmed = [p for p in estimates[:1] if local and abs(p / local[0] - 1) < _NEAR]
     samples = sum(map(len, recordings))
     previous: list[float] = []
-    for candidate in (*refined, *local, *estimated):
+    for candidate in (*confirmed, *local, *estimates):
         if samples < _LIMITS[-1].cycles * candidate:
             continue
         if all(abs(candidate / other - 1) > _SAME for other in previous) and not (
-            refined and candidate in local[:1]
+            confirmed and candidate in local[:1]
         ):
             previous.append(candidate)
             yield candidate
@@ -373,14 +380,14 @@ def _cut(
 def _attempt(
     recordings: Sequence[Array], period: float, *, by_neighbours: bool = False
 ) -> _Attempt | None:
-    """Track the phase of the bouts for a period; None where there is none."""
+    """Track the phase of the bouts for a period; None where there are no bouts."""
     masks = recurrent_samples(recordings, period, by_neighbours=by_neighbours)
     bouts = _cut(recordings, masks)
     if max(map(len, bouts), default=0) < period + 1:
         return None
     cycle = first_cycle(bouts, period)
-    # Only what is a rhythm itself is another movement, or backwards.
-    others = [
+    # Another movement, or reversed motion, is long enough to be a rhythm itself.
+    excluded = [
         (
             without_short(reverse & m, _LEAST_OTHER * period),
             without_short(other & m, _LEAST_OTHER * period),
@@ -389,7 +396,7 @@ def _attempt(
             other_samples(recordings, cycle, period), masks, strict=True
         )
     ]
-    excluded_masks = [reverse | other for reverse, other in others]
+    excluded_masks = [reverse | other for reverse, other in excluded]
     masks = [m & ~x for m, x in zip(masks, excluded_masks, strict=True)]
     bouts = _cut(recordings, masks)
     if max(map(len, bouts), default=0) < period + 1:
@@ -405,14 +412,14 @@ def _attempt(
             refined_bouts, period=2 * np.pi / track.velocity, cycle=track.cycle
         )
     labels = []
-    for mask, (reverse, other) in zip(refined_masks, others, strict=True):
+    for mask, (reverse, other) in zip(refined_masks, excluded, strict=True):
         label = np.where(mask, _BOUT, _LEFT_OUT)
         for a, b in runs(mask):
             if b - a < _SHORTEST_BOUT:
                 label[a:b] = _LEFT_OUT
         label[reverse] = _BACKWARDS
         label[other] = _OTHER
-        # The few samples of the change to another movement are no pause.
+        # A short transition to another movement is not a pause.
         for a, b in runs(label == _LEFT_OUT):
             neighbours = {int(x) for x in (*label[a - 1 : a], *label[b : b + 1])}
             if b - a < _SHORTEST_BOUT and neighbours - {_BOUT}:
@@ -421,8 +428,8 @@ def _attempt(
     return _Attempt(labels, track, period)
 
 
-def _reason_against(attempt: _Attempt, limits: _Limits) -> str:
-    """Return why a phase model cannot be learned; "" where it can."""
+def _objection(attempt: _Attempt, limits: _Limits) -> str:
+    """Return the reason why a phase model cannot be learned; "" where it can."""
     track = attempt.track
     if track.cycles < limits.cycles:
         return f"it has {track.cycles:.1f} cycles; the phase model needs {limits.cycles:g}."
@@ -443,33 +450,29 @@ def _reason_against(attempt: _Attempt, limits: _Limits) -> str:
             f"the centre of its cycles wanders, which makes {100 * track.shifted:.0f} % of its "
             f"variance; the phase model needs at most {100 * _MOST_SHIFTED:.0f} %."
         )
-    found = 2 * np.pi / track.velocity
-    if not _VELOCITIES[0] < attempt.period / found < _VELOCITIES[1]:
+    period = 2 * np.pi / track.velocity
+    if not _VELOCITIES[0] < attempt.period / period < _VELOCITIES[1]:
         return (
             f"it seems to repeat after {attempt.period:.0f} samples, but its cycles last "
-            f"{found:.0f}."
+            f"{period:.0f}."
         )
     return ""
 
 
 def _rhythm(recordings: Sequence[Array], attempt: _Attempt, rate: float) -> Rhythm:
-    """Return the rhythm that an attempt has found."""
+    """Return the rhythm of an attempt."""
     track = attempt.track
     history = track.history
     speed = np.sqrt(
         np.mean([np.mean(np.sum(np.diff(y, axis=0) ** 2, 1)) for y in track.recordings])
     )
-    parts = [
-        Part(
-            recording=i,
-            start=a / rate,
-            end=b / rate,
-            kind=_kind(y, label, a, b, float(speed)),
-        )
-        for i, (y, label) in enumerate(zip(recordings, attempt.labels, strict=True))
-        for a, b in _segments(label)
-    ]
-    bouts, left_out = _parted(parts)
+    parts = []
+    for i, (y, label) in enumerate(zip(recordings, attempt.labels, strict=True)):
+        edges = [0, *(np.flatnonzero(np.diff(label)) + 1).tolist(), len(label)]
+        for a, b in pairwise(edges):
+            kind = _kind(y, label, a, b, float(speed))
+            parts.append(Part(recording=i, start=a / rate, end=b / rate, kind=kind))
+    bouts, left_out = _split_kinds(parts)
     points = np.concatenate(track.recordings)
     return Rhythm(
         period=2 * np.pi / track.velocity / rate,
@@ -482,16 +485,10 @@ def _rhythm(recordings: Sequence[Array], attempt: _Attempt, rate: float) -> Rhyt
     )
 
 
-def _parted(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
-    """Return the bouts among parts, and the omitted parts."""
+def _split_kinds(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """Split parts into bouts and omitted parts."""
     bouts = tuple(part for part in parts if part.kind == "bout")
     return bouts, tuple(part for part in parts if part.kind != "bout")
-
-
-def _segments(label: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
-    """Yield start and end of the segments of equal labels (n,)."""
-    edges = [0, *(np.flatnonzero(np.diff(label)) + 1).tolist(), len(label)]
-    yield from pairwise(edges)
 
 
 def _kind(
@@ -508,6 +505,6 @@ def _kind(
         return "approach"
     if end == len(values):
         return "retreat"
-    change = np.linalg.norm(np.diff(values[start:end], axis=0), axis=1)
-    resting = float(np.mean(change < _REST * speed)) if end - start > 1 else 1.0
-    return "pause" if resting > _PAUSE else "lift"
+    steps = np.linalg.norm(np.diff(values[start:end], axis=0), axis=1)
+    at_rest = float(np.mean(steps < _REST * speed)) if end - start > 1 else 1.0
+    return "pause" if at_rest > _PAUSE_FRACTION else "lift"
