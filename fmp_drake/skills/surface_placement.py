@@ -207,11 +207,7 @@ def _bouts(demonstration: Demonstration, in_bout: Mask) -> list[Demonstration]:
     ends = np.flatnonzero(np.diff(in_bout)) + 1
     parts = np.split(np.arange(len(in_bout)), ends)
     return [
-        replace(
-            demonstration,
-            time=demonstration.time[part],
-            values=demonstration.values[part],
-        )
+        demonstration.rows(part)
         for part in parts
         if in_bout[part[0]] and len(part) >= _LEAST_SAMPLES
     ]

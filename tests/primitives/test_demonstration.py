@@ -256,7 +256,7 @@ def test_npz_of_someone_else_needs_time_and_position(tmp_path):
     assert np.all(loaded.values == 1)
     np.savez(path, position=np.ones((9, 3)), note="of someone")
     with pytest.raises(
-        SkillFileError, match=r"no column tells the time; .* position_x"
+        SkillFileError, match=r"no column holds the time; .* position_x"
     ):
         Demonstration.load(path)
 
@@ -307,7 +307,7 @@ def test_single_array_needs_a_rate(tmp_path):
         np.save(stream, np.zeros((5, 3)))
     with pytest.raises(SkillFileError, match=r"3 columns have no names; .* rate"):
         Demonstration.load(path)
-    loaded = Demonstration.load(path, ReadingOptions(rate=10))
+    loaded = Demonstration.load(path, ReadingOptions(sample_rate=10))
     assert loaded.channels == ("x", "y", "z")
     assert_allclose(loaded.time, np.arange(5) / 10)
 
@@ -417,8 +417,8 @@ def test_csv_of_a_spreadsheet_may_start_with_a_byte_order_mark(tmp_path):
     [
         ("", "is empty"),
         ("\n\n", "is empty"),
-        ("a,x,y\n" + FIVE, "no column tells the time; the columns are a, x, y"),
-        ("time\n0\n1\n2\n3\n", "a time but no channel"),
+        ("a,x,y\n" + FIVE, "no column holds the time; the columns are a, x, y"),
+        ("time\n0\n1\n2\n3\n", "a time column but no channel"),
         ("time,x,y\n0,1,2\n0.1,1\n", r"1 of 2 rows broken \(line 3: 2 cells"),
         (
             "time,x,y\n0,1,2\n\n0.1,one,2\n",

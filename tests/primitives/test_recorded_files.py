@@ -118,8 +118,8 @@ POSES = (
     files.lists_in_cells,
 )
 REFUSED = {
-    files.no_time: r"no column tells the time; .* x, y, z\. .*--sample-rate",
-    files.counted_time: r"counts 1, 2, 3 \.\.\.: samples, or milliseconds\? Give",
+    files.no_time: r"no column holds the time; .* x, y, z\. .*--sample-rate",
+    files.counted_time: r"counts 1, 2, 3 \.\.\.: samples or milliseconds\. Give",
     files.coarse_time: r"stays the same in 392 of 400 samples: .*--sample-rate",
     files.time_backwards: r"does not increase after sample 199 \(3\.98 s, then 0 s\)",
     files.values_missing: r"252 of 400 samples have no value of z; leave them out: "
@@ -145,7 +145,7 @@ REFUSED = {
     files.bytes_of("d.h5", b"\x89HDF\r\n\x1a\n"): "not a readable HDF5 file",
     files.bytes_of("d.mat", b"MATLAB 5.0 MAT-file"): "not a readable MATLAB file",
     files.bytes_of("d.csv.gz", b"\x1f\x8b\x08"): "cannot be unpacked",
-    files.bytes_of("d.json", b'{"x": [1, 2]}'): r"no column tells the time; .* are x",
+    files.bytes_of("d.json", b'{"x": [1, 2]}'): r"no column holds the time; .* are x",
     files.bytes_of("d.jsonl", b'{"x": 1}\n{"x"'): "line 2 is not JSON .* such as",
     files.bytes_of("d.json", b'["a", "b"]'): "neither objects nor lists of numbers",
     files.bytes_of("d.json", b'{"x": [[1, 2], [3]]}'): "not readable JSON",
@@ -160,7 +160,7 @@ REFUSED = {
     files.vicon_two_markers: r"30 of 400 samples have no value of Wand:B X, .*; several positions \(Wand:A X, "
     r"Wand:B X \.\.\.\): choose with --columns 'x=Wand:A X,y=Wand:A Y,z=Wand:A Z'$",
     files.vicon_without_positions: "none of the sections Objects, .* from Nexus",
-    files.aloha: "no column tells the time; .*--sample-rate 100",
+    files.aloha: "no column holds the time; .*--sample-rate 100",
     files.bytes_of("d.csv", b"1,2\0\0\0,3"): "not a text file",
     files.bytes_of("d.mp4", b"\0\0\0\x18ftypmp42"): "a film; a demonstration is",
     files.bytes_of("d.csv", b"0," + b"1" * 140_000): "line cannot be split into cells",
@@ -256,18 +256,18 @@ def test_broken_vicon_files_are_refused(old, new, message, tmp_path):
         (files.milliseconds, "the time is in ms"),
         (files.nanoseconds, "the time is in ns"),
         (files.decimal_commas, "decimal commas, semicolons between the columns"),
-        (files.units_in_brackets, "x, y, z were in another unit: now in m"),
-        (files.optitrack_in_millimetres, "x, y, z were in another unit: now in m"),
+        (files.units_in_brackets, "x, y, z converted to m"),
+        (files.optitrack_in_millimetres, "x, y, z converted to m"),
         (files.repeated_stamps, "2 samples with the time of the one before left out"),
         (files.gaps_between_topics, "400 rows without a value left out"),
-        (files.rows_out_of_order, "samples put in the order of time"),
+        (files.rows_out_of_order, "samples sorted by time"),
         (files.rows_twice, "100 samples with the time of the one before left out"),
-        (files.no_header, "column 1, which grows, is taken for the time"),
-        (files.words_beside, "task left out: words"),
+        (files.no_header, "column 1, which increases, is taken for the time"),
+        (files.words_beside, "task left out: not numeric"),
         (files.npz_of_someone, "gains .* left out"),
         (files.ros1_poses, "/pose, header stamps"),
         (files.ros2_without_stamps, "/pose, times of receipt"),
-        (files.ros1_out_of_order, "/pose, header stamps, put in order"),
+        (files.ros1_out_of_order, "/pose, header stamps, sorted"),
         (files.optitrack, "OptiTrack, Eraser; 1 marker left out"),
         (files.vicon_trajectories, "Vicon, Trajectories at 50 Hz"),
         (files.libfranka, "O_T_EE_0 to O_T_EE_15 are a pose"),
@@ -285,7 +285,7 @@ def test_a_last_line_that_was_not_written_to_its_end_is_left_out(tmp_path):
     text = files.xyz(header="time,x,y,z").rpartition(",")[0]
     (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
     assert_allclose(found.values, files.PATH[:-1], atol=1e-12)
-    assert remarks == ["d.csv: line 401, the last, is cut: left out"]
+    assert remarks == ["d.csv: line 401, the last, is incomplete: left out"]
 
 
 def test_stamps_in_seconds_and_nanoseconds_are_exact(tmp_path):
@@ -596,7 +596,7 @@ def test_joints_without_positions_are_no_demonstration(tmp_path):
         return message
 
     bag = files.bag(tmp_path / "d.bag", {"/joint_states": state}, ros=1)
-    with pytest.raises(FmpError, match="of joints the positions are read"):
+    with pytest.raises(FmpError, match="of joint states only positions are read"):
         read_demonstrations([bag])
 
 
@@ -707,7 +707,7 @@ def test_degrees_become_radians(tmp_path):
     ("given", "message"),
     [
         ({"unit": "furlong"}, "unit is 'furlong'; choose one of m, cm, mm"),
-        ({"rate": -1}, "sample rate is -1"),
+        ({"sample_rate": -1}, "sample rate is -1"),
         ({"quaternions": "zyxw"}, "quaternions is 'zyxw'; choose xyzw or wxyz"),
     ],
 )

@@ -87,7 +87,9 @@ def test_no_demonstration_is_refused():
 
 def test_part_of_windows_is_refused():
     windows = np.zeros((3, 8, 2))
-    with pytest.raises(DemonstrationError, match="windows have no start and end"):
+    with pytest.raises(
+        DemonstrationError, match="windows have no start_time and end_time"
+    ):
         cut_demonstrations(windows, 1.0, None, 20.0)
     assert cut_demonstrations(windows, None, None, 20.0) is windows
 

@@ -128,9 +128,9 @@ class Demonstration:
                 f"{time[row + 1]:g} s); it must increase strictly."
             )
         d = values.shape[1]
-        for name, nominal in (("channels", default_channels(d)), ("units", ("m",) * d)):
+        for name, default in (("channels", default_channels(d)), ("units", ("m",) * d)):
             names = _names(name, getattr(self, name))
-            object.__setattr__(self, name, names or nominal)
+            object.__setattr__(self, name, names or default)
         if len(self.channels) != d or len(self.units) != d:
             raise DemonstrationError(
                 f"{len(self.channels)} channel names and {len(self.units)} units for "
@@ -196,7 +196,7 @@ class Demonstration:
                 f"{self.time[widest]:.3g} s; the longest that can be interpolated is "
                 f"{allowed:g} s. Use its parts: demonstration.split_at_gaps({rate:g})."
             )
-        native = 1 / float(np.median(steps))
+        recorded_rate = 1 / float(np.median(steps))
         count = int(np.floor(self.duration * rate * (1 + 1e-9))) + 1
         if count < 2:
             raise DemonstrationError(
@@ -205,14 +205,14 @@ class Demonstration:
             )
         values: NDArray[np.float64] = self.values
         time: NDArray[np.float64] = self.time
-        if native > 2 * rate:
-            uniform = np.arange(time[0], time[-1], 1 / native)
+        if recorded_rate > 2 * rate:
+            uniform = np.arange(time[0], time[-1], 1 / recorded_rate)
             values = CubicSpline(time, values)(uniform)
             time = uniform
             from scipy.signal import butter, sosfiltfilt  # Slow to import.
 
-            sos = butter(4, 0.4 * rate, fs=native, output="sos")
-            pad = min(len(values) - 1, 3 * int(np.ceil(native / rate)))
+            sos = butter(4, 0.4 * rate, fs=recorded_rate, output="sos")
+            pad = min(len(values) - 1, 3 * int(np.ceil(recorded_rate / rate)))
             values = sosfiltfilt(sos, values, axis=0, padlen=pad)
         new = self.time[0] + np.arange(count) / rate
         return replace(
@@ -241,11 +241,12 @@ class Demonstration:
         if len(ends) == 0:
             return [self]
         parts = np.split(np.arange(len(self.time)), ends)
-        return [
-            replace(self, time=self.time[part], values=self.values[part])
-            for part in parts
-            if len(part) >= _LEAST_SAMPLES
-        ]
+        return [self.rows(part) for part in parts if len(part) >= _LEAST_SAMPLES]
+
+    def rows(self, index: ArrayLike) -> "Demonstration":
+        """Return the demonstration with some samples only: indices, or a mask (N,)."""
+        rows = np.asarray(index)
+        return replace(self, time=self.time[rows], values=self.values[rows])
 
     def select(self, channels: ArrayLike) -> "Demonstration":
         """Return the demonstration with only the named channels, in that order.
@@ -424,7 +425,7 @@ def read_demonstrations(
     remarks: list[str] = []
     orientations: dict[int, tuple[Path, NDArray[np.float64]]] = {}
     for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
-        with _named(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
+        with _naming(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
             for table in read_tables(path, options):
                 if table.saved is not None:
                     demonstrations.append(Demonstration(**table.saved))
@@ -442,7 +443,7 @@ def read_demonstrations(
             order="xyzw",
         )
     for i, (path, quaternions) in orientations.items():
-        with _named(path):
+        with _naming(path):
             recording = add_orientation(
                 demonstrations[i], quaternions, order="xyzw", reference=reference
             )
@@ -463,8 +464,8 @@ def _from_table(table: Table) -> Demonstration:
 
 
 @contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Put the name of a file into the errors raised inside."""
+def _naming(path: Path) -> Iterator[None]:
+    """Add the name of a file to errors raised inside."""
     try:
         yield
     except (DemonstrationError, SkillFileError) as error:

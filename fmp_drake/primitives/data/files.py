@@ -259,8 +259,8 @@ class FileFormat:
         arrays: Mapping[str, NDArray[Any] | Blocks],
     ) -> None:
         """Write metadata and arrays to a file, whole or not at all."""
-        about = {"format": self.name, "version": self.version, **metadata}
-        text = json.dumps(about, default=_plain)
+        header = {"format": self.name, "version": self.version, **metadata}
+        text = json.dumps(header, default=_as_python)
         arrays = {"metadata": np.array(text), **arrays}
         write_npz(path, arrays, self.error, compressed=self.compressed)
 
@@ -290,7 +290,7 @@ class FileFormat:
         return metadata
 
 
-def _plain(value: Any) -> Any:
+def _as_python(value: Any) -> Any:
     """Return a NumPy number or array as a Python object, for JSON."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()

@@ -205,11 +205,7 @@ def cut_demonstrations(
                 f"demonstration {number} lasts {time[-1]:.3g} s; it has no two samples "
                 f"from {first:g} to {last:g} s."
             )
-        out.append(
-            replace(
-                recording, time=recording.time[inside], values=recording.values[inside]
-            )
-        )
+        out.append(recording.rows(inside))
     return out
 
 

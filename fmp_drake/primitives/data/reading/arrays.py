@@ -244,14 +244,14 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
         Where the dataset is incomplete, or the feature is not in it.
     """
     feature = options.topic or _STATE
-    about = folder / "meta" / "info.json"
+    info_file = folder / "meta" / "info.json"
     try:
-        info = json.loads(about.read_text(encoding="utf-8"))
+        info = json.loads(info_file.read_text(encoding="utf-8"))
         features, rate = info["features"], float(info["fps"])
         kinds = {str(name): dict(kind) for name, kind in features.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise SkillFileError(
-            f"{about} is not a LeRobot dataset's ({error!r})."
+            f"{info_file} is not a LeRobot dataset's ({error!r})."
         ) from None
     if feature not in kinds:
         numeric = [n for n, kind in kinds.items() if "float" in str(kind.get("dtype"))]
@@ -269,17 +269,17 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
         raise SkillFileError(f"{folder}: its files have different columns.")
     values = np.concatenate([table.values for table in tables])
     missing = set(time_columns) - set(first)
-    at = [i for i, name in enumerate(first) if name not in time_columns]
-    if missing or not at:
+    columns = [i for i, name in enumerate(first) if name not in time_columns]
+    if missing or not columns:
         raise SkillFileError(f"{folder} has no column {min(missing, default=feature)}.")
     time, episode = (values[:, first.index(name)] for name in time_columns)
-    names = ("time", *_names(kinds[feature].get("names"), len(at)))
+    names = ("time", *_names(kinds[feature].get("names"), len(columns)))
     remark = f"{feature} at {rate:g} Hz"
     return [
         Table(
             names=names,
-            units=("s", *("" for _ in at)),
-            values=np.column_stack([time, values[:, at]])[episode == number],
+            units=("s", *("" for _ in columns)),
+            values=np.column_stack([time, values[:, columns]])[episode == number],
             remarks=(f"episode {number:.0f}: {remark}",),
         )
         for number in np.unique(episode)

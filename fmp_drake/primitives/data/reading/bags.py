@@ -94,8 +94,8 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
             rows.append((len(received) - 1, *numbers.values()))
     if not any(kinds):
         raise SkillFileError(
-            f"{path}: {source} has no message with numbers; of joints the positions are "
-            "read."
+            f"{path}: {source} has no message with numbers; of joint states only "
+            "positions are read."
         )
     names, index, values = _largest_kind(kinds)
     omissions = sorted({name for kind in kinds for name in kind} - set(names))
@@ -103,9 +103,9 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
     times = stamps if is_stamped else received
     remark = f"{source}, {'header stamps' if is_stamped else 'times of receipt'}"
     if any(a > b for a, b in pairwise(times)):
-        remark += ", put in order"
+        remark += ", sorted"
     if omissions:
-        remark += f"; {', '.join(omissions)} left out, which other messages hold"
+        remark += f"; {', '.join(omissions)} left out, found in other messages only"
     time = np.array(times)[index]
     order = np.lexsort([index, time])
     values = np.column_stack([(time - time.min()) * 1e-9, values])[order]
@@ -135,13 +135,13 @@ def _largest_kind(
     return names, rows[:, 0].astype(np.int64), rows[:, 1:]
 
 
-def _topic(path: Path, types: dict[str, str], wanted: str) -> str:
+def _topic(path: Path, types: dict[str, str], requested: str) -> str:
     """Return the topic to read."""
     listed = ", ".join(f"{t} ({k.split('/')[-1]})" for t, k in sorted(types.items()))
-    if wanted:
-        if wanted not in types:
-            raise SkillFileError(f"{path} has no topic {wanted}; it has {listed}.")
-        return wanted
+    if requested:
+        if requested not in types:
+            raise SkillFileError(f"{path} has no topic {requested}; it has {listed}.")
+        return requested
     for kind in _POSES:
         topics = [t for t, name in types.items() if name == kind]
         if len(topics) == 1:

@@ -4,16 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives.data.reading.table import TIMES, ReadingOptions, counted
+from fmp_drake.primitives.data.reading.table import TIMES, ReadingOptions, count_text
 
 # Least time since 1970 in each unit.
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (0.0, "s"))
 # Plausible sample intervals of a recorded movement, s.
-_STEPS = (4e-4, 0.5)
+_INTERVALS = (4e-4, 0.5)
 # Greatest fraction of samples whose time repeats with other values, and with any.
 _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
 # Steps backwards in time, in sample intervals, up to which samples are put in order.
-_DISORDER = 3.0
+_LARGEST_STEP_BACK = 3.0
 
 
 def ordered_times(
@@ -33,22 +33,24 @@ def ordered_times(
     order, steps = np.arange(count), np.diff(time)
     forward = steps[steps > 0]
     interval = float(np.median(forward)) if len(forward) else 0.0
-    farthest = -float(np.min(steps, initial=0.0))
-    if farthest > _DISORDER * interval:
+    step_back = -float(np.min(steps, initial=0.0))
+    if step_back > _LARGEST_STEP_BACK * interval:
         row = int(np.argmax(steps < 0))
         raise DemonstrationError(
             f"time does not increase after sample {row} ({time[row]:g} s, then "
             f"{time[row + 1]:g} s). Cut the file there, or, if the samples are at equal "
             f"intervals, give their rate: --sample-rate {_rate(interval)}"
         )
-    if farthest > 0:
-        remarks.append("samples put in the order of time")
+    if step_back > 0:
+        remarks.append("samples sorted by time")
         order = np.argsort(time, kind="stable")
         time, values = time[order], values[order]
     is_new = np.concatenate([[True], np.diff(time) != 0])
-    is_other = np.concatenate([[False], np.any(np.diff(values, axis=0) != 0, axis=1)])
+    has_other_values = np.concatenate(
+        [[False], np.any(np.diff(values, axis=0) != 0, axis=1)]
+    )
     repeated = int(np.count_nonzero(~is_new))
-    is_coarse = np.count_nonzero(~is_new & is_other) > _MOST_REPEATED * count
+    is_coarse = np.count_nonzero(~is_new & has_other_values) > _MOST_REPEATED * count
     if is_coarse or repeated > _MOST_EQUAL * count:
         raise DemonstrationError(
             f"the time stays the same in {repeated} of {count} samples: it is too coarse. "
@@ -56,7 +58,7 @@ def ordered_times(
             f"{_rate((time[-1] - time[0]) / count)}"
         )
     if repeated:
-        samples = counted(repeated, "sample")
+        samples = count_text(repeated, "sample")
         remarks.append(f"{samples} with the time of the one before left out")
     return time[is_new], order[is_new]
 
@@ -66,27 +68,29 @@ def _rate(interval: float) -> str:
     return f"{1 / interval:.6g}" if interval > 0 else "100"
 
 
-def _seconds(time: NDArray[np.float64], stated: str) -> tuple[NDArray[np.float64], str]:
+def _seconds(
+    time: NDArray[np.float64], stated_unit: str
+) -> tuple[NDArray[np.float64], str]:
     """Return times in seconds and their unit in the file; times since 1970 start at 0.
 
     Parameters
     ----------
     time : ndarray, shape (N,)
-    stated : str
-        The unit; "" to infer it from the numbers.
+    stated_unit : str
+        "" to infer it from the numbers.
 
     Raises
     ------
     DemonstrationError
         Where the unit is unknown or cannot be inferred.
     """
-    if stated and stated not in TIMES:
+    if stated_unit and stated_unit not in TIMES:
         raise DemonstrationError(
-            f"the time is in {stated!r}; s, ms, us and ns are understood."
+            f"the time is in {stated_unit!r}; s, ms, us and ns are understood."
         )
     steps = np.abs(np.diff(time))
     steps = steps[steps > 0]
-    unit = stated
+    unit = stated_unit
     if not unit and len(steps):
         step, start = float(np.median(steps)), abs(float(time[0]))
         if start > 1e8:
@@ -95,11 +99,11 @@ def _seconds(time: NDArray[np.float64], stated: str) -> tuple[NDArray[np.float64
             unit = "s"
         elif np.all(np.diff(time) == 1):
             raise DemonstrationError(
-                "the time counts 1, 2, 3 ...: samples, or milliseconds? Give the sample "
+                "the time column counts 1, 2, 3 ...: samples or milliseconds. Give the sample "
                 "rate (--sample-rate), or the unit (--columns 'time=t [ms]')."
             )
         else:
-            low, high = _STEPS
+            low, high = _INTERVALS
             units = (u for u in ("ms", "us", "ns") if low <= step * TIMES[u] <= high)
             unit = next(units, "s")
     start = time[0] if abs(time[0]) * TIMES[unit or "s"] > 1e8 else 0.0

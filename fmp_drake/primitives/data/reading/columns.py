@@ -24,7 +24,7 @@ from fmp_drake.primitives.data.reading.table import (
     ReadingOptions,
     Table,
     columns_option,
-    counted,
+    count_text,
     shown_columns,
     standard_unit,
     suffixed_unit,
@@ -83,13 +83,13 @@ _WIDEST = 5.0
 class _Column(NamedTuple):
     """A column of a table, with its number from 0.
 
-    `plain` is its name in lower case, words joined by underscores, without a unit at its
+    `key` is its name in lower case, words joined by underscores, without a unit at its
     end, which is the `suffix`. `header_unit` is the unit of its header.
     """
 
     number: int
     name: str
-    plain: str
+    key: str
     suffix: str
     header_unit: str
     values: NDArray[np.float64]
@@ -106,16 +106,16 @@ class _Column(NamedTuple):
         return self.name if is_safe else str(self.number + 1)
 
     @property
-    def grows(self) -> bool:
+    def is_increasing(self) -> bool:
         """Whether the values increase strictly."""
         return len(self.values) > 1 and bool(np.all(np.diff(self.values) > 0))
 
     @property
-    def counts(self) -> bool:
+    def is_counter(self) -> bool:
         """Whether the column only counts rows or messages."""
         return bool(
-            _COUNTER.fullmatch(self.plain)
-            and self.grows
+            _COUNTER.fullmatch(self.key)
+            and self.is_increasing
             and np.all(self.values % 1 == 0)
         )
 
@@ -138,21 +138,21 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     """
     remarks = list(table.remarks)
     names, units, values = list(table.names), list(table.units), table.values
-    plain = [_plain(name) for name in names]
+    keys = [_key(name) for name in names]
     group_sources: set[int] = set()
-    for group in column_groups(table, plain, options):
+    for group in column_groups(table, keys, options):
         group_sources |= group.sources
         names += group.names
         units += group.units
         values = np.hstack([values, group.values])
         remarks += [group.remark] if group.remark else []
     columns = [
-        _Column(i, name, *suffixed_unit(_plain(name)), unit, values[:, i])
+        _Column(i, name, *suffixed_unit(_key(name)), unit, values[:, i])
         for i, (name, unit) in enumerate(zip(names, units, strict=True))
     ]
     stamp, time_columns = _time(columns, options, remarks)
     unread = group_sources | time_columns
-    others = [c for c in columns if c.number not in unread and not c.counts]
+    others = [c for c in columns if c.number not in unread and not c.is_counter]
     if empty := [c for c in others if np.all(np.isnan(c.values))]:
         others = [c for c in others if c not in empty]
         remarks.append(f"{', '.join(c.name for c in empty)} left out: empty")
@@ -169,7 +169,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         channels = _channels(others, tuple(names), remarks)
     if not channels:
         raise SkillFileError(
-            f"there is a time but no channel; {shown_columns(tuple(names))}."
+            f"there is a time column but no channel; {shown_columns(tuple(names))}."
         )
     values = np.column_stack([c.values for c in channels.values()])
     rows = np.flatnonzero(~np.all(np.isnan(values), axis=1))
@@ -177,8 +177,8 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         raise DemonstrationError(f"there is no number in {', '.join(channels)}.")
     if len(rows) < len(values):
         remarks.append(f"{len(values) - len(rows)} rows without a value left out")
-    time, kept = ordered_times(stamp, rows, values[rows], options, remarks)
-    values = values[rows[kept]]
+    time, order = ordered_times(stamp, rows, values[rows], options, remarks)
+    values = values[rows[order]]
     complete = _complete_rows(values, channels, remarks)
     time, values = time[complete], values[complete]
     units = _to_standard_units(values, channels, options, remarks)
@@ -203,19 +203,21 @@ def _complete_rows(
     is_empty = np.isnan(values)
     complete = ~np.any(is_empty, axis=1)
     count = len(values) - int(np.count_nonzero(complete))
-    lacking = [n for n, e in zip(channels, is_empty.T, strict=True) if np.any(e)]
+    incomplete = [n for n, e in zip(channels, is_empty.T, strict=True) if np.any(e)]
     choice = next((r for r in remarks if r.startswith("several positions")), "")
     if count > (1 - _LEAST_COMPLETE) * len(values) or (count and choice):
-        others = {name: c.source for name, c in channels.items() if name not in lacking}
+        others = {
+            name: c.source for name, c in channels.items() if name not in incomplete
+        }
         choice = choice or f"leave them out: {columns_option(others)}"
         raise DemonstrationError(
-            f"{count} of {len(values)} samples have no value of {', '.join(lacking)}; "
+            f"{count} of {len(values)} samples have no value of {', '.join(incomplete)}; "
             f"{choice}"
         )
     if count:
-        named = ", ".join(lacking)
-        samples = counted(count, "sample")
-        remarks.append(f"{samples} without a value of {named} left out")
+        names = ", ".join(incomplete)
+        samples = count_text(count, "sample")
+        remarks.append(f"{samples} without a value of {names} left out")
     return complete
 
 
@@ -250,8 +252,8 @@ def _to_standard_units(
         for i in angles:
             sources[i] = "deg"
     metres = [i for i, name in enumerate(channels) if name in POSITION_CHANNELS]
-    given = [unit or options.unit for unit in header_units]
-    metres = [i for i in metres if sources[i] == "m" and not given[i]]
+    stated_units = [unit or options.unit for unit in header_units]
+    metres = [i for i in metres if sources[i] == "m" and not stated_units[i]]
     if (width := float(np.ptp(values[:, metres], axis=0).max(initial=0))) > _WIDEST:
         remarks.append(
             f"the path is {width:.0f} m wide, if the file is in metres; if it is in "
@@ -266,19 +268,18 @@ def _to_standard_units(
             if units[i] == unit and factors[i] != 1 and i not in angles
         ]
         if names:
-            were = "were" if len(names) > 1 else "was"
-            remarks.append(f"{', '.join(names)} {were} in another unit: now in {unit}")
+            remarks.append(f"{', '.join(names)} converted to {unit}")
     return list(units)
 
 
-def _plain(name: str) -> str:
+def _key(name: str) -> str:
     """Return a name in lower case, its words joined by underscores."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def _labels(columns: Sequence[_Column]) -> tuple[str, ...]:
     """Return the names of channels; those of columns without a name are x, y, z, c0 ..."""
-    if not any(column.plain for column in columns):
+    if not any(column.key for column in columns):
         return default_channels(len(columns))
     return tuple(column.name or f"c{n}" for n, column in enumerate(columns))
 
@@ -291,11 +292,10 @@ def _time(
         column
         for form in _TIMES
         for column in columns
-        if form.fullmatch(column.plain)
-        and (not column.suffix or column.suffix in TIMES)
+        if form.fullmatch(column.key) and (not column.suffix or column.suffix in TIMES)
     ]
-    timed = [c for c in columns if c.header_unit in TIMES and c.grows]
-    candidates = candidates or timed
+    with_unit = [c for c in columns if c.header_unit in TIMES and c.is_increasing]
+    candidates = candidates or with_unit
     parts = _stamp_parts(columns)
     indices = {column.number for column in (*candidates, *parts)}
     if options.sample_rate is not None:
@@ -312,12 +312,12 @@ def _time(
     changing = [c for c in candidates if np.any(c.values != c.values[0])]
     candidates = changing or candidates
     if not candidates:
-        unnamed = [c for c in columns if not c.plain][:1]
-        candidates = [c for c in unnamed if c.grows and not c.counts]
+        unnamed = [c for c in columns if not c.key][:1]
+        candidates = [c for c in unnamed if c.is_increasing and not c.is_counter]
         if not candidates:
-            raise SkillFileError(_without_time(columns, remarks))
+            raise SkillFileError(_missing_time(columns, remarks))
         remarks.append(
-            f"column {candidates[0].number + 1}, which grows, is taken for the time"
+            f"column {candidates[0].number + 1}, which increases, is taken for the time"
         )
     column = candidates[0]
     if len(candidates) > 1:
@@ -325,25 +325,25 @@ def _time(
     return (column.values, column.unit), {*indices, column.number}
 
 
-def _without_time(columns: Sequence[_Column], remarks: Sequence[str]) -> str:
+def _missing_time(columns: Sequence[_Column], remarks: Sequence[str]) -> str:
     """Return why there is no time, and what to do."""
     names = tuple(column.name for column in columns)
-    words = [remark for remark in remarks if remark.endswith("left out: words")]
-    beside = f" ({words[0]})" if words else ""
-    clock = next((c for c in columns if c.grows and not c.counts), None)
+    others = [remark for remark in remarks if remark.endswith("left out: not numeric")]
+    beside = f" ({others[0]})" if others else ""
+    clock = next((c for c in columns if c.is_increasing and not c.is_counter), None)
     option = columns_option({"time": clock.source}) if clock else ""
     advice = f", or the column: {option}" if option else ""
     return (
-        f"no column tells the time; {shown_columns(names)}"
+        f"no column holds the time; {shown_columns(names)}"
         f"{beside}. Give the sample rate in Hz, such as --sample-rate 100{advice}"
     )
 
 
 def _stamp_parts(columns: Sequence[_Column]) -> list[_Column]:
     """Return the columns of seconds and nanoseconds of one stamp, or an empty list."""
-    named = {_plain(column.name): column for column in reversed(columns)}
+    named = {_key(column.name): column for column in reversed(columns)}
     for column in columns:
-        match = re.fullmatch(r"(.*_)?secs?", _plain(column.name))
+        match = re.fullmatch(r"(.*_)?secs?", _key(column.name))
         names = [f"{match[1] or ''}{n}" for n in _NANOSECONDS] if match else []
         for name in names:
             if name in named:
@@ -361,7 +361,7 @@ def _channels(
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
     positions = _groups([c for c in columns if _is_length(c)], _POSITION, "xyz")
     orientations = _groups(columns, _QUATERNION, "xyzw")
-    positions, orientations, commanded = _measured(positions, orientations)
+    positions, orientations, commanded = _without_commanded(positions, orientations)
     if commanded:
         columns = [c for c in columns if c not in commanded]
         names_of_commands = ", ".join(c.name for c in commanded)
@@ -392,47 +392,47 @@ def _channels(
     return channels
 
 
-def _measured(
+def _without_commanded(
     positions: _Groups, orientations: _Groups
 ) -> tuple[_Groups, _Groups, list[_Column]]:
     """Return the groups without commanded ones beside one measured, and their columns."""
-    both, commanded = [], list[_Column]()
+    remaining, commanded = [], list[_Column]()
     for groups in (positions, orientations):
         measured = {p: g for p, g in groups.items() if not _COMMANDED.fullmatch(p)}
         if len(measured) == 1:
             commanded += [c for p, g in groups.items() if p not in measured for c in g]
             groups = measured
-        both.append(groups)
-    return both[0], both[1], commanded
+        remaining.append(groups)
+    return remaining[0], remaining[1], commanded
 
 
 def _is_length(column: _Column) -> bool:
     """Return whether a column may be a coordinate of a position."""
     if column.unit:
         return column.unit in LENGTHS
-    return not _NO_POSITION.search(column.plain[:-1].strip("_"))
+    return not _NO_POSITION.search(column.key[:-1].strip("_"))
 
 
 def _groups(columns: Sequence[_Column], form: re.Pattern[str], axes: str) -> _Groups:
     """Return groups of columns by their prefixes, with one column for each axis."""
     groups: dict[str, dict[str, _Column]] = {}
     for column in columns:
-        match = form.fullmatch(column.plain)
+        match = form.fullmatch(column.key)
         if match:
             groups.setdefault(match[1], {}).setdefault(match[2], column)
-    whole = {
+    complete = {
         prefix: tuple(group[axis] for axis in axes)
         for prefix, group in groups.items()
         if set(group) == set(axes)
     }
-    return {"": whole[""]} if "" in whole else whole
+    return {"": complete[""]} if "" in complete else complete
 
 
 def _unit(column: _Column, channel: str, options: ReadingOptions) -> str:
     """Return the unit of a channel without one: of its name, an option, or its kind."""
     if channel in POSITION_CHANNELS:
         return column.suffix or options.unit or "m"
-    forms = (unit for form, unit in _UNITS if form.fullmatch(_plain(channel)))
+    forms = (unit for form, unit in _UNITS if form.fullmatch(_key(channel)))
     return next(forms, "1")
 
 

@@ -41,27 +41,27 @@ class Group(NamedTuple):
 
 
 def column_groups(
-    table: Table, plain: Sequence[str], options: ReadingOptions
+    table: Table, keys: Sequence[str], options: ReadingOptions
 ) -> Iterator[Group]:
     """Yield the groups among the columns of a table.
 
-    A matrix of 4 x 4 may be stored by rows or by columns: its numbers tell.
+    The last row of a 4 x 4 matrix shows whether it is stored by rows or by columns.
 
     Parameters
     ----------
     table : Table
-    plain : sequence of str
+    keys : sequence of str
         Names of the columns in lower case, words joined by underscores.
     options : ReadingOptions
     """
     conversions = [standard_unit(unit) for unit in table.units]
     values = table.values * [factor for factor, _ in conversions]
     numbered: dict[str, dict[int, int]] = {}
-    for i, name in enumerate(plain):
+    for i, name in enumerate(keys):
         if match := _NUMBERED.fullmatch(name):
             numbered.setdefault(match[1], {}).setdefault(int(match[2]), i)
-    if not any(plain):  # A table of poses without a header.
-        count = len(plain)
+    if not any(keys):  # A table of poses without a header.
+        count = len(keys)
         width = next((n for n in (7, 16) if n in (count, count - 1)), 0)
         numbered = {"": {n: count - width + n for n in range(width)}}
     for prefix, members in numbered.items():
@@ -73,23 +73,23 @@ def column_groups(
         if stem != prefix and count > 3:
             yield _numbered_joints(table, stem, numbered, values)
             continue
-        named = _named(prefix, values[:, sources], options)
-        if named is not None:
-            labels, units, poses, is_unstated = named
+        recognised = _recognise(prefix, values[:, sources], options)
+        if recognised is not None:
+            labels, units, poses, lacks_order = recognised
             first = sources[count - 4]
             origin = table.names[first] or f"column {first + 1}"
             kind = "a force and a torque" if "N" in units else "a pose"
             span = f"{table.names[sources[0]]} to {table.names[sources[-1]]}"
             remark = f"{span} are {kind}" if count > 4 else ""
-            if is_unstated:
+            if lacks_order:
                 remark = options.quaternion_remark(origin)
             # Positions keep the unit of their header.
             unit = conversions[sources[0]][1]
             units = [u or unit * (i < 3) for i, u in enumerate(units)]
             yield Group(set(sources), labels, units, poses, remark)
-    yield from _joint_states(table.names, plain, values)
-    if set("wxyz") <= set(plain):  # Without a word that says so.
-        sources = [len(plain) - 1 - plain[::-1].index(axis) for axis in "xyzw"]
+    yield from _joint_states(table.names, keys, values)
+    if set("wxyz") <= set(keys):  # Without a word that says so.
+        sources = [len(keys) - 1 - keys[::-1].index(axis) for axis in "xyzw"]
         if _is_unit(values[:, sources], _EXACT):
             yield Group(set(sources), list(_POSE[3:]), [""] * 4, values[:, sources])
 
@@ -113,21 +113,21 @@ def _numbered_joints(
 
 
 def _joint_states(
-    names: Sequence[str], plain: Sequence[str], values: Array
+    names: Sequence[str], keys: Sequence[str], values: Array
 ) -> Iterator[Group]:
     """Yield the positions of joints beside whose velocities or efforts there are."""
-    found = dict[str, int]()
+    joints = dict[str, int]()
     rates = set[int]()
-    for i, name in enumerate(plain):
+    for i, name in enumerate(keys):
         match = _JOINT_STATE.fullmatch(name)
         beside = [f"{match[1]}_{kind}" for kind in _RATES_OF_JOINTS] if match else []
-        beside = [other for other in beside if other in plain]
+        beside = [other for other in beside if other in keys]
         if beside:
             parts = re.split(r"[/.]", names[i])
-            found[parts[-2] if len(parts) > 1 else names[i]] = i
-            rates |= {plain.index(other) for other in beside}
-    if found:
-        yield _joints(list(found), list(found.values()), rates, values)
+            joints[parts[-2] if len(parts) > 1 else names[i]] = i
+            rates |= {keys.index(other) for other in beside}
+    if joints:
+        yield _joints(list(joints), list(joints.values()), rates, values)
 
 
 def _joints(
@@ -139,12 +139,12 @@ def _joints(
     return Group({*sources, *rates}, labels, units, values[:, sources], remark)
 
 
-def _named(
+def _recognise(
     prefix: str, values: Array, options: ReadingOptions
 ) -> tuple[list[str], list[str], Array, bool] | None:
     """Return names, units and numbers of a group, and whether its quaternion has no order.
 
-    None where the numbers are nothing that is known.
+    None where nothing is recognised.
     """
     count = values.shape[1]
     order = [options.quaternions.index(axis) for axis in "xyzw"]

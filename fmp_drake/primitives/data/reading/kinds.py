@@ -154,7 +154,7 @@ _FIRST_BYTES: dict[bytes, _Reader] = {
     b"\x1f\x8b": _read_packed,
     b"Format Version,": read_optitrack,
 }
-_OTHERWISE = (
+_ALTERNATIVES = (
     "; a demonstration is a table (.csv, .tsv, .txt, .xlsx; OptiTrack, Vicon), .npz, .npy, "
     ".parquet, .h5, .mat, JSON lines, a ROS 1 or ROS 2 bag, .mcap, or a LeRobot dataset. "
     "Write one of these, for example by numpy.savez('recording.npz', time=time, "
@@ -162,8 +162,8 @@ _OTHERWISE = (
 )
 # What is not read, by bytes at a place in the file, and what to do instead.
 _REFUSED = {
-    (4, b"ftyp"): "a film" + _OTHERWISE,
-    (0, b"\x80"): "a Python pickle, which may run code" + _OTHERWISE,
+    (4, b"ftyp"): "a film" + _ALTERNATIVES,
+    (0, b"\x80"): "a Python pickle, which may run code" + _ALTERNATIVES,
     (0, b"\xd0\xcf\x11\xe0"): "an old Excel file; convert it: "
     "soffice --convert-to csv {path}",
     (257, b"ustar"): "an archive; unpack it and name its files: tar xf {path}",

@@ -126,7 +126,7 @@ def topic_choice(names: Sequence[str]) -> str:
     return f"choose with --topic among {', '.join(names)}: --topic {example}"
 
 
-def counted(count: int, noun: str) -> str:
+def count_text(count: int, noun: str) -> str:
     """Return a number with its noun: `1 sample`, `2 samples`."""
     return f"{count} {noun}{'s' * (count != 1)}"
 

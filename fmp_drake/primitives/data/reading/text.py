@@ -18,7 +18,7 @@ from fmp_drake.primitives.data.reading.table import (
     ReadingOptions,
     Table,
     check_size,
-    counted,
+    count_text,
     named_unit,
     unit_symbol,
 )
@@ -51,7 +51,7 @@ def read_text(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the columns of a table in a text file.
 
     Comments and other lines before the numbers are skipped. The last of them is the
-    header where it has as many cells. Columns of words are left out.
+    header where it has as many cells. Columns that are not numeric are left out.
 
     Raises
     ------
@@ -60,7 +60,11 @@ def read_text(path: Path, _options: ReadingOptions) -> list[Table]:
     """
     text = _decoded(path)
     # A file that was not written to its end stops within a line.
-    return [table_of_lines(path, text.splitlines(), is_cut=text[-1:] not in "\r\n")]
+    return [
+        table_of_lines(
+            path, text.splitlines(), may_be_incomplete=text[-1:] not in "\r\n"
+        )
+    ]
 
 
 def read_lines(path: Path) -> list[str]:
@@ -68,8 +72,10 @@ def read_lines(path: Path) -> list[str]:
     return _decoded(path).splitlines()
 
 
-def table_of_lines(path: Path, lines: list[str], *, is_cut: bool = False) -> Table:
-    """Return the table in the lines of a file; the last may be cut. See `read_text`."""
+def table_of_lines(
+    path: Path, lines: list[str], *, may_be_incomplete: bool = False
+) -> Table:
+    """Return the table in the lines of a file; see `read_text`."""
     if not any(map(str.strip, lines)):
         raise SkillFileError(
             f"{path} is empty: nothing was recorded. Record one to try with: "
@@ -86,7 +92,7 @@ def table_of_lines(path: Path, lines: list[str], *, is_cut: bool = False) -> Tab
         header, units = [""] * width, [""] * width
     else:
         header, units = _header(path, lines[:start], delimiter, first)
-    words = [i for i, cell in enumerate(first) if number_in(cell) is None]
+    not_numeric = [i for i, cell in enumerate(first) if number_in(cell) is None]
     numbers, remarks = array("d"), []
     has_commas = False
     broken: list[tuple[int, str]] = []
@@ -94,9 +100,11 @@ def table_of_lines(path: Path, lines: list[str], *, is_cut: bool = False) -> Tab
         if not line.strip() or _COMMENT.match(line):
             continue
         cells = split_cells(line, delimiter)
-        row = [0.0 if i in words else number_in(cell) for i, cell in enumerate(cells)]
-        if len(row) < width and is_cut and number == len(lines):
-            remarks.append(f"line {number}, the last, is cut: left out")
+        row = [
+            0.0 if i in not_numeric else number_in(cell) for i, cell in enumerate(cells)
+        ]
+        if len(row) < width and may_be_incomplete and number == len(lines):
+            remarks.append(f"line {number}, the last, is incomplete: left out")
         elif len(row) != width:
             broken.append((number, f"{len(cells)} cells instead of {width}"))
         elif None in row:
@@ -111,21 +119,21 @@ def table_of_lines(path: Path, lines: list[str], *, is_cut: bool = False) -> Tab
     unused = {
         i for i in range(width) if not header[i] and np.all(np.isnan(values[:, i]))
     }
-    columns = [i for i in range(width) if i not in unused.union(words)]
+    columns = [i for i in range(width) if i not in unused.union(not_numeric)]
     if delimiter != "," or has_commas:
         remarks.append(
             f"{'decimal commas, ' if has_commas else ''}{_DELIMITERS[delimiter]} between "
             "the columns"
         )
-    if words:
-        named = ", ".join(header[i] or f"column {i + 1}" for i in words)
-        remarks.append(f"{named} left out: words")
+    if not_numeric:
+        named = ", ".join(header[i] or f"column {i + 1}" for i in not_numeric)
+        remarks.append(f"{named} left out: not numeric")
     return Table(
         names=tuple(header[i] for i in columns),
         units=tuple(units[i] for i in columns),
         values=values[:, columns],
         remarks=tuple(remarks),
-        words={header[i]: first[i] for i in words},
+        words={header[i]: first[i] for i in not_numeric},
     )
 
 
@@ -136,11 +144,11 @@ def _without_lists(lines: list[str]) -> list[str]:
     if len(rows) < 2 or len(rows[0]) != len(lists) or not any(lists):
         return lines
     names: list[str] = []
-    for name, found in zip(rows[0], lists, strict=True):
-        count = len(_LIST_MARK.split(found[1].strip())) if found else 0
-        names += [f"{name}_{i}" for i in range(count)] if found else [name]
+    for name, match in zip(rows[0], lists, strict=True):
+        count = len(_LIST_MARK.split(match[1].strip())) if match else 0
+        names += [f"{name}_{i}" for i in range(count)] if match else [name]
     body = (
-        _LIST.sub(lambda found: _LIST_MARK.sub(",", found[1].strip()), line)
+        _LIST.sub(lambda match: _LIST_MARK.sub(",", match[1].strip()), line)
         for line in lines[1:]
     )
     return [",".join(names), *body]
@@ -149,17 +157,17 @@ def _without_lists(lines: list[str]) -> list[str]:
 def _without_broken(path: Path, broken: list[tuple[int, str]], rows: int) -> str:
     """Return a remark that broken lines are left out; raise where they are many."""
     (line, reason), count = broken[0], len(broken)
-    found = f"line {line}: {reason}"
+    example = f"line {line}: {reason}"
     if count <= max(_MOST_BROKEN * rows, rows >= _FEW):
-        return f"{counted(count, 'broken line')} left out ({found})"
-    deleted = ";".join(f"{number}d" for number, _ in broken[:_MOST_DELETED])
+        return f"{count_text(count, 'broken line')} left out ({example})"
+    commands = ";".join(f"{number}d" for number, _ in broken[:_MOST_DELETED])
     advice = (
-        f"delete them: sed -i.orig {shlex.quote(deleted)} {shlex.quote(str(path))}"
+        f"delete them: sed -i.orig {shlex.quote(commands)} {shlex.quote(str(path))}"
         if count <= _MOST_DELETED
         else "export the table again"
     )
     raise SkillFileError(
-        f"{path}: {count} of {rows + count} rows broken ({found}); {advice}"
+        f"{path}: {count} of {rows + count} rows broken ({example}); {advice}"
     )
 
 
@@ -334,7 +342,7 @@ def read_optitrack(path: Path, _options: ReadingOptions) -> list[Table]:
     omitted_bodies = {bodies[i] for i in pose_columns} - {bodies[i] for i in columns}
     remark = "OptiTrack, " + ", ".join(dict.fromkeys(bodies[i] for i in columns))
     if omitted_bodies:
-        remark += f"; {counted(len(omitted_bodies), 'marker')} left out"
+        remark += f"; {count_text(len(omitted_bodies), 'marker')} left out"
     units = {
         "Position": unit_symbol(settings.get("Length Units", "")),
         "Rotation": "" if "W" in axes else "deg",
