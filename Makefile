@@ -46,6 +46,8 @@ wipe: $(STAMP)
 teach: $(STAMP)
 	@$(BIN)/fmp-drake teach $(ARGS)
 
+# Rewritten assertions are kept: to rewrite them takes each process six seconds.
+test: export PYTHONDONTWRITEBYTECODE :=
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder \
 	    --max-worker-restart 0 --reruns 1 $(ARGS)
