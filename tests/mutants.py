@@ -31,7 +31,7 @@ PACKAGE = REPOSITORY / "fmp_drake"
 NEAREST = {
     "station/reach/feasibility.py": "station/test_feasibility.py",
     "station/reach/board_reach.py": "station/test_feasibility.py",
-    "station/reach/tracking_prediction.py": "station/test_feasibility.py",
+    "station/reach/tracking_prediction.py": "station/test_tracking_prediction.py",
     "runs/metrics.py": "runs/test_metrics.py",
     "experiments/trials/trial.py": "experiments/test_trials.py -k 'fault or judged'",
     "systems/panda/gate.py": "systems/test_torque_gate.py systems/test_plausibility.py",

@@ -2,7 +2,6 @@
 
 import pickle
 import re
-from functools import partial
 
 import numpy as np
 import pytest
@@ -173,31 +172,6 @@ def test_skill_whose_joints_are_braked_for_moments_is_accepted(bundled_skill):
     assert found.is_feasible
     assert found.values["largest_speed_ratio"] > 1.2
     assert found.values["braking_lag"] < 0.010
-
-
-def test_other_joints_compensate_for_a_braked_one():
-    scenario = Scenario()
-    reach = BoardReach(scenario, FollowingBounds())
-    path = np.zeros((1, 60, 3))
-    path[0, :, 1] = np.linspace(0.0, 0.2, 60)
-    follow = partial(
-        reach.follow,
-        [scenario.board.assumed_pose()],
-        path,
-        step=0.02,
-        postures=reach.start_posture()[None],
-    )
-    free = np.abs(follow().v[0]).max(axis=0)
-    fastest = np.argmax(free)
-    speed = np.full(7, np.inf)
-    speed[fastest] = 0.7 * free[fastest]
-    one = follow(speed=speed)
-    assert np.abs(one.v[0, 1:, fastest]).max() <= speed[fastest] * (1 + 1e-9)
-    assert np.abs(one.error[..., 3:]).max() < 1e-3
-    # No joint is left to compensate.
-    every = follow(speed=0.7 * free)
-    assert np.all(np.abs(every.v[0, 1:]) <= 0.7 * free * (1 + 1e-9))
-    assert np.abs(every.error[..., 3:]).max() > 0.02
 
 
 @pytest.mark.parametrize(

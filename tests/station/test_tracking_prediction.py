@@ -1,0 +1,212 @@
+"""Facts about the predicted motion of an arm along a path, against its plant."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pydrake.math import RollPitchYaw
+from pydrake.multibody.tree import JacobianWrtVariable
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.station import Scenario
+from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
+from fmp_drake.station.reach.tracking_prediction import TrackingPredictor
+from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
+
+STEP = 0.05
+TILT = RollPitchYaw(0.3, -0.2, 0.1).ToRotationMatrix().matrix()
+
+
+class Follower:
+    """An arm that follows paths near its posture, and its plant for comparisons."""
+
+    def __init__(self, robot):
+        scenario = Scenario()
+        scenario.robot = robot
+        model = MakeRobotModel(LoadRobot(robot), scenario.held_tool())
+        self.plant, self.tip = model.plant, model.tip
+        self.config = scenario.impedance
+        self.predictor = TrackingPredictor(self.plant, self.tip, self.config)
+        self.posture = BoardReach(scenario, FollowingBounds()).start_posture()
+        self.context = self.plant.CreateDefaultContext()
+
+    def at(self, q, v=None):
+        """Return the pose of E, and its Jacobian in W, in a state."""
+        self.plant.SetPositions(self.context, q)
+        self.plant.SetVelocities(self.context, np.zeros_like(q) if v is None else v)
+        W = self.plant.world_frame()
+        J = self.plant.CalcJacobianSpatialVelocity(
+            self.context, JacobianWrtVariable.kV, self.tip, np.zeros(3), W, W
+        )
+        return self.tip.CalcPoseInWorld(self.context), J
+
+    def follow(self, offsets, **options):
+        """Follow a path (T, 3) in W, m from the start, with the start's orientation."""
+        X, _ = self.at(self.posture)
+        options.setdefault("R_WB", TILT[None, None])
+        options.setdefault("q_posture", self.posture[None])
+        R_WE = options.pop("R_WE", X.rotation().matrix()[None, None])
+        motion = self.predictor.follow(
+            X.translation() + offsets[None], R_WE, step=STEP, **options
+        )
+        return type(motion)(*(value[0] for value in motion))
+
+
+@pytest.fixture(scope="module", params=["panda", "ur5e"])
+def arm(request):
+    return Follower(request.param)
+
+
+@pytest.fixture(scope="module")
+def circle():
+    """A circle of 5 cm in 4 s, twice."""
+    angle = np.linspace(0.0, 4 * np.pi, 160)
+    return 0.05 * np.stack([np.cos(angle) - 1, np.sin(angle), 0 * angle], axis=1)
+
+
+def test_pose_of_a_reachable_path_is_reached(arm, circle):
+    motion = arm.follow(circle)
+    X, _ = arm.at(arm.posture)
+    for q, offset in zip(motion.q[::20], circle[::20], strict=True):
+        reached, _ = arm.at(q)
+        assert_allclose(reached.translation(), X.translation() + offset, atol=5e-4)
+        assert_allclose(reached.rotation().matrix(), X.rotation().matrix(), atol=2e-3)
+    assert np.abs(motion.error).max() < 2e-3
+
+
+def test_speeds_and_torques_are_those_of_the_motion(arm, circle):
+    motion = arm.follow(circle)
+    assert_allclose(motion.v[1:], np.diff(motion.q, axis=0) / STEP, atol=1e-12)
+    assert_allclose(motion.v[0], motion.v[1], atol=1e-12)
+    acceleration = np.diff(motion.v, axis=0, prepend=motion.v[:1]) / STEP
+    for k in (0, 3, 40, 111):
+        arm.at(motion.q[k], motion.v[k])
+        weight = arm.plant.CalcGravityGeneralizedForces(arm.context)
+        torque = (
+            arm.plant.CalcMassMatrix(arm.context) @ acceleration[k]
+            + arm.plant.CalcBiasTerm(arm.context)
+            - weight
+        )
+        assert_allclose(motion.torque[k], torque, atol=1e-2 * np.abs(weight).max())
+    # Without motion the joints bear the weight, and nothing else.
+    still = arm.follow(np.zeros((4, 3)))
+    arm.at(still.q[-1])
+    weight = arm.plant.CalcGravityGeneralizedForces(arm.context)
+    assert_allclose(still.torque[-1], -weight, atol=1e-6)
+
+
+def test_force_on_the_board_acts_along_its_normal(arm, circle):
+    motion = arm.follow(circle)
+    for k in (0, 57):
+        _, J = arm.at(motion.q[k])
+        assert_allclose(motion.force_torque[k], J[3:].T @ -TILT[:, 2], atol=1e-9)
+        assert motion.manipulability[k] == pytest.approx(
+            np.sqrt(np.linalg.det(J @ J.T)), rel=1e-9
+        )
+
+
+def test_errors_point_to_the_desired_pose_in_the_axes_of_the_board(arm):
+    # Two metres away along x, and turned by half a radian.
+    X, _ = arm.at(arm.posture)
+    turned = Rotation.from_rotvec([0.0, 0.0, 0.5]).as_matrix() @ X.rotation().matrix()
+    path = np.tile([2.0, 0.0, 0.0], (60, 1))
+    motion = arm.follow(path, R_WE=turned[None, None])
+    reached, _ = arm.at(motion.q[-1])
+    p_error = X.translation() + path[-1] - reached.translation()
+    assert_allclose(motion.error[-1, 3:], TILT.T @ p_error, atol=1e-9)
+    assert np.linalg.norm(p_error) > 0.5
+    rotation = turned @ reached.rotation().matrix().T
+    expected = TILT.T @ Rotation.from_matrix(rotation).as_rotvec()
+    assert_allclose(motion.error[-1, :3], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_joints_stop_at_their_limit_springs(arm, side):
+    # Turned about its axis until the last joints reach their ends.
+    X, _ = arm.at(arm.posture)
+    angles = side * np.linspace(0.0, 9.0, 120)[:, None] * [0.0, 0.0, 1.0]
+    R_WE = Rotation.from_rotvec(angles).as_matrix() @ X.rotation().matrix()
+    R_WB = np.tile(TILT, (1, 120, 1, 1))
+    motion = arm.follow(np.zeros((120, 3)), R_WE=R_WE[None], R_WB=R_WB)
+    width = arm.config.walls.width
+    margins = np.stack(
+        [
+            motion.q - arm.plant.GetPositionLowerLimits() - width,
+            arm.plant.GetPositionUpperLimits() - width - motion.q,
+        ]
+    )
+    assert margins.min() == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(motion.error[:, :3]).max() > 0.5
+
+
+def test_other_joints_compensate_for_a_braked_one(circle):
+    panda = Follower("panda")
+    free = np.abs(panda.follow(circle).v).max(axis=0)
+    # The one that moves most while the tool stays.
+    _, J = panda.at(panda.posture)
+    braked = np.argmax(np.abs(np.linalg.svd(J)[2][-1]))
+    speed = np.full(7, np.inf)
+    speed[braked] = 0.7 * free[braked]
+    motion = panda.follow(circle, speed=speed)
+    # At its limit in both directions.
+    v = motion.v[1:, braked]
+    assert v.max() == pytest.approx(speed[braked], rel=1e-6)
+    assert v.min() == pytest.approx(-speed[braked], rel=1e-6)
+    assert np.abs(motion.error).max() < 2e-3
+
+
+def test_braked_joints_that_nothing_replaces_lag_behind(arm, circle):
+    free = np.abs(arm.follow(circle).v).max(axis=0)
+    motion = arm.follow(circle, speed=0.6 * free)
+    assert np.all(np.abs(motion.v[1:]) <= 0.6 * free * (1 + 1e-9))
+    lag = np.linalg.norm(motion.error[:, 3:], axis=1)
+    # They make about 0.6 of the way, until the circle comes back.
+    assert 0.005 < lag.max() < 0.1
+    # The way to the start of the path is not braked.
+    assert lag[0] < 1e-3
+
+
+def test_paths_do_not_affect_one_another(arm, circle):
+    X, _ = arm.at(arm.posture)
+    offsets = np.stack([circle, -circle, 3 * circle])
+    speed = 0.8 * np.abs(arm.follow(circle).v).max(axis=0)
+    R_WE, R_WB = X.rotation().matrix()[None, None], np.tile(TILT, (3, 1, 1, 1))
+    together = arm.predictor.follow(
+        X.translation() + offsets,
+        np.tile(R_WE, (3, 1, 1, 1)),
+        R_WB,
+        q_posture=np.tile(arm.posture, (3, 1)),
+        step=STEP,
+        speed=speed,
+    )
+    for i in range(3):
+        alone = arm.follow(offsets[i], speed=speed)
+        assert_allclose(together.q[i], alone.q, atol=1e-9)
+        assert_allclose(together.error[i], alone.error, atol=1e-9)
+
+
+def test_orientation_and_normal_may_change_along_the_path(arm):
+    X, _ = arm.at(arm.posture)
+    turns = np.linspace(0.0, 0.4, 40)[:, None] * [1.0, 0.0, 0.0]
+    turned = Rotation.from_rotvec(turns).as_matrix()
+    motion = arm.follow(
+        np.zeros((40, 3)),
+        R_WE=(turned @ X.rotation().matrix())[None],
+        R_WB=(turned @ TILT)[None],
+    )
+    for k in (0, 1, 20, 39):
+        reached, J = arm.at(motion.q[k])
+        expected = turned[k] @ X.rotation().matrix()
+        assert_allclose(reached.rotation().matrix(), expected, atol=3e-3)
+        normal = (turned[k] @ TILT)[:, 2]
+        assert_allclose(motion.force_torque[k], J[3:].T @ -normal, atol=1e-9)
+
+
+def test_posture_draws_a_redundant_arm_back():
+    panda = Follower("panda")
+    angle = np.linspace(0.0, 20 * np.pi, 800)
+    circles = 0.1 * np.stack([np.cos(angle) - 1, np.sin(angle), 0 * angle], axis=1)
+    motion = panda.follow(circles)
+    assert np.abs(motion.error[:, 3:]).max() < 1e-3
+    # Kinematic inverses alone drift from cycle to cycle.
+    assert np.abs(motion.q[-1] - motion.q[79]).max() < 0.02
+    assert np.abs(motion.q[-1] - panda.posture).max() < 0.1
