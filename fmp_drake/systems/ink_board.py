@@ -36,7 +36,11 @@ from fmp_drake.systems.ink.rubbing import (
     rectangle,
     wear,
 )
-from fmp_drake.systems.interface.callbacks import collision_ids, declare_bodies
+from fmp_drake.systems.interface.callbacks import (
+    collision_ids,
+    contact_surfaces,
+    declare_bodies,
+)
 from fmp_drake.systems.surface.surface import project, rotation
 
 type FloatArray = NDArray[np.float64]
@@ -203,17 +207,8 @@ class InkBoard(LeafSystem):
     def _contacts(self, context: Context) -> list[tuple[ContactSurface, FloatArray]]:
         """List the surfaces between eraser and board, with the force on the eraser."""
         results: Any = self._contact_results.Eval(context)
-        surfaces = []
-        for i in range(results.num_hydroelastic_contacts()):
-            info = results.hydroelastic_contact_info(i)
-            surface = info.contact_surface()
-            m, n = surface.id_M().get_value(), surface.id_N().get_value()
-            # The force acts on the body of M.
-            if m in self._eraser_ids and n in self._board_ids:
-                surfaces.append((surface, info.F_Ac_W().translational()))
-            elif n in self._eraser_ids and m in self._board_ids:
-                surfaces.append((surface, -info.F_Ac_W().translational()))
-        return surfaces
+        contacts = contact_surfaces(results, self._eraser_ids)
+        return [(s, force) for s, force, other in contacts if other in self._board_ids]
 
     def _pose(self, context: Context) -> RigidTransform:
         """Return X_WB."""

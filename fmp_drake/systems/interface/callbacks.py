@@ -7,13 +7,14 @@ never be freed, nor the diagram around it: 20 MB for a wiping station.
 """
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from pydrake.common.value import Value
+from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import (
     CacheIndex,
@@ -61,6 +62,36 @@ def collision_ids(plant: MultibodyPlant, body: RigidBody) -> frozenset[int]:
     """
     identifiers = plant.GetCollisionGeometriesForBody(body)
     return frozenset(identifier.get_value() for identifier in identifiers)
+
+
+def contact_surfaces(
+    results: ContactResults, geometries: frozenset[int]
+) -> Iterator[tuple[ContactSurface, Any, int]]:
+    """Yield the contact surfaces of a body, with the force on it and the other geometry.
+
+    Parameters
+    ----------
+    results : ContactResults
+    geometries : frozenset of int
+        Of the body, as `collision_ids` returns them.
+
+    Yields
+    ------
+    surface : ContactSurface
+    force : array, shape (3,)
+        On the body, in W, N.
+    other : int
+        Value of the identifier of the other geometry.
+    """
+    for i in range(results.num_hydroelastic_contacts()):
+        info = results.hydroelastic_contact_info(i)
+        surface, force = info.contact_surface(), info.F_Ac_W().translational()
+        m, n = surface.id_M().get_value(), surface.id_N().get_value()
+        # The force acts on the body of M.
+        if m in geometries:
+            yield surface, force, n
+        elif n in geometries:
+            yield surface, -force, m
 
 
 def declare_bodies(system: LeafSystem) -> tuple[InputPort, InputPort]:

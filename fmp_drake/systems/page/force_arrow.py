@@ -12,7 +12,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.interface.callbacks import collision_ids
+from fmp_drake.systems.interface.callbacks import collision_ids, contact_surfaces
 
 FORCE_COLOR = Rgba(0.85, 0.10, 0.10, 1.0)
 """Colour of the arrow."""
@@ -102,17 +102,7 @@ class ForceArrow(LeafSystem):
         """Return where the force acts (W, m) and the force (W, N)."""
         results: Any = self._results.Eval(context)
         force, point, weight = np.zeros(3), np.zeros(3), 0.0
-        for i in range(results.num_hydroelastic_contacts()):
-            info = results.hydroelastic_contact_info(i)
-            surface = info.contact_surface()
-            if surface.id_M().get_value() in self._ids:
-                sign = 1.0
-            elif surface.id_N().get_value() in self._ids:
-                sign = -1.0
-            else:
-                continue
-            # The force acts on M's body.
-            part = sign * info.F_Ac_W().translational()
+        for surface, part, _ in contact_surfaces(results, self._ids):
             size = float(np.linalg.norm(part))
             force += part
             point += size * surface.centroid()
