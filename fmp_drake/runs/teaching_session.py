@@ -146,7 +146,7 @@ class TeachingSession:
     @property
     def is_guided(self) -> bool:
         """Whether the arm is guided or pulled at the moment."""
-        return bool(self._output("leading")[0])
+        return bool(self._output("is_guided")[0])
 
     @property
     def missing(self) -> float:
@@ -404,7 +404,7 @@ class TeachingSession:
         """Return the value of an output port of the station or of its mouse."""
         root = self._simulator.get_context()
         station: Any = self._station
-        if name == "leading" and not station.HasOutputPort(name):
+        if name == "is_guided" and not station.HasOutputPort(name):
             if not station.HasSubsystemNamed("mouse_hand"):
                 return np.zeros(1)
             station = station.GetSubsystemByName("mouse_hand")

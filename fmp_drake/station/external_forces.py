@@ -292,7 +292,7 @@ class SimulatedHand:
     def AddTo(
         self, builder: DiagramBuilder, scene: BoardScene
     ) -> tuple[OutputPort, OutputPort]:
-        """Add human_hand, and leading, a constant."""
+        """Add human_hand, and is_guided, a constant."""
         if scene.whiteboard is None and "z" not in self.motion.channels:
             raise StationError(
                 f"the motion has {', '.join(self.motion.channels)}, and the scenario no board "
@@ -311,8 +311,10 @@ class SimulatedHand:
         )
         for port in ("body_poses", "body_spatial_velocities"):
             builder.Connect(scene.plant.GetOutputPort(port), hand.GetInputPort(port))
-        leading = builder.AddNamedSystem("leading", ConstantVectorSource(np.ones(1)))
-        return hand.GetOutputPort("spatial_forces"), leading.get_output_port()
+        is_guided = builder.AddNamedSystem(
+            "is_guided", ConstantVectorSource(np.ones(1))
+        )
+        return hand.GetOutputPort("spatial_forces"), is_guided.get_output_port()
 
 
 @dataclass(frozen=True)
@@ -346,7 +348,7 @@ class MouseOnPage:
     ) -> tuple[OutputPort, OutputPort]:
         """Add mouse_hand."""
         hand = AddMouseHand(builder, scene, self.meshcat)
-        return hand.GetOutputPort("spatial_forces"), hand.GetOutputPort("leading")
+        return hand.GetOutputPort("spatial_forces"), hand.GetOutputPort("is_guided")
 
 
 def DemonstrationFromRecorder(

@@ -77,7 +77,7 @@ def MakeStation(
       optional_spatial_forces and spatial_force_sum;
     - with a Meshcat: those of `AddPage`, where page_controls replaces tempo and
       desired_normal_force; with a panel: page_status;
-    - of a hand: rest for the controller's inputs, recorder; human_hand and leading of a
+    - of a hand: rest for the controller's inputs, recorder; human_hand and is_guided of a
       `SimulatedHand`, mouse_hand and meshcat_mouse_spring of a `MouseOnPage`.
 
     Output ports with a skill and a simulated arm, all vectors:
@@ -100,7 +100,7 @@ def MakeStation(
     unconnected.
 
     Output ports with a hand: position (3,) of the eraser in B by the arm's sensors, m;
-    leading (1,), 1 during hand guiding; state, torque and actuation as above; measured_pose
+    is_guided (1,), 1 during hand guiding; state, torque and actuation as above; measured_pose
     (7,) where the hand turns the tool.
 
     An arm that is not simulated, and one without skill and hand, has the outputs of the
@@ -345,7 +345,7 @@ def _MakeTeachingStation(
     rest = builder.AddNamedSystem("rest", ConstantVectorSource(np.zeros(3)))
     for name in DESIRED:
         builder.Connect(rest.get_output_port(), controller.GetInputPort(name))
-    forces, leading = hand.AddTo(builder, scene)
+    forces, is_guided = hand.AddTo(builder, scene)
     builder.Connect(forces, plant.GetInputPort("applied_spatial_force"))
     position = controller.GetOutputPort("measured_position")
     if not scene.curvature.is_plane:
@@ -370,7 +370,7 @@ def _MakeTeachingStation(
     driver: Any = builder.GetSubsystemByName("driver")
     exported = {
         "position": position,
-        "leading": leading,
+        "is_guided": is_guided,
         "state": plant.get_state_output_port(scene.robot.arm),
         "torque": controller.GetOutputPort("torque"),
         "actuation": driver.GetOutputPort("torque_measured"),

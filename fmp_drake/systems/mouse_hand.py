@@ -69,7 +69,7 @@ class MouseHand(LeafSystem):
     ------------
     spatial_forces : abstract
         For the plant's applied_spatial_force port.
-    leading : (1,)
+    is_guided : (1,)
         1 while the arm is guided, else 0.
     cursor_interval : (1,)
         Time between two positions of the cursor from the page, s.
@@ -100,7 +100,7 @@ class MouseHand(LeafSystem):
     >>> _ = AddRobot(plant, LoadRobot("panda"))
     >>> plant.Finalize()
     >>> hand = MouseHand(plant, specific_stiffness=100.0)
-    >>> float(hand.GetOutputPort("leading").Eval(hand.CreateDefaultContext())[0])
+    >>> float(hand.GetOutputPort("is_guided").Eval(hand.CreateDefaultContext())[0])
     0.0
     """
 
@@ -163,7 +163,7 @@ class MouseHand(LeafSystem):
                 self._velocities.ticket(),
             },
         )
-        for name, field in (("leading", "guiding"), ("cursor_interval", "interval")):
+        for name, field in (("is_guided", "guiding"), ("cursor_interval", "interval")):
 
             def calc(context: Context, output: BasicVector, field: str = field) -> None:
                 output[0] = self._read_state(context)[field]
@@ -195,7 +195,7 @@ class MouseHand(LeafSystem):
         else:
             page.AddSlider(TURN_SWITCH, 0.0, 1.0, 1.0, 0.0)
 
-    def _turns(self) -> bool:
+    def _turns_tool(self) -> bool:
         """Return whether the switch is on; a page may send any number."""
         page = self._meshcat
         if page is None or self._R_WL is None:
@@ -203,7 +203,7 @@ class MouseHand(LeafSystem):
         has_switch = TURN_SWITCH in page.GetSliderNames()
         return has_switch and page.GetSliderValue(TURN_SWITCH) > 0.5
 
-    def _lean(self, context: Context) -> Array | None:
+    def _rotation(self, context: Context) -> Array | None:
         """Return the rotation vector of the tool from its orientation at rest, in W."""
         if self._R_WL is None:
             return None
@@ -211,10 +211,10 @@ class MouseHand(LeafSystem):
         rotation = (
             poses[self._tip_body].rotation() @ self._R_WL.inverse()
         ).ToAngleAxis()
-        lean: Array = rotation.angle() * rotation.axis()
-        return lean
+        phi: Array = rotation.angle() * rotation.axis()
+        return phi
 
-    def _led(self, state: Any) -> tuple[int, Array]:
+    def _guided(self, state: Any) -> tuple[int, Array]:
         """Return the body that the hand acts on, and the point p_BoQ_B."""
         if self._board is not None:
             return self._tip_body, self._p_LE
@@ -243,11 +243,10 @@ class MouseHand(LeafSystem):
         state: Any = context.get_discrete_state(self._state).value()
         drag = self._drag(context)
         s = state.view(STATE)[0]
-        grabs = self._board is None and not s["guiding"] and drag is not None
-        if grabs and drag is not None:
+        if self._board is None and not s["guiding"] and drag is not None:
             p_WQ = drag.anchor
         else:
-            p_WQ, _ = self._point(context, *self._led(s))
+            p_WQ, _ = self._point(context, *self._guided(s))
         page = self._meshcat
         camera = None if page is None else page.GetTrackedCameraPose()
         new = follow(
@@ -255,12 +254,12 @@ class MouseHand(LeafSystem):
             drag,
             time=context.get_time(),
             period=SAMPLE_PERIOD,
-            here=p_WQ,
+            guided_point=p_WQ,
             eye=self._eye if camera is None else np.array(camera.translation()),
             config=self._config,
             board=self._board,
-            lean=self._lean(context),
-            turns=self._turns(),
+            rotation=self._rotation(context),
+            turns_tool=self._turns_tool(),
         )
         values.set_value(self._state, new)
 
@@ -269,20 +268,20 @@ class MouseHand(LeafSystem):
         if not s["started"] or not (s["guiding"] or config.holds):
             output.set_value([])
             return
-        body, point = self._led(s)
-        here, velocity = self._point(context, body, point)
+        body, point = self._guided(s)
+        p_WQ, velocity = self._point(context, body, point)
         normal, height = None, 0.0
         if board is not None and board.is_solid:
-            normal, height = board.normal(here), board.height(here)
+            normal, height = board.normal(p_WQ), board.height(p_WQ)
         f_W = hand_force(
-            s["wanted"] - here, velocity, config=config, normal=normal, height=height
+            s["set_point"] - p_WQ, velocity, config=config, normal=normal, height=height
         )
         tau_W = np.zeros(3)
         if self._R_WL is not None:
             poses: Any = self._poses.Eval(context)
             velocities: Any = self._velocities.Eval(context)
-            lean = Rotation.from_rotvec(s["lean"]).as_matrix()
-            R_WL = RotationMatrix(lean) @ self._R_WL
+            R = Rotation.from_rotvec(s["rotation"]).as_matrix()
+            R_WL = RotationMatrix(R) @ self._R_WL
             tau_W = hand_torque(
                 R_WL @ poses[body].rotation().inverse(),
                 velocities[body].rotational(),

@@ -27,7 +27,7 @@ SYSTEMS = {
     "controller",
     "driver",
     "human_hand",
-    "leading",
+    "is_guided",
     "recorder",
     "rest",
 }
@@ -60,7 +60,7 @@ def test_exported_ports_have_names_and_sizes(lesson):
     ports = [station.get_output_port(i) for i in range(station.num_output_ports())]
     assert {p.get_name(): p.size() for p in ports} == {
         "position": 3,
-        "leading": 1,
+        "is_guided": 1,
         "state": 14,
         "torque": 7,
         "actuation": 7,
@@ -75,7 +75,7 @@ def test_every_system_has_a_name(lesson):
 
 def test_documentation_names_every_port_and_system():
     words = re.findall(r"\w+", MakeStation.__doc__)
-    ports = {"position", "leading", "state", "torque", "actuation"}
+    ports = {"position", "is_guided", "state", "torque", "actuation"}
     assert ports | SYSTEMS <= set(words)
 
 

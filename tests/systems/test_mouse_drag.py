@@ -15,7 +15,7 @@ from fmp_drake.systems.teaching.mouse_drag import (
     follow,
     hand_force,
     no_drag,
-    slide,
+    ray_intersection,
 )
 
 PERIOD = 0.016
@@ -29,7 +29,7 @@ class Hand:
 
     def __init__(self, config=GUIDING_DRAG, board=BOARD, *, stands=False):
         self.state, self.time, self.stands = no_drag(), 0.0, stands
-        self.here = np.zeros(3)
+        self.guided_point = np.zeros(3)
         self.config, self.board = config, board
         self.look(None)
 
@@ -39,14 +39,14 @@ class Hand:
             drag,
             time=self.time,
             period=PERIOD,
-            here=self.here,
+            guided_point=self.guided_point,
             eye=EYE,
             config=self.config,
             board=self.board,
         )
         self.time += PERIOD
         if self["guiding"] and not self.stands:
-            self.here = np.array(self["wanted"])
+            self.guided_point = np.array(self["set_point"])
         return self
 
     def __getitem__(self, name):
@@ -83,36 +83,39 @@ def test_the_cursor_is_found_from_the_springs_force():
 def test_a_slid_point_is_in_the_plane_and_under_the_cursor(normal):
     normal, point = np.array(normal, dtype=float), np.array([0.1, 0.2, 0.05])
     cursor = np.array([0.2, 0.1, 0.3])
-    found = slide(cursor, eye=EYE, point=point, normal=normal)
+    found = ray_intersection(cursor, eye=EYE, point=point, normal=normal)
     assert (found - point) @ normal == pytest.approx(0, abs=1e-12)
     assert_allclose(np.cross(found - EYE, cursor - EYE), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize("cursor", [(2, 0, 1), (2, 0, 0.99), (1, 0, 2)])
 def test_a_ray_that_grazes_the_board_or_leaves_it_meets_nothing(cursor):
-    assert slide(np.array(cursor), eye=EYE, point=np.zeros(3), normal=UP) is None
+    assert (
+        ray_intersection(np.array(cursor), eye=EYE, point=np.zeros(3), normal=UP)
+        is None
+    )
 
 
 def test_a_drag_guides_to_the_cursor_over_the_board():
     hand = Hand().dragged(0.1, -0.15)
     assert hand["guiding"]
     hand.silent(0.1, 0.1, -0.15)
-    assert_allclose(hand["wanted"], [0.1, -0.15, 0], atol=1e-9)
+    assert_allclose(hand["set_point"], [0.1, -0.15, 0], atol=1e-9)
 
 
 def test_drag_beside_the_tool_moves_it_by_the_same_distance():
     hand = Hand()
-    hand.here = np.array([0.02, 0.0, -0.3])
+    hand.guided_point = np.array([0.02, 0.0, -0.3])
     hand.dragged(0.05, 0.08).silent(0.1, 0.05, 0.08)
-    assert_allclose(hand["wanted"], [0.07, 0.08, -0.3], atol=1e-9)
+    assert_allclose(hand["set_point"], [0.07, 0.08, -0.3], atol=1e-9)
 
 
-def test_the_wanted_point_never_moves_faster_than_the_limit():
+def test_the_set_point_never_moves_faster_than_the_limit():
     hand, before, fastest = Hand(), np.zeros(3), 0.0
     for i in range(60):
         hand.over(0.15 * np.sin(0.4 * i), 0.15 * np.cos(0.4 * i) - 0.15)
-        fastest = max(fastest, np.linalg.norm(hand["wanted"] - before))
-        before = np.array(hand["wanted"])
+        fastest = max(fastest, np.linalg.norm(hand["set_point"] - before))
+        before = np.array(hand["set_point"])
     assert fastest == pytest.approx(GUIDING_DRAG.max_speed * PERIOD)
 
 
@@ -122,7 +125,7 @@ def test_a_slow_page_guides_as_steadily_as_a_fast_one(each):
     for i in range(240):
         t = i // each * each * PERIOD
         hand.over(0.15 * np.sin(2 * t), 0)
-        x.append(hand["wanted"][0])
+        x.append(hand["set_point"][0])
     x, now = np.array(x)[60:], np.arange(60, 240)
     errors = [
         np.abs(x - 0.15 * np.sin(2 * PERIOD * (now - lag))).max() for lag in range(30)
@@ -139,32 +142,32 @@ def test_silent_page_moves_the_arm_at_most_to_the_limit_and_then_releases_it():
     hand = Hand().over(0, 0).over(0.19, 0)
     hand.silent(2.0, 0.19, 0)
     assert not hand["guiding"]
-    assert 0.03 < hand.here[0] <= GUIDING_DRAG.max_ahead + 1e-9
+    assert 0.03 < hand.guided_point[0] <= GUIDING_DRAG.max_travel + 1e-9
 
 
 def test_silent_page_continues_after_a_new_message():
     hand = Hand().over(0, 0).over(0.12, 0)
     hand.silent(2.0, 0.12, 0)
-    hand.over(0.121, 0, anchor=hand.here)
+    hand.over(0.121, 0, anchor=hand.guided_point)
     assert hand["guiding"]
 
 
 def test_a_still_mouse_on_a_still_arm_is_not_a_silent_page():
     hand = Hand().dragged(0.1, 0).silent(0.2, 0.1, 0)
-    at = hand.here.copy()
+    at = hand.guided_point.copy()
     hand.over(0.1, 0, anchor=at).silent(5.0, 0.1, 0)
     assert hand["guiding"]
-    assert_allclose(hand.here, at, atol=1e-6)
+    assert_allclose(hand.guided_point, at, atol=1e-6)
 
 
 def test_jump_of_the_cursor_ends_the_drag_until_the_next_one():
     hand = Hand().dragged(0.05, 0)
     hand.over(-0.19, 0.25)
     assert not hand["guiding"]
-    at = hand.here.copy()
+    at = hand.guided_point.copy()
     hand.dragged(0.05, 0)
     assert not hand["guiding"]
-    assert_array_equal(hand["wanted"], at)
+    assert_array_equal(hand["set_point"], at)
     hand.look(None)
     hand.over(0, 0)
     assert hand["guiding"]
@@ -179,18 +182,18 @@ def test_cursor_at_the_horizon_ends_the_drag():
 def test_tool_is_guided_up_to_the_edge_of_the_board():
     hand = Hand().dragged(0.5, 0, steps=100).silent(0.2, 0.5, 0)
     assert hand["guiding"]
-    assert_allclose(hand["wanted"], [0.2, 0, 0], atol=1e-9)
+    assert_allclose(hand["set_point"], [0.2, 0, 0], atol=1e-9)
     for i in range(60):
         hand.over(0.5 - 0.01 * i, 0)
-    assert hand["wanted"][0] < 0
+    assert hand["set_point"][0] < 0
 
 
 def test_after_a_drag_the_position_is_held():
     hand = Hand().dragged(0.1, 0.1)
-    at = hand.here.copy()
+    at = hand.guided_point.copy()
     hand.look(None)
     assert not hand["guiding"]
-    assert_array_equal(hand["wanted"], at)
+    assert_array_equal(hand["set_point"], at)
 
 
 def test_a_drag_from_before_the_beginning_does_nothing_until_it_moves():
@@ -208,7 +211,7 @@ def test_camera_of_another_page_does_not_rotate_the_drag():
             None if not hand["guiding"] else Drag(5, *np.zeros((3, 3))),
             time=hand.time,
             period=PERIOD,
-            here=hand.here,
+            guided_point=hand.guided_point,
             eye=np.array([-3.0, 0.0, 0.4]),
             config=GUIDING_DRAG,
             board=BOARD,
@@ -262,7 +265,9 @@ def test_cursor_over_a_curved_board_slides_along_it(shape):
     # Grabbed 1 cm over the board, dragged to another point as high.
     grabbed, goal = place(surface, np.array([[0.0, 0.0, 0.01], [0.08, -0.06, 0.01]]))
     cursor = EYE + 0.7 * (goal - EYE)
-    assert_allclose(board.slide(cursor, eye=EYE, point=grabbed), goal, atol=1e-12)
+    assert_allclose(
+        board.ray_intersection(cursor, eye=EYE, point=grabbed), goal, atol=1e-12
+    )
     assert_allclose(board.coordinates(goal), [0.08, -0.06, 0.01], atol=1e-12)
     assert board.height(goal) == pytest.approx(0.01)
     # The normal is the direction in which the height grows fastest.
@@ -284,12 +289,12 @@ def test_goal_stays_within_the_edges_of_a_curved_board(shape):
 
 def test_ray_past_a_dome_stays_at_its_edge_and_behind_the_eye_there_is_nothing():
     board = BoardSurface(np.eye(3, 4), np.array([0.3, 0.3]), CURVED["dome"])
-    past = board.slide(np.array([0.5, 0.6, 0.5]), eye=EYE, point=np.zeros(3))
+    past = board.ray_intersection(np.array([0.5, 0.6, 0.5]), eye=EYE, point=np.zeros(3))
     centre = np.array([0.0, 0.0, -0.25])
     ray = np.array([0.5, 0.6, 0.5]) - EYE
     nearest = EYE + ray * ((centre - EYE) @ ray) / (ray @ ray)
     assert_allclose(past, nearest, atol=1e-12)
-    assert board.slide(2 * EYE, eye=EYE, point=np.zeros(3)) is None
+    assert board.ray_intersection(2 * EYE, eye=EYE, point=np.zeros(3)) is None
 
 
 def test_tool_is_pressed_along_the_local_normal_of_a_pipe():
@@ -310,7 +315,7 @@ def test_drag_of_the_page_leads_over_a_dome():
     for _ in range(10):
         hand.look(Drag(5, np.zeros(3), np.zeros(3), EYE + 0.5 * (goals[-1] - EYE)))
     assert hand["guiding"]
-    assert_allclose(hand.here, goals[-1], atol=1e-3)
+    assert_allclose(hand.guided_point, goals[-1], atol=1e-3)
 
 
 class TurningHand(Hand):
@@ -318,8 +323,8 @@ class TurningHand(Hand):
 
     grabbed = np.array([0.0, 0.0, 0.3])
 
-    def __init__(self, lean=(0.0, 0.0, 0.0), **options):
-        self.lean = np.array(lean)
+    def __init__(self, rotation=(0.0, 0.0, 0.0), **options):
+        self.rotation = np.array(rotation)
         super().__init__(**options)
         self.to(0.0, 0.0)
 
@@ -329,12 +334,12 @@ class TurningHand(Hand):
             drag,
             time=self.time,
             period=PERIOD,
-            here=self.here,
+            guided_point=self.guided_point,
             eye=EYE,
             config=self.config,
             board=self.board,
-            lean=self.lean,
-            turns=True,
+            rotation=self.rotation,
+            turns_tool=True,
         )
         self.time += PERIOD
         return self
@@ -344,45 +349,45 @@ class TurningHand(Hand):
         cursor = EYE + 0.5 * (self.grabbed + np.array([x, y, 0.0]) - EYE)
         return self.look(Drag(5, np.zeros(3), self.grabbed, cursor))
 
-    def leant(self, x, y, *, steps=40):
+    def turned(self, x, y, *, steps=40):
         """Move the cursor to a point, and wait."""
         for i in range(1, steps + 1):
             self.to(x * i / steps, y * i / steps)
         for _ in range(10):
             self.to(x, y)
-        return np.array(self["lean"])
+        return np.array(self["rotation"])
 
 
 @pytest.mark.parametrize(
-    ("way", "lean"),
+    ("way", "rotation"),
     [
         ((0.06, 0.0), (0, 0.2, 0)),
         ((0.0, 0.06), (-0.2, 0, 0)),
         ((-0.03, 0), (0, -0.1, 0)),
     ],
 )
-def test_grabbed_point_follows_the_cursor_around_the_end_of_the_tool(way, lean):
+def test_grabbed_point_follows_the_cursor_around_the_end_of_the_tool(way, rotation):
     hand = TurningHand()
-    assert_allclose(hand.leant(*way), lean, atol=1e-9)
-    assert_array_equal(hand["wanted"], np.zeros(3))
+    assert_allclose(hand.turned(*way), rotation, atol=1e-9)
+    assert_array_equal(hand["set_point"], np.zeros(3))
 
 
 def test_tool_is_turned_from_its_present_orientation_and_keeps_it():
-    hand = TurningHand(lean=(0.0, 0.2, 0.0))
-    assert_allclose(hand.leant(0.06, 0.0), [0, 0.4, 0], atol=1e-9)
+    hand = TurningHand(rotation=(0.0, 0.2, 0.0))
+    assert_allclose(hand.turned(0.06, 0.0), [0, 0.4, 0], atol=1e-9)
     hand.look(None)
     assert not hand["guiding"]
-    assert_allclose(hand["lean"], [0, 0.4, 0], atol=1e-9)
+    assert_allclose(hand["rotation"], [0, 0.4, 0], atol=1e-9)
 
 
 def test_tool_is_turned_neither_faster_nor_farther_than_allowed():
     hand, leans = TurningHand(), []
     for i in range(60):
         hand.to(0.01 * i, 0.0)
-        leans.append(np.linalg.norm(hand["lean"]))
+        leans.append(np.linalg.norm(hand["rotation"]))
     rate = np.max(np.abs(np.diff(leans))) / PERIOD
-    assert rate == pytest.approx(GUIDING_DRAG.max_turn_rate, rel=1e-6)
-    assert leans[-1] == pytest.approx(GUIDING_DRAG.max_lean)
+    assert rate == pytest.approx(GUIDING_DRAG.max_angular_speed, rel=1e-6)
+    assert leans[-1] == pytest.approx(GUIDING_DRAG.max_rotation)
 
 
 def test_silent_page_does_not_turn_the_tool_farther():
@@ -390,7 +395,7 @@ def test_silent_page_does_not_turn_the_tool_farther():
     hand.to(0.15, 0.0)
     for _ in range(100):
         hand.to(0.15, 0.0)
-    assert 0.1 < np.linalg.norm(hand["lean"]) < 0.31
+    assert 0.1 < np.linalg.norm(hand["rotation"]) < 0.31
     assert not hand["guiding"]
 
 
@@ -398,4 +403,4 @@ def test_cursor_that_jumps_ends_the_turning():
     hand = TurningHand()
     hand.to(0.5, 0.5)
     assert not hand["guiding"]
-    assert_array_equal(hand["lean"], np.zeros(3))
+    assert_array_equal(hand["rotation"], np.zeros(3))

@@ -110,7 +110,7 @@ def test_ports_have_names_and_only_the_plant_feeds_through(plant):
     inputs = [hand.get_input_port(i).get_name() for i in range(3)]
     assert inputs == ["spring", "body_poses", "body_spatial_velocities"]
     outputs = [hand.get_output_port(i).get_name() for i in range(3)]
-    assert outputs == ["spatial_forces", "leading", "cursor_interval"]
+    assert outputs == ["spatial_forces", "is_guided", "cursor_interval"]
     fed = [[hand.HasDirectFeedthrough(i, j) for j in range(3)] for i in range(3)]
     assert fed == [[False] * 3, [True, False, False], [True, False, False]]
 
@@ -148,7 +148,7 @@ def test_a_drag_of_any_body_guides_the_tool_in_its_middle(plant):
     hand = guiding(plant)
     simulator = begin(hand)
     drag(hand, simulator, *[[0, 0.002 * k, 0] for k in range(6)], body=1)
-    assert output(hand, simulator, "leading")[0] == 1
+    assert output(hand, simulator, "is_guided")[0] == 1
     (force,) = output(hand, simulator)
     assert int(force.body_index) == 2
     assert_array_equal(force.p_BoBq_B, np.zeros(3))
@@ -164,9 +164,9 @@ def test_a_body_that_must_not_be_dragged_guides_nothing(plant):
     hand = guiding(plant, bodies=[BodyIndex(2)])
     simulator = begin(hand)
     drag(hand, simulator, [0, 0, 0], [0, 0.01, 0], body=1)
-    assert output(hand, simulator, "leading")[0] == 0
+    assert output(hand, simulator, "is_guided")[0] == 0
     drag(hand, simulator, [0, 0, 0], [0, 0.01, 0], body=2)
-    assert output(hand, simulator, "leading")[0] == 1
+    assert output(hand, simulator, "is_guided")[0] == 1
 
 
 def test_released_arm_is_held_after_guiding_but_not_after_pulling(plant):

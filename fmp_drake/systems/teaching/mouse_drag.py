@@ -18,14 +18,16 @@ from fmp_drake.systems.surface.surface import Surface
 Array = NDArray[np.float64]
 
 # Smallest cosine between a ray and the normal of the plane that it intersects.
-_GRAZING = 0.08
+_MIN_COSINE = 0.08
 # A page sends no new message while the body moves less than this, m.
 _MOTION_THRESHOLD = 0.005
-_SAME = 1e-9
+# Largest difference of equal messages, m.
+_TOLERANCE = 1e-9
 # Height over the board, m, up to which the spring pulls the tool back to it.
 _LIFT = 0.006
-# Shortest lever with which the tool is turned, m, and rotation without a new message, rad.
-_LEVER, _TURN_AHEAD = 0.10, 0.3
+# Shortest lever with which the tool is turned, m, and largest rotation without a new
+# message, rad.
+_LEVER, _MAX_ROTATION = 0.10, 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,15 +48,15 @@ class DragConfig:
         Of the set-point, m/s.
     max_jump : float
         Of the cursor from one message to the next, m; a larger jump ends the drag.
-    max_ahead : float
+    max_travel : float
         Travel of the set-point without a new message, m.
-    patience : float
+    timeout : float
         Time without a new message, although the arm moves, after which the drag ends,
         s.
-    max_turn_rate : float
+    max_angular_speed : float
         Of the set-point of the orientation, rad/s.
-    max_lean : float
-        Greatest rotation of the tool from the way it is held at rest, rad.
+    max_rotation : float
+        Largest rotation of the tool from its orientation at rest, rad.
 
     Examples
     --------
@@ -69,10 +71,10 @@ class DragConfig:
     holds: bool = False
     max_speed: float = 0.8
     max_jump: float = 0.2
-    max_ahead: float = 0.08
-    patience: float = 0.3
-    max_turn_rate: float = 1.2
-    max_lean: float = 0.6
+    max_travel: float = 0.08
+    timeout: float = 0.3
+    max_angular_speed: float = 1.2
+    max_rotation: float = 0.6
 
 
 GUIDING_DRAG = DragConfig(
@@ -152,7 +154,9 @@ class BoardSurface(NamedTuple):
         inside: Array = self.X_WB[:, 3] + self.X_WB[:, :3] @ p_B
         return inside
 
-    def slide(self, cursor: Array, *, eye: Array, point: Array) -> Array | None:
+    def ray_intersection(
+        self, cursor: Array, *, eye: Array, point: Array
+    ) -> Array | None:
         """Return where the ray from the eye through the cursor is as high as a point.
 
         A ray past a curved board is at its nearest point to it.
@@ -168,7 +172,8 @@ class BoardSurface(NamedTuple):
             None where the ray grazes a flat board, or meets the board behind the eye.
         """
         if self.curvature.is_plane:
-            return slide(cursor, eye=eye, point=point, normal=self.X_WB[:, 2])
+            normal = self.X_WB[:, 2]
+            return ray_intersection(cursor, eye=eye, point=point, normal=normal)
         kx, ky = self.curvature
         k = float(kx if kx != 0 else ky)
         R = self.X_WB[:, :3]
@@ -179,8 +184,8 @@ class BoardSurface(NamedTuple):
         a, b = float(ray @ ray), float(ray @ from_centre)
         beyond = float(from_centre @ from_centre) - radius**2
         root = np.sqrt(max(b**2 - a * beyond, 0.0))
-        way = -b - np.copysign(root, k)
-        return eye + (cursor - eye) * way / a if way > 0 else None
+        distance = -b - np.copysign(root, k)
+        return eye + (cursor - eye) * distance / a if distance > 0 else None
 
 
 # Numbers of 8 bytes only: one array of floats holds them.
@@ -188,12 +193,12 @@ STATE = np.dtype(
     [
         ("started", "f8"),
         ("guiding", "f8"),
-        ("lost", "f8"),  # Ended by a jump: the button must be released first.
+        ("ended", "f8"),  # By a jump: the button must be released first.
         ("body", "f8"),
         ("point", "3f8"),  # p_BoQ_B of the dragged point.
         ("message", "6f8"),  # Anchor and cursor.
         ("message_time", "f8"),
-        ("here", "3f8"),  # Guided point at that time; in W, as all below.
+        ("message_point", "3f8"),  # Moved point at that time; in W, as all below.
         ("cursor_time", "f8"),
         ("interval", "f8"),  # Between two cursors.
         ("eye", "3f8"),
@@ -201,15 +206,15 @@ STATE = np.dtype(
         ("offset", "3f8"),  # From the dragged to the guided point.
         ("aim", "3f8"),
         ("goal", "3f8"),  # The aim, over the board.
-        ("wanted", "3f8"),
+        ("set_point", "3f8"),
         ("speed", "f8"),
-        ("left", "f8"),  # Travel that is left without a new message.
+        ("travel", "f8"),  # Remaining travel without a new message.
         ("turning", "f8"),  # The drag turns the tool, and does not move its end.
-        # Rotation vectors from the way the tool is held at rest: now, when it was
-        # grabbed, and the goal; rad.
-        ("lean", "3f8"),
-        ("grabbed_lean", "3f8"),
-        ("lean_goal", "3f8"),
+        # Rotation vectors of the tool from its orientation at rest: set-point, at the
+        # start of the drag, and goal; rad.
+        ("rotation", "3f8"),
+        ("grabbed_rotation", "3f8"),
+        ("rotation_goal", "3f8"),
     ]
 )
 """State of a drag as a structured type; see `follow`."""
@@ -245,7 +250,9 @@ def cursor_of(
     return anchor + force / (mass * stiffness) + velocity / np.sqrt(stiffness)
 
 
-def slide(cursor: Array, *, eye: Array, point: Array, normal: Array) -> Array | None:
+def ray_intersection(
+    cursor: Array, *, eye: Array, point: Array, normal: Array
+) -> Array | None:
     """Return the intersection of a plane with the ray from the eye through the cursor.
 
     Parameters
@@ -261,10 +268,10 @@ def slide(cursor: Array, *, eye: Array, point: Array, normal: Array) -> Array | 
         None where the ray grazes the plane, or meets it behind the eye.
     """
     ray = cursor - eye
-    across, way = float(ray @ normal), float((point - eye) @ normal)
-    if abs(across) < _GRAZING * float(np.linalg.norm(ray)) or way / across <= 0:
+    slope, height = float(ray @ normal), float((point - eye) @ normal)
+    if abs(slope) < _MIN_COSINE * float(np.linalg.norm(ray)) or height / slope <= 0:
         return None
-    return eye + ray * (way / across)
+    return eye + ray * (height / slope)
 
 
 def follow(
@@ -273,12 +280,12 @@ def follow(
     *,
     time: float,
     period: float,
-    here: Array,
+    guided_point: Array,
     eye: Array,
     config: DragConfig,
     board: BoardSurface | None,
-    lean: Array | None = None,
-    turns: bool = False,
+    rotation: Array | None = None,
+    turns_tool: bool = False,
 ) -> Array:
     """Return the state after reading the page.
 
@@ -289,77 +296,84 @@ def follow(
         None where nothing is dragged.
     time, period : float
         Of the reading, and between two readings, s.
-    here : ndarray, shape (3,)
-        The guided point, in W, m.
+    guided_point : ndarray, shape (3,)
+        In W, m.
     eye : ndarray, shape (3,)
         Of the page's camera, in W, m.
     config : DragConfig
     board : BoardSurface, optional
         None to follow the cursor in the plane of the screen.
-    lean : ndarray, shape (3,), optional
-        Measured rotation vector of the tool from the way it is held at rest, in W, rad.
-    turns : bool
+    rotation : ndarray, shape (3,), optional
+        Measured rotation vector of the tool from its orientation at rest, in W, rad.
+    turns_tool : bool
         Whether a drag that begins now turns the tool around its end.
     """
     floats = state.copy()
     s = floats.view(STATE)[0]
     if not s["started"]:
         # A message from before the start is old: wait for a new one.
-        s["started"], s["wanted"] = 1, here
-        s["lost"], s["lean"] = 0, 0.0 if lean is None else lean
+        s["started"], s["set_point"] = 1, guided_point
+        s["ended"], s["rotation"] = 0, 0.0 if rotation is None else rotation
         s["message"] = np.nan if drag is None else np.r_[drag.anchor, drag.cursor]
         return floats
     if drag is None:
-        _let_go(s, here)
-        s["lost"], s["message"] = 0, np.nan
+        _release(s, guided_point)
+        s["ended"], s["message"] = 0, np.nan
         return floats
     message = np.r_[drag.anchor, drag.cursor]
-    is_new = not np.all(np.abs(message - s["message"]) < _SAME)
-    moved_cursor = not np.all(np.abs(message[3:] - s["message"][3:]) < _SAME)
+    is_new = not np.all(np.abs(message - s["message"]) < _TOLERANCE)
+    moved_cursor = not np.all(np.abs(message[3:] - s["message"][3:]) < _TOLERANCE)
     if s["guiding"] and s["body"] != drag.body:
-        _let_go(s, here)
-    if s["lost"] or not (is_new or s["guiding"]):
+        _release(s, guided_point)
+    if s["ended"] or not (is_new or s["guiding"]):
         return floats
     if is_new:
-        grabs = not s["guiding"]
-        if grabs:
+        is_grabbed = not s["guiding"]
+        if is_grabbed:
             s["guiding"], s["body"], s["point"] = 1, drag.body, drag.point
-            s["eye"], s["grabbed"], s["offset"] = eye, drag.anchor, here - drag.anchor
-            s["aim"] = s["wanted"] = here
-            s["cursor_time"], s["turning"] = time, turns
-            s["grabbed_lean"] = s["lean_goal"] = s["lean"]
-            if turns:
+            s["eye"], s["grabbed"] = eye, drag.anchor
+            s["offset"] = guided_point - drag.anchor
+            s["aim"] = s["set_point"] = guided_point
+            s["cursor_time"], s["turning"] = time, turns_tool
+            s["grabbed_rotation"] = s["rotation_goal"] = s["rotation"]
+            if turns_tool:
                 s["aim"] = drag.anchor
-        s["message"], s["message_time"], s["here"] = message, time, _place(s, here)
-        s["left"] = _TURN_AHEAD if s["turning"] else config.max_ahead
-        if grabs or moved_cursor:
-            aim = _aim_lean if s["turning"] else _aim
-            aim(s, drag.cursor, time, period, config, board)
-            if s["lost"]:
-                _let_go(s, here)
+        s["message"], s["message_time"] = message, time
+        s["message_point"] = _moved_point(s, guided_point)
+        s["travel"] = _MAX_ROTATION if s["turning"] else config.max_travel
+        if is_grabbed or moved_cursor:
+            _set_goal(s, drag.cursor, time, period, config, board)
+            if s["ended"]:
+                _release(s, guided_point)
                 return floats
-    elif (
-        time - s["message_time"] > config.patience
-        and np.linalg.norm(_place(s, here) - s["here"]) > _MOTION_THRESHOLD
-    ):
-        _let_go(s, here)
-        return floats
-    now, goal = ("lean", "lean_goal") if s["turning"] else ("wanted", "goal")
-    way = s[goal] - s[now]
-    distance = float(np.linalg.norm(way))
-    step = min(s["speed"] * period, s["left"], distance)
+    elif time - s["message_time"] > config.timeout:
+        motion = _moved_point(s, guided_point) - s["message_point"]
+        if np.linalg.norm(motion) > _MOTION_THRESHOLD:
+            _release(s, guided_point)
+            return floats
+    name, goal, _ = _moved_quantity(s, config)
+    displacement = s[goal] - s[name]
+    distance = float(np.linalg.norm(displacement))
+    step = min(s["speed"] * period, s["travel"], distance)
     if step > 0:
-        s[now] += step / distance * way
-        s["left"] -= step
+        s[name] += step / distance * displacement
+        s["travel"] -= step
     return floats
 
 
-def _place(s: Any, here: Array) -> Array:
+def _moved_point(s: Any, guided_point: Array) -> Array:
     """Return the point that a drag moves, m: the guided point, or the end of a lever."""
-    return s["lean"] * _LEVER if s["turning"] else here
+    return s["rotation"] * _LEVER if s["turning"] else guided_point
 
 
-def _aim(
+def _moved_quantity(s: Any, config: DragConfig) -> tuple[str, str, float]:
+    """Return the names of what a drag moves and of its goal, and its largest speed."""
+    if s["turning"]:
+        return "rotation", "rotation_goal", config.max_angular_speed
+    return "set_point", "goal", config.max_speed
+
+
+def _set_goal(
     s: Any,
     cursor: Array,
     time: float,
@@ -367,61 +381,51 @@ def _aim(
     config: DragConfig,
     board: BoardSurface | None,
 ) -> None:
-    """Set the goal to a new cursor, to be reached when the next one comes."""
+    """Set the goal to a new cursor, to be reached when the next one comes.
+
+    A drag that turns the tool rotates it around the guided point: the grabbed point
+    follows the cursor in the plane across the lever between them.
+    """
     aim: Array | None = cursor
-    if board is not None:
-        aim = board.slide(cursor, eye=s["eye"], point=s["grabbed"])
-    if aim is None or np.linalg.norm(aim + s["offset"] - s["aim"]) > config.max_jump:
-        s["lost"] = 1
-        return
-    s["aim"] = aim + s["offset"]
-    s["goal"] = s["aim"] if board is None else board.inside(s["aim"])
-    _take_time(s, time, config)
-    distance = float(np.linalg.norm(s["goal"] - s["wanted"]))
-    s["speed"] = min(config.max_speed, distance / max(s["interval"], period))
-
-
-def _aim_lean(
-    s: Any,
-    cursor: Array,
-    time: float,
-    period: float,
-    config: DragConfig,
-    board: BoardSurface | None,
-) -> None:
-    """Set the goal of the rotation: around the guided point the grabbed one follows."""
-    lever = -s["offset"]
+    lever, offset = -s["offset"], s["offset"]
     length = float(np.linalg.norm(lever))
-    if length < _LEVER:
-        up = np.array([0.0, 0.0, 1.0]) if board is None else board.X_WB[:, 2]
-        lever, length = _LEVER * up, _LEVER
-    aim = slide(cursor, eye=s["eye"], point=s["grabbed"], normal=lever / length)
-    if aim is None or np.linalg.norm(aim - s["aim"]) > config.max_jump:
-        s["lost"] = 1
+    if s["turning"]:
+        if length < _LEVER:
+            up = np.array([0.0, 0.0, 1.0]) if board is None else board.X_WB[:, 2]
+            lever, length = _LEVER * up, _LEVER
+        offset = np.zeros(3)
+        aim = ray_intersection(
+            cursor, eye=s["eye"], point=s["grabbed"], normal=lever / length
+        )
+    elif board is not None:
+        aim = board.ray_intersection(cursor, eye=s["eye"], point=s["grabbed"])
+    if aim is None or np.linalg.norm(aim + offset - s["aim"]) > config.max_jump:
+        s["ended"] = 1
         return
-    s["aim"] = aim
-    turn = Rotation.from_rotvec(np.cross(lever, aim - s["grabbed"]) / length**2)
-    goal = (turn * Rotation.from_rotvec(s["grabbed_lean"])).as_rotvec()
-    s["lean_goal"] = goal * min(1.0, config.max_lean / max(np.linalg.norm(goal), 1e-9))
-    _take_time(s, time, config)
-    distance = float(np.linalg.norm(s["lean_goal"] - s["lean"]))
-    s["speed"] = min(config.max_turn_rate, distance / max(s["interval"], period))
-
-
-def _take_time(s: Any, time: float, config: DragConfig) -> None:
-    """Take the time between two cursors from that of a new one."""
-    if 0 < (since := time - s["cursor_time"]) <= config.patience:
-        s["interval"] = (s["interval"] + since) / 2
+    s["aim"] = aim + offset
+    if s["turning"]:
+        turn = Rotation.from_rotvec(np.cross(lever, aim - s["grabbed"]) / length**2)
+        phi = (turn * Rotation.from_rotvec(s["grabbed_rotation"])).as_rotvec()
+        fraction = min(1.0, config.max_rotation / max(np.linalg.norm(phi), 1e-9))
+        s["rotation_goal"] = phi * fraction
+    else:
+        s["goal"] = s["aim"] if board is None else board.inside(s["aim"])
+    if 0 < (elapsed := time - s["cursor_time"]) <= config.timeout:
+        s["interval"] = (s["interval"] + elapsed) / 2
     s["cursor_time"] = time
+    name, goal, max_speed = _moved_quantity(s, config)
+    distance = float(np.linalg.norm(s[goal] - s[name]))
+    s["speed"] = min(max_speed, distance / max(s["interval"], period))
 
 
-def _let_go(s: Any, here: Array) -> None:
+def _release(s: Any, guided_point: Array) -> None:
+    """End the guiding; the arm is held at the guided point."""
     if s["guiding"]:
-        s["guiding"], s["wanted"] = 0, here
+        s["guiding"], s["set_point"] = 0, guided_point
 
 
 def hand_force(
-    away: Array,
+    displacement: Array,
     velocity: Array,
     *,
     config: DragConfig,
@@ -432,7 +436,7 @@ def hand_force(
 
     Parameters
     ----------
-    away : ndarray, shape (3,)
+    displacement : ndarray, shape (3,)
         From the point to its set-point, in W, m.
     velocity : ndarray, shape (3,)
         Of the point, in W, m/s.
@@ -443,12 +447,12 @@ def hand_force(
     height : float
         Of the point over the board, m; it adds to the normal force.
     """
-    f = config.stiffness * away - config.damping * velocity
-    along = np.zeros(3)
+    f = config.stiffness * displacement - config.damping * velocity
+    f_normal = np.zeros(3)
     if normal is not None:
         f -= normal * (normal @ f)
-        along_normal = config.normal_force + config.damping * float(normal @ velocity)
-        along_normal += config.stiffness * float(np.clip(height, 0.0, _LIFT))
-        along = -normal * np.clip(along_normal, -config.max_force, config.max_force)
+        pressing = config.normal_force + config.damping * float(normal @ velocity)
+        pressing += config.stiffness * float(np.clip(height, 0.0, _LIFT))
+        f_normal = -normal * np.clip(pressing, -config.max_force, config.max_force)
     strength = float(np.linalg.norm(f))
-    return f * min(1.0, config.max_force / max(strength, 1e-12)) + along
+    return f * min(1.0, config.max_force / max(strength, 1e-12)) + f_normal
