@@ -61,7 +61,7 @@ class FirmwareConfig:
     cutoff: float = bounded(30.0, above=0)
 
 
-class Obeyed(IntEnum):
+class Reaction(IntEnum):
     """Reaction of a robot to the last command: it followed, damped, or stopped."""
 
     FOLLOWED = 0
@@ -74,7 +74,7 @@ class FirmwareState(NamedTuple):
 
     limited: Array
     torque: Array
-    obeyed: Obeyed = Obeyed.DAMPED
+    reaction: Reaction = Reaction.DAMPED
 
 
 def firmware_step(
@@ -101,27 +101,27 @@ def firmware_step(
     period : float
         Time between two steps, s.
     """
-    obeyed = Obeyed.FOLLOWED
+    reaction = Reaction.FOLLOWED
     if abs(wall_time - 1e-6 * command.utime) > config.expiry:
-        obeyed = Obeyed.DAMPED
+        reaction = Reaction.DAMPED
     elif (
         len(command.joint_torque) != JOINTS
         or command.control_mode_expected != lcmt_panda_status.CONTROL_MODE_TORQUE
         or not np.all(np.isfinite(command.joint_torque))
     ):
-        obeyed = Obeyed.REFLEX
-    if state.obeyed is Obeyed.REFLEX:
-        obeyed = Obeyed.REFLEX
-    if obeyed is Obeyed.FOLLOWED:
-        wanted = np.array(command.joint_torque)
+        reaction = Reaction.REFLEX
+    if state.reaction is Reaction.REFLEX:
+        reaction = Reaction.REFLEX
+    if reaction is Reaction.FOLLOWED:
+        desired = np.array(command.joint_torque)
     else:
-        wanted = -np.array(config.damping) * velocity
+        desired = -np.array(config.damping) * velocity
     limited = limited_change(
-        state.limited, wanted, config.max_rate * period, np.full(JOINTS, np.inf)
+        state.limited, desired, config.max_rate * period, np.full(JOINTS, np.inf)
     )
     blend = 1 - np.exp(-2 * np.pi * config.cutoff * period)
     torque = state.torque + blend * (limited - state.torque)
-    return FirmwareState(limited, torque, obeyed)
+    return FirmwareState(limited, torque, reaction)
 
 
 @dataclass(kw_only=True)
@@ -167,8 +167,8 @@ class ArmBench:
 
     Attributes
     ----------
-    obeyed : dict
-        Duration of each `Obeyed`, ms.
+    reactions : dict
+        Duration of each `Reaction`, ms.
     commanded : ndarray, shape (7,)
         Last applied torque, Nm.
     torque_rate : float
@@ -185,7 +185,7 @@ class ArmBench:
     >>> bus = DrakeLcm("memq://")
     >>> bench = ArmBench(Scenario(), bus)
     >>> bench.step(1.7e9)
-    >>> bench.obeyed[Obeyed.DAMPED]
+    >>> bench.reactions[Reaction.DAMPED]
     1
     """
 
@@ -245,7 +245,7 @@ class ArmBench:
         self._state = FirmwareState(np.zeros(JOINTS), np.zeros(JOINTS))
         self.commanded, self._stamp = np.zeros(JOINTS), 0
         self._ticks = 0
-        self.obeyed = dict.fromkeys(Obeyed, 0)
+        self.reactions = dict.fromkeys(Reaction, 0)
         self.torque_rate = self._largest_speed = 0.0
         self.ages: list[float] = []
 
@@ -288,7 +288,7 @@ class ArmBench:
             torque = -_GUIDED_DAMPING * state[JOINTS:]
             self._state = self._state._replace(torque=torque)
         else:
-            self._obey(decode(lcmt_panda_command, self.output("command")), wall_time)
+            self._follow(decode(lcmt_panda_command, self.output("command")), wall_time)
         context = self.simulator.get_mutable_context()
         self._diagram.GetInputPort("torque").FixValue(context, self._state.torque)
         # The contact is solved once for this output and the step.
@@ -304,7 +304,7 @@ class ArmBench:
         self.simulator.AdvanceTo(self._ticks * PERIOD)
         self._send(self._status(external, wall_time).encode(), wall_time)
 
-    def _obey(self, command: Any, wall_time: float) -> None:
+    def _follow(self, command: Any, wall_time: float) -> None:
         """Compute the torque of the motors from the last command."""
         self._state = firmware_step(
             self._firmware,
@@ -314,8 +314,8 @@ class ArmBench:
             velocity=self.output("state")[JOINTS:],
             period=PERIOD,
         )
-        self.obeyed[self._state.obeyed] += 1
-        if self._state.obeyed is not Obeyed.FOLLOWED:
+        self.reactions[self._state.reaction] += 1
+        if self._state.reaction is not Reaction.FOLLOWED:
             self.commanded = np.zeros(JOINTS)
         elif command.utime != self._stamp:
             commanded = np.array(command.joint_torque)
@@ -351,7 +351,7 @@ class ArmBench:
             )
         return {
             "seconds": self._ticks * PERIOD,
-            **{f"{key.name.lower()}_ms": n for key, n in self.obeyed.items()},
+            **{f"{key.name.lower()}_ms": n for key, n in self.reactions.items()},
             **age_metrics("command_age", self.ages),
             "torque_rate_max_nm_per_s": self.torque_rate,
             "joint_speed_max_rad_per_s": self._largest_speed,
@@ -380,7 +380,7 @@ class ArmBench:
         message.robot_mode = message.kMove
         if self._is_guided:
             message.robot_mode = message.kGuiding
-        elif self._state.obeyed is Obeyed.REFLEX:
+        elif self._state.reaction is Reaction.REFLEX:
             message.robot_mode = message.kReflex
         message.control_mode = message.CONTROL_MODE_TORQUE
         return message

@@ -185,7 +185,7 @@ class FourierPrimitiveSystem(LeafSystem):
         units = np.array(skill.units_)
         widths = [np.max((high - low)[units == unit]) for unit in units]
         self._centre = (low + high) / 2
-        self._most = np.array(
+        self._max_deviation = np.array(
             [
                 max(_PLAUSIBLE_WIDTHS * width, _PLAUSIBLE.get(unit, 0.0)) or math.inf
                 for width, unit in zip(widths, skill.units_, strict=True)
@@ -298,12 +298,12 @@ class FourierPrimitiveSystem(LeafSystem):
             return EventStatus.DidNothing()  # The playback continues.
         measured: Any = self._measured.Eval(context)
         self._check_start(measured)
-        tempo = 0.0 if self._soft_start else self._wanted_tempo(context)
+        tempo = 0.0 if self._soft_start else self._tempo_input(context)
         start = player.start(measured, tempo=tempo)
-        start = replace(start, sample=self._wanted_sample(context))
+        start = replace(start, sample=self._sample_input(context))
         self._store(
             values,
-            self._chosen(context, start),
+            self._with_selected_sample(context, start),
             events=(time, time, math.inf, 0.0, math.inf),
             measurements=start.history,
         )
@@ -319,8 +319,8 @@ class FourierPrimitiveSystem(LeafSystem):
         )
         measurements = context.get_discrete_state().value(self._measurements)
         measurements = measurements.reshape(state.history.shape)
-        tempo = self._wanted_tempo(context)
-        state = replace(state, sample=self._wanted_sample(context))
+        tempo = self._tempo_input(context)
+        state = replace(state, sample=self._sample_input(context))
         if self._push_threshold is not None:
             measured: Any = self._measured.Eval(context)
             is_missing = not self._is_plausible(measured)
@@ -328,14 +328,13 @@ class FourierPrimitiveSystem(LeafSystem):
                 measured = measurements[-1]
             missing_since = min(missing_since, time) if is_missing else math.inf
             measurements = np.concatenate([measurements[1:], measured[None]])
-            off_path = (measured - player.motion(state)[0])[self._lengths]
-            distance = np.linalg.norm(off_path)
-            off = float(distance) / self._push_threshold
-            is_pushed = off > 1 and not is_missing
+            error = (measured - player.motion(state)[0])[self._lengths]
+            ratio = float(np.linalg.norm(error)) / self._push_threshold
+            is_pushed = ratio > 1 and not is_missing
             pushed_since = min(pushed_since, time) if is_pushed else math.inf
-            if off < 0.5:
+            if ratio < 0.5:
                 state = replace(state, blend_time=player.blend_time)
-            tempo *= min(max(2 - 2 * off, 0.0), 1.0)
+            tempo *= min(max(2 - 2 * ratio, 0.0), 1.0)
             if time - missing_since > _MEASUREMENT_EXPIRY - 1e-6:
                 tempo = 0.0
             if time - pushed_since > self._push_dwell - 1e-6:
@@ -344,7 +343,7 @@ class FourierPrimitiveSystem(LeafSystem):
                 state = replace(state, blend_time=blend_time)
                 pushed_since, reactive = math.inf, reactive + 1
         if state.remaps != before.remaps:
-            state = self._chosen(context, state)
+            state = self._with_selected_sample(context, state)
         rate = (tempo - state.tempo) / player.tick_seconds
         state = replace(state, tempo_rate=min(max(rate, -_TEMPO_RATE), _TEMPO_RATE))
         self._store(
@@ -357,18 +356,23 @@ class FourierPrimitiveSystem(LeafSystem):
 
     def _is_plausible(self, measured: NDArray[np.float64]) -> bool:
         # NaN compares as false.
-        return bool(np.all(np.abs(measured - self._centre) <= self._most))
+        return bool(np.all(np.abs(measured - self._centre) <= self._max_deviation))
 
     def _check_start(self, measured: NDArray[np.float64]) -> None:
         if np.all(np.isfinite(measured)) and not self._is_plausible(measured):
-            lowest, highest = self._centre - self._most, self._centre + self._most
+            lowest, highest = (
+                self._centre - self._max_deviation,
+                self._centre + self._max_deviation,
+            )
             raise SystemsError(
                 f"{self.get_name()}: the measured position is {measured}; it must be from "
                 f"{lowest} to {highest}, near the demonstrations. Check the measurement, "
                 "its frame and its unit."
             )
 
-    def _chosen(self, context: Context, state: PlaybackState) -> PlaybackState:
+    def _with_selected_sample(
+        self, context: Context, state: PlaybackState
+    ) -> PlaybackState:
         """Return the state that tracks the sample of the choice, if there is a choice."""
         if self._choice is None or not state.sample:
             return state
@@ -376,7 +380,7 @@ class FourierPrimitiveSystem(LeafSystem):
         ink = ink.reshape(self._choice.grid.shape)
         return self._choice.tracked(self._player, state, ink)
 
-    def _wanted_tempo(self, context: Context) -> float:
+    def _tempo_input(self, context: Context) -> float:
         if not self._tempo.HasValue(context):
             return 1.0
         port: Any = self._tempo.Eval(context)
@@ -388,7 +392,7 @@ class FourierPrimitiveSystem(LeafSystem):
             )
         return tempo
 
-    def _wanted_sample(self, context: Context) -> bool:
+    def _sample_input(self, context: Context) -> bool:
         if not self._sample.HasValue(context):
             return self._player.sample
         port: Any = self._sample.Eval(context)
@@ -399,16 +403,16 @@ class FourierPrimitiveSystem(LeafSystem):
     def _calc_segments(self, context: Any, value: Any) -> None:
         """Find the time of the last event, and the segments until the next one."""
         player, state = self._player, self._read(context)
-        found: list[tuple[float, Segment]] = []
+        segments: list[tuple[float, Segment]] = []
         begin = 0.0
         while True:
-            found.append((begin, player.segment(state)))
+            segments.append((begin, player.segment(state)))
             wait = state.seconds_until(player.tick_seconds)
             begin += wait
             if begin > player.tick_seconds * (1 - 1e-6):
                 break
             state = player.advance(state, wait)
-        value.set_value((self._last_event(context), found))
+        value.set_value((self._last_event(context), segments))
 
     def _calc_motion(self, context: Context, output: BasicVector) -> None:
         cached: Any = eval_cache(self, self._segments, context)

@@ -7,7 +7,7 @@ from drake import lcmt_panda_command, lcmt_panda_status
 from fmp_drake.runs.arm_bench import (
     FirmwareConfig,
     FirmwareState,
-    Obeyed,
+    Reaction,
     firmware_step,
 )
 
@@ -38,7 +38,7 @@ def stepped(command, state=None, *, velocity=ZERO):
 
 def test_a_fresh_torque_is_followed_as_fast_as_its_rate_allows():
     state = stepped(torque_command(np.full(7, 5.0), NOW))
-    assert state.obeyed is Obeyed.FOLLOWED
+    assert state.reaction is Reaction.FOLLOWED
     np.testing.assert_allclose(state.limited, 1.0)
     # Through a low-pass filter of 30 Hz.
     blend = 1 - np.exp(-2 * np.pi * 30 * 0.001)
@@ -50,7 +50,7 @@ def test_a_fresh_torque_is_followed_as_fast_as_its_rate_allows():
 
 def test_without_a_fresh_torque_the_joints_are_damped():
     state = stepped(torque_command(np.full(7, 5.0), NOW - 0.06), velocity=np.ones(7))
-    assert state.obeyed is Obeyed.DAMPED
+    assert state.reaction is Reaction.DAMPED
     np.testing.assert_allclose(state.limited, DAMPED)
 
 
@@ -64,7 +64,7 @@ def test_a_wrong_command_is_a_reflex_from_which_the_robot_does_not_come_back(wro
     if wrong == "six joints":
         command.joint_torque = [1.0] * 6
     state = stepped(command, velocity=np.ones(7))
-    assert state.obeyed is Obeyed.REFLEX
+    assert state.reaction is Reaction.REFLEX
     np.testing.assert_allclose(state.limited, DAMPED)
     later = stepped(torque_command(np.ones(7), NOW), state)
-    assert later.obeyed is Obeyed.REFLEX
+    assert later.reaction is Reaction.REFLEX

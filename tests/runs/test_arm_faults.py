@@ -5,7 +5,7 @@ import pytest
 from arm_faults import LIMITS, NOW, FailingNetwork, Fault, frozen
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.runs.arm_bench import Obeyed
+from fmp_drake.runs.arm_bench import Reaction
 from fmp_drake.station import models_dir
 from fmp_drake.station.robots.panda_lcm import TorquePublisher
 from fmp_drake.systems import GateMode
@@ -70,11 +70,11 @@ def test_an_implausible_status_stops_the_arm_in_time(skill, fault, name):
 
 def test_the_arm_is_damped_by_its_driver_as_soon_as_its_torque_is_zero(skill):
     network = FailingNetwork(skill).begin(500)
-    damped = network.bench.obeyed[Obeyed.DAMPED]
+    damped = network.bench.reactions[Reaction.DAMPED]
     reaction = network.react(changed(joint_velocity=np.nan), 100)
     assert reaction.stopped_after <= 2
     # A torque of at most 15 Nm is zero after 17 ms.
-    assert network.bench.obeyed[Obeyed.DAMPED] - damped >= 80
+    assert network.bench.reactions[Reaction.DAMPED] - damped >= 80
     assert network.bench.torque_rate <= 1000
 
 

@@ -12,7 +12,7 @@ from pydrake.lcm import DrakeLcm
 from fmp_drake.apps.arm_console import arm_in_words
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs import ArmRun, WipingRun
-from fmp_drake.runs.arm_bench import ArmBench, NetworkFaults, Obeyed
+from fmp_drake.runs.arm_bench import ArmBench, NetworkFaults, Reaction
 from fmp_drake.runs.real_time import WallClock, request_priority
 from fmp_drake.station import LcmPanda, LoadScenario, models_dir
 from fmp_drake.systems import GateConfig, GateMode, StatusFlag
@@ -142,7 +142,7 @@ def test_a_frozen_controller_leaves_the_arm_damped_and_waits_for_a_go(skill):
     loop = Loop(skill).begin().advance(300)
     before = speed(loop)
     loop.advance(200, controller=False)
-    assert loop.bench.obeyed[Obeyed.DAMPED] > 100
+    assert loop.bench.reactions[Reaction.DAMPED] > 100
     assert speed(loop) < 0.2 * before
     loop.advance(800, controller=False)
     loop.advance(100)
@@ -153,9 +153,9 @@ def test_a_silent_arm_gets_no_torque_and_the_run_waits_for_a_go(skill):
     loop = Loop(skill).begin().advance(200)
     loop.advance(160, arm=False)
     assert not np.any(loop.sent[-1])
-    damped = loop.bench.obeyed[Obeyed.DAMPED]
+    damped = loop.bench.reactions[Reaction.DAMPED]
     loop.advance(500)
-    assert loop.bench.obeyed[Obeyed.DAMPED] > damped + 450
+    assert loop.bench.reactions[Reaction.DAMPED] > damped + 450
     assert_stopped_until_go(loop, GateFault.STALE)
 
 
@@ -390,14 +390,14 @@ def test_whatever_ends_a_run_torque_goes_to_zero_at_its_rate(skill, end):
             os.kill(os.getpid(), number)
 
     assert np.max(np.abs(loop.sent[-1])) > 0.9
-    damped = loop.bench.obeyed[Obeyed.DAMPED]
+    damped = loop.bench.reactions[Reaction.DAMPED]
     with pytest.raises(Broken if number is None else KeyboardInterrupt):
         loop.run.play(1.0, operator, clock=clock)
     assert 5 <= len(clock.steps) < 8
     for _ in range(2):
         loop.bench.step(clock.time)
     assert not np.any(loop.bench.commanded)
-    assert loop.bench.obeyed[Obeyed.DAMPED] > damped
+    assert loop.bench.reactions[Reaction.DAMPED] > damped
     assert loop.bench.torque_rate <= 900 + 1e-6
 
 

@@ -41,13 +41,13 @@ K = np.diag([30.0, 30, 3, 1500, 1500, 200])
 seeds = st.integers(0, 2**32 - 1)
 
 
-def pushed(measured, *, wanted=10.0, steps=1, state=None, **others):
+def pushed(measured, *, desired=10.0, steps=1, state=None, **others):
     """Feed the same measured force, or none, for some milliseconds."""
     state = ForceState() if state is None else state
     press = NormalForceDemand(
-        wanted=wanted,
+        desired=desired,
         measured=np.nan if measured is None else measured,
-        searching=wanted > 0,
+        searching=desired > 0,
         away=False,
         height=0.0,
         stiffness=200.0,
@@ -92,13 +92,13 @@ def test_found_surface_is_forgotten_without_a_desired_force():
         assert lifted.lost
         assert not lifted.closed
         assert (lifted.correction, lifted.state.surface) == (0.0, 0.0)
-        result = pushed(measured, wanted=0.0, steps=1500, state=held.state)
+        result = pushed(measured, desired=0.0, steps=1500, state=held.state)
         assert not result.lost
         assert (result.correction, result.state.surface) == (0.0, 0.0)
 
 
 def test_pushing_is_never_turned_into_pulling():
-    assert pushed(100.0, wanted=3.0, steps=1000).correction == -3.0
+    assert pushed(100.0, desired=3.0, steps=1000).correction == -3.0
 
 
 def test_the_surface_follows_a_tool_that_sinks_soon_and_one_that_is_lifted_slowly():
@@ -223,13 +223,13 @@ def test_a_stiffer_spring_that_is_not_stretched_is_free():
 def test_tank_supplies_the_energy_of_a_stiffer_spring(seed, energy):
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(6, 6))
-    wanted = A @ A.T + np.eye(6)
+    desired = A @ A.T + np.eye(6)
     e = rng.normal(size=6)
-    found, left, held = admit_stiffness(np.eye(6), wanted, e, energy)
+    found, left, held = admit_stiffness(np.eye(6), desired, e, energy)
     gained = 0.5 * e @ (found - np.eye(6)) @ e
     assert 0 <= left <= energy
     assert gained <= energy - left + 1e-9
-    assert held == (0.5 * e @ (wanted - np.eye(6)) @ e > energy)
+    assert held == (0.5 * e @ (desired - np.eye(6)) @ e > energy)
     assert np.linalg.eigvalsh(found)[0] > 0
 
 

@@ -21,8 +21,8 @@ from fmp_drake.systems.impedance.joints import (
 from fmp_drake.systems.impedance.law import (
     ArmDynamics,
     impedance_law,
+    length_clipped,
     mobility,
-    shortened,
     spring_wrench,
     task_modes,
 )
@@ -200,7 +200,7 @@ def test_a_large_error_is_shortened_in_its_direction():
     wrench, clipped = spring_wrench(K, np.array([0, 0, 0, 3.0, 0, -4.0]), 0.5, 0.1)
     assert clipped
     np.testing.assert_allclose(wrench[3:], [6.0, 0.0, -8.0])
-    np.testing.assert_array_equal(shortened(np.array([0.3, 0.4]), 0.6), [0.3, 0.4])
+    np.testing.assert_array_equal(length_clipped(np.array([0.3, 0.4]), 0.6), [0.3, 0.4])
 
 
 def modes_of(M, J, K, max_effective_mass=1e12, characteristic_length=0.3):

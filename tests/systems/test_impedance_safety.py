@@ -17,8 +17,8 @@ from fmp_drake.systems.impedance.force_control import ForceState
 from fmp_drake.systems.impedance.joints import (
     JointLimits,
     JointWallConfig,
+    rate_limited,
     speed_limited,
-    towards,
     wall_torque,
 )
 from fmp_drake.systems.impedance.records import (
@@ -38,10 +38,10 @@ from fmp_drake.systems.impedance.supervision import (
     WatchdogConfig,
     WatchdogState,
     force_faults,
+    next_watchdog_state,
     supervised,
     target_faults,
     target_fraction,
-    watch,
 )
 
 WATCHDOG = WatchdogConfig()
@@ -66,7 +66,7 @@ ONE_JOINT = one_joint(-1.0, 2.0, speed=2.0, effort=10.0)
 def walk(state, faults, *, distance=0.0, angle=0.0):
     states = []
     for fault in faults:
-        state = watch(
+        state = next_watchdog_state(
             values_of(WATCHDOG), state, fault, float(distance), float(angle), 0.001
         )
         states.append(state)
@@ -451,9 +451,9 @@ def test_a_torque_is_applied_only_where_its_acceleration_ends_in_time():
 def test_a_joint_that_is_braked_does_not_wait_for_the_others():
     # 9 Nm of change for the first joint, 0.4 Nm for the last; at most 0.9 Nm an update.
     change = np.array([9.0, -4.5, -0.4])
-    free = towards(change, np.zeros(3), 0.9)
+    free = rate_limited(change, np.zeros(3), 0.9)
     np.testing.assert_allclose(free, [0.9, -0.45, -0.04])
-    braked = towards(change, np.array([0.0, -3.0, -0.4]), 0.9)
+    braked = rate_limited(change, np.array([0.0, -3.0, -0.4]), 0.9)
     np.testing.assert_allclose(braked, [0.9, -0.9, -0.4])
 
 

@@ -36,7 +36,7 @@ class StatusFlag(IntFlag):
     The force and the stiffness:
 
     - `FORCE_CONTROL`: the normal force is controlled in closed loop.
-    - `CONTACT_LOST`: a normal force is wanted, but nothing is touched.
+    - `CONTACT_LOST`: a normal force is desired, but there is no contact.
     - `FORCE_LIMITED`: the surface is at the end of the search range.
     - `STIFFNESS_REFUSED`: the stiffness or covariance at the port was not symmetric
       positive (semi)definite, or the stiffness was too large.

@@ -117,7 +117,7 @@ class NormalForceDemand(NamedTuple):
 
     Attributes
     ----------
-    wanted, measured : float
+    desired, measured : float
         Force of the tool along −z of T, N; NaN where it is not measured.
     searching : bool
         Whether the target is at the surface, so that the surface is searched.
@@ -131,7 +131,7 @@ class NormalForceDemand(NamedTuple):
         Whether the torque was limited at the update before.
     """
 
-    wanted: float
+    desired: float
     measured: float
     searching: bool
     away: bool
@@ -218,42 +218,42 @@ def correct_normal_force(
     -------
     ForceCorrection
     """
-    surface, known = state.surface, not math.isnan(demand.measured)
+    surface, is_measured = state.surface, not math.isnan(demand.measured)
     above = demand.height - surface
-    if known:
+    if is_measured:
         touching = demand.measured > config.contact_force
     else:
         touching = (
-            state.force > _CONTACT_FRACTION * demand.wanted
+            state.force > _CONTACT_FRACTION * demand.desired
             and above < config.search_range / 2
         )
-    lost_time = 0.0 if touching and demand.wanted > 0 else state.lost_time + period
-    closed = known and demand.wanted > 0 and lost_time <= config.release_time
-    error, speed = demand.wanted - demand.measured, 0.0
+    lost_time = 0.0 if touching and demand.desired > 0 else state.lost_time + period
+    closed = is_measured and demand.desired > 0 and lost_time <= config.release_time
+    error, speed = demand.desired - demand.measured, 0.0
     if closed:
         if touching:
             speed = -config.integral_gain * error / demand.stiffness
     elif demand.searching:
-        highest = 0.0
-        if not known and above < config.search_range:
-            highest = _RISE_FRACTION * config.search_speed
-        speed = min(config.integral_gain * above, highest)
+        max_rise = 0.0
+        if not is_measured and above < config.search_range:
+            max_rise = _RISE_FRACTION * config.search_speed
+        speed = min(config.integral_gain * above, max_rise)
     else:
         speed = min(max(-surface / period, -config.search_speed), config.search_speed)
-    most = config.search_range
+    search_range = config.search_range
     if not (demand.saturated or demand.away):
-        surface = min(max(surface + period * speed, -most), most)
+        surface = min(max(surface + period * speed, -search_range), search_range)
     # Pushing is never turned into pulling.
     correction = (
-        max(config.proportional_gain * error, -demand.wanted) if closed else 0.0
+        max(config.proportional_gain * error, -demand.desired) if closed else 0.0
     )
-    lost = demand.wanted > 0 and lost_time > config.release_time
+    lost = demand.desired > 0 and lost_time > config.release_time
     return ForceCorrection(
         correction,
         ForceState(surface, state.force, lost_time),
         closed,
-        lost and (known or demand.searching),
-        (closed or demand.searching) and abs(surface) == most,
+        lost and (is_measured or demand.searching),
+        (closed or demand.searching) and abs(surface) == search_range,
     )
 
 
@@ -262,7 +262,7 @@ def with_force(
     config: ForceControlConfig, state: ForceState, force: float, period: float
 ) -> ForceState:
     """Return the state with the filtered normal force of the law, N."""
-    passed = min(period / config.release_time, 1.0)
+    fraction = min(period / config.release_time, 1.0)
     return ForceState(
-        state.surface, state.force + passed * (force - state.force), state.lost_time
+        state.surface, state.force + fraction * (force - state.force), state.lost_time
     )

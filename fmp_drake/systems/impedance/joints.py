@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 
 # The part of the efforts that is used, because the weight changes until the next
 # update, and the part that is left where the weight alone needs all.
-_USED, _LEFT = 0.99, 0.01
+_EFFORT_FRACTION, _EFFORT_RESERVE = 0.99, 0.01
 # Time constant with which a joint that would be too fast comes to rest, s.
 _STOPPING_TIME = 0.05
 # Fraction of the speed limits that a torque may lead to. Contact and friction, of which
 # nothing is known here, may accelerate a joint by as much again.
-_FORESEEN = 0.95
+_SPEED_FRACTION = 0.95
 
 
 @dataclass(kw_only=True)
@@ -187,7 +187,7 @@ def rate_scale(change: Array, max_change: float) -> float:
 
 
 @compiled
-def towards(change: Array, wall: Array, max_change: float) -> Array:
+def rate_limited(change: Array, wall: Array, max_change: float) -> Array:
     """Return a change of torque that no joint exceeds, shape (n,), in Nm.
 
     It is shortened without a change of direction, but for joints with a torque at their
@@ -202,11 +202,11 @@ def towards(change: Array, wall: Array, max_change: float) -> Array:
     max_change : float
         As for `rate_scale`.
     """
-    shortened = rate_scale(change, max_change) * change
+    limited = rate_scale(change, max_change) * change
     for i in range(len(change)):
         if wall[i] != 0:
-            shortened[i] = min(max(change[i], -max_change), max_change)
-    return shortened
+            limited[i] = min(max(change[i], -max_change), max_change)
+    return limited
 
 
 class LimitedTorque(NamedTuple):
@@ -283,7 +283,7 @@ def speed_limited(
     for i in range(len(v)):
         # A torque that already slows the joint down is left as it is.
         later = v[i] + duration * acceleration[i]
-        most = _FORESEEN * limits.speed[i]
+        most = _SPEED_FRACTION * limits.speed[i]
         unavoidable |= abs(later) > most and later * acceleration[i] > 0
         overspeed |= abs(v[i]) > limits.speed[i]
     if not unavoidable:
@@ -295,7 +295,7 @@ def speed_limited(
             change[i] = torque[i] - previous[i]
     if np.max(np.abs(change)) <= max_change:
         change -= applied(M, v) / _STOPPING_TIME
-    return previous + towards(change, wall, max_change), True
+    return previous + rate_limited(change, wall, max_change), True
 
 
 @compiled
@@ -330,17 +330,21 @@ def limited_torque(
         Generalized force of gravity, which the motors counter, Nm.
     """
     lower, upper = limits.lower_effort, limits.upper_effort
-    lower = np.maximum(np.minimum(_USED * lower + weight, _LEFT * lower), lower)
-    upper = np.minimum(np.maximum(_USED * upper + weight, _LEFT * upper), upper)
+    lower = np.maximum(
+        np.minimum(_EFFORT_FRACTION * lower + weight, _EFFORT_RESERVE * lower), lower
+    )
+    upper = np.minimum(
+        np.maximum(_EFFORT_FRACTION * upper + weight, _EFFORT_RESERVE * upper), upper
+    )
     scale = torque_scale(torque, lower, upper)
     torque = scale * torque
     wall = wall_torque(config, limits, q, v, np.diag(M).copy())
     if wall.at_wall or wall.too_fast:
         torque = np.minimum(np.maximum(torque + wall.torque, lower), upper)
     change = torque - previous
-    slowness = rate_scale(change, max_change)
+    rate_factor = rate_scale(change, max_change)
     # The box has moved with the arm since the previous torque.
-    change = towards(change, wall.torque, max_change)
+    change = rate_limited(change, wall.torque, max_change)
     torque = np.minimum(np.maximum(previous + change, lower), upper)
     torque, overspeed = speed_limited(
         limits, torque, previous, max_change, period, v, M, Cv, wall.torque
@@ -348,7 +352,7 @@ def limited_torque(
     if overspeed:
         torque = np.minimum(np.maximum(torque, lower), upper)
     return LimitedTorque(
-        torque, scale, slowness, wall.at_wall, wall.too_fast, overspeed
+        torque, scale, rate_factor, wall.at_wall, wall.too_fast, overspeed
     )
 
 

@@ -93,7 +93,7 @@ class LawTorque(NamedTuple):
     normal_force : float
         Of spring, damping and feed-forward along −z of T, N.
     clipped : bool
-        Whether an error was shortened.
+        Whether an error was clipped.
     near_singular : bool
         Whether the inertia was bounded.
     """
@@ -184,7 +184,7 @@ def task_modes(
 
 
 @compiled
-def shortened(x: Array, limit: float) -> Array:
+def length_clipped(x: Array, limit: float) -> Array:
     """Return a vector of the same direction whose length is clipped to a limit."""
     return x * (limit / max(norm(x), limit))
 
@@ -219,7 +219,8 @@ def spring_wrench(
     wrench = applied(
         stiffness,
         stacked(
-            shortened(rotation, max_rotation), shortened(translation, max_translation)
+            length_clipped(rotation, max_rotation),
+            length_clipped(translation, max_translation),
         ),
     )
     torque = inverse_left_jacobian(rotation, wrench[:3])
@@ -275,7 +276,7 @@ def impedance_law(
         config.max_effective_mass,
         config.characteristic_length,
     )
-    posture = config.posture_frequency**2 * shortened(
+    posture = config.posture_frequency**2 * length_clipped(
         posture_error, config.max_posture_error
     )
     posture -= 2 * config.posture_damping_ratio * config.posture_frequency * arm.v

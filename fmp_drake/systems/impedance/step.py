@@ -150,16 +150,16 @@ def impedance_step(
     memory : array, shape (79,)
         The numbers of a `MEMORY`.
     """
-    every = settings.view(LAYOUT)[0]
+    record = settings.view(LAYOUT)[0]
     measured = Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3])
     arm = ArmDynamics(state[len(previous) :], M, Cv, J_WE.T, A_WE_bias)
     if not known:
-        return _without_state(every, memory, previous)
+        return _without_state(record, memory, previous)
     return _next_torque(
-        every,
+        record,
         of_joints(joints),
         memory,
-        unpack(packed, every, time),
+        unpack(packed, record, time),
         measured,
         arm,
         state[: len(previous)],
@@ -366,7 +366,7 @@ def _followed_target(
     """Return the motion to follow: a fraction of the target, the rest the held pose."""
     X_WT, target = inputs.X_WT, inputs.target
     if inputs.desired_normal_force > 0:
-        target = _pressed(target, contact.engaged * contact.near)
+        target = _without_normal_feedforward(target, contact.engaged * contact.near)
     if fraction > 0:
         target = motion_in_world(target, inputs.frame_twist, inputs.frame_acceleration)
         if fraction < 1:
@@ -429,7 +429,7 @@ def _task_wrench(
 
 
 @inlined
-def _pressed(target: TaskTarget, fraction: float) -> TaskTarget:
+def _without_normal_feedforward(target: TaskTarget, fraction: float) -> TaskTarget:
     """Fade out the feed-forward of the motion along T's z, where a normal force acts.
 
     A tool in contact moves with the surface. The inertia and damping of another motion
@@ -469,9 +469,9 @@ def _next_stiffness(
         if not is_covariance(inputs.covariance):
             return present, energy, _STIFFNESS_REFUSED
         K = stiffness_from_covariance(config.covariance_stiffness, inputs.covariance, K)
-    passed = filter_fraction(config.control_period, config.stiffness_time_constant)
+    fraction = filter_fraction(config.control_period, config.stiffness_time_constant)
     K, energy, held_back = admit_stiffness(
-        present, present + passed * (K - present), error, energy
+        present, present + fraction * (K - present), error, energy
     )
     return K, energy, _TANK_EMPTY * held_back
 
@@ -482,7 +482,7 @@ def _without_state(
 ) -> tuple[Array, Array, Array]:
     """Reduce the torque to zero: the state of the arm is unknown."""
     period = settings.config.control_period
-    slowness = rate_scale(-previous, settings.max_torque_rate * period)
+    rate_factor = rate_scale(-previous, settings.max_torque_rate * period)
     after = memory.copy()
     record = after.view(MEMORY)[0]
     record.mode, record.clock, record.duration = LOST, 0.0, 0.0
@@ -492,8 +492,8 @@ def _without_state(
         record.rotation_error[i] = record.target_drift[i] = 0.0
     record.slow_force = record.fast_force = record.force_power = 0.0
     flags = float(_PROTECTIVE_STOP | _NO_STATE)
-    status = np.array((flags, 0.0, 1.0, slowness, 0.0, record.tank_energy))
-    return (1 - slowness) * previous, status, after
+    status = np.array((flags, 0.0, 1.0, rate_factor, 0.0, record.tank_energy))
+    return (1 - rate_factor) * previous, status, after
 
 
 @compiled

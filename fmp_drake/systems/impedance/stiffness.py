@@ -169,7 +169,7 @@ def filter_fraction(period: float, time_constant: float) -> float:
 
 @compiled
 def admit_stiffness(
-    stiffness: Array, wanted: Array, error: Array, energy: float
+    stiffness: Array, desired: Array, error: Array, energy: float
 ) -> tuple[Array, float, bool]:
     """Change one stiffness towards another as far as the energy allows.
 
@@ -179,8 +179,8 @@ def admit_stiffness(
 
     Parameters
     ----------
-    stiffness, wanted : array, shape (6, 6)
-        Present and wanted K; the result is between them, thus a spring as well.
+    stiffness, desired : array, shape (6, 6)
+        Present and desired K; the result is between them, thus a spring as well.
     error : array, shape (6,)
         e, rad and m.
     energy : float
@@ -199,10 +199,10 @@ def admit_stiffness(
     .. [1] F. Ferraguti, C. Secchi, C. Fantuzzi, "A tank-based approach to impedance
        control with variable stiffness", ICRA 2013.
     """
-    change = wanted - stiffness
+    change = desired - stiffness
     cost = 0.5 * dot(error, applied(change, error))
     if cost <= energy:
-        return wanted, energy - max(cost, 0.0), False
+        return desired, energy - max(cost, 0.0), False
     return stiffness + (energy / cost) * change, 0.0, True
 
 

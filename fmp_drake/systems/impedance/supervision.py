@@ -24,7 +24,7 @@ _IMPLAUSIBLE = int(StatusFlag.IMPLAUSIBLE)
 _JUMP = int(StatusFlag.JUMP)
 _STALE = int(StatusFlag.STALE)
 # Slower targets, in m/s, may be constant up to rounding.
-_STILL = 0.01
+_MIN_SPEED = 0.01
 # A target that moves by less than this fraction of its claimed velocity stands still.
 _MOVING_FRACTION = 0.1
 # Time constants of the band from 5 to 50 Hz in which a force oscillates, and of the mean
@@ -195,7 +195,7 @@ def target_faults(
         if norm(drift) > config.max_jump:
             flags |= _IMPLAUSIBLE
         if math.isnan(age):
-            if speed > _STILL:
+            if speed > _MIN_SPEED:
                 frozen_time = last.frozen_time + period
                 frozen_time -= moved / (_MOVING_FRACTION * speed)
                 frozen_time = min(max(frozen_time, 0.0), config.max_age + 2 * period)
@@ -254,7 +254,7 @@ def force_faults(
 
 
 @compiled
-def watch(
+def next_watchdog_state(
     config: WatchdogConfig,
     state: WatchdogState,
     fault: bool,
@@ -339,6 +339,6 @@ def supervised(
     """
     shift = target.p - held.p
     distance, angle = norm(shift), rotation_angle(target.R, held.R)
-    watched = watch(config, state, fault, distance, angle, period)
-    stopped_now = watched.mode == STOPPED and state.mode != STOPPED
-    return watched, measured if stopped_now else held
+    next_state = next_watchdog_state(config, state, fault, distance, angle, period)
+    stops_now = next_state.mode == STOPPED and state.mode != STOPPED
+    return next_state, measured if stops_now else held

@@ -119,8 +119,8 @@ class PageControls(LeafSystem):
             label, low, high, step, _ = _SLIDERS[name]
             value = self._value(context, name)
             if label in sliders:
-                there = self._meshcat.SetSliderValue(label, value)
-                if abs(there - value) <= _ROUNDING * step:
+                shown_value = self._meshcat.SetSliderValue(label, value)
+                if abs(shown_value - value) <= _ROUNDING * step:
                     continue
                 # Another simulation's slider ends before this value.
                 self._meshcat.DeleteSlider(label)
@@ -136,11 +136,11 @@ class PageControls(LeafSystem):
             label, _, _, step, rate = _SLIDERS[name]
             if label not in sliders:
                 continue
-            wanted = self._meshcat.GetSliderValue(label)
+            slider_value = self._meshcat.GetSliderValue(label)
             value = self._value(context, name)
-            if isfinite(wanted) and abs(wanted - value) > _ROUNDING * step:
+            if isfinite(slider_value) and abs(slider_value - value) > _ROUNDING * step:
                 change = rate * _PERIOD
-                bounded = np.clip(wanted, *self._ends[name])
+                bounded = np.clip(slider_value, *self._ends[name])
                 values.set_value(
                     index, np.array([np.clip(bounded, value - change, value + change)])
                 )

@@ -161,7 +161,7 @@ def _frame_size(data: bytes) -> int | None:
     return head + 4 + length
 
 
-class _Board:
+class _PanelState:
     """The fields, for the threads that send them to browsers."""
 
     def __init__(self) -> None:
@@ -274,7 +274,9 @@ def _relay(
             upstream.sendall(control.filter(data) if control else data)
 
 
-def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPServer:
+def _bind(
+    host: str, meshcat: str, token: str, panel: _PanelState
+) -> ThreadingHTTPServer:
     """Bind a server that adds the panel to what Meshcat serves at its address."""
     inner = urlsplit(meshcat)
     address = (inner.hostname or "localhost", inner.port or 80)
@@ -313,12 +315,12 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
                     self.send_error(403, "another page may not connect to this one")
                 else:
                     control = None if may_act else ControlFrames()
-                    self._stay(may_act, lambda: self._join(control))
+                    self._serve_persistent(may_act, lambda: self._join(control))
             elif path in ("/", "/index.html"):
-                text = with_panel(page, board.fields, live=True, watching=not may_act)
+                text = with_panel(page, panel.fields, live=True, watching=not may_act)
                 self._answer(text.encode(), "text/html; charset=utf-8")
             elif path == "/panel":
-                self._stay(may_act, self._follow)
+                self._serve_persistent(may_act, self._follow)
             else:
                 self._pass_on(path)
 
@@ -331,7 +333,7 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
             self.end_headers()
             self.wfile.write(body)
 
-        def _stay(self, may_act: bool, serve: Callable[[], None]) -> None:
+        def _serve_persistent(self, may_act: bool, serve: Callable[[], None]) -> None:
             """Serve a connection that stays; only a bounded number without the token."""
             if self.server.keep(self.connection, _OPERATING if may_act else _WATCHING):
                 serve()
@@ -346,7 +348,7 @@ def _bind(host: str, meshcat: str, token: str, board: _Board) -> ThreadingHTTPSe
             self.end_headers()
             version = -1
             while True:
-                version, fields = board.after(version)
+                version, fields = panel.after(version)
                 self.wfile.write(f"data: {json.dumps(fields)}\n\n".encode())
                 time.sleep(_PAUSE)
 
@@ -399,17 +401,17 @@ def _main() -> None:
     meshcat, host = sys.argv[1:]
     # Ctrl-C is for the program that started this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    board = _Board()
+    panel = _PanelState()
     try:
-        server = _bind(host, meshcat, sys.stdin.readline().strip(), board)
+        server = _bind(host, meshcat, sys.stdin.readline().strip(), panel)
     except (OSError, HTTPException) as error:
         _answer(str(error))
         return
     threading.Thread(target=server.serve_forever, daemon=True).start()
     _answer(str(server.server_port))
     for line in sys.stdin:
-        board.put(json.loads(line))
-    if board.fields.get("ended"):
+        panel.put(json.loads(line))
+    if panel.fields.get("ended"):
         # Until browsers have received the last fields.
         time.sleep(3 * _PAUSE)
 

@@ -153,7 +153,7 @@ def lifted(points: ArrayLike, lift: float = LIFT) -> NDArray[np.float64]:
     return raised
 
 
-def bent(vertices: FloatArray, surface: Surface) -> FloatArray:
+def on_surface(vertices: FloatArray, surface: Surface) -> FloatArray:
     """Return the positions in B of vertices (3, N) in (u, v, h) over a surface, m."""
     return surfaces.place(surface, np.ascontiguousarray(vertices.T)).T
 
@@ -172,7 +172,7 @@ def draw_line(
     """
     if len(points) < 2:
         return
-    meshcat.SetLine(path, bent(lifted(points).T, surface), 1.0, color)
+    meshcat.SetLine(path, on_surface(lifted(points).T, surface), 1.0, color)
 
 
 def draw_rod(
@@ -189,7 +189,7 @@ def draw_rod(
     if len(points) < 2:
         return
     vertices, faces = rod_mesh(lifted(points, lift), radius)
-    meshcat.SetTriangleMesh(path, bent(vertices, surface), faces, color)
+    meshcat.SetTriangleMesh(path, on_surface(vertices, surface), faces, color)
 
 
 def draw_demonstrations(

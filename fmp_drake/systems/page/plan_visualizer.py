@@ -15,10 +15,10 @@ from fmp_drake.primitives.data.channels import Quaternion
 from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.systems.page.paths import (
     LIFT,
-    bent,
     covariance_band,
     draw_rod,
     lifted,
+    on_surface,
 )
 from fmp_drake.systems.surface.surface import PLANE, Surface, rotations
 
@@ -173,7 +173,7 @@ class PlanVisualizer(LeafSystem):
             vertices, faces = covariance_band(lifted(plan), covariance[rows])
             self._meshcat.SetTriangleMesh(
                 f"{self._path}/tube",
-                bent(vertices, self._surface),
+                on_surface(vertices, self._surface),
                 faces,
                 TUBE_COLOR,
             )
@@ -189,7 +189,7 @@ class PlanVisualizer(LeafSystem):
         ).as_matrix()
         if not self._surface.is_plane:
             R_BE = rotations(self._surface, uvh) @ R_BE
-        start = bent(uvh.T, self._surface)
+        start = on_surface(uvh.T, self._surface)
         for axis, color in enumerate(_AXIS_COLORS):
             self._meshcat.SetLineSegments(
                 f"{self._path}/axes/{'xyz'[axis]}",

@@ -369,9 +369,9 @@ def gate_step(
                 mode = GateMode.OPEN
     elif faults and mode is GateMode.STOPPED:
         reasons |= faults
-    wanted = torque if mode.is_enabled else np.zeros(JOINTS)
+    desired = torque if mode.is_enabled else np.zeros(JOINTS)
     if mode is GateMode.RETURNING:
-        wanted, is_small = return_torque(config, limits, reading, torque)
+        desired, is_small = return_torque(config, limits, reading, torque)
         timer = timer + max(elapsed, 0.0) if is_small else 0.0
         if timer > _RETURN_TIME:
             mode = GateMode.OPEN
@@ -379,12 +379,12 @@ def gate_step(
         timer += max(elapsed, 0.0) if math.isfinite(elapsed) else _BRAKE_TIME
         # Once a stop has brought the torque to zero, nothing is sent again.
         if was_active and timer < _BRAKE_TIME and not reasons & _UNTRUSTED:
-            wanted = brake_torque(limits, reading)
+            desired = brake_torque(limits, reading)
     if config.dry:
-        wanted = np.zeros(JOINTS)
+        desired = np.zeros(JOINTS)
     sent = limited_change(
         state.torque,
-        wanted,
+        desired,
         largest_change(config, elapsed),
         np.array(config.max_torque),
     )
@@ -451,23 +451,23 @@ def largest_change(config: GateConfig, elapsed: float) -> float:
 
 
 def limited_change(
-    previous: Array, wanted: Array, max_change: float, limit: Array
+    previous: Array, desired: Array, max_change: float, limit: Array
 ) -> Array:
-    """Return a torque with limited change, on the straight line to the wanted one.
+    """Return a torque with limited change, on the straight line to the desired one.
 
     Parameters
     ----------
-    previous, wanted : array, shape (n,)
+    previous, desired : array, shape (n,)
         Nm.
     max_change : float
         Largest change of any joint's torque, Nm.
     limit : array, shape (n,)
         Largest magnitude of each torque, Nm.
     """
-    wanted = np.minimum(np.maximum(wanted, -limit), limit)
-    change = wanted - previous
+    desired = np.minimum(np.maximum(desired, -limit), limit)
+    change = desired - previous
     largest = float(np.abs(change).max())
     if largest <= max_change:
-        return wanted
+        return desired
     sent = previous + max_change / largest * change
     return np.minimum(np.maximum(sent, -limit), limit)

@@ -239,10 +239,12 @@ def project(surface: Surface, p_S: Array, near: Array) -> Array:
     if surface.kx == 0 or surface.ky == 0:
         straight = 0 if surface.kx == 0 else 1
         uvh[straight] = p_S[straight]
-        round_way = 2 * math.pi / abs(k)
-        turned = 1 - straight
-        uvh[turned] = math.atan2(normal[turned], normal[2]) / k
-        uvh[turned] += round_way * round((near[turned] - uvh[turned]) / round_way)
+        circumference = 2 * math.pi / abs(k)
+        circular = 1 - straight
+        uvh[circular] = math.atan2(normal[circular], normal[2]) / k
+        uvh[circular] += circumference * round(
+            (near[circular] - uvh[circular]) / circumference
+        )
     return uvh
 
 
@@ -302,7 +304,7 @@ def moving_frame(
     k = _curvature(surface)
     if k != 0:
         normal = R[:, 2].copy()
-        turned = cross(omega, normal)
-        velocity[3:] += turned / k
-        second[3:] += (cross(alpha, normal) + cross(omega, turned)) / k
+        normal_rate = cross(omega, normal)
+        velocity[3:] += normal_rate / k
+        second[3:] += (cross(alpha, normal) + cross(omega, normal_rate)) / k
     return R, point(surface, uv[0], uv[1]), velocity, second
