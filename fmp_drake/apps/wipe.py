@@ -131,7 +131,7 @@ class ArmOptions:
     )
     controls: bool = option(
         False,
-        "With --arm: let the page change tempo and normal force.",
+        "With --arm: let the page change tempo and press force.",
         basic=False,
     )
     real_time: bool = real_time_option()

@@ -185,21 +185,12 @@ def draw_paths(
     return figure
 
 
-class DemonstratedPath:
-    """Demonstrated path, which measures the distances of trajectories.
-
-    Parameters
-    ----------
-    demonstrated : ndarray, shape (..., D)
-        Samples of the path.
-    """
-
-    def __init__(self, demonstrated: NDArray[np.float64]) -> None:
-        self._tree = cKDTree(demonstrated.reshape(-1, demonstrated.shape[-1]))
-
-    def distances(self, trajectories: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the distance of each sample (..., D) to the nearest one, (...)."""
-        return self._tree.query(trajectories)[0]
+def path_distances(
+    recording: Demonstration, trajectories: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the distances of samples (..., D) to the nearest one of a recording, (...)."""
+    out: NDArray[np.float64] = cKDTree(recording.values).query(trajectories)[0]
+    return out
 
 
 def rms_jerk(trajectories: NDArray[np.float64], rate: float) -> float:

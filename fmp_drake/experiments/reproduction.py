@@ -30,14 +30,14 @@ from fmp_drake.experiments.comparison import (
     draw_paths,
     millimetres,
 )
-from fmp_drake.experiments.eight import (
+from fmp_drake.experiments.report import Finding, Profile, Section
+from fmp_drake.experiments.section_v import (
     eight,
     learn_and_sample,
+    polishing,
     table_one,
     table_rows,
 )
-from fmp_drake.experiments.polishing import polishing
-from fmp_drake.experiments.report import Finding, Profile, Section
 from fmp_drake.primitives import (
     PAPER_SETTINGS,
     Demonstration,

@@ -108,7 +108,7 @@ def _about_cycles(skill: FourierMovementPrimitive, phase: PhaseModel) -> list[st
     if np.ptp(tempos) > 2 * _TEMPO:
         remarks.append(
             "the tempo varies so much that means get smaller than the movement; play "
-            "samples (sample=True)"
+            "samples (--sample, or sample: true in a scenario)"
         )
     return remarks
 

@@ -16,15 +16,15 @@ from fmp_drake.experiments.benchmark.built_in import (
     ReplayMethod,
 )
 from fmp_drake.experiments.comparison import (
-    DemonstratedPath,
     divergences,
     draw_paths,
     grid_extent,
+    path_distances,
     rms_jerk,
 )
-from fmp_drake.experiments.eight import FMP_PAPER, MULT, MULT_OWN, PHASE, REPLAY
 from fmp_drake.experiments.report import QUICK, Finding, write_report
 from fmp_drake.experiments.reproduction import held_out_findings, score_demonstrations
+from fmp_drake.experiments.section_v import FMP_PAPER, MULT, MULT_OWN, PHASE, REPLAY
 from fmp_drake.primitives import Demonstration
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
@@ -155,10 +155,10 @@ def test_divergences_of_the_demonstrations_themselves_are_zero():
 
 
 def test_distance_to_a_path_is_that_to_the_nearest_sample():
-    path = DemonstratedPath(np.array([[0.0, 0.0], [1.0, 0.0]]))
-    np.testing.assert_allclose(
-        path.distances(np.array([[[0.0, 0.3], [0.9, 0.0]]])), [[0.3, 0.1]]
-    )
+    values = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 9.0], [0.0, 9.0]])
+    path = Demonstration(time=np.arange(4.0), values=values)
+    distances = path_distances(path, np.array([[[0.0, 0.3], [0.9, 0.0]]]))
+    np.testing.assert_allclose(distances, [[0.3, 0.1]])
 
 
 def test_rms_jerk_of_a_cubic_is_its_third_derivative():

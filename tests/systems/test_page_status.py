@@ -112,7 +112,7 @@ def test_modes_have_words(flags, force, mode):
 @pytest.mark.parametrize("force", [0.0, 2.0])
 def test_an_arm_without_a_normal_force_does_not_say_that_it_comes_down(force):
     level, mode, detail = mode_in_words(0, 0, force, desired=0.0)
-    assert (level, mode) == ("busy", "no normal force")
+    assert (level, mode) == ("busy", "no press force")
     assert detail == "set one, so that the eraser wipes"
     stopped = mode_in_words(STOP, 0, force, desired=0.0)
     assert stopped[1] == "protective stop"

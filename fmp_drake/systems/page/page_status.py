@@ -177,7 +177,7 @@ def mode_in_words(
     if force is None:
         return "good", "following", ""
     if desired <= 0:
-        return "busy", "no normal force", "set one, so that the eraser wipes"
+        return "busy", "no press force", "set one, so that the eraser wipes"
     if force < CONTACT_FORCE:
         return "busy", "in the air", "comes down where the movement is on the board"
     return "good", "wiping", ""

@@ -1,30 +1,35 @@
-"""Section V-C: the 8-shape, Figs. 7 to 9 and Table I."""
+"""Section V-B and V-C: polishing and the 8-shape, Figs. 3 to 9 and Table I."""
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fmp_drake.experiments.baselines.promp import ProMP
+from fmp_drake.experiments.baselines.promp import AlignedProMP, ProMP
 from fmp_drake.experiments.comparison import (
     BINS,
     FLOOR,
     FMP_STRIDE,
+    N_STEPS,
     PAPER_STRIDE,
     RATE,
     SENSITIVITY_BINS,
     SENSITIVITY_FLOORS,
-    DemonstratedPath,
     cut,
     divergences,
     draw_grids,
     draw_paths,
     grid_extent,
     millimetres,
+    path_distances,
     play,
     rms_jerk,
 )
 from fmp_drake.experiments.report import Finding, Profile
 from fmp_drake.plots import draw_demonstrations_in_plane
+from fmp_drake.plots.demonstrations import (
+    draw_demonstrations_over_time,
+    draw_windows_in_plane,
+)
 from fmp_drake.plots.style import SAMPLED, same_limits, set_title
 from fmp_drake.primitives import (
     PAPER_SETTINGS,
@@ -32,9 +37,13 @@ from fmp_drake.primitives import (
     FourierMovementPrimitive,
     Player,
 )
+from fmp_drake.primitives.data.windows import joined_recordings
+
+# The paper's polishing has 3 periods in a window of 6 s.
+_FREQUENCY = 3.0
+_SECONDS = 12.0
 
 Samples = dict[str, NDArray[np.float64]]
-
 MULT = "ProMP-VM-Mult"
 MULT_OWN = f"{MULT}, own frequency, M = 80"
 FMP = "FMP"
@@ -43,24 +52,149 @@ PHASE = "FMP, phase model"
 REPLAY = "replay"
 
 
+def polishing(demonstration: Demonstration, profile: Profile) -> list[Finding]:
+    """Run the polishing experiments on a demonstration."""
+    recording = demonstration.resample(RATE)
+    windows = cut([recording], stride=PAPER_STRIDE)
+    # The bases are the paper's cosines.
+    aligned = AlignedProMP(model=ProMP(frequencies=(1.0,)))
+    aligned.fit(joined_recordings(windows))
+    skill = FourierMovementPrimitive(model="mixture", random_state=0)
+    skill.fit(cut([recording], stride=FMP_STRIDE))
+    low, high = skill.extent_
+    inside = recording.values[len(recording.values) // 2]
+    outside = (low + high) / 2 + (high - low) * np.array([1.0, 0.75, 0.0])
+    return [
+        _polishing_demonstrations(recording, skill),
+        _polishing_from_starts(play(skill, [inside, outside], _SECONDS), recording),
+        _promp_heatmaps(aligned, windows, profile),
+        _promp_conditioned(aligned, windows, inside, outside, recording),
+    ]
+
+
+def _polishing_demonstrations(
+    recording: Demonstration, skill: FourierMovementPrimitive
+) -> Finding:
+    figure = Figure(figsize=(10, 4.5), layout="constrained")
+    left, right = np.asarray(figure.subfigures(1, 2), dtype=object)
+    first = Demonstration(time=recording.time[:400], values=recording.values[:400])
+    draw_demonstrations_over_time(first, left.subplots(3, 1, sharex=True))
+    draw_windows_in_plane(skill, [recording], right.subplots())
+    return Finding(
+        name="fig3",
+        title="Fig. 3: demonstrations of polishing",
+        shows=f"{recording.duration:.0f} s of guided polishing, the first 20 s over time, "
+        f"and windows of {N_STEPS / RATE:g} s in the plane, in the colours of their "
+        "components. The windows start at any phase.",
+        figure=figure,
+    )
+
+
+def _last_period(paths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the last 2 s of paths (..., ticks, D)."""
+    return paths[..., -round(2 * RATE) :, :]
+
+
+def _polishing_from_starts(
+    played: NDArray[np.float64],
+    recording: Demonstration,
+) -> Finding:
+    paths = dict(zip(("interpolation", "extrapolation"), played, strict=True))
+    distances = path_distances(recording, _last_period(played)).max(axis=1)
+    start_distance = float(path_distances(recording, played[1, :1])[0])
+    return Finding(
+        name="fig4",
+        title="Fig. 4: polishing from different initial positions with FMP",
+        shows=f"From a start {millimetres(start_distance)} outside the demonstrations "
+        f"(right) the last 2 s of {_SECONDS:g} s are within {millimetres(distances[1])} of "
+        f"them, from inside (left) within {millimetres(distances[0])}.",
+        claim="FMP interpolates and extrapolates: the movement returns to the "
+        "demonstrated limit cycle.",
+        agrees=bool(np.all(distances < 0.01)),
+        figure=draw_paths(recording, paths),
+    )
+
+
+def _promp_heatmaps(
+    aligned: AlignedProMP, windows: NDArray[np.float64], profile: Profile
+) -> Finding:
+    extent = grid_extent(windows)
+    models = {
+        "aligned, one period (5a)": aligned.model_,
+        "T = 120, 1 Gaussian (5b)": ProMP(frequencies=(_FREQUENCY,)).fit(windows),
+        "T = 120, 10 Gaussians (5c)": ProMP(
+            frequencies=(_FREQUENCY,), n_components=10
+        ).fit(windows),
+    }
+    samples = {"demonstrations": windows}
+    kl = {}
+    for name, model in models.items():
+        samples[name] = model.sample(profile.samples, seed=0)
+        kl[name] = divergences(samples[name], windows, extent=extent)
+    period, one, ten = (forward for forward, _ in kl.values())
+    return Finding(
+        name="fig5",
+        title="Fig. 5: heatmaps of the distribution learned with ProMP-VM",
+        shows="Forward KL to the demonstrations: aligned "
+        f"{period:.2f}, unaligned with one Gaussian {one:.2f}, unaligned with ten "
+        f"{ten:.2f}.",
+        claim="ProMP-VM fits aligned periods; without alignment one Gaussian does not, and "
+        "a mixture does.",
+        agrees=period < 0.5 * one and ten < 0.5 * one,
+        figure=draw_grids(samples, extent=extent),
+    )
+
+
+def _promp_conditioned(
+    aligned: AlignedProMP,
+    windows: NDArray[np.float64],
+    inside: NDArray[np.float64],
+    outside: NDArray[np.float64],
+    recording: Demonstration,
+) -> Finding:
+    mixture = ProMP(frequencies=(_FREQUENCY,), n_components=10).fit(windows)
+    # 6a conditions the aligned model on a start at another phase, half a period later.
+    period = aligned.model_.condition([0], [inside])
+    opposite = period[len(period) // 2]
+    paths = {
+        "aligned, other phase (6a)": aligned.model_.condition([0], [opposite]),
+        "mixture, interpolation (6b)": mixture.condition([0], [inside]),
+        "mixture, extrapolation (6c)": mixture.condition([0], [outside]),
+    }
+    a, b, c = (
+        path_distances(recording, _last_period(path)).max() for path in paths.values()
+    )
+    return Finding(
+        name="fig6",
+        title="Fig. 6: conditioning on the initial position with ProMP-VM",
+        shows=f"Greatest distance from the demonstrations in the last 2 s: aligned and "
+        f"started at another phase {millimetres(a)}, mixture from inside "
+        f"{millimetres(b)}, mixture from outside {millimetres(c)}.",
+        claim="With alignment the movement cannot start at another phase; a mixture without "
+        "alignment adapts inside the demonstrations, but from outside it does not "
+        "return to them.",
+        agrees=bool(a > 0.02 and b < 0.02 and c > 0.02),
+        figure=draw_paths(recording, paths),
+    )
+
+
 def eight(
     demonstration: Demonstration, profile: Profile
 ) -> tuple[list[Finding], dict[str, dict[str, float]]]:
     """Run the experiments of the 8-shape; also return Table I."""
     recording = demonstration.resample(RATE)
-    path = DemonstratedPath(recording.values)
     skill, samples = learn_and_sample(recording, profile)
     table = table_one(samples, recording.values)
     low, high = skill.extent_
     middle, half = (low + high) / 2, (high - low) / 2
     corners = np.array([[1.8, 1.4, 0], [-1.8, 1.4, 0], [0, 0, 0], [1.8, -1.4, 0]])
     return [
-        _samples(samples, recording, path),
+        _samples(samples, recording),
         _heatmaps(samples, recording.values, table),
         _table(table),
         _sensitivity(samples, recording.values),
-        _from_starts(skill, middle + corners * half, recording, path),
-        _played(recording, path),
+        _eight_from_starts(skill, middle + corners * half, recording),
+        _played(recording),
     ], table
 
 
@@ -111,9 +245,7 @@ def table_rows(table: dict[str, dict[str, float]]) -> list[list[str]]:
     ]
 
 
-def _samples(
-    samples: Samples, recording: Demonstration, demonstrated: DemonstratedPath
-) -> Finding:
+def _samples(samples: Samples, recording: Demonstration) -> Finding:
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
     draw_demonstrations_in_plane([recording], ax=axes[0])
@@ -126,7 +258,7 @@ def _samples(
     same_limits(axes)
     jerks = {name: rms_jerk(samples[name][:500], RATE) for name in (MULT, FMP_PAPER)}
     distances = {
-        name: float(np.mean(demonstrated.distances(samples[name][:200])))
+        name: float(np.mean(path_distances(recording, samples[name][:200])))
         for name in (MULT, FMP_PAPER)
     }
     return Finding(
@@ -234,15 +366,14 @@ def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding
     )
 
 
-def _from_starts(
+def _eight_from_starts(
     skill: FourierMovementPrimitive,
     starts: NDArray[np.float64],
     recording: Demonstration,
-    demonstrated: DemonstratedPath,
 ) -> Finding:
     played = play(skill, starts, 12.0)
     paths = {f"start {i}": path for i, path in enumerate(played, start=1)}
-    distances = demonstrated.distances(played[:, -round(3 * RATE) :]).max(axis=1)
+    distances = path_distances(recording, played[:, -round(3 * RATE) :]).max(axis=1)
     return Finding(
         name="fig9",
         title="Fig. 9: the 8-shape from different initial positions with FMP",
@@ -255,11 +386,11 @@ def _from_starts(
     )
 
 
-def _played(recording: Demonstration, demonstrated: DemonstratedPath) -> Finding:
+def _played(recording: Demonstration) -> Finding:
     skill = FourierMovementPrimitive().fit(recording)
     starts = np.repeat(recording.values[:1], 4, axis=0)
     played = Player(skill, sample=True).rollout(starts, 60.0).position
-    distances = demonstrated.distances(played)
+    distances = path_distances(recording, played)
     mean, most = float(distances.mean()), float(np.quantile(distances, 0.99))
     paths = {f"seed {i}": path for i, path in enumerate(played[:2])}
     return Finding(
