@@ -151,9 +151,10 @@ def learned_once():
 
     def fit(self, X, y=None, **options):
         test = os.environ.get("PYTEST_CURRENT_TEST", "")
-        if options.get("progress") is not None or test.startswith(_LEARNING):
+        if test.startswith(_LEARNING):
             return learn(self, X, y, **options)
-        given = type(self), self.get_params(), X, sorted(options.items())
+        named = [each for each in sorted(options.items()) if each[0] != "progress"]
+        given = type(self), self.get_params(), X, named
         vars(self).update(once.of(given, lambda: vars(learn(self, X, y, **options))))
         return self
 
