@@ -191,6 +191,17 @@ def test_positions_that_are_missed_for_moments_are_judged_by_the_tracking_error(
     assert found.is_feasible == is_feasible
 
 
+def test_orientation_channels_have_a_bound_of_their_own():
+    # The run of a refused one was 0.64 degrees rms off, above the limit of 0.5.
+    scenario = LoadScenario("stir")
+    skill, _ = shared_skill(scenario)
+    assert CheckFeasibility(scenario, skill).is_feasible
+    bounds = FollowingBounds(orientation_error=1e-7)
+    found = CheckFeasibility(scenario, skill, bounds=bounds)
+    assert not found.is_feasible
+    assert "lags behind its path by 0 mm and 0.0 degrees rms" in found.verdict
+
+
 def test_tracking_error_is_the_root_sum_of_squares(bundled_skill):
     values = check(bundled_skill, tempo=2.4).values
     assert values["largest_distance"] < 1e-3

@@ -51,6 +51,9 @@ class FollowingBounds:
     tilt : float
         Of the eraser with respect to the board, rad: its end then lifts by 6 mm, a fifth of
         the felt.
+    orientation_error : float
+        Predicted rms error of a skill with rotation channels, rad: half of the limit for a
+        run, which was 0.64 degrees where 0.28 had been predicted.
     joint_reserve : float
         Margin from a joint-limit spring at which a joint counts as at the spring, rad.
     brief : float
@@ -77,6 +80,7 @@ class FollowingBounds:
     farthest: float = 0.040
     tracking_error: float = 0.0075
     tilt: float = 0.1
+    orientation_error: float = np.deg2rad(0.25)
     joint_reserve: float = 0.03
     brief: float = 0.12
     clearance: float = 0.02

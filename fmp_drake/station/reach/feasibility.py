@@ -243,13 +243,14 @@ class _Check:
         motion = self._follow(X_WB, postures)
         clearance, link = reach.clearance(X_WB, motion, self._displacement)
         # Where the controller brakes a joint, the eraser lags behind its path.
-        lags = np.zeros((*motion.q.shape[:2], 2))
-        speed = _BRAKED * reach.limits.speed
+        braked, speed = motion, _BRAKED * reach.limits.speed
         if np.any(np.abs(motion.v) > speed):
             braked = self._follow(X_WB, postures, speed)
-            lags = (braked.error - motion.error).reshape(*lags.shape, 3)
-            lags = np.linalg.norm(lags, axis=-1)
-        lag_angle, lag = map(float, np.sqrt(np.mean(lags**2, axis=(0, 1))))
+        lags = (braked.error - motion.error).reshape(*motion.q.shape[:2], 2, 3)
+        if self._R_TE is not None:
+            lags[..., 0, :] = braked.error[..., :3]
+        squares = np.sum(lags**2, axis=-1)
+        lag_angle, lag = map(float, np.sqrt(np.mean(squares, axis=(0, 1))))
         values, missed = self._judge_reach(motion, clearance, link, lag)
         values |= self._judge_speed(motion, lag, lag_angle)
         values |= self._judge_force(motion)
@@ -412,7 +413,8 @@ class _Check:
         allowed = self._scenario.impedance.walls.speed_fraction
         ratio = np.quantile(fastest, 1 - bounds.exceptions)
         tempo, above = self._tempo * allowed / ratio, float(np.mean(fastest > 1))
-        is_late = lag > bounds.tracking_error or angle > bounds.tilt
+        most = bounds.tilt if self._R_TE is None else bounds.orientation_error
+        is_late = lag > bounds.tracking_error or angle > most
         # Out of reach, or at a joint-limit spring, the joints' speed is meaningless.
         if (is_late or above > bounds.brief) and not self._faults:
             text = (
@@ -421,7 +423,7 @@ class _Check:
             if is_late:
                 text += (
                     f": it is braked above {100 * allowed:.0f} %, and the eraser lags behind "
-                    f"its path by {1e3 * lag:.0f} mm and {np.rad2deg(angle):.0f} degrees rms"
+                    f"its path by {1e3 * lag:.0f} mm and {np.rad2deg(angle):.1f} degrees rms"
                 )
             else:
                 text += f", and more than 100 % on {100 * above:.1f} % of the path"
