@@ -3,20 +3,13 @@
 from math import pi
 
 import numpy as np
+from pydrake.geometry import Box, Cylinder, Ellipsoid
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInertia
 
 from fmp_drake.errors import StationError
 from fmp_drake.settings import check_settings
-from fmp_drake.station.models.model_files import (
-    AddModel,
-    Box,
-    Collision,
-    Cylinder,
-    Ellipsoid,
-    Inertial,
-    Visual,
-)
+from fmp_drake.station.models.model_files import AddModel, Collision, Visual
 from fmp_drake.station.scenario_parts import EraserConfig
 
 _THICKNESS = 0.030  # Of the felt, m.
@@ -83,7 +76,6 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     check_settings(config, StationError, "eraser.")
     x, y = config.footprint
     parts = [
-        Inertial(_Inertia(x, y)),
         Visual("plate", Cylinder(0.0315, 0.008), at=(0, 0, 0.004), colour=_METAL),
         Visual("stem", Cylinder(0.012, 0.042), at=(0, 0, 0.029), colour=_METAL),
         *_Handle(x + _RIM, y + _RIM),
@@ -94,9 +86,9 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
         plant,
         model="eraser",
         link="eraser",
-        parts="".join(parts),
-        frames="""<frame name="mount" attached_to="eraser"/>
-<frame name="eraser_tip" attached_to="eraser"><pose>0 0 0.100 0 0 0</pose></frame>""",
+        inertia=_Inertia(x, y),
+        parts=parts,
+        frames={"mount": 0.0, "eraser_tip": 0.100},
     )
 
 
@@ -124,7 +116,7 @@ def FeltForceLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
     return config.modulus * depth / (_THICKNESS / 2) * x * y
 
 
-def _Contacts(config: EraserConfig) -> list[str]:
+def _Contacts(config: EraserConfig) -> list[Collision]:
     """Return the contact geometry: the felt, and the hard parts behind it."""
     x, y = config.footprint
     core = Box(x - 2 * _INSET, y - 2 * _INSET, _THICKNESS - FELT_DEPTH)
@@ -156,7 +148,7 @@ def _Inertia(x: float, y: float) -> SpatialInertia:
     return total
 
 
-def _Handle(x: float, y: float) -> list[str]:
+def _Handle(x: float, y: float) -> list[Visual]:
     """Return the visuals of a rounded handle, z from 0.047 to 0.070."""
     r = 0.24 * min(x, y)
     parts = [

@@ -1,13 +1,32 @@
-"""Folder of the package's models, and SDF text of models with variable sizes."""
+"""Folder of the package's models, and models of one link with variable sizes."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    GeometryInstance,
+    MakePhongIllustrationProperties,
+    PerceptionProperties,
+    ProximityProperties,
+    Rgba,
+    Shape,
+)
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    ModelInstanceIndex,
+    RigidBody,
+    RotationalInertia,
+    SpatialInertia,
+)
 
 from fmp_drake.errors import StationError
 
@@ -54,52 +73,6 @@ def AddFmpDrakePackage(parser: Parser) -> None:
         packages.AddPackageXml(str(models_dir() / "package.xml"))
 
 
-def Numbers(values: Sequence[float] | NDArray[np.float64]) -> str:
-    """Return numbers with six digits, separated by spaces."""
-    return " ".join(f"{value:.6g}" for value in values)
-
-
-def Box(*size: float) -> str:
-    """Return a box of size x, y, z, m."""
-    return f"<box><size>{Numbers(size)}</size></box>"
-
-
-def Cylinder(radius: float, length: float) -> str:
-    """Return a cylinder along z, m."""
-    return (
-        f"<cylinder><radius>{radius:.6g}</radius>"
-        f"<length>{length:.6g}</length></cylinder>"
-    )
-
-
-def Ellipsoid(*radii: float) -> str:
-    """Return an ellipsoid with radii along x, y, z, m."""
-    return f"<ellipsoid><radii>{Numbers(radii)}</radii></ellipsoid>"
-
-
-def Visual(name: str, shape: str, *, at: Sequence[float], colour: Colour) -> str:
-    """Return a shape at a position in its link, m, with an sRGB colour.
-
-    It is there twice: for the page, which takes colours as sRGB, and for the renderer, which
-    takes them as linear beside the arm's glTF meshes. Both then look the same.
-    """
-    pose = [*at, 0, 0, 0]
-    return _Role(name, "perception", shape, pose, colour) + _Role(
-        f"{name}_rendered", "illustration", shape, pose, linear_colour(colour)
-    )
-
-
-def _Role(
-    name: str, without: str, shape: str, pose: Sequence[float], colour: Sequence[float]
-) -> str:
-    return (
-        f'<visual name="{name}"><pose>{Numbers(pose)}</pose>'
-        f"<geometry>{shape}</geometry>"
-        f"<material><diffuse>{Numbers([*colour, 1])}</diffuse></material>"
-        f'<drake:{without}_properties enabled="false"/></visual>\n'
-    )
-
-
 def linear_colour(colour: Sequence[float]) -> Colour:
     """Undo sRGB's transfer curve (IEC 61966-2-1)."""
     red, green, blue = (
@@ -108,64 +81,103 @@ def linear_colour(colour: Sequence[float]) -> Colour:
     return red, green, blue
 
 
-def Collision(
-    name: str,
-    shape: str,
-    *,
-    at: Sequence[float],
-    friction: float,
-    modulus: float | None = None,
-    dissipation: float = 0,
-) -> str:
-    """Return contact geometry with a modulus, Pa, and a dissipation, s/m.
+class Visual(NamedTuple):
+    """A shape at a position in its link, m, with an sRGB colour.
 
-    It is compliant hydroelastic geometry, or has point contact without a modulus.
+    It is there twice: for the page, which takes colours as sRGB, and for the renderer, which
+    takes them as linear beside the arm's glTF meshes. Both then look the same.
     """
-    hydroelastic = (
-        f"""<drake:compliant_hydroelastic/>
-    <drake:hydroelastic_modulus>{modulus:.10g}</drake:hydroelastic_modulus>
-    <drake:hunt_crossley_dissipation>{dissipation}</drake:hunt_crossley_dissipation>"""
-        if modulus is not None
-        else ""
-    )
-    return f"""<collision name="{name}"><pose>{Numbers([*at, 0, 0, 0])}</pose>
-  <geometry>{shape}</geometry>
-  <drake:proximity_properties>
-    {hydroelastic}
-    <drake:mu_dynamic>{friction:.10g}</drake:mu_dynamic>
-    <drake:mu_static>{friction:.10g}</drake:mu_static>
-  </drake:proximity_properties>
-</collision>
-"""
+
+    name: str
+    shape: Shape
+    at: Sequence[float]
+    colour: Colour
+
+    def AddTo(self, plant: MultibodyPlant, body: RigidBody) -> None:
+        """Register the shape with its two colours."""
+        X = RigidTransform(np.array(self.at, dtype=float))
+        shown = GeometryInstance(X, self.shape, self.name)
+        shown.set_illustration_properties(
+            MakePhongIllustrationProperties(np.array([*self.colour, 1.0]))
+        )
+        rendered = GeometryInstance(X, self.shape, f"{self.name}_rendered")
+        material = PerceptionProperties()
+        material.AddProperty("phong", "diffuse", Rgba(*linear_colour(self.colour)))
+        rendered.set_perception_properties(material)
+        plant.RegisterVisualGeometry(body, shown)
+        plant.RegisterVisualGeometry(body, rendered)
 
 
-def Inertial(inertia: SpatialInertia) -> str:
-    """Return the inertia of a symmetric body, given about the link's origin."""
-    central = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
-    moments = (
-        f"<i{axis}>{value:.6g}</i{axis}>"
-        for axis, value in zip(("xx", "yy", "zz"), central.get_moments(), strict=True)
-    )
-    products = "<ixy>0</ixy><ixz>0</ixz><iyz>0</iyz>"
-    return (
-        f"<inertial><pose>{Numbers([*inertia.get_com(), 0, 0, 0])}</pose>"
-        f"<mass>{inertia.get_mass():.6g}</mass>"
-        f"<inertia>{''.join(moments)}{products}</inertia></inertial>\n"
-    )
+class Collision(NamedTuple):
+    """Contact geometry with a modulus, Pa, and a dissipation, s/m.
+
+    It is compliant hydroelastic geometry, or rigid with an infinite modulus. It has point
+    contact without a modulus.
+    """
+
+    name: str
+    shape: Shape
+    at: Sequence[float]
+    friction: float
+    modulus: float | None = None
+    dissipation: float = 0.0
+
+    def AddTo(self, plant: MultibodyPlant, body: RigidBody) -> None:
+        """Register the geometry."""
+        contact, dissipation = ProximityProperties(), None
+        if self.modulus is not None and math.isinf(self.modulus):
+            AddRigidHydroelasticProperties(contact)
+        elif self.modulus is not None:
+            # The resolution hint is required, but neither box nor hull uses it.
+            AddCompliantHydroelasticProperties(1.0, self.modulus, contact)
+            dissipation = self.dissipation
+        friction = CoulombFriction(self.friction, self.friction)
+        AddContactMaterial(
+            dissipation=dissipation, friction=friction, properties=contact
+        )
+        X = RigidTransform(np.array(self.at, dtype=float))
+        plant.RegisterCollisionGeometry(body, X, self.shape, self.name, contact)
 
 
 def AddModel(
-    plant: MultibodyPlant, *, model: str, link: str, parts: str, frames: str
+    plant: MultibodyPlant,
+    *,
+    model: str,
+    link: str,
+    inertia: SpatialInertia,
+    parts: Iterable[Visual | Collision],
+    frames: Mapping[str, float],
 ) -> ModelInstanceIndex:
-    """Add a model of one link with inertia, visuals and collisions."""
-    text = f"""<?xml version="1.0"?>
-<sdf version="1.9" xmlns:drake="http://drake.mit.edu">
-<model name="{model}">
-<link name="{link}">
-{parts}</link>
-{frames}
-</model>
-</sdf>
-"""
-    (instance,) = Parser(plant).AddModelsFromString(text, "sdf")
+    """Add a model of one link.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Geometry is added if it is registered with a SceneGraph.
+    model, link : str
+        Names of model and link.
+    inertia : SpatialInertia
+        Of a symmetric body about the link's origin; used with six digits.
+    parts : iterable of Visual or Collision
+    frames : mapping of str to float
+        Names of frames, and their z in the link, m.
+    """
+    instance = plant.AddModelInstance(model)
+    body: Any = plant.AddRigidBody(link, instance, _six_digits(inertia))
+    for name, height in frames.items():
+        X = RigidTransform(np.array([0.0, 0.0, height]))
+        plant.AddFrame(FixedOffsetFrame(name, body.body_frame(), X, instance))
+    if plant.geometry_source_is_registered():
+        for part in parts:
+            part.AddTo(plant, body)
     return instance
+
+
+def _six_digits(inertia: SpatialInertia) -> SpatialInertia:
+    """Round mass, centre of mass and central moments, as numbers in a model's file."""
+    central = inertia.Shift(inertia.get_com()).CalcRotationalInertia()
+    exact = [inertia.get_mass(), *inertia.get_com(), *central.get_moments()]
+    mass, x, y, z, *moments = (float(f"{value:.6g}") for value in exact)
+    return SpatialInertia.MakeFromCentralInertia(
+        mass, np.array([x, y, z]), RotationalInertia(*moments)
+    )

@@ -8,39 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
-    AddCompliantHydroelasticProperties,
-    AddContactMaterial,
-    AddRigidHydroelasticProperties,
+    Box,
     CollisionFilterDeclaration,
     Convex,
+    Cylinder,
     GeometryId,
-    GeometryInstance,
     GeometrySet,
     InMemoryMesh,
-    MakePhongIllustrationProperties,
     Mesh,
-    PerceptionProperties,
-    ProximityProperties,
-    Rgba,
     Role,
     SceneGraph,
 )
-from pydrake.math import RigidTransform
-from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInertia
 
 from fmp_drake.errors import StationError
 from fmp_drake.settings import check_settings
-from fmp_drake.station.models.model_files import (
-    AddModel,
-    Box,
-    Collision,
-    Colour,
-    Cylinder,
-    Inertial,
-    Visual,
-    linear_colour,
-)
+from fmp_drake.station.models.model_files import AddModel, Collision, Visual
 from fmp_drake.station.scenario_parts import BoardConfig
 from fmp_drake.systems.surface.surface import Surface, place, rotations
 
@@ -57,6 +41,7 @@ _BAR_HEIGHT, _BAR_Z = (
 )  # Height of the frame's bars, and z of their middle, m.
 _CORNER = 0.020  # Radius of the corner caps, m.
 
+_ORIGIN = (0.0, 0.0, 0.0)
 _WHITE = (0.97, 0.97, 0.97)
 _METAL = (0.70, 0.72, 0.74)
 _DARK = (0.16, 0.17, 0.19)
@@ -127,32 +112,23 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
         UnitInertia.SolidBox(x, y, _THICKNESS),
     ).Shift(np.array([0, 0, _THICKNESS / 2]))
     middle, slab = (0.0, 0.0, -_THICKNESS / 2), Box(x, y, _THICKNESS)
-    is_plane = config.curvature().is_plane
-    if is_plane:
-        parts = [
-            Inertial(inertia),
-            Visual("slab", slab, at=middle, colour=_WHITE),
-            *_Frame(x, y),
-            *_FrameContacts(x, y, config.friction),
-            *(_Legs(x, y) if config.legs else _Mount(x, y)),
-        ]
+    parts: list[Visual | Collision] = []
+    if config.curvature().is_plane:
+        parts += [Visual("slab", slab, at=middle, colour=_WHITE), *_Frame(x, y)]
+        parts += _FrameContacts(x, y, config.friction)
+        parts += _Legs(x, y) if config.legs else _Mount(x, y)
+        parts.append(_SlabContact(x, y, config.friction))
     else:
-        parts = [Inertial(inertia), *(_Post(config) if config.legs else [])]
-    whiteboard = AddModel(
+        parts += _Post(config) if config.legs else []
+        parts += _CurvedSlab(config)
+    return AddModel(
         plant,
         model="whiteboard",
         link="board",
-        parts="".join(parts),
-        frames='<frame name="surface" attached_to="board"/>',
+        inertia=inertia,
+        parts=parts,
+        frames={"surface": 0.0},
     )
-    if plant.geometry_source_is_registered():
-        if is_plane:
-            _AddSlabContact(plant, whiteboard, config)
-        else:
-            AddCurvedContact(
-                plant, whiteboard, config, thickness=_THICKNESS, colour=_WHITE
-            )
-    return whiteboard
 
 
 def BoardBox(config: BoardConfig) -> NDArray[np.float64]:
@@ -169,28 +145,14 @@ def BoardBox(config: BoardConfig) -> NDArray[np.float64]:
     )
 
 
-def _AddSlabContact(
-    plant: MultibodyPlant, whiteboard: ModelInstanceIndex, config: BoardConfig
-) -> None:
-    """Add the contact of the slab, as the convex hull of its corners."""
-    x, y = config.size
+def _SlabContact(x: float, y: float, friction: float) -> Collision:
+    """Return the contact of the slab, as the convex hull of its corners."""
     sides = ((-x / 2, x / 2), (-y / 2, y / 2), (-_THICKNESS, 0.0))
-    corners = np.array(list(product(*sides))).T
-    contact = ProximityProperties()
-    # The resolution hint is required, but a hull does not use it.
-    AddCompliantHydroelasticProperties(1.0, _MODULUS, contact)
-    friction = CoulombFriction(config.friction, config.friction)
-    AddContactMaterial(dissipation=0.0, friction=friction, properties=contact)
-    plant.RegisterCollisionGeometry(
-        plant.GetBodyByName("board", whiteboard),
-        RigidTransform(),
-        Convex(corners, "slab"),
-        "slab",
-        contact,
-    )
+    hull = Convex(np.array(list(product(*sides))).T, "slab")
+    return Collision("slab", hull, at=_ORIGIN, modulus=_MODULUS, friction=friction)
 
 
-def _Frame(x: float, y: float) -> list[str]:
+def _Frame(x: float, y: float) -> list[Visual]:
     """Return the visuals of four bars around the slab, and of caps on the corners."""
     gap = _CORNER - _EDGE  # From the slab's edge to a cap's axis.
     bars = [
@@ -204,7 +166,7 @@ def _Frame(x: float, y: float) -> list[str]:
     ]
 
 
-def _FrameContacts(x: float, y: float, friction: float) -> list[str]:
+def _FrameContacts(x: float, y: float, friction: float) -> list[Collision]:
     """Return the contact geometry of the bars; two of them include the corners."""
     bars = _Bars(x, y, length_x=x, length_y=y + 2 * _EDGE)
     return [
@@ -215,7 +177,7 @@ def _FrameContacts(x: float, y: float, friction: float) -> list[str]:
 
 def _Bars(
     x: float, y: float, *, length_x: float, length_y: float
-) -> list[tuple[str, str, tuple[float, float, float]]]:
+) -> list[tuple[str, Box, tuple[float, float, float]]]:
     """Return side, shape and position of the frame's bars, with two lengths, m."""
     a, b = (x + _EDGE) / 2, (y + _EDGE) / 2
     long, short = Box(_EDGE, length_y, _BAR_HEIGHT), Box(length_x, _EDGE, _BAR_HEIGHT)
@@ -232,7 +194,7 @@ def _Corners(x: float, y: float, inset: float) -> list[tuple[float, float]]:
     return [(a, b), (a, -b), (-a, b), (-a, -b)]
 
 
-def _Legs(x: float, y: float) -> list[str]:
+def _Legs(x: float, y: float) -> list[Visual]:
     leg, foot = Cylinder(0.012, 0.072), Cylinder(0.020, 0.008)
     legs = []
     for i, corner in enumerate(_Corners(x, y, 0.03), start=1):
@@ -241,7 +203,7 @@ def _Legs(x: float, y: float) -> list[str]:
     return legs
 
 
-def _Post(config: BoardConfig) -> list[str]:
+def _Post(config: BoardConfig) -> list[Visual]:
     """Return the visuals of a post from the slab to the floor."""
     length = max(config.translation[2] - _THICKNESS, 0.02)
     post, foot = Cylinder(0.020, length), Cylinder(0.060, 0.008)
@@ -252,7 +214,7 @@ def _Post(config: BoardConfig) -> list[str]:
     ]
 
 
-def _Mount(x: float, y: float) -> list[str]:
+def _Mount(x: float, y: float) -> list[Visual]:
     """Return the visuals of two rails behind the slab, and a plate between them."""
     rail, plate = Box(0.72 * x, 0.03, 0.014), Box(0.16 * x, 0.5 * y + 0.03, 0.012)
     return [
@@ -334,52 +296,19 @@ def _quads(index: Faces) -> Faces:
     return np.column_stack([corner.ravel() for corner in corners])
 
 
-def AddCurvedContact(
-    plant: MultibodyPlant,
-    whiteboard: ModelInstanceIndex,
-    config: BoardConfig,
-    *,
-    thickness: float,
-    colour: Colour,
-) -> None:
-    """Add contact and visual geometry of a curved slab to the body `board`.
+def _CurvedSlab(config: BoardConfig) -> list[Visual | Collision]:
+    """Return contact and visual geometry of a curved slab.
 
     The slab is rigid; the compliance of the felt is sufficient.
-
-    Parameters
-    ----------
-    plant : MultibodyPlant
-        Registered with a SceneGraph.
-    whiteboard : ModelInstanceIndex
-    config : BoardConfig
-        Of a curved shape.
-    thickness : float
-        m; limited to half of the radius.
-    colour : tuple of 3 floats
-        sRGB.
     """
     x, y = config.size
-    vertices, normals, faces = curved_slab(
-        config.curvature(), (x, y), min(thickness, config.radius / 2)
-    )
-    text = _obj(vertices, normals, faces)
-    shape = Mesh(InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "slab")))
-    body: Any = plant.GetBodyByName("board", whiteboard)
-    contact = ProximityProperties()
-    AddRigidHydroelasticProperties(contact)
-    friction = CoulombFriction(config.friction, config.friction)
-    AddContactMaterial(friction=friction, properties=contact)
-    plant.RegisterCollisionGeometry(body, RigidTransform(), shape, "slab", contact)
-    visual = GeometryInstance(RigidTransform(), shape, "slab")
-    visual.set_illustration_properties(
-        MakePhongIllustrationProperties(np.array([*colour, 1.0]))
-    )
-    plant.RegisterVisualGeometry(body, visual)
-    rendered = GeometryInstance(RigidTransform(), shape, "slab_rendered")
-    material = PerceptionProperties()
-    material.AddProperty("phong", "diffuse", Rgba(*linear_colour(colour)))
-    rendered.set_perception_properties(material)
-    plant.RegisterVisualGeometry(body, rendered)
+    mesh = curved_slab(config.curvature(), (x, y), min(_THICKNESS, config.radius / 2))
+    shape = Mesh(InMemoryMesh(mesh_file=MemoryFile(_obj(*mesh), ".obj", "slab")))
+    friction = config.friction
+    return [
+        Collision("slab", shape, at=_ORIGIN, modulus=math.inf, friction=friction),
+        Visual("slab", shape, at=_ORIGIN, colour=_WHITE),
+    ]
 
 
 def _obj(vertices: Array, normals: Array, faces: Faces) -> str:
