@@ -261,7 +261,7 @@ def CheckNormalForce(scene: BoardScene) -> None:
         raise StationError(
             f"press.force is {scenario.press.force:g} N; at the start the arm can press "
             f"with {limit:.1f} N without a joint at more than {100 * TORQUE_FRACTION:.0f} % of "
-            "its torque. Press less, or move the board nearer to the base."
+            "its torque. Lower it, or move the board nearer to the base."
         )
 
 

@@ -269,7 +269,7 @@ class InkBoard(LeafSystem):
             motion[:] = self._planar_motion(context, np.zeros(2))
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
-        """Wear the ink along the way since the last update."""
+        """Wear the ink along the path since the last update."""
         motion = values.get_mutable_value(self._motion)
         before = PlanarMotion(*motion)
         now = self._planar_motion(context, motion[1:3].copy())

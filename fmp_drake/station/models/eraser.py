@@ -75,7 +75,7 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     """
     check_settings(config, StationError, "eraser.")
     x, y = config.footprint
-    parts = [
+    parts: list[Visual | Collision] = [
         Visual("plate", Cylinder(0.0315, 0.008), at=(0, 0, 0.004), colour=_METAL),
         Visual("stem", Cylinder(0.012, 0.042), at=(0, 0, 0.029), colour=_METAL),
         *_Handle(x + _RIM, y + _RIM),

@@ -341,7 +341,7 @@ def task_error(measured: Pose, desired: Pose) -> Array:
     Parameters
     ----------
     measured, desired : Pose
-        X_TE as it is and as it shall be.
+        Measured and desired X_TE.
 
     Returns
     -------

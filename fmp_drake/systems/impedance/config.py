@@ -31,10 +31,10 @@ class ImpedanceConfig:
     ----------
     translational_stiffness : list of 3 floats
         Along T's x, y and z (the board's normal), N/m. Soft along the normal: the
-        normal force presses, and an uneven board is forgiven.
+        normal force acts there, and an uneven board changes it little.
     rotational_stiffness : list of 3 floats
         About T's x, y and z, Nm/rad. Soft about the normal, where the eraser may
-        rotate as it likes.
+        rotate freely.
     orientation : list of 3 floats
         Roll, pitch, yaw of the desired R_TE, rad: Rz(yaw) Ry(pitch) Rx(roll).
         The default is diag(1, -1, -1), the tool pointing into the board.

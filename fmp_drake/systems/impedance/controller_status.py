@@ -15,8 +15,8 @@ class StatusFlag(IntFlag):
     - `NOT_FINITE`: an input was NaN, infinite or above 1e12.
     - `JUMP`: the target jumped.
     - `STALE`: the target is too old, or stands still although it has a velocity.
-    - `IMPLAUSIBLE`: the target is too fast, accelerates too much, moves otherwise than
-      its velocity says, or has a time in the future.
+    - `IMPLAUSIBLE`: the target is too fast, accelerates too much, does not move with
+      its velocity, or has a time in the future.
     - `NO_STATE`: the arm's state was not finite; the torque goes to zero.
     - `NOT_FOUND`: the surface is lower than is searched, or there is none.
     - `EXCESS_FORCE`: the normal force is far above the desired one.
@@ -131,7 +131,7 @@ class Condition(NamedTuple):
     Attributes
     ----------
     level : str
-        ``busy`` where the arm goes on by itself, or ``bad``.
+        ``busy`` where the arm continues without help, or ``bad``.
     mode, detail : str
         On a page: in a word or two, and why; the mode is empty where it is not shown.
     event : str
@@ -181,7 +181,7 @@ CONDITIONS = {
     StatusFlag.CONTACT_LOST: Condition(
         "busy",
         "searching the board",
-        "nothing is touched where it should be",
+        "there is no contact where there should be",
         "contact lost",
         "The arm searches the board by itself.",
     ),

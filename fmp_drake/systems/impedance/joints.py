@@ -20,7 +20,7 @@ _EFFORT_FRACTION, _EFFORT_RESERVE = 0.99, 0.01
 # Time constant with which a joint that would be too fast comes to rest, s.
 _STOPPING_TIME = 0.05
 # Fraction of the speed limits that a torque may lead to. Contact and friction, of which
-# nothing is known here, may accelerate a joint by as much again.
+# nothing is known here, may accelerate a joint further.
 _SPEED_FRACTION = 0.95
 
 

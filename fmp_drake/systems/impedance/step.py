@@ -263,7 +263,7 @@ def _next_torque(
     )
 
     # Supervision of the force: what it finds now stops the arm at the next update.
-    # Without a sensor, a person who lifts the tool cannot be told from a contact: only
+    # Without a sensor, a person who lifts the tool cannot be distinguished from a contact: only
     # an oscillation is judged then.
     excess = (measured if inputs.has_normal_force else law.normal_force) - desired
     force_flags, force_record = force_faults(

@@ -33,7 +33,7 @@ class ForceArrow(LeafSystem):
     The arrow begins in the middle of the contact, weighted by the forces, and is drawn
     over what stands before it, so that the body itself does not hide it. It is moved
     and stretched, not drawn anew, so that recordings show it too. It is at `/force` in
-    Meshcat's tree: outside of `/drake` it does not stand in the way of the mouse.
+    Meshcat's tree: outside of `/drake` the mouse ignores it.
 
     Input ports
     -----------
@@ -70,8 +70,8 @@ class ForceArrow(LeafSystem):
         self._ids = collision_ids(plant, body)
         if not self._ids:
             raise SystemsError(
-                f"the body {body.name()} has no collision geometry; it never feels a "
-                "contact."
+                f"the body {body.name()} has no collision geometry; no contact can "
+                "act on it."
             )
         self._meshcat = meshcat
         self._results = self.DeclareAbstractInputPort(

@@ -172,7 +172,7 @@ class PagePanel:
     The panel's sliders and buttons are those of the Meshcat. Only the page at `url`, which
     carries a token, may move them and pull the arm; without the token it may watch. That
     holds for a `hidden_meshcat`: any other Meshcat listens to all pages at its own address.
-    A process of its own sends what `show` says to browsers, and ends with this one: here
+    A separate process sends the fields of `show` to browsers, and ends with this one: here
     there are no threads, and nothing that a browser could change or delay.
 
     Parameters
@@ -267,7 +267,7 @@ def add_panel(page: str, fields: PanelFields) -> str:
     Raises
     ------
     SystemsError
-        Where it is no such page.
+        If the page has no head or body.
     """
     if min(page.find("</head>"), page.rfind("</body>")) < 0:
         raise SystemsError("a panel needs a page with a head and a body, as Meshcat's.")

@@ -238,7 +238,7 @@ class _Server(ThreadingHTTPServer):
                 return
 
     def keep(self, connection: socket.socket, purpose: str) -> bool:
-        """Accept a connection; False if there is no place for it."""
+        """Accept a connection; return whether there was a free place."""
         with self._lock:
             watching = sum(each == _WATCHING for each in self._purposes.values())
             is_full = purpose == _WATCHING and watching >= _MAX_WATCHING

@@ -270,7 +270,7 @@ def show_during(
     end: float,
 ) -> None:
     """Show a path only in an interval, s, of an animation of finite duration."""
-    # Meshcat loops each path by itself: let all last equally long.
+    # Meshcat loops each path separately, so all get the same duration.
     first, last = 0, max(1, animation.frame(end))
     for time, visible in ((since, True), (until, False)):
         if np.isfinite(time):

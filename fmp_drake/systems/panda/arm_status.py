@@ -287,7 +287,7 @@ def implausible(
 ) -> GateFault:
     """Return the faults of implausible values in a status.
 
-    A frozen measurement is told from an arm at rest by the noise of a real encoder: at
+    A frozen measurement is distinguished from an arm at rest by the noise of a real encoder: at
     rest, too, the last bits of 14 numbers differ from one status to the next. A
     simulated arm without noise may rest at one state. So a state that is the same to the
     last bit is a fault only where it has a velocity, or where the torque that is sent

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 # Period at which the robot reads commands, s.
 _ROBOT_PERIOD = 0.001
-# Older commands are ignored by the robot, s; so many of the own ones are remembered.
+# Age of a command above which the robot ignores it, s; number of own commands in memory.
 _COMMAND_EXPIRY, _REMEMBERED = 0.1, 128
 # Damping of each joint in a return and in a stop, Nm s/rad: that of drake-franka-driver
 # for an arm without commands. Twice as much oscillates where messages are 5 ms late.
@@ -191,21 +191,15 @@ class GateState(NamedTuple):
 
     @classmethod
     def from_vectors(
-        cls, torque: ArrayLike, rest: ArrayLike, track: ArrayLike, sent: ArrayLike
+        cls, torque: ArrayLike, numbers: ArrayLike, track: ArrayLike, sent: ArrayLike
     ) -> "GateState":
         """Return the state that `vectors` describes."""
-        mode, faults, status_time, wall_time, go, stamp, timer = np.asarray(
-            rest
-        ).tolist()
+        mode, faults, *times = np.asarray(numbers).tolist()
         return cls(
             np.array(torque, dtype=float),
             GateMode(int(mode)),
             GateFault(int(faults)),
-            status_time,
-            wall_time,
-            go,
-            stamp,
-            timer,
+            *times,
             StatusTrack.from_vector(track),
             np.array(sent, dtype=float),
         )
@@ -422,7 +416,7 @@ def return_torque(
 
     Joint i gets ``s tau_i - b_i v_i`` with one factor s, so that ``|s tau_i|`` is at most
     ``b_i`` times the allowed speed: at that speed the damping balances the torque,
-    whatever the controller wants.
+    whatever the controller's torque is.
 
     Parameters
     ----------

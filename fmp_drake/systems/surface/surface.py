@@ -150,7 +150,7 @@ class Surface(NamedTuple):
 
     @property
     def circumference(self) -> tuple[float, float]:
-        """Lengths of a way round along u and v, m; infinite along a straight line."""
+        """Circumferences along u and v, m; infinite along a straight line."""
         kx, ky = (2 * math.pi / abs(k) if k else math.inf for k in self)
         return kx, ky
 

@@ -134,7 +134,7 @@ def measured_channels(
     pose: Array,
     force: float,
 ) -> Array:
-    """Return the channels of a skill as the robot's state says they are.
+    """Return the measured channels of a skill, from the robot's state.
 
     Parameters
     ----------

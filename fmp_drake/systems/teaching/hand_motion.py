@@ -108,7 +108,7 @@ class HandMotion:
     ----------
     position : ndarray, shape (N, D)
         The channels, 200 samples per second: x and y in the board's frame B, m; z, m; rx, ry
-        and rz, the rotation vector from the way the tool is held at rest, in B, rad; force
+        and rz, the rotation vector from the orientation at rest, in B, rad; force
         on the board, N.
     channels : tuple of str
 
