@@ -23,7 +23,7 @@ from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.tasks.task import Measurements
 from fmp_drake.station.tasks.wiping import BoardGrid
 from fmp_drake.systems import FourierPrimitiveSystem
-from fmp_drake.systems.ink.coverage_choice import CoverageChoice
+from fmp_drake.systems.ink.grid import CoverageChoice
 from fmp_drake.systems.task_motion import TaskMotion
 
 DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")

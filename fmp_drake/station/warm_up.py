@@ -21,8 +21,7 @@ from fmp_drake.primitives import FourierMovementPrimitive, Player
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.station import MakeWipingStation
 from fmp_drake.systems.impedance.step import impedance_step
-from fmp_drake.systems.ink.coverage_choice import CoverageChoice
-from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink.grid import CoverageChoice, InkGrid
 from fmp_drake.systems.ink.mesh import corner_shades, ink_mesh
 from fmp_drake.systems.ink.rubbing import Cells, compile_rubbing
 from fmp_drake.systems.page.paths import rod_mesh

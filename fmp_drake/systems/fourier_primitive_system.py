@@ -25,7 +25,7 @@ from fmp_drake.primitives import (
     Tracker,
 )
 from fmp_drake.primitives.playback.motion import Segment, segment_motion
-from fmp_drake.systems.ink.coverage_choice import CoverageChoice
+from fmp_drake.systems.ink.grid import CoverageChoice
 from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
 
 Calc = Callable[[Context, BasicVector], None]

@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.ink.coverage_choice import CoverageChoice
-from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink.grid import CoverageChoice, InkGrid
 
 GRID = InkGrid(size=(0.5, 0.7), cell=0.01)
 # 11 by 5 cells, and a rim of half a cell that is not wiped.

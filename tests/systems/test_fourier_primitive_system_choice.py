@@ -7,8 +7,7 @@ from pydrake.systems.analysis import Simulator
 
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
-from fmp_drake.systems.ink.coverage_choice import CoverageChoice
-from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.ink.grid import CoverageChoice, InkGrid
 
 TICK = 0.05
 REMAP = 1.75  # (T - K) / rate

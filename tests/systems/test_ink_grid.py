@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.ink.coverage_choice import CoverageChoice
 from fmp_drake.systems.ink.grid import (
+    CoverageChoice,
     InkGrid,
     cleaned_fraction,
 )

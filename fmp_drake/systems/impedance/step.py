@@ -263,8 +263,8 @@ def _next_torque(
     )
 
     # Supervision of the force: what it finds now stops the arm at the next update.
-    # Without a sensor, a person who lifts the tool cannot be distinguished from a contact: only
-    # an oscillation is judged then.
+    # Without a sensor, a person who lifts the tool cannot be distinguished from a
+    # contact: only an oscillation is judged then.
     excess = (measured if inputs.has_normal_force else law.normal_force) - desired
     force_flags, force_record = force_faults(
         config.watchdog,

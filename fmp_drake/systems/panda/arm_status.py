@@ -287,12 +287,13 @@ def implausible(
 ) -> GateFault:
     """Return the faults of implausible values in a status.
 
-    A frozen measurement is distinguished from an arm at rest by the noise of a real encoder: at
-    rest, too, the last bits of 14 numbers differ from one status to the next. A
-    simulated arm without noise may rest at one state. So a state that is the same to the
-    last bit is a fault only where it has a velocity, or where the torque that is sent
-    changes meanwhile. Constant positions with a velocity are a fault, and so are constant
-    velocities of positions that change, and a robot's own time stamp that stands still.
+    A frozen measurement is distinguished from an arm at rest by the noise of a real
+    encoder: at rest, too, the last bits of 14 numbers differ from one status to the
+    next. A simulated arm without noise may rest at one state. So a state that is the
+    same to the last bit is a fault only where it has a velocity, or where the torque
+    that is sent changes meanwhile. Constant positions with a velocity are a fault, and
+    so are constant velocities of positions that change, and a robot's own time stamp
+    that stands still.
 
     Parameters
     ----------
