@@ -24,8 +24,19 @@ from fmp_drake.systems.teaching.hand_motion import HandMotion, Task
 
 
 @dataclass(frozen=True, kw_only=True)
+class FaultOptions:
+    """Faults of the messages."""
+
+    drop: float = option(0.0, "Fraction of messages that are lost.")
+    reorder: float = option(0.0, "Fraction of messages that overtake earlier ones.")
+    corrupt: float = option(0.0, "Fraction of messages with a bit error.")
+    jitter: float = option(0.0, "Largest delay of a message, s.")
+    seed: int = option(0, "Seed of the faults and of the simulated person.")
+
+
+@dataclass(frozen=True, kw_only=True)
 class BenchOptions:
-    """Simulated arm, and faults of its messages."""
+    """Simulated arm."""
 
     scenario: str = option("table_top", "Name of a scenario, or a YAML file.")
     arm: str | None = arm_option("Bus and channels.")
@@ -33,11 +44,6 @@ class BenchOptions:
         None, "Movement with which a simulated person guides the arm."
     )
     duration: float = option(600.0, "End after this time, s.", above=0)
-    drop: float = option(0.0, "Fraction of messages that are lost.")
-    reorder: float = option(0.0, "Fraction of messages that overtake earlier ones.")
-    corrupt: float = option(0.0, "Fraction of messages with a bit error.")
-    jitter: float = option(0.0, "Largest delay of a message, s.")
-    seed: int = option(0, "Seed of the faults and of the simulated person.")
     real_time: bool = real_time_option()
     report: Path | None = option(None, "Write the metrics (.json).")
 
@@ -49,8 +55,8 @@ class BenchOptions:
         "fmp-drake record --arm lcm --out mine.npz": "record from it, in another terminal",
     },
 )
-@options(to=BenchOptions)
-def arm(to: BenchOptions) -> None:
+@options(to=BenchOptions, faults=FaultOptions)
+def arm(to: BenchOptions, faults: FaultOptions) -> None:
     """Simulate an arm with the LCM messages of a real one, for tests.
 
     Nothing here has ever been tried on a real arm.
@@ -61,13 +67,6 @@ def arm(to: BenchOptions) -> None:
     for refusal in request_priority() if to.real_time else ():
         console.print(refusal)
     bus, scene = OpenLcm(config.url), LoadScenario(to.scenario)
-    faults = NetworkFaults(
-        drop=to.drop,
-        reorder=to.reorder,
-        corrupt=to.corrupt,
-        jitter=to.jitter,
-        seed=to.seed,
-    )
     demonstrations, _ = load_on_board(
         [default_demonstration(scene.skill.demonstration)],
         scenario=scene,
@@ -76,13 +75,13 @@ def arm(to: BenchOptions) -> None:
     )
     hand = None
     if to.task is not None:
-        motion = HandMotion.make(to.task, duration=to.duration + 1, seed=to.seed)
+        motion = HandMotion.make(to.task, duration=to.duration + 1, seed=faults.seed)
         hand = SimulatedHand(motion)
     bench = ArmBench(
         scene,
         bus,
         arm=config,
-        faults=faults,
+        faults=NetworkFaults(**vars(faults)),
         hand=hand,
         demonstrated=[demonstration.values for demonstration in demonstrations],
     )

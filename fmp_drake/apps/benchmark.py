@@ -1,15 +1,15 @@
 """`fmp-drake benchmark`."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
-from fmp_drake.apps.options import PATH, Command, GroupedOption
+from fmp_drake.apps.options import PATH, Command, option, options
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.benchmark import all_methods, run_benchmark, write_benchmark
 from fmp_drake.experiments.benchmark.cleaning import run_cleaning
-from fmp_drake.numeric import check_number
 from fmp_drake.processes import LocalWorkers
 
 
@@ -23,6 +23,29 @@ def _list_methods(
         context.exit()
 
 
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkOptions:
+    """Methods, and files to write."""
+
+    out: Path = option(help="Folder for results and report.")
+    methods: tuple[str, ...] = option(
+        (),
+        "Run only this method; may be repeated. The report shows all methods that have "
+        "been run.",
+        flags=["--method"],
+    )
+    quick: bool = option(False, "Score fewer predictions of each split.")
+    jobs: int = option(1, "Number of processes on this machine.", least=1)
+    clean: Path | None = option(
+        None,
+        "Instead measure how soon each method cleans the board with the movement of this "
+        "recording.",
+    )
+    list: bool = option(
+        False, "List the methods and exit.", is_eager=True, callback=_list_methods
+    )
+
+
 @click.command(
     cls=Command,
     examples={
@@ -31,46 +54,8 @@ def _list_methods(
     },
 )
 @click.argument("folder", type=PATH)
-@click.option("--out", type=PATH, required=True, help="Folder for results and report.")
-@click.option(
-    "--method",
-    "methods",
-    multiple=True,
-    help="Run only this method; may be repeated. The report shows all methods that have "
-    "been run.",
-)
-@click.option("--quick", is_flag=True, help="Score fewer predictions of each split.")
-@click.option(
-    "--jobs",
-    type=int,
-    default=1,
-    show_default=True,
-    help="Number of processes on this machine.",
-)
-@click.option(
-    "--clean",
-    type=PATH,
-    help="Instead measure how soon each method cleans the board with the movement of this "
-    "recording.",
-)
-@click.option(
-    "--list",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_list_methods,
-    help="List the methods and exit.",
-    cls=GroupedOption,
-    group="Options",
-)
-def benchmark(
-    folder: Path,
-    out: Path,
-    methods: tuple[str, ...],
-    quick: bool,
-    jobs: int,
-    clean: Path | None,
-) -> None:
+@options(to=BenchmarkOptions)
+def benchmark(folder: Path, to: BenchmarkOptions) -> None:
     """Compare methods on the recordings in FOLDER: prediction and playback.
 
     Methods learn from 1.5, 2, 3, 4 and 8 cycles and from all but a held-out part of each
@@ -79,30 +64,34 @@ def benchmark(
     adds a method by an entry point of the group fmp_drake.methods.
     """
     console = make_console()
-    check_number(jobs, "jobs", least=1, whole=True, error=FmpError)
     if not folder.is_dir():
         raise FmpError(f"there is no folder {folder}.")
-    make_folder(out)
-    workers = LocalWorkers(jobs)
+    make_folder(to.out)
+    workers = LocalWorkers(to.jobs)
 
     def progress(text: str) -> None:
         console.print(text, markup=False)
 
-    if clean is None:
-        instants = 15 if quick else 60
+    if to.clean is None:
+        instants = 15 if to.quick else 60
         scores = run_benchmark(
-            folder, out, workers, methods=methods, instants=instants, progress=progress
+            folder,
+            to.out,
+            workers,
+            methods=to.methods,
+            instants=instants,
+            progress=progress,
         )
     else:
-        duration, seeds = (5.0, 2) if quick else (60.0, 5)
+        duration, seeds = (5.0, 2) if to.quick else (60.0, 5)
         scores = run_cleaning(
-            clean,
-            out,
+            to.clean,
+            to.out,
             workers,
-            methods=methods,
+            methods=to.methods,
             duration=duration,
             seeds=seeds,
             progress=progress,
         )
-    write_benchmark(out, scores, folder=folder)
-    console.print(f"wrote {out / 'report.html'}")
+    write_benchmark(to.out, scores, folder=folder)
+    console.print(f"wrote {to.out / 'report.html'}")

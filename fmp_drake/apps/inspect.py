@@ -1,6 +1,7 @@
 """`fmp-drake inspect`."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -8,10 +9,10 @@ import click
 from fmp_drake.apps.options import (
     PATH,
     Command,
-    GroupedOption,
     RecordingOptions,
     RhythmOptions,
     arguments,
+    option,
     options,
 )
 from fmp_drake.apps.page import make_console, print_next
@@ -25,6 +26,13 @@ from fmp_drake.skills.description import describe_recording
 _ADVICE = re.compile(r"--(?:robot|unit) \w+|--as-recorded")
 
 
+@dataclass(frozen=True, kw_only=True)
+class PictureOptions:
+    """Files to write."""
+
+    plot: Path | None = option(None, "Picture of the recordings.")
+
+
 @click.command(
     cls=Command,
     examples={
@@ -35,17 +43,10 @@ _ADVICE = re.compile(r"--(?:robot|unit) \w+|--as-recorded")
     },
 )
 @click.argument("files", nargs=-1, required=True, type=PATH)
-@click.option(
-    "--plot",
-    type=PATH,
-    help="Picture of the recordings.",
-    cls=GroupedOption,
-    group="Files to write",
-)
-@options(rhythm=RhythmOptions, recording=RecordingOptions)
+@options(picture=PictureOptions, rhythm=RhythmOptions, recording=RecordingOptions)
 def inspect(
     files: tuple[Path, ...],
-    plot: Path | None,
+    picture: PictureOptions,
     rhythm: RhythmOptions,
     recording: RecordingOptions,
 ) -> None:
@@ -54,7 +55,7 @@ def inspect(
     Several recordings with the same channels are learned together.
     """
     console = make_console()
-    check_picture(plot)
+    check_picture(picture.plot)
     recordings, conclusions = [], list[str]()
     for file in files:
         demonstrations, _ = read_demonstrations([file], recording.reading())
@@ -73,9 +74,9 @@ def inspect(
         except DemonstrationError as error:
             text = f"no cycles found: {error}"
         console.print(f"together: {text}", markup=False, soft_wrap=True)
-    if plot is not None:
-        plot_demonstrations(recordings, plot)
-        console.print(f"wrote {plot}")
+    if picture.plot is not None:
+        plot_demonstrations(recordings, picture.plot)
+        console.print(f"wrote {picture.plot}")
     refusals = [line for line in conclusions if "not for the board" in line]
     advice = _ADVICE.search(refusals[0]) if refusals else None
     is_possible = all(line.startswith("learning: possible") for line in conclusions)

@@ -47,7 +47,7 @@ _FORMER = {
 }
 
 
-class GroupedOption(click.Option):
+class _GroupedOption(click.Option):
     """Option in a group of the help.
 
     Parameters
@@ -79,7 +79,7 @@ class Command(click.Command):
     def __init__(self, *args: Any, examples: Mapping[str, str], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._examples = examples
-        count = sum(isinstance(parameter, GroupedOption) for parameter in self.params)
+        count = sum(isinstance(parameter, _GroupedOption) for parameter in self.params)
         self._has_more = count > _MOST_OPTIONS
         if self._has_more:
             show_all = click.Option(
@@ -114,15 +114,12 @@ class Command(click.Command):
             record = parameter.get_help_record(ctx)
             if record is None or isinstance(parameter, click.Argument):
                 continue
-            if isinstance(parameter, GroupedOption):
-                if parameter.is_basic or not is_short:
-                    groups.setdefault(parameter.group, []).append(record)
-            elif parameter.is_eager and not parameter.expose_value:
+            if not isinstance(parameter, _GroupedOption):
                 others.append(record)
-            else:
-                groups.setdefault("Options", []).append(record)
+            elif parameter.is_basic or not is_short:
+                groups.setdefault(parameter.group, []).append(record)
         for title, records in [*groups.items(), ("Help", others)]:
-            with formatter.section(title or "Options"):
+            with formatter.section(title):
                 formatter.write_dl(records)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -157,7 +154,7 @@ def option(default: Any = MISSING, help: str | None = None, **details: Any) -> A
     help : str
         Text of ``--help``.
     details
-        Other arguments of `GroupedOption`; ``flags`` are the names on the command line if
+        Other arguments of `click.Option`; ``flags`` are the names on the command line if
         they differ from the name of the field; ``above``, ``least`` and ``most`` are the
         limits of a number.
     """
@@ -219,7 +216,7 @@ def _click_option(item: Field[Any], hint: Any, group: str) -> Callable[..., Any]
         is_shown = item.default not in (None, "", ()) and item.default is not False
         details["show_default"] = is_shown
     names = (*_flags(item), item.name)
-    return click.option(*names, cls=GroupedOption, group=group, **details)
+    return click.option(*names, cls=_GroupedOption, group=group, **details)
 
 
 def _flags(item: Field[Any]) -> Sequence[str]:

@@ -1,12 +1,13 @@
 """`fmp-drake reproduce`."""
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 from rich.console import Console
 
-from fmp_drake.apps.options import DEMONSTRATION_FLAGS, PATH, Command
+from fmp_drake.apps.options import DEMONSTRATION_FLAGS, Command, option, options
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.experiments import FULL, QUICK, Profile, write_report
 from fmp_drake.experiments.benchmark import run_benchmark
@@ -16,34 +17,35 @@ from fmp_drake.experiments.reproduction import load_own, run_experiments
 from fmp_drake.processes import LocalWorkers
 
 
+@dataclass(frozen=True, kw_only=True)
+class ReproduceOptions:
+    """Experiments, and files to write."""
+
+    out: Path = option(help="Folder to write into.")
+    quick: bool = option(False, "Fewer samples and seeds: 1 to 2 minutes.")
+    demonstrations: tuple[Path, ...] = option(
+        (),
+        "Also compare the methods on this recording; may be repeated.",
+        flags=DEMONSTRATION_FLAGS,
+    )
+    folder: Path | None = option(
+        None, "Also run the benchmark on the recordings in this folder."
+    )
+
+
 @click.command(
     cls=Command,
     examples={
         "fmp-drake reproduce --out report --quick": "the report in a few minutes",
     },
 )
-@click.option("--out", type=PATH, required=True, help="Folder to write into.")
-@click.option("--quick", is_flag=True, help="Fewer samples and seeds: 1 to 2 minutes.")
-@click.option(
-    *DEMONSTRATION_FLAGS,
-    "demonstrations",
-    type=PATH,
-    multiple=True,
-    help="Also compare the methods on this recording; may be repeated.",
-)
-@click.option(
-    "--folder",
-    type=PATH,
-    help="Also run the benchmark on the recordings in this folder.",
-)
-def reproduce(
-    out: Path, quick: bool, demonstrations: tuple[Path, ...], folder: Path | None
-) -> None:
+@options(to=ReproduceOptions)
+def reproduce(to: ReproduceOptions) -> None:
     """Rerun the paper's experiments and write a report with figures and tables."""
     console = make_console()
-    profile = QUICK if quick else FULL
-    others = {path: load_own(path) for path in demonstrations}
-    make_folder(out)
+    profile = QUICK if to.quick else FULL
+    others = {path: load_own(path) for path in to.demonstrations}
+    make_folder(to.out)
 
     start = time.perf_counter()
     with console.status("polishing") as status:
@@ -55,22 +57,22 @@ def reproduce(
                 console.print(line)
 
         sections, results = run_experiments(profile, others, progress)
-        if folder is not None:
+        if to.folder is not None:
             scores = run_benchmark(
-                folder,
-                out,
+                to.folder,
+                to.out,
                 LocalWorkers(1),
                 instants=profile.instants,
                 progress=progress,
             )
             findings = benchmark_findings(scores)
-            sections.append((f"Benchmark: recordings in {folder.name}", findings))
+            sections.append((f"Benchmark: recordings in {to.folder.name}", findings))
     results["seconds"] = time.perf_counter() - start
     write_report(
-        out, sections=sections, introduction=_introduction(profile), results=results
+        to.out, sections=sections, introduction=_introduction(profile), results=results
     )
     _print_verdicts(console, sections)
-    console.print(f"wrote {out / 'report.html'} in {results['seconds']:.0f} s")
+    console.print(f"wrote {to.out / 'report.html'} in {results['seconds']:.0f} s")
 
 
 def _introduction(profile: Profile) -> str:

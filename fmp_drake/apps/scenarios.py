@@ -1,40 +1,41 @@
 """`fmp-drake scenarios`."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 from rich.table import Table
 
-from fmp_drake.apps.options import PATH
+from fmp_drake.apps.options import Command, option, options
 from fmp_drake.apps.page import make_console
 from fmp_drake.errors import FmpError, RunError
 from fmp_drake.experiments.scenario_page import measure_scenarios, scenario_page
-from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.station import ListScenarios, LoadScenario
 
 
-@click.command()
-@click.option(
-    "--markdown",
-    type=PATH,
-    help="Run all scenarios, and write a file (.md) with a table of their metrics and a "
-    "picture of each beside it.",
+@dataclass(frozen=True, kw_only=True)
+class ScenariosOptions:
+    """Page about all scenarios."""
+
+    markdown: Path | None = option(
+        None,
+        "Run all scenarios, and write a file (.md) with a table of their metrics and a "
+        "picture of each beside it.",
+    )
+    duration: float = option(60.0, "Simulated time of each run, s.", above=0)
+
+
+@click.command(
+    cls=Command, examples={"fmp-drake scenarios": "the names, for --scenario NAME"}
 )
-@click.option(
-    "--duration",
-    type=float,
-    default=60.0,
-    show_default=True,
-    help="Simulated time of each run, s.",
-)
-def scenarios(markdown: Path | None, duration: float) -> None:
+@options(to=ScenariosOptions)
+def scenarios(to: ScenariosOptions) -> None:
     """List the scenarios that come with the package."""
-    console = make_console()
+    console, markdown = make_console(), to.markdown
     check_writable(markdown)
     if markdown is not None and markdown.suffix != ".md":
         raise FmpError(f"{markdown} is not Markdown; its name must end in .md.")
-    check_number(duration, "duration", above=0, unit="s", error=FmpError)
     names = ListScenarios()
     if markdown is None:
         table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
@@ -44,9 +45,9 @@ def scenarios(markdown: Path | None, duration: float) -> None:
         console.print("run one of them: fmp-drake wipe --scenario NAME")
         return
     runs = {}
-    for name, run in measure_scenarios(names, duration, markdown.parent):
+    for name, run in measure_scenarios(names, to.duration, markdown.parent):
         runs[name] = run
         console.print(f"measured {name}")
     runs = {name: runs[name] for name in names}
-    write_text(markdown, scenario_page(runs, duration=duration), RunError)
+    write_text(markdown, scenario_page(runs, duration=to.duration), RunError)
     console.print(f"wrote {markdown}")
