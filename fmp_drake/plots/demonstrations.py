@@ -15,13 +15,12 @@ from fmp_drake.plots.style import (
     Demonstrations,
     PlanePanel,
     TimePanels,
-    as_list,
     component_color,
     save,
     set_title,
 )
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
-from fmp_drake.primitives.data.windows import as_windows
+from fmp_drake.primitives.data.windows import as_windows, demonstration_list
 from fmp_drake.primitives.editing.spectrum import polar
 
 _MAX_WINDOWS = 60  # More could not be distinguished.
@@ -32,7 +31,7 @@ _MIN_HARMONICS = 12
 
 def plot_demonstrations(demonstrations: Demonstrations, path: str | Path) -> None:
     """Write a picture of recordings over time and in the plane (.png, .pdf, .svg)."""
-    recordings = as_list(demonstrations)
+    recordings = demonstration_list(demonstrations, "a picture")
     count = len(Channels.of_demonstrations(recordings).names)
     figure = Figure(figsize=(12, max(4.0, 1 + 1.3 * count)), layout="constrained")
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=[2, 1])[0]
@@ -48,7 +47,7 @@ def draw_demonstrations_over_time(
     demonstrations: Demonstrations, axes: Sequence[Axes]
 ) -> tuple[Axes, ...]:
     """Draw each channel of recordings over time, in axes of its own (Fig. 3a)."""
-    recordings = as_list(demonstrations)
+    recordings = demonstration_list(demonstrations, "a picture")
     panels = TimePanels(Channels.of_demonstrations(recordings), axes)
     for ax, i in panels:
         for recording, grey in zip(recordings, _greys(len(recordings)), strict=True):
@@ -67,7 +66,7 @@ def draw_demonstrations_in_plane(
     ax : Axes, optional
         Axes of a new figure if None.
     """
-    recordings = as_list(demonstrations)
+    recordings = demonstration_list(demonstrations, "a picture")
     panel = PlanePanel(Channels.of_demonstrations(recordings), ax)
     for recording, grey in zip(recordings, _greys(len(recordings)), strict=True):
         panel.path(recording.values, color=grey, linewidth=0.6)
@@ -122,7 +121,7 @@ def _windows(
     skill: FourierMovementPrimitive, demonstrations: Demonstrations
 ) -> NDArray[np.float64]:
     """Return the windows (N, T, D) from which a skill would be learned."""
-    recordings = as_list(demonstrations)
+    recordings = demonstration_list(demonstrations, "a picture")
     Channels.of_skill(skill).check(recordings)
     longest = max(d.duration for d in recordings)
     is_short = round(longest * skill.rate) + 1 < skill.n_steps

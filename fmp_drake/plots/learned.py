@@ -25,13 +25,13 @@ from fmp_drake.plots.style import (
     TimePanels,
     add_colorbar,
     add_lines,
-    as_list,
     component_color,
     lighten,
     series_style,
     set_title,
 )
 from fmp_drake.primitives import FourierMovementPrimitive, PlaybackState, Player
+from fmp_drake.primitives.data.windows import demonstration_list
 
 _CONFIDENCE = 0.95
 _ANGLES = np.linspace(0, 2 * np.pi, 48, endpoint=False)
@@ -202,7 +202,7 @@ def draw_heatmaps(
     demonstrations : Demonstration or sequence of Demonstration
     axes : sequence of two Axes
     """
-    recordings = as_list(demonstrations)
+    recordings = demonstration_list(demonstrations, "a picture")
     channels = Channels.of_skill(skill)
     Channels.of_demonstrations(recordings)
     channels.check(recordings)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from fmp_drake.errors import RunError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.data.files import check_writable, replaced
+from fmp_drake.primitives.data.windows import demonstration_list
 
 # Colours of Okabe and Ito, which colour-blind people can distinguish.
 DEMONSTRATED = "0.65"
@@ -238,13 +239,6 @@ class Channels:
         return f"{self.names[index]} ({self.units[index]})"
 
 
-def as_list(demonstrations: Demonstrations) -> list[Demonstration]:
-    """Return one or several demonstrations as a list."""
-    if isinstance(demonstrations, Demonstration):
-        return [demonstrations]
-    return list(demonstrations)
-
-
 class PlanePanel:
     """Picture in the plane of the first two channels: x upwards, y to the left.
 
@@ -279,7 +273,7 @@ class PlanePanel:
 
     def background(self, demonstrations: Demonstrations) -> None:
         """Draw demonstrations of the same channels in grey."""
-        recordings = as_list(demonstrations)
+        recordings = demonstration_list(demonstrations, "a picture")
         self._channels.check(recordings)
         for recording in recordings:
             self.grey_path(recording.values)

@@ -1,7 +1,6 @@
 """Probabilistic movement primitives (ProMP) with von Mises bases, as in section V."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -32,9 +31,14 @@ _LEAST_NOISE = 1e-8
 _MOST_WINDOW = 120
 
 
-@dataclass(frozen=True, kw_only=True)
-class VonMisesBasis:
-    """Normalised von Mises bases of one or several frequencies.
+def von_mises_bases(
+    z: ArrayLike,
+    *,
+    frequencies: Sequence[float],
+    n_bases: int = 20,
+    width: float = 100.0,
+) -> NDArray[np.float64]:
+    """Return normalised von Mises bases (21) of one or several frequencies, (K, B).
 
     Interpretation of (21): z_t = t / T is the time in windows, f is in cycles per window,
     and the n centres of a frequency are c_i = i / (n f), i = 0 to n - 1. So the angles
@@ -46,9 +50,11 @@ class VonMisesBasis:
     For a large width h a basis is a cosine: b_i ~ 1 + cos(.) / h, and
     Phi_i ~ (1 + cos(.) / h) / n. The amplitude of harmonic k falls like h^-k.
 
-    Attributes
+    Parameters
     ----------
-    frequencies : tuple of float
+    z : array_like, shape (K,)
+        Times, in windows.
+    frequencies : sequence of float
         f, cycles per window.
     n_bases : int
         n, of each frequency.
@@ -57,8 +63,7 @@ class VonMisesBasis:
 
     Examples
     --------
-    >>> basis = VonMisesBasis(frequencies=(1.0, 2.0), n_bases=5)
-    >>> basis.rows([0.0, 0.25, 0.5]).shape
+    >>> von_mises_bases([0.0, 0.25, 0.5], frequencies=(1.0, 2.0), n_bases=5).shape
     (3, 10)
 
     References
@@ -66,31 +71,19 @@ class VonMisesBasis:
     A. Paraschos et al., "Probabilistic movement primitives", NIPS 2013; "Using
     probabilistic movement primitives in robotics", Autonomous Robots 42(3), 2018.
     """
-
-    frequencies: tuple[float, ...]
-    n_bases: int = 20
-    width: float = 100.0
-
-    def __post_init__(self) -> None:
-        """Check the parameters."""
-        for frequency in self.frequencies:
-            check_number(frequency, "a frequency", above=0.0, error=ExperimentError)
-        if not self.frequencies:
-            raise ExperimentError("there are no frequencies; give at least one.")
-        check_number(
-            self.n_bases, "n_bases", least=3, whole=True, error=ExperimentError
-        )
-        check_number(self.width, "width", above=0.0, error=ExperimentError)
-
-    def rows(self, z: ArrayLike) -> NDArray[np.float64]:
-        """Return all B bases (21) at times z (K,), in windows, shape (K, B)."""
-        f = np.asarray(self.frequencies, dtype=float)
-        centres = np.arange(self.n_bases) / self.n_bases  # f c_i, in periods
-        periods = np.multiply.outer(np.asarray(z, dtype=float), f)[..., None]
-        # Divided by exp(1 / h), which the normalisation cancels.
-        b = np.exp((np.cos(2 * np.pi * (periods - centres)) - 1) / self.width)
-        b /= b.sum(axis=-1, keepdims=True)
-        return b.reshape(len(b), -1)
+    for frequency in frequencies:
+        check_number(frequency, "a frequency", above=0.0, error=ExperimentError)
+    if not frequencies:
+        raise ExperimentError("there are no frequencies; give at least one.")
+    check_number(n_bases, "n_bases", least=3, whole=True, error=ExperimentError)
+    check_number(width, "width", above=0.0, error=ExperimentError)
+    f = np.asarray(frequencies, dtype=float)
+    centres = np.arange(n_bases) / n_bases  # f c_i, in periods
+    periods = np.multiply.outer(np.asarray(z, dtype=float), f)[..., None]
+    # Divided by exp(1 / h), which the normalisation cancels.
+    b = np.exp((np.cos(2 * np.pi * (periods - centres)) - 1) / width)
+    b /= b.sum(axis=-1, keepdims=True)
+    return b.reshape(len(b), -1)
 
 
 class MixturePosterior(NamedTuple):
@@ -383,18 +376,14 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         )
         return np.swapaxes(channel_weights @ phi.T, -1, -2)
 
-    @property
-    def basis(self) -> VonMisesBasis:
-        """The basis functions (21) of all frequencies."""
-        return VonMisesBasis(
+    def _rows(self, steps: ArrayLike) -> NDArray[np.float64]:
+        """Return Phi at steps (K,), shape (K, B)."""
+        return von_mises_bases(
+            np.asarray(steps) / self.n_steps_,
             frequencies=self.frequencies_,
             n_bases=self.n_bases,
             width=self.width,
         )
-
-    def _rows(self, steps: ArrayLike) -> NDArray[np.float64]:
-        """Return Phi at steps (K,), shape (K, B)."""
-        return self.basis.rows(np.asarray(steps) / self.n_steps_)
 
     def _observation_matrix(self, steps: ArrayLike) -> NDArray[np.float64]:
         """Return the matrix from weights to values at steps (K,), (K * D, D * B)."""

@@ -9,7 +9,7 @@ from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.baselines.promp import ProMP, VonMisesBasis
+from fmp_drake.experiments.baselines.promp import ProMP, von_mises_bases
 from fmp_drake.primitives import sliding_windows
 
 SMALL = {"frequencies": (2, 4), "n_bases": 6, "width": 5.0, "ridge": 1e-6}
@@ -22,8 +22,8 @@ def model(request, eight_windows):
 
 def block_basis(model, steps):
     """Phi^D of steps (K,), dense: shape (K * D, D * B), ordered (K, D)."""
-    basis = VonMisesBasis(frequencies=(2, 4), n_bases=6, width=5.0)
-    rows = basis.rows(np.asarray(steps) / model.n_steps_)
+    z = np.asarray(steps) / model.n_steps_
+    rows = von_mises_bases(z, frequencies=(2, 4), n_bases=6, width=5.0)
     d = model.n_channels_
     return np.concatenate([np.kron(np.eye(d), row) for row in rows])
 
@@ -40,7 +40,7 @@ def dense_joint(model, steps, noise):
 
 def test_weights_are_ridge_least_squares(eight_windows):
     model = ProMP(**SMALL).fit(eight_windows)
-    phi = model.basis.rows(np.arange(80) / 80)
+    phi = von_mises_bases(np.arange(80) / 80, frequencies=(2, 4), n_bases=6, width=5.0)
     normal = phi.T @ phi + 1e-6 * np.eye(12)
     weights = [np.linalg.solve(normal, phi.T @ w).T.ravel() for w in eight_windows]
     assert_allclose(model.means_[0], np.mean(weights, axis=0), atol=1e-6)
@@ -50,9 +50,9 @@ def test_weights_are_ridge_least_squares(eight_windows):
 
 def test_the_noise_is_found():
     rng = np.random.default_rng(0)
-    basis = VonMisesBasis(frequencies=(2,), width=1.0)
+    bases = von_mises_bases(np.arange(80) / 80, frequencies=(2,), width=1.0)
     weights = rng.standard_normal((60, 2, 20))
-    clean = np.swapaxes(weights @ basis.rows(np.arange(80) / 80).T, 1, 2)
+    clean = np.swapaxes(weights @ bases.T, 1, 2)
     noisy = clean + rng.standard_normal(clean.shape) * [0.01, 0.05]
     model = ProMP(frequencies=(2,), width=1.0, ridge=1e-9).fit(noisy)
     assert_allclose(np.sqrt(model.noise_), [0.01, 0.05], rtol=0.03)
