@@ -277,6 +277,12 @@ def test_incomplete_plan_of_an_earlier_version_is_replaced(tmp_path, names):
     assert TrialStore(tmp_path).plan == plan
 
 
+def test_a_store_of_an_earlier_version_has_a_duration(tmp_path):
+    TrialStore(tmp_path, {"spec": "", "seed": "0", "seconds": "1.5"})
+    assert TrialStore(tmp_path).plan == {"spec": "", "seed": "0", "duration": "1.5"}
+    TrialStore(tmp_path, {"spec": "", "seed": "0", "duration": "1.5"})
+
+
 def test_incomplete_plan_of_a_store_with_trials_is_refused(tmp_path):
     store = TrialStore(tmp_path, {"duration": "1.0"})
     store.keep(Trial(number=0, scenario=""))
@@ -768,7 +774,7 @@ def test_inconsistent_options_are_refused(
 def test_report_states_the_trials_per_core_hour(make_store):
     def run(trial):
         done = passed(trial) if trial.number else refused_trial(trial)
-        return replace(done, cpu_duration=9.0)
+        return replace(done, cpu_seconds=9.0)
 
     # In 36 s three are run and one is refused.
     verdict = TrialsReport(make_store(run, 4)).verdict()
