@@ -224,7 +224,7 @@ def MakeStation(
             )
     else:
         _ExportArm(builder, controller, arm, playback)
-        for port in ("tempo", "normal_force"):
+        for port in ("tempo", "press_force"):
             if controls is not None and controls.HasOutputPort(port):
                 builder.ExportOutput(controls.GetOutputPort(port), f"page_{port}")
     _ExportOutputs(builder, controller, without=("status", "measured_position"))
