@@ -1,6 +1,7 @@
 """Comparison of learned and demonstrated paths in section V: heatmaps, divergences, distances."""
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -135,8 +136,9 @@ def draw_grids(
     """Draw heatmaps of several sets of trajectories with one colour scale."""
     columns = min(4, len(samples))
     rows = -(-len(samples) // columns)
-    height = 0.9 + 3.0 * shape_of(*np.ptp(extent, axis=1))
-    figure = Figure(figsize=(0.8 + 3.8 * columns, height * rows), layout="constrained")
+    # Letters are legible on a page of 800 pixels.
+    height = 0.9 + 2.2 * shape_of(*np.ptp(extent, axis=1))
+    figure = Figure(figsize=(0.8 + 2.6 * columns, height * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     grids = [heatmap(s, bins=60, extent=extent) for s in samples.values()]
     top = float(np.percentile(np.concatenate([g[g > 0] for g in grids]), 99))
@@ -146,8 +148,9 @@ def draw_grids(
         box = (*extent[1], *extent[0])
         image = ax.imshow(grid, origin="lower", extent=box, vmin=0, vmax=top)
         ax.invert_xaxis()
-        set_title(ax, name)
+        set_title(ax, fill(name, 26))
         ax.set(xlabel="y (m)", ylabel="x (m)")
+        ax.locator_params(nbins=4)
     used_axes = list(axes[: len(samples)])
     figure.colorbar(image, ax=used_axes, label="fraction of the samples", extend="max")
     return figure
@@ -168,8 +171,9 @@ def draw_paths(
     """
     columns = len(paths) // rows
     points = np.concatenate([recording.values, *paths.values()])[:, :2]
-    height = 0.9 + 3.8 * shape_of(*np.ptp(points, axis=0))
-    figure = Figure(figsize=(5 * columns, 0.4 + height * rows), layout="constrained")
+    height = 0.9 + 2.9 * shape_of(*np.ptp(points, axis=0))
+    size = (3.8 * columns, 0.4 + height * rows)
+    figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for ax, (title, path) in zip(axes, paths.items(), strict=True):
         draw_demonstrations_in_plane([recording], ax=ax)

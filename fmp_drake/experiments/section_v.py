@@ -30,7 +30,7 @@ from fmp_drake.plots.demonstrations import (
     draw_demonstrations_over_time,
     draw_windows_in_plane,
 )
-from fmp_drake.plots.style import SAMPLED, same_limits, set_title
+from fmp_drake.plots.style import SAMPLED, same_limits, series_style, set_title
 from fmp_drake.primitives import (
     PAPER_SETTINGS,
     Demonstration,
@@ -246,7 +246,7 @@ def table_rows(table: dict[str, dict[str, float]]) -> list[list[str]]:
 
 
 def _samples(samples: Samples, recording: Demonstration) -> Finding:
-    figure = Figure(figsize=(13, 4.2), layout="constrained")
+    figure = Figure(figsize=(11, 3.6), layout="constrained")
     axes = figure.subplots(1, 3)
     draw_demonstrations_in_plane([recording], ax=axes[0])
     for ax, name in zip(axes[1:], (MULT, FMP_PAPER), strict=True):
@@ -326,7 +326,7 @@ def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     worst = 0.0
-    for floor, style in zip(SENSITIVITY_FLOORS, ("-", "--", ":"), strict=True):
+    for number, floor in enumerate(SENSITIVITY_FLOORS):
         kl = {
             name: np.array(
                 [
@@ -345,9 +345,8 @@ def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding
         ratios = kl[FMP_PAPER] / kl[MULT]
         worst = max(worst, float(np.max(ratios)))
         for ax, ratio in zip(axes, ratios.T, strict=True):
-            ax.plot(
-                SENSITIVITY_BINS, ratio, style, marker="o", label=f"floor {floor:g}"
-            )
+            style = {**series_style(number), "marker": "o"}
+            ax.plot(SENSITIVITY_BINS, ratio, **style, label=f"floor {floor:g}")
     for ax, name in zip(axes, ("forward", "reverse"), strict=True):
         ax.axhline(0.5, color="0.6", linewidth=1, label="the paper's claim")
         set_title(ax, f"{name} KL")

@@ -1,9 +1,11 @@
 import json
 import re
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from trials_stub import Here
 
 from fmp_drake.apps import reproduce as reproduce_module
@@ -17,6 +19,7 @@ from fmp_drake.experiments.benchmark.built_in import (
 )
 from fmp_drake.experiments.comparison import (
     divergences,
+    draw_grids,
     draw_paths,
     grid_extent,
     path_distances,
@@ -159,6 +162,22 @@ def test_distance_to_a_path_is_that_to_the_nearest_sample():
     path = Demonstration(time=np.arange(4.0), values=values)
     distances = path_distances(path, np.array([[[0.0, 0.3], [0.9, 0.0]]]))
     np.testing.assert_allclose(distances, [[0.3, 0.1]])
+
+
+def test_heatmaps_are_legible_and_their_titles_apart():
+    path = np.random.default_rng(0).random((50, 2))
+    names = [MULT, MULT_OWN, REPLAY, PHASE, FMP_PAPER]
+    figure = draw_grids(dict.fromkeys(names, path), extent=grid_extent(path))
+    figure.draw_without_rendering()
+    titles = [
+        text.get_window_extent()
+        for text in figure.findobj(Text)
+        if text.get_text().replace("\n", " ") in names
+    ]
+    assert len(titles) == len(names)
+    assert not any(a.overlaps(b) for a, b in combinations(titles, 2))
+    # A letter of 10 points has 7 pixels on a page of 800.
+    assert figure.get_figwidth() < 12
 
 
 def test_rms_jerk_of_a_cubic_is_its_third_derivative():
