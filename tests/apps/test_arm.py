@@ -233,7 +233,7 @@ def test_after_kill_freeze_and_restart_an_arm_moves_only_when_enabled(tmp_path):
         networks[0].wait_for("second", "open")
         controllers[0].terminate()
         assert controllers[0].wait(30) == 130
-        time.sleep(4.0)  # 0.4 s of the arm's clock, to be damped in.
+        time.sleep(2.5)  # 0.25 s of the arm's clock, to be damped in.
         for each in (*controllers[1:], *arms):
             assert each.poll() is None
             each.terminate()
