@@ -133,7 +133,7 @@ def assert_stopped_until_go(loop, fault):
     loop.advance(100)
     assert not np.any(loop.sent[-1])
     run.go()
-    loop.advance(1500)
+    loop.advance(900)
     assert run.mode is GateMode.OPEN
     assert loop.greatest_step() <= 0.9 + 1e-9
 
@@ -144,7 +144,7 @@ def test_a_frozen_controller_leaves_the_arm_damped_and_waits_for_a_go(skill):
     loop.advance(200, controller=False)
     assert loop.bench.reactions[Reaction.DAMPED] > 100
     assert speed(loop) < 0.2 * before
-    loop.advance(800, controller=False)
+    loop.advance(500, controller=False)
     loop.advance(100)
     assert_stopped_until_go(loop, GateFault.GAP)
 
