@@ -6,7 +6,6 @@ from typing import Any, Protocol
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
 from pydrake.lcm import DrakeLcm
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForceMultiplexer,
     MultibodyPlant,
@@ -20,12 +19,11 @@ from fmp_drake.primitives import Demonstration, add_orientation
 from fmp_drake.primitives.data.channels import FORCE_CHANNEL, POSITION_CHANNELS
 from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.systems import HandMotion, ImpedanceConfig
 from fmp_drake.systems.human_hand import HumanHand
 from fmp_drake.systems.mouse_hand import MouseHand
 from fmp_drake.systems.optional_spatial_forces import OptionalSpatialForces
-from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
+from fmp_drake.systems.scripted_disturbances import ScriptedDisturbances
 from fmp_drake.systems.teaching.hand_motion import MAX_TURN_RATE
 from fmp_drake.systems.teaching.mouse_drag import GUIDING_DRAG, BoardSurface
 
@@ -50,10 +48,11 @@ def AddExternalForces(
         The mouse's forces.
     """
     sources = [] if pull is None else [pull]
-    if configs := scene.scenario.disturbances:
-        script = [_scripted(config, scene.X_WB) for config in configs]
+    if script := scene.scenario.disturbances:
         disturbances = builder.AddSystem(
-            ScriptedDisturbances(grip=scene.robot.tip, disturbances=script)
+            ScriptedDisturbances(
+                grip=scene.robot.tip, disturbances=script, X_WB=scene.X_WB
+            )
         )
         for port in ("body_poses", "body_spatial_velocities"):
             builder.Connect(
@@ -74,20 +73,6 @@ def AddExternalForces(
     for i, source in enumerate(sources):
         builder.Connect(source, total.get_input_port(i))
     builder.Connect(total.get_output_port(), forces)
-
-
-def _scripted(config: Disturbance, X_WB: RigidTransform) -> Push:
-    timing: dict[str, Any] = {
-        name: getattr(config, name) for name in ("start", "duration", "every")
-    }
-    if config.kind == "push":
-        return Push(**timing, force=X_WB.rotation() @ np.array(config.force))
-    return Grasp(
-        **timing,
-        point=X_WB @ np.array(config.position),
-        stiffness=config.stiffness,
-        max_force=config.max_force,
-    )
 
 
 def AddMousePull(

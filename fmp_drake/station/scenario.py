@@ -18,7 +18,6 @@ from fmp_drake.station.robots.robot import LoadRobot
 from fmp_drake.station.scenario_parts import (
     BoardConfig,
     CameraConfig,
-    Disturbance,
     EraserConfig,
     InkConfig,
     NormalForceConfig,
@@ -29,6 +28,7 @@ from fmp_drake.station.scenario_parts import (
     load_settings,
 )
 from fmp_drake.systems import FrictionConfig, ImpedanceConfig
+from fmp_drake.systems.scripted_disturbances import Disturbance
 from fmp_drake.systems.surface.surface import place, rotation
 
 # More cells would fill the memory; a shorter step, s, would not end.

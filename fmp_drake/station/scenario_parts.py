@@ -23,9 +23,9 @@ from fmp_drake.numeric import shown
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.settings import bounded, check_yaml
 from fmp_drake.systems.operational_space_impedance_controller import ENGAGE_HEIGHT
+from fmp_drake.systems.scripted_disturbances import Disturbance
 from fmp_drake.systems.surface.surface import Surface
 
-DISTURBANCES = ("push", "grasp")
 FORCE_TOLERANCE = 5.0
 """Tolerance of the normal force around its desired value, N."""
 
@@ -312,60 +312,6 @@ class InkConfig:
         """Return an error message for an inconsistency beyond the ranges, or ""."""
         if self.words and self.picture:
             return "ink has words and a picture; give one of them."
-        return ""
-
-
-@dataclass(kw_only=True)
-class Disturbance:
-    """Disturbance of the arm at its eraser by a person, at given times.
-
-    Attributes
-    ----------
-    kind : str
-        `push`: a constant force. `grasp`: a hand that pulls to a point like a spring.
-    start, duration : float
-        s.
-    every : float
-        Period of its repetition, s; 0 for once.
-    force : list of 3 floats
-        Of a push, in B, N.
-    position : list of 3 floats
-        p_B of a grasp, m.
-    stiffness : float
-        Of a grasp, N/m; it is critically damped for a mass of 5 kg.
-    max_force : float
-        Greatest force of a grasp, N.
-
-    Examples
-    --------
-    >>> from fmp_drake.station import Scenario
-    >>> push = Disturbance(start=2.0, duration=1.0, force=[0.0, 20.0, 0.0])
-    >>> scenario = Scenario(disturbances=[push])
-    >>> scenario.disturbances[0].kind
-    'push'
-    """
-
-    kind: str = "push"
-    start: float = bounded(0.0, least=0)
-    duration: float = bounded(1.0, above=0)
-    every: float = bounded(0.0, least=0)
-    force: list[float] = bounded([0.0, 0.0, 0.0])
-    position: list[float] = bounded([0.0, 0.0, 0.0])
-    stiffness: float = bounded(1000.0, above=0)
-    max_force: float = bounded(60.0, above=0)
-
-    def inconsistency(self) -> str:
-        """Return an error message for an inconsistency beyond the ranges, or ""."""
-        if self.kind not in DISTURBANCES:
-            return (
-                f"a disturbance's kind is {self.kind}; choose one of: "
-                f"{', '.join(DISTURBANCES)}."
-            )
-        if 0 < self.every < self.duration:
-            return (
-                f"a disturbance of {self.duration} s comes every {self.every} s; it "
-                "must end before it begins again."
-            )
         return ""
 
 

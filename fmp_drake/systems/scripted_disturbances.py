@@ -1,17 +1,19 @@
 """Scripted disturbances: pushes and grasps of the tool at given times."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import Value
+from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from fmp_drake.settings import bounded
 from fmp_drake.systems.interface.callbacks import (
     declare_bodies,
     declare_cache,
@@ -19,81 +21,84 @@ from fmp_drake.systems.interface.callbacks import (
     weakly,
 )
 
+DISTURBANCES = ("push", "grasp")
+
 # Mass for which a grasp is critically damped, kg.
 _MASS = 5.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Push:
-    """A constant force on the tool during an interval.
+@dataclass(kw_only=True)
+class Disturbance:
+    """Disturbance of the arm at its eraser by a person, at given times.
 
     Attributes
     ----------
+    kind : str
+        `push`: a constant force. `grasp`: a hand that pulls to a point like a spring.
     start, duration : float
         s.
     every : float
         Period of its repetition, s; 0 for once.
-    force : ndarray, shape (3,)
-        In W, N.
+    force : list of 3 floats
+        Of a push, in B, N.
+    position : list of 3 floats
+        p_B of a grasp, m.
+    stiffness : float
+        Of a grasp, N/m; it is critically damped for a mass of 5 kg.
+    max_force : float
+        Greatest force of a grasp, N.
 
     Examples
     --------
-    >>> push = Push(start=2.0, duration=1.0, every=5.0, force=np.array([0.0, 20.0, 0.0]))
+    >>> from fmp_drake.station import Scenario
+    >>> push = Disturbance(start=2.0, every=5.0, force=[0.0, 20.0, 0.0])
+    >>> scenario = Scenario(disturbances=[push])
     >>> push.acts(2.5), push.acts(4.0), push.acts(7.5)
     (True, False, True)
     """
 
-    start: float
-    duration: float
-    every: float = 0.0
-    force: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    kind: str = "push"
+    start: float = bounded(0.0, least=0)
+    duration: float = bounded(1.0, above=0)
+    every: float = bounded(0.0, least=0)
+    force: list[float] = bounded([0.0, 0.0, 0.0])
+    position: list[float] = bounded([0.0, 0.0, 0.0])
+    stiffness: float = bounded(1000.0, above=0)
+    max_force: float = bounded(60.0, above=0)
+
+    def inconsistency(self) -> str:
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
+        if self.kind not in DISTURBANCES:
+            return (
+                f"a disturbance's kind is {self.kind}; choose one of: "
+                f"{', '.join(DISTURBANCES)}."
+            )
+        if 0 < self.every < self.duration:
+            return (
+                f"a disturbance of {self.duration} s comes every {self.every} s; it "
+                "must end before it begins again."
+            )
+        return ""
 
     def acts(self, time: float) -> bool:
-        """Return whether the push is active at a time, s."""
+        """Return whether the disturbance is active at a time, s."""
         since = time - self.start
         if self.every > 0 and since >= 0:
             since %= self.every
         return 0 <= since < self.duration
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Grasp(Push):
-    """A grasp that pulls the tool to a point like a spring of limited force.
-
-    Its constant `force` is added.
-
-    Attributes
-    ----------
-    point : ndarray, shape (3,)
-        In W, m.
-    stiffness : float
-        N/m; it is critically damped for a mass of 5 kg.
-    max_force : float
-        N.
-
-    Examples
-    --------
-    >>> grasp = Grasp(
-    ...     start=2.0,
-    ...     duration=1.0,
-    ...     point=np.array([0.5, 0.0, 0.1]),
-    ...     stiffness=1000.0,
-    ...     max_force=60.0,
-    ... )
-    >>> grasp.pull(np.array([0.48, 0.0, 0.1]), np.zeros(3)).round(6)
-    array([20.,  0.,  0.])
-    """
-
-    point: NDArray[np.float64]
-    stiffness: float
-    max_force: float
-
     def pull(
-        self, p: NDArray[np.float64], v: NDArray[np.float64]
+        self, displacement: NDArray[np.float64], v: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the force, N, on a tool at p (m) with the velocity v (m/s), in W."""
+        """Return the force of a grasp, N.
+
+        Parameters
+        ----------
+        displacement, v : ndarray, shape (3,)
+            From the tool to the position, m, and velocity of the tool, m/s.
+        """
         damping = 2 * np.sqrt(self.stiffness * _MASS)
-        force: NDArray[np.float64] = self.stiffness * (self.point - p) - damping * v
+        force: NDArray[np.float64] = self.stiffness * displacement - damping * v
         size = float(np.linalg.norm(force))
         return force * min(1.0, self.max_force / max(size, 1e-9))
 
@@ -117,7 +122,9 @@ class ScriptedDisturbances(LeafSystem):
     ----------
     grip : Frame
         Of the plant; the forces act at its origin.
-    disturbances : sequence of Push or Grasp
+    disturbances : sequence of Disturbance
+    X_WB : RigidTransform
+        Frame of their forces and positions.
 
     Examples
     --------
@@ -125,23 +132,40 @@ class ScriptedDisturbances(LeafSystem):
     >>> plant = MultibodyPlant(time_step=0.001)
     >>> tool = plant.AddRigidBody("tool")
     >>> plant.Finalize()
-    >>> push = Push(start=1.0, duration=0.5, force=np.array([10.0, 0.0, 0.0]))
-    >>> script = ScriptedDisturbances(grip=tool.body_frame(), disturbances=[push])
+    >>> push = Disturbance(start=1.0, duration=0.5, force=[10.0, 0.0, 0.0])
+    >>> script = ScriptedDisturbances(
+    ...     grip=tool.body_frame(), disturbances=[push], X_WB=RigidTransform()
+    ... )
     >>> context = script.CreateDefaultContext()
     >>> context.SetTime(1.2)
     >>> script.GetOutputPort("force").Eval(context)
     array([10.,  0.,  0.])
     """
 
-    def __init__(self, *, grip: Frame, disturbances: Sequence[Push]) -> None:
+    def __init__(
+        self,
+        *,
+        grip: Frame,
+        disturbances: Sequence[Disturbance],
+        X_WB: RigidTransform,
+    ) -> None:
         super().__init__()
         self.set_name("disturbances")
-        self._disturbances = tuple(disturbances)
+        # With the force of a push, or the position of a grasp, in W.
+        self._script = [
+            (
+                replace(each),
+                X_WB.rotation() @ np.array(each.force)
+                if each.kind == "push"
+                else X_WB @ np.array(each.position),
+            )
+            for each in disturbances
+        ]
         self._body = grip.body().index()
         self._X_BodyG = grip.GetFixedPoseInBodyFrame()
         self._poses, self._velocities = declare_bodies(self)
         prerequisites = {self.time_ticket()}
-        if any(isinstance(disturbance, Grasp) for disturbance in self._disturbances):
+        if any(each.kind == "grasp" for each in disturbances):
             prerequisites |= {self._poses.ticket(), self._velocities.ticket()}
         self._force = declare_cache(
             self, "force of the disturbances", self._calc, prerequisites
@@ -163,18 +187,21 @@ class ScriptedDisturbances(LeafSystem):
     def _calc(self, context: Any, value: Any) -> None:
         time = context.get_time()
         force = np.zeros(3)
-        for disturbance in self._disturbances:
+        for disturbance, vector_W in self._script:
             if not disturbance.acts(time):
                 continue
-            force = force + disturbance.force
-            if isinstance(disturbance, Grasp):
+            if disturbance.kind == "push":
+                force = force + vector_W
+            else:
                 poses: Any = self._poses.Eval(context)
                 velocities: Any = self._velocities.Eval(context)
                 X_WBody = poses[self._body]
                 arm = X_WBody.rotation().multiply(self._X_BodyG.translation())
                 V = velocities[self._body]
                 v = V.translational() + np.cross(V.rotational(), arm)
-                force = force + disturbance.pull(X_WBody.translation() + arm, v)
+                force = force + disturbance.pull(
+                    vector_W - (X_WBody.translation() + arm), v
+                )
         value.set_value(force)
 
     def _calc_forces(self, context: Any, output: Any) -> None:

@@ -9,9 +9,9 @@ from station_run import SELDOM, StationRun, check_limits
 
 from fmp_drake.primitives.model.phase.period import fundamental_period
 from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.station.station import MakeWipingStation
 from fmp_drake.systems.impedance.controller_status import StatusFlag
+from fmp_drake.systems.scripted_disturbances import Disturbance
 
 pytestmark = pytest.mark.slow
 

@@ -8,8 +8,8 @@ import pytest
 
 from fmp_drake.runs import WipingRun
 from fmp_drake.station import LoadScenario
-from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.systems import StatusFlag
+from fmp_drake.systems.scripted_disturbances import Disturbance
 
 WANTED = 10.0
 

@@ -10,9 +10,9 @@ from fmp_drake.experiments.trials.running import as_stored
 from fmp_drake.experiments.trials.trial import faults
 from fmp_drake.runs import WipingRun
 from fmp_drake.station import LoadScenario
-from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.systems import StatusFlag
 from fmp_drake.systems.page.page_status import mode_in_words
+from fmp_drake.systems.scripted_disturbances import Disturbance
 
 # Disturbances of an arm that measures the normal force: a push along the board, one into
 # it, and one into it 17 times a second.

@@ -9,9 +9,9 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.errors import StationError
 from fmp_drake.station import AddBoardScene, LoadScenario, MakeWipingStation, Scenario
-from fmp_drake.station.scenario_parts import Disturbance
 from fmp_drake.station.tasks.wiping import AddSurfaceMonitor
 from fmp_drake.systems import ImpedanceStatus, StatusFlag
+from fmp_drake.systems.scripted_disturbances import Disturbance
 
 
 def pushed(skill, *, felt=1.25e4, press=10.0, force=0.0, hard=True):

@@ -9,13 +9,17 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
-from fmp_drake.systems.scripted_disturbances import Grasp, Push, ScriptedDisturbances
+from fmp_drake.systems.scripted_disturbances import Disturbance, ScriptedDisturbances
 
-PUSH = Push(start=1.0, duration=0.5, force=np.array([1.0, 2.0, 3.0]))
-GRASP = Grasp(
+# The frame B is that of the world, but for a rotation by 90 degrees about z.
+X_WB = RigidTransform(RotationMatrix.MakeZRotation(np.pi / 2), [0.0, 0.0, 0.1])
+FORCE = np.array([1.0, 2.0, 3.0])
+PUSH = Disturbance(start=1.0, duration=0.5, force=[2.0, -1.0, 3.0])
+GRASP = Disturbance(
+    kind="grasp",
     start=2.0,
     duration=1.0,
-    point=np.array([0.1, 0.2, 0.3]),
+    position=[0.2, -0.1, 0.2],
     stiffness=500.0,
     max_force=20.0,
 )
@@ -57,15 +61,15 @@ def context_of(system, plant, *, time, X_WE=None, V_WE=None):
 
 
 def test_ports_have_names(tip):
-    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH])
+    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH], X_WB=X_WB)
     assert system.get_name() == "disturbances"
     for name in ("body_poses", "body_spatial_velocities"):
         system.GetInputPort(name)
     assert system.GetOutputPort("force").size() == 3
     assert not system.HasDirectFeedthrough(0, 0)
-    assert ScriptedDisturbances(grip=tip, disturbances=[GRASP]).HasDirectFeedthrough(
-        0, 0
-    )
+    assert ScriptedDisturbances(
+        grip=tip, disturbances=[GRASP], X_WB=X_WB
+    ).HasDirectFeedthrough(0, 0)
 
 
 @pytest.mark.parametrize(
@@ -73,16 +77,16 @@ def test_ports_have_names(tip):
     [(0.99, False), (1.0, True), (1.49, True), (1.5, False), (3.2, False)],
 )
 def test_push_acts_from_its_start_for_its_duration(plant, tip, time, acts):
-    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH])
+    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH], X_WB=X_WB)
     context = context_of(system, plant, time=time)
     force = system.GetOutputPort("force").Eval(context)
-    assert_allclose(force, PUSH.force if acts else np.zeros(3))
+    assert_allclose(force, FORCE if acts else np.zeros(3))
     forces = system.GetOutputPort("spatial_forces").Eval(context)
     assert len(forces) == int(acts)
 
 
 def test_disturbance_repeats():
-    again = Push(start=1.0, duration=0.5, every=2.0, force=np.ones(3))
+    again = Disturbance(start=1.0, duration=0.5, every=2.0)
     for time in (1.2, 3.2, 41.4):
         assert again.acts(time)
     for time in (0.5, 1.7, 2.9, 42.6):
@@ -90,17 +94,17 @@ def test_disturbance_repeats():
 
 
 def test_force_acts_at_the_origin_of_the_grip(plant, tip):
-    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH])
+    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH], X_WB=X_WB)
     context = context_of(system, plant, time=1.1)
     (applied,) = system.GetOutputPort("spatial_forces").Eval(context)
     assert applied.body_index == plant.GetBodyByName("eraser").index()
     assert_allclose(applied.p_BoBq_B, tip.GetFixedPoseInBodyFrame().translation())
-    assert_allclose(applied.F_Bq_W.translational(), PUSH.force)
+    assert_allclose(applied.F_Bq_W.translational(), FORCE)
     assert_allclose(applied.F_Bq_W.rotational(), 0)
 
 
 def test_a_grasp_is_a_damped_spring_to_its_point(plant, tip):
-    system = ScriptedDisturbances(grip=tip, disturbances=[GRASP])
+    system = ScriptedDisturbances(grip=tip, disturbances=[GRASP], X_WB=X_WB)
     X_WE = RigidTransform(RotationMatrix.MakeZRotation(0.7), [0.09, 0.21, 0.31])
     v = np.array([0.01, -0.02, 0.03])
     V = SpatialVelocity(np.array([0.3, -0.2, 0.1]), v)
@@ -110,7 +114,7 @@ def test_a_grasp_is_a_damped_spring_to_its_point(plant, tip):
 
 
 def test_a_grasp_pulls_no_harder_than_a_person(plant, tip):
-    system = ScriptedDisturbances(grip=tip, disturbances=[GRASP])
+    system = ScriptedDisturbances(grip=tip, disturbances=[GRASP], X_WB=X_WB)
     X_WE = RigidTransform([0.1, 0.2, 1.3])
     context = context_of(system, plant, time=2.5, X_WE=X_WE)
     force = system.GetOutputPort("force").Eval(context)
@@ -118,14 +122,14 @@ def test_a_grasp_pulls_no_harder_than_a_person(plant, tip):
 
 
 def test_forces_of_one_time_add_up(plant, tip):
-    other = Push(start=0.0, duration=9.0, force=np.array([0.0, 0.0, -1.0]))
-    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH, other])
+    other = Disturbance(start=0.0, duration=9.0, force=[0.0, 0.0, -1.0])
+    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH, other], X_WB=X_WB)
     context = context_of(system, plant, time=1.2)
     assert_allclose(system.GetOutputPort("force").Eval(context), [1, 2, 2])
 
 
 def test_caching_makes_no_difference(plant, tip):
-    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH, GRASP])
+    system = ScriptedDisturbances(grip=tip, disturbances=[PUSH, GRASP], X_WB=X_WB)
     for cached in (True, False):
         context = context_of(system, plant, time=0.5)
         if not cached:

@@ -16,7 +16,8 @@ from fmp_drake.experiments.trials.trial import Trial
 from fmp_drake.numeric import check_number, is_number, is_whole, shown
 from fmp_drake.settings import check_yaml
 from fmp_drake.station import LoadRobot, LoadScenario, ParseScenario, models_dir
-from fmp_drake.station.scenario_parts import Disturbance, field_names
+from fmp_drake.station.scenario_parts import field_names
+from fmp_drake.systems.scripted_disturbances import Disturbance
 
 KINDS = {
     "uniform": "[least, most], within 1e+15",

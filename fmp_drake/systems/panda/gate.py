@@ -200,8 +200,8 @@ class GateState(NamedTuple):
             GateMode(int(mode)),
             GateFault(int(faults)),
             *times,
-            StatusTrack.from_vector(track),
-            np.array(sent, dtype=float),
+        )._replace(
+            track=StatusTrack.from_vector(track), sent=np.array(sent, dtype=float)
         )
 
     @property
