@@ -430,8 +430,8 @@ class FourierPrimitiveSystem(LeafSystem):
     @staticmethod
     def _calc_part_of(evaluate: Callable[[Context], Any], order: int) -> Calc:
         def calc(context: Context, output: BasicVector) -> None:
-            found = evaluate(context)
-            parts = found if isinstance(found, tuple) else found.reshape(3, -1)
+            value = evaluate(context)
+            parts = value if isinstance(value, tuple) else value.reshape(3, -1)
             output.SetFromVector(np.ravel(parts[order]))
 
         return calc

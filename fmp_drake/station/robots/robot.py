@@ -279,10 +279,10 @@ def _CheckModel(
             f"{', '.join(without)} of {model} cannot be moved: a joint needs a transmission "
             "(an actuator) and an effort limit above 0, Nm."
         )
-    still = [j.name() for j in joints if not j.velocity_upper_limits()[0] > 0]
-    if still:
+    immobile = [j.name() for j in joints if not j.velocity_upper_limits()[0] > 0]
+    if immobile:
         raise StationError(
-            f"the velocity limit of {', '.join(still)} of {model} is 0; give the joint's "
+            f"the velocity limit of {', '.join(immobile)} of {model} is 0; give the joint's "
             "greatest speed, rad/s."
         )
     for joint, angle in zip(joints, config.posture, strict=True):

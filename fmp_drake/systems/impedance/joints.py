@@ -282,9 +282,9 @@ def speed_limited(
     overspeed = unavoidable = False
     for i in range(len(v)):
         # A torque that already slows the joint down is left as it is.
-        later = v[i] + duration * acceleration[i]
+        predicted_v = v[i] + duration * acceleration[i]
         most = _SPEED_FRACTION * limits.speed[i]
-        unavoidable |= abs(later) > most and later * acceleration[i] > 0
+        unavoidable |= abs(predicted_v) > most and predicted_v * acceleration[i] > 0
         overspeed |= abs(v[i]) > limits.speed[i]
     if not unavoidable:
         return torque, overspeed

@@ -128,24 +128,24 @@ class ControlFrames:
             Where a frame is not masked; a browser masks all of them.
         """
         self._buffer += data
-        kept = b""
+        frames = b""
         while True:
             dropped = min(self._skipped, len(self._buffer))
             self._buffer = self._buffer[dropped:]
             self._skipped -= dropped
             if len(self._buffer) < 2:
-                return kept
+                return frames
             first, second = self._buffer[:2]
             if not second & _MASKED:
                 raise ConnectionError("a frame without a mask")
             if (size := _frame_size(self._buffer)) is None:
-                return kept
+                return frames
             if first not in _CONTROL_FRAMES or second & ~_MASKED > _LONGEST_CONTROL:
                 self._skipped = size
                 continue
             if len(self._buffer) < size:
-                return kept
-            kept += self._buffer[:size]
+                return frames
+            frames += self._buffer[:size]
             self._buffer = self._buffer[size:]
 
 
@@ -304,8 +304,8 @@ def _bind(
             self.connection.settimeout(_TIMEOUT)
             own = self.headers.get("Host", "")
             path, _, query = self.path.partition("?")
-            given = parse_qs(query).get("token", [""])[-1]
-            may_act = hmac.compare_digest(given.encode(), token.encode())
+            given_token = parse_qs(query).get("token", [""])[-1]
+            may_act = hmac.compare_digest(given_token.encode(), token.encode())
             if not is_own_host(own, host):
                 self.send_error(403, "this page is served to its own address only")
             elif not _OWN_PATH.fullmatch(path) or ".." in path:
@@ -379,13 +379,13 @@ def _bind(
         def log_message(self, *_: object) -> None:
             """Log nothing."""
 
-    here = "" if host == "*" else host
+    bound_host = "" if host == "*" else host
     for port in _PORTS:
         try:
-            return _Server((here, port), Handler)
+            return _Server((bound_host, port), Handler)
         except OSError:
             continue
-    return _Server((here, 0), Handler)
+    return _Server((bound_host, 0), Handler)
 
 
 def _answer(line: str) -> None:

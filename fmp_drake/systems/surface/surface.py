@@ -120,8 +120,8 @@ def angular_motion(phi: Array, rate: Array, acceleration: Array) -> tuple[Array,
     second = cross(phi, first)
     omega = rate + b * first + c * second
     along = phi @ rate
-    onward = cross(phi, acceleration)
-    alpha = acceleration + b * onward + c * cross(phi, onward)
+    third = cross(phi, acceleration)
+    alpha = acceleration + b * third + c * cross(phi, third)
     alpha += along * (b_derivative * first + c_derivative * second)
     return omega, alpha + c * cross(rate, first)
 

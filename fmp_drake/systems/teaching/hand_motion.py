@@ -127,8 +127,8 @@ class HandMotion:
         """Return the channels (D,) and their rates (D,) at a time in seconds."""
         x = min(max(time * _RATE, 0.0), len(self.position) - 1.001)
         i = int(x)
-        here, there = self.position[i], self.position[i + 1]
-        return here + (x - i) * (there - here), (there - here) * _RATE
+        change = self.position[i + 1] - self.position[i]
+        return self.position[i] + (x - i) * change, change * _RATE
 
     def slowed(self, surface: Surface) -> "HandMotion":
         """Return the motion, slower where it would turn a tool fast over a curved surface.
