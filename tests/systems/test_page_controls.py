@@ -11,7 +11,7 @@ from fmp_drake.systems.page.page_controls import PageControls
 NAMES = {
     "tempo": "tempo",
     "press_force": "press force (N)",
-    "sample": "sample (0: mean)",
+    "sample": "sample",
 }
 
 

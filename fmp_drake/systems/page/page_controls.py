@@ -24,7 +24,7 @@ class _Slider(NamedTuple):
 _SLIDERS = {
     "tempo": _Slider("tempo", 0.25, 2.0, 0.05, 2.0),
     "press_force": _Slider("press force (N)", 0.0, 15.0, 0.5, 40.0),
-    "sample": _Slider("sample (0: mean)", 0.0, 1.0, 1.0, np.inf),
+    "sample": _Slider("sample", 0.0, 1.0, 1.0, np.inf),
 }
 # Time between two readings, s.
 _PERIOD = 0.128
