@@ -618,6 +618,36 @@ def test_a_file_whose_phase_does_not_fit_is_refused(small, tmp_path, name):
         load_skill(tmp_path / "s.npz")
 
 
+@pytest.mark.parametrize(
+    ("name", "shape"), [("factors", (3,)), ("errors", (10, 3, 3)), ("weight", (1,))]
+)
+def test_a_file_whose_calibration_has_another_shape_is_refused(
+    small, tmp_path, name, shape
+):
+    skill, _ = small
+    save_skill(skill, tmp_path / "s.npz")
+    with np.load(tmp_path / "s.npz") as file:
+        arrays = dict(file)
+    assert arrays[f"calibration_{name}"].shape != shape
+    arrays[f"calibration_{name}"] = np.ones(shape)
+    np.savez(tmp_path / "s.npz", **arrays)
+    with pytest.raises(SkillFileError, match=f"calibration_{name} has shape"):
+        load_skill(tmp_path / "s.npz")
+
+
+def test_a_file_of_version_3_has_a_calibration_of_factors(small, tmp_path):
+    skill, _ = small
+    save_skill(skill, tmp_path / "s.npz")
+    with np.load(tmp_path / "s.npz") as file:
+        arrays = {k: file[k] for k in file.files if not k.startswith("calibration")}
+    factors = np.array([[1.0, 2.0], [20.0, 0.5]])
+    np.savez(tmp_path / "s.npz", **arrays, phase_calibration=factors)
+    calibration = load_skill(tmp_path / "s.npz").calibration_
+    assert calibration.factors.tolist() == [2.0, 1.0]
+    assert not calibration.errors.any()
+    assert not calibration.changes.any()
+
+
 def test_a_file_whose_predictions_have_no_width_is_refused(small, tmp_path):
     skill, _ = small
     save_skill(skill, tmp_path / "s.npz")

@@ -306,8 +306,11 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             self.observation_rows(steps, channels=index)
             for index in (observed_channels, inferred_channels)
         ]
-        conditioning = self.conditioning(
-            np.concatenate(rows),
+        parts = [c.marginal(np.concatenate(rows)) for c in self.components_]
+        conditioning = Conditioning(
+            self.proportions_,
+            np.stack([mean for mean, _ in parts]),
+            np.stack([covariance for _, covariance in parts]),
             noise=np.tile(self._tolerances()[observed_channels], span),
             channels=len(inferred_channels),
         )
@@ -329,15 +332,6 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             covariances *= variance_factor(max(self.phase_model_.cycles, 1))
         degrees = None if self.calibration_ is None else self.calibration_.degrees
         return Prediction(values=mean, covariances=covariances, degrees=degrees)
-
-    def conditioning(self, rows: NDArray[np.float64], **options: Any) -> Conditioning:
-        """Return the distribution of values, rows of `observation_rows`, given the first.
-
-        Options are the noise and the channels of `Conditioning`, and its spread.
-        """
-        parts = [c.marginal(rows) for c in self.components_]
-        means, covariances = map(np.stack, zip(*parts, strict=True))
-        return Conditioning(self.proportions_, means, covariances, **options)
 
     def observation_rows(
         self,
@@ -573,8 +567,11 @@ class PredictionPlan:
         if calibration is not None:
             calibration = calibration.at(horizon)
         rows = skill.observation_rows(np.arange(k + horizon))
-        self._conditioning = skill.conditioning(
-            rows,
+        parts = [component.marginal(rows) for component in skill.components_]
+        self._conditioning = Conditioning(
+            skill.proportions_,
+            np.stack([mean for mean, _ in parts]),
+            np.stack([covariance for _, covariance in parts]),
             noise=np.tile(skill.tolerance * skill.scales_**2, k),
             channels=d,
             spread=None if calibration is None else calibration.factors,
