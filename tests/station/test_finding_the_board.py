@@ -6,6 +6,7 @@ The force that the board feels is read where no controller looks.
 import numpy as np
 import pytest
 
+from fmp_drake.apps.run_report import report_rows
 from fmp_drake.runs import WipingRun
 from fmp_drake.station import LoadScenario
 from fmp_drake.systems import StatusFlag
@@ -40,6 +41,13 @@ def test_a_board_that_is_lower_or_higher_is_pressed_as_wanted(wiping_skill, heig
     # The path itself has only come down to the board meanwhile.
     found = run.metrics()["board_height_error_m"]
     assert found == pytest.approx(height, abs=0.004)
+    # It is a result, and nothing that went wrong.
+    times = {"simulated_seconds": 2.5, "wall_seconds": 1.0, "real_time_factor": 2.5}
+    events = [event._asdict() for event in run.events()]
+    rows = report_rows({**times, **run.metrics(), "events": events})
+    side = "lower" if height < 0 else "higher"
+    assert f"{1e3 * abs(found):.0f} mm {side} than assumed" in rows["surface"]
+    assert "than assumed" not in rows["what went wrong"]
 
 
 def test_missing_board_is_reported_by_a_protective_stop(wiping_skill):
