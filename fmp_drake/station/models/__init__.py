@@ -1,1 +1,1 @@
-"""Writers of URDF and SDF, and the packages of models."""
+"""Eraser and whiteboard of any size, and the folder of models."""
