@@ -19,7 +19,7 @@ from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.runs import StationRun
-from fmp_drake.runs.log import SIGNALS, check_log
+from fmp_drake.runs.log import SIGNALS
 
 # Smallest error of the board's height that is reported, m; the felt yields by less.
 _MIN_HEIGHT_ERROR = 0.003
@@ -54,7 +54,7 @@ class RunFiles:
             speed=self.video_speed,
             size=film_size(self.video_width),
         )
-        check_log(self.log)
+        check_writable(self.log, "a log", [".npz"], RunError)
         check_graph(self.graphviz)
         if of_arm and any((self.html, self.video, self.plot, self.log, self.graphviz)):
             raise RunError(

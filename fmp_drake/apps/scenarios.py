@@ -8,7 +8,7 @@ from rich.table import Table
 
 from fmp_drake.apps.options import Command, option, options
 from fmp_drake.apps.page import make_console
-from fmp_drake.errors import FmpError, RunError
+from fmp_drake.errors import RunError
 from fmp_drake.experiments.scenario_page import measure_scenarios, scenario_page
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.station import ListScenarios, LoadScenario
@@ -33,9 +33,7 @@ class ScenariosOptions:
 def scenarios(to: ScenariosOptions) -> None:
     """List the scenarios that come with the package."""
     console, markdown = make_console(), to.markdown
-    check_writable(markdown)
-    if markdown is not None and markdown.suffix != ".md":
-        raise FmpError(f"{markdown} is not Markdown; its name must end in .md.")
+    check_writable(markdown, "Markdown", [".md"])
     names = ListScenarios()
     if markdown is None:
         table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))

@@ -95,7 +95,7 @@ class PlayOptions:
     force: bool = option(False, "Run even if the arm cannot follow the skill.")
 
     @property
-    def seconds(self) -> float:
+    def least_duration(self) -> float:
         """Simulated time after which a run without a viewer ends, s."""
         return _DURATION if self.duration is None else self.duration
 
@@ -231,7 +231,7 @@ def wipe(
                 scenario,
                 skill,
                 config,
-                play.seconds,
+                play.least_duration,
                 go=arm.go,
                 panel=panel,
                 demonstrations=demonstrations,
@@ -295,7 +295,7 @@ def _simulate(
         config = run.scenario.simulator
         rate = config.target_realtime_rate or (0.0 if page.headless else 1.0)
     run.simulator.set_target_realtime_rate(rate)
-    end, is_first, choice = play.seconds, True, None
+    end, is_first, choice = play.least_duration, True, None
     while True:
         if panel is not None:
             grab = describe_page(run.scenario)["grab"]
@@ -346,7 +346,7 @@ def _simulate(
         if choice == "again":
             reset(run.simulator)
             run.restart()
-        end = play.seconds if choice == "again" else seconds
+        end = play.least_duration if choice == "again" else seconds
 
 
 def _continues(panel: PagePanel | None, play: PlayOptions, choice: str | None) -> bool:

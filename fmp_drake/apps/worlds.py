@@ -82,11 +82,10 @@ def worlds(
     report is written again, or one trial is run again.
     """
     console = make_console()
-    for path in (output.parquet, output.markdown, one.html):
+    for path in (output.parquet, one.html):
         check_writable(path)
+    check_writable(output.markdown, "Markdown", [".md"])
     check_film(one.video, fps=20, speed=1, size=film_size(640))
-    if output.markdown is not None and output.markdown.suffix != ".md":
-        raise FmpError(f"{output.markdown} is not Markdown; its name must end in .md.")
     if output.parquet is not None:
         check_parquet()
     if one.replay is None and (one.html or one.video):

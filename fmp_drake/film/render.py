@@ -154,10 +154,8 @@ def check_film(
     """
     if path is None:
         return
-    check_writable(path)
+    check_writable(path, "a film", [*_MAX_FPS], RunError)
     suffix = path.suffix.lower()
-    if suffix not in _MAX_FPS:
-        raise RunError(f"{path} is not a film; its name must end in .mp4 or .gif.")
     check_number(fps, "fps", above=0.0, most=_MAX_FPS[suffix], error=RunError)
     check_number(speed, "speed", above=0.0, error=RunError)
     if any(edge < 16 or edge > 4096 or edge % 2 for edge in size):

@@ -22,14 +22,8 @@ def check_graph(path: Path | None) -> None:
     """Check that a picture of a diagram can be made, before any work is done."""
     if path is None:
         return
-    check_writable(path)
-    suffix = path.suffix.lower()
-    if suffix not in _FORMATS:
-        raise RunError(
-            f"{path} is not a picture of a diagram; its name must end in "
-            f"{', '.join(_FORMATS[:-1])} or {_FORMATS[-1]}."
-        )
-    if suffix != ".dot" and shutil.which("dot") is None:
+    check_writable(path, "a picture of a diagram", _FORMATS, RunError)
+    if path.suffix.lower() != ".dot" and shutil.which("dot") is None:
         raise RunError(
             f"{path.name} needs the program dot of Graphviz; install it (on Ubuntu "
             "and Debian: apt-get install graphviz), or write a .dot."

@@ -34,7 +34,7 @@ from pydrake.systems.primitives import VectorLogSink
 from fmp_drake import __version__
 from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
-from fmp_drake.primitives.data.files import Blocks, FileFormat, check_writable
+from fmp_drake.primitives.data.files import Blocks, FileFormat
 
 FORMAT = FileFormat(
     name="fmp-drake-run",
@@ -386,13 +386,6 @@ def write_log(
     arrays = {name: values for name, (_, values) in signals.items()}
     arrays |= {names[key]: times for key, times in times_by_id.items()}
     FORMAT.write(path, metadata, arrays)
-
-
-def check_log(path: Path | None) -> None:
-    """Check that a log can be written, before any work is done."""
-    check_writable(path)
-    if path is not None and path.suffix.lower() != ".npz":
-        raise RunError(f"{path} is not a log; its name must end in .npz.")
 
 
 def current_versions() -> dict[str, str]:

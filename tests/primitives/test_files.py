@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 
 from fmp_drake.errors import FmpError, RunError
-from fmp_drake.primitives.data.files import replaced, write_npz, write_text
+from fmp_drake.primitives.data.files import (
+    check_writable,
+    replaced,
+    write_npz,
+    write_text,
+)
 
 # Writes half of a file, says so, and waits to be killed.
 HALF = """
@@ -115,3 +120,17 @@ def test_an_array_in_blocks_is_written_as_if_it_were_whole(tmp_path):
     with np.load(tmp_path / "x.npz", allow_pickle=False) as file:
         np.testing.assert_array_equal(file["whole"], whole)
         np.testing.assert_array_equal(file["halves"], whole)
+
+
+def test_names_that_cannot_be_written_are_refused_before(tmp_path):
+    check_writable(None, "a log", [".npz"])
+    check_writable(tmp_path / "run.any")
+    check_writable(tmp_path / "run.NPZ", "a log", [".npz"])
+    with pytest.raises(FmpError, match=r"is not a log; its name must end in \.npz\."):
+        check_writable(tmp_path / "run.csv", "a log", [".npz"])
+    with pytest.raises(RunError, match=r"end in \.a, \.b or \.c\."):
+        check_writable(tmp_path / "run", "a film", [".a", ".b", ".c"], RunError)
+    with pytest.raises(FmpError, match="there is no folder"):
+        check_writable(tmp_path / "no" / "run.npz", "a log", [".npz"])
+    with pytest.raises(FmpError, match="is a folder"):
+        check_writable(tmp_path)

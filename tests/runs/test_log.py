@@ -6,13 +6,12 @@ from importlib.metadata import PackageNotFoundError
 import numpy as np
 import pytest
 
-from fmp_drake.errors import FmpError, RunError
+from fmp_drake.errors import RunError
 from fmp_drake.runs.log import (
     SIGNALS,
     RunLog,
     Signal,
     Spill,
-    check_log,
     current_versions,
     signal_kind,
     write_log,
@@ -226,15 +225,6 @@ def test_a_log_that_cannot_be_written_is_an_error(signals, tmp_path):
     with pytest.raises(RunError, match="cannot write"):
         write(folder, signals)
     assert list(tmp_path.iterdir()) == [folder]
-
-
-def test_names_that_cannot_be_written_are_refused_before(tmp_path):
-    check_log(None)
-    check_log(tmp_path / "run.npz")
-    with pytest.raises(FmpError, match=r"end in \.npz"):
-        check_log(tmp_path / "run.csv")
-    with pytest.raises(FmpError, match="there is no folder"):
-        check_log(tmp_path / "no" / "run.npz")
 
 
 @pytest.mark.parametrize("row", [(), (3,), (2, 2)])

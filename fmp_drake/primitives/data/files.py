@@ -5,7 +5,7 @@ import itertools
 import json
 import os
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from math import prod
@@ -205,8 +205,25 @@ def keep_earlier_files(series: Path, single: Path) -> list[str]:
     return [path.name for path in new]
 
 
-def check_writable(path: Path | None) -> None:
-    """Raise where an output file cannot be written, before any work is done."""
+def check_writable(
+    path: Path | None,
+    what: str = "",
+    endings: Sequence[str] = (),
+    error: type[FmpError] = FmpError,
+) -> None:
+    """Raise where an output file cannot be written, before any work is done.
+
+    Parameters
+    ----------
+    path : pathlib.Path, optional
+        Nothing is checked if None.
+    what : str
+        Content of the file with its article, such as "a film", for the error.
+    endings : sequence of str
+        Allowed endings of its name; any where empty.
+    error : type of FmpError
+        Raised for another ending.
+    """
     if path is None:
         return
     if not path.absolute().parent.is_dir():
@@ -215,6 +232,10 @@ def check_writable(path: Path | None) -> None:
         )
     if path.is_dir():
         raise FmpError(f"{path} is a folder; give the name of a file to write.")
+    if endings and path.suffix.lower() not in endings:
+        *others, last = endings
+        expected = f"{', '.join(others)} or {last}" if others else last
+        raise error(f"{path} is not {what}; its name must end in {expected}.")
 
 
 @dataclass(frozen=True, kw_only=True)
