@@ -14,8 +14,7 @@ from fmp_drake.apps.page import track_frames, write_metrics
 from fmp_drake.errors import RunError
 from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
 from fmp_drake.plots import plot_run
-from fmp_drake.plots.graphviz import check_graph, write_graph
-from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
+from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS, check_graph, write_graph
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.runs import StationRun

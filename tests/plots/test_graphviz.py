@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, Integrator, PassThrough
 
 from fmp_drake.errors import FmpError
-from fmp_drake.plots.graphviz import check_graph, write_graph
+from fmp_drake.plots.run_page import check_graph, write_graph
 
 
 @pytest.fixture(scope="module")
