@@ -95,7 +95,7 @@ def learned():
     demonstrations, *_ = load_on_board(
         [default_demonstration()], scenario=scenario, transform=None, stretch=1.0
     )
-    return demonstrations, learn_skill(demonstrations, window=6.0, components=10)
+    return demonstrations, learn_skill(demonstrations, window=6.0, n_components=10)
 
 
 @pytest.fixture(scope="module")

@@ -124,6 +124,16 @@ def test_torque_of_a_gate_that_is_not_open_does_not_grow(steps):
             assert np.all(np.abs(after.torque) <= np.abs(before.torque))
 
 
+@pytest.mark.parametrize("wall_time", [np.nan, np.inf, -np.inf, 1e13, 1.8e302])
+def test_a_time_that_no_message_can_have_is_refused(wall_time):
+    step = {"elapsed": 1e-3, "age": 0.0, "torque": 1.0, "status": "good", "go": 1}
+    impossible = {**step, "elapsed": wall_time - NOW, "go": 0}
+    *_, (before, after, _) = play([step] * 5 + [impossible])
+    assert before.mode is GateMode.OPEN
+    assert after.mode is not GateMode.OPEN
+    assert after.wall_time == before.wall_time
+
+
 @given(STEPS)
 def test_a_gate_opens_at_a_go_only_and_from_zero_torque(steps):
     for before, after, step in play(steps):

@@ -34,6 +34,8 @@ _COMMAND_EXPIRY, _REMEMBERED = 0.1, 128
 _DAMPING = np.array([37.5, 50, 37.5, 25, 5, 3.75, 2.5])
 # Longest time for which a stop is braked, s.
 _BRAKE_TIME = 0.3
+# Latest time that the stamp of a message, 64 bits of microseconds, can represent, s.
+_LATEST = 9e12
 # Velocity below which a joint is at rest, rad/s.
 _AT_REST = 0.01
 # After these faults no torque is computed from the measured velocity.
@@ -327,7 +329,7 @@ def gate_step(
     go : float
         Operator command: number of enable requests; a negative number requests a stop.
     """
-    is_time = math.isfinite(wall_time)
+    is_time = abs(wall_time) <= _LATEST
     # After a stamp from the future every later status would be out of order.
     in_time = (
         is_time
