@@ -244,19 +244,19 @@ class Extrapolation:
         """
         count = min(len(self._covariances), len(values))
         velocities = np.diff(past[-self._order - 1 :], axis=0)
-        ahead = past[-1] + np.einsum(
+        expected = past[-1] + np.einsum(
             "hpd,pd->hd", self._coefficients[:count], velocities
         )
         # A past that is unlike those of the recordings is extrapolated less well.
         leverage = self._leverages[:count]
         leverage = np.einsum("pd,hdpq,qd->hd", velocities, leverage, velocities)
         growth = np.sqrt(1 + leverage)
-        own = self._covariances[:count] * growth[:, :, None] * growth[:, None]
-        before = covariances[:count]
-        gains = np.swapaxes(np.linalg.solve(before + own, before), 1, 2)
-        change = np.einsum("hab,hb->ha", gains, ahead - values[:count])
-        updated = before - gains @ before
-        a, b = (np.trace(c, axis1=1, axis2=2) for c in (before, own))
+        extrapolated = self._covariances[:count] * growth[:, :, None] * growth[:, None]
+        prior = covariances[:count]
+        gains = np.swapaxes(np.linalg.solve(prior + extrapolated, prior), 1, 2)
+        change = np.einsum("hab,hb->ha", gains, expected - values[:count])
+        updated = prior - gains @ prior
+        a, b = (np.trace(c, axis1=1, axis2=2) for c in (prior, extrapolated))
         updated *= (1 + 2 * np.sqrt(a * b) / (a + b))[:, None, None]
         values, covariances = values.copy(), covariances.copy()
         values[:count] += change

@@ -135,13 +135,15 @@ class CycleHistory:
         lengths, amplitudes, shifts = [], [], []
         for phase, y in zip(phases, recordings, strict=True):
             times = np.arange(len(y), dtype=float)
-            rising = np.maximum.accumulate(phase) + 1e-9 * times
-            begins = rising[0] + 2 * np.pi * np.arange(
-                np.floor((rising[-1] - rising[0]) / (2 * np.pi)) + 1
+            increasing = np.maximum.accumulate(phase) + 1e-9 * times
+            start_phases = increasing[0] + 2 * np.pi * np.arange(
+                np.floor((increasing[-1] - increasing[0]) / (2 * np.pi)) + 1
             )
-            at = np.interp(begins, rising, times)
-            lengths.extend(np.diff(at))
-            for a, b in zip(np.ceil(at[:-1]), np.ceil(at[1:]), strict=True):
+            start_times = np.interp(start_phases, increasing, times)
+            lengths.extend(np.diff(start_times))
+            for a, b in zip(
+                np.ceil(start_times[:-1]), np.ceil(start_times[1:]), strict=True
+            ):
                 part = slice(int(a), int(b))
                 values, mean = y[part], cycle.values(phase[part])
                 shifts.append((values - mean).mean(axis=0))
