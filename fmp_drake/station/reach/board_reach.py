@@ -48,9 +48,11 @@ class FollowingBounds:
     tracking_error : float
         Predicted rms distance from the path, m, for positions out of reach or braked joints:
         three quarters of the limit for a run.
-    tilt : float
-        Of the eraser with respect to the board, rad: its end then lifts by 6 mm, a fifth of
-        the felt.
+    tilt, steepest : float
+        Of the eraser with respect to the board, rad. At `tilt` its end lifts by 6 mm, a fifth
+        of the felt. If it is exceeded for moments, the tilt error decides, up to `steepest`.
+    tilt_error : float
+        Predicted rms tilt, rad: runs with at most 0.032 went well, with 0.039 or more none.
     orientation_error : float
         Predicted rms error of a skill with rotation channels, rad: half of the limit for a
         run, which was 0.64 degrees where 0.28 had been predicted.
@@ -80,6 +82,8 @@ class FollowingBounds:
     farthest: float = 0.040
     tracking_error: float = 0.0075
     tilt: float = 0.1
+    steepest: float = 0.2
+    tilt_error: float = 0.035
     orientation_error: float = np.deg2rad(0.25)
     joint_reserve: float = 0.03
     brief: float = 0.12

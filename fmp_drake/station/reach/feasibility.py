@@ -354,8 +354,8 @@ class _Check:
     ) -> tuple[Values, Flags]:
         """Return the values, and the samples that are out of reach or too near the board.
 
-        For positions that are out of reach for moments, the predicted tracking error decides:
-        the root sum of squares of distance, lag of braked joints and friction lag, m.
+        For poses that are out of reach for moments, the predicted errors decide. That of the
+        position is the root sum of squares of distance, lag of braked joints and friction lag.
         """
         has_rotation, bounds = self._R_TE is not None, self._bounds
         far, tilted, at_wall, margin = self._reach.missed(
@@ -372,8 +372,13 @@ class _Check:
         is_far = self._is_frequent(far) and (
             rms > bounds.tracking_error or self._is_frequent(distance > bounds.farthest)
         )
-        if is_far or self._is_frequent(tilted):
-            tilt = (
+        tilt = np.linalg.norm(motion.error[..., : 3 if has_rotation else 2], axis=-1)
+        is_tilted = self._is_frequent(tilted) and (
+            math.sqrt(np.mean(tilt**2)) > bounds.tilt_error
+            or self._is_frequent(tilt > bounds.steepest)
+        )
+        if is_far or is_tilted:
+            degrees = (
                 f" and {np.rad2deg(np.max(angle)):.0f} degrees" if has_rotation else ""
             )
             spring = (
@@ -383,7 +388,7 @@ class _Check:
             )
             self._faults.append(
                 f"{100 * np.mean(is_missed):.1f} % of the path is out of reach, by up to "
-                f"{1e3 * np.max(distance):.0f} mm{tilt}{spring}"
+                f"{1e3 * np.max(distance):.0f} mm{degrees}{spring}"
             )
         if self._is_frequent(is_near):
             self._faults.append(
