@@ -5,6 +5,7 @@ import pkgutil
 import subprocess
 import sys
 from pathlib import Path
+from types import CodeType
 
 import numpy as np
 import pytest
@@ -41,17 +42,29 @@ def run(code, *arguments):
     return subprocess.run(command, check=True, capture_output=True, text=True)
 
 
+def names_in(code):
+    """Return the names that a function's code, and functions in it, refer to."""
+    inner = [c for c in code.co_consts if isinstance(c, CodeType)]
+    return {*code.co_names, *(name for c in inner for name in names_in(c))}
+
+
+def folder(function):
+    return function.__module__.rpartition(".")[0]
+
+
 def test_compiled_functions_call_only_those_of_their_folder():
     # Otherwise it would not be seen that a called one has changed.
-    rooms = {}
+    calls = []
     for found in pkgutil.walk_packages(fmp_drake.__path__, "fmp_drake."):
-        module = importlib.import_module(found.name)
-        functions = [f for f in vars(module).values() if isinstance(f, Dispatcher)]
-        if {"compiled", "inlined"} & set(vars(module)) and functions:
-            rooms[found.name] = {f.__module__.rpartition(".")[0] for f in functions}
-    assert len(rooms) > 10
-    for name, called in rooms.items():
-        assert called == {name.rpartition(".")[0]}, name
+        known = vars(importlib.import_module(found.name))
+        for caller in list(known.values()):
+            if isinstance(caller, Dispatcher) and caller.__module__ == found.name:
+                names = names_in(caller.py_func.__code__) & known.keys()
+                calls += [(caller, known[name]) for name in names]
+    calls = [(caller, f) for caller, f in calls if isinstance(f, Dispatcher)]
+    assert len(calls) > 60
+    for caller, called in calls:
+        assert folder(called) == folder(caller), f"{caller} calls {called}"
 
 
 def test_compiled_function_equals_its_source():
@@ -98,6 +111,7 @@ def test_nothing_is_announced_where_the_cache_holds_it():
 WAIT = """
 import os, time
 from pathlib import Path
+from types import CodeType
 from fmp_drake.systems.impedance.step import impedance_step
 
 def parts():

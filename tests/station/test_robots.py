@@ -309,7 +309,7 @@ def test_an_own_model_with_a_fixed_gripper_and_without_its_meshes_is_an_arm(tmp_
         ),
         (
             "flanche: here",
-            "it has no key 'flanche'; allowed are: description, model, b",
+            "it has no key 'flanche'; did you mean flange\\? All are: description, model, b",
         ),
         (
             "base_pose: {rpy: [180, 0, 0]}",
