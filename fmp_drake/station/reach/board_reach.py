@@ -86,7 +86,7 @@ class FollowingBounds:
     tilt_error: float = 0.035
     orientation_error: float = np.deg2rad(0.25)
     joint_reserve: float = 0.03
-    brief: float = 0.12
+    brief: float = 0.2
     clearance: float = 0.02
     torque_fraction: float = 0.9
     friction_lag: float = 0.010
