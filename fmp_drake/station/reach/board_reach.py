@@ -60,8 +60,8 @@ class FollowingBounds:
         Margin from a joint-limit spring at which a joint counts as at the spring, rad.
     brief : float
         Fraction of the samples that may exceed a joint's speed limit, even if other joints
-        compensate for the braked ones. A fifth of them disturbs the normal force, two fifths
-        the whole motion.
+        compensate for the braked ones. A quarter of them disturbs the normal force, and half
+        of them the whole motion.
     clearance : float
         Of the arm's links from the board, m.
     torque_fraction : float
