@@ -35,7 +35,9 @@ class RecordOptions(ScenarioOptions):
 
     task: Task = option("wiping", "Movement of the simulated person.")
     duration: float = option(120.0, "Length of the recording, s.", above=0)
-    minutes: float | None = option(None, "Former --duration, in minutes.", hidden=True)
+    minutes: float | None = option(
+        None, "Former --duration, in minutes.", hidden=True, above=0
+    )
     seed: int = option(0, "Seed of the simulated person.", least=0)
     out: Path = option(help="File (.npz or .csv) to write.")
     page: bool = option(False, "Show the recording on a page, in real time.")

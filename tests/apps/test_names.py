@@ -185,6 +185,11 @@ def test_a_former_option_still_works(arguments, parameter, value):
         assert command.make_context(name, others).params[parameter] == value
 
 
+def test_a_former_duration_is_checked(refused, tmp_path):
+    error = refused("record", "--minutes", "-1", "--out", tmp_path / "a.npz")
+    assert "minutes" in error
+
+
 def test_a_key_of_yaml_with_another_name_is_refused_with_the_right_one(
     refused, tmp_path
 ):

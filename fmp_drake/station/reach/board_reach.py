@@ -266,13 +266,11 @@ class BoardReach:
         """Return whether samples miss their position or orientation, or are at a limit spring.
 
         Each result has shape (B, T). The last value is the margin of each joint from its
-        limit, rad, shape (B, T, n). Without rotation channels, rotations about the normal do
-        not count.
+        limit, rad, shape (B, T, n).
         """
-        bounds, error = self._bounds, motion.error
-        far = np.linalg.norm(error[..., 3:], axis=-1) > bounds.distance
-        rotation = error[..., : 3 if has_rotation else 2]
-        tilted = np.linalg.norm(rotation, axis=-1) > bounds.tilt
+        bounds = self._bounds
+        distance, tilt = motion.deviations(has_rotation=has_rotation)
+        far, tilted = distance > bounds.distance, tilt > bounds.tilt
         margin = self.limits.half_range - np.abs(motion.q - self.limits.middle)
         wall = self._scenario.impedance.walls.width + bounds.joint_reserve
         return far, tilted, np.min(margin, axis=-1) < wall, margin

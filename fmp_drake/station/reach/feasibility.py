@@ -362,7 +362,7 @@ class _Check:
             motion, has_rotation=has_rotation
         )
         is_near, is_missed = clearance < bounds.clearance, far | tilted
-        distance = np.linalg.norm(motion.error[..., 3:], axis=-1)
+        distance, tilt = motion.deviations(has_rotation=has_rotation)
         angle = np.linalg.norm(motion.error[..., :3], axis=-1)
         rms = math.hypot(
             math.sqrt(np.mean(distance**2)),
@@ -372,7 +372,6 @@ class _Check:
         is_far = self._is_frequent(far) and (
             rms > bounds.tracking_error or self._is_frequent(distance > bounds.farthest)
         )
-        tilt = np.linalg.norm(motion.error[..., : 3 if has_rotation else 2], axis=-1)
         is_tilted = self._is_frequent(tilted) and (
             math.sqrt(np.mean(tilt**2)) > bounds.tilt_error
             or self._is_frequent(tilt > bounds.steepest)

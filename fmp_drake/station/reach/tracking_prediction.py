@@ -47,6 +47,15 @@ class PredictedMotion(NamedTuple):
     error: Array
     manipulability: Array
 
+    def deviations(self, *, has_rotation: bool) -> tuple[Array, Array]:
+        """Return distances (m) and angles (rad) from the desired poses, (B, T) each.
+
+        Without rotation channels, rotations about the normal do not count.
+        """
+        rotation = self.error[..., : 3 if has_rotation else 2]
+        distance = np.linalg.norm(self.error[..., 3:], axis=-1)
+        return distance, np.linalg.norm(rotation, axis=-1)
+
 
 class TrackingPredictor:
     """Prediction of the arm's motion under impedance control along a path.
