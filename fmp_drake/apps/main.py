@@ -1,9 +1,14 @@
 """The command `fmp-drake`."""
 
+import re
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from fmp_drake.apps import terminal
+
+if TYPE_CHECKING:
+    import click
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -44,13 +49,23 @@ def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
         print(error.format_message())
         return "", error.exit_code
     except click.ClickException as error:
-        return f"fmp-drake: {error.format_message()}", error.exit_code
+        hint = _scenario_hint(error)
+        return f"fmp-drake: {error.format_message()}{hint}", error.exit_code
     except click.Abort:
         return terminal.MESSAGE, 130
     except OSError as error:
         reason = f"{error.filename or ''}: {error.strerror}".lstrip(": ")
         return f"fmp-drake: {reason}", 2
     return "", 0
+
+
+def _scenario_hint(error: "click.ClickException") -> str:
+    """Return a hint for somebody who names a scenario without its option."""
+    context: Any = getattr(error, "ctx", None)
+    surplus = re.fullmatch(r".*extra argument \((\S+)\)", error.format_message())
+    if surplus is None or "scenario" not in {p.name for p in context.command.params}:
+        return ""
+    return f"; did you mean --scenario {surplus[1]}?"
 
 
 if __name__ == "__main__":

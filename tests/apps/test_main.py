@@ -52,7 +52,7 @@ SCRIPT = Path(sys.executable).parent / "fmp-drake"
         (("--skill", "nowhere.npz"), "nowhere.npz"),
         (("--demo", "a.npz", "--skill", "b.npz"), "not both"),
         (("--spin",), "--spin"),
-        (("surplus",), "surplus"),
+        (("pushed.yaml",), "did you mean --scenario pushed.yaml?"),
     ],
 )
 def test_wrong_option_is_refused_in_one_line(refused, outputs, options, reason):
