@@ -342,6 +342,11 @@ class TeachingSession:
         )
         self._play(skill, demonstrations)
         self.remark = f"learned in {time.perf_counter() - started:.1f} s"
+        if skill.phase_model_ is None:
+            self.remark += (
+                "; no cycle was found in it: press more, and repeat the same movement"
+            )
+            self.is_done = False
         feasibility = CheckFeasibility(self._scenario, skill)
         self.suggested_tempo = feasibility.suggested_tempo
         if not feasibility.is_feasible:

@@ -108,6 +108,15 @@ def test_after_learning_it_plays_from_where_the_arm_is(taught):
     assert not v.any()
 
 
+def test_movement_without_a_repeated_cycle_is_reported(taught):
+    assert "no cycle was found in it: press more" in taught[0].remark
+    session = begin()
+    session.advance(8.0)
+    session.press("learn")
+    assert session.skill.rhythm_ is not None
+    assert "no cycle" not in session.remark
+
+
 def test_infeasibility_is_reported_after_learning():
     session = begin(press=60.0)
     session.advance(2.2)
