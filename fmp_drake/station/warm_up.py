@@ -108,7 +108,7 @@ def _compile_ink() -> None:
 
 
 def WarmUp(report: Callable[[float], object] = lambda _: None) -> None:
-    """Compile the functions that a station of the Panda and its page use.
+    """Compile the functions that a station and its page use.
 
     This takes up to half a minute, once per machine, in three processes. Later it takes about
     a second to read them from the cache. No run then waits for a compilation.

@@ -146,7 +146,7 @@ def MakeDriver(
     A simulated arm also has the input ports plant_state and plant_external (its state and
     its generalized contact forces) and the output port plant_actuation, for the plant that
     it is a part of. An arm behind LCM also has the input ports wall_time and go and the
-    output ports torque_sent and faults of its `TorqueGate`.
+    output ports torque_sent and faults.
 
     Parameters
     ----------

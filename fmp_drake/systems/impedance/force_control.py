@@ -6,8 +6,8 @@ the desired force. With a measured force the height follows from the force error
 one, the normal force of the law is that of the contact, in quasi-static balance. The
 spring is then at rest under the desired force, so the height follows that of the tool.
 
-That estimate is wrong by the friction of the joints (about 5 N at a Panda's tool where
-it is not compensated), by the tool's inertia for 0.1 s after a jolt, and while the torque
+That estimate is wrong by the friction of the joints (about 5 N at the tool of a Panda
+without compensation), by the tool's inertia for 0.1 s after a jolt, and while the torque
 is limited. It cannot distinguish a surface from a person: a person who lifts the tool by
 less than half of `search_range` is taken for a surface, and the height slowly follows.
 

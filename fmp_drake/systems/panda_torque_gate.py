@@ -1,4 +1,4 @@
-"""Gate between a controller and a real arm."""
+"""Gate between a controller and a real Panda."""
 
 from collections.abc import Callable
 from functools import partial
@@ -39,8 +39,8 @@ _TORQUE, _GATE, _TRACK, _SENT, _READING = range(5)
 _STATUS_TIME = 2
 
 
-class TorqueGate(LeafSystem):
-    """Gate that sends a controller's torque to an arm while there is no fault.
+class PandaTorqueGate(LeafSystem):
+    """Gate that sends a controller's torque to a Panda while there is no fault.
 
     The torque starts at 0. Once the operator has enabled the gate, it follows the
     controller's torque within the configured rate, in time of the wall clock. After any
@@ -98,7 +98,7 @@ class TorqueGate(LeafSystem):
     --------
     >>> ones = np.ones(7)
     >>> limits = JointLimits(0 * ones, 3 * ones, 2 * ones, -10 * ones, 10 * ones)
-    >>> gate = TorqueGate(GateConfig(), initial=np.zeros(7), limits=limits)
+    >>> gate = PandaTorqueGate(GateConfig(), initial=np.zeros(7), limits=limits)
     >>> gate.GetOutputPort("torque_sent").Eval(gate.CreateDefaultContext())
     array([0., 0., 0., 0., 0., 0., 0.])
     """
