@@ -65,7 +65,7 @@ def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None
             default = field.default_factory()
         if dataclasses.is_dataclass(value):
             check_settings(value, error, f"{path}.")
-        elif isinstance(default, list):
+        elif isinstance(default, list) and field.type != list[str]:
             _check_list(value, default, field.metadata, error, path)
         elif value is default is None:
             continue

@@ -28,6 +28,7 @@ from fmp_drake.skills import learn_skill
 from fmp_drake.skills.description import skill_in_words, source_in_words
 from fmp_drake.skills.placement import load_as_recorded, load_on_board
 from fmp_drake.station import Scenario
+from fmp_drake.station.robots.robot import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +51,7 @@ class LearnOptions:
     robot: str | None = option(
         None,
         "Robot of recorded joint angles: its name (see `fmp-drake robots`), or a YAML file "
-        "[default: panda].",
+        f"[default: as the joints are named, or {DEFAULT_ROBOT}].",
         basic=False,
     )
     as_recorded: bool = option(

@@ -1,6 +1,7 @@
 """Eraser paths from recorded joint angles of a robot, by forward kinematics."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,31 +14,31 @@ from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.station import LoadRobot
-from fmp_drake.station.robots.robot import MakeRobotModel
+from fmp_drake.station.robots.robot import (
+    DEFAULT_ROBOT,
+    ListRobots,
+    MakeRobotModel,
+)
 from fmp_drake.station.scenario_parts import EraserConfig
 
-# Prefix, if any, and number of a joint; prefixes of a Panda and of other robots.
+# Prefix, if any, and number of a joint.
 _JOINT = re.compile(
     r"(?:(.*)_)?(?:joints?|q|j|a)[_.]?(\d)(?:[_.]pos(?:ition)?)?", re.IGNORECASE
 )
-# Joints of Universal Robots in their order, as their drivers name them.
-_UR_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-_UR_JOINT = re.compile(rf"(?:(.*)_)?({'|'.join(_UR_JOINTS)})_joint")
-_PANDA = re.compile(r".*(?:panda|fr3|franka|fer)\d*", re.IGNORECASE)
-_OTHER = re.compile(r"(?!.*(?:panda|fr3|franka)).*", re.IGNORECASE)
 _MARGIN = 0.05  # rad
 
 
 def RobotJoints(
     demonstration: Demonstration,
     *,
-    robot: str = "panda",
+    robot: str = DEFAULT_ROBOT,
     plant: MultibodyPlant | None = None,
+    needs_own_names: bool = False,
 ) -> list[str]:
     """Return the channels of a robot's joints in order, or an empty list.
 
-    They have the names of the joints in the robot's URDF, or are numbered from 1 or 0:
-    `iiwa_joint_1`, `joint1`, `q1`; a Panda's also `fr3_joint1`, a UR5e's `elbow_joint`.
+    They have the names of the joints in the robot's URDF or in its YAML file, or are
+    numbered from 1 or 0: `iiwa_joint_1`, `joint1`, `q1`.
 
     Parameters
     ----------
@@ -46,22 +47,61 @@ def RobotJoints(
         Name of a robot of the package, or its YAML file.
     plant : MultibodyPlant, optional
         Model of that robot, if there is one already.
+    needs_own_names : bool
+        Whether names that other robots share, such as `q1`, are refused.
     """
-    names = _joint_names(plant or MakeRobotModel(LoadRobot(robot)).plant)
+    config = LoadRobot(robot)
+    names = _joint_names(plant or MakeRobotModel(config).plant)
     if set(names) <= set(demonstration.channels):
         return names
-    prefix = _PANDA if robot == "panda" else _OTHER
     numbers = {}
+    own = config.joint_prefixes
+    others = (
+        [] if own else [p for r in ListRobots() for p in LoadRobot(r).joint_prefixes]
+    )
     for channel in demonstration.channels:
+        known = [n for n in config.joint_names if f"_{channel}".endswith(f"_{n}")]
         match = _JOINT.fullmatch(channel)
-        if match and (match[1] is None or prefix.fullmatch(match[1])):
+        if known:
+            numbers[config.joint_names.index(known[0]) + 1] = channel
+        elif match is None:
+            continue
+        elif _has_word(match[1], own) or not (
+            needs_own_names or (match[1] and own) or _has_word(match[1], others)
+        ):
             numbers[int(match[2])] = channel
-        elif match := _UR_JOINT.fullmatch(channel):
-            numbers[_UR_JOINTS.index(match[2]) + 1] = channel
     for first in (1, 0):
         if sorted(numbers) == list(range(first, first + len(names))):
             return [numbers[i] for i in sorted(numbers)]
     return []
+
+
+def _has_word(prefix: str | None, words: Sequence[str]) -> bool:
+    """Return whether a prefix has one of some words, also with a number behind it."""
+    return any(
+        re.fullmatch(re.escape(word) + r"\d*", part, re.IGNORECASE)
+        for part in re.split(r"[\W_]+", prefix or "")
+        for word in words
+    )
+
+
+def FindRobot(demonstration: Demonstration, *, robot: str) -> str | None:
+    """Return the robot whose joints were recorded, or None.
+
+    Parameters
+    ----------
+    demonstration : Demonstration
+    robot : str
+        The robot unless the names of the joints are those of another one of the package.
+    """
+    if RobotJoints(demonstration, robot=robot):
+        return robot
+    named = (
+        other
+        for other in ListRobots()
+        if RobotJoints(demonstration, robot=other, needs_own_names=True)
+    )
+    return next(named, None)
 
 
 def _joint_names(plant: MultibodyPlant) -> list[str]:
@@ -74,7 +114,7 @@ def EraserPath(
     demonstration: Demonstration,
     *,
     eraser: EraserConfig | None = None,
-    robot: str = "panda",
+    robot: str = DEFAULT_ROBOT,
 ) -> Demonstration:
     """Return the path of the eraser for recorded joint angles of a robot.
 
@@ -90,12 +130,12 @@ def EraserPath(
     Returns
     -------
     Demonstration
-        x, y and z of the eraser's tip in the frame of the robot's base, m: `panda_link0`.
+        x, y and z of the eraser's tip in the frame of the robot's base, m.
 
     Raises
     ------
     DemonstrationError
-        Where a joint is not the robot's, for it leaves its limits.
+        Where the channels are not the robot's joints, or an angle is outside its limits.
 
     Examples
     --------
@@ -113,12 +153,12 @@ def EraserPath(
     model = MakeRobotModel(config, eraser)
     plant = model.plant
     joints = RobotJoints(demonstration, robot=robot, plant=plant)
-    whose = "Panda" if robot == "panda" else Path(robot).stem
+    name = Path(robot).stem
     if not joints:
         names = _joint_names(plant)
         raise DemonstrationError(
-            f"the channels {', '.join(demonstration.channels)} are no {whose}'s joints; "
-            f"expected {names[0]} to {names[-1]}."
+            f"the channels {', '.join(demonstration.channels)} are not the joints of "
+            f"{name}; expected {names[0]} to {names[-1]}."
         )
     angles = demonstration.select(joints).values
     lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
@@ -128,14 +168,15 @@ def EraserPath(
         radians = np.deg2rad(angles)
         is_degrees = np.all((lower - _MARGIN < radians) & (radians < upper + _MARGIN))
         advice = (
-            "Of another robot, name it (--robot), or record the position of its tool."
+            "If it is another robot's, name that (--robot), or record the position of its "
+            "tool."
         )
         if is_degrees:
-            option = columns_option({name: f"{name} [deg]" for name in joints})
+            option = columns_option({joint: f"{joint} [deg]" for joint in joints})
             advice = f"Degrees? Add {option}"
         raise DemonstrationError(
-            f"{joints[i]} is {angles[sample, i]:.3g} in sample {sample}; a {whose}'s joint "
-            f"{i + 1} is from {lower[i]:.3g} to {upper[i]:.3g} rad. {advice}"
+            f"{joints[i]} is {angles[sample, i]:.3g} in sample {sample}; joint {i + 1} "
+            f"of {name} is limited to {lower[i]:.3g} to {upper[i]:.3g} rad. {advice}"
         )
     context = plant.CreateDefaultContext()
     path = np.empty((len(angles), 3))

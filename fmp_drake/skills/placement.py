@@ -17,7 +17,7 @@ from fmp_drake.primitives.data.channels import (
     ROTATION_CHANNELS,
 )
 from fmp_drake.primitives.data.reading.table import columns_option
-from fmp_drake.skills.joint_recording import EraserPath, RobotJoints
+from fmp_drake.skills.joint_recording import EraserPath, FindRobot, RobotJoints
 from fmp_drake.skills.surface_placement import (
     curved_surface_remark,
     place_on_fitted_surface,
@@ -294,7 +294,7 @@ def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
     names, units, advice = demonstration.channels, demonstration.units, ""
     others = [r for r in ListRobots() if RobotJoints(demonstration, robot=r)]
     if others and "rad" in units:
-        return f"Joints of a {others[0]}? Name it: --robot {others[0]}"
+        return f"Joints of {' or '.join(others)}? Name it: --robot {others[0]}"
     if "rad" in units:
         advice = f"Joints of another robot than {robot}? Name it (learn --robot). "
     if len(names) < len(POSITION_CHANNELS):
@@ -331,8 +331,7 @@ def lay_on_board(
     remarks = []
     names = demonstration.channels
     if not set(POSITION_CHANNELS) <= set(names):
-        robots = (scenario.robot, "panda")
-        robot = next((r for r in robots if RobotJoints(demonstration, robot=r)), None)
+        robot = FindRobot(demonstration, robot=scenario.robot)
         if robot is None:
             if not needs_board:
                 return demonstration, [
@@ -343,9 +342,9 @@ def lay_on_board(
                 f"{_advice_without_position(demonstration, scenario.robot)}"
             )
         demonstration = EraserPath(demonstration, eraser=scenario.eraser, robot=robot)
-        whose = "Panda" if robot == "panda" else Path(robot).stem
         remarks.append(
-            f"the eraser's path by a {whose}'s kinematics, from {', '.join(names)}"
+            f"the eraser's path by the forward kinematics of {Path(robot).stem}, from "
+            f"{', '.join(names)}"
         )
     elif len(names) > 3:
         kept = _played_channels(demonstration, is_placed=transform is None)

@@ -14,7 +14,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import FeltForceLimit
 from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.robots.robot import LoadRobot
+from fmp_drake.station.robots.robot import DEFAULT_ROBOT, LoadRobot
 from fmp_drake.station.scenario_parts import (
     BoardConfig,
     CameraConfig,
@@ -105,7 +105,7 @@ class Scenario:
     ink: InkConfig = field(default_factory=InkConfig)
     skill: SkillConfig = field(default_factory=SkillConfig)
     disturbances: list[Disturbance] = field(default_factory=list)
-    robot: str = "panda"
+    robot: str = DEFAULT_ROBOT
     posture: list[float] = bounded([])
     start: list[float] = bounded([0.0, 0.0, 0.05])
     camera: CameraConfig = field(default_factory=CameraConfig)

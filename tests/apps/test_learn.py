@@ -176,7 +176,7 @@ def test_a_panda_s_joints_are_learned_as_the_path_of_the_eraser(command, outputs
     options = ("--transform", 0, 0, 0, 0, 0, 0, "--n-components", 3, "--out", skill)
     result = command("learn", file, *options)
     assert result.code == 0, result
-    assert "the eraser's path by a Panda's kinematics, from panda_joint1" in result.out
+    assert "by the forward kinematics of panda, from panda_joint1" in result.out
     assert load_skill(skill).channels_ == ("x", "y", "z")
 
 

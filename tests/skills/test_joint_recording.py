@@ -1,4 +1,4 @@
-"""Facts about recordings of a Panda's joints."""
+"""Facts about recordings of joint angles."""
 
 import shlex
 
@@ -40,13 +40,13 @@ def forward(q):
     return (pose @ [0, 0, FELT, 1])[:3]
 
 
-def recorded(values=JOINTS, name="panda_joint{}", first=1, extra=()):
-    channels = [name.format(i) for i in range(first, first + 7)]
+def recorded(values=JOINTS, name="panda_joint{}", first=1, extra=(), count=7):
+    channels = [name.format(i) for i in range(first, first + count)]
     return Demonstration(
         time=TIME,
         values=np.column_stack([values, np.zeros((len(TIME), len(extra)))]),
         channels=(*channels, *extra),
-        units=("rad",) * (7 + len(extra)),
+        units=("rad",) * (count + len(extra)),
     )
 
 
@@ -74,15 +74,16 @@ def test_joints_are_known_by_their_names(name, first):
 
 
 @pytest.mark.parametrize("name", ["iiwa_joint_{}", "motor{}"])
-def test_joints_of_other_robots_are_not_taken_for_a_panda_s(name):
+def test_joints_with_the_names_of_other_robots_are_not_those_of_a_panda(name):
     assert RobotJoints(recorded(name=name)) == []
-    with pytest.raises(DemonstrationError, match="are no Panda's joints"):
+    with pytest.raises(DemonstrationError, match="are not the joints of panda"):
         EraserPath(recorded(name=name))
 
 
 def test_angles_that_a_panda_cannot_have_are_refused():
     with pytest.raises(
-        DemonstrationError, match=r"q2 is -45.8 .* from -1\.76 to 1\.76 rad"
+        DemonstrationError,
+        match=r"q2 is -45.8 .* joint 2 of panda is limited to -1\.76 to 1\.76 rad",
     ):
         EraserPath(recorded(values=np.rad2deg(JOINTS), name="q{}"))
 
@@ -137,13 +138,39 @@ def test_joints_of_a_named_robot_give_its_eraser_s_path(robot, names):
     _, remarks = lay_on_board(
         recording, scenario=Scenario(robot=robot), transform=[0.0] * 6
     )
-    assert f"by a {robot}'s kinematics" in remarks[0]
+    assert f"by the forward kinematics of {robot}," in remarks[0]
 
 
-def test_joints_of_another_robot_are_refused_with_its_name():
-    recording, _ = of_robot("ur5e", tuple(UR_JOINTS))
-    with pytest.raises(DemonstrationError, match=r"a ur5e\? Name it: --robot ur5e$"):
-        lay_on_board(recording, scenario=Scenario())
+@pytest.mark.parametrize(
+    ("robot", "names"),
+    [
+        ("ur5e", UR_JOINTS),
+        ("iiwa14", [f"iiwa14_joint{i}" for i in range(1, 8)]),
+        ("panda", [f"fr3_joint{i}" for i in range(1, 8)]),
+    ],
+)
+def test_a_robot_of_the_package_is_found_by_the_names_of_its_joints(robot, names):
+    recording, _ = of_robot(robot, tuple(names))
+    for other in ("panda", "iiwa14", "ur5e"):
+        _, remarks = lay_on_board(
+            recording, scenario=Scenario(robot=other), transform=[0.0] * 6
+        )
+        assert f"by the forward kinematics of {robot}," in remarks[0]
+
+
+@pytest.mark.parametrize(
+    ("count", "robot", "advice"),
+    [
+        (6, "panda", r"Joints of ur5e\? Name it: --robot ur5e$"),
+        (7, "ur5e", r"Joints of iiwa14 or panda\? Name it: --robot iiwa14$"),
+    ],
+)
+def test_numbered_joints_of_another_robot_are_refused_with_its_name(
+    count, robot, advice
+):
+    recording = recorded(JOINTS[:, :count], name="q{}", count=count)
+    with pytest.raises(DemonstrationError, match=advice):
+        lay_on_board(recording, scenario=Scenario(robot=robot))
 
 
 def test_joints_in_the_order_of_the_alphabet_are_put_in_theirs():
@@ -152,20 +179,21 @@ def test_joints_in_the_order_of_the_alphabet_are_put_in_theirs():
     assert_allclose(EraserPath(mixed, robot="ur5e").values, path, atol=1e-9)
 
 
-def test_a_panda_s_joints_stay_a_panda_s_for_another_robot():
+def test_joints_with_the_names_of_a_panda_are_not_those_of_another_robot():
     scenario = Scenario(robot="iiwa14")
     assert RobotJoints(recorded(), robot="iiwa14") == []
+    assert RobotJoints(recorded(name="arm_fr3_joint{}"), robot="iiwa14") == []
     placed_recording, remarks = lay_on_board(
         recorded(), scenario=scenario, transform=[0.0] * 6
     )
-    assert "by a Panda's kinematics" in remarks[0]
+    assert "by the forward kinematics of panda," in remarks[0]
     assert placed_recording.channels == ("x", "y", "z")
 
 
 def test_angles_that_a_named_robot_cannot_have_are_refused():
     names = tuple(f"iiwa_joint_{i}" for i in range(1, 8))
     recording, _ = of_robot("iiwa14", names, swing=3.0)
-    with pytest.raises(DemonstrationError, match="a iiwa14's joint"):
+    with pytest.raises(DemonstrationError, match="of iiwa14 is limited to"):
         EraserPath(recording, robot="iiwa14")
-    with pytest.raises(DemonstrationError, match="are no ur5e's joints"):
+    with pytest.raises(DemonstrationError, match="are not the joints of ur5e"):
         EraserPath(recording, robot="ur5e")

@@ -137,6 +137,9 @@ def test_a_posture_of_another_length_is_refused(folder):
     )
     with pytest.raises(StationError, match=r"posture is .* expected 6 numbers"):
         LoadScenario(folder / "bent.yaml")
+    (folder / "named.yaml").write_text(ROBOT + "joint_names: [lift, elbow]\n")
+    with pytest.raises(StationError, match=r"joint_names is .* expected 6 names"):
+        LoadRobot(folder / "named.yaml")
     text = ROBOT.replace(f"posture: {POSTURE}", "posture: [0.0, 0.5]")
     (folder / "short.yaml").write_text(text)
     with pytest.raises(StationError, match=r"its model has 6 joints. Give 6 angles"):

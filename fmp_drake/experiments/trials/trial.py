@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from fmp_drake.station import LoadRobot
+from fmp_drake.station.robots.robot import DEFAULT_ROBOT
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
 MOST_RMS = 0.010
@@ -86,7 +87,7 @@ class Trial:
     @property
     def max_torque_rate(self) -> float:
         """Fastest change of a joint torque that the robot accepts, Nm/s."""
-        return LoadRobot(self.fields.get("robot", "panda")).max_torque_rate
+        return LoadRobot(self.fields.get("robot", DEFAULT_ROBOT)).max_torque_rate
 
     @property
     def has_board(self) -> bool:

@@ -28,6 +28,9 @@ from fmp_drake.systems import FrictionConfig, ImpedanceConfig
 # Prefix of Drake's own elements.
 ET.register_namespace("drake", "http://drake.mit.edu")
 
+DEFAULT_ROBOT = "panda"
+"""Robot of the package that is used where none is named."""
+
 VISUALS = ("own", "drake_models")
 """Meshes of an arm: its own, or those that Drake downloads."""
 
@@ -69,6 +72,12 @@ class RobotConfig:
         Name of the real arm's `Driver`; empty where it has none.
     official_visuals : str
         A description in Drake's package drake_models, with visuals for the same links.
+    joint_names : list of n str
+        Names of the joints in recordings by the maker's driver, in order; empty where they
+        are those of the model.
+    joint_prefixes : list of str
+        Names of the arm before the numbers of joints in recordings: `panda` of
+        `panda_joint1`. Empty for any that no robot of the package has.
 
     Examples
     --------
@@ -88,6 +97,8 @@ class RobotConfig:
     max_torque_rate: float = bounded(1000.0, above=0)
     driver: str = ""
     official_visuals: str = ""
+    joint_names: list[str] = field(default_factory=list)
+    joint_prefixes: list[str] = field(default_factory=list)
 
     def complete(self, config: ImpedanceConfig) -> ImpedanceConfig:
         """Return a controller's settings with this robot's where they have none."""
@@ -170,6 +181,10 @@ def _CheckRobot(config: RobotConfig) -> None:
             raise StationError(
                 f"friction.{name} is {values}; expected {n} numbers, as in posture."
             )
+    if len(config.joint_names) not in (0, n):
+        raise StationError(
+            f"joint_names is {config.joint_names}; expected {n} names, as in posture."
+        )
 
 
 def AddRobot(
