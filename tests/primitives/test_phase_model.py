@@ -336,7 +336,7 @@ def test_covariances_of_a_model_of_twenty_seconds_are_calibrated(eight):
     for first in range(0, len(held) - 30, 11):
         prediction = plan.predict(held[first : first + 10])
         model = alone.predict(held[first : first + 10])
-        own = (model.covariances - calibration.errors) / calibration.factors[
+        own = (model.covariances - calibration.error_covariances) / calibration.factors[
             :, None, None
         ]
         for values, covariances, out in (
@@ -388,7 +388,7 @@ def test_a_density_has_long_tails_where_little_was_seen():
 def test_a_density_is_that_of_a_t_distribution_with_the_covariance():
     covariance = np.array([[2.0, 0.5], [0.5, 1.0]])
     prediction = Prediction(
-        values=np.zeros((1, 2)), covariances=covariance[None], degrees=5.0
+        values=np.zeros((1, 2)), covariances=covariance[None], degrees_of_freedom=5.0
     )
     expected = multivariate_t.logpdf([1.0, -2.0], shape=covariance * 3 / 5, df=5)
     assert prediction.log_density([[1.0, -2.0]])[0] == pytest.approx(expected)
@@ -644,8 +644,8 @@ def test_a_file_of_version_3_has_a_calibration_of_factors(small, tmp_path):
     np.savez(tmp_path / "s.npz", **arrays, phase_calibration=factors)
     calibration = load_skill(tmp_path / "s.npz").calibration_
     assert calibration.factors.tolist() == [2.0, 1.0]
-    assert not calibration.errors.any()
-    assert not calibration.changes.any()
+    assert not calibration.error_covariances.any()
+    assert not calibration.change_covariances.any()
 
 
 def test_a_file_whose_predictions_have_no_width_is_refused(small, tmp_path):
@@ -804,20 +804,22 @@ def test_uncertainty_grows_farther_ahead_than_left_out_parts_reach():
     steps = np.random.default_rng(2).standard_normal((50, 2))
     path = np.cumsum(np.cumsum(steps, axis=0), axis=0)
     calibration = calibrate_replay([path], 10, 20).at(20)
-    variances = np.trace(calibration.errors, axis1=1, axis2=2)
+    variances = np.trace(calibration.error_covariances, axis1=1, axis2=2)
     assert np.all(np.diff(variances[10:]) > 0)
 
 
 def test_error_grows_linearly_between_horizons_from_none_for_what_is_observed():
     shape = np.array([[2.0, 0.5], [0.5, 1.0]])
     calibration = Calibration(
-        ahead=np.array([1.0, 3.0]),
+        horizons=np.array([1.0, 3.0]),
         factors=np.ones(2),
-        errors=np.array([4 * shape, 8 * shape]),
-        changes=np.array([shape, shape]),
+        error_covariances=np.array([4 * shape, 8 * shape]),
+        change_covariances=np.array([shape, shape]),
     )
     for ahead, factor in ((0, 0), (0.5, 2), (1, 4), (1.5, 5), (3, 8), (9, 8)):
-        np.testing.assert_allclose(calibration.played_at(ahead), factor * shape)
+        np.testing.assert_allclose(
+            calibration.playback_covariance(ahead), factor * shape
+        )
 
 
 def test_few_cycles_are_blended_with_replay_and_many_are_not():
@@ -826,19 +828,19 @@ def test_few_cycles_are_blended_with_replay_and_many_are_not():
         FourierMovementPrimitive(rate=RATE, model="phase").fit(y[:n]).calibration_
         for n in (150, 1000)
     )
-    assert 0.1 < few.weight < 0.9
+    assert 0.1 < few.model_weight < 0.9
     # Three cycles are enough to leave parts out: it is not the weight without any, 0.4.
-    assert abs(few.weight - 0.4) > 0.02
-    assert many.weight == 1.0
-    assert few.local > 0.2
-    assert many.local == 0.0
+    assert abs(few.model_weight - 0.4) > 0.02
+    assert many.model_weight == 1.0
+    assert few.local_factor > 0.2
+    assert many.local_factor == 0.0
     # Three cycles show less than the variances of the movement.
     assert few.at(20).factors[-1] > 1.2
 
 
 def test_longer_recordings_have_lighter_tails():
     short, long = (
-        calibrate_replay([wandering(s)], 10, 20).degrees for s in (4.0, 20.0)
+        calibrate_replay([wandering(s)], 10, 20).degrees_of_freedom for s in (4.0, 20.0)
     )
     assert 4.0 < short < 4.2
     # As of five cycles: half a cycle for each of the ten parts that are left out.
@@ -847,7 +849,7 @@ def test_longer_recordings_have_lighter_tails():
 
 def test_errors_of_short_recordings_grow_more_than_the_changes_of_the_movement():
     path = wandering(1.6)[:, :1]
-    near, far = calibrate_replay([path], 10, 20).at(20).errors[[9, 19], 0, 0]
+    near, far = calibrate_replay([path], 10, 20).at(20).error_covariances[[9, 19], 0, 0]
     changes = [np.mean((path[h:] - path[:-h]) ** 2) for h in (10, 20)]
     growth = far / near / (changes[1] / changes[0])
     assert growth == pytest.approx(2 ** (1 / 3), rel=1e-3)
@@ -856,7 +858,7 @@ def test_errors_of_short_recordings_grow_more_than_the_changes_of_the_movement()
 def test_channels_that_move_together_are_wrong_together():
     # One second is too short to leave a part of it out.
     path = np.repeat(wandering(1.0)[:, :1], 2, axis=1)
-    error = calibrate_replay([path], 10, 20).errors[0]
+    error = calibrate_replay([path], 10, 20).error_covariances[0]
     assert error[0, 1] / error[0, 0] == pytest.approx(1 / 3, abs=0.01)
 
 
@@ -870,12 +872,12 @@ def test_variances_of_few_cycles_fall_short_by_a_factor_that_vanishes():
 def test_prediction_is_a_blend_with_what_followed_similar_pasts(distance, added):
     shape = np.array([[0.75, 0.1], [0.1, 0.25]])
     calibration = Calibration(
-        ahead=np.array([1.0]),
+        horizons=np.array([1.0]),
         factors=np.array([2.0]),
-        errors=np.zeros((1, 2, 2)),
-        changes=shape[None],
-        weight=0.25,
-        local=0.4,
+        error_covariances=np.zeros((1, 2, 2)),
+        change_covariances=shape[None],
+        model_weight=0.25,
+        local_factor=0.4,
     )
     model, covariance = np.array([[1.0, 2.0]]), np.array([[[3.0, 1.0], [1.0, 2.0]]])
     spread = np.array([[[0.5, 0.2], [0.2, 0.4]]])

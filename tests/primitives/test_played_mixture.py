@@ -46,7 +46,7 @@ def test_tube_of_a_played_mixture_holds_what_follows(aimless):
     for ahead in (5, 10, 20):
         assert inside(skill, y, ahead) > 0.85
     # The errors of replay are smaller than those of the mixture.
-    calibration = replace(skill.calibration_, played=None)
+    calibration = replace(skill.calibration_, playback_covariances=None)
     by_replay = copy_skill(skill, calibration_=calibration)
     assert inside(by_replay, y, 20) < 0.75
 
@@ -65,7 +65,7 @@ def test_errors_of_a_played_mixture_are_saved_and_rotated(aimless, tmp_path):
 
 def test_predictions_are_calibrated_by_their_own_errors(aimless):
     skill, y = aimless
-    calibration = replace(skill.calibration_, played=None)
+    calibration = replace(skill.calibration_, playback_covariances=None)
     other = copy_skill(skill, calibration_=calibration)
     one, two = (s.predict(y[:10], 20).covariances for s in (skill, other))
     assert np.array_equal(one, two)

@@ -33,7 +33,7 @@ class Forecast:
         Expected samples.
     covariances : ndarray, shape (H, D, D), or None
         None where a method has no uncertainty.
-    degrees : float, optional
+    degrees_of_freedom : float, optional
         Degrees of freedom of t distributions with these covariances; None for Gaussians.
 
     Examples
@@ -47,14 +47,16 @@ class Forecast:
 
     values: Array
     covariances: Array | None = None
-    degrees: float | None = None
+    degrees_of_freedom: float | None = None
 
     def log_densities(self, truth: Array) -> Array:
         """Return the log density of the true samples (H, D), nats, shape (H,)."""
         if self.covariances is None:
             raise ExperimentError("this forecast has no covariances.")
         return Prediction(
-            values=self.values, covariances=self.covariances, degrees=self.degrees
+            values=self.values,
+            covariances=self.covariances,
+            degrees_of_freedom=self.degrees_of_freedom,
         ).log_density(truth)
 
 

@@ -65,7 +65,7 @@ class FMP(Method):
         return Forecast(
             values=prediction.values[:horizon],
             covariances=prediction.covariances[:horizon],
-            degrees=prediction.degrees,
+            degrees_of_freedom=prediction.degrees_of_freedom,
         )
 
     def play(self, past: Array, count: int, *, seed: int) -> Array:
@@ -106,7 +106,8 @@ class UncalibratedFMP(FMP):
             return forecast
         calibration = calibration.at(HORIZON).transformed(np.diag(self.skill.scales_))
         covariances = (
-            self._plan_without_replay.predict(past).covariances - calibration.errors
+            self._plan_without_replay.predict(past).covariances
+            - calibration.error_covariances
         )
         covariances = covariances / calibration.factors[:, None, None]
         covariances += 1e-9 * np.eye(past.shape[1])
@@ -122,7 +123,7 @@ class UnblendedFMP(FMP):
         """Give replay no weight in the mean."""
         calibration = self.skill.calibration_
         if calibration is not None and self.skill.phase_model_ is not None:
-            self.skill.calibration_ = replace(calibration, weight=1.0)
+            self.skill.calibration_ = replace(calibration, model_weight=1.0)
             self.skill.memory_ = ()
 
 

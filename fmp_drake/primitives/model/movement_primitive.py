@@ -43,8 +43,8 @@ from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
 
 ModelChoice = Literal["mixture", "phase", "automatic"]
 
-# Samples in a window where none are given and nothing else decides; and for a phase model
-# the periods in a window up to that size, and always.
+# Default number of samples in a window. For a phase model: periods in a window up to
+# that size, and their least number.
 _DEFAULT_STEPS, _DEFAULT_WINDOW = 120, 6.0
 _PERIODS, _LEAST_PERIODS = 3.2, 1.2
 
@@ -70,13 +70,13 @@ class FourierMovementPrimitive(TrajectoryMixture):
     are mapped to weights of that mixture (Algorithm 1), which give its continuation. A
     `Player` plays the skill (Algorithm 2).
 
-    The defaults are those that generalise: learned from 2 minutes of simulated hands
-    that wipe, polish and draw an 8, they give the next minute a mean log-likelihood of
-    17.0 nats per sample, `PAPER_SETTINGS` 6.7 (from 30 s: 15.5 against -771). Phase
-    is an angle, so the weights lie near a closed curve: many components follow it,
-    and shrinkage keeps their covariances from fitting the few windows of each. The phase
-    model, which knows that it is an angle, gives 20.8 and predicts the next second with
-    0.84 to 0.90 of the error. It is what is learned where the demonstrations allow it.
+    The defaults generalise best: learned from 2 minutes of simulated hands that wipe,
+    polish and draw an 8, they give the next minute a mean log-likelihood of 17.0 nats
+    per sample, `PAPER_SETTINGS` 6.7 (from 30 s: 15.5 against -771). Phase is an angle,
+    so the weights lie near a closed curve: many components follow it, and shrinkage
+    keeps their covariances from overfitting the few windows of each. The phase model,
+    in which it is an angle, gives 20.8 and predicts the next second with 0.84 to 0.90
+    of the error. It is learned where the demonstrations allow it.
 
     Parameters
     ----------
@@ -89,8 +89,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
     n_steps : int, optional
         T, samples in a window. Where None it is 3.2 periods, but at most 6 s (or 120
         samples at rates below 20 Hz) and the longest bout, unless 1.2 periods are more.
-        The mixture has 6 s, or half of a short recording. A window that is longer than the
-        longest bout is shortened to it; `model_reason_` says so.
+        The mixture has 6 s, or half of a short recording. A window that is longer than
+        the longest bout is shortened to it, which `model_reason_` states.
     stride : int, optional
         Samples between the starts of two windows; a sixtieth of a window (2 samples of
         120) where None.
@@ -104,18 +104,18 @@ class FourierMovementPrimitive(TrajectoryMixture):
         K, samples that two consecutive windows share when a skill is played. Where None
         half a second, at most a quarter of `window`; 10 with `n_steps`.
     explained_variance : float
-        Fraction of the windows' variance that the components model in full; what is
-        left is isotropic.
+        Fraction of the windows' variance that the components model in full; the
+        remainder is isotropic.
     regularization : float
         Variance added to every weight (m^2 for a position); 1e-8 is 0.1 mm per sample.
     shrinkage : float
         Pseudo-counts (windows) of the covariance that all components share, mixed into
         each; 0 is the paper's plain EM.
     scales : "units" or array_like, shape (D,)
-        What the values of a channel are divided by before anything else, so that
-        metres, newtons and radians can live in one model. "units": 1 where all
-        channels have the same unit, else the standard deviation of all channels
-        of a unit. The regularization and the tolerance are in scaled units.
+        Divisor of the values of each channel, so that metres, newtons and radians can
+        be in one model. "units": 1 where all channels have the same unit, else the
+        standard deviation of all channels of a unit. The regularization and the
+        tolerance are in scaled units.
     tolerance : float
         lambda of (13).
     random_state : int
@@ -126,7 +126,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     Attributes
     ----------
     proportions_ : ndarray, shape (M,)
-        The pi_j of (9), falling.
+        The pi_j of (9), in decreasing order.
     components_ : tuple of LowRankGaussian
         The Gaussians of (9) over the D*T weights of the scaled values.
     scales_ : ndarray, shape (D,)
@@ -143,8 +143,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
     calibration_ : Calibration or None
         Corrections of predictions; the components of a phase model contain them.
     memory_ : tuple of ndarray, shape (n, D)
-        Scaled recordings, which predictions from few cycles also replay; empty where a
-        replay is of no use.
+        Scaled recordings, which predictions from few cycles also replay; empty where
+        replay does not help.
     period_ : float
         Mean period, s; only with a phase model, as the next two.
     tempos_, amplitudes_ : ndarray, shape (C,)
@@ -255,7 +255,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         ----------
         X : Demonstration, ndarray, or a sequence of them
             Demonstrations may differ in length. An array (N, D) is a recording, sampled
-            at the skill's rate; one of three dimensions is windows that are cut already.
+            at the skill's rate; an array of three dimensions contains windows.
         y : ignored
         weights : array_like, optional
             Relative weight of each demonstration (or window); one with weight 0 is left
@@ -327,7 +327,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
             reference_step=self.overlap,
             most_components=MOST_COMPONENTS if isinstance(most, str) else most,
         )
-        has_few_cycles = self.calibration_.weight < 1
+        has_few_cycles = self.calibration_.model_weight < 1
         self.memory_ = tuple(tracked.recordings) if has_few_cycles else ()
         m = len(self.components_)
         self.proportions_ = np.full(m, 1 / m)
@@ -369,13 +369,16 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if calibration is not None and self.model == "automatic" and has_few_windows:
             self.memory_, self.calibration_ = tuple(recordings), calibration
         elif calibration is not None:
-            # What replay errs by is added to the mixture's own covariance. A mixture that
-            # was asked for has the density of the paper.
+            # The errors of replay are added to the mixture's own covariance. A
+            # requested mixture has the density of the paper.
             background = 0.0
             if self.model == self.n_components == "automatic":
-                background = calibration.background
+                background = calibration.background_weight
             self.calibration_ = replace(
-                calibration, weight=1.0, local=0.0, background=background
+                calibration,
+                model_weight=1.0,
+                local_factor=0.0,
+                background_weight=background,
             )
 
         if self.calibration_ is not None and has_few_windows:
@@ -467,7 +470,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
     @property
     def n_steps(self) -> int:
-        """T, samples in a window: what `fit` has chosen, or as given."""
+        """T, samples in a window: chosen by `fit`, or as given."""
         given = self._most_steps if self._given_steps is None else self._given_steps
         chosen: int = self.__dict__.get("n_steps_", given)
         return chosen
@@ -517,7 +520,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
     @property
     def _most_steps(self) -> int:
-        """Greatest window that is chosen without need, samples."""
+        """Greatest window by default, samples; long periods need a longer one."""
         return _at_least(_DEFAULT_STEPS, _DEFAULT_WINDOW, self.rate)
 
     def _steps_for(self, tracked: TrackedRhythm) -> int:
@@ -585,7 +588,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
 
 def _at_least(samples: int, seconds: float, rate: float) -> int:
-    """Return the samples in a time, or a least number; that for an invalid rate."""
+    """Return the number of samples in a time, but at least a given number."""
     is_valid = isinstance(rate, int | float) and 0 < rate <= GREATEST
     return max(samples, round(seconds * rate)) if is_valid else samples
 

@@ -13,13 +13,14 @@ from fmp_drake.numeric import finite_array
 Array = NDArray[np.float64]
 
 
-# Of the difference of two pasts: weight of their distance beside that of their shapes.
+# Weight of the distance of two pasts relative to the weight of their difference in
+# shape.
 _DISTANCE_WEIGHT = 0.2
 # Width of the kernel over similar pasts relative to the variance of the recordings, greatest
 # number of pasts that count, and the samples in which an offset to the present, and one of the
 # velocity, decay.
 _KERNEL_WIDTH, _MOST_PASTS, _DECAY, _VELOCITY_DECAY = 0.002, 60, 20.0, 4.0
-# Velocities that an extrapolation regards.
+# Number of last velocities that an extrapolation uses.
 _VELOCITIES = 5
 # Relative ridge of its regression, and its least variance in squared scaled units.
 _RIDGE, _LEAST_VARIANCE = 1e-6, 1e-10
@@ -36,10 +37,10 @@ class Prediction:
     covariances : ndarray, shape (H, D, D)
         Covariance of each sample under the mixture, so uncertainty about the component
         is included. With a phase model they are calibrated by cross-validation.
-    degrees : float, optional
+    degrees_of_freedom : float, optional
         Degrees of freedom, above 2, of the multivariate t distributions that have these
-        covariances. The fewer cycles a skill has seen, the longer are their tails. None
-        for Gaussians.
+        covariances. The fewer cycles were demonstrated, the heavier are their tails.
+        None for Gaussians.
 
     Examples
     --------
@@ -55,7 +56,7 @@ class Prediction:
 
     values: Array
     covariances: Array
-    degrees: float | None = None
+    degrees_of_freedom: float | None = None
 
     def log_density(self, values: ArrayLike) -> Array:
         """Return the log density of each of the true samples (H, D), shape (H,)."""
@@ -64,9 +65,9 @@ class Prediction:
         solved = np.linalg.solve(self.covariances, error[..., None])[..., 0]
         squares = np.sum(error * solved, axis=1)
         volumes = np.linalg.slogdet(self.covariances)[1]
-        if self.degrees is None:
+        if self.degrees_of_freedom is None:
             return np.asarray(-0.5 * (squares + volumes + d * np.log(2 * np.pi)))
-        n = self.degrees
+        n = self.degrees_of_freedom
         constant = (
             gammaln((n + d) / 2) - gammaln(n / 2) - d / 2 * np.log((n - 2) * np.pi)
         )
@@ -95,8 +96,8 @@ class Replayed(NamedTuple):
 class Replay:
     """Prediction by the continuations of similar pasts (kernel regression).
 
-    Pasts are similar that have the same shape and are near. What followed begins at the
-    present value and velocity; the offsets decay.
+    Similar pasts have about the same shape and position. Their continuations are moved
+    to the present value and velocity by offsets that decay.
 
     Parameters
     ----------
@@ -156,7 +157,8 @@ class Replay:
         futures = self._values[self._next[nearest, None] + self._ahead]
         is_known = np.isfinite(futures[..., 0])
         offset = past - self._pasts[nearest]
-        # Over two samples: one would double the noise of a sensor.
+        # Difference over two samples: over one, the noise of a sensor would count
+        # double.
         change = (offset[:, -1] - offset[:, max(-3, -self._seen)]) / 2
         futures = (
             futures + self._decay * offset[:, -1:] + self._travel * change[:, None]
@@ -165,7 +167,7 @@ class Replay:
         weighted = weights[:, None] * is_known
         weighted /= np.maximum(weighted.sum(axis=0), 1e-300)
         values = np.einsum("nh,nhd->hd", weighted, futures)
-        # After the end of all that followed the last value stays.
+        # Where all continuations have ended, the last value stays.
         last = np.maximum.accumulate(np.where(is_known.any(axis=0), self._ahead, 0))
         values = values[last]
         deviations = futures - values
@@ -178,8 +180,8 @@ class Replay:
 class Extrapolation:
     """Linear prediction of the change from the last velocities, one for each step ahead.
 
-    It is accurate for few samples, which a phase and similar pasts do not predict as
-    well. Each channel has its own coefficients.
+    It is more accurate for the next few samples than a phase model and similar pasts.
+    Each channel has its own coefficients.
 
     Parameters
     ----------
@@ -223,9 +225,9 @@ class Extrapolation:
             )
             coefficients.append(solved[..., 0].T)
             error = change - np.einsum("ndp,pd->nd", x, coefficients[-1])
-            # Windows that overlap are not independent: there are count / ahead. To first order
-            # this is the final prediction error (Akaike, 1970) of so many; pasts that are
-            # unlike those of the recordings have greater ones.
+            # Windows that overlap are not independent: there are count / ahead. To
+            # first order this is the final prediction error (Akaike, 1970) of so many.
+            # Unfamiliar pasts have greater errors.
             covariance = error.T @ error / count * (1 + 2 * p * ahead / count)
             leverages.append(ahead * np.linalg.inv(square))
             independent = d * ahead / (count + d * ahead)

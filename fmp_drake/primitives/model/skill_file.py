@@ -51,18 +51,18 @@ _PHASE_NUMBERS = (
     ("tempo_spread", "velocity.spread", float),
     ("pinned", "reference_step", int),
 )
-# Shape of each attribute of a calibration; "" is a number.
-_CALIBRATION = {
-    "ahead": "A",
-    "factors": "A",
-    "errors": "ADD",
-    "changes": "ADD",
-    "played": "ADD",
-    "weight": "",
-    "local": "",
-    "degrees": "",
-    "background": "",
-}
+# Values of a calibration: name in the file, attribute and shape; "" is a number.
+_CALIBRATION = (
+    ("calibration_ahead", "horizons", "A"),
+    ("calibration_factors", "factors", "A"),
+    ("calibration_errors", "error_covariances", "ADD"),
+    ("calibration_changes", "change_covariances", "ADD"),
+    ("calibration_played", "playback_covariances", "ADD"),
+    ("calibration_weight", "model_weight", ""),
+    ("calibration_local", "local_factor", ""),
+    ("calibration_degrees", "degrees_of_freedom", ""),
+    ("calibration_background", "background_weight", ""),
+)
 _LENGTHS = {"paths": "path_lengths", "memory": "memory_lengths"}
 
 
@@ -214,7 +214,7 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
 
 
 def _paths(arrays: Mapping[str, Any], name: str, channels: int) -> tuple[Any, ...]:
-    """Return the paths (n, D) of a name; earlier files contain none."""
+    """Return the paths (n, D) with a name in the file; earlier files contain none."""
     paths = arrays.get(name, np.empty((0, channels)))
     lengths = arrays.get(_LENGTHS[name], np.empty(0, dtype=int))
     fits = lengths.ndim == 1 and paths.shape == (int(lengths.sum()), channels)
@@ -236,9 +236,9 @@ def _rhythm(values: Mapping[str, Any]) -> Rhythm:
 def _calibration_arrays(skill: FourierMovementPrimitive) -> dict[str, Any]:
     """Return the calibration and the memory of a skill, by their names in a file."""
     out = {}
-    for name in _CALIBRATION:
-        if (value := getattr(skill.calibration_, name, None)) is not None:
-            out[f"calibration_{name}"] = np.asarray(value)
+    for name, attribute, _ in _CALIBRATION:
+        if (value := getattr(skill.calibration_, attribute, None)) is not None:
+            out[name] = np.asarray(value)
     if skill.memory_:
         out["memory"] = np.concatenate(skill.memory_)
         out["memory_lengths"] = np.array([len(y) for y in skill.memory_])
@@ -248,34 +248,33 @@ def _calibration_arrays(skill: FourierMovementPrimitive) -> dict[str, Any]:
 def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None:
     """Return the calibration in a file; of version 3 it has factors only."""
     values = {
-        name: arrays[f"calibration_{name}"]
-        for name in _CALIBRATION
-        if f"calibration_{name}" in arrays
+        attribute: arrays[name] for name, attribute, _ in _CALIBRATION if name in arrays
     }
     if "phase_calibration" in arrays:
         table = arrays["phase_calibration"]
         _check_shape("phase_calibration", table, "A2", {"2": 2})
-        values = {"ahead": table[:, 0], "factors": np.maximum(table[:, 1], 1.0)}
-    if "ahead" not in values:
+        values = {"horizons": table[:, 0], "factors": np.maximum(table[:, 1], 1.0)}
+    if "horizons" not in values:
         return None
-    ahead, factors = values["ahead"], values["factors"]
+    horizons, factors = values["horizons"], values["factors"]
     # Earlier files have factors alone, or errors that the components do not contain.
-    if "changes" not in values:
-        zeros = np.zeros((ahead.size, channels, channels))
-        values |= dict.fromkeys(("errors", "changes"), zeros)
+    if "change_covariances" not in values:
+        zeros = np.zeros((horizons.size, channels, channels))
+        values |= dict.fromkeys(("error_covariances", "change_covariances"), zeros)
     sizes = {"D": channels}
-    for name, value in values.items():
-        _check_shape(f"calibration_{name}", value, _CALIBRATION[name], sizes)
-        if not _CALIBRATION[name]:
-            values[name] = float(value)
-    if not (ahead.size and np.all(np.diff(ahead) > 0) and np.all(factors > 0)):
+    for name, attribute, shape in _CALIBRATION:
+        if attribute in values:
+            _check_shape(name, values[attribute], shape, sizes)
+            if not shape:
+                values[attribute] = float(values[attribute])
+    if not (horizons.size and np.all(np.diff(horizons) > 0) and np.all(factors > 0)):
         raise SkillFileError("its predictions have no covariances")
     calibration = Calibration(**values)
     if not (
-        0 <= calibration.weight <= 1
-        and 0 <= calibration.local <= 1
-        and 0 <= calibration.background < 1
-        and calibration.degrees > 2
+        0 <= calibration.model_weight <= 1
+        and 0 <= calibration.local_factor <= 1
+        and 0 <= calibration.background_weight < 1
+        and calibration.degrees_of_freedom > 2
     ):
         raise SkillFileError("the numbers of its calibration are out of range")
     return calibration
@@ -312,7 +311,7 @@ def _phase_model(numbers: Mapping[str, Any], arrays: Mapping[str, Any]) -> Phase
 
 
 def _object_of(of: type, values: Mapping[str, Any], path: str = "") -> Any:
-    """Return an object of a type from its attributes and theirs, by dotted names."""
+    """Return an object of a type from its attributes, nested ones by dotted names."""
     attributes = {}
     for name, part in get_type_hints(of).items():
         dotted = path + name

@@ -88,22 +88,22 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
         """Return the log density of windows (N, T, D), shape (N,).
 
-        The real weights are an isometry of the samples, so this is a density
-        over trajectories, in units^-(T*D). It contains a broad background, so that it does
-        not vanish where a movement does something new; that of a mixture which was asked
-        for, or whose number of components was given, does not.
+        The real weights are an isometry of the samples, so this is a density over
+        trajectories, in units^-(T*D). It contains a broad background, so that it does
+        not vanish for a new kind of movement. A mixture with a requested model or
+        number of components has none.
         """
         self.check_fitted()
         weights = self.analyze(self._windows(X, at_least=1).values)
         logs = np.stack([c.log_density(weights) for c in self.components_], axis=-1)
         out = logsumexp(logs + np.log(self.proportions_), axis=-1)
         calibration = self.calibration_
-        if calibration is not None and calibration.background > 0:
+        if calibration is not None and calibration.background_weight > 0:
             background = self._cache.get(
                 ("background", self.components_),
                 lambda: _background(self.proportions_, self.components_),
             )
-            fraction = calibration.background
+            fraction = calibration.background_weight
             out = np.logaddexp(
                 np.log1p(-fraction) + out,
                 np.log(fraction) + background.log_density(weights),
@@ -316,7 +316,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         )
         mean = np.empty((n, len(inferred_channels)))
         covariances = np.empty((n, len(inferred_channels), len(inferred_channels)))
-        # The middle of each window; at both ends also the rest.
+        # The middle of each window; the first and the last one also up to their ends.
         first, margin = 0, span // 4
         while True:
             last = first + span >= n
@@ -328,10 +328,15 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
                 break
             first += max(1, span - 2 * margin)
         if self.phase_model_ is not None:
-            # Observed samples are not calibrated; few cycles show too small variances.
+            # Observed samples are not calibrated; the variances of few cycles are too
+            # small.
             covariances *= variance_factor(max(self.phase_model_.cycles, 1))
-        degrees = None if self.calibration_ is None else self.calibration_.degrees
-        return Prediction(values=mean, covariances=covariances, degrees=degrees)
+        degrees = None
+        if self.calibration_ is not None:
+            degrees = self.calibration_.degrees_of_freedom
+        return Prediction(
+            values=mean, covariances=covariances, degrees_of_freedom=degrees
+        )
 
     def observation_rows(
         self,
@@ -480,15 +485,14 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     def predicted_covariance(self, component: int, step: float) -> NDArray[np.float64]:
         """Return the covariance (D, D) of the movement about a window that is played.
 
-        It is (18); components of a mixture lack the errors of what is played, which are
-        added after the first K samples. Those of a phase model have the errors of
-        predictions.
-        From few cycles `predict` also uses the observed samples for replay and for an
+        It is (18). For a mixture, the errors of playback are added after the first K
+        samples. The components of a phase model contain the errors of predictions. With
+        few cycles, `predict` also uses the observed samples for replay and for an
         extrapolation of their velocities; a window that is played follows neither.
         """
         out = self.covariance(component, step)
         if self.phase_model_ is None and self.calibration_ is not None:
-            errors = self.calibration_.played_at(step - self.overlap + 1)
+            errors = self.calibration_.playback_covariance(step - self.overlap + 1)
             out = out + errors * np.outer(self.scales_, self.scales_)
         return out
 
@@ -598,14 +602,14 @@ class PredictionPlan:
             mean, covariances = self._conditioning.predict(past)
             return Prediction(values=mean, covariances=covariances)
         scales, squares = self._scales, np.outer(self._scales, self._scales)
-        mean = np.zeros_like(calibration.errors[:, 0])
-        covariances = calibration.errors
-        if calibration.weight > 0:
+        mean = np.zeros_like(calibration.error_covariances[:, 0])
+        covariances = calibration.error_covariances
+        if calibration.model_weight > 0:
             mean, covariances = self._conditioning.predict(past)
             mean, covariances = mean / scales, covariances / squares
             if not self._has_phase:
-                # The components of a mixture are as EM has found them.
-                covariances = covariances + calibration.errors
+                # The components of a mixture are those of EM.
+                covariances = covariances + calibration.error_covariances
         replay = self._replay
         if replay is not None:
             mean, covariances = calibration.combined(
@@ -617,7 +621,7 @@ class PredictionPlan:
         return Prediction(
             values=mean * scales,
             covariances=covariances * squares,
-            degrees=calibration.degrees,
+            degrees_of_freedom=calibration.degrees_of_freedom,
         )
 
 

@@ -18,48 +18,54 @@ Array = NDArray[np.float64]
 # Horizons of the predictions that are evaluated, samples, and the greatest one of the blend.
 _HORIZONS = np.array([1, 2, 3, 5, 7, 10, 14, 20, 28, 40])
 _BLEND_HORIZON = 20
-# With so many cycles nothing is gained by a blend with replay, and fewer parts suffice.
+# Number of cycles from which a blend with replay gains nothing and fewer parts suffice,
+# and that number of parts.
 MANY_CYCLES, _PARTS_OF_MANY = 15.0, 5
-# Parts that are left out for each cycle, and bounds of their number.
+# Left-out parts for each cycle, and bounds of their number.
 _PARTS_PER_CYCLE, _PARTS = 3.0, (4, 10)
-# Parts that are left out of a mixture, which is learned again without each.
+# Left-out parts for a mixture, which is learned again without each of them.
 _PLAYED_PARTS = 4
 # Predictions in all parts.
 _PREDICTIONS = 300
-# Segments of the rest that are shorter are left out.
+# Shortest segment of the remaining recordings that is used, samples.
 _LEAST_SEGMENT = 12
-# Greatest distance of a known phase to a sample of the rest, rad.
+# Greatest distance of a known phase to a sample of the remaining recordings, rad.
 _PHASE_REACH = 0.35
-# Weight of the phase model where nothing can be left out, and what it counts in parts.
+# Prior weight of the phase model, its weight in parts, and the greatest weight of a
+# part.
 _WEIGHT, _WEIGHT_PARTS, _MOST_WEIGHT = 0.4, 6.0, 1.2
-# Priors of errors, and what they count in parts. They are rounded from a fit to bundled and real
-# recordings. Fitted without one recording, they put 92, 91 and 87 % of it into the 95 % tube after
-# 0.25, 0.5 and 1 s. Standard deviation of an error, relative to that of the change of the
-# movement in the same time:
+# Priors of errors, and their weights in parts. They are rounded from a fit to bundled
+# and real recordings. Fitted without one recording, they put 92, 91 and 87 % of it into
+# the 95 % tube after 0.25, 0.5 and 1 s. First the standard deviation of an error,
+# relative to that of the change of the movement in the same time.
 _PRIOR_ERROR, _ERROR_PARTS = 0.4, 2.0
-# Of one cycle's covariances, which fall short by 1 + _SHORTFALL / cycles^1.5:
+# Shortfall of the covariances of few cycles: by a factor (1 + _SHORTFALL /
+# cycles^1.5)^2.
 _SHORTFALL, _SHORTFALL_PARTS = 4.5, 6.0
 # Cycles after which the model's covariances count as much as the errors do.
 _MODEL_CYCLES = 5.0
-# Fraction of the errors that the spread of similar futures takes, and least relative variance
-# of a channel.
+# Fraction of the errors that is replaced by the spread of similar futures, and least
+# relative variance of a channel.
 _LOCAL_FRACTION, _LEAST_RELATIVE = 0.4, 0.003
 # The model's variances of few cycles are uncertain: 1 + _VARIANCE_UNCERTAINTY / cycles. All
 # grow with the horizon, from the middle one on, by a power that falls from _GROWTH with cycles.
 _VARIANCE_UNCERTAINTY, _GROWTH, _GROWTH_CYCLES, _MIDDLE_HORIZON = 1.5, 0.5, 3.0, 10.0
-# Left-out parts of n cycles count at least as n^2 / _CYCLES_OF_MANY.
+# The least weight of the left-out parts of n cycles is n^2 / _CYCLES_OF_MANY.
 _CYCLES_OF_MANY = 8.0
-# Degrees of freedom without, and for the square of the number of cycles.
+# Degrees of freedom: constant, and factor of the square of the number of cycles.
 _DEGREES, _DEGREES_OF_CYCLES = 4.0, 0.05
-# Variance that a past unlike all others adds: fraction of its squared distance beyond a part of
-# the variance of the recordings.
+# Variance that an unfamiliar past adds: fraction of its squared distance beyond a part
+# of the variance of the recordings.
 _NOVELTY_FRACTION, _NOVELTY_THRESHOLD = 0.75, 0.04
-# Weight of the background in the density: at most, and the cycles that halve it.
+# Greatest weight of the background in the density, and the number of cycles that halves
+# it.
 _BACKGROUND, _BACKGROUND_CYCLES = 0.2, 6.0
 # In squared scaled units.
 _NOISE = 1e-8
-# Cycles that a part counts for where none are known, and their least number.
+# Number of cycles that is assumed for each part where none are known, and its minimum.
 _CYCLES_PER_PART, _LEAST_CYCLES = 0.5, 1.5
+# Fields of a calibration that are covariances.
+_COVARIANCES = ("error_covariances", "change_covariances", "playback_covariances")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,62 +74,65 @@ class Calibration:
 
     Attributes
     ----------
-    ahead : ndarray, shape (A,)
-        Samples ahead of which the next three are; increasing.
+    horizons : ndarray, shape (A,)
+        Samples ahead of the last observed one; increasing.
     factors : ndarray, shape (A,)
-        Factors of the model's covariances; the components of a phase model contain them.
-    errors : ndarray, shape (A, D, D)
+        Factors of the model's covariances at the horizons; the components of a phase model
+        contain them.
+    error_covariances : ndarray, shape (A, D, D)
         Covariances that are added, in scaled units; the components contain them, too.
-    changes : ndarray, shape (A, D, D)
-        Covariances of the change of a recording after so many samples, divided by their
-        trace: the shape of what a past adds that is unlike all others.
-    weight : float
-        Weight of the model in the mean; the rest is replay.
-    local : float
-        Factor of the covariance of what followed similar pasts.
-    degrees : float
-        Degrees of freedom of the t distributions.
-    background : float
+    change_covariances : ndarray, shape (A, D, D)
+        Covariances of the change of a recording within each horizon, divided by their
+        trace. They shape the covariance that is added for an unfamiliar past.
+    model_weight : float
+        Weight of the model in the mean; the remainder is the weight of replay.
+    local_factor : float
+        Factor of the covariance of the samples that followed similar pasts.
+    degrees_of_freedom : float
+        Of the t distributions.
+    background_weight : float
         Weight of the background in the density of windows.
-    played : ndarray, shape (A, D, D), optional
+    playback_covariances : ndarray, shape (A, D, D), optional
         Covariances of the errors of windows that a mixture plays, beside those of its
-        components; `errors` where None.
+        components; `error_covariances` where None.
     """
 
-    ahead: Array
+    horizons: Array
     factors: Array
-    errors: Array
-    changes: Array
-    weight: float = 1.0
-    local: float = 0.0
-    degrees: float = 100.0
-    background: float = 0.0
-    played: Array | None = None
+    error_covariances: Array
+    change_covariances: Array
+    model_weight: float = 1.0
+    local_factor: float = 0.0
+    degrees_of_freedom: float = 100.0
+    background_weight: float = 0.0
+    playback_covariances: Array | None = None
 
     def at(self, horizon: int) -> "Calibration":
         """Return the calibration of the next samples, up to a horizon."""
         steps = np.arange(1, horizon + 1, dtype=float)
         interpolated: dict[str, Any] = {
-            name: _interpolated(steps, self.ahead, values)
-            for name in ("factors", "errors", "changes", "played")
+            name: _interpolated(steps, self.horizons, values)
+            for name in ("factors", *_COVARIANCES)
             if (values := getattr(self, name)) is not None
         }
-        return replace(self, ahead=steps, **interpolated)
+        return replace(self, horizons=steps, **interpolated)
 
-    def played_at(self, ahead: float) -> Array:
-        """Return `played` (D, D) any time ahead, in samples; 0 for what is observed."""
-        played = self.errors if self.played is None else self.played
-        grown = float(np.clip(ahead / self.ahead[0], 0, 1))
-        return grown * _interpolated(np.asarray(ahead), self.ahead, played)
+    def playback_covariance(self, horizon: float) -> Array:
+        """Return the interpolated `playback_covariances` (D, D); 0 for observed samples."""
+        covariances = self.playback_covariances
+        if covariances is None:
+            covariances = self.error_covariances
+        growth = float(np.clip(horizon / self.horizons[0], 0, 1))
+        return growth * _interpolated(np.asarray(horizon), self.horizons, covariances)
 
     def transformed(self, matrix: Array) -> "Calibration":
         """Return the calibration of A y for a matrix (D, D)."""
-        return replace(
-            self,
-            errors=matrix @ self.errors @ matrix.T,
-            changes=matrix @ self.changes @ matrix.T,
-            played=None if self.played is None else matrix @ self.played @ matrix.T,
-        )
+        transformed: dict[str, Any] = {
+            name: matrix @ values @ matrix.T
+            for name in _COVARIANCES
+            if (values := getattr(self, name)) is not None
+        }
+        return replace(self, **transformed)
 
     def combined(
         self, mean: Array, covariances: Array, replayed: Replayed, variance: float
@@ -138,7 +147,7 @@ class Calibration:
         variance : float
             Sum of the variances of the recordings.
         """
-        weight = self.weight
+        weight = self.model_weight
         change = mean - replayed.values
         disagreement = weight * (1 - weight) * change[:, :, None] * change[:, None]
         novelty = _NOVELTY_FRACTION * max(
@@ -148,8 +157,8 @@ class Calibration:
         out = covariances + self.factors[:, None, None] * disagreement
         out = (
             out
-            + self.local * replayed.spread
-            + novelty / 2 * (self.changes + isotropic)
+            + self.local_factor * replayed.spread
+            + novelty / 2 * (self.change_covariances + isotropic)
         )
         return mean - (1 - weight) * change, out
 
@@ -182,9 +191,9 @@ def calibrate(
 ) -> Calibration:
     """Calibrate the predictions of a phase model.
 
-    The model is learned without one part of the recordings after the other, and predicts
-    it. Few parts say little, so what they say is shrunk towards priors that hold over many
-    recordings of few cycles.
+    Each part of the recordings in turn is left out and predicted by a model of the
+    others. Few parts are weak evidence, so the estimates are shrunk towards priors from
+    many recordings of few cycles.
 
     Parameters
     ----------
@@ -196,15 +205,15 @@ def calibrate(
     reference_step : int
         K, samples of a window that are observed when its end is predicted.
     """
-    ahead = _HORIZONS[_HORIZONS <= n_steps - reference_step]
+    horizons = _HORIZONS[_HORIZONS <= n_steps - reference_step]
     cycles = track.cycles
     has_few_cycles = cycles < MANY_CYCLES
-    errors = _cross_validation(track, grid, ahead, reference_step)
+    errors = _cross_validation(track, grid, horizons, reference_step)
     weight = 1.0
     if has_few_cycles:
         weight = _WEIGHT
         if errors is not None:
-            is_blended = ahead <= _BLEND_HORIZON
+            is_blended = horizons <= _BLEND_HORIZON
             change = (errors.model - errors.replay)[:, is_blended]
             true_change = (errors.truth - errors.replay)[:, is_blended]
             projections = np.sum(true_change * change, axis=2)
@@ -214,7 +223,7 @@ def calibrate(
             weight += _WEIGHT_PARTS * _WEIGHT
             weight = min(1.0, weight / (errors.parts + _WEIGHT_PARTS))
     return _calibration(
-        errors, _changes(track.recordings, ahead), ahead, weight, cycles
+        errors, _changes(track.recordings, horizons), horizons, weight, cycles
     )
 
 
@@ -231,22 +240,22 @@ def calibrate_replay(
     horizon : int
         Greatest number of samples to predict.
     """
-    ahead = _HORIZONS[_HORIZONS <= horizon]
+    horizons = _HORIZONS[_HORIZONS <= horizon]
     total = sum(map(len, recordings))
     size = seen + _BLEND_HORIZON + 4
     count = int(np.clip(total // size, 2, _PARTS[1]))
-    steps = np.concatenate([np.arange(seen), seen + ahead - 1])
+    steps = np.concatenate([np.arange(seen), seen + horizons - 1])
     truth: list[Array] = []
     replayed: list[Array] = []
     part: list[int] = []
     for rest, left_out in _left_out(recordings, count, least=2):
-        replay = Replay(rest, seen, int(ahead[-1]))
+        replay = Replay(rest, seen, int(horizons[-1]))
         if not replay.is_possible or len(left_out) <= seen:
             continue
         number = part[-1] + 1 if part else 0
         for window in _windows(left_out, steps, max(1, _PREDICTIONS // count))[0]:
             truth.append(window[seen:])
-            replayed.append(replay.predict(window[:seen]).values[ahead - 1])
+            replayed.append(replay.predict(window[:seen]).values[horizons - 1])
             part.append(number)
     if not Replay(recordings, seen, horizon).is_possible:
         return None
@@ -255,8 +264,8 @@ def calibrate_replay(
         values = np.stack(replayed)
         errors = _Errors(np.stack(truth), values, values, np.empty(0), np.array(part))
     cycles = _CYCLES_PER_PART * (0 if errors is None else errors.parts)
-    changes = _changes(recordings, ahead)
-    return _calibration(errors, changes, ahead, 0.0, max(_LEAST_CYCLES, cycles))
+    changes = _changes(recordings, horizons)
+    return _calibration(errors, changes, horizons, 0.0, max(_LEAST_CYCLES, cycles))
 
 
 def calibrate_playback(
@@ -278,8 +287,8 @@ def calibrate_playback(
     seen : int
         K, samples of a past.
     """
-    ahead = calibration.ahead.astype(int)
-    steps = np.concatenate([np.arange(seen), seen + ahead - 1])
+    horizons = calibration.horizons.astype(int)
+    steps = np.concatenate([np.arange(seen), seen + horizons - 1])
     deviations: list[Array] = []
     part: list[int] = []
     splits = _left_out(recordings, _PLAYED_PARTS, least=1)
@@ -289,8 +298,8 @@ def calibrate_playback(
             continue
         for window in _windows(left_out, steps, _PREDICTIONS // _PLAYED_PARTS)[0]:
             values = play(window[:seen])
-            is_reached = (ahead <= len(values))[:, None]
-            values = values[np.minimum(ahead, len(values)) - 1]
+            is_reached = (horizons <= len(values))[:, None]
+            values = values[np.minimum(horizons, len(values)) - 1]
             deviations.append(np.where(is_reached, window[seen:] - values, np.nan))
             part.append(number)
     if not part:
@@ -298,11 +307,12 @@ def calibrate_playback(
     squares = _squares(np.stack(deviations))
     covariances, count = _part_means(squares, np.array(part))
     last = int(np.flatnonzero(count)[-1])
-    # Few parts show too small errors: to first order by two over their number.
+    # Few parts underestimate the errors: to first order by two over their number.
     covariances = (covariances.T * (1 + 2 / np.maximum(count, 1))).T
-    growth = np.trace(calibration.errors, axis1=1, axis2=2)[last:]
+    growth = np.trace(calibration.error_covariances, axis1=1, axis2=2)[last:]
     covariances[last:] = np.multiply.outer(growth / growth[0], covariances[last])
-    return replace(calibration, played=_less_dependent(covariances, float(count.max())))
+    covariances = _less_dependent(covariances, float(count.max()))
+    return replace(calibration, playback_covariances=covariances)
 
 
 def _squares(errors: Array) -> Array:
@@ -330,9 +340,9 @@ def _part_means(values: Array, part: NDArray[np.int64]) -> tuple[Array, Array]:
 def _left_out(
     recordings: Sequence[Array], count: int, *, least: int
 ) -> Iterator[tuple[list[Array], Array]]:
-    """Yield the rest of recordings, and the part of about `count` that is left out.
+    """Yield the rest of recordings, and the left-out one of about `count` parts.
 
-    There are at least some parts of each recording.
+    Each recording has at least `least` parts.
     """
     total = sum(map(len, recordings))
     for i, y in enumerate(recordings):
@@ -345,7 +355,7 @@ def _left_out(
 def _less_dependent(covariances: Array, parts: float) -> Array:
     """Return covariances (A, D, D) whose channels depend less on each other.
 
-    Few parts do not show how the errors of many channels do.
+    Few parts do not show the correlations between the errors of many channels.
     """
     d = covariances.shape[1]
     variance = np.trace(covariances, axis1=1, axis2=2) / d
@@ -358,22 +368,22 @@ def _less_dependent(covariances: Array, parts: float) -> Array:
 def _calibration(
     errors: _Errors | None,
     changes: Array,
-    ahead: NDArray[np.int64],
+    horizons: NDArray[np.int64],
     weight: float,
     cycles: float,
 ) -> Calibration:
     """Return the calibration by left-out parts, shrunk towards priors.
 
-    Covariances are a sum: those of the model, scaled, and those of the errors. The fewer
-    cycles, the more the errors count, and the more is added for what few errors say.
+    Covariances are a sum: those of the model, scaled, and those of the errors. With
+    fewer cycles the errors have a greater weight, and their uncertainty adds more.
 
     Parameters
     ----------
     errors : _Errors or None
         None where nothing can be left out.
     changes : ndarray, shape (A, D, D)
-        Of the recordings after `ahead` samples.
-    ahead : ndarray, shape (A,)
+        Of the recordings within each horizon.
+    horizons : ndarray, shape (A,)
     weight : float
         Of the model in the mean; 0 for replay alone.
     cycles : float
@@ -407,7 +417,7 @@ def _calibration(
         later = change_variances[last:] / change_variances[last]
         covariances[last:] = np.multiply.outer(later, covariances[last])
     covariances = _less_dependent(covariances, float(count.max()))
-    growth = (ahead / _MIDDLE_HORIZON) ** (
+    growth = (horizons / _MIDDLE_HORIZON) ** (
         _GROWTH * _GROWTH_CYCLES / (_GROWTH_CYCLES + cycles)
     )
     prior_log = np.log(variance_factor(cycles))
@@ -416,42 +426,47 @@ def _calibration(
     )
     padded = np.pad(logs, 1, mode="edge")
     factors = np.exp((padded[:-2] + padded[1:-1] + padded[2:]) / 3)
-    of_errors = 1 / (1 + (cycles / _MODEL_CYCLES) ** 2) if weight > 0 else 1.0
+    error_fraction = 1 / (1 + (cycles / _MODEL_CYCLES) ** 2) if weight > 0 else 1.0
     # A model of many cycles replays none of them.
-    local = _LOCAL_FRACTION if weight < 1 else 0.0
+    local_fraction = _LOCAL_FRACTION if weight < 1 else 0.0
     return Calibration(
-        ahead=ahead.astype(float),
+        horizons=horizons.astype(float),
         factors=growth
-        * (1 - of_errors)
+        * (1 - error_fraction)
         * (1 + _VARIANCE_UNCERTAINTY / cycles)
         * factors
         if weight > 0
         else np.ones(a),
-        errors=(growth * of_errors * (1 - local))[:, None, None] * covariances,
-        changes=changes / change_variances[:, None, None],
-        weight=weight,
-        local=of_errors * local,
-        degrees=_DEGREES + _DEGREES_OF_CYCLES * cycles**2,
-        background=_BACKGROUND * _BACKGROUND_CYCLES / (_BACKGROUND_CYCLES + cycles),
+        error_covariances=(growth * error_fraction * (1 - local_fraction))[
+            :, None, None
+        ]
+        * covariances,
+        change_covariances=changes / change_variances[:, None, None],
+        model_weight=weight,
+        local_factor=error_fraction * local_fraction,
+        degrees_of_freedom=_DEGREES + _DEGREES_OF_CYCLES * cycles**2,
+        background_weight=_BACKGROUND
+        * _BACKGROUND_CYCLES
+        / (_BACKGROUND_CYCLES + cycles),
     )
 
 
 def _interpolated(at: Array, steps: Array, values: Array) -> Array:
-    """Return values (A, ...) at increasing steps (A,) for other ones (...)."""
+    """Interpolate values (A, ...) at increasing steps (A,) at other steps (...)."""
     columns = values.reshape(len(steps), -1).T
     out = np.stack([np.interp(at, steps, column) for column in columns], axis=-1)
     return out.reshape(*at.shape, *values.shape[1:])
 
 
 def variance_factor(cycles: float) -> float:
-    """Return by how much the variances fall short that some cycles show."""
+    """Return the factor by which the sample variances of some cycles are too small."""
     return float((1 + _SHORTFALL / cycles**1.5) ** 2)
 
 
-def _changes(recordings: Sequence[Array], ahead: NDArray[np.int64]) -> Array:
+def _changes(recordings: Sequence[Array], horizons: NDArray[np.int64]) -> Array:
     """Return second moments (A, D, D) of the change after so many samples."""
     out: list[Array] = []
-    for h in ahead.tolist():
+    for h in horizons.tolist():
         change = [y[h:] - y[:-h] for y in recordings if len(y) > h]
         if change:
             x = np.concatenate(change)
@@ -462,13 +477,13 @@ def _changes(recordings: Sequence[Array], ahead: NDArray[np.int64]) -> Array:
 
 
 def _cross_validation(
-    track: PhaseTrack, grid: PhaseGrid, ahead: NDArray[np.int64], reference_step: int
+    track: PhaseTrack, grid: PhaseGrid, horizons: NDArray[np.int64], reference_step: int
 ) -> _Errors | None:
     """Predict the parts of recordings that are left out; None where nothing can be."""
     k = reference_step
     d = track.cycle.coefficients.shape[1]
     has_few_cycles = track.cycles < MANY_CYCLES
-    least = k + min(_BLEND_HORIZON, int(ahead[-1])) + 4
+    least = k + min(_BLEND_HORIZON, int(horizons[-1])) + 4
     splits = [
         split
         for split in _splits(track, least)
@@ -476,7 +491,7 @@ def _cross_validation(
     ]
     results: list[tuple[Array, Array, Array, Array]] = []
     part: list[int] = []
-    steps = np.concatenate([np.arange(k), k + ahead - 1])
+    steps = np.concatenate([np.arange(k), k + horizons - 1])
     for number, (rest, left_out) in enumerate(splits):
         windows = [
             _windows(y, steps, max(1, _PREDICTIONS // len(splits) // len(left_out)))
@@ -499,12 +514,14 @@ def _cross_validation(
             noise=np.full(k * d, _NOISE),
             channels=d,
         )
-        replay = Replay(rest.recordings, k, int(ahead[-1])) if has_few_cycles else None
+        replay = (
+            Replay(rest.recordings, k, int(horizons[-1])) if has_few_cycles else None
+        )
         for window in trials:
             mean, covariance = conditioning.predict(window[:k])
             replay_mean = mean
             if replay is not None and replay.is_possible:
-                replay_mean = replay.predict(window[:k]).values[ahead - 1]
+                replay_mean = replay.predict(window[:k]).values[horizons - 1]
             part.append(number)
             results.append((window[k:], mean, replay_mean, covariance))
     if not results:
@@ -516,9 +533,9 @@ def _cross_validation(
 def _windows(
     values: Array, steps: NDArray[np.int64], places: int
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Return samples (N, n, D) at steps after each of some places, and the places.
+    """Return samples (N, n, D) at steps after some starts (N,), and the starts.
 
-    Samples after the end are NaN; at least the observed ones and one more are there.
+    Samples after the end are NaN, but not the observed ones and one more.
     """
     least = int(np.argmax(np.diff(steps, append=steps[-1] + 2) > 1)) + 1
     last = max(len(values) - 1 - int(steps[min(least, len(steps) - 1)]), 0)
@@ -536,7 +553,7 @@ def _known(
     windows: list[tuple[Array, NDArray[np.int64]]],
     steps: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
-    """Return which windows pass only phases that the rest contains."""
+    """Return a mask of the windows that pass only phases that the rest contains."""
     count = 48
 
     def bins(phase: Array) -> NDArray[np.int64]:
@@ -557,7 +574,7 @@ def _known(
 def _splits(
     track: PhaseTrack, least: int
 ) -> Iterator[tuple[PhaseTrack, list[tuple[Array, Array]]]]:
-    """Yield tracks without a part of the recordings, and values and phases of the part."""
+    """Yield tracks without one part of the recordings, and its values and phases."""
     ends = np.cumsum([len(y) for y in track.recordings])
     if track.cycles < MANY_CYCLES:
         nominal = int(np.clip(round(_PARTS_PER_CYCLE * track.cycles), *_PARTS))

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 _PHASE_DEVIATION = 0.5
 _NOISE = 1e-10
 LEAST_COMPONENTS, _MOST_COMPONENTS = 30, 80
-# Of fewer cycles more components show nothing more.
+# With fewer cycles, more components gain nothing.
 _FEW_CYCLES, _COMPONENTS_OF_FEW = 4.0, 40
 _RANK = 160
 
@@ -143,8 +143,9 @@ class PhaseModel:
     def expected(self, component: int, count: int, *, past: Array) -> Array:
         """Return the window (count, D) that continues its first samples (K, D).
 
-        At the expected phase velocity and residual the cycle has its full size. The mean
-        over all windows that begin so is smaller, as their phases spread.
+        With the expected phase velocity and residual the cycle has its full size. The
+        mean over all windows that begin in this way is smaller, because their phases
+        spread.
         """
         later = count - len(past)
         d = self.cycle.coefficients.shape[1]
@@ -214,8 +215,8 @@ def fit_phase_model(
     n_steps : int
         T, samples in a window.
     reference_step : int
-        The sample of a window at which a component knows the phase: the end of what has
-        been observed when a skill is played.
+        The sample of a window at which the phase of a component is defined: the last
+        sample that is observed when a skill is played.
     most_components : int
     """
     track = track.with_smooth_cycle()
@@ -233,7 +234,7 @@ def fit_phase_model(
         n_steps=n_steps,
         reference_step=reference_step,
         factors=later.factors,
-        errors=later.errors,
+        errors=later.error_covariances,
         rank=_RANK,
     )
     model = PhaseModel(
