@@ -74,8 +74,8 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
 def inlined[F: Callable[..., Any]](function: F) -> F:
     """Compile a function as a part of its only caller.
 
-    It is not compiled separately before, which would take time in proportion to the
-    functions that it calls.
+    It is not compiled separately, which would take time in proportion to the functions
+    that it calls.
     """
     return numba.njit(inline="always", **_OPTIONS)(function)
 

@@ -25,8 +25,8 @@ ATTEMPTS = 3
 
 # Matrices are small: more threads would only spin, and round differently.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-# Tasks for each process, after which it is replaced: this frees the memory of diagrams
-# that Drake and Python keep alive between them, 20 MB for each wiping station.
+# Number of tasks after which a process is replaced. This frees diagrams whose
+# references between Drake and Python form a cycle, 20 MB for each wiping station.
 _TASKS_OF_A_PROCESS = 25
 
 

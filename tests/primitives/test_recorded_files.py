@@ -140,7 +140,7 @@ REFUSED = {
     files.objects: r"Python objects, which may run code; save an array",
     files.pickled: r"a Python pickle, which may run code; a demonstration is",
     files.excel: r"not a readable Excel file .*; save it as \.csv",
-    files.hollow_archive: r"unpacked it takes 288 MB, allowed are 256",
+    files.hollow_archive: r"unpacked it takes 288 MB; at most 256 MB",
     files.boasting_archive: r"shorter than its shape",
     files.bytes_of("d.h5", b"\x89HDF\r\n\x1a\n"): "not a readable HDF5 file",
     files.bytes_of("d.mat", b"MATLAB 5.0 MAT-file"): "not a readable MATLAB file",

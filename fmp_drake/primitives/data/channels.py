@@ -97,7 +97,7 @@ def channel_roles(
     *,
     rotation_reference: Quaternion | None = None,
 ) -> ChannelRoles:
-    """Find the roles of channels, each of which must have one.
+    """Return the roles of channels; each channel must have one.
 
     Parameters
     ----------

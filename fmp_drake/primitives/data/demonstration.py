@@ -331,7 +331,7 @@ class Demonstration:
 
 
 def check_ending(path: Path) -> None:
-    """Raise where `Demonstration.save` writes no file of such a name."""
+    """Raise an error for a file name that `Demonstration.save` does not support."""
     if path.suffix not in (".npz", ".csv"):
         raise SkillFileError(
             f"cannot write {path}: the name of a demonstration ends with .npz or .csv."
@@ -363,8 +363,8 @@ def add_orientation(
     Raises
     ------
     DemonstrationError
-        Where the rotations do not fit to the demonstration, jump by more than 90
-        degrees between two samples, or lead to 360 degrees away from the reference.
+        Where the rotations do not match the demonstration, jump by more than 90 degrees
+        between two samples, or reach 360 degrees from the reference.
     """
     rotation = as_rotation(rotations, order=order)
     if rotation.single or len(rotation) != len(demonstration.time):
@@ -504,7 +504,7 @@ def _checked_reference(reference: Any, channels: tuple[str, ...]) -> Quaternion:
             f"there is a rotation reference but no channel {min(missing)}; add the "
             "rotation channels with `add_orientation`."
         )
-    # Unchanged otherwise: files must return identical numbers.
+    # Others stay unchanged: a saved file must return identical numbers.
     if abs(length - 1) > 1e-12:
         x, y, z, w = x / length, y / length, z / length, w / length
     return (x, y, z, w)

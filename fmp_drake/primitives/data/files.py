@@ -34,9 +34,10 @@ class Blocks(Protocol):
 def replaced(path: Path, error: type[FmpError] = FmpError) -> Iterator[Path]:
     """Yield the path of a temporary file that is renamed to `path` if nothing fails.
 
-    So the file appears whole or not at all. The temporary file is in the same folder and
-    has the same ending. A process that is killed does not change an older file; the
-    temporary file that it leaves is deleted when the same file is written again.
+    The file therefore appears whole or not at all. The temporary file is in the same
+    folder and has the same ending. A process that is killed does not change an older
+    file; the temporary file that it leaves is deleted when the same file is written
+    again.
 
     Parameters
     ----------
@@ -111,11 +112,12 @@ def read_npz(
 
 
 def _check_sizes(archive: zipfile.ZipFile, most: int) -> None:
-    """Refuse arrays that are larger than is allowed, or than their bytes."""
+    """Refuse arrays that are larger than allowed, or larger than their stored bytes."""
     total = sum(member.file_size for member in archive.infolist())
     if total > most:
         raise ValueError(
-            f"unpacked it takes {total / 2**20:.0f} MB, allowed are {most / 2**20:.0f}"
+            f"unpacked it takes {total / 2**20:.0f} MB; "
+            f"at most {most / 2**20:.0f} MB are read"
         )
     for member in archive.infolist():
         with archive.open(member) as stream:

@@ -7,8 +7,8 @@ vector phi (rad) of
 
 so phi is expressed in B, as the position is, and 0 where the orientation is the
 reference. Its three components are the channels `rx`, `ry` and `rz`, learned together
-with the position. The rotation vectors are unwrapped: they go on past 180 degrees from
-the reference, up to nearly 360.
+with the position. The rotation vectors are unwrapped: they continue past 180 degrees
+from the reference, up to nearly 360.
 
 Sources: J. Sola, J. Deray, D. Atchuthan, "A micro Lie theory for state estimation in
 robotics", arXiv:1812.01537 (logarithm and left Jacobian of SO(3), equations 132 to 146).
@@ -31,7 +31,7 @@ from fmp_drake.primitives.data.channels import (
 
 QuaternionOrder = Literal["xyzw", "wxyz"]
 
-# Of phi, rad: beyond it the logarithm is too near to its breakdown at 2 pi.
+# Greatest |phi|, rad: beyond it the logarithm is too near its singularity at 2 pi.
 LARGEST_ANGLE = 1.75 * np.pi
 _LARGEST_STEP = np.pi / 2
 _SMALL = 1e-2
@@ -122,9 +122,8 @@ def rotation_vectors(
     reference : tuple of float
         Quaternion (x, y, z, w) of R_ref.
     near : array_like, shape (3,), optional
-        Of the rotation vectors that describe the first rotation take the one nearest to
-        this, rad; the shortest where None. A measured orientation is brought near to a
-        skill's with the middle of its `extent_`.
+        Rotation vector, rad: the first result is the nearest one to it, or the shortest
+        where None. Use the middle of a skill's `extent_` for a measured orientation.
 
     Returns
     -------
@@ -134,8 +133,8 @@ def rotation_vectors(
     Raises
     ------
     DemonstrationError
-        Where two samples are more than 90 degrees apart, or the path leads farther
-        than `LARGEST_ANGLE` from the reference.
+        Where two samples are more than 90 degrees apart, or the path leaves the
+        reference by more than `LARGEST_ANGLE`.
     """
     relative = rotations * Rotation.from_quat(reference).inv()
     vectors = np.atleast_2d(relative.as_rotvec())
@@ -237,7 +236,7 @@ def _nearest_branch(
     """Return the rotation vector of the same rotation that is nearest to another."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-9:
-        # No axis of its own: 360 degrees from here may be about any.
+        # The identity has no axis: a rotation by 360 degrees may be about any.
         length = float(np.linalg.norm(near))
         axis = near / length if length > 0 else np.array([1.0, 0.0, 0.0])
     else:

@@ -15,7 +15,7 @@ from fmp_drake.primitives.data.demonstration import Demonstration
 
 
 class UnstatedRate(float):
-    """Default sample rate (Hz) of a skill, which does not apply to arrays without times."""
+    """Default sample rate (Hz) of a skill; arrays without times need a stated one."""
 
 
 # Sample rate of skills and of their training data, Hz.
@@ -288,7 +288,8 @@ def weighted_windows(
         windows = replace(windows, excluded=excluded)
     if not np.any(weights) or (len(is_used) and np.count_nonzero(is_used) < 2):
         raise DemonstrationError(
-            f"the weights leave {np.count_nonzero(is_used)} windows; at least 2 must count."
+            f"the weights leave {np.count_nonzero(is_used)} windows; at least 2 must have "
+            "a positive weight."
         )
     if not np.all(is_used):
         windows = replace(

@@ -114,9 +114,9 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     explained_variance, regularization, tolerance, random_state
         See `FourierMovementPrimitive`.
     confidence : float
-        Probability mass of the ellipsoid of a component's weights that an adapted
-        movement is kept in, in (0, 1]; 1 is no bound. The distance to start, goal and
-        via-points that is left is covered by a smooth correction.
+        Probability mass of the ellipsoid to which the weights of an adapted movement
+        are confined, in (0, 1]; 1 is no bound. A smooth correction covers the remaining
+        distance to start, goal and via-points.
 
     Attributes
     ----------
@@ -227,9 +227,9 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         """Return the movement from a measured start at rest.
 
         The observation is mapped to weights as in Algorithm 1, kept in the span of the
-        component and inside its ellipsoid of the given confidence. The distances to
-        start, goal and via-points that are left are covered by the cosine series of
-        least squared acceleration, so all are met exactly.
+        component and inside its ellipsoid of the given confidence. The cosine series of
+        least squared acceleration covers the remaining distances to start, goal and
+        via-points, so all are met exactly.
 
         Parameters
         ----------

@@ -30,10 +30,10 @@ def scale_tempo(
 ) -> FourierMovementPrimitive:
     """Return a copy of a skill at `factor` times the tempo.
 
-    The distribution over windows is unchanged; only the sample interval changes. So
-    positions are the same, velocities are multiplied by `factor`, accelerations by
-    `factor`^2 and the period by 1/`factor`. Time constants of a `Player`
-    and its tracker are in seconds and do not change.
+    The distribution over windows is unchanged; only the sample interval changes.
+    Therefore positions are the same, velocities are multiplied by `factor`,
+    accelerations by `factor`^2 and the period by 1/`factor`. Time constants of a
+    `Player` and its tracker are in seconds and do not change.
 
     Parameters
     ----------
@@ -73,9 +73,9 @@ def transform_space(
     trajectories is transformed exactly: means, factors and white noise. From a transformed
     start the transformed movement is played.
 
-    A rotation is an orthogonal map of the scaled values. It keeps the noise of the mixture
-    isotropic as long as it mixes channels of equal scale. The size changes the scales of
-    the channels.
+    A rotation is an orthogonal map of the scaled values. It keeps the noise of the
+    mixture isotropic where it mixes channels of equal scale. A change of size changes
+    the scales of the channels.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def transform_space(
 
     Notes
     -----
-    Learn from transformed demonstrations instead where that is refused.
+    Where a rotation is refused, learn from transformed demonstrations.
     """
     check_skill(skill, "transform_space(skill)")
     index = channel_indices(list(channels), skill.channels_)

@@ -10,7 +10,8 @@ from fmp_drake.errors import SkillError
 from fmp_drake.numeric import as_floats, check_number
 
 _SPLINE_DEGREE = 5
-# Fraction of a window that is not played at its end, and the part of it that is not replaced.
+# Fraction of a window at its end that is not played, and the part of it that is not
+# replaced.
 _UNPLAYED = 0.1
 _KEPT = 0.3
 
@@ -124,12 +125,12 @@ class FourierBasis:
     def rows(self, steps: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
         """Return the rows Phi(t) that map one channel's weights to its value.
 
-        At the samples these are the rows of (4). Between samples they follow
-        the quintic spline through the samples of the series instead of the
-        series itself: a demonstrated window does not close on itself, so the
-        series jumps at the wrap and rings near both ends. On a window of a
-        0.1 m movement sampled at 20 Hz the series was off by up to 20 mm and
-        2 m/s between samples, the spline by 0.01 mm and 1 mm/s.
+        At the samples these are the rows of (4). Between samples they follow the
+        quintic spline through the samples of the series, not the series itself: a
+        demonstrated window does not close on itself, so the series jumps at the wrap
+        and rings near both ends. On a window of a 0.1 m movement sampled at 20 Hz the
+        series was off by up to 20 mm and 2 m/s between samples, the spline by 0.01 mm
+        and 1 mm/s.
 
         Parameters
         ----------
@@ -188,10 +189,10 @@ class FourierBasis:
         return powers @ self.local_polynomial(i)
 
     def local_polynomial(self, interval: int) -> NDArray[np.float64]:
-        """Return the polynomials that `rows` are between two samples, shape (6, T).
+        """Return the polynomials of `rows` between two samples, shape (6, T).
 
-        The coefficients of the powers 0 to 5 of the time in samples since the sample
-        `interval`, which is a whole number from 0 to n_steps - 2.
+        They are the coefficients of the powers 0 to 5 of the time in samples since the
+        sample `interval`, an integer from 0 to n_steps - 2.
         """
         cache = self._polynomials
         if interval not in cache:
@@ -235,12 +236,12 @@ def closing_samples(n_steps: int) -> int:
 
 
 def close_windows(windows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Blend the end of windows (..., T, D) into their beginning.
+    """Blend the ends of windows (..., T, D) into their beginnings.
 
-    The Fourier series of a window is periodic. If the last sample is far from the first,
-    the series and its velocity ring between the samples, also far from the ends. So the
-    last samples, which are not played, are replaced by the smoothest periodic extension:
-    the one with the least third differences.
+    The Fourier series of a window is periodic. If the last sample is far from the
+    first, the series and its velocity ring between the samples, also far from the ends.
+    Therefore the last samples, which are not played, are replaced by the smoothest
+    periodic extension: the one with the smallest third differences.
     """
     out = np.array(windows)
     bridge = _bridge(windows.shape[-2])

@@ -21,7 +21,7 @@ class LowRankGaussian:
     basis : ndarray, shape (n, r)
         U, with orthonormal columns.
     variances : ndarray, shape (r,)
-        s, none negative: what each column varies more than the noise.
+        s, none negative: variance along each column beyond the noise.
     noise : float
         Variance in every direction, positive; the only one in the orthogonal complement
         of U.

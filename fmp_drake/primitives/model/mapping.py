@@ -176,7 +176,7 @@ class MappingPlan:
 
 
 class LruCache[T]:
-    """A small cache of the values that were used last, by their keys.
+    """A small cache of the most recently used values, by their keys.
 
     Parameters
     ----------

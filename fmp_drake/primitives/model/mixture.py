@@ -24,7 +24,7 @@ MOST_COMPONENTS = 80
 # The least number, and windows for each: with fewer windows the held-out density and
 # prediction get worse.
 _LEAST_COMPONENTS, _WINDOWS_EACH = 5, 7
-# Confidence of the ellipsoid that played weights are kept in.
+# Confidence of the ellipsoid to which played weights are confined.
 _CONFIDENCE = 0.99
 # Above this number of windows and weights the Gram matrix is decomposed instead.
 _LARGE = 1000
@@ -63,8 +63,8 @@ def fit_mixture(
     """Fit the mixture (9) by EM, initialised by k-means.
 
     There are far fewer windows than weights, so EM runs on the coordinates of the
-    windows in their leading principal directions. What those leave out, and
-    the regulariser, is an isotropic variance in all directions.
+    windows in their leading principal directions. The variance in the other directions
+    and the regulariser become an isotropic variance in all directions.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def fit_mixture(
     proportions : ndarray, shape (M,)
         The pi_j.
     components : tuple of LowRankGaussian
-        M Gaussians over the n weights, sorted by falling proportion.
+        M Gaussians over the n weights, in order of decreasing proportion.
     """
     n_windows, n = weights.shape
     counts = np.ones(n_windows) if sample_weights is None else sample_weights
@@ -142,7 +142,7 @@ def learn_continuation(
     tolerance: float,
     **options: Any,
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
-    """Learn a mixture of recordings; return a function from a past to what is played then.
+    """Learn a mixture of recordings; return a function from a past to its continuation.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def _principal_directions(
     rank, residual = _rank(np.maximum(energy[::-1], 0), n, explained_variance)
     leading = columns[:, ::-1][:, :rank]
     if rows_are_fewer:
-        # Of length sqrt(energy), and orthogonal only as far as that is not tiny.
+        # Their lengths are sqrt(energy); those of tiny energy are not orthogonal.
         leading = np.linalg.qr(centred.T @ leading)[0]
     return np.ascontiguousarray(leading.T), residual
 

@@ -18,7 +18,7 @@ _DENSITY = 8
 _LEAST, _MOST = 200, 2000
 # Additional distance that is allowed where the mean is outside, relative to the margin.
 _SLACK = 0.25
-# Part of the margin that is used: between two ticks a movement may be farther out.
+# Fraction of the margin that is used: between two ticks a movement may be farther out.
 _FILLED = 0.96
 # Automatic margin, relative to the half width of the movement.
 _AUTOMATIC = 0.2
@@ -29,9 +29,9 @@ _FRACTIONS = np.arange(8, 0, -1) / 8
 class DemonstratedRegion:
     """All points within a margin of a demonstrated path.
 
-    Only channels with the unit m count; the others are free. The region is in the frame of
-    the skill and isotropic: a movement that was demonstrated on a surface may leave it by
-    the margin, too.
+    Only channels with the unit m are bounded. The region is in the frame of the skill
+    and isotropic: a movement that was demonstrated on a surface may also leave the
+    surface by the margin.
 
     Parameters
     ----------
@@ -91,9 +91,9 @@ class DemonstratedRegion:
     ) -> NDArray[np.float64]:
         """Return the largest fractions of deviations that keep a movement in the region.
 
-        Where the movement is outside without its deviation, as after a push, it may be
-        farther out by a quarter of the margin. Inside, 4 % of the margin remain free. So a
-        fraction of 0 is always admissible.
+        Where the movement without its deviation is outside, as after a push, it may be
+        farther out by a quarter of the margin. Inside, 4 % of the margin remain unused.
+        Therefore a fraction of 0 is always admissible.
 
         Parameters
         ----------

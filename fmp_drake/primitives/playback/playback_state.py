@@ -83,7 +83,7 @@ class PlaybackState:
         Returns
         -------
         float
-            Infinite where the tempo reaches 0 before.
+            Infinite where the tempo reaches 0 first.
         """
         ahead = time_since_tick - self.time_since_tick
         root = self.tempo**2 + 2 * self.tempo_rate * ahead

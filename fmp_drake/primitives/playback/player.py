@@ -62,16 +62,16 @@ class Player:
     playback; the methods of a player return a new state and change none.
 
     A mapped window fits the observation partly by the component's isotropic noise,
-    which is white in time: a peak at the observed samples, and 0 between
-    and after them. A robot should not follow that: from a start 10 cm above
-    a demonstration that never left the board it fell at 2 m/s. Far from the
-    demonstrations the window fits the observation by variations that were not
-    demonstrated: from the middle of a wiping pattern, 22 standard deviations, a stroke
-    three times as wide as the widest demonstrated. So the weights are projected to the
-    span of the component, and into its ellipsoid of a given confidence. The remaining
-    difference in position and velocity is an offset that decays like a critically damped
-    spring. The offset also makes position and velocity exactly continuous at every
-    re-mapping, and starts the movement at rest.
+    which is white in time: a peak at the observed samples, and 0 between and after
+    them. A robot should not follow that: from a start 10 cm above a demonstration that
+    never left the board it fell at 2 m/s. Far from the demonstrations, the window fits
+    the observation by variations that were not demonstrated: from the middle of a
+    wiping pattern by 22 standard deviations, a stroke three times as wide as the widest
+    demonstrated one. The weights are therefore projected onto the span of the
+    component, and into its ellipsoid of a given confidence. The remaining difference in
+    position and velocity is an offset that decays like a critically damped spring. The
+    offset also makes position and velocity exactly continuous at every re-mapping, and
+    starts the movement at rest.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ class Player:
         `DemonstratedRegion` and `track_sample`. "automatic" is a fifth of the movement's
         half width over its channels in m, if the skill has demonstrated paths.
     remap_ticks : int, optional
-        Ticks between two re-mappings, at most T - K as in the paper. Of a phase model at
-        most as many as its windows have before they blend into their beginning. The
-        greatest number where None.
+        Ticks between two re-mappings, at most T - K as in the paper. With a phase
+        model, a re-mapping takes place before its windows blend into their beginnings.
+        The greatest possible number where None.
 
     Examples
     --------
@@ -233,8 +233,8 @@ class Player:
         state : PlaybackState
         observed : array_like, shape (K, D), optional
             Measured values at the last K ticks, the newest last, of a robot that was
-            pushed off its path. They are met within 5 % of the movement's half width.
-            The last desired values where None.
+            pushed off its path. The new motion meets them within 5 % of the movement's
+            half width. The last desired values where None.
         """
         values, plan = state.history, self._remap_plan
         if observed is not None:
@@ -319,14 +319,14 @@ class Player:
     ) -> PlaybackState:
         """Track a sample of a state's component; the motion does not jump.
 
-        Where the player has a region, samples are moved towards the mean. They then stay
-        in the region up to the next re-mapping, or leave it hardly farther than the mean
-        does. Among these, the first one is tracked after which the next window's mean
-        also stays inside: the speed at the end of a window may otherwise carry the
+        Where the player has a region, samples are moved towards the mean. They then
+        stay in the region up to the next re-mapping, or leave it hardly farther than
+        the mean does. The first sample after which the next window's mean also stays
+        inside is tracked: otherwise the speed at the end of a window may carry the
         movement out. With a score, samples are also moved away from the mean, as far as
-        the region allows, because the best samples often lie at its boundary: by up to
-        1.5 times their difference from the mean, or 3 times that from the cycle of a
-        phase model.
+        the region allows, because the best samples often lie at its boundary. They are
+        moved by up to 1.5 times their difference from the mean, or 3 times that from
+        the cycle of a phase model.
 
         Parameters
         ----------
@@ -519,10 +519,11 @@ class Player:
         return self.skill.predicted_covariance(state.component, self._step(state))
 
     def variation(self, state: PlaybackState) -> NDArray[np.float64]:
-        """Return how much the demonstrations vary about the desired value, shape (D, D).
+        """Return the covariance of the demonstrations about the desired value, (D, D).
 
-        It is (18), without the errors of predictions that `covariance` has: a stiffness
-        follows what people vary, not what is hard to predict.
+        It is (18), without the errors of predictions in `covariance`: a stiffness
+        follows the variation of the demonstrations, not the difficulty of predicting
+        them.
         """
         return self.skill.covariance(state.component, self._step(state))
 

@@ -50,8 +50,9 @@ _JOINTS = re.compile(r"(?:.*/)?observations/qpos")
 def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the arrays of an `.npz` file.
 
-    Of `time` and `position` (or `values`) with other arrays these two alone are read, unless
-    the options ask for more. A demonstration that the package saved stays as it was.
+    Where there are `time` and `position` (or `values`), other arrays are read only if
+    the options ask for them. A demonstration that the package saved is returned
+    unchanged.
 
     Raises
     ------
@@ -287,7 +288,7 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
 
 
 def _names(names: Any, count: int) -> tuple[str, ...]:
-    """Return the names of a feature's parts, from a list or a group of lists, if any."""
+    """Return the names of a feature's elements, from a list or a group of lists."""
     if isinstance(names, dict):
         names = next(iter(names.values()), None)
     labels = tuple(map(str, names)) if isinstance(names, list) else ()

@@ -123,7 +123,7 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
 def _largest_kind(
     kinds: dict[tuple[str, ...], list[tuple[float, ...]]],
 ) -> tuple[tuple[str, ...], NDArray[np.int64], NDArray[np.float64]]:
-    """Return names, indices of messages, and numbers of the kind with most numbers."""
+    """Return names, message indices and numbers of the kind with the most numbers."""
     names = max(kinds, key=lambda kind: len(kinds[kind]) * len(kind))
     rows = np.concatenate(
         [

@@ -23,7 +23,7 @@ def ordered_times(
     options: ReadingOptions,
     remarks: list[str],
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return increasing times, s, and the indices among the rows that have them."""
+    """Return increasing times, s, and the indices of their rows."""
     count = len(rows)
     if stamp is None:
         return np.arange(count) / (options.sample_rate or 1.0), np.arange(count)
@@ -86,7 +86,7 @@ def _seconds(
     """
     if stated_unit and stated_unit not in TIMES:
         raise DemonstrationError(
-            f"the time is in {stated_unit!r}; s, ms, us and ns are understood."
+            f"the time is in {stated_unit!r}; expected s, ms, us or ns."
         )
     steps = np.abs(np.diff(time))
     steps = steps[steps > 0]

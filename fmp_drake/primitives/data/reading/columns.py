@@ -157,7 +157,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         others = [c for c in others if c not in empty]
         remarks.append(f"{', '.join(c.name for c in empty)} left out: empty")
     if set(options.columns) - {"time"}:
-        # A column without a name is found by that of its channel.
+        # A column without a name is found by the name of its channel.
         for column, label in zip(others, _labels(others), strict=True):
             names[column.number] = label
         channels = {
@@ -199,7 +199,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
 def _complete_rows(
     values: NDArray[np.float64], channels: Mapping[str, _Column], remarks: list[str]
 ) -> NDArray[np.bool_]:
-    """Return where all channels have a value, which most samples must have."""
+    """Return a mask of the samples with values of all channels; most must have them."""
     is_empty = np.isnan(values)
     complete = ~np.any(is_empty, axis=1)
     count = len(values) - int(np.count_nonzero(complete))
@@ -395,7 +395,7 @@ def _channels(
 def _without_commanded(
     positions: _Groups, orientations: _Groups
 ) -> tuple[_Groups, _Groups, list[_Column]]:
-    """Return the groups without commanded ones beside one measured, and their columns."""
+    """Return the measured groups, or all if none is measured, and commanded columns."""
     remaining, commanded = [], list[_Column]()
     for groups in (positions, orientations):
         measured = {p: g for p, g in groups.items() if not _COMMANDED.fullmatch(p)}

@@ -22,13 +22,14 @@ _WRENCH = re.compile(r"(.*?)_?(force|wrench|ft|f_ext_hat_k)")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
 _JOINT_STATE = re.compile(r"(.*)_position")
 _RATES_OF_JOINTS = ("velocity", "effort")
-# Greatest error of a rotation: of a quaternion's length, and of one that a name announces.
+# Greatest error of a quaternion's length: without a name that announces it, and with
+# one.
 _EXACT, _STATED = 1e-3, 0.1
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 class Group(NamedTuple):
-    """Columns that take the place of others.
+    """Columns that replace others.
 
     `sources` are the numbers of the others from 0. `values` has a column for each name.
     """
@@ -115,7 +116,7 @@ def _numbered_joints(
 def _joint_states(
     names: Sequence[str], keys: Sequence[str], values: Array
 ) -> Iterator[Group]:
-    """Yield the positions of joints beside whose velocities or efforts there are."""
+    """Yield the positions of joints whose velocities or efforts are there, too."""
     joints = dict[str, int]()
     rates = set[int]()
     for i, name in enumerate(keys):
@@ -133,7 +134,7 @@ def _joint_states(
 def _joints(
     labels: list[str], sources: list[int], rates: set[int], values: Array
 ) -> Group:
-    """Return a group of joint angles in place of them, their velocities and efforts."""
+    """Return joint angles that replace themselves, their velocities and efforts."""
     remark = "velocities and efforts of joints left out" if rates else ""
     units = ["rad"] * len(labels)
     return Group({*sources, *rates}, labels, units, values[:, sources], remark)
@@ -142,7 +143,7 @@ def _joints(
 def _recognise(
     prefix: str, values: Array, options: ReadingOptions
 ) -> tuple[list[str], list[str], Array, bool] | None:
-    """Return names, units and numbers of a group, and whether its quaternion has no order.
+    """Return names, units, values, and whether the quaternion order is unknown.
 
     None where nothing is recognised.
     """
@@ -176,7 +177,7 @@ def _is_unit(quaternions: Array, error: float) -> bool:
 
 
 def _matrix_poses(values: Array) -> Array | None:
-    """Return positions and quaternions (N, 7) of matrices (N, 16), None of others."""
+    """Return positions and quaternions (N, 7) of 4 x 4 poses (N, 16), or None."""
     is_known = np.all(np.isfinite(values), axis=1)
     X = np.tile(np.eye(4), (len(values), 1, 1))
     X[is_known] = values[is_known].reshape(-1, 4, 4)

@@ -160,7 +160,7 @@ _ALTERNATIVES = (
     "Write one of these, for example by numpy.savez('recording.npz', time=time, "
     "position=position)."
 )
-# What is not read, by bytes at a place in the file, and what to do instead.
+# Formats that are not supported, by bytes at an offset in the file, and advice.
 _REFUSED = {
     (4, b"ftyp"): "a film" + _ALTERNATIVES,
     (0, b"\x80"): "a Python pickle, which may run code" + _ALTERNATIVES,

@@ -93,7 +93,7 @@ def check_size(path: object, size: float, most: float = MOST_BYTES) -> None:
 def readable(
     path: object, kind: str, *, extra: str = "", hint: str = ""
 ) -> Iterator[None]:
-    """Turn the errors of a library inside into one that names the file.
+    """Convert errors that a library raises inside to one that names the file.
 
     Parameters
     ----------
@@ -176,8 +176,9 @@ class ReadingOptions:
     topic : str
         Topic of a bag, or feature of a dataset (`action`).
     quaternions : {"xyzw", "wxyz"}
-        Order of the four numbers of an array whose file does not name them. Either order
-        gives unit quaternions and equal angles between samples: only the arm can tell.
+        Order of the four numbers of an array whose file does not name them. It cannot
+        be inferred: either order gives unit quaternions with equal angles between
+        samples.
     all_arrays : bool
         Whether to read all arrays of an `.npz` file instead of its position alone.
 
@@ -223,7 +224,7 @@ class ReadingOptions:
         return cls(columns=sources, **others)
 
     def quaternion_remark(self, name: str) -> str:
-        """Return in which order four numbers without names are read, and the other one."""
+        """Return a remark on the order in which unnamed quaternions are read."""
         other = "wxyz" if self.quaternions == "xyzw" else "xyzw"
         return (
             f"the quaternion from {name} is read as {', '.join(self.quaternions)}; if it is "

@@ -39,7 +39,7 @@ class PhaseGrid(NamedTuple):
     phases : ndarray, shape (M,)
         Rad.
     cell_widths : ndarray, shape (M,)
-        Width of the interval of phases that each component stands for, rad.
+        Width of the interval of phases that each component covers, rad.
     """
 
     phases: Array
@@ -82,7 +82,8 @@ def phase_components(
         T, samples in a window.
     reference_step : int
     factors : ndarray, shape (T - reference_step,)
-        Of the covariances of the samples from the reference step, given those before.
+        Factors of the covariances of the samples from the reference step, given earlier
+        ones.
     errors : ndarray, shape (T - reference_step, D, D)
         Covariances that are added to these.
     rank : int
@@ -160,7 +161,7 @@ def grid_gaussians(
         np.matmul(windows.T, windows, out=grams[m])
     for m, conditional in conditional_covariances.items():
         grams[m] += conditional
-    # One row at a time: all of them twice need much memory.
+    # One row at a time: two copies of all of them need much memory.
     for row in range(len(noise)):
         grams[:, row] = kernel @ grams[:, row]
 
@@ -257,8 +258,8 @@ def symmetric_roots(covariances: Array) -> Array:
 def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
     """Return a covariance (T D, T D) whose later samples have another uncertainty.
 
-    Their covariance given the samples before grows by a factor 1 + `growth` of each entry,
-    and is `added` to; how they depend on these stays.
+    Their covariance given the earlier samples is multiplied by 1 + `growth` and
+    increased by `added`; their dependence on the earlier samples does not change.
     """
     first = len(covariance) - len(growth)
     observed = covariance[:first, :first] + _WHITE_NOISE * np.eye(first)
@@ -275,9 +276,9 @@ def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
 def leading_eigenvectors(matrix: Array, count: int) -> tuple[Array, Array]:
     """Return the greatest eigenvalues of a symmetric matrix and their vectors (n, count).
 
-    The matrix is overwritten. The tridiagonal matrix is decomposed in full: to find only
-    some of its eigenvectors takes longer. Only those asked for are transformed back, which
-    saves a third of the time of `numpy.linalg.eigh`.
+    The matrix is overwritten. The tridiagonal matrix is decomposed in full: finding
+    only some of its eigenvectors takes longer. Only the requested ones are transformed
+    back, which saves a third of the time of `numpy.linalg.eigh`.
     """
     n = len(matrix)
     size = int(dsytrd_lwork(n, lower=1)[0])
@@ -286,7 +287,7 @@ def leading_eigenvectors(matrix: Array, count: int) -> tuple[Array, Array]:
     )
     values, vectors = eigh_tridiagonal(diagonal, off_diagonal, check_finite=False)
     leading: Array = vectors[:, n - count :]
-    # The product of the reflections leaves the first row as it is.
+    # The product of the reflections does not change the first row.
     leading[1:] = dormqr(
         "L", "N", reflectors[1:, :-1], scales, leading[1:], lwork=_BLOCK * count
     )[0]

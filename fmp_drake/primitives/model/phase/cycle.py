@@ -48,7 +48,7 @@ class Cycle:
     ) -> "Cycle":
         """Fit a cycle to values (n, D) at phases (n,) by ridge regression.
 
-        Samples count equally, or by `weights` (n,).
+        All samples have the same weight, or `weights` (n,).
         """
         rows = _rows(phase, harmonics, 0)
         order = np.repeat(np.arange(1, harmonics + 1), 2)
@@ -64,9 +64,9 @@ class Cycle:
     ) -> "Cycle":
         """Fit a cycle to recordings (n, D) at phases (n,).
 
-        Of few cycles some phases are passed once more than others. The mean of their passes
-        would jump where the number changes, at the ends of a recording. There the weight of
-        samples rises from 0 and falls to 0, in half a cycle.
+        With few cycles, some phases are passed once more than others. The mean of the
+        passes would jump where their number changes, at the ends of a recording. There
+        the weight of samples rises from 0 and falls to 0, within half a cycle.
         """
         cycles = sum(float(p[-1] - p[0]) for p in phases) / (2 * np.pi)
         weights = None
@@ -90,7 +90,7 @@ class Cycle:
         return rows @ self.coefficients
 
     def folds(self, tolerance: float) -> int:
-        """Return how many equal cycles it contains, up to a fraction of its variance."""
+        """Return the number of equal cycles in it, up to a fraction of its variance."""
         energy = np.sum(self.coefficients[1:] ** 2, axis=1).reshape(-1, 2).sum(axis=1)
         order = np.arange(1, len(energy) + 1)
         for folds in (5, 4, 3, 2):
@@ -159,7 +159,7 @@ class CycleHistory:
     def drift(self) -> Array:
         """Displacement of the centre from the first to the last cycle, shape (D,).
 
-        It is that of the line that fits the shifts by least squares.
+        The shifts are fitted by a line of least squares.
         """
         count = np.arange(len(self.shifts)) - (len(self.shifts) - 1) / 2
         spread = max(float(count @ count), 1.0)

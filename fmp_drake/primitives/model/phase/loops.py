@@ -11,8 +11,8 @@ from fmp_drake.primitives.model.phase.rhythm import Part
 
 Array = NDArray[np.float64]
 
-# Distance between the end of one recording and the beginning of the next, relative to the
-# size of the movement, up to which both are one place.
+# Greatest distance between the end of one recording and the beginning of the next,
+# relative to the size of the movement.
 _CLOSED = 0.3
 # Rest at an end, relative to the rest of the recording, that is not reported.
 _SHORT = 0.1
@@ -33,7 +33,7 @@ class Loops:
     kept : tuple of (int, int)
         First sample of each recording that is kept, and the one after the last.
     begins : tuple of int
-        Where these samples begin in `values`.
+        Index in `values` of the first sample of each recording.
     lengths : tuple of int
         Samples of each recording.
     """
@@ -45,7 +45,7 @@ class Loops:
     lengths: tuple[int, ...]
 
     def parts(self, parts: Sequence[Part], rate: float) -> list[Part]:
-        """Return parts of `values` as parts of the recordings, and long rests beside them."""
+        """Return parts of `values` as parts of the recordings, with long rests."""
         out = []
         loops = zip(self.order, self.kept, self.begins, self.lengths, strict=True)
         for i, (first, after), begin, length in loops:
@@ -71,10 +71,10 @@ class Loops:
 
 
 def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
-    """Join recordings (n, D) that each go around once; None where they do not.
+    """Join recordings (n, D) of one cycle each; None where they are not.
 
-    Each must begin about where the one before ends, in an order of small gaps. Distances
-    are those of some columns.
+    In an order of small gaps, each must begin about where the previous one ends.
+    Distances are measured in `columns`.
     """
     if len(recordings) < 2:
         return None
@@ -112,9 +112,10 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
 
 
 def _order_of_small_gaps(loops: Sequence[Array]) -> list[int]:
-    """Return an order of paths (n, D) in which each begins near the end of the one before.
+    """Order paths (n, D) so that each begins near the end of the previous one.
 
-    From each first path the nearest one follows; the order of least total gap is taken.
+    The nearest path follows each one; of all first paths, that with the least total gap
+    is taken.
     """
     begins, ends = (np.stack([y[end] for y in loops]) for end in (0, -1))
     gaps = np.linalg.norm(ends[:, None] - begins, axis=2)

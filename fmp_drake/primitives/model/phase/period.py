@@ -9,7 +9,7 @@ from fmp_drake.errors import DemonstrationError
 
 # Samples.
 _SHORTEST = 4.0
-# A peak this close to the highest one, and earlier, is the fundamental's.
+# An earlier peak of at least this fraction of the highest one is the fundamental's.
 _ALMOST = 0.8
 _LEAST_CORRELATION = 0.2
 _MOST_PERIODS = 8
@@ -28,10 +28,10 @@ _NOTABLE = 0.3
 
 
 def noise_fractions(recordings: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return how much of each channel of recordings (n, D) is white noise, shape (D,).
+    """Return the fraction of white noise in each channel of recordings, shape (D,).
 
-    It is the flatness of the spectrum, the ratio of its geometric to its arithmetic mean,
-    relative to that of white noise: a movement has a few high lines.
+    It is the flatness of the spectrum, the ratio of its geometric to its arithmetic
+    mean, relative to that of white noise: a movement has a few high spectral lines.
     """
     powers = []
     for recording in recordings:
@@ -48,9 +48,9 @@ def autocorrelation(
 ) -> NDArray[np.float64]:
     """Return the autocorrelation of recordings (n, D) at lags 0 to `longest`.
 
-    Of all channels together, each counting by its variance, and normalised by the
-    energies of the two parts that a lag compares, so that it does not fall with
-    the lag. A trend is removed from every recording.
+    All channels count by their variances. It is normalised by the energies of the two
+    parts that a lag compares, so that it does not decrease with the lag. A trend is
+    removed from every recording.
     """
     from scipy.signal import detrend  # Slow to import.
 
@@ -73,9 +73,9 @@ def autocorrelation(
 def fundamental_period(recordings: Sequence[NDArray[np.float64]]) -> float:
     """Return the period, in samples, after which all channels repeat together.
 
-    It is the first of the highest peaks of the autocorrelation, refined by a parabola and
-    by its multiples up to the eighth, as far as they are correlated. Where lengths vary
-    it is therefore the mean over many periods.
+    It is the first of the highest peaks of the autocorrelation, refined by a parabola
+    and by its multiples up to the eighth, as far as they are correlated. Where the
+    duration of cycles varies, it is therefore the mean of many periods.
 
     Parameters
     ----------
@@ -209,15 +209,15 @@ def local_periods(
 ) -> list[float]:
     """Return candidates of the period, in samples, the most likely first.
 
-    They come from similar neighbouring segments, so that it does not matter what else is
-    in a recording: an approach, a pause or another bout.
+    They are found from similar neighbouring segments, so other parts of a recording,
+    such as an approach, a pause or another bout, do not matter.
 
     Parameters
     ----------
     recordings : sequence of ndarray, shape (n, D)
     fraction : float
-        Part of a cycle that must come again at least: `PART` where there may be fewer than
-        two cycles.
+        Least part of a cycle that must repeat: `PART` where there may be fewer than two
+        cycles.
     """
     size = max(map(len, recordings))
     longest = min(_LONGEST_LAG, int(size / (1 + fraction)))

@@ -19,7 +19,7 @@ _MOST_RADIUS = 0.995
 _VELOCITY_ORDER, _RESIDUAL_ORDER = 4, 6
 # Fraction of the windows, those with the greatest phase noise, that are left out.
 _OUTLIER_FRACTION = 0.05
-# Whole windows per sample of a window that suffice.
+# Sufficient number of whole windows per sample of a window.
 _SUFFICIENT_WINDOWS = 5
 # Greatest deviation of an initial phase velocity, in standard deviations.
 _MOST_DEVIATION = 2.5
@@ -80,9 +80,10 @@ class Autoregression:
     def fit_shared(cls, recordings: Sequence[Array], *, order: int) -> "Autoregression":
         """Fit one process of unit variance, independent in each channel, to recordings (n, D).
 
-        It has `order` coefficients instead of D^2 times as many, which few samples would
-        explain nearly exactly: their process hardly varies. The Yule-Walker equations keep
-        the variance; recordings are tapered, as their ends would otherwise look like jumps.
+        It has `order` coefficients. D^2 times as many would explain few samples nearly
+        exactly, and the process would hardly vary. The Yule-Walker equations keep the
+        variance; recordings are tapered, because their ends would otherwise look like
+        jumps.
         """
         products = np.zeros(order + 1)
         for v in recordings:
@@ -245,7 +246,7 @@ class PhaseVelocity:
         return phase
 
     def phase_noise(self, count: int) -> Array:
-        """Return the covariance (n, n) of n phases relative to the first, beside the mean."""
+        """Return the covariance (n, n) of n phases relative to the first."""
         velocities = self.process.covariance(np.arange(count - 1))[:, 0, :, 0]
         out = np.zeros((count, count))
         out[1:, 1:] = self.spread**2 * np.cumsum(np.cumsum(velocities, axis=0), axis=1)
@@ -261,11 +262,11 @@ def phase_covariance(
 ) -> Array:
     """Return the covariance of the phase noise in a window, shape (count, count).
 
-    The phase noise is psi(tau) = phase(t + tau) - phase(t + r) - velocity (tau - r) with
-    r the `reference_step`; E[psi psi'] is over all windows of `count` samples but the few
-    with the greatest noise. If there are few whole windows, those that are cut by the
-    end of a recording count as far as they go, and the process of the velocity as half a
-    window's worth of them.
+    The phase noise is psi(tau) = phase(t + tau) - phase(t + r) - velocity (tau - r)
+    with r the `reference_step`. E[psi psi'] is over all windows of `count` samples
+    except the few with the greatest noise. If there are few whole windows, the
+    available samples of windows that the end of a recording cuts are used as well, and
+    the process of the velocity with the weight of half a window.
     """
     whole_windows = sum(max(0, len(p) - count + 1) for p in phases)
     has_few_windows = whole_windows < _SUFFICIENT_WINDOWS * count
@@ -284,7 +285,7 @@ def phase_covariance(
     psi = np.where(is_known > 0, psi, 0.0)
     squares, counts = psi.T @ psi, is_known.T @ is_known
     if has_few_windows:
-        # What no window shows follows from the process of the velocity.
+        # Entries without any window follow from the process of the velocity.
         process = PhaseVelocity.fit(phases).phase_noise(count)
         row = process[reference_step]
         process = process - row - row[:, None] + row[reference_step]

@@ -63,8 +63,8 @@ class Part:
     start, end : float
         s, from the beginning of the recording.
     kind : str
-        "bout", or why it is left out: "approach", "retreat", "pause", "lift" (the movement is
-        left and comes back), "backwards" or "another movement".
+        "bout", or the reason for leaving it out: "approach", "retreat", "pause", "lift"
+        (a departure from the movement and return), "backwards" or "another movement".
     """
 
     recording: int
@@ -96,7 +96,7 @@ class Rhythm:
     drift : float
         Displacement of the centre along the recordings, relative to the width.
     irregular : tuple of str
-        Channels that do not repeat: the phase is that of the others.
+        Channels that do not repeat; the phase is that of the other channels.
 
     Examples
     --------
@@ -151,7 +151,7 @@ class Rhythm:
         return lines + self.remarks()
 
     def remarks(self) -> list[str]:
-        """Return remarks on unusual recordings; none if all is well."""
+        """Return remarks on unusual recordings."""
         out = []
         if self.irregular:
             out.append(
@@ -272,7 +272,7 @@ def recurrent_samples(
 def _fill_middle(masks: Sequence[Mask], rests: Sequence[Mask], period: float) -> None:
     """Fill the gap in masks (n,) that together span fewer than about two cycles.
 
-    Of 1.5 cycles only both ends recur, not the middle.
+    With 1.5 cycles, both ends recur but the middle does not.
     """
     (mask, rest), *others = [
         pair for pair in zip(masks, rests, strict=True) if pair[0].any()
@@ -395,7 +395,7 @@ def without_short(mask: Mask, least: float) -> Mask:
 
 
 def _extended(speed: Array, start: int, end: int, most: float) -> tuple[int, int]:
-    """Extend a run to nearby minima of the phase velocity (n,) where that is small."""
+    """Extend a run to nearby minima of the phase velocity (n,) with small values."""
     before = max(0, start - round(most))
     after = min(len(speed), end + round(most))
     if start > 0 and speed[before : start + 1].min() < _SLOW_VELOCITY:

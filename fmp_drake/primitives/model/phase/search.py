@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 class _Limits(NamedTuple):
     """Limits of a track: least number of cycles and greatest unexplained variance.
 
-    A period that the user states needs no evidence that it is one.
+    A period that the user states needs no evidence.
     """
 
     cycles: float
@@ -57,9 +57,9 @@ class _Limits(NamedTuple):
     needs_evidence: bool = True
 
 
-# Unexplained fraction of the variance below which no other period is tried. One cycle leaves
-# 0.3 to 0.7 % of hand-guided movements unexplained. One stroke taken for the cycle of three
-# left 3.5 to 7 %.
+# Unexplained fraction of the variance below which no other period is tried. One cycle
+# leaves 0.3 to 0.7 % of hand-guided movements unexplained. If one stroke is mistaken
+# for a cycle of three, 3.5 to 7 % are left.
 _CLEAR_MISFIT = 0.015
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _MISFIT_RATIO = 4.0
@@ -99,7 +99,8 @@ class TrackedRhythm(NamedTuple):
     track : PhaseTrack
         Of all channels, also those that do not repeat.
     recordings : sequence of ndarray, shape (n, D)
-        The searched ones: those given, the longest first, or joined where each is one cycle.
+        The recordings in the order of the search, the longest first; joined where each
+        is one cycle.
     misfit : float
         0 for many similar cycles; greater for fewer and less similar ones.
     """
@@ -172,11 +173,11 @@ def search_rhythm(
 ) -> TrackedRhythm:
     """Find the rhythm of recordings (n, D), and the phase of their rhythmic samples.
 
-    Approach, retreat, lifts, pauses and parts of another movement are left out; all bouts
-    between them are used. Where the estimated period does not explain the bouts, others are
-    tried. A cycle of several equal ones is replaced by one of these. Recordings of one cycle
-    each, which begin where another one ends, are joined. The order of the recordings does
-    not matter.
+    Approach, retreat, lifts, pauses and parts of another movement are left out; all
+    bouts between them are used. Where the estimated period does not explain the bouts,
+    others are tried. A cycle that consists of several equal ones is replaced by one of
+    them. Recordings of one cycle each, which begin where another one ends, are joined.
+    The order of the recordings does not matter.
 
     Channels of noise are ignored. Where the others do not repeat together, positions are
     searched without them, then angles.
@@ -245,7 +246,7 @@ def _column_choices(
 def _search_or_join(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
 ) -> tuple[TrackedRhythm, Iterable[Part]]:
-    """Find the rhythm of recordings, separate or joined; return it and its parts."""
+    """Find the rhythm of separate or joined recordings; return it and its parts."""
     try:
         tracked = _search(recordings, columns, rate, period)
         return tracked, (*tracked.rhythm.bouts, *tracked.rhythm.left_out)

@@ -29,10 +29,10 @@ CHANGE = 0.03
 _STEPS = 12
 _ROUNDS = 6
 _HARMONICS = (6, 20)
-# With few cycles a smaller change of the phase velocity is assumed: otherwise the slowly
-# varying residual is taken for it. Thirds that are left out of 20 s of the 8 and of
-# polishing are predicted better with this in 15 of 16 cases; with 2 minutes of data,
-# samples vary too little with it.
+# With few cycles a smaller change of the phase velocity is assumed: otherwise it
+# absorbs the slowly varying residual. Left-out thirds of 20 s of the 8 and of polishing
+# are predicted better with this in 15 of 16 cases; with 2 minutes of data, samples vary
+# too little with it.
 _CHANGE_OF_FEW = 0.01
 
 
@@ -214,8 +214,8 @@ def _grid_path(
     count = int(np.clip(_STATES_PER_SAMPLE * 2 * np.pi / velocity, *_STATES))
     grid = 2 * np.pi * np.arange(count) / count
     states, rates = cycle.values(grid), velocity * cycle.values(grid, 1)
-    # Squared distances of values and velocities, each relative to the variance of the states.
-    # What is the same for all states does not matter.
+    # Squared distances of values and velocities, each relative to the variance of the
+    # states. Terms that are equal for all states do not matter.
     sizes = [max(x.var(axis=0).sum(), 1e-300) for x in (states, rates)]
     scales = np.sqrt([1 / sizes[0], 0.5 / sizes[1]]) / (np.sqrt(2) * _VALUE_SPREAD)
     scales = np.repeat(scales, values.shape[1])
@@ -254,8 +254,8 @@ def best_path(
     n, count = cost.shape
     reach = len(step_cost) - 1
     best = cost.copy()
-    # Without a remainder of a division in the innermost loop, over the states, which is
-    # vectorised. The increments are found again on the way back.
+    # The innermost loop, over the states, has no modulo operation and is vectorised.
+    # The increments are recomputed on the way back.
     unrolled = np.empty(reach + count)
     least = np.empty(count)
     for i in range(1, n):
