@@ -98,7 +98,7 @@ class FourierPrimitiveSystem(LeafSystem):
         Phase of the desired motion, rad, from 0 to 2 pi; only where the skill has a
         phase model.
     plan : (P*D,)
-        Desired positions at the ticks from the last event on, if nothing interferes.
+        Desired positions at the ticks from the last event on, without disturbances.
     plan_covariance : (P*D*D,)
         Of the plan (18), with the errors of predictions.
     remaps : (2,)
@@ -132,8 +132,9 @@ class FourierPrimitiveSystem(LeafSystem):
         Largest distance of samples from the demonstrated paths, m, as for `Player`; None
         for no bound.
     soft_start : bool
-        Begin with the tempo 0, so that a robot at rest follows the path of the skill from
-        the start, and not beside it by the motion of the skill in 0.15 s.
+        Begin with the tempo 0, so that a robot at rest follows the path of the skill
+        from the start. It is otherwise off the path by the distance that the skill
+        moves in 0.15 s.
 
     Examples
     --------
@@ -178,7 +179,8 @@ class FourierPrimitiveSystem(LeafSystem):
         for name, value in (("push_dwell", push_dwell), ("plan_seconds", plan_seconds)):
             check_number(value, name, above=0, unit="s", error=SystemsError)
         self._push_threshold = push_threshold
-        # The distance of a push is that of lengths, without rotations and forces.
+        # The distance of a push is measured in the lengths, without rotations and
+        # forces.
         lengths = [i for i, unit in enumerate(skill.units_) if unit == "m"]
         self._lengths = lengths or list(range(skill.n_channels_))
         low, high = skill.extent_

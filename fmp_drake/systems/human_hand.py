@@ -24,8 +24,8 @@ from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import PLANE, Surface
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
-# Of the hand: stiffness in the plane of the board (N/m), damping in every direction
-# (N s/m), normal force (N), stiffness (Nm/rad) and damping (Nm s/rad) of rotation.
+# The hand: stiffness in the plane of the board (N/m), damping in every direction (N
+# s/m), normal force (N), stiffness (Nm/rad) and damping (Nm s/rad) of rotation.
 STIFFNESS, DAMPING, NORMAL_FORCE = 1500.0, 120.0, 9.0
 ROTATIONAL_STIFFNESS, ROTATIONAL_DAMPING = 60.0, 6.0
 

@@ -84,7 +84,7 @@ class InkBoard(LeafSystem):
         Finalized plant that is registered with a SceneGraph.
     eraser : Frame
         E, fixed to the body that wipes, with its origin at the wiping face and x along
-        its length. The body's patch counts whichever side of a contact it is.
+        its length. The body may be on either side of a contact.
     surface : Frame
         B, fixed to the board's body: origin at the centre of the wiping surface,
         z outward.
@@ -280,7 +280,7 @@ class InkBoard(LeafSystem):
             new, outline = read_patch(
                 surfaces, self._pose(context), now, self._curvature
             )
-            # An eraser that is lifted had a better patch before.
+            # While the eraser is lifted, the previous patch is the better one.
             if not patch.depth > max(2.0 * new.depth, 0.0):
                 patch = new
         values.set_value(self._outline, outline)

@@ -75,7 +75,7 @@ def test_protective_stop_is_reported_with_its_cause():
     measured[times > 7.19, 0] += 0.23
     mark(signals, 3.0, 3.3, stop | StatusFlag.NOT_FOUND)
     assert sentences(signals) == [
-        "protective stop from 3.0 to 3.3 s: no board was found where it is looked for",
+        "protective stop from 3.0 to 3.3 s: no board was found within the search range",
         "protective stop from 7.2 to 7.9 s: the target was 23 cm away",
     ]
 

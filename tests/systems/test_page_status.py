@@ -80,7 +80,7 @@ def test_the_reason_of_a_stop_is_shown_although_its_fault_was_short(panel):
     simulator.AdvanceTo(0.2)
     assert panel.shown["level"] == "bad"
     assert panel.shown["mode"] == "protective stop"
-    assert panel.shown["detail"] == "no board was found where it is looked for"
+    assert panel.shown["detail"] == "no board was found within the search range"
     # In another simulator, too: it is in the context.
     copy = Simulator(simulator.get_system(), simulator.get_context().Clone())
     copy.AdvanceTo(0.4)
@@ -96,7 +96,7 @@ def test_the_reason_of_a_stop_is_shown_although_its_fault_was_short(panel):
         (
             StatusFlag.FORCE_CONTROL | StatusFlag.CONTACT_LOST,
             0.0,
-            "searching the board",
+            "searching for the board",
         ),
         (StatusFlag.RECOVER, 9.0, "going back"),
         (STOP | StatusFlag.CONTACT_LOST, 0.0, "protective stop"),

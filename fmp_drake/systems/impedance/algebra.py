@@ -364,9 +364,9 @@ def unwrapped(error: Array, previous: Array) -> Array:
     Parameters
     ----------
     error : array, shape (6,)
-        What `task_error` returned, rad and m; not changed.
+        Result of `task_error`, rad and m; not changed.
     previous : array, shape (3,)
-        Rotation of the error before, as returned here, rad.
+        Rotation of the previous error, as returned here, rad.
 
     Returns
     -------

@@ -24,8 +24,8 @@ _FREE_DIRECTION = "use a small number for a free direction"
 class ImpedanceConfig:
     """Settings of `OperationalSpaceImpedanceController`.
 
-    T is the task frame (the board), E the end effector. Values are checked when
-    they are used, because loading YAML does not construct anew.
+    T is the task frame (the board), E the end effector. Values are checked when they
+    are used, because loading YAML does not call the constructor.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class ImpedanceConfig:
     posture_damping_ratio : float
         Of the motion inside the nullspace.
     max_translation_error, max_rotation_error, max_posture_error : float
-        Longest errors that the stiffness sees, m, rad and rad. They bound the
+        Greatest errors to which the stiffness responds, m, rad and rad. They bound the
         force, and with the damping the speed, of a start far from the target.
     max_torque_rate : float or None
         Fastest change of any joint torque, Nm/s. None means the robot's in a station, and

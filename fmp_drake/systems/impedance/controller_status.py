@@ -1,4 +1,4 @@
-"""Status of the impedance controller: flags, their words, and where they lead."""
+"""Status of the impedance controller: flags, and their texts for people."""
 
 from collections.abc import Sequence
 from enum import IntFlag
@@ -10,7 +10,7 @@ class StatusFlag(IntFlag):
 
     The target was not followed:
 
-    - `PROTECTIVE_STOP`: the arm is held, damped, where it was when a fault came.
+    - `PROTECTIVE_STOP`: the arm is held, damped, at its position when a fault occurred.
     - `RECOVER`: the arm moves back to its target.
     - `NOT_FINITE`: an input was NaN, infinite or above 1e12.
     - `JUMP`: the target jumped.
@@ -18,14 +18,14 @@ class StatusFlag(IntFlag):
     - `IMPLAUSIBLE`: the target is too fast, accelerates too much, does not move with
       its velocity, or has a time in the future.
     - `NO_STATE`: the arm's state was not finite; the torque goes to zero.
-    - `NOT_FOUND`: the surface is lower than is searched, or there is none.
+    - `NOT_FOUND`: the surface is below the search range, or there is none.
     - `EXCESS_FORCE`: the normal force is far above the desired one.
     - `FORCE_OSCILLATION`: the normal force oscillates.
     - `SPEED_EXCEEDED`: a joint is faster than its limit.
 
     The torque was limited:
 
-    - `ERROR_CLIPPED`: the target is farther away than the stiffness sees.
+    - `ERROR_CLIPPED`: the error is greater than the stiffness responds to.
     - `NEAR_SINGULAR`: the inertia was bounded.
     - `TORQUE_LIMITED`, `RATE_LIMITED`: by the joints' effort or the torque's rate.
     - `JOINT_WALL`: a joint is near its limit, and pushed back.
@@ -42,7 +42,7 @@ class StatusFlag(IntFlag):
       positive (semi)definite, or the stiffness was too large.
     - `TANK_EMPTY`: the energy tank held the stiffness back.
 
-    Not the controller's: a `SurfaceMonitor` adds them to what a station reports.
+    Not from the controller: a `SurfaceMonitor` adds them to the status of a station.
 
     - `BELOW_SURFACE`: something hard is below the board's surface.
     - `ARM_TOUCHES`: a link of the arm touches the board.
@@ -87,7 +87,7 @@ class ImpedanceStatus(NamedTuple):
     Attributes
     ----------
     flags : StatusFlag
-        What was done.
+        Actions and conditions of the last update.
     target_fraction : float
         1 where the target is followed, 0 in a protective stop, between them in
         recovery.
@@ -133,9 +133,10 @@ class Condition(NamedTuple):
     level : str
         ``busy`` where the arm continues without help, or ``bad``.
     mode, detail : str
-        On a page: in a word or two, and why; the mode is empty where it is not shown.
+        Text on a page: one or two words, and the reason; the mode is empty where it is
+        not shown.
     event : str
-        In the list of what went wrong in a run; empty where it is not listed.
+        Text in the list of a run's problems; empty where it is not listed.
     advice : str
         What a person can do about the event.
     """
@@ -180,10 +181,10 @@ CONDITIONS = {
     ),
     StatusFlag.CONTACT_LOST: Condition(
         "busy",
-        "searching the board",
+        "searching for the board",
         "there is no contact where there should be",
         "contact lost",
-        "The arm searches the board by itself.",
+        "The arm searches for the board by itself.",
     ),
     StatusFlag.JOINT_WALL: Condition("busy", "", "", "a joint at its limit"),
 }
@@ -198,7 +199,7 @@ STOP_REASONS = {
     StatusFlag.STALE: "the target was too old",
     StatusFlag.NOT_FINITE: "an input was not finite",
     StatusFlag.NO_STATE: "the arm's state was not known",
-    StatusFlag.NOT_FOUND: "no board was found where it is looked for",
+    StatusFlag.NOT_FOUND: "no board was found within the search range",
     StatusFlag.IMPLAUSIBLE: "the target moved in an implausible way",
     StatusFlag.EXCESS_FORCE: "the normal force was far above the desired one",
     StatusFlag.FORCE_OSCILLATION: "the normal force oscillated",

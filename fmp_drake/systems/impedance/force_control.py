@@ -1,4 +1,4 @@
-"""Normal force: engagement, search of the surface, closed-loop control.
+"""Normal force: engagement, search for the surface, closed-loop control.
 
 The surface may be higher or lower than assumed. The state is the height at which it was
 found: the target is raised by it, so that along the normal the law commands nothing but
@@ -44,7 +44,7 @@ _BRAKING_TIME = 0.15
 
 @dataclass(kw_only=True)
 class ForceControlConfig:
-    """Control of the normal force, along −z of T, and search of the surface.
+    """Control of the normal force, along −z of T, and search for the surface.
 
     Attributes
     ----------
@@ -54,8 +54,8 @@ class ForceControlConfig:
         Correction in newtons per newton of error of the measured force.
     integral_gain : float
         Rate at which the force is corrected, 1/s; with the proportional gain p, the
-        bandwidth is this by 1 + p. On a stiff board the loop is stable below
-        ``(1 + p) D / Λ``, with the damping D (the law's and the felt's) and the
+        bandwidth is this rate divided by 1 + p. On a stiff board the loop is stable
+        below ``(1 + p) D / Λ``, with the damping D (the law's and the felt's) and the
         inertia Λ along the normal.
     contact_force : float
         Measured force above which there is contact, N.
@@ -120,7 +120,7 @@ class NormalForceDemand(NamedTuple):
     desired, measured : float
         Force of the tool along −z of T, N; NaN where it is not measured.
     searching : bool
-        Whether the target is at the surface, so that the surface is searched.
+        Whether the target is at the surface, so that the search is active.
     away : bool
         Whether the tool is far from its target along the surface.
     height : float
@@ -128,7 +128,7 @@ class NormalForceDemand(NamedTuple):
     stiffness : float
         Along z of T, N/m.
     saturated : bool
-        Whether the torque was limited at the update before.
+        Whether the torque was limited at the previous update.
     """
 
     desired: float
@@ -198,7 +198,7 @@ def correct_normal_force(
     demand: NormalForceDemand,
     period: float,
 ) -> ForceCorrection:
-    """Search the surface, and correct the normal force by the measured one.
+    """Search for the surface, and correct the normal force by the measured one.
 
     The height of the surface is constant while the arm's torque is saturated or the tool
     is far from its target, and is limited to `search_range`. Without a search it returns
@@ -209,7 +209,7 @@ def correct_normal_force(
     config : ForceControlConfig
         As `values_of` returns it.
     state : ForceState
-        Of the update before.
+        Of the previous update.
     demand : NormalForceDemand
     period : float
         Time between updates, s.

@@ -14,13 +14,13 @@ from fmp_drake.systems.impedance.algebra import applied, cholesky, solve_lower
 
 Array = NDArray[np.float64]
 
-# The part of the efforts that is used, because the weight changes until the next
-# update, and the part that is left where the weight alone needs all.
+# Fraction of the efforts that is used, because the weight changes until the next
+# update, and the remaining fraction where the weight alone needs all.
 _EFFORT_FRACTION, _EFFORT_RESERVE = 0.99, 0.01
 # Time constant with which a joint that would be too fast comes to rest, s.
 _STOPPING_TIME = 0.05
-# Fraction of the speed limits that a torque may lead to. Contact and friction, of which
-# nothing is known here, may accelerate a joint further.
+# Fraction of the speed limits that a torque may lead to. Contact and friction, which
+# are unknown here, may accelerate a joint further.
 _SPEED_FRACTION = 0.95
 
 
@@ -190,8 +190,8 @@ def rate_scale(change: Array, max_change: float) -> float:
 def rate_limited(change: Array, wall: Array, max_change: float) -> Array:
     """Return a change of torque that no joint exceeds, shape (n,), in Nm.
 
-    It is shortened without a change of direction, but for joints with a torque at their
-    limits: other joints that need a larger change do not delay it.
+    It is shortened without a change of direction, except for joints with a torque at
+    their limits: their changes are not delayed by other joints.
 
     Parameters
     ----------
@@ -248,9 +248,10 @@ def speed_limited(
 
     The torque changes by at most `max_change` an update. So an acceleration lasts while
     the torque returns to the one without acceleration, ``C v``. Where a joint would
-    exceed 95 % of its speed limit by then, the torque returns at once, and then damps the
-    joints; the rest is for contact and friction. A torque is thus applied only where the
-    next update can still return from it. The torque at the joint limits remains.
+    exceed 95 % of its speed limit by then, the torque returns at once, and then damps
+    the joints; the other 5 % are a margin for contact and friction. A torque is thus
+    applied only where the next update can still return from it. The torque at the joint
+    limits remains.
 
     Parameters
     ----------
@@ -281,7 +282,7 @@ def speed_limited(
     duration = period * (1 + 0.5 * np.max(np.abs(torque - Cv)) / max_change)
     overspeed = unavoidable = False
     for i in range(len(v)):
-        # A torque that already slows the joint down is left as it is.
+        # A torque that already slows the joint down is not changed.
         predicted_v = v[i] + duration * acceleration[i]
         most = _SPEED_FRACTION * limits.speed[i]
         unavoidable |= abs(predicted_v) > most and predicted_v * acceleration[i] > 0
@@ -321,7 +322,7 @@ def limited_torque(
     config, limits, q, v
         As for `wall_torque`.
     torque, previous : array, shape (n,)
-        Desired, and of the update before, Nm.
+        Desired, and of the previous update, Nm.
     max_change : float
         As for `rate_scale`.
     period, M, Cv
@@ -369,8 +370,8 @@ class FrictionConfig:
     ----------
     enabled : bool
     gain : float
-        Part of the friction that is meant: 1 for the arm's own, somewhat less to
-        compensate it, as too much makes the joints run away.
+        Factor of the friction: 1 to simulate it, somewhat less to compensate for it,
+        because overcompensation makes the joints run away.
     height : list of floats
         φ1 of each joint, Nm.
     slope : list of floats

@@ -89,7 +89,7 @@ class LawTorque(NamedTuple):
         Joint torque without gravity, not limited, Nm; NaN where the mass matrix is
         not positive definite.
     dissipation : float
-        Power that the task's damping takes out of the motion, W.
+        Power that the task's damping dissipates, W.
     normal_force : float
         Of spring, damping and feed-forward along −z of T, N.
     clipped : bool

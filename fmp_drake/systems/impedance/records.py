@@ -106,7 +106,7 @@ def settings_of(
     rate = config.max_torque_rate
     max_torque_rate = sys.float_info.max if rate is None else rate
     settings = ImpedanceSettings(
-        # The lists of the friction are as long as the arm: see `joint_settings`.
+        # The lists of the friction have a number for each joint: see `joint_settings`.
         config=replace(
             config,
             max_torque_rate=max_torque_rate,
@@ -161,7 +161,7 @@ def joint_settings(
 
 @inlined
 def of_joints(rows: Array) -> JointSettings:
-    """Read what `joint_settings` returned."""
+    """Read the result of `joint_settings`."""
     return JointSettings(
         JointLimits(rows[0], rows[1], rows[2], rows[3], rows[4]),
         SigmoidFriction(rows[5], rows[6], rows[7]),
@@ -241,7 +241,7 @@ PACKED = np.dtype(
     + [(f"has_{name}", float) for name in PORTS]
 )
 PACKED_SIZE = PACKED.itemsize // 8
-# Where each port's values are among the packed numbers, and where its flag is.
+# Indices of each port's values among the packed numbers, and of its flag.
 PLACES = {
     name: (slice(end - PORTS[name], end), sum(PORTS.values()) + k)
     for k, (name, end) in enumerate(zip(PORTS, accumulate(PORTS.values()), strict=True))
@@ -298,12 +298,12 @@ def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInput
     packed : array, shape (107,)
         A record of the type `PACKED` as numbers, zero where a port is not used.
     settings : ImpedanceSettings
-        With the task frame where the port brings none, or none that is finite, and
-        the desired orientation where the port brings none.
+        Source of the task frame where the port has no finite one, and of the desired
+        orientation where the port has none.
     time : float
         s.
     """
-    # Views of the records, which are neither copied nor counted.
+    # Views of the records, without copies and reference counts.
     X_WT = Pose(settings.X_WT.R[:], settings.X_WT.p[:])
     R_TE = settings.R_TE[:]
     ports, finite = packed.view(PACKED)[0], True
@@ -320,7 +320,7 @@ def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInput
         else:
             finite = False
     rotation = twist_rotation(X_WT.R.T)
-    # A frame that has no velocity stands still.
+    # A frame without a given velocity stands still.
     frame_acceleration = ports["task_frame_acceleration"][:]
     if not ports["has_task_frame_velocity"]:
         frame_acceleration = np.zeros(6)
@@ -369,7 +369,7 @@ class ImpedanceMemory(NamedTuple):
     stiffness : array, shape (6, 6)
         K, in T.
     rotation_error : array, shape (3,)
-        Of the update before, rad, in T.
+        Of the previous update, rad, in T.
     force_record : ForceRecord
     """
 

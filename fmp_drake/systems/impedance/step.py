@@ -107,23 +107,23 @@ def impedance_step(
 ) -> tuple[Array, Array, Array]:
     """Compute the next torque.
 
-    It takes only numbers and arrays of them, because that is fastest, and the same types
-    for every arm: it is compiled once.
+    Its arguments are numbers and arrays, which is fastest, of the same types for every
+    arm: it is compiled once.
 
     Parameters
     ----------
     settings : array of bytes
-        What `settings_of` returned.
+        Result of `settings_of`.
     joints : array, shape (9, n)
-        What `joint_settings` returned.
+        Result of `joint_settings`.
     packed : array, shape (107,)
         The inputs, see `unpack`.
     time : float
         s.
     previous : array, shape (n,)
-        The torque of the update before, Nm.
+        The torque of the previous update, Nm.
     memory : array, shape (79,)
-        The numbers of a `MEMORY`, of the update before; not changed.
+        The numbers of a `MEMORY`, of the previous update; not changed.
     known : bool
         Whether the state is finite; where it is not, the torque goes to zero.
     state : array, shape (2n,)
@@ -219,8 +219,8 @@ def _next_torque(
         flags |= _NOT_FOUND
     if np.max(np.abs(arm.v) - joints.limits.speed) > 0:
         flags |= _SPEED_EXCEEDED
-    # A tool that was below the surface comes up in the stop, slowly, and that long it
-    # lasts; the surface that was found is forgotten meanwhile.
+    # In a stop, a tool below the assumed surface rises slowly to it, and the stop lasts
+    # as long. The found surface is reset meanwhile.
     surface = memory.force.surface
     below = memory.watchdog.mode == STOPPED and surface < 0
     stop_pose = Pose(X_WE.R, X_WE.p - min(surface, 0.0) * X_WT.R[:, 2])
@@ -262,9 +262,9 @@ def _next_torque(
         weight,
     )
 
-    # Supervision of the force: what it finds now stops the arm at the next update.
-    # Without a sensor, a person who lifts the tool cannot be distinguished from a
-    # contact: only an oscillation is judged then.
+    # Supervision of the force: a fault now stops the arm at the next update. Without a
+    # sensor, a person who lifts the tool cannot be distinguished from a contact: only
+    # an oscillation is judged then.
     excess = (measured if inputs.has_normal_force else law.normal_force) - desired
     force_flags, force_record = force_faults(
         config.watchdog,
@@ -344,7 +344,7 @@ def _contact(
     """Return the desired contact of a tool at an offset (3,) from the target, in T, m."""
     control = settings.config.force_control
     height, rest = offset[2], control.rest_distance
-    # A tool that is high descends while it returns, so that it is not caught.
+    # A high tool descends while it returns, so that it does not get stuck in the air.
     high = max(height - control.lift_height, 0.0)
     near = engagement(math.hypot(offset[0], offset[1]) - rest - high, rest)
     engaged = engagement(inputs.target.X.p[2], settings.engage_height)
@@ -396,7 +396,7 @@ def _task_wrench(
         wrench += inputs.wrench
         wrench[5] -= pressing
         if inputs.desired_normal_force > 0:
-            # From below the surface the tool comes up before it comes back.
+            # From below the surface the tool rises before it returns.
             lift = config.lift_height + max(-height, 0.0)
             lifting = contact.engaged * (1 - contact.near) * stiffness * lift
     measured = math.nan
@@ -505,7 +505,7 @@ def measured_motion(
     Parameters
     ----------
     settings : array of bytes
-        What `settings_of` returned.
+        Result of `settings_of`.
     packed : array, shape (107,)
         The inputs, see `unpack`.
     X_WE : array, shape (4, 3)

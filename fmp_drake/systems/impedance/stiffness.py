@@ -31,8 +31,9 @@ class CovarianceStiffnessConfig:
     deviation : float
         Standard deviation at which the stiffness is midway between its bounds, m.
     axes : list of 3 bools
-        Which of T's axes are concerned; the others keep their stiffness. By default
-        not the normal, along which the force, not the position, is to be held.
+        Axes of T along which the stiffness follows the covariance; the others keep
+        theirs. By default without the normal, along which the force is controlled, not
+        the position.
 
     Examples
     --------
@@ -65,9 +66,9 @@ class EnergyTankConfig:
     Attributes
     ----------
     initial_energy, capacity : float
-        In the tank at the start, and at most, J. A stretched spring that is made
-        stiffer has more energy, which the tank pays for: whatever the stiffness does,
-        the environment gains at most the `capacity` from it.
+        Energy in the tank at the start, and its maximum, J. A stretched spring that is
+        made stiffer stores more energy, which the tank supplies: whatever the changes
+        of the stiffness, the environment gains at most the `capacity`.
     stored_fraction : float
         Part of the power dissipated by the controller's damping that is stored.
 
@@ -121,7 +122,7 @@ def stiffness_from_covariance(
        model with minimal intervention control", ICRA 2014.
     """
     chosen, span = config.axes, config.max_stiffness - config.min_stiffness
-    # An axis that is not chosen has no part in Σ.
+    # Axes that are not chosen are left out of Σ.
     precision = np.eye(3)
     for i in range(3):
         for j in range(3):
@@ -163,7 +164,7 @@ def is_covariance(covariance: Array) -> bool:
 
 @compiled
 def filter_fraction(period: float, time_constant: float) -> float:
-    """Return the part of a step that a low-pass filter passes in one period, in s."""
+    """Return the fraction of a step that a low-pass filter passes in one period (s)."""
     return 1 - math.exp(-period / time_constant) if time_constant > 0 else 1.0
 
 
@@ -171,16 +172,17 @@ def filter_fraction(period: float, time_constant: float) -> float:
 def admit_stiffness(
     stiffness: Array, desired: Array, error: Array, energy: float
 ) -> tuple[Array, float, bool]:
-    """Change one stiffness towards another as far as the energy allows.
+    """Change a stiffness towards another one as far as the energy allows.
 
-    Stretching by ``e`` a spring whose stiffness changes by ``ΔK`` costs
-    ``½ eᵀ ΔK e``. Where the tank has less, only the part of ``ΔK`` that it can pay
-    is admitted. Energy that a softer spring releases is not stored.
+    A change ``ΔK`` of the stiffness of a spring that is stretched by ``e`` needs the
+    energy ``½ eᵀ ΔK e``. Where the tank has less, only the part of ``ΔK`` that it can
+    supply is admitted. Energy that a softer spring releases is not stored.
 
     Parameters
     ----------
     stiffness, desired : array, shape (6, 6)
-        Present and desired K; the result is between them, thus a spring as well.
+        Present and desired K; the result is between them, so it is positive definite,
+        too.
     error : array, shape (6,)
         e, rad and m.
     energy : float
@@ -190,7 +192,7 @@ def admit_stiffness(
     -------
     stiffness : array, shape (6, 6)
     energy : float
-        What is left, J.
+        Remaining energy, J.
     held_back : bool
         Whether the tank was too empty.
 

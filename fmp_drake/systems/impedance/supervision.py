@@ -52,7 +52,7 @@ class WatchdogConfig:
         Greatest acceleration of the target in the world, m/s² and rad/s².
     max_stiffness, max_rotational_stiffness : float
         Greatest stiffness at the port `stiffness`, N/m and Nm/rad. Larger ones are
-        refused, and the arm keeps the one that it has.
+        refused, and the stiffness stays as it is.
     max_age : float
         Greatest age of the target, s, by the port `target_time` where it is connected.
         Otherwise the age is the time for which the position is constant although the
@@ -154,7 +154,7 @@ def target_faults(
     config : WatchdogConfig
         As `values_of` returns it.
     last : LastTarget
-        Of the update before.
+        Of the previous update.
     measured : Pose
         X_WE of the tool, with which the first target is compared.
     target : TaskTarget
@@ -226,7 +226,7 @@ def force_faults(
     config : WatchdogConfig
         As `values_of` returns it.
     record : ForceRecord
-        Of the update before.
+        Of the previous update.
     error : float
         Normal force minus the desired one, N.
     desired : float
@@ -269,11 +269,11 @@ def next_watchdog_state(
     config : WatchdogConfig
         As `values_of` returns it.
     state : WatchdogState
-        Of the update before.
+        Of the previous update.
     fault : bool
         Whether something is wrong with the target now.
     distance, angle : float
-        From where the arm was stopped to the target, m and rad; used in a stop.
+        From the pose at the stop to the target, m and rad; used in a stop.
     period : float
         Time between updates, s.
 
@@ -329,7 +329,7 @@ def supervised(
     config : WatchdogConfig
         As `values_of` returns it.
     state : WatchdogState
-        Of the update before.
+        Of the previous update.
     held, measured, target : Pose
         X_WE at the stop, measured, and desired.
     fault : bool

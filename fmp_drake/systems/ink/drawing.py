@@ -105,7 +105,7 @@ def draw_words(
     pitch = grid.pitch[::-1] if quarter_turns % 2 else grid.pitch
     size = np.array(canvas.shape[::-1])
     for outline in outlines:
-        # Letters with holes: an outline within an outline has no ink.
+        # Letters may have holes: an outline within an outline has no ink.
         p = (outline - middle) * height * (_FINE / pitch)
         pixel = np.column_stack([p[:, 0] + 0.5 * size[0], 0.5 * size[1] - p[:, 1]])
         canvas ^= _filled(pixel - 0.5, canvas.shape)
@@ -190,7 +190,7 @@ def _outlines(line: str) -> list[FloatArray]:
             "letter."
         )
     capital = TextPath((0, 0), "H", size=100.0, prop=prop).get_extents().height
-    # Escaped, a dollar sign is a dollar sign.
+    # Escape dollar signs, which otherwise begin a formula.
     path = TextPath((0, 0), line.replace("$", r"\$"), size=100.0, prop=prop)
     return [np.asarray(p) / float(capital) for p in path.to_polygons()]
 

@@ -367,7 +367,7 @@ def times_to_clean(times: ArrayLike, cleaned: ArrayLike) -> dict[float, float | 
 
 @dataclass(frozen=True, kw_only=True)
 class CoverageChoice:
-    """Selects the sample of a skill that would remove most ink.
+    """Selects the sample of a skill that would remove the most ink.
 
     Attributes
     ----------

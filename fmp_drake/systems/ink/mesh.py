@@ -228,12 +228,11 @@ def AddInkToRecording(
 ) -> int:
     """Add the disappearing ink to Meshcat's recording.
 
-    A Meshcat animation can move, show and hide objects but not change a mesh. So
+    A Meshcat animation can move, show and hide objects but not change a mesh. Therefore
     the final ink is drawn on the board, and over it the initial ink in layers of the
-    cells that fade at about the same time; the animation hides one layer after the
-    other. All of it is at `path`/recorded and replaces what `InkVisualizer` has
-    drawn. Call it between `Meshcat.StopRecording()` and
-    `Meshcat.PublishRecording()`.
+    cells that fade at about the same time; the animation hides the layers one after the
+    other. All of it is at `path`/recorded and replaces the drawing of `InkVisualizer`.
+    Call it between `Meshcat.StopRecording()` and `Meshcat.PublishRecording()`.
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ def exposure(
     """
     result = np.zeros((cells.n_y, cells.n_x))
     h = now.time - before.time
-    # Of the two directions of rotation the shorter one.
+    # The shorter of the two directions of rotation.
     rotation = (now.yaw - before.yaw + math.pi) % (2.0 * math.pi) - math.pi
     length = max(
         math.hypot(now.x - before.x, now.y - before.y),
@@ -338,7 +338,7 @@ def rectangle(outline: FloatArray) -> Patch:
 
 
 def compile_rubbing(cells: Cells) -> None:
-    """Compile the wear of the ink, by one use on a board that is not kept."""
+    """Compile the wear of the ink by one call with a temporary board."""
     rest = PlanarMotion(*[0.0] * len(PlanarMotion._fields))
     rubbing = exposure(cells, rectangle(np.zeros(6)), rest, rest, 0.0).ravel()
     wear(rubbing.copy(), rubbing, WEAR_CONSTANT)

@@ -23,16 +23,16 @@ _SCALE, _PERIOD = 0.012, 0.032
 _RADIUS = 0.004
 _HEAD = 0.022
 _HEAD_RADIUS = 0.010
-# Weaker forces (N) have no direction worth showing.
+# Weakest force that is drawn, N: the direction of weaker ones is noise.
 _WEAKEST = 0.3
 
 
 class ForceArrow(LeafSystem):
     """Arrow of the contact force on a body.
 
-    The arrow begins in the middle of the contact, weighted by the forces, and is drawn
-    over what stands before it, so that the body itself does not hide it. It is moved
-    and stretched, not drawn anew, so that recordings show it too. It is at `/force` in
+    The arrow begins in the middle of the contact, weighted by the forces. It is drawn
+    over objects in front of it, so that the body itself does not hide it. It is moved
+    and stretched, not drawn again, so that recordings show it too. It is at `/force` in
     Meshcat's tree: outside of `/drake` the mouse ignores it.
 
     Input ports
@@ -86,7 +86,7 @@ class ForceArrow(LeafSystem):
         meshcat.SetObject(f"{path}/stretch/shaft", Cylinder(_RADIUS, 1.0), FORCE_COLOR)
         head = MeshcatCone(_HEAD, _HEAD_RADIUS, _HEAD_RADIUS)
         meshcat.SetObject(f"{path}/head/cone", head, FORCE_COLOR)
-        # From the origin to 1 m; and Meshcat's cone stands on its tip.
+        # From the origin to 1 m; Meshcat's cone points downwards.
         meshcat.SetTransform(f"{path}/stretch/shaft", _along_z(0.5))
         upside_down = RigidTransform(RotationMatrix.MakeXRotation(np.pi))
         meshcat.SetTransform(f"{path}/head/cone", _along_z(_HEAD) @ upside_down)
@@ -99,7 +99,7 @@ class ForceArrow(LeafSystem):
     def _force(
         self, context: Context
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where the force acts (W, m) and the force (W, N)."""
+        """Return the point of application (W, m) and the force (W, N)."""
         results: Any = self._results.Eval(context)
         force, point, weight = np.zeros(3), np.zeros(3), 0.0
         for surface, part, _ in contact_surfaces(results, self._ids):

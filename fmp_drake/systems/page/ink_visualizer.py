@@ -1,4 +1,4 @@
-"""Showing the ink of a whiteboard in Meshcat while it is simulated."""
+"""The ink of a whiteboard in Meshcat while it is simulated."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -36,9 +36,9 @@ class InkVisualizer(LeafSystem):
 
     The shades of the last picture are discrete state. The ink is drawn in the frame of
     Meshcat's path `path`, which is the caller's and must be at B; this system and
-    `AddInkToRecording` own `path`/live and `path`/recorded under it and touch
-    nothing else. An initialisation deletes both and draws anew, and leaves the state
-    as it is.
+    `AddInkToRecording` own `path`/live and `path`/recorded under it and change nothing
+    else. An initialisation deletes both and draws them again without a change of the
+    state.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class InkVisualizer(LeafSystem):
 def _tiles(changed: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     """Yield the first cell of each tile that has a changed corner."""
     rows, columns = (range(0, n - 1, TILE) for n in changed.shape)
-    # A corner between two tiles counts for both.
+    # A corner between two tiles belongs to both.
     by_row = np.array([changed[row : row + TILE + 1].any(axis=0) for row in rows])
     for row, line in zip(rows, by_row, strict=True):
         for column in columns:

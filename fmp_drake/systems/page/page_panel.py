@@ -118,8 +118,8 @@ class PanelFields(TypedDict, total=False):
     summary : list of tuple of 2 str
         Names and results of a run that has ended.
     grab : str
-        What somebody does who drags the arm, such as ``you are pulling``; the arm cannot
-        be dragged where it is empty.
+        Effect of dragging the arm, such as ``you are pulling``; empty where the arm
+        cannot be dragged.
     turn : str
         Name of a switch of the page that a drag with Shift turns on.
     ended : bool
@@ -169,11 +169,12 @@ def hidden_meshcat() -> Meshcat:
 class PagePanel:
     """Meshcat's page with a status panel, at its own address.
 
-    The panel's sliders and buttons are those of the Meshcat. Only the page at `url`, which
-    carries a token, may move them and pull the arm; without the token it may watch. That
-    holds for a `hidden_meshcat`: any other Meshcat listens to all pages at its own address.
-    A separate process sends the fields of `show` to browsers, and ends with this one: here
-    there are no threads, and nothing that a browser could change or delay.
+    The panel's sliders and buttons are those of the Meshcat. Only the page at `url`,
+    which carries a token, may move them and pull the arm; without the token it may
+    watch. That holds for a `hidden_meshcat`: any other Meshcat listens to all pages at
+    its own address. A separate process sends the fields of `show` to browsers, and ends
+    with this one. This process therefore has no threads, and a browser can neither
+    change nor delay it.
 
     Parameters
     ----------
@@ -226,7 +227,7 @@ class PagePanel:
     def show(self, **fields: Unpack[PanelFields]) -> None:
         """Show these fields from now on; the others stay as they are."""
         self._shown = {**self._shown, **fields}
-        # Where the server does not come to read it, a later one tells as much.
+        # Where the server is too slow to read it, the next message has all fields.
         with contextlib.suppress(BlockingIOError, BrokenPipeError, ValueError):
             os.write(self._pipe.fileno(), json.dumps(self._shown).encode() + b"\n")
 

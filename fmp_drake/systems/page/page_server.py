@@ -30,16 +30,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-# Seconds between two messages to a browser, and after which an idle one is sent.
+# Least and greatest time between two messages to a browser, s.
 _PAUSE, _IDLE = 0.1, 2.0
-# Seconds for the whole head of a request, and until a silent peer is given up.
+# Time limits for the whole head of a request, and for a silent peer, s.
 _TIMEOUT = 10.0
 # Connections at the same time, and those that may stay without the token. The others are
 # for the operator and for short requests.
 _MAX_CONNECTIONS, _MAX_WATCHING = 64, 48
-# What a connection is for. One for a short request has to make room for a newer one.
+# Purposes of connections. Those for short requests make room for newer ones.
 _REQUEST, _WATCHING, _OPERATING = "request", "watching", "operating"
-# First bytes of a close, a ping and a pong that are whole, and the bits of the second byte.
+# First bytes of complete close, ping and pong frames, and the bits of the second byte.
 _CONTROL_FRAMES, _MASKED, _LONGEST_CONTROL = (0x88, 0x89, 0x8A), 0x80, 125
 _PORTS = range(8000, 8100)
 _OWN_PATH = re.compile(r"/[\w./-]*", re.ASCII)
@@ -85,7 +85,7 @@ def with_panel(page: str, fields: Mapping[str, Any], **start: bool) -> str:
 def is_own_host(header: str, served_at: str) -> bool:
     """Return whether the Host of a request names this machine.
 
-    An address in numbers cannot be another site's name. Of names only this machine's are
+    A numeric address cannot be another site's name. Only the names of this machine are
     accepted.
 
     Parameters
@@ -111,8 +111,8 @@ def is_own_host(header: str, served_at: str) -> bool:
 class ControlFrames:
     """Filter of a browser's WebSocket stream that drops all but control frames (RFC 6455).
 
-    It passes only frames whose size nobody can read in another way: Meshcat would take the
-    rest of a longer one, or of one without a mask, for a message of its own.
+    It passes only frames of unambiguous size: Meshcat would take the rest of a longer
+    frame, or of one without a mask, for a separate message.
     """
 
     def __init__(self) -> None:
@@ -150,7 +150,7 @@ class ControlFrames:
 
 
 def _frame_size(data: bytes) -> int | None:
-    """Return how many bytes the first, masked frame has with its head; None if cut off."""
+    """Return the bytes of the first, masked frame with its head; None if cut off."""
     length, head = data[1] & ~_MASKED, 2
     if length > _LONGEST_CONTROL:
         extended = 2 if length == 126 else 8
@@ -176,7 +176,7 @@ class _PanelState:
             self._changed.notify_all()
 
     def after(self, version: int) -> tuple[int, Mapping[str, Any]]:
-        """Wait for a later version than this, but not for long."""
+        """Wait for a limited time for a later version than this."""
         with self._changed:
             self._changed.wait_for(lambda: self._version != version, timeout=_IDLE)
             return self._version, self.fields
@@ -185,7 +185,7 @@ class _PanelState:
 class _HeadReader(io.RawIOBase):
     """Reader of a connection that bounds the time of all its reads together.
 
-    A peer that sends one byte now and then would otherwise keep its thread.
+    A peer that sends single bytes slowly would otherwise occupy its thread.
     """
 
     def __init__(self, connection: socket.socket, seconds: float) -> None:
@@ -205,8 +205,8 @@ class _HeadReader(io.RawIOBase):
 class _Server(ThreadingHTTPServer):
     """A server with a bounded number of connections that prints nothing.
 
-    Where all places are taken, a new connection takes that of the oldest one whose request
-    has not been answered yet: one that never ends keeps nobody out.
+    Where all places are taken, a new connection replaces the oldest one whose request
+    has not been answered yet: endless requests block nobody.
     """
 
     daemon_threads = True
@@ -261,7 +261,7 @@ class _Server(ThreadingHTTPServer):
 def _relay(
     browser: socket.socket, upstream: socket.socket, control: ControlFrames | None
 ) -> None:
-    """Pass on what comes from either side until one closes; a watcher's control frames only."""
+    """Relay data until one side closes; of a watcher only control frames."""
     while True:
         ready, _, _ = select.select([browser, upstream], [], [])
         if upstream in ready:

@@ -145,9 +145,9 @@ def mode_in_words(
     Parameters
     ----------
     flags : int
-        `StatusFlag` of the controller and what watches it.
+        `StatusFlag` of the controller and of the monitor of the surface.
     fault : int
-        Those of `STOP_REASONS` that were there last; none is 0.
+        Last flags of `STOP_REASONS`; 0 for none.
     force : float or None
         Of the eraser on the board, N; None in free space.
     desired : float
@@ -156,11 +156,11 @@ def mode_in_words(
     Returns
     -------
     level : str
-        Whether all is well: `good`, `busy` or `bad`.
+        Severity: `good`, `busy` or `bad`.
     mode : str
-        In a word or two.
+        One or two words.
     detail : str
-        Why, or what comes next; may be empty.
+        Reason, or next step; may be empty.
 
     Examples
     --------

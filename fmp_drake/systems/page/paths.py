@@ -39,7 +39,8 @@ _MAX_PARTS = 300
 def rod_mesh(points: ArrayLike, radius: ArrayLike) -> Mesh:
     """Sweep a hexagon along a path.
 
-    Meshcat draws every line one pixel wide and opaque; a rod is visible from afar.
+    Meshcat draws every line one pixel wide and opaque; a rod is visible from a
+    distance.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def _rod(path: FloatArray, radii: FloatArray) -> Mesh:
     for i in range(n):
         along = path[min(i + 1, n - 1)] - path[max(i - 1, 0)]
         length = np.sqrt(np.sum(along * along))
-        # Where the path is at rest, any direction will do.
+        # Where the path is at rest, any direction is suitable.
         x, y, z = along / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
         # Two unit vectors across, the first level: z x along, or x on the way up.
         width = np.hypot(x, y)

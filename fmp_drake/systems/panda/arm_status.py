@@ -14,7 +14,7 @@ from fmp_drake.systems.impedance.joints import JointLimits
 Array = NDArray[np.float64]
 
 JOINTS = 7
-# Every measurement of an arm is smaller, in rad, rad/s and Nm.
+# Bound of every measurement of an arm, in rad, rad/s and Nm.
 _LARGEST = 1000.0
 # Position outside a joint's range, rad, and velocity above its limit, as a fraction.
 _RANGE_MARGIN, _SPEED_MARGIN = 0.05, 0.05
@@ -49,7 +49,7 @@ class GateFault(IntFlag):
     - `TOO_FAST`: a joint's velocity is above its limit by a margin.
     - `JUMP`: a position moved farther than its greatest speed allows.
     - `INCONSISTENT`: positions do not follow from velocities, or one time has two states.
-    - `FROZEN`: the state stays the same to the last bit, although the arm must move.
+    - `FROZEN`: the state is identical to the last bit although the arm must move.
 
     Of the controller:
 
@@ -150,7 +150,8 @@ def read_status(message: Any) -> ArmReading:
         time = 1e-6 * float(message.utime)
         robot_time = 1e-6 * float(message.robot_utime)
         is_moving = message.robot_mode == lcmt_panda_status.kMove
-        # Torque on an arm that expects positions is dangerous: no mode is not trusted.
+        # Torque on an arm that expects positions is dangerous: a status without a mode
+        # is not trusted.
         is_torque = message.control_mode == lcmt_panda_status.CONTROL_MODE_TORQUE
     except (AttributeError, TypeError, ValueError, OverflowError):
         return corrupt
@@ -259,7 +260,7 @@ def track_status(track: StatusTrack, reading: ArmReading, torque: Array) -> Stat
         start_torque, is_pushed = torque, 0.0
     elif not is_pushed and np.any(np.abs(torque - start_torque) > _TORQUE_CHANGE):
         is_pushed = 1.0
-        # An arm that has rested so far must move now.
+        # An arm that has been at rest must move now.
         is_restarted[:_ROBOT_TIME] = not _is_moving(reading)
     is_new = ~is_same | is_restarted
     mismatch = np.zeros(JOINTS)
@@ -288,12 +289,12 @@ def implausible(
     """Return the faults of implausible values in a status.
 
     A frozen measurement is distinguished from an arm at rest by the noise of a real
-    encoder: at rest, too, the last bits of 14 numbers differ from one status to the
-    next. A simulated arm without noise may rest at one state. So a state that is the
-    same to the last bit is a fault only where it has a velocity, or where the torque
-    that is sent changes meanwhile. Constant positions with a velocity are a fault, and
-    so are constant velocities of positions that change, and a robot's own time stamp
-    that stands still.
+    encoder: even at rest, the last bits of 14 numbers differ from one status to the
+    next. A simulated arm without noise may rest at one state. Therefore an identical
+    state is a fault only where it has a velocity, or where the torque that is sent
+    changes meanwhile. Constant positions with a velocity are a fault, and so are
+    constant velocities of positions that change, and a robot's own time stamp that
+    stands still.
 
     Parameters
     ----------

@@ -215,8 +215,8 @@ class GateState(NamedTuple):
     def command_time(self) -> float:
         """Time stamp of the command, s of the wall clock.
 
-        The command that ends a stop has expired: the robot then damps its joints by its own
-        measurement at once, instead of when the command before has expired.
+        The command that ends a stop has expired: the robot then damps its joints by its
+        own measurement at once, instead of after the previous command has expired.
         """
         is_last = self.mode is GateMode.STOPPED and not self.torque.any()
         return self.stamp - EXPIRED_AGE * is_last
@@ -238,7 +238,7 @@ def command_utime(stamp: float) -> int:
 
 
 def command_fingerprint(utime: int, torque: ArrayLike) -> float:
-    """Return a number that tells one torque command from another."""
+    """Return a number that identifies a torque command."""
     return float(zlib.crc32(struct.pack("<8d", utime, *np.asarray(torque).tolist())))
 
 

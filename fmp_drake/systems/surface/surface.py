@@ -155,7 +155,7 @@ class Surface(NamedTuple):
         return kx, ky
 
     def sagitta(self, footprint: tuple[float, float]) -> float:
-        """Return how far the surface bends away under a tool of a footprint (x, y), m.
+        """Return the sagitta of the surface under a tool of a footprint (x, y), m.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ def project(surface: Surface, p_S: Array, near: Array) -> Array:
     p_S : array, shape (3,)
         m. Nearer to the surface than its centre of curvature.
     near : array, shape (2,)
-        Of the coordinates round a cylinder the ones nearest to these (u, v), m.
+        Coordinates (u, v), m: on a cylinder the nearest equivalent ones are returned.
     """
     k = _curvature(surface)
     if k == 0:

@@ -141,8 +141,8 @@ def measured_channels(
     channels : ToolChannels
     surface : Surface
     desired : array, shape (D,)
-        Channels of the skill at the same time: of all branches of an angle the measured
-        one nearest to it is returned.
+        Channels of the skill at the same time: measured angles are unwrapped to the
+        nearest branch.
     pose : array, shape (7,)
         Quaternion (w, x, y, z) of R_TE, and p_TE in m, with T at the desired position.
     force : float

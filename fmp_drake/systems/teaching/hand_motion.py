@@ -21,10 +21,10 @@ _SETTLE = 60.0
 
 
 MAX_TURN_RATE = 1.0
-"""Rate at which a hand turns a tool at most, where it follows a curved board, rad/s."""
+"""Greatest rate at which a hand turns a tool that follows a curved board, rad/s."""
 # Time over which a hand slows down, s.
 _SLOWING = 0.25
-# How much more an angle (rad) or a force (N) varies than a position (m).
+# Variation of an angle (rad) and of a force (N) relative to that of a position (m).
 _ANGLE, _NEWTON = 4.0, 80.0
 
 type _Sines = tuple[tuple[int, float, float], ...]  # (harmonic, amplitude, phase)
@@ -34,7 +34,8 @@ type _Sines = tuple[tuple[int, float, float], ...]  # (harmonic, amplitude, phas
 class _Figure:
     """A closed path: sums of sines of the phase along x and y of the board.
 
-    `more` has the other channels: name, mean, sines, and its variation beside a metre's.
+    `more` has the other channels: name, mean, sines, and variation relative to a
+    position's.
     """
 
     period: float
@@ -148,7 +149,8 @@ class HandMotion:
         curvature = np.array([surface.kx, surface.ky])
         turn = np.linalg.norm(np.diff(self.position[:, :2], axis=0) * curvature, axis=1)
         slowness = np.maximum(turn * _RATE / MAX_TURN_RATE, 1.0)
-        # The slowest of the neighbourhood, smoothed, is at least as slow as each sample.
+        # The smoothed minimum of the neighbourhood does not exceed the value of any
+        # sample.
         width = int(_SLOWING * _RATE)
         slowness = maximum_filter1d(slowness, 2 * width + 1, mode="nearest")
         slowness = uniform_filter1d(slowness, 2 * width + 1, mode="nearest")

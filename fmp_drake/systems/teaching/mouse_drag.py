@@ -113,7 +113,8 @@ class BoardSurface(NamedTuple):
     ----------
     X_WB : ndarray, shape (3, 4)
     half_size : ndarray, shape (2,)
-        Half edges of the area for the tool along x and y of B, on a curved board along it, m.
+        Half of the edges of the area for the tool along x and y of B, or along a curved
+        board, m.
     curvature : Surface
     is_solid : bool
         Whether the tool is pressed on it; False in free space.
@@ -159,7 +160,7 @@ class BoardSurface(NamedTuple):
     ) -> Array | None:
         """Return where the ray from the eye through the cursor is as high as a point.
 
-        A ray past a curved board is at its nearest point to it.
+        For a ray that misses a curved board, it is the point nearest to the board.
 
         Parameters
         ----------
@@ -311,7 +312,7 @@ def follow(
     floats = state.copy()
     s = floats.view(STATE)[0]
     if not s["started"]:
-        # A message from before the start is old: wait for a new one.
+        # A message from before the start is outdated: wait for a new one.
         s["started"], s["set_point"] = 1, guided_point
         s["ended"], s["rotation"] = 0, 0.0 if rotation is None else rotation
         s["message"] = np.nan if drag is None else np.r_[drag.anchor, drag.cursor]
