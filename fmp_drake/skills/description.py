@@ -16,7 +16,7 @@ from fmp_drake.primitives import (
 )
 from fmp_drake.primitives.data.windows import as_windows
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
-from fmp_drake.skills.placement import lay_on_board
+from fmp_drake.skills.placement import place_on_board
 from fmp_drake.station import Scenario
 
 # With fewer cycles the phase model's assumptions outweigh the demonstrations.
@@ -59,7 +59,7 @@ def skill_in_words(skill: FourierMovementPrimitive) -> list[str]:
 
 
 def source_in_words(skill: FourierMovementPrimitive) -> str:
-    """Return what a skill was learned from: the cycles of a phase model, else windows.
+    """Describe the source of a skill: the cycles of a phase model, else windows.
 
     Examples
     --------
@@ -154,7 +154,7 @@ def describe_recording(
     end_time: float | None = None,
     period: float | None = None,
 ) -> list[str]:
-    """Return four lines: channels, rate and gaps, cycles, what can be learned.
+    """Return four lines: channels, rate and gaps, cycles, possible learning.
 
     `start_time`, `end_time` and `period` are those of `find_rhythm`.
 
@@ -220,7 +220,7 @@ def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> s
         seconds = n_steps / skill.rate
         possible = f"possible, from {len(windows.values)} windows of {seconds:g} s"
     try:
-        _, remarks = lay_on_board(demonstration, scenario=Scenario())
+        _, remarks = place_on_board(demonstration, scenario=Scenario())
     except DemonstrationError as error:
         return f"{possible}; not for the board: {error}"
     return "; ".join([possible, *remarks] if remarks else [possible, "on the board"])

@@ -28,14 +28,14 @@ from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills.placement import load_on_board
 from fmp_drake.station import Scenario, models_dir
 
-# Highest frequency of a force that a person means, Hz: tremor has 8 to 12 Hz (J. H. McAuley,
-# C. D. Marsden, "Physiological and pathological tremors and rhythmic central motor
-# control", Brain 123, 2000), and so has what a hand's tremor does to a contact.
+# Highest frequency of an intended force, Hz. Tremor has 8 to 12 Hz (J. H. McAuley, C.
+# D. Marsden, "Physiological and pathological tremors and rhythmic central motor
+# control", Brain 123, 2000), and so has its effect on a contact.
 _FORCE_BAND = 4.0
 # Factor by which deviations of other channels than the position are reduced. With less, the
 # rise of the force after landing ends a bout, and whole cycles are not learned.
 _LESS_EXACT = 8.0
-# Skills by all that they depend on.
+# Skills by all settings that they depend on.
 _LEARNED: dict[str, tuple[FourierMovementPrimitive, list[Demonstration]]] = {}
 
 
@@ -45,7 +45,7 @@ def bundled_demonstrations() -> list[str]:
 
 
 def default_demonstration(task: str = "wiping") -> Path:
-    """Return the path of a bundled demonstration by its name, or a path as it is."""
+    """Return the path of a bundled demonstration by its name, or a path unchanged."""
     if Path(task).suffix or Path(task).is_dir():
         return Path(task)
     if task not in bundled_demonstrations():
@@ -83,7 +83,7 @@ def scenario_skill(
     -------
     skill : FourierMovementPrimitive
     demonstrations : list of Demonstration
-        Those that it was learned from; empty for a skill from a file.
+        Demonstrations of the skill; empty for a skill from a file.
     remarks : list of str
     """
     if skill_file is not None and demonstrations:
@@ -147,8 +147,9 @@ def learn_skill(
     """Learn a skill with the options of the command line; None for the defaults.
 
     Without a window its length follows from the period of the movement. `start_time`,
-    `end_time` and `period` are those of `FourierMovementPrimitive.fit`. `by_position` lets x, y and z decide
-    about the phase: orientation and force of a person's hand repeat less exactly.
+    `end_time` and `period` are those of `FourierMovementPrimitive.fit`. With
+    `by_position` the phase follows mainly from x, y and z: orientation and force of a
+    person's hand repeat less exactly.
     """
     demonstrations = demonstration_list(demonstrations, "learn_skill")
     scales: ChannelScales = "units"
@@ -192,8 +193,8 @@ def learn_skill(
 def _without_tremor(recording: Demonstration, rate: float) -> list[Demonstration]:
     """Return the parts between gaps, at a rate in Hz, with the force low-pass filtered.
 
-    An arm that repeats the tremor of a person's force shakes until its torques change as
-    fast as they may, and then neither force nor path are followed.
+    An arm that repeats the tremor of a person's force shakes until its torques reach
+    their rate limit; then it follows neither force nor path.
     """
     if FORCE_CHANNEL not in recording.channels:
         return [recording]
@@ -212,7 +213,7 @@ def _without_tremor(recording: Demonstration, rate: float) -> list[Demonstration
 
 
 def _scales_by_position(demonstrations: Sequence[Demonstration]) -> NDArray[np.float64]:
-    """Return the scales of channels, those beside x, y and z eight times as large, (D,)."""
+    """Return scales of channels (D,), eight times as large except for x, y and z."""
     first = demonstrations[0]
     values = np.concatenate([d.values for d in demonstrations])
     others = [name not in POSITION_CHANNELS for name in first.channels]

@@ -35,7 +35,7 @@ _GUESSES = {"millimetres": ("mm", 1e-3), "centimetres": ("cm", 1e-2)}
 _BORDER = 0.02
 # Distance from the plane up to which a sample is on it, m.
 _TOUCH = 0.01
-# Least fraction of the time on the board, and least scale, of a placement that makes sense.
+# Least fraction of the time on the board, and least scale, of an accepted placement.
 _LEAST_TOUCHING, _LEAST_SCALE = 0.2, 0.3
 
 
@@ -54,7 +54,7 @@ class Placement:
     scale : float
     touch : float
         Heights up to this one become 0, and greater ones are reduced by it, m: a hand
-        does not keep a tool on the surface to the millimetre. 0 changes no height.
+        does not keep a tool on the surface within a millimetre. 0 changes no height.
     touching : float
         Fraction of the samples on the surface.
 
@@ -86,7 +86,7 @@ class Placement:
 
 
 def check_width(demonstration: Demonstration) -> None:
-    """Refuse a path x, y, z of a width that no arm can follow, and guess its unit.
+    """Refuse a path x, y, z of a width that no arm can follow, and suggest its unit.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def check_width(demonstration: Demonstration) -> None:
 
 
 def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placement:
-    """Fit the placement of a recorded path on the middle of a board.
+    """Fit the placement of a recorded path in the middle of a board.
 
     The plane near which the tool stays longest becomes the surface; the path leaves it
     upwards. The board's x axis is the projection of the recording's x axis, or of its y
@@ -179,7 +179,7 @@ def _longest_plane(
     score = np.sum(np.abs(heights) <= _TOUCH, axis=0) - np.sum(
         heights < -_TOUCH, axis=0
     )
-    # Of planes as good as each other, the one whose normal points up.
+    # Of equally good planes, the one whose normal points up.
     best = int(np.argmax(score + 1e-3 * normals[:, 2]))
     on = points[np.abs(heights[:, best]) <= _TOUCH]
     centre = on.mean(axis=0)
@@ -230,7 +230,7 @@ def load_on_board(
         curved = "" if fits_board else _curved_surface(path, reading)
         for demonstration in recordings:
             try:
-                demonstration, notes = lay_on_board(
+                demonstration, notes = place_on_board(
                     demonstration,
                     scenario=scenario,
                     transform=transform,
@@ -312,7 +312,7 @@ def _listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def lay_on_board(
+def place_on_board(
     demonstration: Demonstration,
     *,
     scenario: Scenario,
@@ -326,7 +326,7 @@ def lay_on_board(
     Raises
     ------
     DemonstrationError
-        Where there is no position, or none that makes sense on the board.
+        Where there is no position, or the path does not fit the board.
     """
     remarks = []
     names = demonstration.channels
@@ -368,16 +368,16 @@ def lay_on_board(
     instead = "Give its pose (--transform), or learn it as it is (learn --as-recorded)."
     if placement.touching < _LEAST_TOUCHING:
         raise DemonstrationError(
-            f"laid onto the board it would touch it {touching}; at least "
-            f"{100 * _LEAST_TOUCHING:.0f} % make sense. {instead}"
+            f"on the board it would touch it {touching}; at least "
+            f"{100 * _LEAST_TOUCHING:.0f} % is needed. {instead}"
         )
     if placement.scale < _LEAST_SCALE:
         raise DemonstrationError(
             f"it would fit onto the board at {at_size}; at least "
-            f"{100 * _LEAST_SCALE:.0f} % make sense. {instead}"
+            f"{100 * _LEAST_SCALE:.0f} % is needed. {instead}"
         )
     remarks.append(
-        f"laid onto the middle of the board by its plane, at {at_size}; it touches the "
+        f"placed in the middle of the board by its plane, at {at_size}; it touches the "
         f"board {touching}"
     )
     return placement.apply(demonstration), remarks

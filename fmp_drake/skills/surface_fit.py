@@ -90,16 +90,17 @@ def fit_surface(
 ) -> FittedSurface:
     """Fit a surface to the points of recordings that touch it.
 
-    A plane is taken unless a cylinder has a residual smaller by a fifth, and a cylinder unless
-    a sphere has. The loss is robust, so that a few of the points may be lifts.
+    A plane is chosen unless the residual of a cylinder is smaller by a fifth; the same
+    applies to a cylinder and a sphere. The loss is robust, so a few of the points may
+    be lifts.
 
     Parameters
     ----------
     points : sequence of ndarray, shape (N, 3)
         Of each recording, in one frame D, m.
     touching : sequence of ndarray of bool, shape (N,)
-        Where the tool touches. The other points are on the side of the surface's normal; where
-        there are none it points up (z of D).
+        Whether the tool touches. The normal points to the side of the other points, or
+        up (z of D) where there are none.
     shape : str, optional
         One of `SHAPES`, instead of the choice.
 
@@ -200,9 +201,10 @@ def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
 def _centred(
     fit: FittedSurface, contact: Array, residuals: Mapping[str, float]
 ) -> FittedSurface:
-    """Return a surface whose origin is the middle of the contact, and whose x points ahead.
+    """Return a surface whose origin is the middle of the contact.
 
-    x is the projection of x of D, or of y where x is nearly normal; of a cylinder its axis.
+    Its x axis is the projection of x of D, or of y where x is nearly normal; on a
+    cylinder it is the cylinder's axis.
     """
     for _ in range(5):
         uvh = fit.coordinates(contact)

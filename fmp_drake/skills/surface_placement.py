@@ -57,7 +57,7 @@ _RAISED = {"cylinder": 0.10, "dome": 0.25}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Contact:
-    """Samples that touch, those that are learned from, and the force (N, 1 or 3), if any."""
+    """Samples in contact, samples in bouts, and the force (N, 1 or 3), if any."""
 
     touching: Mask
     in_bout: Mask
@@ -73,12 +73,12 @@ def place_on_fitted_surface(
 ) -> tuple[list[Demonstration], list[str]]:
     """Fit a surface to recordings, make it the scenario's board, and place them on it.
 
-    The tool touches where its force says so, otherwise where it is near the surface, and only
-    in the bouts of the movement. There its height becomes constant, as the real surface differs
-    from the fitted one: 0, less 4 % of the height of lifts, which a learned motion blurs. A path
-    too large for the board is scaled down, with the surface's radius.
-    Orientations are relative to the local normal; while the tool touches, their mean is that
-    of the eraser flat on the surface.
+    Contact is detected by the force if there is one, otherwise by the distance to the
+    surface, and only in the bouts of the movement. In contact the height becomes
+    constant, because the real surface differs from the fitted one: 0, or lower by 4 %
+    of the height of lifts, which a learned motion blurs. A path that is too large for
+    the board is scaled down, with the surface's radius. Orientations are relative to
+    the local normal; in contact, their mean is that of the eraser flat on the surface.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def place_on_fitted_surface(
         Its board is changed. With an orientation its rotational stiffness is at least 60
         Nm/rad, and with a force its force control is enabled.
     shape : str, optional
-        plane, cylinder, dome or bowl instead of the one that the residuals choose.
+        plane, cylinder, dome or bowl instead of the choice by the residuals.
     extra : sequence of str
         `orientation` and `force`, to be placed with the position.
 
@@ -129,7 +129,7 @@ def place_on_fitted_surface(
         f"placed on the {fit.shape} at {100 * scale:.0f} % of its size; the tool touches it "
         f"{100 * fraction:.0f} % of the time"
     )
-    remarks += _let_follow(scenario, extra)
+    remarks += _adapt_controller(scenario, extra)
     placed = []
     for demonstration, contact, uvh in zip(
         demonstrations, contacts, coordinates, strict=True
@@ -203,7 +203,7 @@ def _fit(
 
 
 def _bouts(demonstration: Demonstration, in_bout: Mask) -> list[Demonstration]:
-    """Return the parts of a demonstration that are learned from."""
+    """Return the bouts of a demonstration."""
     ends = np.flatnonzero(np.diff(in_bout)) + 1
     parts = np.split(np.arange(len(in_bout)), ends)
     return [
@@ -258,7 +258,7 @@ def _set_board(
     if scale < _LEAST_SCALE:
         raise DemonstrationError(
             f"it would fit onto the board at {100 * scale:.0f} % of its size; at least "
-            f"{100 * _LEAST_SCALE:.0f} % make sense. Take a larger board, or check the unit "
+            f"{100 * _LEAST_SCALE:.0f} % is needed. Take a larger board, or check the unit "
             "(--unit)."
         )
     board.shape, board.axis = fit.shape, "x"
@@ -272,7 +272,7 @@ def _set_board(
 
 
 def _on_board(time: Array, uvh: Array, contact: _Contact, scale: float) -> Array:
-    """Return (u, v, h) on the board, with one height, 0 or little less, in contact."""
+    """Return (u, v, h) on the board, with a constant height in contact."""
     on = contact.touching
     floor = np.interp(time, time[on], uvh[on, 2])
     out = scale * uvh
@@ -281,8 +281,8 @@ def _on_board(time: Array, uvh: Array, contact: _Contact, scale: float) -> Array
     return out
 
 
-def _let_follow(scenario: Scenario, extra: Sequence[str]) -> list[str]:
-    """Let a scenario's controller follow an orientation and a force, with remarks."""
+def _adapt_controller(scenario: Scenario, extra: Sequence[str]) -> list[str]:
+    """Adapt a scenario's controller to an orientation and a force; return remarks."""
     impedance, remarks = scenario.impedance, []
     stiffness = [max(k, _ROTATIONAL_STIFFNESS) for k in impedance.rotational_stiffness]
     if "orientation" in extra and stiffness != impedance.rotational_stiffness:
@@ -315,10 +315,11 @@ def _orientation(
 
 
 def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float, str]:
-    """Scale the tilt down, in place, to what the felt yields to; return the lift of an edge, m.
+    """Scale the tilt, in place, to the limit of the felt; return an edge's lift, m.
 
-    The tool of the recording was another, or soft, and the real surface is not the fitted
-    one: an eraser that is tilted more would rub with its hard core.
+    The tool of the recording was a different or a soft one, and the real surface
+    differs from the fitted one: an eraser that is tilted more would rub with its hard
+    core.
     """
     x, y = scenario.eraser.footprint
     tilt = np.abs(vectors[touching, :2])
@@ -328,7 +329,7 @@ def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float,
     degrees = np.degrees(np.percentile(np.linalg.norm(tilt, axis=1), 95))
     remark = f"the tool tilts by up to {degrees:.0f} degrees while it touches (95 % of the time)"
     if scale < 1:
-        remark += f", scaled to {100 * scale:.0f} % of it, which the felt yields to"
+        remark += f", scaled to {100 * scale:.0f} % of it, the limit of the felt"
     if degrees > _LARGE_TILT:
         remark += "; if it never did, give the order of its quaternions (--quaternions)"
     return scale * lift, remark
@@ -342,12 +343,14 @@ def _normal_force(
     scenario: Scenario,
     lift: float,
 ) -> tuple[Array, str]:
-    """Return the normal force, N, scaled to what the felt bears, with a remark.
+    """Return the normal force, N, scaled to the limit of the felt, with a remark.
 
-    A tilt lifts an edge of the felt, as a curvature does: the felt has less depth left there.
+    A tilt lifts an edge of the felt, as a curvature does: the felt is compressed less
+    there.
 
-    Of three components it is that along their mean direction in contact, as in the tool's
-    frame, or along the surface's normal, as in the frame D, whichever explains more of them.
+    Three components are projected on their mean direction in contact (for the tool's
+    frame) or on the surface's normal (for the frame D), whichever explains more of
+    them.
     """
     if contact.force is None:
         raise DemonstrationError(
@@ -375,7 +378,5 @@ def _normal_force(
         f"{np.std(normal[on]):.1f} N standard deviation"
     )
     if scale < 1:
-        remark += (
-            f", scaled to {100 * scale:.0f} % of it, as the felt bears {limit:.0f} N"
-        )
+        remark += f", scaled to {100 * scale:.0f} % of it, the limit of the felt: {limit:.0f} N"
     return np.clip(scale * normal, 0.0, limit), remark

@@ -31,7 +31,7 @@ from fmp_drake.systems import FrictionConfig, ImpedanceConfig
 from fmp_drake.systems.scripted_disturbances import Disturbance
 from fmp_drake.systems.surface.surface import place, rotation
 
-# More cells would fill the memory; a shorter step, s, would not end.
+# More cells would fill the memory; with a shorter step, s, a run would never end.
 _MOST_CELLS, _SHORTEST_STEP = 4e6, 1e-5
 
 
@@ -117,12 +117,12 @@ class Scenario:
         Raises
         ------
         StationError
-            That names the value and what is allowed.
+            Where a value is not allowed.
         """
         check_settings(self, StationError)
 
     def inconsistency(self) -> str:
-        """Return what is wrong beyond the ranges."""
+        """Return an error message for an inconsistency beyond the ranges, or ""."""
         x, y = self.eraser.footprint
         sagitta = self.board.curvature().sagitta((x, y))
         limit = FeltForceLimit(self.eraser, sagitta=sagitta)

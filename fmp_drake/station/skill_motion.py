@@ -134,9 +134,9 @@ def AddSkill(
 ) -> Playback:
     """Add a skill that commands a controller, and export its outputs.
 
-    Systems: fourier_primitive, desired_motion; of a skill of more than positions, or on a
-    curved surface, task_motion, skill_position, position_covariance of a simulated arm,
-    measured_coordinates, and force_channel with demonstrated_force and
+    Systems: fourier_primitive, desired_motion; of a skill with further channels, or on
+    a curved surface, task_motion, skill_position, position_covariance of a simulated
+    arm, measured_coordinates, and force_channel with demonstrated_force and
     demonstrated_force_offset.
 
     Parameters

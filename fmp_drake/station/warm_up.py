@@ -47,8 +47,8 @@ _FAST_COMPILATION = {
 class LawCompilation:
     """Compilation of the control law by two other processes, in parallel to this one.
 
-    They write the law, and the functions that it calls, into the cache, with cheaper
-    optimisations: with them the law is as fast, and compiled sooner.
+    They write the law, and the functions that it calls, into the cache. Cheaper
+    optimisations are enabled: the law is as fast, and compiled sooner.
     """
 
     def __init__(self) -> None:
@@ -99,7 +99,7 @@ def _run(code: str, *arguments: str, cache_dir: str) -> subprocess.Popen[bytes]:
 
 
 def _compile_ink() -> None:
-    """Compile what wears the ink, draws it, and chooses where to wipe."""
+    """Compile the wear and the mesh of the ink, and the choice of samples by ink."""
     grid = InkGrid(size=(0.1, 0.1))
     compile_rubbing(Cells.of(grid))
     ink_mesh(grid, corner_shades(grid.full()))
@@ -138,7 +138,7 @@ def WarmUp(report: Callable[[float], object] = lambda _: None) -> None:
         Player(skill).rollout(start=circles[0], duration=1.0)
     for fraction in law.progress():
         report(fraction)
-    # The law may be in the cache, and these not.
+    # The law may be in the cache when these are not.
     _compile_ink()
     for skill in skills:
         station = MakeWipingStation(Scenario(), skill)

@@ -20,7 +20,7 @@ def test_five_lines_and_a_picture_describe_a_recording(command, make_npz, output
     count, period = re.search(r"([\d.]+) cycles of ([\d.]+) s", cycles).groups()
     assert float(count) == pytest.approx(15, abs=0.1)
     assert float(period) == pytest.approx(2, rel=0.01)
-    assert "possible, from 15.0 cycles; laid onto the middle" in learning
+    assert "possible, from 15.0 cycles; placed in the middle" in learning
     assert "it touches the board 100 % of the time" in learning
     assert wrote == f"wrote {plot}"
     assert np.ptp(matplotlib.image.imread(plot)[..., :3]) > 0.5

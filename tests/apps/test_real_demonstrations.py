@@ -32,7 +32,7 @@ def test_recording_plays_within_limits_as_it_is_or_as_advised(
         assert not report.exists()
         result = command(*arguments, "--report", report, "--stretch", 4)
         assert result.code == 0, result
-    assert f"{path.name}: laid onto the middle of the board" in result.out
+    assert f"{path.name}: placed in the middle of the board" in result.out
     figures = json.loads(report.read_text(encoding="utf-8"))
     assert figures["torque_ratio_max"] < 1
     assert figures["torque_rate_max_nm_per_s"] < 1000

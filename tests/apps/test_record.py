@@ -25,7 +25,7 @@ def test_recording_is_a_demonstration_to_learn_from(command, outputs):
         *("--demo", path, "--window", 2, "--n-components", 2, "--force"),
     )
     assert played.code == 0
-    assert "laid onto" not in played.out
+    assert "placed in" not in played.out
 
 
 def test_seed_determines_the_recording_and_the_name_its_format(command, outputs):

@@ -152,7 +152,7 @@ def test_several_demonstrations_are_learned_together(command, wipe, make_npz):
     assert wipe(*options, "--window", 2.5)["cleaned_fraction"] >= 0
     out = command("wipe", "--headless", "--duration", 0.1, *options).out
     for path in paths:
-        assert f"{path.name}: laid onto" in out
+        assert f"{path.name}: placed in" in out
 
 
 def test_csv_is_a_demonstration(wipe, make_csv):
@@ -177,7 +177,7 @@ def test_transform_replaces_the_fit(command, make_npz):
     laid = ("--demo", make_npz(), "--transform", 0.05, 0, 0, 0, 0, 1.5)
     result = command("wipe", "--headless", "--duration", 0.1, *laid)
     assert result.code == 0
-    assert "laid onto" not in result.out
+    assert "placed in" not in result.out
 
 
 def test_stretch_makes_a_short_demonstration_long_enough(refused, wipe, make_npz):

@@ -140,7 +140,7 @@ def test_scenario_names_a_bundled_demonstration(command, runs, write, name):
 def test_scenario_names_a_demonstration_beside_it(command, runs, write, make_npz):
     recording = make_npz()
     scene = write("skill: {demonstration: circles.npz, window: 2.5}\n")
-    assert f"{recording.name}: laid onto" in wiped(command, "--scenario", scene)
+    assert f"{recording.name}: placed in" in wiped(command, "--scenario", scene)
     assert len(runs[0].demonstrated[0]) == 400
 
 

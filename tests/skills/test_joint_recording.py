@@ -11,7 +11,7 @@ from recorded_files import JOINTS, TIME
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
 from fmp_drake.skills import EraserPath, RobotJoints
-from fmp_drake.skills.placement import lay_on_board
+from fmp_drake.skills.placement import place_on_board
 from fmp_drake.station import AddRobot, LoadRobot, Scenario
 
 # Denavit and Hartenberg's parameters (Craig) as Franka publishes them: a, d, alpha.
@@ -135,7 +135,7 @@ def test_joints_of_a_named_robot_give_its_eraser_s_path(robot, names):
     recording, path = of_robot(robot, tuple(names))
     assert RobotJoints(recording, robot=robot) == names
     assert_allclose(EraserPath(recording, robot=robot).values, path, atol=1e-9)
-    _, remarks = lay_on_board(
+    _, remarks = place_on_board(
         recording, scenario=Scenario(robot=robot), transform=[0.0] * 6
     )
     assert f"by the forward kinematics of {robot}," in remarks[0]
@@ -152,7 +152,7 @@ def test_joints_of_a_named_robot_give_its_eraser_s_path(robot, names):
 def test_a_robot_of_the_package_is_found_by_the_names_of_its_joints(robot, names):
     recording, _ = of_robot(robot, tuple(names))
     for other in ("panda", "iiwa14", "ur5e"):
-        _, remarks = lay_on_board(
+        _, remarks = place_on_board(
             recording, scenario=Scenario(robot=other), transform=[0.0] * 6
         )
         assert f"by the forward kinematics of {robot}," in remarks[0]
@@ -170,7 +170,7 @@ def test_numbered_joints_of_another_robot_are_refused_with_its_name(
 ):
     recording = recorded(JOINTS[:, :count], name="q{}", count=count)
     with pytest.raises(DemonstrationError, match=advice):
-        lay_on_board(recording, scenario=Scenario(robot=robot))
+        place_on_board(recording, scenario=Scenario(robot=robot))
 
 
 def test_joints_in_the_order_of_the_alphabet_are_put_in_theirs():
@@ -183,7 +183,7 @@ def test_joints_with_the_names_of_a_panda_are_not_those_of_another_robot():
     scenario = Scenario(robot="iiwa14")
     assert RobotJoints(recorded(), robot="iiwa14") == []
     assert RobotJoints(recorded(name="arm_fr3_joint{}"), robot="iiwa14") == []
-    placed_recording, remarks = lay_on_board(
+    placed_recording, remarks = place_on_board(
         recorded(), scenario=scenario, transform=[0.0] * 6
     )
     assert "by the forward kinematics of panda," in remarks[0]

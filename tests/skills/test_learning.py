@@ -14,7 +14,7 @@ from fmp_drake.primitives import (
 from fmp_drake.skills import learn_skill, scenario_skill
 from fmp_drake.skills.description import skill_in_words, source_in_words
 from fmp_drake.skills.learning import shared_skill
-from fmp_drake.skills.placement import lay_on_board
+from fmp_drake.skills.placement import place_on_board
 from fmp_drake.station.scenario import Scenario
 
 
@@ -63,7 +63,7 @@ def test_channels_that_the_board_does_not_need_are_left_out_and_named():
         channels=["force_z", "x", "y", "z"],
         frame="board",
     )
-    placed_recording, remarks = lay_on_board(demonstration, scenario=Scenario())
+    placed_recording, remarks = place_on_board(demonstration, scenario=Scenario())
     assert placed_recording.channels == ("x", "y", "z")
     np.testing.assert_array_equal(placed_recording.values, demonstration.values[:, 1:])
     assert remarks == ["force_z left out: the board needs x, y and z"]

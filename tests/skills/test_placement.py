@@ -1,4 +1,4 @@
-"""Facts about laying a demonstration onto a board."""
+"""Facts about placing a demonstration on a board."""
 
 from dataclasses import replace
 
@@ -15,8 +15,8 @@ from fmp_drake.skills.placement import (
     Placement,
     check_width,
     fit_placement,
-    lay_on_board,
     load_as_recorded,
+    place_on_board,
 )
 from fmp_drake.station import Scenario
 
@@ -214,7 +214,9 @@ def test_force_is_played_where_the_recording_is_of_the_board_already(
         units=("m", "m", "m", "N"),
         frame=frame,
     )
-    placed, remarks = lay_on_board(recording, scenario=Scenario(), transform=transform)
+    placed, remarks = place_on_board(
+        recording, scenario=Scenario(), transform=transform
+    )
     assert len(placed.channels) == kept
     assert any("force left out" in remark for remark in remarks) == (kept == 3)
 
@@ -226,7 +228,7 @@ def test_tool_that_is_turned_is_played_where_the_recording_is_of_the_board():
         recording, Rotation.concatenate([orientation] * 600)
     )
     for each, count in ((posed_recording, 6), (recording, 3)):
-        placed, _ = lay_on_board(replace(each, frame="board"), scenario=Scenario())
+        placed, _ = place_on_board(replace(each, frame="board"), scenario=Scenario())
         assert len(placed.channels) == count
 
 
@@ -245,11 +247,11 @@ def test_path_may_be_scaled_down_to_three_tenths(is_accepted):
     path = strokes(noise=0.0, lift=0.0)
     path *= usable[0] / np.ptp(path[:, 0]) / (0.301 if is_accepted else 0.299)
     if is_accepted:
-        _, remarks = lay_on_board(demonstration(path), scenario=scenario)
+        _, remarks = place_on_board(demonstration(path), scenario=scenario)
         assert "at 30 % of its size" in remarks[0]
         return
     with pytest.raises(DemonstrationError, match="at 30 % of its size; at least 30 %"):
-        lay_on_board(demonstration(path), scenario=scenario)
+        place_on_board(demonstration(path), scenario=scenario)
 
 
 def test_recording_without_a_position_is_kept_where_no_board_is_needed():
@@ -257,8 +259,8 @@ def test_recording_without_a_position_is_kept_where_no_board_is_needed():
     recording = Demonstration(
         time=np.arange(50) / 50, values=values, channels=("a", "b"), units=("1", "1")
     )
-    kept, remarks = lay_on_board(recording, scenario=Scenario(), needs_board=False)
+    kept, remarks = place_on_board(recording, scenario=Scenario(), needs_board=False)
     assert kept is recording
     assert remarks == ["as recorded: without x, y and z there is no board"]
     with pytest.raises(DemonstrationError, match="the board needs x, y and z"):
-        lay_on_board(recording, scenario=Scenario())
+        place_on_board(recording, scenario=Scenario())

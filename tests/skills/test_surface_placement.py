@@ -226,7 +226,7 @@ def test_force_is_limited_by_the_felt():
     # 150 N at most; the felt bears 42 N, to which the 95 % quantile is scaled.
     assert placed.values[:, 3].max() == pytest.approx(42)
     assert placed.values[placed.values[:, 3] > 0, 3].min() < 0.7 * 42
-    assert any("as the felt bears 42 N" in remark for remark in remarks)
+    assert any("the limit of the felt: 42 N" in remark for remark in remarks)
 
 
 def test_tilt_is_scaled_to_what_the_felt_yields_to():
@@ -238,7 +238,7 @@ def test_tilt_is_scaled_to_what_the_felt_yields_to():
     # Edges are 60 mm and 25 mm from the middle: half of the felt's 12 mm.
     lift = np.abs(placed.values[on, 3:5]) @ [0.025, 0.060]
     assert np.percentile(lift, 95) == pytest.approx(0.006)
-    assert any("which the felt yields to; if it never" in remark for remark in remarks)
+    assert any("the limit of the felt; if it never" in remark for remark in remarks)
 
 
 def test_contact_between_lifts_is_a_little_below_the_surface():

@@ -216,7 +216,7 @@ def test_invalid_yaml_or_settings_are_refused(tmp_path, arm):
     path = tmp_path / "arm.yaml"
     for text in ("panda: !OtherArm {}", "panda: !LcmPanda {speed: 3}", "arm: 3"):
         path.write_text(text)
-        with pytest.raises(StationError, match="does not say which arm"):
+        with pytest.raises(StationError, match="does not name an arm"):
             LoadPanda(path)
     with pytest.raises(StationError, match=r"gate.max_rate is 2000.0"):
         MakeDriver(LcmPanda(gate=GateConfig(max_rate=2000.0)), arm=arm)

@@ -150,7 +150,7 @@ def test_start_that_is_too_far_out_is_moved_and_not_the_board(bundled_skill):
 
 def test_nothing_is_promised_where_nothing_helps(bundled_skill):
     found = check(bundled_skill, x=2.0)
-    assert "What would help: nothing that was tried, which is" in found.verdict
+    assert "What would help: none of the tested changes (a slower" in found.verdict
     assert "by up to 40 cm" in found.verdict
 
 

@@ -34,7 +34,7 @@ from fmp_drake.experiments.benchmark.splits import (
 )
 from fmp_drake.primitives import read_demonstrations
 from fmp_drake.processes import Workers
-from fmp_drake.skills.placement import lay_on_board
+from fmp_drake.skills.placement import place_on_board
 from fmp_drake.station import LoadScenario, MakeStation, Scenario
 from fmp_drake.station.skill_motion import DESIRED
 from fmp_drake.station.tasks.wiping import Wiping
@@ -98,7 +98,7 @@ def run_cleaning(
 def board_movement(file: Path) -> Movement:
     """Return the movement of a recording in the frame of the scenario's board."""
     demonstrations, _ = read_demonstrations([file])
-    recording, _ = lay_on_board(demonstrations[0], scenario=LoadScenario(_SCENARIO))
+    recording, _ = place_on_board(demonstrations[0], scenario=LoadScenario(_SCENARIO))
     return make_movement(file.stem, [recording.resample(RATE).values])
 
 

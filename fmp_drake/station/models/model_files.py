@@ -84,8 +84,9 @@ def linear_colour(colour: Sequence[float]) -> Colour:
 class Visual(NamedTuple):
     """A shape at a position in its link, m, with an sRGB colour.
 
-    It is there twice: for the page, which takes colours as sRGB, and for the renderer, which
-    takes them as linear beside the arm's glTF meshes. Both then look the same.
+    It is registered twice: for the page, which takes colours as sRGB, and for the
+    renderer, which takes them as linear beside the arm's glTF meshes. Both then look
+    the same.
     """
 
     name: str

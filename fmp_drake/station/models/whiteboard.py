@@ -322,7 +322,7 @@ def _obj(vertices: Array, normals: Array, faces: Faces) -> str:
 def FilterHull(
     plant: MultibodyPlant, scene_graph: SceneGraph, whiteboard: ModelInstanceIndex
 ) -> None:
-    """Exclude contact of other than hydroelastic shapes with a concave board.
+    """Exclude contact of a concave board with shapes that are not hydroelastic.
 
     The contact geometry of a mesh for these is its convex hull, which would cover a bowl.
     The `SurfaceMonitor` reports rigid bodies there.

@@ -52,7 +52,8 @@ class FollowingBounds:
         Of the eraser with respect to the board, rad. At `tilt` its end lifts by 6 mm, a fifth
         of the felt. If it is exceeded for moments, the tilt error decides, up to `steepest`.
     tilt_error : float
-        Predicted rms tilt, rad: runs with at most 0.032 went well, with 0.039 or more none.
+        Predicted rms tilt, rad: runs with at most 0.032 passed, all with 0.039 or more
+        failed.
     orientation_error : float
         Predicted rms error of a skill with rotation channels, rad: half of the limit for a
         run, which was 0.64 degrees where 0.28 had been predicted.

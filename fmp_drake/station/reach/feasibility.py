@@ -33,7 +33,7 @@ type Values = dict[str, np.floating | float]
 _SAMPLES, _WINDOWS, _STRIDE = 6000, (8, 48), 2
 # Number of windows that are played from the start, each with its own seed.
 _BEGINNINGS = 3
-# Smallest checked tempo; slower joint motions are the same, and slow enough.
+# Smallest checked tempo; at lower ones the joint motions are the same, and slow enough.
 _MIN_TEMPO = 0.25
 # Fraction of its limit that a braked joint's speed reaches in a run.
 _BRAKED = 0.95
@@ -126,7 +126,7 @@ def CheckFeasibility(
     ----------
     scenario : Scenario
     skill : FourierMovementPrimitive
-        Fitted, with the channels that `MakeStation` config.
+        Fitted, with channels that `MakeStation` can play.
     bounds : FollowingBounds, optional
 
     Raises
@@ -305,9 +305,9 @@ class _Check:
             if pace := check._pace_remedy():
                 return f"{words}, and {pace}", None
         return (
-            "nothing that was tried, which is a slower tempo, a smaller normal force, "
-            "a start in the middle, and moves of the board by up to "
-            f"{100 * LONGEST_MOVE:.0f} cm; turn it, or make the movement smaller"
+            "none of the tested changes (a slower tempo, a smaller normal force, a start "
+            f"in the middle, moves of the board by up to {100 * LONGEST_MOVE:.0f} cm); turn "
+            "the board, or make the movement smaller"
         ), None
 
     def _changes(self) -> Iterator[tuple[str, Scenario]]:
@@ -458,7 +458,7 @@ class _Check:
             return {"largest_torque_ratio": ratio}
         if friction_lag * force > bounds.friction_lag:
             self._faults.append(
-                f"at a press of {force:g} N friction holds the eraser "
+                f"at a normal force of {force:g} N friction holds the eraser "
                 f"{1e3 * friction_lag * force:.0f} mm behind its path"
             )
         if force > limit > 1:

@@ -34,8 +34,9 @@ def SolvePosture(
 ) -> NDArray[np.float64]:
     """Find joint angles that put a frame at a pose, near preferred ones.
 
-    Where that fails, as with the posture of an arm on a table for one on a ceiling, the
-    search begins at random ones, and the result farthest from the joint limits counts.
+    Where that fails, for example with the posture of a table-top arm on a ceiling, the
+    search begins at random angles, and the result farthest from the joint limits is
+    returned.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def SolvePosture(
     frame : Frame
         E.
     X_WE : RigidTransform
-        Wanted pose in the world.
+        Desired pose in the world.
     q_preferred : array_like, shape (n,)
         rad.
 
@@ -113,7 +114,7 @@ def _SolveFrom(
 def FindLevelReach(robot: Robot) -> float:
     """Find the greatest distance at which an arm holds the eraser level, 0.1 m high, m.
 
-    It is that along x of the world from the robot's base, in steps of 1 cm.
+    The distance is along x of the world from the robot's base, in steps of 1 cm.
 
     Parameters
     ----------
@@ -147,10 +148,10 @@ def ArmForceLimit(
 ) -> float:
     """Return the largest normal force within an arm's torque limits in a posture, N.
 
-    A press F along -z of B goes with a friction of mu F along any edge of the board. The
-    joints bear ``tau = g(q) + J^T F (-z + mu t)``, t any of +-x and +-y; the press is the
-    largest at which no joint needs more than 80 % of its effort. The rest is for the
-    motion, which takes a few percent when wiping.
+    A normal force F along -z of B causes friction of mu F along any edge of the board.
+    The joint torques are ``tau = g(q) + J^T F (-z + mu t)``, with t any of +-x and +-y;
+    the result is the largest F at which no joint needs more than 80 % of its effort.
+    The rest is for the motion, which takes a few percent when wiping.
 
     Parameters
     ----------

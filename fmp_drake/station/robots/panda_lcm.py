@@ -167,7 +167,7 @@ def LoadPanda(path: str | Path) -> Driver:
           gate: {expiry: 0.05, max_rate: 500.0}
     """
     hint = ". Expected panda: with !SimulatedDriver or !LcmPanda."
-    with in_one_line(f"{path} does not say which arm", hint):
+    with in_one_line(f"{path} does not name an arm", hint):
         text = Path(path).read_text()
         check_yaml(text, str(path), StationError)
         file: _PandaFile = load_yaml(_PandaFile, text)

@@ -286,7 +286,7 @@ def _CheckModel(
             f"has {len(joints)} joints. Give {len(joints)} angles, or make the joints "
             "that are not the arm's fixed."
         )
-    # Those of one model are known to a finalized plant only.
+    # Only a finalized plant lists the actuators of one model.
     actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
     actuated = {actuator.joint().index() for actuator in actuators}
     if without := [j.name() for j in joints if j.index() not in actuated]:

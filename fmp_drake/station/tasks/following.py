@@ -8,7 +8,7 @@ from fmp_drake.station.tasks.task import Measurements, Task
 
 
 class Following(Task):
-    """Nothing but tracking, with the force that the arm itself measures.
+    """Tracking only, with the normal force from the arm's external torque.
 
     Examples
     --------

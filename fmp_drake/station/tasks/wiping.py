@@ -22,8 +22,8 @@ class Wiping(Task):
     """An eraser that wipes a board.
 
     In simulation the ink, the contact force and the distance of hard points from the
-    surface are measured. Of a real arm, whose ink is not measured, the normal force follows
-    from its external torque, and the ink from where it pressed.
+    surface are measured. For a real arm, the normal force follows from its external
+    torque, and the ink from the places where it pressed.
 
     Examples
     --------
