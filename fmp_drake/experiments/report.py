@@ -53,7 +53,7 @@ class Profile:
     instants : int
         Number of predictions of the next second for each training part.
     robot_duration : float
-        Simulated time of wiping by the Panda, s.
+        Simulated time of wiping, s.
 
     Examples
     --------

@@ -174,7 +174,7 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
         ),
         Finding(
             name="fig10_robot",
-            title="Fig. 10, executed by the simulated Panda",
+            title="Fig. 10, executed by the simulated arm",
             shows=f"{profile.robot_duration:g} s on the whiteboard, with a tracking error of "
             f"{millimetres(errors[0])} (mean) and {millimetres(errors[1])} (sample) rms.",
             claim="An impedance controller with fixed orientation executes them.",

@@ -140,7 +140,7 @@ def test_sigterm_ends_like_ctrl_c_with_its_own_code(run):
     assert ended
 
 
-def test_error_that_compilation_makes_of_an_interrupt_is_an_interrupt(run):
+def test_error_of_an_interrupted_compilation_is_an_interrupt(run):
     def work():
         try:
             os.kill(os.getpid(), signal.SIGINT)

@@ -123,7 +123,7 @@ def test_run_depends_on_the_seed(wipe):
     assert one != other
 
 
-def test_means_have_no_seed(wipe):
+def test_runs_of_means_do_not_depend_on_the_seed(wipe):
     one, two = (timeless(wipe("--mean", "--seed", seed)) for seed in (1, 2))
     assert one == two
     assert one != timeless(wipe("--sample", "--seed", 1))
@@ -164,7 +164,7 @@ def test_csv_with_units_is_a_demonstration(wipe, make_csv):
     assert wipe("--demo", make_csv(header))["tracking_rms_m"] < 0.01
 
 
-def test_start_is_that_of_the_option(wipe):
+def test_start_is_set_by_the_option(wipe):
     high = wipe("--start", 0.0, 0.1, 0.2)
     assert high["cleaned_fraction"] == 0
     assert high["contact_fraction"] == 0

@@ -85,7 +85,7 @@ def geometry_seconds(simulator):
     return np.median(times)
 
 
-def test_who_takes_the_time(benchmark, figures):
+def test_time_of_each_system(benchmark, figures):
     scenario = LoadScenario("table_top")
     end = WARM_UP + SLICES
     bare = make_simulator(make_bare(scenario, *record(scenario, end)), scenario)

@@ -342,7 +342,7 @@ class TestFilms:
             ),
         ],
     )
-    def test_what_does_not_fit_is_refused(self, change, match, station, outputs):
+    def test_values_that_do_not_fit_are_refused(self, change, match, station, outputs):
         with pytest.raises(FmpError, match=match):
             render_film(outputs / "film.gif", reel_of(station, 1), **{**VIEW, **change})
         assert list(outputs.iterdir()) == []
@@ -445,7 +445,7 @@ class TestChecks:
         with pytest.raises(FmpError, match=match):
             check_film(outputs / name, **options)
 
-    def test_no_film_and_a_good_one_pass(self, outputs):
+    def test_settings_of_no_film_and_of_a_valid_one_pass(self, outputs):
         check_film(None)
         check_film(outputs / "film.gif", fps=12, speed=3)
         check_film(outputs / "FILM.GIF")
@@ -471,7 +471,7 @@ class TestChecks:
             check_film(outputs / "film.gif")
 
 
-def test_a_machine_without_egl_is_found_out(monkeypatch):
+def test_a_machine_without_egl_is_recognised(monkeypatch):
     # Where it is missing, VTK ends the process with a segmentation fault.
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
     assert scene.renders.__wrapped__() is False

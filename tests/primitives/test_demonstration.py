@@ -132,7 +132,7 @@ def test_resampling_at_the_same_rate_returns_the_demonstration():
     assert demonstration.resample(20) is demonstration
 
 
-def test_resampling_filters_what_the_new_rate_cannot_hold():
+def test_resampling_filters_frequencies_above_the_new_rate():
     time = np.arange(0, 10, 0.01)
     sine = 0.1 * np.sin(2 * np.pi * 0.5 * time)
     noise = 0.01 * np.cos(2 * np.pi * 30 * time)
@@ -248,7 +248,7 @@ def test_saving_into_a_missing_folder_is_an_error(tmp_path, suffix):
         example().save(tmp_path / "nowhere" / f"d.{suffix}")
 
 
-def test_npz_of_someone_else_needs_time_and_position(tmp_path):
+def test_npz_of_another_program_needs_time_and_position(tmp_path):
     path = tmp_path / "d.npz"
     np.savez(path, time=np.arange(9.0), position=np.ones((9, 3)), extra=np.zeros(2))
     loaded = Demonstration.load(path)
@@ -320,7 +320,7 @@ def test_pickled_objects_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("kind", [str, complex])
-def test_arrays_that_are_no_real_numbers_are_refused(tmp_path, kind):
+def test_arrays_without_real_numbers_are_refused(tmp_path, kind):
     path = tmp_path / "d.npz"
     np.savez(path, time=np.arange(9.0), values=np.full((9, 2), 1).astype(kind))
     with pytest.raises(SkillFileError, match="`values` does not hold numbers"):

@@ -182,13 +182,13 @@ def test_movement_keeps_the_shape_of_the_demonstrations(primitive):
     assert np.all(motion[:, 0, 0] < 0.46)
 
 
-def test_far_start_and_goal_do_not_swing_out(primitive):
+def test_far_start_and_goal_cause_no_overshoot(primitive):
     motion = primitive.rollout([-0.6, 0.0, 0.0], [0.4, 0.9, 0.0])
     assert np.all(motion[:, 0] > [-0.65, -0.1, -0.1])
     assert np.all(motion[:, 0] < [0.5, 1.0, 0.25])
 
 
-def test_untouched_movement_is_one_that_was_demonstrated(demonstrations):
+def test_start_and_goal_of_a_demonstration_give_its_movement(demonstrations):
     primitive = DiscreteMovementPrimitive(n_steps=80).fit(demonstrations)
     shown = demonstrations[3]
     motion = primitive.plan(
@@ -266,7 +266,7 @@ def test_component_is_chosen_by_the_start():
     assert right.motion(1.0)[0, 1] == pytest.approx(0.6, abs=0.05)
 
 
-def test_channels_of_other_units_are_learned_along():
+def test_channels_of_other_units_are_learned_too():
     def with_force(d, seed):
         push = 20 * np.sin(np.pi * d.time / d.duration) ** 2 + seed
         return Demonstration(
@@ -284,7 +284,7 @@ def test_channels_of_other_units_are_learned_along():
     assert_allclose(motion[-1, 0], [0.4, 0.1, 0, 0.5], atol=1e-9)
 
 
-def test_orientation_is_learned_along():
+def test_orientation_is_learned_with_the_position():
     shown = []
     for i, d in enumerate(reaches()):
         angle = (1.5 + 0.02 * i) * (1 - np.cos(np.pi * d.time / d.duration)) / 2

@@ -201,7 +201,7 @@ def test_observation_that_is_not_finite_is_refused(bad):
         plan_of_two().map([0.0, bad])
 
 
-def test_observations_that_only_tolerance_could_tell_apart_are_refused():
+def test_nearly_dependent_observations_are_refused():
     component = LowRankGaussian(
         mean=np.zeros(3), basis=np.eye(3)[:, :1], variances=np.array([1e12]), noise=1e-9
     )
@@ -210,7 +210,7 @@ def test_observations_that_only_tolerance_could_tell_apart_are_refused():
         MappingPlan(np.ones(1), (component,), rows=rows, tolerance=1e-9)
 
 
-def test_players_of_one_skill_share_their_plans_until_it_learns_anew():
+def test_players_of_one_skill_share_their_plans_until_it_is_learned_again():
     windows = np.random.default_rng(0).standard_normal((40, 12, 1))
     skill = FourierMovementPrimitive(n_steps=12, overlap=4, n_components=2)
     skill.fit(windows)

@@ -145,7 +145,7 @@ def test_one_path_is_read_like_a_list_of_it(tmp_path):
         assert_allclose(found.values, CIRCLES)
 
 
-def test_objects_say_what_they_hold():
+def test_objects_describe_their_content():
     skill = fit(recording())
     assert repr(recording()) == (
         "<Demonstration: x (m), y (m), z (m); 400 samples in 19.95 s>"

@@ -347,7 +347,7 @@ def test_error_of_a_short_demonstration_states_the_least_length():
         tiny().fit(short)
 
 
-def test_short_demonstration_is_told_a_window_that_fits():
+def test_error_of_a_short_demonstration_suggests_a_shorter_window():
     time = np.arange(0, 3, 0.05)
     short = Demonstration(time=time, values=np.sin(3 * time))
     with pytest.raises(DemonstrationError, match="for example window=") as refusal:
@@ -641,7 +641,7 @@ def test_weights_that_do_not_fit_are_refused(weights, message):
         arc_learner().fit(arcs(), weights=weights)
 
 
-def test_progress_is_told_in_words():
+def test_progress_is_reported_in_sentences():
     said = []
     arc_learner().fit(arcs(), progress=said.append)
     assert said[0] == "principal directions of 60 windows of 32 weights"

@@ -82,7 +82,7 @@ def test_order_of_quaternions_has_to_be_stated():
         ([[0, 0, np.nan, 1]], "NaN"),
     ],
 )
-def test_quaternions_that_are_none_are_refused(bad, message):
+def test_invalid_quaternions_are_refused(bad, message):
     with pytest.raises(DemonstrationError, match=message):
         as_rotation(bad, order="xyzw")
 
@@ -128,7 +128,7 @@ def test_rotation_vectors_are_in_the_frame_of_the_demonstration():
 
 @pytest.mark.parametrize("axis", [[1, 0, 0], [0, -1, 0], [0.3, -0.5, 0.8]])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_rotation_vectors_go_on_past_a_half_turn(axis, sign):
+def test_rotation_vectors_continue_past_180_degrees(axis, sign):
     angles = sign * np.linspace(0, 1.7 * np.pi, 120)
     vectors = rotation_vectors(about(axis, angles), IDENTITY)
     unit = np.asarray(axis) / np.linalg.norm(axis)
@@ -136,7 +136,7 @@ def test_rotation_vectors_go_on_past_a_half_turn(axis, sign):
 
 
 @given(vectors3.filter(lambda v: np.linalg.norm(v) > 0.1), st.integers(0, 30))
-def test_rotation_vectors_do_not_jump_around_a_half_turn(axis, seed):
+def test_rotation_vectors_do_not_jump_at_180_degrees(axis, seed):
     # A tool that points down sways about orientations half a turn from the identity.
     _, rotations = swaying(3.0, seed=seed)
     vectors = rotation_vectors(about(axis, np.pi) * rotations, IDENTITY)
@@ -208,7 +208,7 @@ def test_angular_velocity_is_exact_on_both_sides_of_the_series():
     assert_allclose(angular_velocity(1e-200 * axis, rate), rate)
 
 
-def test_angular_velocity_past_a_half_turn_is_that_of_the_rotation():
+def test_angular_velocity_past_180_degrees_is_that_of_the_rotation():
     # Along the axis they agree; across it the left Jacobian turns.
     axis, across = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
     assert_allclose(angular_velocity(4.0 * axis, axis), axis)
@@ -267,7 +267,7 @@ def test_channels_and_units_are_added():
     assert_allclose((again * rotations.inv()).magnitude(), 0, atol=1e-9)
 
 
-def test_rotations_have_to_fit_to_the_samples():
+def test_rotations_must_match_the_samples():
     demonstration, rotations = swaying(2.0)
     with pytest.raises(DemonstrationError, match="99 rotations for 100 samples"):
         add_orientation(demonstration, rotations[:-1])
@@ -308,7 +308,7 @@ def test_reference_needs_the_rotation_channels():
         )
 
 
-def test_reference_goes_along_when_channels_are_chosen_or_resampled():
+def test_reference_is_kept_when_channels_are_chosen_or_resampled():
     posed = add_orientation(*swaying(2.0))
     reference = posed.rotation_reference
     assert posed.resample(20).rotation_reference == reference
@@ -387,7 +387,7 @@ def test_orientation_is_played_with_the_position(posed_skill):
         assert np.min(gap + 0.1 * turned) < 0.005
 
 
-def test_transform_turns_the_orientation_along(posed_skill):
+def test_transform_rotates_the_orientation_too(posed_skill):
     r = Rotation.from_rotvec([0.4, -0.2, 1.3])
     moved = transform_space(posed_skill, rotation=r, translation=[1, 0, 0])
     start = posed_skill.extent_.mean(axis=0) + 0.05
@@ -403,7 +403,7 @@ def test_transform_turns_the_orientation_along(posed_skill):
     assert still.rotation_reference_ == posed_skill.rotation_reference_
 
 
-def test_transform_of_a_plane_does_not_turn_an_orientation(posed_skill):
+def test_transform_of_a_plane_does_not_rotate_an_orientation(posed_skill):
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
     with pytest.raises(SkillError, match="does not rotate; name three channels"):
         transform_space(posed_skill, rotation=quarter, channels=("x", "y"))

@@ -281,7 +281,7 @@ def test_automatic_takes_the_mixture_where_nothing_repeats():
     assert skill.model_reason_
 
 
-def test_the_paper_has_a_mixture_and_other_words_are_refused():
+def test_paper_settings_choose_the_mixture_and_unknown_models_are_refused():
     assert PAPER_SETTINGS["model"] == "mixture"
     with pytest.raises(SkillError, match="'mixture', 'phase' or 'automatic'"):
         FourierMovementPrimitive(model="angle").fit(recorded(wavering(300)))
@@ -297,7 +297,7 @@ def test_windows_and_demonstrations_teach_the_same():
         np.testing.assert_allclose(a.mean, b.mean, atol=1e-9)
 
 
-def test_weights_may_leave_recordings_out_but_not_weigh_them():
+def test_phase_model_accepts_equal_or_zero_weights_only():
     both = [recorded(wavering(500)), recorded(wavering(300, seed=3), seed=4)]
     skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="phase")
     alone = skill.fit(both[:1]).phase_model_.cycles
@@ -369,7 +369,7 @@ def test_covariances_of_a_model_of_few_cycles_are_calibrated(cycles):
     assert np.min(coverage) > 0.75
 
 
-def test_a_density_has_long_tails_where_little_was_seen():
+def test_density_has_heavy_tails_with_few_cycles():
     y = recorded(wavering(600)).values
     densities = {}
     for count in (80, 500):
@@ -700,7 +700,7 @@ def off_the_curve(skill, seconds=40.0):
     return float(np.quantile(cKDTree(cycle).query(path)[0], 0.99))
 
 
-def test_ways_to_and_from_a_movement_are_left_out():
+def test_approach_and_retreat_are_left_out():
     phase = wavering(600)
     movement = recorded(phase).values
     to = eased([0.3, 0.2], movement[0], 50)
@@ -743,7 +743,7 @@ def test_samples_stay_on_the_cycle_where_the_tempo_changes_by_40_percent(tempo):
     assert off_the_curve(skill) < 0.015
 
 
-def test_a_drift_is_found_and_a_great_one_refused_in_words():
+def test_a_drift_is_reported_and_a_large_one_refused():
     values = recorded(wavering(700)).values
     ramp = np.linspace(0, 1, 700)[:, None] * [1.0, 0.0]
     skill = learned(values + 0.1 * ramp)
@@ -753,7 +753,7 @@ def test_a_drift_is_found_and_a_great_one_refused_in_words():
     assert "the phase cannot be tracked" in wandered.model_reason_
 
 
-def test_a_cycle_that_consists_of_equal_ones_is_known_as_such():
+def test_a_cycle_that_consists_of_equal_ones_is_recognised():
     phase = np.linspace(0, 2 * np.pi, 400)
     for count in (1, 2, 3):
         cycle = Cycle.fit(phase, curve(count * phase), harmonics=15)
@@ -808,7 +808,7 @@ def test_uncertainty_grows_farther_ahead_than_left_out_parts_reach():
     assert np.all(np.diff(variances[10:]) > 0)
 
 
-def test_error_grows_linearly_between_horizons_from_none_for_what_is_observed():
+def test_error_grows_linearly_between_horizons_from_zero_for_observed_samples():
     shape = np.array([[2.0, 0.5], [0.5, 1.0]])
     calibration = Calibration(
         horizons=np.array([1.0, 3.0]),
@@ -855,7 +855,7 @@ def test_errors_of_short_recordings_grow_more_than_the_changes_of_the_movement()
     assert growth == pytest.approx(2 ** (1 / 3), rel=1e-3)
 
 
-def test_channels_that_move_together_are_wrong_together():
+def test_errors_of_channels_that_move_together_are_correlated():
     # One second is too short to leave a part of it out.
     path = np.repeat(wandering(1.0)[:, :1], 2, axis=1)
     error = calibrate_replay([path], 10, 20).error_covariances[0]
@@ -869,7 +869,7 @@ def test_variances_of_few_cycles_fall_short_by_a_factor_that_vanishes():
 
 
 @pytest.mark.parametrize(("distance", "added"), [(0.03, 0.0), (0.06, 0.75 * 0.02)])
-def test_prediction_is_a_blend_with_what_followed_similar_pasts(distance, added):
+def test_prediction_is_blended_with_the_continuations_of_similar_pasts(distance, added):
     shape = np.array([[0.75, 0.1], [0.1, 0.25]])
     calibration = Calibration(
         horizons=np.array([1.0]),
@@ -899,7 +899,7 @@ def wandering(seconds, seed=4):
     return 0.1 * path[: int(20 * seconds)] / path.std()
 
 
-def test_most_of_what_a_mixture_has_not_seen_is_in_the_tube_of_its_playback():
+def test_tube_of_a_played_mixture_contains_most_held_out_samples():
     path = wandering(90)
     seen, later = path[:1200], path[1200:]
     skill = FourierMovementPrimitive(rate=20.0).fit(seen)
@@ -918,7 +918,7 @@ def test_most_of_what_a_mixture_has_not_seen_is_in_the_tube_of_its_playback():
     assert np.mean(of_playback) > np.mean(of_component) + 0.4
 
 
-def test_the_density_of_a_mixture_does_not_vanish_where_something_new_comes():
+def test_density_of_a_mixture_does_not_vanish_for_new_movements():
     path = wandering(90)
     new = np.stack([path[i : i + 120] for i in range(1200, 1680, 40)])
     chosen = FourierMovementPrimitive(rate=20.0).fit(path[:1200])

@@ -364,7 +364,7 @@ def test_broken_lines_can_be_deleted_with_the_given_command(tmp_path):
         ("/joint_states/panda_joint{1}/{0}", []),
     ],
 )
-def test_of_joint_states_in_a_table_the_positions_are_read(name, words, tmp_path):
+def test_positions_of_joint_states_in_a_table_are_read(name, words, tmp_path):
     file = files.joint_states(tmp_path, name, words=words)
     (found,), remarks = read_demonstrations([file.path])
     assert len(found.channels) == 7
@@ -390,7 +390,7 @@ def test_forces_of_a_universal_robot_are_read_beside_its_pose(tmp_path):
     assert units["actual_tcp_torque_z"] == "Nm"
 
 
-def test_a_marker_named_c_is_not_taken_for_a_command(tmp_path):
+def test_a_marker_named_c_is_not_mistaken_for_a_command(tmp_path):
     names = [f"{marker}_{axis}" for marker in "bc" for axis in "xyz"]
     text = files.lines(
         files.TIME, *files.PATH.T, *files.PATH.T, header=",".join(["t", *names])
@@ -400,7 +400,7 @@ def test_a_marker_named_c_is_not_taken_for_a_command(tmp_path):
     assert "several positions (b_x, c_x ...)" in remarks[0]
 
 
-def test_angles_beyond_two_revolutions_are_taken_for_degrees(tmp_path):
+def test_angles_beyond_two_revolutions_are_read_as_degrees(tmp_path):
     angles = np.column_stack([3 * np.sin(files.TIME), 90 + files.TIME])
     text = files.lines(files.TIME, *angles.T, header="time,roll,joint_1")
     (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
@@ -559,7 +559,7 @@ def test_joints_of_a_bag_keep_their_names(tmp_path):
 
 
 @pytest.mark.parametrize("first", [0, 1])
-def test_of_an_arm_and_a_gripper_on_one_topic_the_arm_is_read(first, tmp_path):
+def test_arm_is_read_where_a_gripper_is_on_the_same_topic(first, tmp_path):
     pytest.importorskip("rosbags")
 
     def state(k):
@@ -587,7 +587,7 @@ def test_a_bag_begins_with_its_earliest_message(tmp_path):
     assert_allclose(found.values[:, :3], files.PATH, atol=1e-12)
 
 
-def test_joints_without_positions_are_no_demonstration(tmp_path):
+def test_joints_without_positions_are_refused(tmp_path):
     pytest.importorskip("rosbags")
 
     def state(k):
@@ -747,7 +747,7 @@ CELLS = [
 ]
 
 
-def test_tables_of_anything_are_read_or_refused(tmp_path):
+def test_any_table_is_read_or_refused(tmp_path):
     rng = np.random.default_rng(0)
     path, reasons = tmp_path / "d.csv", []
     given = [None, ReadingOptions(sample_rate=10), ReadingOptions.parse("time=1,x=2")]

@@ -159,7 +159,7 @@ def rewritten(path, skill, drop=(), **arrays):
     return path
 
 
-def test_file_of_before_there_were_paths_has_none(tmp_path, skill):
+def test_file_of_an_earlier_version_has_no_paths(tmp_path, skill):
     path = rewritten(tmp_path / "s.npz", skill, drop=("paths", "path_lengths"))
     assert load_skill(path).paths_ == ()
 

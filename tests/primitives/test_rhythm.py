@@ -144,7 +144,7 @@ def test_two_movements_in_one_recording_are_told_apart():
 
 
 @pytest.mark.parametrize("seed", [26, 56])
-def test_the_change_to_another_movement_is_no_pause(seed):
+def test_transition_to_another_movement_is_not_a_pause(seed):
     rng = np.random.default_rng(seed)
     first, second = random_curve(rng, 3), random_curve(rng, 3)
     first = first(varying_phase(rng, 250, 50, 0.05))
@@ -239,7 +239,7 @@ def test_one_and_a_half_cycles_after_an_approach_are_found(real_demonstration_pa
     assert find_rhythm(recording, end_time=9.45).period == pytest.approx(5.4, rel=0.05)
 
 
-def test_two_of_six_cycles_are_not_taken_for_one(real_demonstration_paths):
+def test_two_of_six_cycles_are_not_mistaken_for_one(real_demonstration_paths):
     with np.load(real_demonstration_paths["car_rim_4"]) as file:
         recording = Demonstration(time=file["time"] / 2, values=file["position"])
     found = find_rhythm(recording)

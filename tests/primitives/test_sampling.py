@@ -109,7 +109,7 @@ def test_choice_draws_samples_out_where_the_region_allows_it(skill):
     assert_allclose(far, 1.5 * near, atol=1e-12)
 
 
-def test_way_back_from_outside_is_hardly_farther_out_than_that_of_the_mean(skill):
+def test_return_of_samples_is_hardly_farther_out_than_that_of_the_mean(skill):
     start = skill.extent_[1] + [0.1, 0.1, 0.05]
     bounded = Player(skill, sample=True, seed=3, margin=MARGIN)
     path = bounded.rollout(start, 15.0)[:, 0]

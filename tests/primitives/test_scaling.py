@@ -100,7 +100,7 @@ def test_scales_that_do_not_fit_are_refused(scales):
 
 
 @pytest.mark.parametrize("scales", ["metres", ["a", "b"], None, [[1.0, 2.0], [3.0]]])
-def test_scales_that_are_no_numbers_are_refused(scales):
+def test_scales_without_numbers_are_refused(scales):
     with pytest.raises(SkillError, match="scales"):
         learner(scales=scales).fit(np.random.default_rng(0).random((9, 40, 2)))
 
@@ -145,7 +145,7 @@ def test_everything_comes_back_in_the_channels_units(newtons, kilonewtons, of):
     assert_allclose(two / unit, one, rtol=1e-5, atol=1e-6)
 
 
-def test_without_scales_the_unit_would_matter():
+def test_without_scales_the_rank_depends_on_the_unit():
     one = learner(scales=[1, 1, 1, 1]).fit(stroking())
     two = learner(scales=[1, 1, 1, 1]).fit(stroking(force_unit=1000.0))
     # In newtons hardly anything but the force counts.

@@ -210,7 +210,7 @@ def test_skill_with_arrays_that_do_not_fit_is_refused(saved, changes):
 
 
 @pytest.mark.parametrize("proportions", [[0.5, 0.5, 0.5], [1.5, -0.25, -0.25]])
-def test_skill_whose_proportions_are_no_probabilities_is_refused(saved, proportions):
+def test_skill_whose_proportions_are_not_probabilities_is_refused(saved, proportions):
     rewritten(saved, proportions=np.array(proportions))
     with pytest.raises(SkillFileError, match=r"not positive or do not add up to 1"):
         load_skill(saved)

@@ -279,6 +279,6 @@ def test_rotation_over_different_units_is_refused():
         ({"rotation": np.full((2, 2), np.nan)}, "NaN or infinite"),
     ],
 )
-def test_transforms_that_are_none_are_refused(small_skill, options, message):
+def test_invalid_transforms_are_refused(small_skill, options, message):
     with pytest.raises(SkillError, match=message):
         transform_space(small_skill, **{"channels": XY, **options})

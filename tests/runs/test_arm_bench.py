@@ -55,7 +55,7 @@ def test_without_a_fresh_torque_the_joints_are_damped():
 
 
 @pytest.mark.parametrize("wrong", ["NaN", "one NaN", "positions", "six joints"])
-def test_a_wrong_command_is_a_reflex_from_which_the_robot_does_not_come_back(wrong):
+def test_a_wrong_command_causes_a_permanent_reflex(wrong):
     command = torque_command(np.full(7, np.nan if wrong == "NaN" else 1.0), NOW)
     if wrong == "one NaN":
         command.joint_torque = [1.0] * 6 + [np.nan]

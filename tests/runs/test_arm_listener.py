@@ -45,7 +45,7 @@ def test_unnamed_mode_is_reported_by_its_number(monkeypatch):
     assert "the robot's mode is 17; it must be kMove, controlled by torque" in wrong
 
 
-def test_an_arm_that_was_sent_nonsense_is_in_a_reflex(monkeypatch):
+def test_an_arm_is_in_a_reflex_after_an_invalid_command(monkeypatch):
     bus = Bus(monkeypatch)
     command = lcmt_panda_command()  # Of no joint.
     command.utime = round(1e6 * bus.seconds)

@@ -80,7 +80,7 @@ class Loop:
         return np.max(np.abs(np.diff(self.sent, axis=0)))
 
 
-def test_the_arm_moves_over_lcm_after_a_go_only(skill):
+def test_the_arm_moves_over_lcm_only_after_an_enable_request(skill):
     loop = Loop(skill)
     loop.advance(50)
     assert loop.run.mode is GateMode.WAITING
@@ -138,7 +138,7 @@ def assert_stopped_until_go(loop, fault):
     assert loop.greatest_step() <= 0.9 + 1e-9
 
 
-def test_a_frozen_controller_leaves_the_arm_damped_and_waits_for_a_go(skill):
+def test_a_frozen_controller_leaves_the_arm_damped_until_it_is_enabled(skill):
     loop = Loop(skill).begin().advance(300)
     before = speed(loop)
     loop.advance(200, controller=False)
@@ -149,7 +149,7 @@ def test_a_frozen_controller_leaves_the_arm_damped_and_waits_for_a_go(skill):
     assert_stopped_until_go(loop, GateFault.GAP)
 
 
-def test_a_silent_arm_gets_no_torque_and_the_run_waits_for_a_go(skill):
+def test_a_silent_arm_gets_no_torque_until_it_is_enabled(skill):
     loop = Loop(skill).begin().advance(200)
     loop.advance(160, arm=False)
     assert not np.any(loop.sent[-1])
@@ -344,7 +344,7 @@ def test_missing_permission_is_reported_with_advice(machine, refused):
         assert "/etc/security/limits.conf" in line
 
 
-def test_other_systems_than_linux_have_no_precedence(monkeypatch):
+def test_real_time_priority_needs_linux(monkeypatch):
     monkeypatch.delattr(os, "sched_setscheduler")
     assert request_priority() == ["SCHED_FIFO and memory locking need Linux"]
 
@@ -401,7 +401,7 @@ def test_whatever_ends_a_run_torque_goes_to_zero_at_its_rate(skill, end):
     assert loop.bench.torque_rate <= 900 + 1e-6
 
 
-def test_after_a_pause_no_more_than_ten_milliseconds_are_made_up_for(skill):
+def test_a_run_catches_up_at_most_ten_milliseconds(skill):
     loop = Loop(skill).advance(5)
     clock = Clock(loop)
 

@@ -81,7 +81,7 @@ def test_protective_stop_is_reported_with_its_cause():
 
 
 @pytest.mark.parametrize("height", [-0.008, 0.012])
-def test_error_of_the_height_of_the_board_is_measured_and_no_fault(height):
+def test_error_of_the_height_of_the_board_is_measured_without_a_fault(height):
     events = RunEvents()
     events.update(recorded(height=height))
     assert events.board_height_error == pytest.approx(height)

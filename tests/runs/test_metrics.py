@@ -311,7 +311,7 @@ def test_error_of_a_changing_force_counts_from_a_second_after_the_first_contact(
     assert metrics.result()["normal_force_error_rms_n"] == pytest.approx(2.0)
 
 
-def test_every_signal_of_the_metrics_is_taken():
+def test_every_signal_of_the_metrics_is_tested():
     assert set(METRIC_SIGNALS) == set(PERIODS)
 
 
@@ -349,7 +349,7 @@ def test_distance_without_paths_is_none():
     assert set(metrics.result().values()) == {None}
 
 
-def test_ink_counts_where_there_was_some_and_on_the_area_that_was_shown():
+def test_ink_counts_where_there_was_some_and_on_the_demonstrated_area():
     """Eight cells of 1 cm^2 with ink and two without; six of them all were shown."""
     grid = InkGrid(size=(0.10, 0.01), cell=0.01)
     initial, ink = np.ones((1, 10)), np.zeros((1, 10))

@@ -88,7 +88,7 @@ def clicks():
 
 
 @pytest.mark.parametrize("nested", [False, True])
-def test_a_reset_run_is_the_same_as_the_first(nested):
+def test_a_reset_run_is_identical_to_the_first(nested):
     simulator, log = make(nested=nested)
     runs = []
     for _ in range(2):
@@ -133,7 +133,7 @@ def test_pause_stops_the_simulation_and_a_reset_returns_to_the_start(clicks):
     assert simulator.get_context().get_time() == 1.0
 
 
-def test_a_pause_is_not_made_up_for(clicks):
+def test_a_run_does_not_catch_up_after_a_pause(clicks):
     calls = {0.05: lambda: clicks.click(RunButtons.PAUSE)}
     simulator, _ = make(calls)
     simulator.set_target_realtime_rate(1.0)
@@ -174,14 +174,14 @@ def test_the_buttons_go_when_the_run_fails():
     run(simulator, 1.0, meshcat=meshcat)
 
 
-def test_stretches_end_at_multiples_of_a_millisecond():
+def test_intervals_end_at_multiples_of_a_millisecond():
     simulator, _ = make()
     times = run(simulator, 7.05)
     assert times == [*(100 * i * 0.001 for i in range(1, 71)), 7.05]
     assert simulator.get_context().get_time() == 7.05
 
 
-def test_what_advances_may_be_given():
+def test_the_function_that_advances_may_be_given():
     simulator, _ = make()
     ends = []
 
@@ -193,7 +193,7 @@ def test_what_advances_may_be_given():
     assert len(ends) == 4
 
 
-def test_run_goes_on_as_long_as_it_is_asked_to():
+def test_run_continues_while_a_function_returns_true():
     simulator, _ = make()
     answers = iter([True, True, False])
     times = run(simulator, 0.25, goes_on=lambda: next(answers))

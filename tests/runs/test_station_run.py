@@ -80,7 +80,7 @@ def test_orientation_error_is_that_of_the_poses(stirred):
     assert run.metrics()["orientation_rms_deg"] == pytest.approx(rms, rel=0.01)
 
 
-def test_the_table_of_free_space_speaks_of_degrees_and_not_of_ink(stirred):
+def test_the_table_of_free_space_contains_degrees_and_no_ink(stirred):
     rows = rows_of(stirred[0])
     assert {"cleaned", "time to clean", "normal force", "surface"}.isdisjoint(rows)
     assert "degrees rms" in rows["tracking error"]

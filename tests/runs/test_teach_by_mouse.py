@@ -115,7 +115,7 @@ def test_page_frozen_during_a_drag_releases_the_arm_and_can_continue(dragged):
         assert np.linalg.norm(np.diff(shown.values, axis=0), axis=1).max() < 0.05
 
 
-def test_a_cursor_that_jumps_over_the_screen_does_not_take_the_arm_along(dragged):
+def test_a_cursor_that_jumps_over_the_screen_does_not_move_the_arm(dragged):
     rng = np.random.default_rng(0)
     first = moved(dragged, 0.5, lambda: dragged.frame([0.4, -0.5]))
     assert first < ABUSED
@@ -135,7 +135,7 @@ def test_a_button_that_is_released_outside_the_window_leaves_the_arm_on_the_boar
     assert moved(dragged, 1.0) < 0.01
 
 
-def test_two_pages_that_drag_at_once_cannot_tear_the_arm(dragged):
+def test_two_pages_that_drag_at_once_exceed_no_limit(dragged):
     sides = iter(np.tile([-0.15, 0.15], 1000))
     assert moved(dragged, 1.0, lambda: dragged.frame([0.05, next(sides)])) < ABUSED
 

@@ -149,7 +149,7 @@ def test_a_recording_shorter_than_the_window_is_learned_in_a_shorter_one():
     assert "the window is 5 s instead of 6 s" in skill.model_reason_
 
 
-def test_no_extent_is_minus_zero():
+def test_an_extent_of_zero_has_no_sign():
     time = np.arange(0, 20, 0.05)
     circles = 0.1 * np.column_stack([np.cos(2 * time), np.sin(2 * time), 0 * time])
     circles[:, 2] = -1e-3 * (1 + np.cos(2 * time))

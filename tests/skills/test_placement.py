@@ -43,7 +43,7 @@ def demonstration(values):
     rotvec=st.tuples(*[st.floats(-1.5, 1.5)] * 3),
     shift=st.tuples(*[st.floats(-1, 1)] * 3),
 )
-def test_path_in_any_frame_comes_flat_onto_the_middle(rotvec, shift):
+def test_path_in_any_frame_is_placed_flat_in_the_middle(rotvec, shift):
     turn = Rotation.from_rotvec(rotvec).as_matrix()
     path = strokes() @ turn.T + shift
     placement = fit_placement(demonstration(path), usable=(0.6, 0.6))
@@ -128,7 +128,7 @@ def test_apply_keeps_the_recording_and_its_note():
     assert placed_path.channels == ("x", "y", "z")
 
 
-def test_wall_in_front_of_the_robot_is_laid_down():
+def test_path_on_a_wall_is_placed_on_the_board():
     # y and z span the wall; the tool leaves it towards the robot, along -x.
     path = demonstration([0.6, 0.0, 0.5] - strokes(noise=0)[:, [2, 1, 0]])
     placement = fit_placement(path, usable=USABLE)
@@ -138,14 +138,14 @@ def test_wall_in_front_of_the_robot_is_laid_down():
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.003])
-def test_unsteady_hand_is_laid_level(noise):
+def test_path_of_an_unsteady_hand_is_placed_level(noise):
     path = strokes(lift=0.3, noise=noise)
     normal = fit_placement(demonstration(path), usable=USABLE).rotation[2]
     assert np.degrees(np.arccos(normal[2])) < 2
 
 
 @pytest.mark.parametrize("size", [1e-4, 1e-2, 1.0, 100.0])
-def test_a_line_is_told_by_its_shape_and_not_by_its_size(size):
+def test_a_line_is_recognised_by_its_shape_at_any_size(size):
     t = np.linspace(0, 6, 200)
     line = np.column_stack([np.sin(t), 1e-4 * np.cos(5 * t), 0 * t])
     circle = np.column_stack([np.sin(t), np.cos(t), 0 * t])
@@ -188,7 +188,7 @@ def test_width_of_an_arms_path_or_of_a_point_is_accepted(width):
     check_width(demonstration(np.linspace(0, 1, 9)[:, None] * [0, width, 0]))
 
 
-def test_real_demonstrations_fit_onto_the_board(real_demonstration_paths):
+def test_real_demonstrations_fit_the_board(real_demonstration_paths):
     for name, path in real_demonstration_paths.items():
         recorded_demonstration = Demonstration.load(path)
         placement = fit_placement(recorded_demonstration, usable=USABLE)

@@ -111,7 +111,7 @@ def test_plane_is_preferred_to_a_curvature_within_the_noise():
     assert "residuals in mm: plane" in fit.describe()
 
 
-def test_shape_may_be_given():
+def test_shape_of_the_surface_may_be_given():
     *_, on, points = wiping("dome")
     assert fit_surface([points], [on], shape="plane").shape == "plane"
     with pytest.raises(DemonstrationError, match="choose one of: plane, cylinder"):
@@ -229,7 +229,7 @@ def test_force_is_limited_by_the_felt():
     assert any("the limit of the felt: 42 N" in remark for remark in remarks)
 
 
-def test_tilt_is_scaled_to_what_the_felt_yields_to():
+def test_tilt_is_scaled_to_the_limit_of_the_felt():
     recording, *_ = posed("plane", tilt=0.3)
     (placed,), remarks = place_on_fitted_surface(
         [recording], scenario=Scenario(), extra=["orientation"]
@@ -252,7 +252,7 @@ def test_contact_between_lifts_is_a_little_below_the_surface():
     assert heights[on][0] < -0.003
 
 
-def test_controller_can_follow_what_is_placed():
+def test_controller_can_follow_placed_orientations_and_forces():
     recording, *_ = posed("plane")
     for extra, stiffness, has_control in (
         ([], [30.0, 30.0, 3.0], False),

@@ -147,7 +147,7 @@ def scene_of(config):
     return scene, scene.plant.get_contact_results_output_port().Eval(context)
 
 
-def test_hull_of_a_bowl_touches_nothing(monkeypatch):
+def test_convex_hull_of_a_bowl_has_no_contact(monkeypatch):
     config = BoardConfig(shape="bowl", size=[0.5, 0.5], translation=[0.5, 0.0, 0.1])
     _, contacts = scene_of(config)
     assert contacts.num_point_pair_contacts() == 0
@@ -174,7 +174,7 @@ def test_tool_starts_along_the_local_normal():
     np.testing.assert_allclose(X_BE.rotation().matrix()[:, 2], -R_BT[:, 2], atol=1e-4)
 
 
-def test_turning_round_a_pipe_costs_joint_speed():
+def test_rotation_around_a_pipe_costs_joint_speed():
     path = np.zeros((1, 21, 3))
     path[0, :, 1] = np.linspace(-0.1, 0.1, 21)
     fastest = {}

@@ -140,7 +140,7 @@ def error(run):
     )
 
 
-def test_reactive_mode_maps_again_only_while_it_is_held(grasped):
+def test_reactive_mode_maps_again_only_while_the_arm_is_held(grasped):
     assert grasped["periodic"].log("remaps")[-1, 1] == 0
     reactive = grasped["reactive"].log("remaps")[:, 1]
     assert reactive[ms(START)] == 0

@@ -185,7 +185,7 @@ def test_a_dry_run_sends_zeros(arm):
         ({"utime": 5}, GateFault.OUT_OF_ORDER),
     ],
 )
-def test_a_fault_on_the_way_stops_the_arm_until_go(arm, wrong, fault):
+def test_a_fault_of_a_message_stops_the_arm_until_it_is_enabled(arm, wrong, fault):
     bench, torque = opened(arm)
     for _ in range(60):
         before, torque = torque, bench.tick(**wrong)

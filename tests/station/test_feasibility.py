@@ -148,7 +148,7 @@ def test_start_that_is_too_far_out_is_moved_and_not_the_board(bundled_skill):
     assert "What would help: start at 0 0 0.05." in found.verdict
 
 
-def test_nothing_is_promised_where_nothing_helps(bundled_skill):
+def test_no_change_is_suggested_where_none_helps(bundled_skill):
     found = check(bundled_skill, x=2.0)
     assert "What would help: none of the tested changes (a slower" in found.verdict
     assert "by up to 40 cm" in found.verdict
@@ -244,7 +244,7 @@ def test_tracking_error_is_the_root_sum_of_squares(bundled_skill):
     assert values["braking_lag"] > 1e-4
 
 
-def test_press_whose_friction_drags_the_eraser_is_refused(bundled_skill):
+def test_normal_force_whose_friction_holds_the_eraser_back_is_refused(bundled_skill):
     found = check(bundled_skill, press=34.0)
     assert not found.is_feasible
     # 0.5 * 34 N at 1500 N/m; a run of 10 s was 11.6 mm rms off its path.
@@ -252,7 +252,7 @@ def test_press_whose_friction_drags_the_eraser_is_refused(bundled_skill):
     assert "press with at most 30 N" in found.verdict
 
 
-def test_at_the_largest_press_the_joints_need_all_of_the_torque_that_is_allowed(
+def test_at_the_largest_force_the_joints_need_all_of_the_allowed_torque(
     bundled_skill,
 ):
     bounds = FollowingBounds(torque_fraction=0.5)
@@ -268,7 +268,7 @@ def test_at_the_largest_press_the_joints_need_all_of_the_torque_that_is_allowed(
     assert ratio == pytest.approx(0.5, abs=0.005)
 
 
-def test_at_the_largest_tempo_the_joints_need_all_of_the_speed_that_is_not_braked(
+def test_at_the_largest_tempo_the_joints_need_all_of_the_speed_below_the_brakes(
     bundled_skill,
 ):
     largest = check(bundled_skill).values["largest_tempo"]
@@ -329,7 +329,7 @@ def test_longest_windows_of_many_are_among_those_that_are_checked(bundled_skill)
     np.testing.assert_array_equal(found.paths[beginnings:], expected)
 
 
-def test_start_out_of_reach_is_said_and_not_raised(bundled_skill):
+def test_start_out_of_reach_is_reported_and_not_raised(bundled_skill):
     found = check(bundled_skill, start=(0.0, 0.0, 1.2))
     assert not found.is_feasible
     assert "the start is out of reach" in found.verdict
@@ -361,7 +361,7 @@ def test_cells_are_of_the_board_that_was_checked(bundled_skill):
         np.testing.assert_array_equal(each.cells[2], margin)
 
 
-def test_held_arm_follows_exactly_to_its_reach_and_stays_near_beyond():
+def test_arm_follows_exactly_within_its_reach_and_stays_near_beyond():
     scenario = Scenario()
     reach = BoardReach(scenario, FollowingBounds())
     board = [scenario.board.assumed_pose()]

@@ -29,7 +29,7 @@ def wiped(skill, seconds, *, name="table_top", height=0.0, push=None):
 
 
 @pytest.mark.parametrize("height", [-0.009, 0.009])
-def test_a_board_that_is_lower_or_higher_is_pressed_as_wanted(wiping_skill, height):
+def test_a_board_that_is_lower_or_higher_is_pressed_as_desired(wiping_skill, height):
     run, force, status = wiped(wiping_skill, 2.5, height=height)
     assert not run.scenario.impedance.force_control.enabled
     last_forces = force[-100:]  # The last second.
@@ -72,7 +72,7 @@ def test_missing_board_is_reported_by_a_protective_stop(wiping_skill):
 @pytest.mark.parametrize(
     ("name", "push", "soon"), [("table_top", 20.0, 1.0), ("vertical", 80.0, 2.0)]
 )
-def test_a_person_who_lifts_the_eraser_is_soon_forgotten(
+def test_the_search_recovers_after_a_person_has_lifted_the_eraser(
     wiping_skill, name, push, soon
 ):
     run, force, status = wiped(

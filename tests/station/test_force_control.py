@@ -146,7 +146,7 @@ def test_without_the_closed_loop_the_force_is_off(height):
     assert not np.any(status[:, 0].astype(int) & StatusFlag.FORCE_CONTROL)
 
 
-def test_the_surface_is_forgotten_when_the_eraser_is_lifted():
+def test_the_surface_is_reset_when_the_eraser_is_lifted():
     force, status = press_run(
         enabled=True, height=-0.01, friction=0.5, lift=3.0, seconds=4.5
     )

@@ -133,7 +133,7 @@ def wanted_shift(run):
     return -AMPLITUDE * np.cos(2 * np.pi * FREQUENCY * np.array(run.times))
 
 
-def test_board_slides_as_wanted(moved):
+def test_board_slides_as_desired(moved):
     shift = np.array([X.translation()[1] for X in moved.X_WB])
     assert_allclose(shift, wanted_shift(moved), atol=1e-3)
     rail = moved.plant.GetJointByName("rail")

@@ -53,7 +53,7 @@ def test_at_the_greatest_normal_force_a_joint_has_80_percent_of_its_torque(
     assert largest == pytest.approx(0.8, abs=1e-6)
 
 
-def test_more_than_the_arm_bears_at_the_start_is_refused():
+def test_a_normal_force_above_the_limit_at_the_start_is_refused():
     scenario = LoadScenario("tilted")
     scene = AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)
     limit = ArmForceLimit(

@@ -24,7 +24,7 @@ def recorded(task, scenario, *, seconds, skip):
     return dict(zip(motion.channels, wanted.T, strict=True)), shown
 
 
-def test_stirring_records_positions_and_orientations_as_the_hand_leads_them():
+def test_stirring_records_the_positions_and_orientations_of_the_hand():
     wanted, shown = recorded("stirring", "stir", seconds=5.0, skip=2.0)
     assert shown.channels == ("x", "y", "z", "rx", "ry", "rz")
     assert shown.units == ("m", "m", "m", "rad", "rad", "rad")
@@ -51,7 +51,7 @@ def test_pulsing_records_the_force_of_the_contact():
     assert np.all(np.abs(shown.values[:, 2]) < 0.01)
 
 
-def test_a_hand_that_leads_over_a_board_needs_one():
+def test_a_hand_that_guides_over_a_board_needs_one():
     motion = HandMotion.make("eight", duration=5.0, seed=0)
     with pytest.raises(StationError, match="take a motion with a height"):
         MakeStation(LoadScenario("stir"), SimulatedHand(motion))

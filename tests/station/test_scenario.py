@@ -224,7 +224,7 @@ def test_board_has_the_curvatures_of_its_shape():
     assert along_y.curvature() == (2.0, 0.0)
 
 
-def test_bytes_that_are_no_text_are_refused(tmp_path):
+def test_bytes_that_are_not_text_are_refused(tmp_path):
     path = tmp_path / "scene.yaml"
     path.write_bytes(b"\xff\xfe\x00board")
     with pytest.raises(StationError, match="is not a scenario"):

@@ -70,7 +70,7 @@ class FreeRun(Run):
 class BoardRun(Run):
     """What holds on a board, too."""
 
-    def test_presses_as_wanted_while_it_touches(self, metrics):
+    def test_presses_as_desired_in_contact(self, metrics):
         assert FORCE_TOLERANCE == 5.0
         assert metrics["normal_force_wanted_fraction"] >= 0.95
         assert metrics["contact_fraction"] > 0.9

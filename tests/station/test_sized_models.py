@@ -181,6 +181,6 @@ def test_the_renderer_gets_the_page_s_colour_without_its_gamma():
         (_Eraser, {"modulus": 0.0}, r"eraser\.modulus is 0\.0; .* positive"),
     ],
 )
-def test_a_value_that_cannot_be_is_an_error_that_names_it(add, values, complaint):
+def test_an_invalid_value_is_an_error_that_names_it(add, values, complaint):
     with pytest.raises(StationError, match=complaint):
         add(**values)

@@ -97,7 +97,7 @@ def test_an_arm_that_falls_on_the_board_stays_above_it():
 # What cannot be pressed is refused.
 
 
-def test_a_press_that_squeezes_the_felt_flat_is_refused():
+def test_a_normal_force_that_squeezes_the_felt_flat_is_refused():
     scenario = Scenario()
     scenario.press.force = 60.0
     scenario.check()
@@ -106,7 +106,7 @@ def test_a_press_that_squeezes_the_felt_flat_is_refused():
         scenario.check()
 
 
-def test_a_press_beyond_the_arm_s_torque_is_refused(bundled_skill):
+def test_a_normal_force_beyond_the_arm_s_torque_is_refused(bundled_skill):
     scenario = LoadScenario("vertical")
     scenario.eraser.modulus = 1e5
     scenario.press.force = 60.0

@@ -154,7 +154,7 @@ def test_only_outputs_of_the_contact_follow_a_push_at_once(wiped):
 # What the robot does.
 
 
-def test_eraser_starts_exactly_where_it_shall(wiped, from_outside, outside):
+def test_eraser_starts_exactly_at_the_start(wiped, from_outside, outside):
     starts = ((wiped, [0.0, 0.0, 0.05]), (from_outside, outside))
     for run, start in starts:
         assert_allclose(run.log("measured_position")[0], start, atol=5e-6)
@@ -438,7 +438,7 @@ def test_start_close_above_the_board_is_as_good_as_any(bundled_skill, start):
     check_limits(run)
 
 
-def test_controller_never_holds_while_it_wipes(wiped):
+def test_controller_has_no_protective_stop_while_it_wipes(wiped):
     flags = wiped.log("status")[:, 0].astype(int)
     bad = (
         StatusFlag.PROTECTIVE_STOP
@@ -451,7 +451,7 @@ def test_controller_never_holds_while_it_wipes(wiped):
     assert np.any(flags)
 
 
-def test_the_press_may_be_closed_over_the_arms_external_torque(bundled_skill):
+def test_force_control_may_use_the_arms_external_torque(bundled_skill):
     scenario = LoadScenario("table_top")
     scenario.impedance.force_control.enabled = True
     scenario.press.by_torque = True

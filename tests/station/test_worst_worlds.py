@@ -23,7 +23,7 @@ def spec():
 
 
 @pytest.mark.parametrize("number", WORST["numbers"])
-def test_nothing_impossible_happens_in_one_of_the_worst_worlds(spec, number):
+def test_no_limit_is_broken_in_one_of_the_worst_worlds(spec, number):
     # Also those that are refused in advance.
     drawn = spec.draw(seed=WORST["seed"], number=number)
     run = make_run(drawn.scenario)

@@ -661,7 +661,7 @@ def with_hole(system, start, value, length, *, begin=1.0, until=4.0):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e11, -1e11])
 @pytest.mark.parametrize("length", [0.15, 1.5])
-def test_a_hole_in_the_measurement_is_bridged_and_then_stops(
+def test_short_gap_of_the_measurement_is_bridged_and_a_long_one_stops_the_movement(
     small_skill, start, value, length
 ):
     # A threshold that the movement itself does not reach in the hole.

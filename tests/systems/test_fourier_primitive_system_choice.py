@@ -187,7 +187,7 @@ def test_port_for_samples_switches_the_choice_off(system, skill):
     assert not np.array_equal(on, off)
 
 
-def test_remapping_of_a_pushed_robot_chooses_too(skill):
+def test_remapping_of_a_pushed_robot_chooses_a_sample_too(skill):
     system = make_system(skill, push_threshold=0.02, push_dwell=0.2)
     pushed = start_of(system) + np.array([0.05, 0.0, 0.0])
     simulator = simulator_of(system, ink=left_half(), measured_position=pushed)

@@ -28,7 +28,7 @@ def test_tasks_are_those_of_the_paper():
 
 
 @pytest.mark.parametrize("task", POSED_TASKS)
-def test_a_posed_motion_has_its_channels_around_their_means(task):
+def test_channels_of_a_motion_with_poses_vary_about_their_means(task):
     motion = HandMotion.make(task, duration=60, seed=2)
     mean = dict(zip(motion.channels, motion.position.mean(axis=0), strict=True))
     spread = dict(zip(motion.channels, np.ptp(motion.position, axis=0), strict=True))
@@ -129,7 +129,7 @@ def test_tremor_has_its_size_and_band():
 
 @settings(deadline=None, max_examples=30)
 @given(time=st.floats(0.01, 4.9))
-def test_velocity_is_the_slope_of_the_position(time):
+def test_velocity_is_the_derivative_of_the_position(time):
     motion = HandMotion.make("eight", duration=5, seed=3)
     position, velocity = motion.at(time)
     i = int(time * RATE)

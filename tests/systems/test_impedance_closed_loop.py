@@ -404,7 +404,7 @@ def disturbed(p, kind):
         ("stale", StatusFlag.STALE),
     ],
 )
-def test_a_bad_target_is_held_against_and_recovered_from(kind, flag, worst_limits):
+def test_a_bad_target_causes_a_stop_and_a_recovery(kind, flag, worst_limits):
     plant = make_arm()
     p = pose_in_task(plant, Q_START, RigidTransform([0.5, 0, 0.1])).translation()
     logs = ArmLoop(disturbed(p, kind), stops=False).run(3.0)
@@ -646,7 +646,7 @@ def test_a_moving_task_frame_carries_the_tool(table):
 # Compliance.
 
 
-def test_the_covariance_makes_the_arm_loose_and_stiff():
+def test_the_covariance_makes_the_arm_compliant_and_stiff():
     config = ImpedanceConfig()
     config.covariance_stiffness.enabled = True
     covariance = np.diag([1e-8, 0.2**2, 1e-8])

@@ -84,7 +84,7 @@ def test_the_surface_stands_still_for_limited_torque_and_a_far_target(measured, 
     assert found.state.surface == 0.002
 
 
-def test_found_surface_is_forgotten_without_a_desired_force():
+def test_found_surface_is_reset_without_a_desired_force():
     for measured in (6.0, 14.0):
         held = pushed(measured, steps=100)
         assert abs(held.state.surface) > 1e-3
@@ -115,7 +115,7 @@ def test_the_surface_follows_a_tool_that_sinks_soon_and_one_that_is_lifted_slowl
     ("force", "height", "lost"),
     [(10.0, 0.0, False), (1.0, 0.0, True), (30.0, 0.02, True), (10.0, 0.009, False)],
 )
-def test_contact_shows_in_the_force_of_the_law_and_in_the_height(force, height, lost):
+def test_without_a_sensor_contact_follows_from_force_and_height(force, height, lost):
     """Also where nothing is measured; a person who lifts the tool is no surface."""
     state = ForceState(0.0, force, 0.0)
     assert pushed(None, height=height, steps=100, state=state).lost == lost
@@ -266,7 +266,7 @@ def test_a_quaternion_of_any_length_and_sign_is_a_rotation(seed, size):
         )
 
 
-def test_a_quaternion_of_no_length_is_not_a_number():
+def test_a_quaternion_of_length_zero_gives_nan():
     assert np.isnan(rotation_from_quaternion(np.zeros(4))).any()
 
 

@@ -182,7 +182,7 @@ def test_a_wall_pushes_back_with_the_effort_of_the_joint(q, sign):
 
 
 @given(st.floats(-1.0, 2.0), st.floats(-4.0, 4.0))
-def test_a_wall_takes_energy_but_for_its_spring(q, v):
+def test_a_joint_limit_only_dissipates_energy_beyond_that_of_its_spring(q, v):
     assert (wall(q, v).torque[0] - wall(q, 0.0).torque[0]) * v <= 1e-12
 
 

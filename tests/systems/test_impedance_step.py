@@ -144,7 +144,7 @@ def test_invalid_covariance_or_stiffness_leaves_the_last_stiffness(
     assert_array_equal(decode(found[2]).stiffness, settings[0].stiffness)
 
 
-def test_an_arm_whose_dynamics_are_no_numbers_loses_its_torque(monkeypatch):
+def test_an_arm_without_finite_dynamics_loses_its_torque(monkeypatch):
     settings, joints, packed, previous, memory, arm = random_step(
         np.random.default_rng(0), PORTS
     )
@@ -157,7 +157,7 @@ def test_an_arm_whose_dynamics_are_no_numbers_loses_its_torque(monkeypatch):
     assert np.linalg.norm(found[0]) < np.linalg.norm(previous)
 
 
-def test_one_compilation_serves_every_controller():
+def test_one_compilation_is_sufficient_for_every_controller():
     for config in (ImpedanceConfig(), full_config(), ImpedanceConfig(damping_ratio=1)):
         simulate_ports(make_controller(config), optional_ports())
     assert len(impedance_step.signatures) == 1
@@ -257,7 +257,7 @@ def test_a_fault_stops_the_arm_at_the_very_next_update(port, value, flag):
     assert not np.array_equal(context.get_discrete_state(0).value(), before)
 
 
-def test_a_lost_contact_and_a_wall_are_seen_at_the_very_next_update():
+def test_lost_contact_and_a_joint_limit_are_reported_at_the_next_update():
     controller = make_controller(full_config(), engage_height=10.0)
     ports = optional_ports()
     context = simulate_ports(controller, ports)

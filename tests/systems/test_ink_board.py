@@ -135,7 +135,7 @@ def test_a_stroke_cleans_the_swept_strip_and_nothing_else(eraser_first):
     assert fraction == pytest.approx(0.12 * 0.2 / (0.4 * 0.3), rel=0.06)
 
 
-def test_both_orders_of_the_contact_pair_are_met_in_these_tests():
+def test_both_orders_of_the_contact_pair_are_tested():
     orders = set()
     for eraser_first in (False, True):
         scene = make_scene(eraser_first=eraser_first)

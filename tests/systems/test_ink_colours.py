@@ -23,5 +23,5 @@ def test_srgb_is_the_standard_curve():
     np.testing.assert_allclose(ink_colours(1.0, srgb=True), expected)
 
 
-def test_shares_out_of_range_are_clipped():
+def test_fractions_out_of_range_are_clipped():
     np.testing.assert_array_equal(ink_colours([-1.0, 2.0]), ink_colours([0.0, 1.0]))

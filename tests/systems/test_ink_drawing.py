@@ -29,7 +29,7 @@ def by_quarters(ink):
     return ink.reshape(2, ny // 2, 2, nx // 2).sum(axis=(1, 3))
 
 
-def test_words_are_shares_of_cells():
+def test_words_are_fractions_of_cells():
     ink = draw_words(GRID, "wipe me")
     assert ink.shape == GRID.shape
     assert ink.min() == 0.0
@@ -91,7 +91,7 @@ def test_letters_keep_their_holes():
     assert ink.sum() > 100.0
 
 
-def test_dollars_are_no_formula():
+def test_dollar_signs_do_not_begin_a_formula():
     assert draw_words(GRID, "$5 or $6").any()
 
 
@@ -183,7 +183,7 @@ def test_transparent_pixels_are_not_ink(tmp_path):
     assert ink[GRID.y > 0.003].max() == 1.0
 
 
-def test_pictures_that_are_none_are_refused(tmp_path, picture):
+def test_files_that_are_not_pictures_are_refused(tmp_path, picture):
     with pytest.raises(SystemsError, match=r"there is no picture .*missing\.png"):
         draw_picture(GRID, tmp_path / "missing.png")
     text = tmp_path / "text.png"

@@ -109,7 +109,7 @@ def test_a_turning_patch_rubs_its_outside_more_than_its_centre():
     np.testing.assert_allclose(felt[under], 0.4 * r[under], rtol=1e-9)
 
 
-def test_the_way_is_the_cubic_through_both_ends():
+def test_path_of_a_patch_is_the_cubic_through_both_ends():
     # A quarter of a circle in one period: the path is longer than the chord.
     w, radius, seconds = 5.0, 0.05, 0.1 * np.pi
     now = REST._replace(x=radius, v_y=radius * w)
@@ -146,7 +146,7 @@ def test_a_worn_felt_does_not_rub_in_its_stripes(yaw, worn):
     np.testing.assert_array_equal(felt, np.where(gone, 0.0, whole))
 
 
-def test_off_the_grid_edge_on_or_without_pressure_nothing_is_pressed():
+def test_patches_off_the_grid_edge_on_or_without_pressure_have_no_exposure():
     edge_on = np.array([[0.0, 0.0], [0.1, 0.0], [0.05, 0.0]])
     for polygon, pressure in (
         (rectangle([0.5, 0.0], FELT), 1.0),

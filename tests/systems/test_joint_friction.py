@@ -63,7 +63,7 @@ def test_the_gain_scales_it():
         ({"gain": -1.0}, "friction.gain is -1.0; it must be at least 0"),
     ],
 )
-def test_values_that_are_no_friction_are_refused(values, message):
+def test_invalid_friction_parameters_are_refused(values, message):
     with pytest.raises(SystemsError, match=message):
         panda_friction(**values)
 

@@ -117,7 +117,9 @@ def test_ports_have_names_and_only_the_plant_feeds_through(plant):
 
 @pytest.mark.parametrize("body", MASSES)
 @pytest.mark.parametrize("caching", [True, False])
-def test_every_body_is_pulled_as_stiffly_where_it_was_grabbed(plant, body, caching):
+def test_every_body_is_pulled_at_its_grabbed_point_with_the_same_stiffness(
+    plant, body, caching
+):
     hand = pulling(plant)
     simulator = begin(hand)
     if not caching:
@@ -248,7 +250,7 @@ def test_cloned_context_of_a_drag_continues_identically(plant):
 @pytest.mark.parametrize(
     "force", [spring(3, [0.1, 0, 0]), spring(1, [np.nan, 0, 0])], ids=["ghost", "nan"]
 )
-def test_a_body_without_mass_and_nonsense_are_not_pulled(plant, force):
+def test_bodies_without_mass_and_invalid_forces_are_ignored(plant, force):
     hand = pulling(plant)
     simulator = begin(hand)
     say(hand, simulator.get_mutable_context(), force)

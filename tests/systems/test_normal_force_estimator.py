@@ -55,5 +55,5 @@ def test_force_of_inputs_that_are_not_finite_is_nan():
         broken[2] = 0.0
 
 
-def test_an_arm_without_a_bend_raises_nothing():
+def test_a_straight_arm_raises_no_error():
     assert np.isfinite(estimate(estimator(make_arm()), np.zeros(14), np.ones(7)))

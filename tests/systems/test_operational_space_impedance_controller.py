@@ -803,7 +803,7 @@ def test_the_eraser_turns_back_from_the_antipode(p_start):
     assert np.linalg.norm(error[:, 3:], axis=1).max() < 0.02
 
 
-def test_a_config_of_another_stiffness_is_felt(p_start):
+def test_a_stiffer_config_displaces_the_tool_less(p_start):
     push = np.array([0, 0, 0, 0, 0, 2.0])
     soft = ImpedanceConfig()
     hard = replace(soft, translational_stiffness=[1500.0, 1500.0, 800.0])

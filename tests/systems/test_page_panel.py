@@ -164,7 +164,7 @@ def test_a_page_without_the_token_may_only_watch(sliding, query):
 
 
 @pytest.mark.parametrize("head", [b"\x89\x04", b"\x89\x7e\x00\x04", b"\x0b\x04"])
-def test_a_watcher_hides_no_message_in_a_frame_without_a_mask(sliding, head):
+def test_a_frame_without_a_mask_ends_the_connection_of_a_watcher(sliding, head):
     stream, _ = upgrade(sliding)
     message = umsgpack.packb({"type": "slider", "name": "force", "value": 12.0})
     # Meshcat takes four bytes more for the first frame: the head of the second one.

@@ -105,12 +105,12 @@ def test_the_reason_of_a_stop_is_shown_although_its_fault_was_short(panel):
         (StatusFlag.TORQUE_LIMITED, 9.0, "wiping"),
     ],
 )
-def test_modes_have_words(flags, force, mode):
+def test_every_mode_has_a_text(flags, force, mode):
     assert mode_in_words(flags, 0, force, desired=9.0)[1] == mode
 
 
 @pytest.mark.parametrize("force", [0.0, 2.0])
-def test_an_arm_without_a_normal_force_does_not_say_that_it_comes_down(force):
+def test_an_arm_without_a_normal_force_asks_for_one(force):
     level, mode, detail = mode_in_words(0, 0, force, desired=0.0)
     assert (level, mode) == ("busy", "no press force")
     assert detail == "set one, so that the eraser wipes"

@@ -135,7 +135,7 @@ def test_a_time_that_no_message_can_have_is_refused(wall_time):
 
 
 @given(STEPS)
-def test_a_gate_opens_at_a_go_only_and_from_zero_torque(steps):
+def test_a_gate_opens_only_on_request_and_at_zero_torque(steps):
     for before, after, step in play(steps):
         if after.mode is GateMode.OPEN and before.mode is not GateMode.OPEN:
             assert step["go"] > 0
@@ -185,7 +185,7 @@ def test_limited_change_keeps_its_direction(previous, wanted, most):
 
 
 @given(st.binary(max_size=600))
-def test_any_message_is_a_reading(data):
+def test_any_message_can_be_read(data):
     whole = status().encode()
     for raw in (data, whole[:40] + data + whole[40 + len(data) :]):
         try:
@@ -272,7 +272,7 @@ def test_fault_stops_the_arm_until_the_operator_enables_it(wrong, fault):
     assert again.torque[0] == 5.0
 
 
-def test_a_go_with_a_fault_or_before_the_torque_is_zero_is_void():
+def test_an_enable_request_during_a_fault_or_torque_is_ignored():
     refused = last_of([step(), step(go=1, status="idle"), *[step()] * 5])
     assert refused.mode is GateMode.WAITING
     assert refused.faults is GateFault.WRONG_MODE
@@ -357,7 +357,7 @@ def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second(torque):
     assert not any(live[end + 1 :])
 
 
-def test_a_gate_opens_wide_when_the_torque_was_small_for_a_tenth_of_a_second():
+def test_a_return_ends_after_a_small_torque_for_a_tenth_of_a_second():
     config = GateConfig().completed(LIMITS)
     calm = [step(torque=0.5)] * 130
     begun = [step(), step(go=1, torque=0.5), *calm]
@@ -464,7 +464,7 @@ def test_the_torque_sent_feeds_nothing_through():
         ({"expiry": 1.0}, "expiry is 1.0; .* at most 0.1"),
     ],
 )
-def test_values_that_a_panda_does_not_bear_are_refused(values, message):
+def test_settings_outside_the_limits_of_a_panda_are_refused(values, message):
     with pytest.raises(SystemsError, match=message):
         PandaTorqueGate(GateConfig(**values), initial=np.zeros(7), limits=LIMITS)
 

@@ -52,7 +52,7 @@ def normals(corners):
 
 @settings(max_examples=60, deadline=None)
 @given(PATHS)
-def test_a_rod_is_as_thick_as_asked_wherever_the_path_leads(path):
+def test_a_rod_has_the_given_radius_along_the_path(path):
     vertices, _ = rod_mesh(path, 0.02)
     rings = vertices.T.reshape(7, 6, 3)
     assert np.all(np.isfinite(rings))
@@ -156,7 +156,7 @@ def test_demonstrations_replace_those_drawn_before(meshcat):
 
 
 @pytest.mark.parametrize("seconds", [0.1, 4.0, 1000.0])
-def test_each_part_of_a_path_is_seen_when_it_has_been_gone_along(seconds, monkeypatch):
+def test_each_part_of_a_path_appears_once_it_was_passed(seconds, monkeypatch):
     lines, since = {}, {}
     monkeypatch.setattr(
         paths,

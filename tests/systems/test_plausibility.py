@@ -163,7 +163,7 @@ def test_a_velocity_of_zero_beside_the_noise_of_an_encoder_is_plausible():
 
 
 @pytest.mark.parametrize("rate", [200, 1000])
-def test_a_state_that_does_not_answer_to_torque_is_frozen(rate):
+def test_a_state_that_does_not_respond_to_torque_is_frozen(rate):
     statuses = [(1.0 + i / rate, 1.0, 0.0) for i in range(100)]
     torques = [0.05] * 50 + [0.3] * 50
     faults = faults_of(statuses, torques)

@@ -170,7 +170,7 @@ class ReplayMethod(Method):
         )
 
     def play(self, past: Array, count: int, *, seed: int) -> Array:  # noqa: ARG002
-        """Return the longest recording from the most similar sample on.
+        """Replay the longest recording from its sample most similar to the past.
 
         From its end it continues at the sample that is most similar to the end.
         """

@@ -145,8 +145,8 @@ def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
 def make_movement(name: str, recordings: Sequence[Array]) -> Movement:
     """Return the movement of recordings (n, D) at `RATE`, m.
 
-    Approach, retreat and pauses are found on the whole recordings, as by
-    `fmp-drake inspect`, and left out. So all methods get the same parts.
+    Approach, retreat and pauses are found on the whole recordings, as by `fmp-drake
+    inspect`, and left out. All methods therefore get the same parts.
 
     Raises
     ------

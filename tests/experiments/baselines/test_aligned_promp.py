@@ -38,7 +38,7 @@ def test_period_starts_at_the_phase_of_the_start(polished):
     assert_allclose(polished.model_.condition([0], [start])[0], start, atol=1e-3)
 
 
-def test_it_finds_the_phase_of_a_prefix(bundled, split_windows):
+def test_phase_of_a_prefix_is_found(bundled, split_windows):
     learned, held_out = split_windows("eight")
     recording = bundled("eight")
     model = learn(recording[: 3 * len(recording) // 4])

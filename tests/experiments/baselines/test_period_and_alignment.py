@@ -91,7 +91,7 @@ def test_without_a_period_there_is_an_error():
 @pytest.mark.parametrize(
     ("name", "remaining"), [("polishing", 0.03), ("eight", 0.03), ("wiping", 0.05)]
 )
-def test_alignment_aligns(bundled, name, remaining):
+def test_aligned_periods_start_at_the_same_phase(bundled, name, remaining):
     y = bundled(name)
     period = fundamental_period([y])
     n = round(period)

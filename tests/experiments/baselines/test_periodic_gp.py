@@ -42,7 +42,7 @@ def test_prediction_is_conditioned_on_the_observed_samples(model, eight):
         assert_allclose(prediction.covariances[:, d, d], variance, rtol=1e-4)
 
 
-def test_a_constant_channel_does_no_harm(eight):
+def test_a_constant_channel_is_accepted(eight):
     flat = np.column_stack([eight, np.zeros(len(eight))])
     model = PeriodicGP()
     model.fit([flat])
