@@ -46,7 +46,7 @@ wipe: $(STAMP)
 teach: $(STAMP)
 	@$(BIN)/fmp-drake teach $(ARGS)
 
-# Rewritten assertions are kept: to rewrite them takes each process six seconds.
+# Rewritten assertions are kept: rewriting them takes each process six seconds.
 test: export PYTHONDONTWRITEBYTECODE :=
 test: $(STAMP)
 	$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder \

@@ -1,7 +1,7 @@
 """Drake systems: primitive, impedance controller, ink, models of a hand, visualizers.
 
-Every module directly in this folder is one LeafSystem of its name; the visualizers are in
-`page`. The mathematics is in the other folders.
+Every module directly in this folder is one LeafSystem of its name. The visualizers are in
+`page`, the gate of a real Panda is in `panda`. The other folders contain the mathematics.
 """
 
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem

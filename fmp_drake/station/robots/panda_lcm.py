@@ -27,7 +27,7 @@ from fmp_drake.station.scenario_parts import in_one_line, load_yaml
 from fmp_drake.systems import GateConfig
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.arm_status import JOINTS
-from fmp_drake.systems.panda_torque_gate import PandaTorqueGate
+from fmp_drake.systems.panda.torque_gate import TorqueGate
 
 
 @dataclass(kw_only=True)
@@ -83,7 +83,7 @@ class LcmPanda(Driver):
         bus = OpenLcm(self.url) if lcm is None else lcm
         pump = LcmInterfaceSystem(bus)
         builder.AddNamedSystem("bus", pump)
-        gate = PandaTorqueGate(
+        gate = TorqueGate(
             self.gate,
             initial=initial,
             limits=joint_limits(arm),

@@ -39,7 +39,7 @@ _TORQUE, _GATE, _TRACK, _SENT, _READING = range(5)
 _STATUS_TIME = 2
 
 
-class PandaTorqueGate(LeafSystem):
+class TorqueGate(LeafSystem):
     """Gate that sends a controller's torque to a Panda while there is no fault.
 
     The torque starts at 0. Once the operator has enabled the gate, it follows the
@@ -98,7 +98,7 @@ class PandaTorqueGate(LeafSystem):
     --------
     >>> ones = np.ones(7)
     >>> limits = JointLimits(0 * ones, 3 * ones, 2 * ones, -10 * ones, 10 * ones)
-    >>> gate = PandaTorqueGate(GateConfig(), initial=np.zeros(7), limits=limits)
+    >>> gate = TorqueGate(GateConfig(), initial=np.zeros(7), limits=limits)
     >>> gate.GetOutputPort("torque_sent").Eval(gate.CreateDefaultContext())
     array([0., 0., 0., 0., 0., 0., 0.])
     """

@@ -24,7 +24,7 @@ from fmp_drake.systems.panda.gate import (
     initial_gate,
     limited_change,
 )
-from fmp_drake.systems.panda_torque_gate import PandaTorqueGate
+from fmp_drake.systems.panda.torque_gate import TorqueGate
 
 NOW = 1.7e9
 LIMITS = joint_limits(MakeRobotModel(LoadRobot("panda")).plant)
@@ -392,7 +392,7 @@ def show(gate, context, name):
 @pytest.mark.parametrize("caching", [True, False])
 def test_the_system_steps_the_gate_and_shows_it(caching):
     sent = []
-    gate = PandaTorqueGate(
+    gate = TorqueGate(
         AT_ONCE,
         initial=np.full(7, 0.3),
         limits=LIMITS,
@@ -437,7 +437,7 @@ def test_the_system_steps_the_gate_and_shows_it(caching):
 
 
 def test_a_gate_that_sends_nowhere_steps_too():
-    gate = PandaTorqueGate(AT_ONCE, initial=np.zeros(7), limits=LIMITS)
+    gate = TorqueGate(AT_ONCE, initial=np.zeros(7), limits=LIMITS)
     simulator = Simulator(gate)
     context = simulator.get_mutable_context()
     for i in range(4):
@@ -448,7 +448,7 @@ def test_a_gate_that_sends_nowhere_steps_too():
 
 
 def test_the_torque_sent_feeds_nothing_through():
-    gate = PandaTorqueGate(AT_ONCE, initial=np.zeros(7), limits=LIMITS)
+    gate = TorqueGate(AT_ONCE, initial=np.zeros(7), limits=LIMITS)
     index = gate.GetOutputPort("torque_sent").get_index()
     for i in range(gate.num_input_ports()):
         assert not gate.HasDirectFeedthrough(i, index)
@@ -466,9 +466,9 @@ def test_the_torque_sent_feeds_nothing_through():
 )
 def test_settings_outside_the_limits_of_a_panda_are_refused(values, message):
     with pytest.raises(SystemsError, match=message):
-        PandaTorqueGate(GateConfig(**values), initial=np.zeros(7), limits=LIMITS)
+        TorqueGate(GateConfig(**values), initial=np.zeros(7), limits=LIMITS)
 
 
 def test_angles_of_another_arm_are_refused():
     with pytest.raises(SystemsError, match=r"shape \(6,\); expected \(7,\)"):
-        PandaTorqueGate(GateConfig(), initial=np.zeros(6), limits=LIMITS)
+        TorqueGate(GateConfig(), initial=np.zeros(6), limits=LIMITS)
