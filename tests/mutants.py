@@ -29,8 +29,10 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGE = REPOSITORY / "fmp_drake"
 NEAREST = {
-    "station/reach/feasibility.py": "station/test_feasibility.py",
-    "station/reach/board_reach.py": "station/test_feasibility.py",
+    "station/reach/feasibility.py": "station/test_feasibility_verdict.py "
+    "station/test_feasibility.py",
+    "station/reach/board_reach.py": "station/test_reach.py station/test_feasibility.py",
+    "systems/surface_monitor.py": "systems/test_surface_monitor.py",
     "station/reach/tracking_prediction.py": "station/test_tracking_prediction.py",
     "runs/metrics.py": "runs/test_metrics.py",
     "experiments/trials/trial.py": "experiments/test_trials.py -k 'fault or judged'",

@@ -4,6 +4,7 @@ import pytest
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station.models.model_files import models_dir
+from fmp_drake.station.reach.feasibility import _Check as Check
 
 
 @pytest.fixture(scope="session")
@@ -24,3 +25,25 @@ def restless_skill(bundled_demonstration):
     return FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4).fit(
         [bundled_demonstration]
     )
+
+
+@pytest.fixture(scope="module")
+def skills_sampled_once():
+    """Play and sample a skill once where only the board is another one.
+
+    It is half of the time of a check.
+    """
+    known, skill_paths = {}, Check._skill_paths
+
+    def once(check, roles):
+        scenario, skill = check._scenario, check._skill
+        tool = scenario.eraser_orientation().matrix()
+        given = check._tempo, scenario.skill, scenario.start, tool
+        key = id(skill), repr(given)
+        if key not in known:
+            known[key] = skill, skill_paths(check, roles)
+        return known[key][1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Check, "_skill_paths", once)
+        yield

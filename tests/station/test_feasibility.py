@@ -24,30 +24,9 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
-from fmp_drake.station.reach.feasibility import _Check as Check
 from fmp_drake.station.robots.robot import LoadRobot
 
-
-@pytest.fixture(scope="module", autouse=True)
-def skills_are_sampled_once():
-    """Play and sample a skill once where only the board is another one.
-
-    It is half of the time of a check.
-    """
-    known, skill_paths = {}, Check._skill_paths
-
-    def once(check, roles):
-        scenario, skill = check._scenario, check._skill
-        tool = scenario.eraser_orientation().matrix()
-        given = check._tempo, scenario.skill, scenario.start, tool
-        key = id(skill), repr(given)
-        if key not in known:
-            known[key] = skill, skill_paths(check, roles)
-        return known[key][1]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Check, "_skill_paths", once)
-        yield
+pytestmark = pytest.mark.usefixtures("skills_sampled_once")
 
 
 def kinematics():

@@ -9,7 +9,8 @@ from pydrake.systems.analysis import Simulator
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems import ImpedanceStatus, StatusFlag
-from fmp_drake.systems.surface_monitor import SurfaceMonitor, clearances
+from fmp_drake.systems.surface.surface import PLANE, Surface
+from fmp_drake.systems.surface_monitor import SurfaceMonitor, along, clearances
 
 X_BOARD = RigidTransform(RotationMatrix.MakeYRotation(-np.pi / 2), [0.4, 0.0, 0.9])
 X_BOARD_B = RigidTransform([0.0, 0.0, 0.01])
@@ -42,7 +43,7 @@ def look(monitor, p_B):
     before = context.get_discrete_state(0).value().copy()
     assert not before.any()
     simulator = Simulator(monitor, context)
-    simulator.AdvanceTo(0.03)
+    simulator.AdvanceTo(0.021)
     context = simulator.get_context()
     status = monitor.GetOutputPort("status").Eval(context)
     depth = monitor.GetOutputPort("penetration").Eval(context)[0]
@@ -101,6 +102,33 @@ def test_distance_in_a_board_is_that_to_its_nearest_side():
     p = np.array([[0.0, 0.0, -0.005], [0.24, 0.0, -0.011], [0.28, 0.39, -0.01]])
     found = clearances(p, np.array([0.0, 0.01, 0.01]), BOX)
     np.testing.assert_allclose(found, [-0.005, -0.019, 0.04], atol=1e-12)
+
+
+@pytest.mark.parametrize(("below", "is_below"), [(0.009, False), (0.011, True)])
+def test_half_the_thickness_of_the_board_is_tolerated(below, is_below):
+    depth, flags = look(make_monitor(), [0.1, 0.1, 0.02 - below])
+    assert depth == pytest.approx(below)
+    assert flags == StatusFlag.BELOW_SURFACE * is_below
+
+
+def test_an_arm_in_the_board_is_below_it_and_touches_it():
+    _, flags = look(make_monitor(on_arm=[True, False]), [0.1, 0.1, -0.03])
+    assert flags == StatusFlag.BELOW_SURFACE | StatusFlag.ARM_TOUCHES
+
+
+def test_distances_from_a_pipe_are_along_its_radius():
+    """A quarter of a pipe of 0.2 m along x, whose axis is 0.2 m below B."""
+    pipe = Surface(kx=0.0, ky=5.0)
+    angles = np.array([0.0, 0.5, -0.5, 1.2])
+    p = np.stack([[0.1, 0.25 * np.sin(a), 0.25 * np.cos(a) - 0.2] for a in angles])
+    uvh = along(pipe, p.reshape(2, 2, 3))
+    expected = np.stack([[0.1, 0.2 * a, 0.05] for a in angles]).reshape(2, 2, 3)
+    np.testing.assert_allclose(uvh, expected, atol=1e-9)
+    box = np.array([[-0.25, -0.2 * np.pi / 4, -0.02], [0.25, 0.2 * np.pi / 4, 0.0]])
+    beside = np.hypot(0.05, 0.2 * (1.2 - np.pi / 4))
+    found = clearances(uvh, np.array([0.0, 0.01]), box)
+    np.testing.assert_allclose(found, [[0.05, 0.04], [0.05, beside - 0.01]])
+    np.testing.assert_array_equal(along(PLANE, p), p)
 
 
 def test_arrays_that_do_not_fit_are_refused():
