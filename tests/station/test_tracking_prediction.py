@@ -44,10 +44,9 @@ class Follower:
         X, _ = self.at(self.posture)
         options.setdefault("R_WB", TILT[None, None])
         options.setdefault("q_posture", self.posture[None])
+        options.setdefault("step", STEP)
         R_WE = options.pop("R_WE", X.rotation().matrix()[None, None])
-        motion = self.predictor.follow(
-            X.translation() + offsets[None], R_WE, step=STEP, **options
-        )
+        motion = self.predictor.follow(X.translation() + offsets[None], R_WE, **options)
         return type(motion)(*(value[0] for value in motion))
 
 
@@ -210,3 +209,51 @@ def test_posture_draws_a_redundant_arm_back():
     # Kinematic inverses alone drift from cycle to cycle.
     assert np.abs(motion.q[-1] - motion.q[79]).max() < 0.02
     assert np.abs(motion.q[-1] - panda.posture).max() < 0.1
+
+
+@pytest.mark.parametrize(("damping_ratio", "frequency"), [(1.0, 5.0), (0.3, 8.0)])
+def test_nullspace_motion_is_that_of_the_posture_s_spring_and_damper(
+    damping_ratio, frequency
+):
+    panda = Follower("panda")
+    panda.config.posture_damping_ratio = damping_ratio
+    panda.config.posture_frequency = frequency
+    step = 0.01
+    # The tool waits elsewhere, so that the posture is not the one nearest to it.
+    motion = panda.follow(np.tile([0.05, -0.15, 0.05], (150, 1)), step=step)
+    _, J = panda.at(motion.q[-1])
+    along = (motion.q - motion.q[-1]) @ np.linalg.svd(J)[2][-1]
+    assert np.abs(along[0]) > 1e-3
+    # Coefficients of x'' + a x' + b x + c = 0 that fit best.
+    velocity = np.diff(along)[1:] / step
+    acceleration = np.diff(along, n=2) / step**2
+    columns = np.stack([velocity, along[2:], np.ones_like(velocity)], axis=1)
+    (a, b, _), *_ = np.linalg.lstsq(columns, -acceleration, rcond=None)
+    assert a == pytest.approx(2 * damping_ratio * frequency, rel=0.02)
+    # The spring pulls all joints, and the nullspace is curved.
+    assert b == pytest.approx(frequency**2, rel=0.15)
+
+
+def test_the_way_to_the_start_of_a_path_is_not_braked(arm):
+    n = len(arm.posture)
+    still = np.tile([0.0, 0.15, 0.1], (6, 1))
+    motion = arm.follow(still, speed=np.full(n, 0.01))
+    assert np.linalg.norm(motion.error[0, 3:]) < 1e-3
+    free = arm.follow(still)
+    assert_allclose(motion.q[0], free.q[0], atol=1e-4)
+    assert np.all(np.abs(motion.v) <= 0.01 + 1e-9)
+
+
+def test_a_jump_of_the_path_takes_several_samples(arm):
+    X, _ = arm.at(arm.posture)
+    turns = np.where(np.arange(20) < 5, 0.0, 1.2)[:, None] * [0.0, 0.0, 1.0]
+    R_WE = Rotation.from_rotvec(turns).as_matrix() @ X.rotation().matrix()
+    path = np.where(np.arange(20) < 5, 0.0, 0.25)[:, None] * [-1.0, 0.0, 0.3]
+    motion = arm.follow(path, R_WE=R_WE[None])
+    assert np.abs(motion.error[4]).max() < 2e-3
+    # Five corrections of at most 0.15 rad, and what the posture's spring adds.
+    assert 0.3 < np.linalg.norm(motion.q[5] - motion.q[4]) < 0.8
+    distance = np.linalg.norm(motion.error[4:, 3:], axis=1)
+    assert distance[1] > 0.05
+    assert np.all(np.diff(distance[1:4]) < 0)
+    assert np.abs(motion.error[-1]).max() < 2e-3
