@@ -535,7 +535,8 @@ def _windows(
 ) -> tuple[Array, NDArray[np.int64]]:
     """Return samples (N, n, D) at steps after some starts (N,), and the starts.
 
-    Samples after the end are NaN, but not the observed ones and one more.
+    Samples after the end are NaN; those up to the first gap of the steps are there, and the
+    next one.
     """
     least = int(np.argmax(np.diff(steps, append=steps[-1] + 2) > 1)) + 1
     last = max(len(values) - 1 - int(steps[min(least, len(steps) - 1)]), 0)

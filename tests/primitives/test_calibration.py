@@ -1,0 +1,431 @@
+"""Facts about the calibration of predictions by parts that are left out."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from fmp_drake.primitives.model.phase import calibration as module
+from fmp_drake.primitives.model.phase.calibration import (
+    MANY_CYCLES,
+    Calibration,
+    calibrate,
+    calibrate_playback,
+    calibrate_replay,
+)
+from fmp_drake.primitives.model.phase.components import phase_grid
+from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.tracking import PhaseTrack
+from fmp_drake.primitives.model.prediction import Replay, Replayed
+
+PERIOD, SEEN, HORIZON = 40, 10, 20
+
+
+def curve(phase):
+    """Return a curve of two channels that never passes a point twice."""
+    x = np.cos(phase) + 0.3 * np.cos(2 * phase)
+    return np.column_stack([x, np.sin(phase) - 0.2 * np.cos(3 * phase)])
+
+
+def smooth(count, rng, length=9):
+    """Return smooth noise (count, 2) of unit variance."""
+    white = rng.standard_normal((2, count + length - 1))
+    kernel = np.ones(length) / np.sqrt(length)
+    return np.stack([np.convolve(x, kernel, "valid") for x in white], axis=1)
+
+
+def track_of(values, phase, *, cuts=()):
+    """Return the track of a movement, cut into recordings."""
+    cycle = Cycle.fit(phase, values, harmonics=5)
+    recordings, phases = np.split(values, cuts), np.split(phase, cuts)
+    shifts = [np.zeros_like(y) for y in recordings]
+    return PhaseTrack(recordings=recordings, phases=phases, shifts=shifts, cycle=cycle)
+
+
+def moving(cycles, *, seed=0, noise=0.03, spread=0.04, cuts=()):
+    """Return the track of a movement whose tempo varies, with smooth noise."""
+    rng = np.random.default_rng(seed)
+    tempo = 1 + spread * smooth(round(cycles * PERIOD) + 1, rng, 20)[:, 0]
+    phase = np.cumsum(2 * np.pi / PERIOD * tempo)
+    return track_of(curve(phase) + noise * smooth(len(phase), rng), phase, cuts=cuts)
+
+
+def calibrated(track):
+    """Return the calibration of windows of 60 samples, of which 10 are known."""
+    return calibrate(track, phase_grid(track, 12), n_steps=60, reference_step=SEEN)
+
+
+def autoregressive(count, seed, coefficient):
+    """Return samples (count, 2) of which nothing but the recent ones is a sign."""
+    noise = np.random.default_rng(seed).standard_normal((count + 100, 2))
+    for i in range(1, len(noise)):
+        noise[i] += coefficient * noise[i - 1]
+    return noise[100:]
+
+
+def sizes(covariances):
+    return np.trace(covariances, axis1=1, axis2=2)
+
+
+# Replay ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("coefficient", [0.0, 0.9])
+@pytest.mark.parametrize("count", [200, 1000])
+def test_errors_of_replay_are_as_large_as_they_are_said_to_be(coefficient, count):
+    """Mean squared Mahalanobis distances per channel, of samples that were not seen."""
+    squares = []
+    for seed in range(3):
+        known = [autoregressive(count, seed, coefficient)]
+        held = autoregressive(400, seed + 50, coefficient)
+        replay = Replay(known, SEEN, HORIZON)
+        calibration = calibrate_replay(known, SEEN, HORIZON).at(HORIZON)
+        for first in range(0, len(held) - SEEN - HORIZON, 11):
+            past = held[first : first + SEEN]
+            truth = held[first + SEEN : first + SEEN + HORIZON]
+            replayed = replay.predict(past)
+            mean, covariances = calibration.combined(
+                replayed.values, calibration.errors, replayed, replay.variance
+            )
+            error = truth - mean
+            solved = np.linalg.solve(covariances, error[..., None])[..., 0]
+            squares.append(np.sum(error * solved, axis=1) / 2)
+    assert np.all(np.abs(np.log(np.mean(squares, axis=0))) < np.log(1.9))
+    assert 0.7 < np.mean(squares) < 1.3
+
+
+def test_what_repeats_exactly_has_small_errors_and_smaller_ones_the_longer_it_lasts():
+    relative = []
+    for cycles in (1.2, 4, 8, 16):
+        path = curve(2 * np.pi * np.arange(round(cycles * PERIOD)) / PERIOD)
+        calibration = calibrate_replay([path], SEEN, HORIZON)
+        changes = [
+            np.sum(np.mean((path[h:] - path[:-h]) ** 2, axis=0))
+            for h in calibration.ahead.astype(int)
+        ]
+        relative.append(sizes(calibration.errors) / changes)
+    relative = np.mean(relative, axis=1)
+    assert np.all(np.diff(relative) < 0)
+    assert 0.1 < relative[0] < 0.5
+    assert relative[-1] < 0.04
+
+
+def test_replay_alone_has_no_model_and_reports_how_long_it_looked():
+    found = [calibrate_replay([autoregressive(n, 0, 0.9)], SEEN, 30) for n in (60, 600)]
+    for each in found:
+        assert each.weight == 0.0
+        assert_allclose(each.factors, 1.0)
+        assert each.ahead[0] == 1.0
+        assert np.all(np.diff(each.ahead) > 0)
+        assert 20 <= each.ahead[-1] <= 30
+        assert 0 < each.local < 1
+    short, long = found
+    assert 4 < short.degrees < long.degrees
+    assert 0.2 > short.background > long.background > 0
+
+
+def test_too_short_recordings_have_no_calibration():
+    path = autoregressive(SEEN, 0, 0.9)
+    assert calibrate_replay([path], SEEN, HORIZON) is None
+    assert calibrate_replay([path, path], SEEN, HORIZON) is None
+    # Too short to leave a part out, but not to replay.
+    found = calibrate_replay([autoregressive(SEEN + 4, 0, 0.9)], SEEN, HORIZON)
+    assert np.all(np.isfinite(found.errors))
+    assert np.all(np.linalg.eigvalsh(found.errors) > 0)
+
+
+def test_changes_have_the_shape_of_what_recordings_move_in_a_time():
+    recordings = [autoregressive(60, 1, 0.9) * [1, 3], autoregressive(15, 2, 0.9)]
+    calibration = calibrate_replay(recordings, SEEN, HORIZON)
+    for ahead, change in zip(calibration.ahead, calibration.changes, strict=True):
+        h = int(ahead)
+        steps = np.concatenate([y[h:] - y[:-h] for y in recordings if len(y) > h])
+        expected = np.mean([np.outer(x, x) for x in steps], axis=0)
+        assert_allclose(change, expected / np.trace(expected), atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [1.0, 0.5, 20.0])
+def test_a_calibration_scales_and_permutes_with_the_channels(size):
+    A = size * np.array([[0.0, 1.0], [-1.0, 0.0]])
+    path = autoregressive(150, 3, 0.9) * [1.0, 2.0]
+    before = calibrate_replay([path], SEEN, HORIZON)
+    after = calibrate_replay([path @ A.T], SEEN, HORIZON)
+    assert_allclose(after.errors, A @ before.errors @ A.T, rtol=1e-5)
+    assert_allclose(after.changes, A @ before.changes @ A.T / size**2, atol=1e-5)
+    track = moving(4)
+    turned = track_of(track.recordings[0] @ A.T, track.phases[0])
+    before, after = calibrated(track), calibrated(turned)
+    largest = np.max(after.errors)
+    assert_allclose(after.errors, A @ before.errors @ A.T, atol=0.01 * largest)
+    assert_allclose(after.factors, before.factors, rtol=0.01)
+    assert after.weight == pytest.approx(before.weight, rel=0.01)
+
+
+def test_channels_are_independent_until_parts_show_otherwise():
+    one = autoregressive(1000, 0, 0.9)[:, :1]
+    correlations = []
+    for count in (SEEN + 5, 100, 1000):
+        path = np.repeat(one[:count], 2, axis=1) + 1e-3 * autoregressive(count, 1, 0.5)
+        error = calibrate_replay([path], SEEN, HORIZON).errors[3]
+        correlations.append(error[0, 1] / np.sqrt(error[0, 0] * error[1, 1]))
+    assert np.all(np.diff(correlations) > 0)
+    assert 0.2 < correlations[0] < 0.4
+    assert correlations[-1] > 0.75
+
+
+# Phase model -------------------------------------------------------------
+
+
+def test_the_more_cycles_the_less_is_added_to_the_model():
+    found = [calibrated(moving(cycles)) for cycles in (2, 4, 8, 14, 20, 40)]
+    assert all(each.ahead[-1] <= 50 for each in found)
+    added = [np.mean(sizes(each.errors)[:6]) for each in found]
+    assert np.all(np.diff(added) < 0)
+    assert added[-1] < 0.003 * added[0]
+    for name, sign in (("degrees", 1), ("background", -1)):
+        assert np.all(sign * np.diff([getattr(each, name) for each in found]) > 0)
+    few, many = found[:4], found[4:]
+    assert np.all(np.diff([each.local for each in few]) < 0)
+    assert all(0.05 < each.weight < 0.95 for each in few)
+    assert all(each.weight == 1.0 and each.local == 0.0 for each in many)
+    assert all(np.all(each.factors > 0) for each in found)
+
+
+def test_many_cycles_of_a_stationary_noise_need_little_correction():
+    rng = np.random.default_rng(0)
+    phase = np.cumsum(2 * np.pi / PERIOD * (1 + 0.02 * rng.standard_normal(2401)))
+    values = curve(phase) + 0.03 * smooth(len(phase), rng)
+    found = calibrated(track_of(values, phase))
+    assert np.all((found.factors > 0.8) & (found.factors < 2.3))
+    assert np.mean(found.factors) < 2.0
+
+
+class FakeReplay:
+    """Replay whose error a test gives, as the whole movement is known to it."""
+
+    def __init__(self, track, error):
+        self.values = np.concatenate(track.recordings)
+        self.error, self.rests, self.pasts, self.missed = error, [], [], 0
+
+    def __call__(self, recordings, seen, horizon):
+        self.rests.append((recordings, len(self.pasts)))
+        self.seen, self.horizon = seen, horizon
+        return self
+
+    is_possible = True
+
+    def predict(self, past):
+        at = self.place(past)
+        self.pasts.append(at)
+        ahead = np.arange(at + self.seen, at + self.seen + self.horizon)
+        truth = self.values[np.minimum(ahead, len(self.values) - 1)]
+        d = truth.shape[1]
+        return Replayed(truth + self.error(truth), np.zeros((self.horizon, d, d)), 0.0)
+
+    def place(self, past):
+        """Return where in the movement a past begins."""
+        (found,) = np.flatnonzero(np.all(self.values == past[0], axis=1))
+        return int(found)
+
+
+@pytest.mark.parametrize("cycles", [4, 8])
+def test_weight_of_the_model_is_larger_where_replay_is_worse(monkeypatch, cycles):
+    track, rng = moving(cycles), np.random.default_rng(7)
+    weights, added = [], []
+    for size in (0.0, 0.1, 1.0):
+        replay = FakeReplay(track, lambda y, s=size: s * rng.standard_normal(y.shape))
+        monkeypatch.setattr(module, "Replay", replay)
+        found = calibrated(track)
+        weights.append(found.weight)
+        added.append(np.mean(sizes(found.errors)[:4]))
+    assert np.all(np.diff(weights) > 0.02)
+    assert np.all(np.diff(added) > 0)
+    # Without errors of replay the prior alone is left; with large ones the model.
+    assert 0.1 < weights[0] < 0.25
+    assert 0.6 < weights[-1] <= 1.0
+
+
+def test_predicted_parts_are_not_among_what_is_learned(monkeypatch):
+    track = moving(6, cuts=[90])
+    replay = FakeReplay(track, lambda y: 0 * y)
+    monkeypatch.setattr(module, "Replay", replay)
+    calibrated(track)
+    counts = [number for _, number in replay.rests] + [len(replay.pasts)]
+    covered = np.zeros(len(replay.values), dtype=bool)
+    for (rest, first), last in zip(replay.rests, counts[1:], strict=True):
+        learned = np.zeros(len(replay.values), dtype=bool)
+        for part in rest:
+            begin = replay.place(part)
+            assert_allclose(part, replay.values[begin : begin + len(part)])
+            learned[begin : begin + len(part)] = True
+        assert np.sum(learned) > len(learned) // 2
+        for past in replay.pasts[first:last]:
+            # The past, and at least one sample to compare.
+            assert not np.any(learned[past : past + SEEN + 1])
+        covered[replay.pasts[first:last]] = True
+        between = np.diff(replay.pasts[first:last])
+        assert np.all((between >= 1) & (between <= 90))
+    assert len(replay.rests) >= 4
+    # All over the movement, but for the ends of the parts.
+    assert np.sum(covered) > len(covered) // 4
+    assert covered[0]
+    assert 100 < len(replay.pasts) <= 300
+
+
+def test_phases_that_are_shown_once_cannot_be_validated():
+    """Of less than a cycle the prior is left, as of recordings that are too short."""
+    phase = 2 * np.pi * np.arange(60) / 64
+    once = calibrated(track_of(curve(phase), phase))
+    short = calibrated(moving(1.2))
+    assert once.weight == short.weight
+    several = calibrated(moving(3.3))
+    assert several.weight != once.weight
+
+
+def test_whole_turns_and_cuts_of_the_recordings_do_not_matter():
+    track = moving(6)
+    before = calibrated(track)
+    phase = track.phases[0] - 20 * np.pi
+    turned = calibrated(track_of(track.recordings[0], phase))
+    assert_allclose(turned.factors, before.factors, rtol=1e-6)
+    assert_allclose(turned.errors, before.errors, rtol=1e-6, atol=1e-12)
+    cut = calibrated(moving(6, cuts=[120]))
+    assert cut.weight == pytest.approx(before.weight, abs=0.1)
+    assert_allclose(cut.factors, before.factors, rtol=0.3)
+    assert_allclose(sizes(cut.errors), sizes(before.errors), rtol=0.4)
+
+
+# Mixture -----------------------------------------------------------------
+
+
+class Player:
+    """Playback of windows whose error grows as a test says, and what it was asked."""
+
+    def __init__(self, recordings, error, length):
+        self.recordings, self.error, self.length = recordings, error, length
+        self.rests, self.pasts = [], []
+
+    def learn(self, rest):
+        self.rests.append(rest)
+        self.pasts.append([])
+        return self.play
+
+    def play(self, past):
+        i, at = self.place(past)
+        self.pasts[-1].append((i, at))
+        ahead = np.arange(1, self.length + 1)
+        y = self.recordings[i]
+        truth = y[np.minimum(at + len(past) - 1 + ahead, len(y) - 1)]
+        return truth + ahead[:, None] * self.error
+
+    def place(self, past):
+        ((i, at),) = [
+            (i, int(at))
+            for i, y in enumerate(self.recordings)
+            for at in np.flatnonzero(np.all(y == past[0], axis=1))
+        ]
+        assert np.array_equal(self.recordings[i][at : at + len(past)], past)
+        return i, at
+
+
+def flat(recordings):
+    """Return a calibration with errors that grow as the time ahead."""
+    made = calibrate_replay(recordings, SEEN, HORIZON)
+    errors = made.ahead[:, None, None] * np.eye(2)
+    return Calibration(
+        ahead=made.ahead, factors=made.factors, errors=errors, changes=made.changes
+    )
+
+
+@pytest.mark.parametrize("length", [HORIZON, 7])
+def test_played_errors_are_those_of_windows_that_were_left_out(length):
+    recordings = [autoregressive(170, 0, 0.9), autoregressive(120, 1, 0.9)]
+    error = np.array([0.3, -0.2])
+    player = Player(recordings, error, length)
+    before = flat(recordings)
+    found = calibrate_playback(before, recordings, player.learn, seen=SEEN)
+    parts = len(player.rests)
+    assert 3 <= parts <= 6
+    # A few parts show too small errors: what is known of n parts is enlarged by 2 / n.
+    known = before.ahead[before.ahead <= length]
+    variances = (1 + 2 / parts) * known[:, None] ** 2 * error**2
+    at = found.played[: len(known)]
+    assert_allclose(np.diagonal(at, axis1=1, axis2=2), variances, rtol=0.02)
+    correlation = at[:, 0, 1] / np.sqrt(at[:, 0, 0] * at[:, 1, 1])
+    assert np.all((correlation < -0.5) & (correlation > -0.9))
+    # Farther than it is played, it grows as the errors did before.
+    later = sizes(found.played)[len(known) - 1 :]
+    expected = before.ahead[len(known) - 1 :] / known[-1]
+    assert_allclose(later / later[0], expected, rtol=1e-6)
+    assert_allclose(found.errors, before.errors)
+
+
+def test_every_part_is_left_out_once_and_played_all_along():
+    recordings = [autoregressive(170, 0, 0.9), autoregressive(120, 1, 0.9)]
+    player = Player(recordings, np.array([0.3, -0.2]), HORIZON)
+    calibrate_playback(flat(recordings), recordings, player.learn, seen=SEEN)
+    total = sum(map(len, recordings))
+    left_out = 0
+    for rest, pasts in zip(player.rests, player.pasts, strict=True):
+        learned = {tuple(y) for part in rest for y in part}
+        assert len(pasts) > 10
+        assert len({i for i, _ in pasts}) == 1
+        starts = np.array([at for _, at in pasts])
+        y = recordings[pasts[0][0]]
+        for at in starts:
+            assert not any(tuple(x) in learned for x in y[at : at + SEEN + 1])
+        # From the first sample of the part to one of the last that have a successor.
+        part = [k for k in range(len(y)) if tuple(y[k]) not in learned]
+        assert starts[0] == part[0]
+        assert 0 <= part[-1] - SEEN - starts[-1] <= 5
+        assert np.ptp(np.diff(starts)) <= 1
+        assert len(part) + len(learned) == total
+        left_out += len(part)
+    assert left_out == total
+
+
+def test_without_windows_to_play_a_calibration_is_unchanged():
+    recordings = [autoregressive(60, 0, 0.9)]
+    before = flat(recordings)
+    assert calibrate_playback(before, recordings, lambda _: None, seen=SEEN) is before
+    short = [autoregressive(SEEN + 1, 0, 0.9)]
+    player = Player(short, np.zeros(2), HORIZON)
+    assert calibrate_playback(before, short, player.learn, seen=SEEN) is before
+
+
+# Use ---------------------------------------------------------------------
+
+
+def test_a_calibration_is_linear_between_its_horizons_and_constant_beyond():
+    made = flat([autoregressive(100, 0, 0.9)])
+    found = made.at(30)
+    assert_allclose(found.ahead, np.arange(1, 31))
+    assert found.played is None
+    expected = np.minimum(np.arange(1, 31), made.ahead[-1])
+    assert_allclose(found.errors, expected[:, None, None] * np.eye(2))
+    assert found.factors.shape == (30,)
+    assert found.changes.shape == (30, 2, 2)
+
+
+@pytest.mark.parametrize("played", [True, False])
+def test_a_transformed_calibration_is_of_the_transformed_channels(played):
+    rng = np.random.default_rng(0)
+    A, e = rng.standard_normal((2, 2)), rng.standard_normal((3, 1, 2, 2))
+    errors, changes, windows = e[:, 0] @ e[:, 0].mT + np.eye(2)
+    before = Calibration(
+        ahead=np.array([2.0]),
+        factors=np.ones(1),
+        errors=errors[None],
+        changes=changes[None],
+        played=windows[None] if played else None,
+    )
+    after = before.transformed(A)
+    assert_allclose(after.errors[0], A @ errors @ A.T)
+    assert_allclose(after.changes[0], A @ changes @ A.T)
+    own = windows if played else errors
+    assert_allclose(after.played_at(1.0), A @ own @ A.T / 2)
+    assert (after.played is None) != played
+
+
+def test_many_cycles_are_a_bound_between_two_ways_of_prediction():
+    for cycles in (MANY_CYCLES - 1.5, MANY_CYCLES + 1.5):
+        assert (calibrated(moving(cycles)).weight == 1.0) == (cycles > MANY_CYCLES)
