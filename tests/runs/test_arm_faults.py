@@ -120,6 +120,94 @@ def test_an_arm_stops_where_another_program_commands_it(skill):
     assert np.max(np.abs(network.states[-1][:7] - before)) < LARGEST
 
 
+class Neighbour(TorquePublisher):
+    """A publisher of the gate's commands with another program's beside each of them.
+
+    Attributes
+    ----------
+    before, after : callable or None
+        Torque of a command immediately before or after, of the gate's torque; or None.
+    stamp_offset : float
+        Of its stamps, s.
+    """
+
+    before = after = None
+    stamp_offset = 0.0
+
+    def __call__(self, torque, stamp):
+        if self.before is not None:
+            super().__call__(self.before(torque), stamp + self.stamp_offset)
+        super().__call__(torque, stamp)
+        if self.after is not None:
+            super().__call__(self.after(torque), stamp + self.stamp_offset)
+
+
+@pytest.fixture
+def neighbour(monkeypatch):
+    """Let a program that begins when told send beside the gate."""
+    kind = type("Told", (Neighbour,), {})
+    monkeypatch.setattr("fmp_drake.station.robots.panda_lcm.TorquePublisher", kind)
+    return kind
+
+
+def zeros(_torque):
+    return np.zeros(7)
+
+
+def copied(torque):
+    return torque
+
+
+@pytest.mark.parametrize("place", ["before", "after"])
+@pytest.mark.parametrize("torque_of", [zeros, copied])
+@pytest.mark.parametrize("stamp_offset", [0.0, -2e-6, -1.0])
+def test_another_program_is_found_whenever_its_commands_come(
+    skill, neighbour, place, torque_of, stamp_offset
+):
+    network = FailingNetwork(skill).begin(500)
+    setattr(neighbour, place, staticmethod(torque_of))
+    neighbour.stamp_offset = stamp_offset
+    reaction = network.react(Fault(), 150)
+    assert reaction.stopped_after <= 3
+    assert reaction.faults is GateFault.OTHER_CONTROLLER
+    # Where its zeros come last, they reach the arm instead of the torque that brakes it.
+    is_braked = place == "before" or torque_of is copied
+    assert reaction.moved < (1.0 if is_braked else 2.0) * LARGEST
+
+
+@pytest.mark.parametrize("hertz", [50, 100, 200])
+def test_a_slow_program_just_before_the_gate_is_found_at_its_first_command(
+    skill, neighbour, hertz
+):
+    network = FailingNetwork(skill).begin(500)
+    ticks = []
+
+    def sometimes(torque):
+        ticks.append(network.ticks)
+        # In the other milliseconds it sends nothing that the arm would hear.
+        return torque
+
+    for _ in range(3):
+        network.advance(1000 // hertz - 1)
+        neighbour.before = staticmethod(sometimes)
+        network.advance(1)
+        neighbour.before = None
+    network.advance(2)
+    assert network.run.faults is GateFault.OTHER_CONTROLLER
+    assert 1e3 * network.run.stops[0][0] - ticks[0] <= 3
+
+
+@pytest.mark.parametrize("pause", [1, 20, 45, 80])
+def test_a_pause_is_not_another_program(skill, pause):
+    network = FailingNetwork(skill).begin(500)
+    network.react(Fault(controller_pause=pause, duration=pause), pause + 200)
+    assert not network.run.faults & GateFault.OTHER_CONTROLLER
+    assert (network.run.mode is GateMode.STOPPED) == (pause > 50)
+    if pause > 50:
+        network.advance(200).begin(500)
+    assert network.run.mode is GateMode.OPEN
+
+
 def moved_by_hand(network, offset):
     """Put the stopped arm elsewhere, as a person would, within a second."""
     simulator, plant = network.bench.simulator, network.bench.plant

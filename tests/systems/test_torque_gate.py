@@ -17,9 +17,13 @@ from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems import GateConfig, GateMode
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.arm_status import GateFault, read_status
+from fmp_drake.systems.panda.commands import (
+    CommandTrack,
+    command_utime,
+    track_commands,
+)
 from fmp_drake.systems.panda.gate import (
     GateState,
-    command_utime,
     gate_step,
     initial_gate,
     limited_change,
@@ -89,6 +93,7 @@ def play(steps, config=None):
             gate,
             limits=LIMITS,
             command=lcmt_panda_command(),
+            count=0.0,
             reading=read_status(status(wall - each["age"], each["status"])),
             torque=np.full(7, each["torque"]),
             wall_time=wall_time,
@@ -336,6 +341,7 @@ def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second(torque):
             gate,
             limits=LIMITS,
             command=lcmt_panda_command(),
+            count=0.0,
             reading=read_status(message),
             torque=np.full(7, torque),
             wall_time=wall_time,
@@ -372,6 +378,120 @@ def test_a_return_ends_after_a_small_torque_for_a_tenth_of_a_second():
 def test_a_command_is_stamped_with_the_nearest_microsecond():
     assert command_utime(1.0000004) == 1_000_000
     assert command_utime(1.0000006) == 1_000_001
+
+
+# Commands of another program ----------------------------------------------------------
+
+
+class CommandBus:
+    """The gate's own commands, each of which is heard later, and others."""
+
+    def __init__(self):
+        self.track, self.time, self.count = CommandTrack(), NOW, 0
+        self.sent, self.newest, self.is_foreign = [], lcmt_panda_command(), False
+
+    def send(self):
+        self.time += 1e-3
+        torque = np.sin(self.time * np.arange(1, 8))
+        self.sent.append(command(self.time, torque))
+        self.track = self.track.after(self.time, torque)
+
+    def hear(self, *messages):
+        """Look at the bus, where messages have come since the last look."""
+        self.count += len(messages)
+        self.newest = messages[-1] if messages else self.newest
+        self.track, is_foreign = track_commands(
+            self.track, self.newest, self.count, self.time
+        )
+        self.is_foreign |= is_foreign
+        # The memory is a vector of numbers.
+        self.track = CommandTrack.from_vector(self.track.vector())
+        return is_foreign
+
+
+def command(time, torque):
+    message = lcmt_panda_command()
+    message.utime, message.num_joint_torque = command_utime(time), 7
+    message.joint_torque = list(torque)
+    return message
+
+
+@pytest.fixture
+def bus():
+    """Return a bus on which each command has been heard in the next millisecond."""
+    bus = CommandBus()
+    for _ in range(300):
+        bus.send()
+        assert not bus.hear(bus.sent[-1])
+    return bus
+
+
+def test_own_commands_may_come_late_and_all_at_once(bus):
+    for delay in (1, 5, 80, 120):
+        for _ in range(delay):
+            bus.send()
+            assert not bus.hear()
+        assert not bus.hear(*bus.sent[-delay:])
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.booleans()), max_size=200))
+def test_own_commands_may_be_late_by_3_ms_and_change_their_order(echoes):
+    bus, due = CommandBus(), {}
+    for time, (delay, is_heard_first) in enumerate(echoes):
+        bus.send()
+        messages = due.setdefault(time + delay, [])
+        messages.insert(0 if is_heard_first else len(messages), bus.sent[-1])
+        assert not bus.hear(*due.pop(time, []))
+
+
+@given(st.lists(st.booleans(), max_size=300))
+def test_own_commands_may_be_lost(are_lost):
+    bus = CommandBus()
+    for is_lost in are_lost:
+        bus.send()
+        assert not bus.hear(*[] if is_lost else bus.sent[-1:])
+
+
+def test_one_command_more_is_found_where_the_newest_is_the_gates_own(bus):
+    other = command(bus.time, np.zeros(7))
+    bus.send()
+    assert bus.hear(other, bus.sent[-1])
+    # It is over.
+    bus.send()
+    assert not bus.hear(bus.sent[-1])
+
+
+@pytest.mark.parametrize("age", [1, 2, 50, 127])
+def test_a_repeated_command_of_the_gate_is_found(bus, age):
+    bus.send()
+    assert bus.hear(bus.sent[-age], bus.sent[-1])
+    bus.send()
+    assert bus.hear(bus.sent[-1], bus.sent[-age])
+    assert bus.hear(bus.sent[-age])
+
+
+def test_another_program_is_found_among_lost_and_late_commands(bus):
+    for _ in range(30):
+        bus.send()
+        bus.hear()
+    found = []
+    for i in range(20):
+        bus.send()
+        found.append(bus.hear(*bus.sent[-2 : -1 if i % 5 else -2], *bus.sent[-2:-1]))
+    # As many as four missing commands hide as many others.
+    assert True in found[:8]
+
+
+def test_a_missing_command_hides_no_other_later_than_20_ms(bus):
+    bus.send()
+    bus.hear()
+    bus.send()
+    bus.hear(bus.sent[-1])
+    for _ in range(25):
+        bus.send()
+        bus.hear(bus.sent[-1])
+    bus.send()
+    assert bus.hear(command(bus.time, np.zeros(7)), bus.sent[-1])
 
 
 # The system --------------------------------------------------------------------------
@@ -415,6 +535,7 @@ def test_the_system_steps_the_gate_and_shows_it(caching):
             expected,
             limits=LIMITS,
             command=lcmt_panda_command(),
+            count=0.0,
             reading=read_status(status(wall_time)),
             torque=np.full(7, 5.0),
             wall_time=wall_time,

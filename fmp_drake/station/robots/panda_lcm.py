@@ -25,6 +25,7 @@ from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.robots.robot import RobotConfig
 from fmp_drake.station.scenario_parts import in_one_line, load_yaml
 from fmp_drake.systems import GateConfig
+from fmp_drake.systems.command_listener import CommandListener
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.arm_status import JOINTS
 from fmp_drake.systems.panda.torque_gate import TorqueGate
@@ -90,15 +91,23 @@ class LcmPanda(Driver):
             send=TorquePublisher(bus, self.command_channel),
         )
         builder.AddSystem(gate)
-        for name, channel in (
-            ("status", self.status_channel),
-            ("command", self.command_channel),
+        status = LcmSubscriberSystem(
+            channel=self.status_channel, serializer=RawSerializer(), lcm=pump
+        )
+        builder.AddNamedSystem("status", status)
+        command = CommandListener(
+            bus,
+            self.command_channel,
+            serializer=RawSerializer(),
+            period=self.gate.period,
+        )
+        builder.AddSystem(command)
+        for port, name in (
+            (status.get_output_port(), "status"),
+            (command.GetOutputPort("command"), "command"),
+            (command.GetOutputPort("count"), "command_count"),
         ):
-            subscriber = LcmSubscriberSystem(
-                channel=channel, serializer=RawSerializer(), lcm=pump
-            )
-            builder.AddNamedSystem(name, subscriber)
-            builder.Connect(subscriber.get_output_port(), gate.GetInputPort(name))
+            builder.Connect(port, gate.GetInputPort(name))
         for name in ("torque", "wall_time", "go"):
             builder.ExportInput(gate.GetInputPort(name), name)
         for i in range(gate.num_output_ports()):

@@ -1,8 +1,6 @@
 """Gate for the torque that is sent to a real arm: its modes, faults and limits."""
 
 import math
-import struct
-import zlib
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -22,13 +20,12 @@ from fmp_drake.systems.panda.arm_status import (
     initial_track,
     track_status,
 )
+from fmp_drake.systems.panda.commands import CommandTrack, track_commands
 
 Array = NDArray[np.float64]
 
 # Period at which the robot reads commands, s.
 _ROBOT_PERIOD = 0.001
-# Age of a command above which the robot ignores it, s; number of own commands in memory.
-_COMMAND_EXPIRY, _REMEMBERED = 0.1, 128
 # Damping of each joint in a return and in a stop, Nm s/rad: that of drake-franka-driver
 # for an arm without commands. Twice as much oscillates where messages are 5 ms late.
 _DAMPING = np.array([37.5, 50, 37.5, 25, 5, 3.75, 2.5])
@@ -176,8 +173,8 @@ class GateState(NamedTuple):
         time since it began, s.
     track : StatusTrack
         Memory of the statuses.
-    sent : array, shape (128,)
-        Fingerprints of the last commands.
+    commands : CommandTrack
+        Memory of the commands.
     """
 
     torque: Array
@@ -189,11 +186,15 @@ class GateState(NamedTuple):
     stamp: float = 0.0
     timer: float = 0.0
     track: StatusTrack = initial_track()
-    sent: Array = np.full(_REMEMBERED, -1.0)
+    commands: CommandTrack = CommandTrack()
 
     @classmethod
     def from_vectors(
-        cls, torque: ArrayLike, numbers: ArrayLike, track: ArrayLike, sent: ArrayLike
+        cls,
+        torque: ArrayLike,
+        numbers: ArrayLike,
+        track: ArrayLike,
+        commands: ArrayLike,
     ) -> "GateState":
         """Return the state that `vectors` describes."""
         mode, faults, *times = np.asarray(numbers).tolist()
@@ -203,7 +204,8 @@ class GateState(NamedTuple):
             GateFault(int(faults)),
             *times,
         )._replace(
-            track=StatusTrack.from_vector(track), sent=np.array(sent, dtype=float)
+            track=StatusTrack.from_vector(track),
+            commands=CommandTrack.from_vector(commands),
         )
 
     @property
@@ -222,43 +224,14 @@ class GateState(NamedTuple):
         return self.stamp - EXPIRED_AGE * is_last
 
     def vectors(self) -> tuple[Array, Array, Array, Array]:
-        """Return torque (7,), numbers (7,), track (44,) and fingerprints (128,)."""
+        """Return torque (7,), numbers (7,), track (44,) and commands (132,)."""
         numbers = np.array(self[1:-2], dtype=float)
-        return self.torque, numbers, self.track.vector(), self.sent
+        return self.torque, numbers, self.track.vector(), self.commands.vector()
 
 
 def initial_gate() -> GateState:
     """Return the state of a gate before its first step."""
     return GateState(np.zeros(JOINTS))
-
-
-def command_utime(stamp: float) -> int:
-    """Return the time stamp of a command, us, for a time of the wall clock, s."""
-    return int((stamp + 0.5e-6) * 1e6)
-
-
-def command_fingerprint(utime: int, torque: ArrayLike) -> float:
-    """Return a number that identifies a torque command."""
-    return float(zlib.crc32(struct.pack("<8d", utime, *np.asarray(torque).tolist())))
-
-
-def is_foreign(state: GateState, command: Any, wall_time: float) -> bool:
-    """Return whether a fresh command was not sent by this gate.
-
-    Parameters
-    ----------
-    state : GateState
-    command : lcmt_panda_command
-        The last one on the bus, where the gate's own commands are, too.
-    wall_time : float
-        Present time, s.
-    """
-    if not abs(wall_time - 1e-6 * command.utime) <= _COMMAND_EXPIRY:
-        return False
-    torque = command.joint_torque
-    if len(torque) != JOINTS:
-        return True
-    return command_fingerprint(command.utime, torque) not in state.sent
 
 
 def gate_faults(
@@ -268,19 +241,20 @@ def gate_faults(
     limits: JointLimits,
     reading: ArmReading,
     track: StatusTrack,
-    command: Any,
+    is_foreign: bool,
     torque: Array,
     wall_time: float,
     go: float,
 ) -> GateFault:
     """Return the present faults.
 
-    Parameters are those of `gate_step`; `track` is the memory after this status.
+    Parameters are those of `gate_step`; `track` is the memory after this status, and
+    `is_foreign` is whether another program commands the arm.
     """
     faults = reading.faults
     if reading.is_finite:
         faults |= implausible(limits, state.track, track, reading)
-    if is_foreign(state, command, wall_time):
+    if is_foreign:
         faults |= GateFault.OTHER_CONTROLLER
     if reading.time < state.status_time:
         faults |= GateFault.OUT_OF_ORDER
@@ -305,6 +279,7 @@ def gate_step(
     limits: JointLimits,
     reading: ArmReading,
     command: Any,
+    count: float,
     torque: Array,
     wall_time: float,
     go: float,
@@ -321,7 +296,9 @@ def gate_step(
     reading : ArmReading
         The last status.
     command : lcmt_panda_command
-        The last command on the bus, of this gate or of another program.
+        The newest command on the bus, of this gate or of another program.
+    count : float
+        Number of commands on the bus so far.
     torque : array, shape (7,)
         Torque of the controller, Nm.
     wall_time : float
@@ -339,13 +316,14 @@ def gate_step(
     track = state.track
     if in_time and reading.is_finite:
         track = track_status(track, reading, state.torque)
+    commands, is_foreign = track_commands(state.commands, command, count, wall_time)
     faults = gate_faults(
         config,
         state,
         limits=limits,
         reading=reading,
         track=track,
-        command=command,
+        is_foreign=is_foreign,
         torque=torque,
         wall_time=wall_time,
         go=go,
@@ -385,11 +363,7 @@ def gate_step(
         np.array(config.max_torque),
     )
     is_live = is_time and (mode.is_enabled or was_active)
-    fingerprints = state.sent
-    if is_live:
-        fingerprint = command_fingerprint(command_utime(wall_time), sent)
-        fingerprints = np.append(fingerprints[1:], fingerprint)
-    return GateState(
+    next_state = GateState(
         sent,
         mode,
         reasons,
@@ -399,8 +373,12 @@ def gate_step(
         wall_time if is_live else state.stamp,
         timer,
         track,
-        fingerprints,
+        commands,
     )
+    if not is_live:
+        return next_state
+    commands = commands.after(next_state.command_time, sent)
+    return next_state._replace(commands=commands)
 
 
 def brake_torque(limits: JointLimits, reading: ArmReading) -> Array:

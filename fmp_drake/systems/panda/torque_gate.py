@@ -34,7 +34,7 @@ from fmp_drake.systems.panda.gate import (
 )
 
 # Groups of the discrete state.
-_TORQUE, _GATE, _TRACK, _SENT, _READING = range(5)
+_TORQUE, _GATE, _TRACK, _COMMANDS, _READING = range(5)
 # In the second.
 _STATUS_TIME = 2
 
@@ -58,8 +58,10 @@ class TorqueGate(LeafSystem):
     go : vector (1,)
         Operator command: number of enable requests; a negative number requests a stop.
     command : abstract, optional
-        The bytes of the last ``lcmt_panda_command`` on the bus, the gate's own among
+        The bytes of the newest ``lcmt_panda_command`` on the bus, the gate's own among
         them: another program's command is a fault.
+    command_count : vector (1,), optional
+        Number of commands on the bus so far: more than the gate has sent are a fault.
 
     Output ports
     ------------
@@ -123,6 +125,7 @@ class TorqueGate(LeafSystem):
         go = self.DeclareVectorInputPort("go", 1)
         command = self.DeclareAbstractInputPort("command", AbstractValue.Make(b""))
         self._torque, self._status, self._command = torque, status, command
+        self._count = self.DeclareVectorInputPort("command_count", 1)
         self._wall_time, self._go = wall_time, go
         torque_index, gate_index, *_ = map(
             self.DeclareDiscreteState, initial_gate().vectors()
@@ -191,7 +194,7 @@ class TorqueGate(LeafSystem):
     def _state(self, context: Context) -> GateState:
         discrete = context.get_discrete_state()
         return GateState.from_vectors(
-            *(discrete.value(i) for i in (_TORQUE, _GATE, _TRACK, _SENT))
+            *(discrete.value(i) for i in (_TORQUE, _GATE, _TRACK, _COMMANDS))
         )
 
     def _measurement(self, context: Context) -> Any:
@@ -205,12 +208,16 @@ class TorqueGate(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         wall_time: Any = self._wall_time.Eval(context)
         go: Any = self._go.Eval(context)
+        count: Any = [0.0]
+        if self._count.HasValue(context):
+            count = self._count.Eval(context)
         state = gate_step(
             self._config,
             self._state(context),
             limits=self._limits,
             reading=cast(ArmReading, eval_cache(self, self._reading, context)),
             command=eval_cache(self, self._last_command, context),
+            count=float(count[0]),
             torque=np.array(self._torque.Eval(context)),
             wall_time=float(wall_time[0]),
             go=float(go[0]),
