@@ -166,8 +166,8 @@ class ForceMetrics:
         rank = fraction * (cumulative[-1] - 1)
         ranks = np.array([np.floor(rank), np.ceil(rank)])
         bins = np.searchsorted(cumulative, ranks, side="right")
-        within = (ranks + 0.5 - cumulative[bins]) / self._counts[bins] + 1
-        low, high = _BIN * (bins + within)
+        fractions = (ranks + 0.5 - cumulative[bins]) / self._counts[bins] + 1
+        low, high = _BIN * (bins + fractions)
         return float(low + (rank - ranks[0]) * (high - low))
 
 
@@ -288,14 +288,14 @@ class RegionMetrics:
             values = np.zeros((len(position), self._roles.count))
             values[:, self._roles.position] = position
             distance = self._region.distance(values)
-            inside = np.logical_or.accumulate(distance <= self._region.margin)
-            inside |= distances.count > 0
+            has_entered = np.logical_or.accumulate(distance <= self._region.margin)
+            has_entered |= distances.count > 0
             if name == "measured":
-                outside = inside & (distance > self._region.margin)
+                outside = has_entered & (distance > self._region.margin)
                 self.outside.update(
                     chunk["measured_position"].times, 1e3 * outside * distance
                 )
-            distances.update(distance[inside] ** 2)
+            distances.update(distance[has_entered] ** 2)
 
     def result(self) -> Metrics:
         """Return the metrics; None if the paths were never reached or are unknown."""

@@ -81,12 +81,12 @@ def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
     window = skill.n_steps / skill.rate
     if not skill.paths_ or seconds >= _ENOUGH_WINDOWS * window:
         return []
-    each = skill.n_windows_ / len(skill.components_)
+    windows_per_component = skill.n_windows_ / len(skill.components_)
     return [
         (
             f"{seconds:.0f} s are short for a mixture with windows of {window:g} s: "
             f"{seconds / window:.1f} of them do not overlap, and a component has "
-            f"{each:.1f} that do. What it has not seen will leave its span; record "
+            f"{windows_per_component:.1f} that do. What it has not seen will leave its span; record "
             f"{_ENOUGH_WINDOWS * window:.0f} s or four equal cycles"
         )
     ]

@@ -181,10 +181,10 @@ def _longest_plane(
     )
     # Of equally good planes, the one whose normal points up.
     best = int(np.argmax(score + 1e-3 * normals[:, 2]))
-    on = points[np.abs(heights[:, best]) <= _TOUCH]
-    centre = on.mean(axis=0)
+    contact = points[np.abs(heights[:, best]) <= _TOUCH]
+    centre = contact.mean(axis=0)
     # The direction of least scatter; a full SVD would build an N x N array.
-    normal = np.linalg.eigh((on - centre).T @ (on - centre))[1][:, 0]
+    normal = np.linalg.eigh((contact - centre).T @ (contact - centre))[1][:, 0]
     return centre, normal * np.sign(normal @ normals[best])
 
 
@@ -347,11 +347,11 @@ def place_on_board(
             f"{', '.join(names)}"
         )
     elif len(names) > 3:
-        kept = _played_channels(demonstration, is_placed=transform is None)
-        others = ", ".join(name for name in names if name not in kept)
+        played = _played_channels(demonstration, is_placed=transform is None)
+        others = ", ".join(name for name in names if name not in played)
         if others:
-            demonstration = demonstration.select(kept)
-            remarks.append(f"{others} left out: the board needs {_listed(kept)}")
+            demonstration = demonstration.select(played)
+            remarks.append(f"{others} left out: the board needs {_listed(played)}")
     check_width(demonstration)
     if transform is not None:
         placement = Placement(

@@ -357,7 +357,7 @@ def _normal_force(
             f"the channels are {', '.join(demonstration.channels)}; a force needs the channel "
             "force, or force_x, force_y and force_z (--columns)."
         )
-    force, on, how = contact.force, contact.touching, "as recorded"
+    force, on, source = contact.force, contact.touching, "as recorded"
     normal = np.abs(force[:, 0])
     if force.shape[1] == 3:
         mean = np.mean(force[on], axis=0)
@@ -365,16 +365,16 @@ def _normal_force(
         R_DT = fit.rotation @ surfaces.rotations(fit.curvature, uvh)
         along_normal = np.einsum("ij,ij->i", force, R_DT[:, :, 2])
         along_normal *= np.sign(np.mean(along_normal[on]))
-        normal, how = along_mean, "along its mean direction in contact"
+        normal, source = along_mean, "along its mean direction in contact"
         if np.sum(along_normal[on] ** 2) > np.sum(along_mean[on] ** 2):
-            normal, how = along_normal, "along the surface's normal"
+            normal, source = along_normal, "along the surface's normal"
     x, y = scenario.eraser.footprint
     sagitta = scenario.board.curvature().sagitta((x, y))
     limit = _BORNE * FeltForceLimit(scenario.eraser, sagitta=max(sagitta, lift))
     highest = float(np.percentile(normal[on], 95))
     scale = min(1.0, limit / max(highest, 1e-9))
     remark = (
-        f"normal force {how}: {np.mean(normal[on]):.1f} N on average, "
+        f"normal force {source}: {np.mean(normal[on]):.1f} N on average, "
         f"{np.std(normal[on]):.1f} N standard deviation"
     )
     if scale < 1:

@@ -490,8 +490,10 @@ def _check_types(value: Any, default: Any, name: str = "") -> None:
             )
         for key, item in value.items():
             if key not in fields:
-                near = get_close_matches(str(key), fields, 1)
-                hint = f"did you mean {near[0]}? All" if near else "allowed"
+                suggestions = get_close_matches(str(key), fields, 1)
+                hint = (
+                    f"did you mean {suggestions[0]}? All" if suggestions else "allowed"
+                )
                 raise StationError(
                     f"{path} has no key {shown(key)}; {hint} are: {allowed}."
                 )

@@ -163,8 +163,8 @@ def deepest(p: FloatArray, radii: FloatArray, box: FloatArray) -> float:
     float
         m; 0 where none is below.
     """
-    within = np.all((p > box[0])[:, :2] & (p < box[1])[:, :2], axis=1)
-    return float(np.max((radii - p[:, 2])[within], initial=0.0))
+    is_within = np.all((p > box[0])[:, :2] & (p < box[1])[:, :2], axis=1)
+    return float(np.max((radii - p[:, 2])[is_within], initial=0.0))
 
 
 def clearances(p: FloatArray, radii: FloatArray, box: FloatArray) -> FloatArray:
@@ -184,5 +184,5 @@ def clearances(p: FloatArray, radii: FloatArray, box: FloatArray) -> FloatArray:
     ndarray, shape (..., N)
     """
     gap = np.maximum(box[0] - p, p - box[1])
-    inside = np.minimum(np.max(gap, axis=-1), 0.0)
-    return np.linalg.norm(np.maximum(gap, 0.0), axis=-1) + inside - radii
+    depth = np.minimum(np.max(gap, axis=-1), 0.0)
+    return np.linalg.norm(np.maximum(gap, 0.0), axis=-1) + depth - radii

@@ -283,7 +283,7 @@ def test_goal_stays_within_the_edges_of_a_curved_board(shape):
     surface = CURVED[shape]
     board = BoardSurface(np.eye(3, 4), np.array([0.1, 0.05]), surface)
     beyond = place(surface, np.array([[0.15, 0.02, 0.01]]))[0]
-    inside = board.inside(beyond)
+    inside = board.clamped(beyond)
     assert_allclose(board.coordinates(inside), [0.1, 0.02, 0.01], atol=1e-12)
 
 

@@ -199,13 +199,13 @@ def cut_demonstrations(
     out = []
     for number, recording in enumerate(recordings):
         time = recording.time - recording.time[0]
-        inside = (time >= first - 1e-9) & (time <= last + 1e-9)
-        if np.count_nonzero(inside) < 2:
+        is_inside = (time >= first - 1e-9) & (time <= last + 1e-9)
+        if np.count_nonzero(is_inside) < 2:
             raise DemonstrationError(
                 f"demonstration {number} lasts {time[-1]:.3g} s; it has no two samples "
                 f"from {first:g} to {last:g} s."
             )
-        out.append(recording.rows(inside))
+        out.append(recording.rows(is_inside))
     return out
 
 

@@ -89,8 +89,8 @@ class DiscreteMovement:
         t = np.asarray(seconds, dtype=float)
         omega = np.pi * np.arange(len(self.coefficients)) / self.duration
         angle = np.clip(t, 0.0, self.duration)[..., None] * omega
-        within = ((t >= 0) & (t <= self.duration))[..., None]
-        moving = np.where(within, omega, 0.0)
+        is_during = ((t >= 0) & (t <= self.duration))[..., None]
+        moving = np.where(is_during, omega, 0.0)
         cosine, sine = np.cos(angle), np.sin(angle)
         rows = np.stack([cosine, -moving * sine, -(moving**2) * cosine], axis=-2)
         return Motion(rows @ self.coefficients, time=t if t.ndim else None)

@@ -201,8 +201,8 @@ class FourierBasis:
             # The fifth derivative jumps at knots: take it inside the interval.
             for order in range(_SPLINE_DEGREE + 1):
                 factorial *= max(order, 1)
-                at = interval + (0.5 if order == _SPLINE_DEGREE else 0.0)
-                taylor[order] = self._spline(at, nu=order) / factorial
+                step = interval + (0.5 if order == _SPLINE_DEGREE else 0.0)
+                taylor[order] = self._spline(step, nu=order) / factorial
             cache[interval] = taylor
         return cache[interval]
 

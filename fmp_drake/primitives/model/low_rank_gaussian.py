@@ -82,9 +82,9 @@ class LowRankGaussian:
     def mahalanobis_squared(self, vectors: ArrayLike) -> NDArray[np.float64]:
         """Return (x - mean)' precision (x - mean) of vectors (..., n)."""
         delta = np.asarray(vectors, dtype=float) - self.mean
-        inside = delta @ self.basis
-        outside = np.sum(delta**2, axis=-1) - np.sum(inside**2, axis=-1)
-        weighted = np.sum(inside**2 / (self.variances + self.noise), axis=-1)
+        coordinates = delta @ self.basis
+        outside = np.sum(delta**2, axis=-1) - np.sum(coordinates**2, axis=-1)
+        weighted = np.sum(coordinates**2 / (self.variances + self.noise), axis=-1)
         return weighted + np.maximum(outside, 0) / self.noise
 
     def log_density(self, vectors: ArrayLike) -> NDArray[np.float64]:
@@ -135,9 +135,9 @@ class LowRankGaussian:
         confidence : float
             Fraction of the distribution inside the ellipsoid, in (0, 1].
         """
-        inside = (vector - self.mean) @ self.basis
+        coordinates = (vector - self.mean) @ self.basis
         spread = np.sqrt(self.variances + self.noise)
-        squared = float(np.sum((inside / spread) ** 2))
+        squared = float(np.sum((coordinates / spread) ** 2))
         radius_squared = float(chi2.ppf(confidence, max(self.rank, 1)))
-        inside *= np.sqrt(min(1.0, radius_squared / max(squared, 1e-24)))
-        return self.mean + self.basis @ inside
+        coordinates *= np.sqrt(min(1.0, radius_squared / max(squared, 1e-24)))
+        return self.mean + self.basis @ coordinates

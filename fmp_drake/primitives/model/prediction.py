@@ -208,15 +208,15 @@ class Extrapolation:
         d = recordings[0].shape[1]
         view = np.lib.stride_tricks.sliding_window_view
         coefficients, covariances, leverages = [], [], []
-        for ahead in range(1, horizon + 1):
-            usable = [y for y in recordings if len(y) > p + ahead]
-            count = sum(len(y) - p - ahead for y in usable)
+        for step in range(1, horizon + 1):
+            usable = [y for y in recordings if len(y) > p + step]
+            count = sum(len(y) - p - step for y in usable)
             if count <= 2 * p:
                 break
             x = np.concatenate(
-                [view(np.diff(y[:-ahead], axis=0), p, axis=0) for y in usable]
+                [view(np.diff(y[:-step], axis=0), p, axis=0) for y in usable]
             )
-            change = np.concatenate([y[p + ahead :] - y[p:-ahead] for y in usable])
+            change = np.concatenate([y[p + step :] - y[p:-step] for y in usable])
             square = np.einsum("ndp,ndq->dpq", x, x)
             ridge = _RIDGE * np.trace(square, axis1=1, axis2=2) / p + 1e-12
             square += ridge[:, None, None] * np.eye(p)
@@ -225,12 +225,12 @@ class Extrapolation:
             )
             coefficients.append(solved[..., 0].T)
             error = change - np.einsum("ndp,pd->nd", x, coefficients[-1])
-            # Windows that overlap are not independent: there are count / ahead. To
+            # Windows that overlap are not independent: there are count / step. To
             # first order this is the final prediction error (Akaike, 1970) of so many.
             # Unfamiliar pasts have greater errors.
-            covariance = error.T @ error / count * (1 + 2 * p * ahead / count)
-            leverages.append(ahead * np.linalg.inv(square))
-            independent = d * ahead / (count + d * ahead)
+            covariance = error.T @ error / count * (1 + 2 * p * step / count)
+            leverages.append(step * np.linalg.inv(square))
+            independent = d * step / (count + d * step)
             covariance -= independent * covariance * (1 - np.eye(d))
             covariances.append(covariance + _LEAST_VARIANCE * np.eye(d))
         self._coefficients = np.reshape(coefficients, (-1, p, d))
@@ -305,7 +305,7 @@ class Conditioning:
     ) -> None:
         m, known, d = len(means), len(noise), channels
         count = (means.shape[1] - known) // d
-        ahead = np.arange(count)
+        samples = np.arange(count)
         observed = covariances[:, :known, :known] + np.diag(noise)
         self._observed = means[:, :known]
         self._means = means[:, known:].reshape(m, count, d)
@@ -316,7 +316,7 @@ class Conditioning:
         # Diagonal blocks only: the covariance of each sample.
         blocks = self._gains.reshape(m, count, d, known)
         later = covariances[:, known:, known:].reshape(m, count, d, count, d)
-        self._covariances = np.swapaxes(later[:, ahead, :, ahead], 0, 1)
+        self._covariances = np.swapaxes(later[:, samples, :, samples], 0, 1)
         self._covariances = self._covariances - blocks @ np.swapaxes(blocks, 2, 3)
         roots = np.diagonal(self._whitening, axis1=1, axis2=2)
         self._offsets = np.log(proportions) + np.sum(np.log(roots), axis=1)

@@ -107,8 +107,8 @@ class DemonstratedRegion:
             The largest ones of 0, 1/8, 1/4 ... 1.
         """
         limit = self.distance(steady)
-        within = np.maximum(limit, _FILLED * self.margin)
-        limit = np.where(limit > self.margin, limit + _SLACK * self.margin, within)
+        inner_limit = np.maximum(limit, _FILLED * self.margin)
+        limit = np.where(limit > self.margin, limit + _SLACK * self.margin, inner_limit)
         fractions = np.zeros(len(deviations))
         remaining = np.arange(len(deviations))
         steady = np.broadcast_to(steady, deviations.shape)
@@ -135,8 +135,8 @@ def densified(path: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     change = np.diff(path, axis=0)
     pieces = np.maximum(np.ceil(np.linalg.norm(change, axis=1) / spacing), 1)
     ends = np.concatenate([[0], np.cumsum(pieces)])
-    at = np.interp(np.arange(ends[-1] + 1), ends, np.arange(len(path)))
-    segment = np.minimum(at.astype(np.intp), max(len(path) - 2, 0))
-    t = (at - segment)[:, None]
-    after = np.minimum(segment + 1, len(path) - 1)
-    return path[segment] * (1 - t) + path[after] * t
+    positions = np.interp(np.arange(ends[-1] + 1), ends, np.arange(len(path)))
+    segment = np.minimum(positions.astype(np.intp), max(len(path) - 2, 0))
+    t = (positions - segment)[:, None]
+    following = np.minimum(segment + 1, len(path) - 1)
+    return path[segment] * (1 - t) + path[following] * t

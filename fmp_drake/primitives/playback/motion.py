@@ -233,7 +233,7 @@ def decayed_offset(
 def mode_coefficients(
     rows: NDArray[np.float64],
     modes: NDArray[np.float64],
-    inside: NDArray[np.float64],
+    coordinates: NDArray[np.float64],
     residual: NDArray[np.float64],
     channels: int,
 ) -> NDArray[np.float64]:
@@ -244,7 +244,7 @@ def mode_coefficients(
     rows : ndarray, shape (6, T)
         Taylor coefficients of the basis, per second.
     modes : ndarray, shape (D*T, r)
-    inside : ndarray, shape (r,)
+    coordinates : ndarray, shape (r,)
         Coordinates of the weights' deviation from their target.
     residual : ndarray, shape (D*T,)
         Deviation outside the span of the modes.
@@ -256,14 +256,14 @@ def mode_coefficients(
     ndarray, shape (D, r + 1, 6)
         Those of the modes and of the residual.
     """
-    n, r = rows.shape[1], len(inside)
+    n, r = rows.shape[1], len(coordinates)
     out = np.empty((channels, r + 1, len(rows)))
     for d in range(channels):
         channel = slice(d * n, (d + 1) * n)
         values = np.dot(rows, modes[channel])
         for k in range(len(rows)):
             for j in range(r):
-                out[d, j, k] = values[k, j] * inside[j]
+                out[d, j, k] = values[k, j] * coordinates[j]
             out[d, r, k] = np.dot(rows[k], residual[channel])
     return out
 
@@ -339,7 +339,7 @@ def look_ahead(
     whole = np.column_stack([state.target, directions]).reshape(d, n, -1)
     if not deviations.any():  # Weights on target have nothing to decay.
         relaxation = replace(relaxation, modes=np.empty((d * n, 0)), rates=np.empty(0))
-    inside, residual = relaxation.split(deviations.T)
+    coordinates, residual = relaxation.split(deviations.T)
     modes = np.eye(d * n) if relaxation.modes is None else relaxation.modes
 
     def decayed(
@@ -348,7 +348,7 @@ def look_ahead(
     ) -> NDArray[np.float64]:
         """Return k rows of the basis times the deviations, shape (D, k, 1 + r)."""
         modal, complement = decay
-        out = ((rows @ modes.reshape(d, n, -1)) * modal) @ inside.T
+        out = ((rows @ modes.reshape(d, n, -1)) * modal) @ coordinates.T
         out += complement * (rows @ residual.T.reshape(d, n, -1))
         return out
 

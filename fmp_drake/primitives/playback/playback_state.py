@@ -85,10 +85,10 @@ class PlaybackState:
         float
             Infinite where the tempo reaches 0 first.
         """
-        ahead = time_since_tick - self.time_since_tick
-        root = self.tempo**2 + 2 * self.tempo_rate * ahead
+        interval = time_since_tick - self.time_since_tick
+        root = self.tempo**2 + 2 * self.tempo_rate * interval
         speed = self.tempo + math.sqrt(root) if root >= 0 else 0.0
-        return 2 * ahead / speed if speed > 0 else math.inf
+        return 2 * interval / speed if speed > 0 else math.inf
 
     def to_arrays(self) -> list[NDArray[np.float64]]:
         """Return weights, target, history and offset as vectors, then all numbers."""

@@ -427,11 +427,11 @@ class Player:
         if skill.phase_model_ is None:
             gaussian = skill.components_[state.component]
             state = self.retarget(state, gaussian.mean)
-            ahead = look_ahead(skill, self.relaxations[state.component], state)
+            prospect = look_ahead(skill, self.relaxations[state.component], state)
             contributions = np.tensordot(
-                deviation @ gaussian.basis, ahead.response, (1, 2)
+                deviation @ gaussian.basis, prospect.response, (1, 2)
             )
-            return ahead.steady, contributions
+            return prospect.steady, contributions
         steady, rows = look_ahead_at_once(skill, state, self.motion(state)[:2])
 
         def values_of(weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -452,9 +452,9 @@ class Player:
             Values at the ticks up to the end of the present window.
         """
         skill, end = self.skill, replace(self._later(state, values), sample=False)
-        after = self.remap(end)
-        ahead = look_ahead(skill, self.relaxations[after.component], after)
-        return ahead.steady[: self.ticks_between_remaps]
+        next_state = self.remap(end)
+        prospect = look_ahead(skill, self.relaxations[next_state.component], next_state)
+        return prospect.steady[: self.ticks_between_remaps]
 
     # Quantities of a state ----------------------------------------------------
 
@@ -558,8 +558,8 @@ class Player:
         while ticks > 0:
             relaxation = self.relaxations[state.component]
             count = max(1, min(ticks, last - state.step))
-            ahead = look_ahead(self.skill, relaxation, state, responses=False)
-            values.append(ahead.steady[:count])
+            prospect = look_ahead(self.skill, relaxation, state, responses=False)
+            values.append(prospect.steady[:count])
             table = self._covariance_table(state.component)
             rows = table[state.step + 1 : state.step + 1 + count].copy()
             state = self._later(state, values[-1])

@@ -52,8 +52,8 @@ class Relaxation:
         """Split deviations (..., n) into coordinates (..., r) and residuals (..., n)."""
         if self.modes is None:
             return deviation, np.zeros_like(deviation)
-        inside = deviation @ self.modes
-        return inside, deviation - inside @ self.modes.T
+        coordinates = deviation @ self.modes
+        return coordinates, deviation - coordinates @ self.modes.T
 
     def decay(
         self, seconds: float | NDArray[np.float64]
@@ -102,8 +102,8 @@ class Relaxation:
         decay, complement = self.decay(seconds)
         if self.modes is None:
             return target + decay * deviation
-        inside, residual = self.split(deviation)
-        out: NDArray[np.float64] = self.modes @ (decay * inside)
+        coordinates, residual = self.split(deviation)
+        out: NDArray[np.float64] = self.modes @ (decay * coordinates)
         out += complement * residual
         out += target
         return out

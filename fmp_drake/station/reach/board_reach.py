@@ -271,10 +271,10 @@ class BoardReach:
         """
         bounds = self._bounds
         distance, tilt = motion.deviations(has_rotation=has_rotation)
-        far, tilted = distance > bounds.distance, tilt > bounds.tilt
+        is_far, is_tilted = distance > bounds.distance, tilt > bounds.tilt
         margin = self.limits.half_range - np.abs(motion.q - self.limits.middle)
         wall = self._scenario.impedance.walls.width + bounds.joint_reserve
-        return far, tilted, np.min(margin, axis=-1) < wall, margin
+        return is_far, is_tilted, np.min(margin, axis=-1) < wall, margin
 
     def clearance(
         self, X_WB: list[RigidTransform], motion: PredictedMotion, moved: Array
@@ -327,11 +327,11 @@ class BoardReach:
         away = (assumed.translation() - self._p_WBase) * np.array([1.0, 1.0, 0.0])
         away, up = away / max(np.linalg.norm(away), 1e-9), np.array([0.0, 0.0, 1.0])
         left = np.cross(up, away)
-        ways = {"towards the arm": -away, "away from the arm": away}
-        ways |= {"up": up, "down": -up}
-        ways |= {"to the arm's left": left, "to the arm's right": -left}
-        moves = [(far, *way) for far in _MOVES for way in ways.items()]
-        X_WB = [RigidTransform(far * way) @ assumed for far, _, way in moves]
+        directions = {"towards the arm": -away, "away from the arm": away}
+        directions |= {"up": up, "down": -up}
+        directions |= {"to the arm's left": left, "to the arm's right": -left}
+        moves = [(d, *direction) for d in _MOVES for direction in directions.items()]
+        X_WB = [RigidTransform(d * vector) @ assumed for d, _, vector in moves]
         # The paths with the largest extent to each side, and the one from the start.
         sides = np.concatenate([paths[..., :2], -paths[..., :2]], axis=-1)
         farthest = np.argmax(np.max(sides, axis=1), axis=0)
@@ -346,14 +346,16 @@ class BoardReach:
             postures=postures,
             R_TE=None if R_TE is None else R_TE[rows],
         )
-        far, tilted, *_ = self.missed(motion, has_rotation=R_TE is not None)
+        is_far, is_tilted, *_ = self.missed(motion, has_rotation=R_TE is not None)
         is_near = self.clearance(X_WB, motion, moved)[0] < self._bounds.clearance
         is_free = not self._scenario.has_board
         what = "the motion (board.translation)" if is_free else "the board"
-        fractions = np.mean((far | tilted | is_near).reshape(len(moves), -1), axis=1)
+        fractions = np.mean(
+            (is_far | is_tilted | is_near).reshape(len(moves), -1), axis=1
+        )
         return [
-            (f"move {what} {100 * far:.0f} cm {way}", far * direction)
-            for (far, way, direction), fraction in zip(moves, fractions, strict=True)
+            (f"move {what} {100 * d:.0f} cm {name}", d * vector)
+            for (d, name, vector), fraction in zip(moves, fractions, strict=True)
             if fraction <= self._bounds.exceptions
         ]
 
@@ -384,9 +386,9 @@ class BoardReach:
         motion = self.follow(
             assumed, lines.reshape(-1, len(x), 3), step=0.2, postures=posture[None]
         )
-        far, tilted, _, margins = self.missed(motion)
+        is_far, is_tilted, _, margins = self.missed(motion)
         walls = self._scenario.impedance.walls.width
-        margin = np.where(far | tilted, np.nan, np.min(margins, axis=-1) - walls)
+        margin = np.where(is_far | is_tilted, np.nan, np.min(margins, axis=-1) - walls)
         below, above = margin.reshape(2, len(y), len(x))
         x = np.concatenate([-x[:0:-1], x])
         return x, y, np.concatenate([below[:, :0:-1], above], axis=1).T

@@ -358,7 +358,7 @@ class _Check:
         position is the root sum of squares of distance, lag of braked joints and friction lag.
         """
         has_rotation, bounds = self._R_TE is not None, self._bounds
-        far, tilted, at_wall, margin = self._reach.missed(
+        far, tilted, at_spring, margin = self._reach.missed(
             motion, has_rotation=has_rotation
         )
         is_near, is_missed = clearance < bounds.clearance, far | tilted
@@ -382,7 +382,7 @@ class _Check:
             )
             spring = (
                 f", where joint {_joint(-margin)} is at a joint-limit spring"
-                if np.any(is_missed & at_wall)
+                if np.any(is_missed & at_spring)
                 else ""
             )
             self._faults.append(
@@ -406,7 +406,7 @@ class _Check:
             "largest_distance": np.max(distance),
             "tracking_error": rms,
             "smallest_joint_margin": np.min(margin),
-            "wall_fraction": np.mean(at_wall),
+            "wall_fraction": np.mean(at_spring),
             "smallest_manipulability": np.min(motion.manipulability),
         }, is_missed | is_near
 

@@ -375,17 +375,17 @@ def planar_motion(
     p_BE_W = X_WE.translation() - X_WB.translation()
     p_BE = R_BW @ p_BE_W
     v_BE = R_BW @ (V_WE.translational() - V_WB.Shift(p_BE_W).translational())
-    along = R_BW @ X_WE.rotation().matrix()[:, 0]
+    long_axis = R_BW @ X_WE.rotation().matrix()[:, 0]
     w_BE = R_BW @ (V_WE.rotational() - V_WB.rotational())
     if curvature.is_plane:
         (x, y, z), (v_x, v_y, v_z) = p_BE, v_BE
-        yaw = np.arctan2(along[1], along[0])
+        yaw = np.arctan2(long_axis[1], long_axis[0])
         return PlanarMotion(time, x, y, yaw, v_x, v_y, w_BE[2], -z, -v_z)
     near = np.zeros(2) if near is None else near
 
     def coordinates(seconds: float) -> FloatArray:
         uvh = project(curvature, p_BE + seconds * v_BE, near)
-        axis = along + seconds * np.cross(w_BE, along)
+        axis = long_axis + seconds * np.cross(w_BE, long_axis)
         cos, sin, _ = rotation(curvature, uvh[0], uvh[1]).T @ axis
         return np.array([uvh[0], uvh[1], np.arctan2(sin, cos), -uvh[2]])
 

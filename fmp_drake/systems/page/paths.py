@@ -66,10 +66,10 @@ def _rod(path: FloatArray, radii: FloatArray) -> Mesh:
     vertices = np.empty((3, n * sides))
     faces = np.empty((3, 2 * (n - 1) * sides), dtype=np.int32)
     for i in range(n):
-        along = path[min(i + 1, n - 1)] - path[max(i - 1, 0)]
-        length = np.sqrt(np.sum(along * along))
+        tangent = path[min(i + 1, n - 1)] - path[max(i - 1, 0)]
+        length = np.sqrt(np.sum(tangent * tangent))
         # Where the path is at rest, any direction is suitable.
-        x, y, z = along / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
+        x, y, z = tangent / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
         # Two unit vectors across, the first level: z x along, or x on the way up.
         width = np.hypot(x, y)
         u, v = (-y / width, x / width) if width > 1e-3 else (1.0, 0.0)
@@ -249,17 +249,17 @@ def AddPathToRecording(
     surface : Surface
         Of the board.
     """
-    at, line = np.asarray(times, dtype=float), np.asarray(points, dtype=float)
+    seconds, line = np.asarray(times, dtype=float), np.asarray(points, dtype=float)
     meshcat.Delete(path)
-    if len(at) < 2:
+    if len(seconds) < 2:
         return
     animation = meshcat.get_mutable_recording()
-    parts = int(np.clip(np.ceil((at[-1] - at[0]) / _PART), 1, _MAX_PARTS))
-    edges = np.searchsorted(at, np.linspace(at[0], at[-1], parts + 1))
+    parts = int(np.clip(np.ceil((seconds[-1] - seconds[0]) / _PART), 1, _MAX_PARTS))
+    edges = np.searchsorted(seconds, np.linspace(seconds[0], seconds[-1], parts + 1))
     for a, b in pairwise(edges):
         name = f"{path}/{a}"
         draw_line(meshcat, name, line[a : b + 1], color=color, surface=surface)
-        show_during(animation, name, since=at[b], end=at[-1])
+        show_during(animation, name, since=seconds[b], end=seconds[-1])
 
 
 def show_during(

@@ -233,9 +233,9 @@ def project(surface: Surface, p_S: Array, near: Array) -> Array:
     distance = math.sqrt(d @ d)
     h = sign * distance - 1 / k
     normal = sign * d / distance
-    across = math.sqrt(normal[0] ** 2 + normal[1] ** 2)
-    along = math.atan2(across, normal[2]) / (k * across) if across > 1e-12 else 1 / k
-    uvh = np.array((normal[0] * along, normal[1] * along, h))
+    radial = math.sqrt(normal[0] ** 2 + normal[1] ** 2)
+    length = math.atan2(radial, normal[2]) / (k * radial) if radial > 1e-12 else 1 / k
+    uvh = np.array((normal[0] * length, normal[1] * length, h))
     if surface.kx == 0 or surface.ky == 0:
         straight = 0 if surface.kx == 0 else 1
         uvh[straight] = p_S[straight]

@@ -82,9 +82,13 @@ def desired_motion(
         In T, and for the last three in W.
     """
     d = len(motion) // 3
-    at, rate, second = motion[:d], motion[d : 2 * d], motion[2 * d :]
+    values, rates, second_rates = motion[:d], motion[d : 2 * d], motion[2 * d :]
     out = np.zeros(39)
-    p, v, a = at[channels.position], rate[channels.position], second[channels.position]
+    p, v, a = (
+        values[channels.position],
+        rates[channels.position],
+        second_rates[channels.position],
+    )
     is_plane = surface.kx == 0 and surface.ky == 0
     first = 2 if not is_plane else 0
     out[first:3], out[3 + first : 6], out[6 + first : 9] = (
@@ -94,13 +98,13 @@ def desired_motion(
     )
     out[9:13] = channels.reference
     if len(channels.rotation):
-        phi = at[channels.rotation]
+        phi = values[channels.rotation]
         out[9:13] = quaternion_product(quaternion(phi), channels.reference)
         out[13:16], out[16:19] = angular_motion(
-            phi, rate[channels.rotation], second[channels.rotation]
+            phi, rates[channels.rotation], second_rates[channels.rotation]
         )
     if channels.force >= 0:
-        out[19] = max(at[channels.force], 0.0)
+        out[19] = max(values[channels.force], 0.0)
     R_WS, p_WS = frame[:9].copy().reshape(3, 3), frame[9:12]
     V_WS, A_WS = frame[12:18], frame[18:]
     if is_plane:

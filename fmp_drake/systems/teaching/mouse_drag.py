@@ -122,7 +122,7 @@ class BoardSurface(NamedTuple):
     Examples
     --------
     >>> board = BoardSurface(np.eye(3, 4), np.array([0.2, 0.3]))
-    >>> board.inside(np.array([0.5, 0.0, 0.1]))
+    >>> board.clamped(np.array([0.5, 0.0, 0.1]))
     array([0.2, 0. , 0.1])
     """
 
@@ -147,13 +147,13 @@ class BoardSurface(NamedTuple):
         normal: Array = self.X_WB[:, :3] @ surfaces.rotation(self.curvature, u, v)[:, 2]
         return normal
 
-    def inside(self, p_W: Array) -> Array:
+    def clamped(self, p_W: Array) -> Array:
         """Return the nearest point over the area for the tool."""
         uvh = self.coordinates(p_W)
         uvh[:2] = np.clip(uvh[:2], -self.half_size, self.half_size)
         p_B = surfaces.place(self.curvature, uvh[None])[0]
-        inside: Array = self.X_WB[:, 3] + self.X_WB[:, :3] @ p_B
-        return inside
+        nearest: Array = self.X_WB[:, 3] + self.X_WB[:, :3] @ p_B
+        return nearest
 
     def ray_intersection(
         self, cursor: Array, *, eye: Array, point: Array
@@ -178,9 +178,9 @@ class BoardSurface(NamedTuple):
         kx, ky = self.curvature
         k = float(kx if kx != 0 else ky)
         R = self.X_WB[:, :3]
-        across = np.array([kx != 0, ky != 0, True])
-        ray = across * (R.T @ (cursor - eye))
-        from_centre = across * (R.T @ (eye - self.X_WB[:, 3]) + [0.0, 0.0, 1 / k])
+        directions = np.array([kx != 0, ky != 0, True])
+        ray = directions * (R.T @ (cursor - eye))
+        from_centre = directions * (R.T @ (eye - self.X_WB[:, 3]) + [0.0, 0.0, 1 / k])
         radius = 1 / k + self.height(point)
         a, b = float(ray @ ray), float(ray @ from_centre)
         beyond = float(from_centre @ from_centre) - radius**2
@@ -410,7 +410,7 @@ def _set_goal(
         fraction = min(1.0, config.max_rotation / max(np.linalg.norm(phi), 1e-9))
         s["rotation_goal"] = phi * fraction
     else:
-        s["goal"] = s["aim"] if board is None else board.inside(s["aim"])
+        s["goal"] = s["aim"] if board is None else board.clamped(s["aim"])
     if 0 < (elapsed := time - s["cursor_time"]) <= config.timeout:
         s["interval"] = (s["interval"] + elapsed) / 2
     s["cursor_time"] = time

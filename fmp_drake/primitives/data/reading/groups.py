@@ -121,12 +121,14 @@ def _joint_states(
     rates = set[int]()
     for i, name in enumerate(keys):
         match = _JOINT_STATE.fullmatch(name)
-        beside = [f"{match[1]}_{kind}" for kind in _RATES_OF_JOINTS] if match else []
-        beside = [other for other in beside if other in keys]
-        if beside:
+        companions = (
+            [f"{match[1]}_{kind}" for kind in _RATES_OF_JOINTS] if match else []
+        )
+        companions = [other for other in companions if other in keys]
+        if companions:
             parts = re.split(r"[/.]", names[i])
             joints[parts[-2] if len(parts) > 1 else names[i]] = i
-            rates |= {keys.index(other) for other in beside}
+            rates |= {keys.index(other) for other in companions}
     if joints:
         yield _joints(list(joints), list(joints.values()), rates, values)
 

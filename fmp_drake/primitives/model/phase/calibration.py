@@ -451,11 +451,11 @@ def _calibration(
     )
 
 
-def _interpolated(at: Array, steps: Array, values: Array) -> Array:
+def _interpolated(new_steps: Array, steps: Array, values: Array) -> Array:
     """Interpolate values (A, ...) at increasing steps (A,) at other steps (...)."""
     columns = values.reshape(len(steps), -1).T
-    out = np.stack([np.interp(at, steps, column) for column in columns], axis=-1)
-    return out.reshape(*at.shape, *values.shape[1:])
+    out = np.stack([np.interp(new_steps, steps, column) for column in columns], axis=-1)
+    return out.reshape(*new_steps.shape, *values.shape[1:])
 
 
 def variance_factor(cycles: float) -> float:
@@ -541,9 +541,11 @@ def _windows(
     least = int(np.argmax(np.diff(steps, append=steps[-1] + 2) > 1)) + 1
     last = max(len(values) - 1 - int(steps[min(least, len(steps) - 1)]), 0)
     first = np.unique(np.linspace(0, last, min(places, last + 1)).astype(int))
-    at = first[:, None] + steps
+    indices = first[:, None] + steps
     out = np.where(
-        (at < len(values))[..., None], values[np.minimum(at, len(values) - 1)], np.nan
+        (indices < len(values))[..., None],
+        values[np.minimum(indices, len(values) - 1)],
+        np.nan,
     )
     return out, first
 
@@ -567,8 +569,8 @@ def _known(
         is_covered[(bins(np.concatenate(rest.phases)) + shift) % count] = True
     out = []
     for phase, (_, first) in zip(phases, windows, strict=True):
-        at = np.minimum(first[:, None] + steps, len(phase) - 1)
-        out.append(is_covered[bins(phase[at])].all(axis=1))
+        indices = np.minimum(first[:, None] + steps, len(phase) - 1)
+        out.append(is_covered[bins(phase[indices])].all(axis=1))
     return np.concatenate(out)
 
 

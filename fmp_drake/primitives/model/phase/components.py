@@ -205,14 +205,15 @@ def _errors(
             first = np.ceil((monotonic_phase[0] - grid_phase) / (2 * np.pi))
             last = np.floor((monotonic_phase[-1] - grid_phase) / (2 * np.pi))
             passages = grid_phase + 2 * np.pi * np.arange(first, last + 1)
-            at = np.interp(passages, monotonic_phase, times)
-            at = at[
-                (at + steps[0] >= 0) & (at + steps[-1] <= times[-1] + missing_samples)
+            passage_times = np.interp(passages, monotonic_phase, times)
+            passage_times = passage_times[
+                (passage_times + steps[0] >= 0)
+                & (passage_times + steps[-1] <= times[-1] + missing_samples)
             ]
-            places = at[:, None] + steps
+            places = passage_times[:, None] + steps
             windows = spline(places) - cycles[m]
             windows[places > times[-1]] = np.nan
-            windows_of[m].append(windows.reshape(len(at), cycles[m].size))
+            windows_of[m].append(windows.reshape(len(passage_times), cycles[m].size))
     return [np.concatenate(windows) for windows in windows_of]
 
 
@@ -263,9 +264,9 @@ def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
     """
     first = len(covariance) - len(growth)
     observed = covariance[:first, :first] + _WHITE_NOISE * np.eye(first)
-    across = covariance[:first, first:]
-    conditional = covariance[first:, first:] - across.T @ np.linalg.solve(
-        observed, across
+    cross_covariance = covariance[:first, first:]
+    conditional = covariance[first:, first:] - cross_covariance.T @ np.linalg.solve(
+        observed, cross_covariance
     )
     conditional *= growth
     conditional += added

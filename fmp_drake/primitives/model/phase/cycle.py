@@ -169,9 +169,11 @@ class CycleHistory:
 
 def _end_weights(phase: Array) -> Array:
     """Return weights (n,) that fall towards both ends of phases (n,)."""
-    ahead = np.maximum.accumulate(phase) - phase[0]
-    ramp = max(min(_RAMP, ahead[-1] / 2), 1e-9)
-    margin = np.minimum(ahead, ahead[-1] - ahead) + 0.5 * ahead[-1] / len(phase)
+    progress = np.maximum.accumulate(phase) - phase[0]
+    ramp = max(min(_RAMP, progress[-1] / 2), 1e-9)
+    margin = np.minimum(progress, progress[-1] - progress) + 0.5 * progress[-1] / len(
+        phase
+    )
     out: Array = np.sin(np.pi / 2 * np.minimum(margin / ramp, 1.0)) ** 2
     return out
 

@@ -30,9 +30,9 @@ class Loops:
     order : tuple of int
         Indices of the recordings in the order in which they are joined. The other
         attributes have this order.
-    kept : tuple of (int, int)
-        First sample of each recording that is kept, and the one after the last.
-    begins : tuple of int
+    intervals : tuple of (int, int)
+        First sample of each recording that is used, and the one after the last.
+    starts : tuple of int
         Index in `values` of the first sample of each recording.
     lengths : tuple of int
         Samples of each recording.
@@ -40,19 +40,19 @@ class Loops:
 
     values: Array
     order: tuple[int, ...]
-    kept: tuple[tuple[int, int], ...]
-    begins: tuple[int, ...]
+    intervals: tuple[tuple[int, int], ...]
+    starts: tuple[int, ...]
     lengths: tuple[int, ...]
 
     def parts(self, parts: Sequence[Part], rate: float) -> list[Part]:
         """Return parts of `values` as parts of the recordings, with long rests."""
         out = []
-        loops = zip(self.order, self.kept, self.begins, self.lengths, strict=True)
-        for i, (first, after), begin, length in loops:
-            rests = ((0, first), (after, length))
+        loops = zip(self.order, self.intervals, self.starts, self.lengths, strict=True)
+        for i, (first, stop), offset, length in loops:
+            rests = ((0, first), (stop, length))
             for part in parts:
-                start = max(part.start * rate - begin, 0) + first
-                end = min(part.end * rate - begin + first, after)
+                start = max(part.start * rate - offset, 0) + first
+                end = min(part.end * rate - offset + first, stop)
                 if end > start:
                     out.append(
                         Part(
@@ -65,7 +65,7 @@ class Loops:
             out += [
                 Part(recording=i, start=a / rate, end=b / rate, kind="pause")
                 for a, b in rests
-                if b - a > _SHORT * (after - first)
+                if b - a > _SHORT * (stop - first)
             ]
         return out
 
@@ -82,13 +82,13 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
     size = float(np.sqrt(np.concatenate(chosen).var(axis=0).sum()))
     steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in chosen]
     step = max(float(np.median(np.concatenate(steps))), 1e-12)
-    kept = [(_leaves(y, step), len(y) - _leaves(y[::-1], step)) for y in chosen]
-    if any(after - first < 2 for first, after in kept):
+    intervals = [(_leaves(y, step), len(y) - _leaves(y[::-1], step)) for y in chosen]
+    if any(after - first < 2 for first, after in intervals):
         return None
-    loops = [y[a:b] for y, (a, b) in zip(recordings, kept, strict=True)]
+    loops = [y[a:b] for y, (a, b) in zip(recordings, intervals, strict=True)]
     order = _order_of_small_gaps([y[:, columns] for y in loops])
     loops = [loops[i] for i in order]
-    pieces, begins = [loops[0]], [0]
+    pieces, starts = [loops[0]], [0]
     for before, loop in pairwise(loops):
         gap = loop[0] - before[-1]
         distance = float(np.linalg.norm(gap[columns]))
@@ -100,13 +100,13 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
             pieces[-1] = pieces[-1][:-1]
         between = np.linspace(0.0, 1.0, count + 1)[1:-1]
         pieces.append(before[-1] + gap * between[:, None])
-        begins.append(begins[-1] + len(before) + count - 1)
+        starts.append(starts[-1] + len(before) + count - 1)
         pieces.append(loop)
     return Loops(
         values=np.concatenate(pieces),
         order=tuple(order),
-        kept=tuple(kept[i] for i in order),
-        begins=tuple(begins),
+        intervals=tuple(intervals[i] for i in order),
+        starts=tuple(starts),
         lengths=tuple(len(recordings[i]) for i in order),
     )
 
@@ -117,14 +117,14 @@ def _order_of_small_gaps(loops: Sequence[Array]) -> list[int]:
     The nearest path follows each one; of all first paths, that with the least total gap
     is taken.
     """
-    begins, ends = (np.stack([y[end] for y in loops]) for end in (0, -1))
-    gaps = np.linalg.norm(ends[:, None] - begins, axis=2)
+    starts, ends = (np.stack([y[end] for y in loops]) for end in (0, -1))
+    gaps = np.linalg.norm(ends[:, None] - starts, axis=2)
     orders = []
     for first in range(len(loops)):
-        order, left = [first], gaps.copy()
+        order, remaining = [first], gaps.copy()
         while len(order) < len(loops):
-            left[:, order] = np.inf
-            order.append(int(np.argmin(left[order[-1]])))
+            remaining[:, order] = np.inf
+            order.append(int(np.argmin(remaining[order[-1]])))
         orders.append(order)
     return min(orders, key=lambda order: float(gaps[order[:-1], order[1:]].sum()))
 

@@ -329,9 +329,9 @@ class Residual:
         """Fit residuals (n, D) at phases (n,) of recordings."""
         phase, r = np.concatenate(phases), np.concatenate(residuals)
         grid = 2 * np.pi * np.arange(_GRID_PHASES) / _GRID_PHASES
-        near = np.exp((np.cos(grid[:, None] - phase) - 1) / _KERNEL_WIDTH**2)
-        near /= near.sum(axis=1, keepdims=True)
-        local = np.einsum("gn,na,nb->gab", near, r, r, optimize=True)
+        kernel = np.exp((np.cos(grid[:, None] - phase) - 1) / _KERNEL_WIDTH**2)
+        kernel /= kernel.sum(axis=1, keepdims=True)
+        local = np.einsum("gn,na,nb->gab", kernel, r, r, optimize=True)
         overall = r.T @ r / len(r)
         cycles = sum(float(p[-1] - p[0]) for p in phases) / (2 * np.pi)
         local = (cycles * local + _PRIOR_CYCLES * overall) / (cycles + _PRIOR_CYCLES)

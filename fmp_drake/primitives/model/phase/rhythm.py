@@ -199,10 +199,10 @@ def trend(values: Array) -> float:
     count = len(values)
     if count < 4:
         return 0.0
-    at = np.arange(count) - (count - 1) / 2
-    slope = float(at @ values) / float(at @ at)
-    errors = values - values.mean() - slope * at
-    deviation = np.sqrt(float(errors @ errors) / (count - 2) / float(at @ at))
+    offsets = np.arange(count) - (count - 1) / 2
+    slope = float(offsets @ values) / float(offsets @ offsets)
+    errors = values - values.mean() - slope * offsets
+    deviation = np.sqrt(float(errors @ errors) / (count - 2) / float(offsets @ offsets))
     change = slope * (count - 1) / float(values.mean())
     is_significant = abs(slope) > _STANDARD_ERRORS * deviation
     return change if is_significant and abs(change) > _LEAST_CHANGE else 0.0
@@ -310,15 +310,15 @@ def cyclic_samples(
         tangent, squared = tangents[nearest], square[nearest, None]
         error = y - points[nearest]
         # The error along the cycle is a phase error.
-        along = np.sum(error * tangent, axis=1, keepdims=True)
+        projection = np.sum(error * tangent, axis=1, keepdims=True)
         errors.append(
             error
-            - tangent * along / (squared + _LEAST_SQUARED_VELOCITY * square.mean())
+            - tangent * projection / (squared + _LEAST_SQUARED_VELOCITY * square.mean())
         )
-        along = np.sum(state[:, y.shape[1] :] * tangents[nearest], axis=1)
+        speed = np.sum(state[:, y.shape[1] :] * tangents[nearest], axis=1)
         is_too_slow = square[nearest] < _LEAST_SQUARED_VELOCITY * square.mean()
         speeds.append(
-            np.where(is_too_slow, 1.0, along / np.maximum(square[nearest], 1e-300))
+            np.where(is_too_slow, 1.0, speed / np.maximum(square[nearest], 1e-300))
         )
     inner = np.concatenate([e[m] for e, m in zip(errors, masks, strict=True)])
     inner = inner[
@@ -459,9 +459,9 @@ def _cycle_distance(states: Array, rests: Mask, period: float) -> Array:
         for first in range(0, len(states), 100):
             rows = np.arange(first, min(first + 100, len(states)))
             distance = squares - 2 * states[rows] @ moving_states.T
-            begins = np.searchsorted(moving, rows - 0.5 * period, side="right")
+            starts = np.searchsorted(moving, rows - 0.5 * period, side="right")
             ends = np.searchsorted(moving, rows + 0.5 * period)
-            for row, begin, end in zip(distance, begins, ends, strict=True):
+            for row, begin, end in zip(distance, starts, ends, strict=True):
                 row[begin:end] = np.inf
             out[rows] = distance.min(axis=1) + np.sum(states[rows] ** 2, axis=1)
     return np.sqrt(np.maximum(out, 0.0))

@@ -59,8 +59,8 @@ class PhaseTrack:
     @property
     def velocity(self) -> float:
         """The mean phase velocity, rad per sample."""
-        ahead = sum(float(p[-1] - p[0]) for p in self.phases)
-        return ahead / sum(len(p) - 1 for p in self.phases)
+        total = sum(float(p[-1] - p[0]) for p in self.phases)
+        return total / sum(len(p) - 1 for p in self.phases)
 
     @property
     def cycles(self) -> float:
