@@ -159,7 +159,7 @@ def _write_video(part: Path, frames: Iterator[Frame], fps: float) -> None:
             log.seek(0)
             message = log.read().decode(errors="replace").strip().splitlines()
             raise OSError(
-                f"ffmpeg says {message[-1] if message else process.returncode}"
+                f"ffmpeg reported {message[-1] if message else process.returncode}"
             )
 
 

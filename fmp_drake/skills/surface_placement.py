@@ -258,7 +258,7 @@ def _set_board(
     if scale < _LEAST_SCALE:
         raise DemonstrationError(
             f"it would fit onto the board at {100 * scale:.0f} % of its size; at least "
-            f"{100 * _LEAST_SCALE:.0f} % is needed. Take a larger board, or check the unit "
+            f"{100 * _LEAST_SCALE:.0f} % is needed. Use a larger board, or check the unit "
             "(--unit)."
         )
     board.shape, board.axis = fit.shape, "x"

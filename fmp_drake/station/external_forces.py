@@ -281,7 +281,7 @@ class SimulatedHand:
         if scene.whiteboard is None and "z" not in self.motion.channels:
             raise StationError(
                 f"the motion has {', '.join(self.motion.channels)}, and the scenario no board "
-                "to guide the tool over; take a motion with a height, such as stirring, or a "
+                "to guide the tool over; use a motion with a height, such as stirring, or a "
                 "scenario with a board."
             )
         hand = builder.AddSystem(

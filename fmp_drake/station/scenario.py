@@ -129,7 +129,7 @@ class Scenario:
         if self.press.force > 1.000001 * limit:
             return (
                 f"press.force is {self.press.force:g} N; the felt is squeezed to its "
-                f"core by {limit:.1f} N. Lower it, or take an eraser with a larger "
+                f"core by {limit:.1f} N. Lower it, or use an eraser with a larger "
                 "footprint or modulus."
             )
         if self.tool != "eraser" and self.has_board:

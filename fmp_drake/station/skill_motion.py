@@ -116,7 +116,7 @@ def CheckForceChannel(scenario: Scenario, roles: ChannelRoles) -> None:
     """
     if roles.force is not None and not scenario.has_board:
         raise StationError(
-            "the skill has a force channel, but board.shape is none. Take a scenario with "
+            "the skill has a force channel, but board.shape is none. Use a scenario with "
             "a board, or learn the skill without the channel."
         )
 

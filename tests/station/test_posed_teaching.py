@@ -53,7 +53,7 @@ def test_pulsing_records_the_force_of_the_contact():
 
 def test_a_hand_that_guides_over_a_board_needs_one():
     motion = HandMotion.make("eight", duration=5.0, seed=0)
-    with pytest.raises(StationError, match="take a motion with a height"):
+    with pytest.raises(StationError, match="use a motion with a height"):
         MakeStation(LoadScenario("stir"), SimulatedHand(motion))
 
 

@@ -71,8 +71,9 @@ class Spectrum:
     magnitude_mean, magnitude_std : ndarray, shape (H, D)
         In the units of the channels.
     phase_mean, phase_std : ndarray, shape (H, D)
-        Circular mean, -pi to pi, and circular standard deviation, rad. They mean little
-        for sliding windows, which start at any phase: use the relative ones.
+        Circular mean, -pi to pi, and circular standard deviation, rad. They are not
+        informative for sliding windows, which start at any phase: use the relative
+        ones.
     relative_phase_mean, relative_phase_std : ndarray, shape (H, D)
         The same for the phase relative to that of the first channel, rad, which does not
         depend on the start of a window.

@@ -69,7 +69,7 @@ class LcmPanda(Driver):
         if robot.driver != type(self).__name__:
             raise StationError(
                 f"{Path(robot.model).stem} is simulated only; the arm behind LCM is a "
-                "Panda. Take the robot panda, or leave out the arm."
+                "Panda. Use the robot panda, or leave out the arm."
             )
 
     def AddTo(

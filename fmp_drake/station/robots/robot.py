@@ -77,7 +77,7 @@ class RobotConfig:
         are those of the model.
     joint_prefixes : list of str
         Names of the arm before the numbers of joints in recordings: `panda` of
-        `panda_joint1`. Empty for any that no robot of the package has.
+        `panda_joint1`. Empty for any name except those of the package's robots.
 
     Examples
     --------
@@ -467,7 +467,7 @@ def AddArm(
         return arm
     if not official:
         raise StationError(
-            f"{model.name} has no official meshes in drake_models. Take visuals: own."
+            f"{model.name} has no official meshes in drake_models. Use visuals: own."
         )
     folder = _OfficialFolder(parser.package_map())
     description = ET.fromstring(model.read_text())
@@ -478,7 +478,7 @@ def AddArm(
     except RuntimeError as error:
         raise StationError(
             f"the official meshes in {folder} cannot be used: {error}. "
-            "Take visuals: own, which needs no download."
+            "Use visuals: own, which needs no download."
         ) from None
     return arm
 
@@ -492,8 +492,8 @@ def _OfficialFolder(packages: PackageMap) -> Path:
             "the official meshes (Drake's package drake_models) are not on this "
             "machine and could not be downloaded. Connect to the network once, with "
             "the environment variable DRAKE_ALLOW_NETWORK unset or naming "
-            "package_map; Drake keeps what it has downloaded. Or take visuals: own, "
-            f"which needs no download. Drake said: {error}"
+            "package_map; Drake keeps what it has downloaded. Or use visuals: own, "
+            f"which needs no download. Drake reported: {error}"
         ) from None
 
 
@@ -504,7 +504,7 @@ def _ReplaceVisuals(arm: ET.Element, official: Path) -> None:
     except (OSError, ET.ParseError) as error:
         raise StationError(
             f"the official arm {official} cannot be read: {error}. Remove Drake's "
-            "download cache (~/.cache/drake) to load it again, or take visuals: own."
+            "download cache (~/.cache/drake) to load it again, or use visuals: own."
         ) from None
     links = {link.get("name"): link for link in root.iter("link")}
     arm.extend(root.findall("material"))
@@ -517,7 +517,7 @@ def _ReplaceVisuals(arm: ET.Element, official: Path) -> None:
         if not visuals:
             raise StationError(
                 f"the official arm {official} has no visual on {name}: this Drake "
-                "brings another version of it. Take visuals: own."
+                "has another version of it. Use visuals: own."
             )
         for visual in own_visuals:
             link.remove(visual)

@@ -364,7 +364,7 @@ def limited_torque(
 class FrictionConfig:
     """Friction of joints, a sigmoid of their velocities [1]_.
 
-    An empty list stands for the numbers of the robot: a station fills it in.
+    A station replaces an empty list by the values of its robot.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ _SLIDERS = {
 }
 # Time between two readings, s.
 _PERIOD = 0.128
-# Largest difference, in steps, of a slider from the value that it stands for.
+# Largest difference, in steps, of a slider from the value that it represents.
 _ROUNDING = 0.501
 
 
@@ -62,10 +62,10 @@ class PageControls(LeafSystem):
     meshcat : Meshcat
         Its page gets the sliders.
     tempo : float
-        Initial value. The slider goes from 0.25 to 2, or as far as this.
+        Initial value. The range of the slider is 0.25 to 2, extended to this value.
     press_force : float or None
-        Initial value of the desired normal force, N. The slider goes from 0 to 15, or as far as this. None for neither
-        slider nor port.
+        Initial value of the desired normal force, N. The range of the slider is 0 to
+        15, extended to this value. None for neither slider nor port.
     sample : bool
         Initial value.
 

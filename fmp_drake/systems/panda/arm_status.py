@@ -21,8 +21,8 @@ _RANGE_MARGIN, _SPEED_MARGIN = 0.05, 0.05
 # Step of a position beyond its greatest speed, rad: noise of encoder and stamp.
 _STEP_MARGIN = 0.005
 # Largest difference between a position and its integrated velocity, rad. The difference
-# decays with the time constant, s, and a fraction of the velocity may be wrong: so a bias
-# of 0.05 rad/s, and a wrong scale, are no fault.
+# decays with the time constant, s, and a fraction of the velocity may be wrong: so a
+# bias of 0.05 rad/s, and a wrong scale, are not faults.
 _MISMATCH, _MISMATCH_TIME, _SCALE_ERROR = 0.005, 0.1, 0.05
 # Time, s, and number of statuses with identical bits after which a value is constant.
 _CONSTANT_TIME, _CONSTANT_STATUSES = 0.005, 3

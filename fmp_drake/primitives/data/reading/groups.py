@@ -145,7 +145,7 @@ def _joints(
 def _recognise(
     prefix: str, values: Array, options: ReadingOptions
 ) -> tuple[list[str], list[str], Array, bool] | None:
-    """Return names, units, values, and whether the quaternion order is unknown.
+    """Return names, units, values, and whether the order of a quaternion is unknown.
 
     None where nothing is recognised.
     """
