@@ -512,6 +512,21 @@ def test_torques_of_the_press_count_with_their_signs_in_each_sample(
     assert found.values["largest_torque_ratio"] == pytest.approx(TORQUE)
 
 
+def test_force_of_a_skill_counts_between_none_and_its_largest_one(predicted):
+    shown = demonstration(height=-0.004, force=(10.0, 12.0))
+    skill = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4).fit(shown)
+    effort = limits().upper_effort[1]
+    predicted.change = loads(-0.5, 0.5 * effort)
+    scenario = Scenario()
+    scenario.press.force = 1.0
+    scenario.board.error.translation = [0.0, 0.01, 0.0]  # Two boards.
+    values = CheckFeasibility(scenario, skill).values
+    # The eraser cannot pull: where the hand did, the torque is that without a press.
+    assert values["largest_torque_ratio"] == pytest.approx(0.5, abs=1e-4)
+    largest = values["friction_lag"] * 1500 / scenario.contact_friction()
+    assert 20.0 < largest <= skill.extent_[1, 3] + 1e-9
+
+
 # Paths -------------------------------------------------------------------
 
 

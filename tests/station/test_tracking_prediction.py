@@ -257,3 +257,16 @@ def test_a_jump_of_the_path_takes_several_samples(arm):
     assert distance[1] > 0.05
     assert np.all(np.diff(distance[1:4]) < 0)
     assert np.abs(motion.error[-1]).max() < 2e-3
+
+
+def test_deviations_are_lengths_of_the_errors(arm):
+    motion = arm.follow(np.zeros((4, 3)))
+    error = np.zeros((2, 4, 6))
+    error[1, 2] = [0.3, 0.4, 1.2, 0.02, 0.03, 0.06]
+    given = motion._replace(error=error)
+    for has_rotation, angle in ((False, 0.5), (True, 1.3)):
+        found = given.deviations(has_rotation=has_rotation)
+        for values, expected in zip(found, (0.07, angle), strict=True):
+            assert values.shape == (2, 4)
+            assert values[1, 2] == pytest.approx(expected)
+            assert np.sum(values) == pytest.approx(expected)
