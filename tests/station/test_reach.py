@@ -158,14 +158,11 @@ def test_a_sample_is_missed_by_more_than_10_mm_or_a_tenth_of_a_radian(
 def test_margins_are_to_the_nearer_limit_of_each_joint(reach, model):
     lower = model.plant.GetPositionLowerLimits()
     upper = model.plant.GetPositionUpperLimits()
-    middle, nothing = (lower + upper) / 2, np.zeros((1, 3, 7))
+    middle = (lower + upper) / 2
     # The spring begins at 0.1 rad, and 0.03 rad before it a joint counts as being at it.
-    q = np.array([[middle, upper - 0.2, lower + 0.12]])
-    given = PredictedMotion(
-        q, nothing, nothing, nothing, np.zeros((1, 3, 6)), np.zeros((1, 3))
-    )
-    *_, at_spring, margin = reach.missed(given)
-    assert at_spring.tolist() == [[False, False, True]]
+    one = np.where(np.arange(7) == 2, upper - 0.12, middle)
+    *_, at_spring, margin = reach.missed(at(middle, upper - 0.2, lower + 0.12, one))
+    assert at_spring.tolist() == [[False, False, True, True]]
     assert_allclose(margin[0, 0], (upper - lower) / 2)
     assert_allclose(margin[0, 1], np.minimum(0.2, upper - lower - 0.2))
     assert_allclose(margin[0, 2], np.minimum(0.12, upper - lower - 0.12))
