@@ -271,6 +271,28 @@ def test_predicted_parts_are_not_among_what_is_learned(monkeypatch):
     assert 100 < len(replay.pasts) <= 300
 
 
+def test_replay_predicts_several_parts_of_each_recording_without_them(monkeypatch):
+    recordings = [autoregressive(n, n, 0.9) for n in (300, 40, 120)]
+    track = PhaseTrack(recordings=recordings, phases=[], shifts=[], cycle=None)
+    replay = FakeReplay(track, lambda y: 0 * y)
+    monkeypatch.setattr(module, "Replay", replay)
+    calibrate_replay(recordings, SEEN, HORIZON)
+    counts = [number for _, number in replay.rests]
+    parts = {}
+    for (rest, first), last in zip(replay.rests, counts[1:], strict=False):
+        learned = {tuple(y) for part in rest for y in part}
+        pasts = replay.pasts[first:last]
+        for past in pasts:
+            missing = [tuple(y) in learned for y in replay.values[past : past + SEEN]]
+            assert not any(missing)
+        number = int(np.searchsorted([300, 340, 460], pasts[0], side="right"))
+        parts[number] = parts.get(number, 0) + 1
+    # In proportion to their lengths, and two of the shortest.
+    assert parts[1] == 2
+    assert parts[0] > parts[2] > 2
+    assert 150 < len(replay.pasts) <= 300
+
+
 def test_phases_that_are_shown_once_cannot_be_validated():
     """Of less than a cycle the prior is left, as of recordings that are too short."""
     phase = 2 * np.pi * np.arange(60) / 64

@@ -198,14 +198,15 @@ def test_a_joint_at_its_spring_is_named_only_where_the_path_is_missed(
 
 def test_rotation_channels_are_judged_about_the_normal_too(predicted, stirring):
     def change(motion, **_):
-        motion.error[few(9, motion), 2] = 0.3
+        # The normal is the third axis; of the others alone it would be 5 mm and 0.06 rad.
+        motion.error[:, 1] = [0.04, 0.05, 0.29, 0.005, 0.0, 0.0]
 
     predicted.change = change
-    scenario = Scenario()
-    found = CheckFeasibility(scenario, stirring)
+    found = CheckFeasibility(Scenario(), stirring)
     assert not found.is_feasible
-    assert found.values["largest_angle"] == pytest.approx(0.3)
-    assert "out of reach, by up to 0 mm and 17 degrees" in found.verdict
+    angle = np.sqrt(0.04**2 + 0.05**2 + 0.29**2)
+    assert found.values["largest_angle"] == pytest.approx(angle)
+    assert "out of reach, by up to 5 mm and 17 degrees" in found.verdict
     assert predicted.asked[0]["R_TE"].shape == (*found.paths.shape, 3)
 
 
@@ -525,6 +526,7 @@ def test_force_of_a_skill_counts_between_none_and_its_largest_one(predicted):
     assert values["largest_torque_ratio"] == pytest.approx(0.5, abs=1e-4)
     largest = values["friction_lag"] * 1500 / scenario.contact_friction()
     assert 20.0 < largest <= skill.extent_[1, 3] + 1e-9
+    assert values["tracking_error"] == pytest.approx(values["friction_lag"])
 
 
 # Paths -------------------------------------------------------------------
