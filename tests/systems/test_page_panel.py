@@ -10,6 +10,8 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.error
+import urllib.request
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -198,6 +200,69 @@ def test_another_page_s_web_socket_is_refused_even_with_the_token(sliding, heade
 @pytest.mark.parametrize("path", ["/", "/panel", "/meshcat.js"])
 def test_a_foreign_name_for_this_machine_is_refused(panel, path):
     assert ask(panel, path, Host="evil.example:8000")[0] == 403
+
+
+def status_of(panel, *hosts, upgrades, version="1.1"):
+    """Return the status of an answer to a request with these lines of Host."""
+    parts = urlsplit(panel.url)
+    lines = [
+        f"GET /?{parts.query} HTTP/{version}",
+        *(f"Host: {host}" for host in hosts),
+    ]
+    if upgrades:
+        lines += [
+            *("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13"),
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
+        ]
+    with socket.create_connection((parts.hostname, parts.port), timeout=20) as stream:
+        stream.sendall("\r\n".join([*lines, "", ""]).encode())
+        return int(stream.makefile("rb").readline().split()[1])
+
+
+@pytest.mark.parametrize("upgrades", [False, True])
+@pytest.mark.parametrize(
+    ("hosts", "is_own"),
+    [
+        (["localhost:{port}"], True),
+        (["LOCALHOST:{port}"], True),
+        (["127.0.0.1:{port}"], True),
+        (["[::1]:{port}"], True),
+        (["[::ffff:127.0.0.1]:{port}"], True),
+        (["localhost.:{port}"], False),
+        (["evil.example:{port}"], False),
+        (["EVIL.example.:{port}"], False),
+        (["127.0.0.1.evil.example:{port}"], False),
+        (["[::1].evil.example:{port}"], False),
+        (["[evil.example]:{port}"], False),
+        (["0x7f.1:{port}"], False),
+        (["localhost:{port}, evil.example"], False),
+        (["localhost:{port}", "evil.example:{port}"], False),
+        (["evil.example:{port}", "localhost:{port}"], False),
+        (["localhost:{port}", "localhost:{port}"], False),
+        ([], False),
+    ],
+)
+def test_one_host_that_is_this_machine_is_needed(panel, hosts, is_own, upgrades):
+    port = urlsplit(panel.url).port
+    hosts = [host.format(port=port) for host in hosts]
+    expected = (101 if upgrades else 200) if is_own else 403
+    assert status_of(panel, *hosts, upgrades=upgrades) == expected
+
+
+def test_a_client_led_here_by_another_name_is_refused(panel, monkeypatch):
+    # As by DNS rebinding: the name of another site leads to this machine.
+    lookup = socket.getaddrinfo
+    monkeypatch.setattr(
+        socket,
+        "getaddrinfo",
+        lambda host, *rest, **options: lookup(
+            "127.0.0.1" if host == "evil.example" else host, *rest, **options
+        ),
+    )
+    url = panel.url.replace("localhost", "evil.example")
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(url, timeout=20)
+    assert urllib.request.urlopen(panel.url, timeout=20).status == 200
 
 
 def test_a_hidden_meshcat_is_not_at_the_usual_address():

@@ -43,6 +43,8 @@ _REQUEST, _WATCHING, _OPERATING = "request", "watching", "operating"
 _CONTROL_FRAMES, _MASKED, _LONGEST_CONTROL = (0x88, 0x89, 0x8A), 0x80, 125
 _PORTS = range(8000, 8100)
 _OWN_PATH = re.compile(r"/[\w./-]*", re.ASCII)
+# Host of a request: an IPv6 address or a name, and a port.
+_HOST = re.compile(r"(\[(?P<address>[\da-f.:]+)\]|(?P<name>[\w.-]+))(:\d*)?", re.ASCII)
 _HANDSHAKE = (
     "Upgrade",
     "Connection",
@@ -95,13 +97,13 @@ def is_own_host(header: str, served_at: str) -> bool:
     served_at : str
         The host that the page is served at.
     """
+    parts = _HOST.fullmatch(header.lower())
+    if parts is None:
+        return False
+    name = parts["address"] or parts["name"]
+    if name in {"localhost", served_at.lower(), socket.gethostname().lower()}:
+        return True
     try:
-        parts = urlsplit(f"//{header}")
-        if parts.netloc != header or parts.username is not None:
-            return False
-        name = (parts.hostname or "").lower()
-        if name in {"localhost", served_at.lower(), socket.gethostname().lower()}:
-            return bool(name)
         ipaddress.ip_address(name)
     except ValueError:
         return False
@@ -302,7 +304,8 @@ def _bind(
 
         def do_GET(self) -> None:
             self.connection.settimeout(_TIMEOUT)
-            own = self.headers.get("Host", "")
+            hosts = self.headers.get_all("Host", [])
+            own = hosts[0] if len(hosts) == 1 else ""
             path, _, query = self.path.partition("?")
             given_token = parse_qs(query).get("token", [""])[-1]
             may_act = hmac.compare_digest(given_token.encode(), token.encode())
