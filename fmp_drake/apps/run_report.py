@@ -17,6 +17,7 @@ from fmp_drake.plots import plot_run
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS, check_graph, write_graph
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives.data.files import check_writable, write_text
+from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.runs import StationRun
 from fmp_drake.runs.log import SIGNALS
 
@@ -140,7 +141,7 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
     rows |= {
         "tracking error": tracking,
         "path deviation": _path_deviation(m),
-        "re-mapped": f"{_count_text(m['remap_count'], 'time')}{after_pushes}; the "
+        "re-mapped": f"{count_text(m['remap_count'], 'time')}{after_pushes}; the "
         "desired position jumps by at most "
         f"{1e3 * m['desired_position_jump_max_m']:.4f} mm",
         "limits": f"torque {100 * m['torque_ratio_max']:.0f} %, torque rate "
@@ -171,7 +172,7 @@ def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
         for percent in (50, 90, 99)
         if m[f"seconds_to_{percent}_percent"] is not None
     ]
-    spots = _count_text(m["missed_spots"], "spot")
+    spots = count_text(m["missed_spots"], "spot")
     remainder = f"{spots} of {m['missed_area_cm2']:.0f} cm² left"
     return {
         "cleaned": f"{100 * m['cleaned_fraction']:.1f} % of the board, "
@@ -185,10 +186,6 @@ def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
         "the desired force, "
         f"in contact {100 * m['contact_fraction']:.1f} % of the time",
     }
-
-
-def _count_text(count: int, noun: str) -> str:
-    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def _path_deviation(m: Mapping[str, Any]) -> str:

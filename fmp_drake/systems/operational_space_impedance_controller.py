@@ -15,21 +15,21 @@ needed, and whose stiffness and damping are chosen.
 - ``e`` is the rotation vector and the translation from the measured to the desired
   pose. The rotation vector is unwrapped: it is continuous through 180 degrees.
 - ``K`` is any symmetric positive definite matrix. T may move (`task_frame`).
-- ``D`` follows from the damping ratio ζ: ``Λ = B Bᵀ`` and ``K = B diag(ω²) Bᵀ``
-  are diagonalized together, ``D = B diag(2 ζ ω) Bᵀ``. Every mode has the ratio ζ,
-  at every configuration. With ``D = 2 sqrt(K)``, which assumes Λ = 1, an arm is
-  underdamped in translation and overdamped in rotation (a Panda: ζ of 0.2 to
-  0.5 in translation).
+- ``D`` follows from the damping ratio ζ: ``Λ = B Bᵀ`` and ``K = B diag(ω²) Bᵀ`` are
+  diagonalized together, ``D = B diag(2 ζ ω) Bᵀ``. Every mode has the ratio ζ, at
+  every configuration. With ``D = 2 sqrt(K)``, which assumes Λ = 1, an arm is
+  underdamped in translation and overdamped in rotation (a Panda: ζ of 0.2 to 0.5 in
+  translation).
 - ``a = ω_p² (q_p − q) − 2 ζ_p ω_p v`` keeps the posture in the nullspace;
   ``Nᵀ = I − Jᵀ Λ J M⁻¹`` is dynamically consistent: it does not accelerate the tool.
 
 Choosing the parameters
 =======================
-- *Stiffness*: a disturbance F displaces the tool by F / K; joint friction is
-  one (a Panda's is about 5 N at the tool). The natural frequency ``sqrt(K / Λ)`` (10 rad/s
-  at 1500 N/m and 15 kg) should stay below 1/20 of the control rate and below the frequencies in the
-  target's samples. Along the normal of a board choose a low stiffness: the error of the
-  force is K times the error of the board's height.
+- *Stiffness*: a disturbance F displaces the tool by F / K; joint friction is one (a
+  Panda's is about 5 N at the tool). The natural frequency ``sqrt(K / Λ)`` (10 rad/s
+  at 1500 N/m and 15 kg) should stay below 1/20 of the control rate and below the
+  frequencies in the target's samples. Along the normal of a board choose a low
+  stiffness: the error of the force is K times the error of the board's height.
 - *Damping ratio*: 1 for an approach without overshoot, 0.7 for a faster one; below 0.5
   the motion oscillates.
 - *Clips* `max_translation_error`, `max_rotation_error`: K times the clip is the

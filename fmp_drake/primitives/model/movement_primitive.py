@@ -371,15 +371,10 @@ class FourierMovementPrimitive(TrajectoryMixture):
         elif calibration is not None:
             # The errors of replay are added to the mixture's own covariance. A
             # requested mixture has the density of the paper.
-            background = 0.0
-            if self.model == self.n_components == "automatic":
-                background = calibration.background_weight
-            self.calibration_ = replace(
-                calibration,
-                model_weight=1.0,
-                local_factor=0.0,
-                background_weight=background,
-            )
+            calibration = replace(calibration, model_weight=1.0, local_factor=0.0)
+            if not self.model == self.n_components == "automatic":
+                calibration = replace(calibration, background_weight=0.0)
+            self.calibration_ = calibration
 
         if self.calibration_ is not None and has_few_windows:
             self.calibration_ = calibrate_playback(

@@ -331,12 +331,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             # Observed samples are not calibrated; the variances of few cycles are too
             # small.
             covariances *= variance_factor(max(self.phase_model_.cycles, 1))
-        degrees = None
-        if self.calibration_ is not None:
-            degrees = self.calibration_.degrees_of_freedom
-        return Prediction(
-            values=mean, covariances=covariances, degrees_of_freedom=degrees
-        )
+        dof = getattr(self.calibration_, "degrees_of_freedom", None)
+        return Prediction(values=mean, covariances=covariances, degrees_of_freedom=dof)
 
     def observation_rows(
         self,
