@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 
-from fmp_drake.plots import draw_samples_in_plane, draw_way_back, plot_skill
+from fmp_drake.plots import draw_rollout_in_plane, draw_samples_in_plane, plot_skill
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
@@ -72,7 +72,7 @@ print(
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.5), layout="constrained")
 draw_samples_in_plane(skill, n=10, demonstrations=recording, ax=left)
-draw_way_back(player, start, demonstrations=recording, ax=right)
+draw_rollout_in_plane(player, start, demonstrations=recording, ax=right)
 plot_skill(skill, recording, out / "skill_page.png")
 plt.show()
 

@@ -45,7 +45,7 @@ class Workers(Protocol):
         """Return the greatest number of concurrent tasks."""
 
 
-class Done[T, R](NamedTuple):
+class TaskResult[T, R](NamedTuple):
     """A task, its number of attempts, and its result or the error of the last one."""
 
     task: T
@@ -55,7 +55,7 @@ class Done[T, R](NamedTuple):
 
 def run_tasks[T, R](
     function: Callable[[T], R], tasks: Iterable[T], workers: Workers
-) -> Generator[Done[T, R]]:
+) -> Generator[TaskResult[T, R]]:
     """Call a function with each task; yield finished tasks in any order.
 
     A task whose process crashes is repeated, up to the workers' number of attempts.
@@ -103,7 +103,7 @@ def run_tasks[T, R](
                             waiting.appendleft((task, attempts + 1))
                             continue
                         result = reason
-                    yield Done(task, attempts, result)
+                    yield TaskResult(task, attempts, result)
 
 
 @contextmanager

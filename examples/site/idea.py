@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fmp_drake.plots import draw_samples_in_plane, draw_way_back
+from fmp_drake.plots import draw_rollout_in_plane, draw_samples_in_plane
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
 from fmp_drake.station import models_dir
 
@@ -44,7 +44,7 @@ def draw_idea(path: Path) -> None:
     left.margins(y=0.2)
     left.legend(loc="upper right", ncols=2, frameon=False)
     draw_samples_in_plane(skill, n=12, demonstrations=recording, ax=middle)
-    draw_way_back(Player(skill), start, demonstrations=recording, ax=right)
+    draw_rollout_in_plane(Player(skill), start, demonstrations=recording, ax=right)
     middle.set(xlim=right.get_xlim(), ylim=right.get_ylim())
     titles = (
         "windows that begin anywhere",

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from fmp_drake.apps.page import write_metrics
-from fmp_drake.apps.terminal import can_ask, is_entered
+from fmp_drake.apps.terminal import has_terminal, is_enter_pressed
 from fmp_drake.errors import RunError, StationError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
@@ -43,12 +43,12 @@ def guide_arm(
     console: Console, scenario: Scenario, config: LcmPanda, duration: float
 ) -> Demonstration:
     """Record the hand guiding of an arm, until Enter or for a duration, s."""
-    end = "Enter ends it" if can_ask() else f"for {duration:g} s"
+    end = "Enter ends it" if has_terminal() else f"for {duration:g} s"
     console.print(f"nothing is sent: guide the arm now, pressing lightly; {end}")
     demonstration = record_arm(
         scenario,
         config,
-        until=lambda elapsed: elapsed >= duration or is_entered(),
+        until=lambda elapsed: elapsed >= duration or is_enter_pressed(),
         note="guided by hand, on an arm behind LCM",
     )
     console.print(recorded_text(demonstration))
@@ -75,7 +75,7 @@ def wipe_with_arm(
     report: Path | None = None,
 ) -> None:
     """Play a skill on an arm; Enter enables and stops it."""
-    if not (go or can_ask()):
+    if not (go or has_terminal()):
         raise RunError(
             "there is no terminal in which to enable the arm; use one, or --go for a "
             "simulated arm."
@@ -88,7 +88,7 @@ def wipe_with_arm(
         panel=panel,
         demonstrations=demonstrations,
     )
-    if can_ask():
+    if has_terminal():
         console.print("Enter enables the arm, and stops it; Ctrl-C ends the program")
     last_state = None
     steps = 0
@@ -104,7 +104,7 @@ def wipe_with_arm(
             console.print(f"{run.mode.name.lower()}{reason}")
         if panel is not None:
             panel.show(**arm_in_words(run))
-        if is_entered():
+        if is_enter_pressed():
             (run.stop if run.mode.is_enabled else run.go)()
         elif go and steps % _REQUEST_STEPS == 0 and run.mode is GateMode.WAITING:
             run.go()

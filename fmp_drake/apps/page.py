@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from fmp_drake.apps.options import SceneOptions, arguments
-from fmp_drake.apps.terminal import can_ask, is_entered
+from fmp_drake.apps.terminal import has_terminal, is_enter_pressed
 from fmp_drake.errors import FmpError, RunError, SystemsError
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.station import Scenario
@@ -147,8 +147,8 @@ def wait_for_click(panel: PagePanel, names: Mapping[str, str]) -> str | None:
     for name in names:
         panel.meshcat.AddButton(name)
     try:
-        while can_ask() or is_watched(panel):
-            if is_entered():
+        while has_terminal() or is_watched(panel):
+            if is_enter_pressed():
                 return None
             for name in names:
                 if panel.meshcat.GetButtonClicks(name):

@@ -89,14 +89,14 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def can_ask() -> bool:
+def has_terminal() -> bool:
     """Return whether there is a terminal on which Enter can be pressed."""
     return sys.stdin is not None and sys.stdin.isatty()
 
 
-def is_entered() -> bool:
+def is_enter_pressed() -> bool:
     """Return whether Enter was pressed since the last call."""
-    if not (can_ask() and select.select([sys.stdin], [], [], 0)[0]):
+    if not (has_terminal() and select.select([sys.stdin], [], [], 0)[0]):
         return False
     sys.stdin.readline()
     return True

@@ -35,7 +35,7 @@ from fmp_drake.apps.page import (
     wait_for_law,
 )
 from fmp_drake.apps.run_report import RunFiles, print_report, report_rows
-from fmp_drake.apps.terminal import can_ask
+from fmp_drake.apps.terminal import has_terminal
 from fmp_drake.errors import RunError, StationError
 from fmp_drake.runs import MakeRun, StationRun
 from fmp_drake.runs.events import ADVICE
@@ -338,7 +338,7 @@ def _simulate(
         is_first = False
         if panel is None:
             return
-        if can_ask():
+        if has_terminal():
             console.print("the page stays open; press Enter to quit ", end="")
         choice = wait_for_click(panel, _BUTTONS_AFTER_A_RUN)
         if choice is None:

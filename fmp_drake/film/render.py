@@ -22,7 +22,7 @@ from fmp_drake.film.scene import (
 from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable, replaced
 from fmp_drake.runs import StationRun, WipingRun
-from fmp_drake.runs.log import Spill
+from fmp_drake.runs.log import TemporaryArray
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE, CameraConfig
 from fmp_drake.systems import InkGrid
 from fmp_drake.systems.surface.surface import place
@@ -83,7 +83,7 @@ class FilmReel:
         self._times: list[float] = []
         self._positions: list[NDArray[np.float64]] = []
         cells = 0 if self._ink is None else self._ink.size()
-        self._inks = Spill((cells,), np.uint8)
+        self._inks = TemporaryArray((cells,), np.uint8)
 
     def watch(self, simulator: Simulator) -> None:
         """Make `observe` the monitor of a simulator of the station or its diagram."""

@@ -17,15 +17,15 @@ from fmp_drake.plots.demonstrations import (
     draw_demonstrations_in_plane,
     plot_demonstrations,
 )
-from fmp_drake.plots.learned import draw_samples_in_plane, draw_way_back
+from fmp_drake.plots.learned import draw_rollout_in_plane, draw_samples_in_plane
 from fmp_drake.plots.reach import plot_reach
 from fmp_drake.plots.run_page import plot_run, write_graph
 from fmp_drake.plots.skill_page import plot_skill
 
 __all__ = [
     "draw_demonstrations_in_plane",
+    "draw_rollout_in_plane",
     "draw_samples_in_plane",
-    "draw_way_back",
     "plot_demonstrations",
     "plot_reach",
     "plot_run",

@@ -356,7 +356,7 @@ def draw_phase(
     set_title(residual_axes, "residual of the cycle")
 
 
-def draw_way_back(
+def draw_rollout_in_plane(
     player: Player,
     start: ArrayLike,
     *,

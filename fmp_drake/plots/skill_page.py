@@ -15,9 +15,9 @@ from fmp_drake.plots.learned import (
     draw_component_over_time,
     draw_heatmaps,
     draw_phase,
+    draw_rollout_in_plane,
     draw_rollout_over_time,
     draw_samples_in_plane,
-    draw_way_back,
 )
 from fmp_drake.plots.style import Channels, Demonstrations, same_limits, save, shape_of
 from fmp_drake.primitives import FourierMovementPrimitive, Player
@@ -85,7 +85,9 @@ def draw_skill(
                 )
             else:
                 ax.remove()
-        draw_way_back(player, start, demonstrations=demonstrations, ax=axes[1, 3])
+        draw_rollout_in_plane(
+            player, start, demonstrations=demonstrations, ax=axes[1, 3]
+        )
         same_limits([*axes[0], *axes[1, :component_count]])
         top.supxlabel(_TUBE, fontsize="small")
     else:

@@ -44,7 +44,7 @@ FORMAT = FileFormat(
     error=RunError,
 )
 
-# Size of a block of a `Spill`.
+# Size of a block of a `TemporaryArray`.
 _BLOCK_BYTES = 1 << 20
 
 type Rows = NDArray[np.float64] | Blocks
@@ -355,7 +355,7 @@ def write_log(
     path : pathlib.Path
     signals : mapping from str to (times, values)
         Shapes (N,) or (N, 1), s, and (N, columns), by names of `SIGNALS`; in memory or
-        in a `Spill`. Signals with the same times object share an array in the file.
+        in a `TemporaryArray`. Signals with the same times object share an array in the file.
     scenario : str
         YAML.
     seed : int
@@ -415,7 +415,7 @@ def _read_signal(
     )
 
 
-class Spill:
+class TemporaryArray:
     """Growing array in an anonymous temporary file.
 
     It takes no memory. The file is in the system's folder for temporary files (`TMPDIR`),

@@ -21,7 +21,7 @@ from fmp_drake.runs.log import (
     SIGNALS,
     Chunk,
     Rows,
-    Spill,
+    TemporaryArray,
     pop_samples,
     signal_kind,
     skill_signals,
@@ -187,10 +187,10 @@ class StationRun:
             roles=self.roles,
         )
         self._values = {
-            name: Spill((self._sinks[name].get_input_port().size(),))
+            name: TemporaryArray((self._sinks[name].get_input_port().size(),))
             for name in self.kept
         }
-        self._times = {signal_kind(name).period: Spill() for name in self.kept}
+        self._times = {signal_kind(name).period: TemporaryArray() for name in self.kept}
         if self.meshcat is not None and self._recording:
             self.meshcat.DeleteRecording()
             self.meshcat.StartRecording(frames_per_second=30.0)
@@ -405,8 +405,8 @@ class WipingRun(StationRun):
 
     def restart(self) -> None:
         """Discard all samples after a reset of the simulation; restart the recording."""
-        self._ink_times = Spill()
-        self._ink_samples = Spill((self.grid.num_cells,), np.uint8)
+        self._ink_times = TemporaryArray()
+        self._ink_samples = TemporaryArray((self.grid.num_cells,), np.uint8)
         if self._recording:
             self._record_ink()
         super().restart()

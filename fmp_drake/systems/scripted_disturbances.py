@@ -53,7 +53,7 @@ class Disturbance:
     >>> from fmp_drake.station import Scenario
     >>> push = Disturbance(start=2.0, every=5.0, force=[0.0, 20.0, 0.0])
     >>> scenario = Scenario(disturbances=[push])
-    >>> push.acts(2.5), push.acts(4.0), push.acts(7.5)
+    >>> push.is_active(2.5), push.is_active(4.0), push.is_active(7.5)
     (True, False, True)
     """
 
@@ -80,7 +80,7 @@ class Disturbance:
             )
         return ""
 
-    def acts(self, time: float) -> bool:
+    def is_active(self, time: float) -> bool:
         """Return whether the disturbance is active at a time, s."""
         since = time - self.start
         if self.every > 0 and since >= 0:
@@ -188,7 +188,7 @@ class ScriptedDisturbances(LeafSystem):
         time = context.get_time()
         force = np.zeros(3)
         for disturbance, vector_W in self._script:
-            if not disturbance.acts(time):
+            if not disturbance.is_active(time):
                 continue
             if disturbance.kind == "push":
                 force = force + vector_W

@@ -47,7 +47,7 @@ from fmp_drake.experiments.benchmark.splits import (
     load_movements,
     splits,
 )
-from fmp_drake.processes import Done
+from fmp_drake.processes import TaskResult
 
 PERIOD = 41.0
 
@@ -350,7 +350,7 @@ def test_one_method_is_run_again_and_the_others_are_kept(folder, tmp_path):
 @pytest.mark.usefixtures("few")
 def test_rows_do_not_depend_on_which_job_ends_first(folder, tmp_path, monkeypatch):
     def backwards(function, tasks, _):
-        return (Done(task, 1, function(task)) for task in reversed(tasks))
+        return (TaskResult(task, 1, function(task)) for task in reversed(tasks))
 
     written = []
     for name in ("forwards", "backwards"):

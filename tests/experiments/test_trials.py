@@ -285,7 +285,7 @@ def test_a_store_of_an_earlier_version_has_a_duration(tmp_path):
 
 def test_incomplete_plan_of_a_store_with_trials_is_refused(tmp_path):
     store = TrialStore(tmp_path, {"duration": "1.0"})
-    store.keep(Trial(number=0, scenario=""))
+    store.add(Trial(number=0, scenario=""))
     with pytest.raises(ExperimentError, match="trials of another spec"):
         TrialStore(tmp_path, {"spec": "", "seed": "0", "duration": "1.0"})
 
@@ -313,7 +313,7 @@ def test_full_disk_is_reported_and_keeps_stored_trials(
 
 def test_report_reads_no_text_as_html(make_store):
     store = make_store(passed, 1)
-    store.keep(replace(store.trial(0), code="<b>`<script>`"))
+    store.add(replace(store.trial(0), code="<b>`<script>`"))
     TrialsReport(store).write()
     page = (store.folder / "report.html").read_text()
     assert "&lt;b&gt;<code>&lt;script&gt;</code>" in page
@@ -542,7 +542,7 @@ def test_trials_of_an_older_version_are_still_reported(make_store):
     store = make_store(passed, 1)
     trial = store.trial(0)
     scenario = trial.scenario + "forgotten: {key: 1}\n"
-    store.keep(replace(trial, scenario=scenario, code="older"))
+    store.add(replace(trial, scenario=scenario, code="older"))
     TrialsReport(store).write()
     assert "Of 1 trials" in (store.folder / "report.html").read_text()
 

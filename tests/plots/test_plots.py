@@ -16,8 +16,8 @@ from matplotlib.patches import Rectangle
 from fmp_drake.errors import DemonstrationError, RunError, SkillError
 from fmp_drake.plots import (
     draw_demonstrations_in_plane,
+    draw_rollout_in_plane,
     draw_samples_in_plane,
-    draw_way_back,
     plot_demonstrations,
     plot_run,
     plot_skill,
@@ -110,7 +110,7 @@ IN_PLANE = {
     "windows": draw_windows_in_plane,
     "samples": lambda s, d, ax: draw_samples_in_plane(s, demonstrations=d, ax=ax),
     "component": lambda s, d, ax: draw_component_in_plane(s, 0, ax, demonstrations=d),
-    "way back": lambda s, d, ax: draw_way_back(
+    "rollout": lambda s, d, ax: draw_rollout_in_plane(
         Player(s), start_outside(s), duration=5.0, demonstrations=d, ax=ax
     ),
 }
@@ -171,7 +171,7 @@ class TestEveryPicture:
         assert ax.get_title(loc="left")
         ax.figure.canvas.draw()
 
-    @pytest.mark.parametrize("name", ["demonstrations", "samples", "way back"])
+    @pytest.mark.parametrize("name", ["demonstrations", "samples", "rollout"])
     def test_public_pictures_make_a_figure_of_their_own(self, name, two):
         ax = IN_PLANE[name](*two, None)
         width, height = ax.figure.get_size_inches()
@@ -223,7 +223,7 @@ class TestEveryPicture:
         with pytest.raises(RunError, match=r"only the channel x; .* needs two"):
             draw(skills[1], shown[1], single())
 
-    @pytest.mark.parametrize("name", ["samples", "component", "windows", "way back"])
+    @pytest.mark.parametrize("name", ["samples", "component", "windows", "rollout"])
     def test_a_demonstration_of_other_channels_is_an_error(self, name, skills, shown):
         with pytest.raises(RunError, match=r"channels x, y, z; .* have x, y"):
             IN_PLANE[name](skills[2], shown[3], single())
@@ -473,10 +473,10 @@ class TestHeatmaps:
 
 
 class TestPlayed:
-    def test_the_way_back_is_the_rollout_coloured_by_time(self, two):
+    def test_a_rollout_in_the_plane_is_that_of_the_player_coloured_by_time(self, two):
         skill, _ = two
         player, start = Player(skill), start_outside(skill)
-        ax = draw_way_back(player, start, duration=4.0)
+        ax = draw_rollout_in_plane(player, start, duration=4.0)
         (lines,) = ax.collections
         path_values = player.rollout(start, 4.0)[:, 0, ::-1]
         segments = np.array(lines.get_segments())
@@ -491,7 +491,7 @@ class TestPlayed:
     def test_several_starts_are_drawn_at_once(self, two):
         skill, _ = two
         starts = start_outside(skill) * np.array([[1.0], [-1.0], [0.5]])
-        ax = draw_way_back(Player(skill), starts, duration=2.0)
+        ax = draw_rollout_in_plane(Player(skill), starts, duration=2.0)
         assert len(ax.collections[0].get_segments()) == 3 * 20
         np.testing.assert_allclose(ax.lines[0].get_xydata(), starts[:, ::-1])
 
@@ -542,7 +542,7 @@ class TestPlayed:
         def over_time(player, start, **duration):
             draw_rollout_over_time(player, start, stack(3), **duration)
 
-        for draw in (draw_way_back, over_time):
+        for draw in (draw_rollout_in_plane, over_time):
             with pytest.raises(SkillError):
                 draw(player, [0.0, 0.0, 0.0])
             with pytest.raises(SkillError):

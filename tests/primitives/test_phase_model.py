@@ -757,7 +757,7 @@ def test_a_cycle_that_consists_of_equal_ones_is_recognised():
     phase = np.linspace(0, 2 * np.pi, 400)
     for count in (1, 2, 3):
         cycle = Cycle.fit(phase, curve(count * phase), harmonics=15)
-        assert cycle.folds(0.01) == count
+        assert cycle.repetitions(0.01) == count
 
 
 def test_tempo_and_size_of_every_cycle_are_kept(small, tmp_path):

@@ -1,4 +1,4 @@
-"""Facts about the way back to where a movement was demonstrated."""
+"""Facts about the return to the demonstrated movement."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_tube_contains_the_demonstrations(skill, mixture, demonstration):
     assert demonstrated_inside(mixture, demonstration) < 0.85
 
 
-# The way back --------------------------------------------------------------------
+# The return ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("model", ["skill", "mixture", "papers_skill"])

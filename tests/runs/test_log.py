@@ -11,7 +11,7 @@ from fmp_drake.runs.log import (
     SIGNALS,
     RunLog,
     Signal,
-    Spill,
+    TemporaryArray,
     current_versions,
     signal_kind,
     write_log,
@@ -70,7 +70,7 @@ def test_loaded_log_equals_the_saved_one(signals, path):
 def test_a_log_from_temporary_files_is_the_same(signals, path, tmp_path):
     spills = {}
     for array in {id(a): a for pair in signals.values() for a in pair}.values():
-        spills[id(array)] = Spill(array.shape[1:])
+        spills[id(array)] = TemporaryArray(array.shape[1:])
         for part in np.array_split(array, 3):
             spills[id(array)].append(part)
     spilled = {n: (spills[id(t)], spills[id(v)]) for n, (t, v) in signals.items()}
@@ -231,7 +231,7 @@ def test_a_log_that_cannot_be_written_is_an_error(signals, tmp_path):
 def test_rows_come_back_whole_and_in_blocks(row):
     # About four megabytes, in blocks of one.
     rows = np.random.default_rng(0).normal(size=(500_000 // int(np.prod(row)), *row))
-    spill = Spill(row)
+    spill = TemporaryArray(row)
     for part in np.array_split(rows, 7):
         spill.append(part)
     assert spill.shape == rows.shape
@@ -242,7 +242,7 @@ def test_rows_come_back_whole_and_in_blocks(row):
 
 
 def test_values_read_before_an_append_are_unchanged():
-    spill = Spill((2,), np.uint8)
+    spill = TemporaryArray((2,), np.uint8)
     assert spill.array().shape == (0, 2)
     spill.append([[1, 2]])
     first = spill.array()
@@ -257,7 +257,7 @@ def test_values_read_before_an_append_are_unchanged():
 
 def test_the_file_has_no_name(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    spill = Spill()
+    spill = TemporaryArray()
     spill.append(np.ones(10**6))
     assert spill.shape == (10**6,)
     assert list(tmp_path.iterdir()) == []

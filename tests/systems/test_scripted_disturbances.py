@@ -88,9 +88,9 @@ def test_push_acts_from_its_start_for_its_duration(plant, tip, time, acts):
 def test_disturbance_repeats():
     again = Disturbance(start=1.0, duration=0.5, every=2.0)
     for time in (1.2, 3.2, 41.4):
-        assert again.acts(time)
+        assert again.is_active(time)
     for time in (0.5, 1.7, 2.9, 42.6):
-        assert not again.acts(time)
+        assert not again.is_active(time)
 
 
 def test_force_acts_at_the_origin_of_the_grip(plant, tip):

@@ -81,7 +81,7 @@ def run_trials(
                 if isinstance(result, Exception):
                     reason = f"{type(result).__name__}: {result}"
                     result = replace(trial, error=f"its process ended ({reason})")
-                store.keep(replace(result, attempts=attempts))
+                store.add(replace(result, attempts=attempts))
                 yield number, len(missing)
 
 

@@ -127,7 +127,7 @@ class TrialStore:
         parts = (trial.scenario, duration.hex(), trial.code)
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
-    def keep(self, trial: Trial) -> None:
+    def add(self, trial: Trial) -> None:
         """Write a trial; it replaces a row with the same key."""
         row = {"key": self.key(trial)} | asdict(trial)
         row |= {name: json.dumps(row[name]) for name in _JSON}

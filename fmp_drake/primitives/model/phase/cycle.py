@@ -89,13 +89,13 @@ class Cycle:
         rows = _rows(np.asarray(phase, dtype=float), self.harmonics, derivative)
         return rows @ self.coefficients
 
-    def folds(self, tolerance: float) -> int:
+    def repetitions(self, tolerance: float) -> int:
         """Return the number of equal cycles in it, up to a fraction of its variance."""
         energy = np.sum(self.coefficients[1:] ** 2, axis=1).reshape(-1, 2).sum(axis=1)
         order = np.arange(1, len(energy) + 1)
-        for folds in (5, 4, 3, 2):
-            if energy[order % folds != 0].sum() < tolerance * energy.sum():
-                return folds
+        for repetitions in (5, 4, 3, 2):
+            if energy[order % repetitions != 0].sum() < tolerance * energy.sum():
+                return repetitions
         return 1
 
 

@@ -291,8 +291,8 @@ def _search(
         most = max(_CLEAR_MISFIT, _MISFIT_RATIO * _misfit(best.track))
         comparable = [a for a in acceptable if _misfit(a.track) <= most]
         best = max(comparable, key=lambda attempt: attempt.track.cycles)
-    while period is None and (folds := best.track.cycle.folds(_CLEAR_MISFIT)) > 1:
-        attempt = _attempt(recordings, 2 * np.pi / best.track.velocity / folds)
+    while period is None and (n := best.track.cycle.repetitions(_CLEAR_MISFIT)) > 1:
+        attempt = _attempt(recordings, 2 * np.pi / best.track.velocity / n)
         if (
             attempt is None
             or _objection(attempt, limits)
