@@ -48,7 +48,7 @@ _TRAIL_SEGMENTS = 12
 _MAX_ALPHA = 0.85
 _CAPTION_COLOR = "#1D2733"
 
-# VTK ends the process without EGL, so a process of its own tries it.
+# Without EGL, VTK ends the process, so a separate process tries it.
 _PROBE = """
 from pydrake.geometry import (ClippingRange, ColorRenderCamera, MakeRenderEngineVtk,
     RenderCameraCore, RenderEngineVtkParams, SceneGraph)

@@ -46,7 +46,7 @@ def plot_demonstrations(demonstrations: Demonstrations, path: str | Path) -> Non
 def draw_demonstrations_over_time(
     demonstrations: Demonstrations, axes: Sequence[Axes]
 ) -> tuple[Axes, ...]:
-    """Draw each channel of recordings over time, in axes of its own (Fig. 3a)."""
+    """Draw each channel of recordings over time, in separate axes (Fig. 3a)."""
     recordings = demonstration_list(demonstrations, "a picture")
     panels = TimePanels(Channels.of_demonstrations(recordings), axes)
     for ax, i in panels:

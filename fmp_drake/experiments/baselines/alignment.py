@@ -102,7 +102,7 @@ def align_periods(
     if not recordings:
         raise ExperimentError(
             f"no recording is longer than 1.5 periods of {period:.3g} samples; record "
-            "several cycles in one go."
+            "several consecutive cycles."
         )
     splines = [CubicSpline(np.arange(len(y)), y) for y in recordings]
     ends = [len(y) - 1 for y in recordings]
@@ -124,7 +124,7 @@ def align_periods(
         if len(periods) < 2:
             raise ExperimentError(
                 f"there are fewer than 2 full periods of {period:.3g} samples; record more "
-                "cycles in one go."
+                "consecutive cycles."
             )
         template = periods.mean(axis=0)
     return AlignedPeriods(values=periods, durations=np.concatenate(durations))

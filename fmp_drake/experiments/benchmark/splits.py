@@ -223,7 +223,7 @@ def prediction_instants(
 def _cut_training_part(
     parts: Sequence[Array], size: int, place: int
 ) -> tuple[list[Array], list[Array]]:
-    """Cut a number of samples out of parts at a place; return them and the rest."""
+    """Cut a training part out of parts at a place; return both."""
     if len(parts) == 1:
         (y,) = parts
         first = round(place / (PLACES - 1) * (len(y) - size))

@@ -98,8 +98,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         Samples per second (Hz); demonstrations are resampled to it.
     n_components : int or "automatic"
         M, Gaussians in the mixture. "automatic": 80, or fewer where the recordings are
-        short: one for each 7 windows, at least 5. The phase model has at most so many:
-        one for each sample of a period, from 30 to 80.
+        short: one for each 7 windows, at least 5. It is an upper limit for the phase
+        model, which has one for each sample of a period, from 30 to 80.
     overlap : int, optional
         K, samples that two consecutive windows share when a skill is played. Where None
         half a second, at most a quarter of `window`; 10 with `n_steps`.

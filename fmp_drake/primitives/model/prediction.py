@@ -225,8 +225,8 @@ class Extrapolation:
             )
             coefficients.append(solved[..., 0].T)
             error = change - np.einsum("ndp,pd->nd", x, coefficients[-1])
-            # Windows that overlap are not independent: there are count / step. To
-            # first order this is the final prediction error (Akaike, 1970) of so many.
+            # Windows that overlap are not independent: there are count / step. To first
+            # order this is the final prediction error (Akaike, 1970) of that number.
             # Unfamiliar pasts have greater errors.
             covariance = error.T @ error / count * (1 + 2 * p * step / count)
             leverages.append(step * np.linalg.inv(square))

@@ -21,7 +21,7 @@ class Relaxation:
     Attributes
     ----------
     modes : ndarray, shape (n, r), or None
-        None where every weight is a mode of its own: r = n.
+        None where every weight is a separate mode: r = n.
     rates : ndarray, shape (r,)
         Per second.
     complement_rate : float
@@ -40,7 +40,7 @@ class Relaxation:
         """Return the rates of decay in each of D channels, shape (D, m).
 
         They are those of all modes and of their orthogonal complement, or those of the
-        channel's weights where every weight is a mode of its own.
+        channel's weights where every weight is a separate mode.
         """
         if self.modes is None:
             return self.rates.reshape(channels, -1)

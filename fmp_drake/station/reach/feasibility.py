@@ -293,8 +293,8 @@ class _Check:
     def remedy(self) -> tuple[str, float | None]:
         """Return a text about the smallest change with which the check passes.
 
-        Each change is checked as a scenario of its own. The second value is the tempo, if a
-        slower one is sufficient.
+        Each change is checked as a separate scenario. The second value is the tempo, if
+        a slower one is sufficient.
         """
         if words := self._pace_remedy():
             return words, self._slower

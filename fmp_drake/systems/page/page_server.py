@@ -1,4 +1,4 @@
-"""Server of the page with its panel: a program of its own, without Drake.
+"""Server of the page with its panel: a separate program, without Drake.
 
 Its arguments are the address of a Meshcat and the host to serve at. It prints its port.
 The first line of its input is the operator's token, every further line the fields of the

@@ -401,7 +401,7 @@ def _calibration(
             squares = np.sum(deviations * solved, axis=2) / d
             squares, scale_counts = _part_means(squares, errors.part)
             logs = np.log(np.maximum(squares, 1e-12)) * (scale_counts > 0)
-    # Of many cycles only few parts are left out, but they are long.
+    # With many cycles only few parts are left out, but they are long.
     count_of_many = cycles**2 / _CYCLES_OF_MANY
     count = np.where(count > 0, np.maximum(count, count_of_many), 0.0)
     scale_counts = np.where(
@@ -464,7 +464,7 @@ def variance_factor(cycles: float) -> float:
 
 
 def _changes(recordings: Sequence[Array], horizons: NDArray[np.int64]) -> Array:
-    """Return second moments (A, D, D) of the change after so many samples."""
+    """Return second moments (A, D, D) of the change within each horizon."""
     out: list[Array] = []
     for h in horizons.tolist():
         change = [y[h:] - y[:-h] for y in recordings if len(y) > h]

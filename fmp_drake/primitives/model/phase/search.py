@@ -287,7 +287,7 @@ def _search(
         )
     best = min(acceptable, key=lambda attempt: _misfit(attempt.track))
     if limits is not _LIMITS[0]:
-        # Of few cycles, choose the shortest period among those of similar misfit.
+        # With few cycles, choose the shortest period among those of similar misfit.
         most = max(_CLEAR_MISFIT, _MISFIT_RATIO * _misfit(best.track))
         comparable = [a for a in acceptable if _misfit(a.track) <= most]
         best = max(comparable, key=lambda attempt: attempt.track.cycles)
