@@ -96,12 +96,10 @@ def FindRobot(demonstration: Demonstration, *, robot: str) -> str | None:
     """
     if RobotJoints(demonstration, robot=robot):
         return robot
-    named = (
-        other
-        for other in ListRobots()
-        if RobotJoints(demonstration, robot=other, needs_own_names=True)
-    )
-    return next(named, None)
+    for other in ListRobots():
+        if RobotJoints(demonstration, robot=other, needs_own_names=True):
+            return other
+    return None
 
 
 def _joint_names(plant: MultibodyPlant) -> list[str]:

@@ -113,12 +113,8 @@ def fit_surface(
         raise DemonstrationError(
             f"the surface is {shape!r}; choose one of: {', '.join(SHAPES)}."
         )
-    contact = np.concatenate(
-        [p[mask] for p, mask in zip(points, touching, strict=True)]
-    )
-    others = np.concatenate(
-        [p[~mask] for p, mask in zip(points, touching, strict=True)]
-    )
+    contact = np.concatenate([p[m] for p, m in zip(points, touching, strict=True)])
+    others = np.concatenate([p[~m] for p, m in zip(points, touching, strict=True)])
     if len(contact) < _LEAST_SAMPLES:
         raise DemonstrationError(
             f"the tool touches in {len(contact)} samples; at least {_LEAST_SAMPLES} are "
@@ -217,8 +213,8 @@ def _centred(
         p_ST = surfaces.point(fit.curvature, u, v)
         rotation, origin = fit.rotation @ R_ST, fit.origin + fit.rotation @ p_ST
         z = rotation[:, 2]
-        axis_of_D = np.eye(3)[1 if abs(z[0]) > 0.9 else 0]
-        x = axis_of_D - (axis_of_D @ z) * z
+        axis_D = np.eye(3)[1 if abs(z[0]) > 0.9 else 0]
+        x = axis_D - (axis_D @ z) * z
         if fit.shape == "cylinder":
             axis = rotation[:, 0]
             x = axis * (1.0 if axis @ x + 1e-6 * axis[1] >= 0 else -1.0)

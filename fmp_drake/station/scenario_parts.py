@@ -508,12 +508,8 @@ def _check_types(value: Any, default: Any, name: str = "") -> None:
 
 
 # Items of lists that are empty by default; of all others they are numbers.
-_ITEMS: dict[str, Any] = {
-    "disturbances": Disturbance(),
-    "contact_free": [""],
-    "joint_names": "",
-    "joint_prefixes": "",
-}
+_ITEMS: dict[str, Any] = {"disturbances": Disturbance(), "contact_free": [""]}
+_ITEMS |= dict.fromkeys(("joint_names", "joint_prefixes"), "")
 _EXPECTED = {bool: "true or false", str: "text", type(None): "a number or null"}
 
 

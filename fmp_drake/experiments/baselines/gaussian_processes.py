@@ -142,12 +142,10 @@ class PeriodicGP(Method):
         variances = np.empty_like(values)
         for d, parameters in enumerate(self.parameters_):
             covariance = _covariance(parameters, k + horizon)
-            cross_covariance = covariance[:k, k:]
-            gains = cho_solve(cho_factor(covariance[:k, :k]), cross_covariance)
+            cross = covariance[:k, k:]
+            gains = cho_solve(cho_factor(covariance[:k, :k]), cross)
             values[:, d] = scaled[:, d] @ gains
-            variances[:, d] = np.diag(covariance)[k:] - np.sum(
-                gains * cross_covariance, axis=0
-            )
+            variances[:, d] = np.diag(covariance)[k:] - np.sum(gains * cross, axis=0)
         return Forecast(
             values=values * self.scale_ + self.mean_,
             covariances=diagonal(variances * self.scale_**2),
@@ -270,9 +268,9 @@ class RecordingGP(Method):
             period = parameters[7]
             begin = self._times[-1] + period * (1 + np.arange(_PHASES) / _PHASES)
             times = begin[:, None] + np.arange(count)
-            cross_covariance = _kernel(parameters, times.ravel(), self._times)
-            mean = (cross_covariance @ solved).reshape(_PHASES, count)
-            half = np.linalg.solve(np.tril(factor[0]), cross_covariance.T)
+            cross = _kernel(parameters, times.ravel(), self._times)
+            mean = (cross @ solved).reshape(_PHASES, count)
+            half = np.linalg.solve(np.tril(factor[0]), cross.T)
             half = half.T.reshape(_PHASES, count, -1)
             prior = _kernel(parameters, times[0], times[0])
             prior += parameters[6] ** 2 * np.eye(count)

@@ -89,14 +89,10 @@ class PeriodicKMP(Method):
         # In units of the movement's variance the kernel has height 1.
         height = float(np.mean(np.var(self._means, axis=0)))
         factor = cho_factor(gram + _REGULARISATION * noise / height)
-        cross_covariance = np.kron(
-            self._kernel(phases[k:], nodes, self.length_), np.eye(d)
-        )
+        cross = np.kron(self._kernel(phases[k:], nodes, self.length_), np.eye(d))
         center = self._means.mean(axis=0)
-        mean = cross_covariance @ cho_solve(factor, (values - center).ravel())
-        explained = np.diagonal(
-            cross_covariance @ cho_solve(factor, cross_covariance.T)
-        )
+        mean = cross @ cho_solve(factor, (values - center).ravel())
+        explained = np.diagonal(cross @ cho_solve(factor, cross.T))
         variances = np.maximum(height * (1 - explained), 0).reshape(-1, d)
         indices = np.interp(
             np.mod(phases[k:], 2 * np.pi), self._phases, np.arange(_REFERENCES)
@@ -119,9 +115,9 @@ class PeriodicKMP(Method):
         errors = []
         for length in _LENGTHS:
             gram = self._kernel(self._phases[::2], self._phases[::2], length)
-            cross_kernel = self._kernel(self._phases[1::2], self._phases[::2], length)
+            cross = self._kernel(self._phases[1::2], self._phases[::2], length)
             weights = np.linalg.solve(gram + 1e-4 * np.eye(len(gram)), mean[::2])
-            errors.append(float(np.sum((cross_kernel @ weights - mean[1::2]) ** 2)))
+            errors.append(float(np.sum((cross @ weights - mean[1::2]) ** 2)))
         return _LENGTHS[int(np.argmin(errors))]
 
     @staticmethod

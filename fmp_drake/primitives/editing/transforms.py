@@ -131,18 +131,14 @@ def transform_space(
                 f"the skill has an orientation, which a rotation of {count} channels "
                 "does not rotate; name three channels, or set rotate_orientation=False."
             )
-        rotation_channels = channel_indices(list(ROTATION_CHANNELS), skill.channels_)
-        if set(rotation_channels) & set(index):
+        indices = channel_indices(list(ROTATION_CHANNELS), skill.channels_)
+        if set(indices) & set(index):
             raise SkillError(
                 "the rotation channels are rotated along with a position; name the channels "
                 "of the position."
             )
         out = _apply(
-            out,
-            index=rotation_channels,
-            rotation=matrix,
-            scale=1.0,
-            translation=np.zeros(3),
+            out, index=indices, rotation=matrix, scale=1.0, translation=np.zeros(3)
         )
         quaternion = Rotation.from_matrix(matrix) * Rotation.from_quat(reference)
         changes["rotation_reference_"] = tuple(

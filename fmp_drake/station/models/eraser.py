@@ -76,10 +76,10 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     check_settings(config, StationError, "eraser.")
     x, y = config.footprint
     parts: list[Visual | Collision] = [
-        Visual("plate", Cylinder(0.0315, 0.008), position=(0, 0, 0.004), colour=_METAL),
-        Visual("stem", Cylinder(0.012, 0.042), position=(0, 0, 0.029), colour=_METAL),
+        Visual("plate", Cylinder(0.0315, 0.008), at=(0, 0, 0.004), colour=_METAL),
+        Visual("stem", Cylinder(0.012, 0.042), at=(0, 0, 0.029), colour=_METAL),
         *_Handle(x + _RIM, y + _RIM),
-        Visual("felt", Box(x, y, 0.030), position=(0, 0, 0.085), colour=_FELT),
+        Visual("felt", Box(x, y, 0.030), at=(0, 0, 0.085), colour=_FELT),
         *_Contacts(config),
     ]
     return AddModel(
@@ -125,17 +125,11 @@ def _Contacts(config: EraserConfig) -> list[Collision]:
     hard: dict[str, float] = {"modulus": _CORE_MODULUS, "dissipation": 5}
     mu = config.friction
     return [
-        Collision(
-            "felt", Box(x, y, _THICKNESS), position=(0, 0, 0.085), friction=mu, **felt
-        ),
-        Collision(
-            "core", core, position=(0, 0, 0.085 - FELT_DEPTH / 2), friction=mu, **hard
-        ),
-        Collision("handle", handle, position=(0, 0, 0.060), friction=mu, **hard),
-        Collision("stem", Cylinder(0.012, 0.042), position=(0, 0, 0.029), friction=mu),
-        Collision(
-            "plate", Cylinder(0.0315, 0.008), position=(0, 0, 0.004), friction=mu
-        ),
+        Collision("felt", Box(x, y, _THICKNESS), at=(0, 0, 0.085), friction=mu, **felt),
+        Collision("core", core, at=(0, 0, 0.085 - FELT_DEPTH / 2), friction=mu, **hard),
+        Collision("handle", handle, at=(0, 0, 0.060), friction=mu, **hard),
+        Collision("stem", Cylinder(0.012, 0.042), at=(0, 0, 0.029), friction=mu),
+        Collision("plate", Cylinder(0.0315, 0.008), at=(0, 0, 0.004), friction=mu),
     ]
 
 
@@ -158,23 +152,17 @@ def _Handle(x: float, y: float) -> list[Visual]:
     """Return the visuals of a rounded handle, z from 0.047 to 0.070."""
     r = 0.24 * min(x, y)
     parts = [
-        Visual(
-            "handle", Box(x - 2 * r, y, 0.013), position=(0, 0, 0.0635), colour=_BLUE
-        ),
-        Visual(
-            "handle_x", Box(x, y - 2 * r, 0.013), position=(0, 0, 0.0635), colour=_BLUE
-        ),
+        Visual("handle", Box(x - 2 * r, y, 0.013), at=(0, 0, 0.0635), colour=_BLUE),
+        Visual("handle_x", Box(x, y - 2 * r, 0.013), at=(0, 0, 0.0635), colour=_BLUE),
         Visual(
             "handle_top",
             Ellipsoid(0.47 * x, 0.46 * y, 0.013),
-            position=(0, 0, 0.057),
+            at=(0, 0, 0.057),
             colour=_BLUE,
         ),
     ]
     corners = [(sx * (x / 2 - r), sy * (y / 2 - r)) for sx in (1, -1) for sy in (1, -1)]
     for i, corner in enumerate(corners, start=1):
-        position = (*corner, 0.0635)
-        parts.append(
-            Visual(f"handle_{i}", Cylinder(r, 0.013), position=position, colour=_BLUE)
-        )
+        at = (*corner, 0.0635)
+        parts.append(Visual(f"handle_{i}", Cylinder(r, 0.013), at=at, colour=_BLUE))
     return parts

@@ -91,12 +91,12 @@ class Visual(NamedTuple):
 
     name: str
     shape: Shape
-    position: Sequence[float]
+    at: Sequence[float]
     colour: Colour
 
     def AddTo(self, plant: MultibodyPlant, body: RigidBody) -> None:
         """Register the shape with its two colours."""
-        X = RigidTransform(np.array(self.position, dtype=float))
+        X = RigidTransform(np.array(self.at, dtype=float))
         shown = GeometryInstance(X, self.shape, self.name)
         shown.set_illustration_properties(
             MakePhongIllustrationProperties(np.array([*self.colour, 1.0]))
@@ -118,7 +118,7 @@ class Collision(NamedTuple):
 
     name: str
     shape: Shape
-    position: Sequence[float]
+    at: Sequence[float]
     friction: float
     modulus: float | None = None
     dissipation: float = 0.0
@@ -136,7 +136,7 @@ class Collision(NamedTuple):
         AddContactMaterial(
             dissipation=dissipation, friction=friction, properties=contact
         )
-        X = RigidTransform(np.array(self.position, dtype=float))
+        X = RigidTransform(np.array(self.at, dtype=float))
         plant.RegisterCollisionGeometry(body, X, self.shape, self.name, contact)
 
 

@@ -114,7 +114,7 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
     middle, slab = (0.0, 0.0, -_THICKNESS / 2), Box(x, y, _THICKNESS)
     parts: list[Visual | Collision] = []
     if config.curvature().is_plane:
-        parts += [Visual("slab", slab, position=middle, colour=_WHITE), *_Frame(x, y)]
+        parts += [Visual("slab", slab, at=middle, colour=_WHITE), *_Frame(x, y)]
         parts += _FrameContacts(x, y, config.friction)
         parts += _Legs(x, y) if config.legs else _Mount(x, y)
         parts.append(_SlabContact(x, y, config.friction))
@@ -149,23 +149,19 @@ def _SlabContact(x: float, y: float, friction: float) -> Collision:
     """Return the contact of the slab, as the convex hull of its corners."""
     sides = ((-x / 2, x / 2), (-y / 2, y / 2), (-_THICKNESS, 0.0))
     hull = Convex(np.array(list(product(*sides))).T, "slab")
-    return Collision(
-        "slab", hull, position=_ORIGIN, modulus=_MODULUS, friction=friction
-    )
+    return Collision("slab", hull, at=_ORIGIN, modulus=_MODULUS, friction=friction)
 
 
 def _Frame(x: float, y: float) -> list[Visual]:
     """Return the visuals of four bars around the slab, and of caps on the corners."""
     gap = _CORNER - _EDGE  # From the slab's edge to a cap's axis.
     bars = [
-        Visual(f"frame_{side}", bar, position=position, colour=_METAL)
-        for side, bar, position in _Bars(
-            x, y, length_x=x - 2 * gap, length_y=y - 2 * gap
-        )
+        Visual(f"frame_{side}", bar, at=at, colour=_METAL)
+        for side, bar, at in _Bars(x, y, length_x=x - 2 * gap, length_y=y - 2 * gap)
     ]
     cap = Cylinder(_CORNER, 0.028)
     return bars + [
-        Visual(f"corner_{i}", cap, position=(*corner, _BAR_Z), colour=_DARK)
+        Visual(f"corner_{i}", cap, at=(*corner, _BAR_Z), colour=_DARK)
         for i, corner in enumerate(_Corners(x, y, gap), start=1)
     ]
 
@@ -174,10 +170,8 @@ def _FrameContacts(x: float, y: float, friction: float) -> list[Collision]:
     """Return the contact geometry of the bars; two of them include the corners."""
     bars = _Bars(x, y, length_x=x, length_y=y + 2 * _EDGE)
     return [
-        Collision(
-            f"bar_{i}", bar, position=position, modulus=_MODULUS, friction=friction
-        )
-        for i, (_, bar, position) in enumerate(bars, start=1)
+        Collision(f"bar_{i}", bar, at=at, modulus=_MODULUS, friction=friction)
+        for i, (_, bar, at) in enumerate(bars, start=1)
     ]
 
 
@@ -204,8 +198,8 @@ def _Legs(x: float, y: float) -> list[Visual]:
     leg, foot = Cylinder(0.012, 0.072), Cylinder(0.020, 0.008)
     legs = []
     for i, corner in enumerate(_Corners(x, y, 0.03), start=1):
-        legs.append(Visual(f"leg_{i}", leg, position=(*corner, -0.056), colour=_METAL))
-        legs.append(Visual(f"foot_{i}", foot, position=(*corner, -0.096), colour=_DARK))
+        legs.append(Visual(f"leg_{i}", leg, at=(*corner, -0.056), colour=_METAL))
+        legs.append(Visual(f"foot_{i}", foot, at=(*corner, -0.096), colour=_DARK))
     return legs
 
 
@@ -215,8 +209,8 @@ def _Post(config: BoardConfig) -> list[Visual]:
     post, foot = Cylinder(0.020, length), Cylinder(0.060, 0.008)
     bottom = -_THICKNESS - length
     return [
-        Visual("post", post, position=(0.0, 0.0, bottom + length / 2), colour=_METAL),
-        Visual("foot", foot, position=(0.0, 0.0, bottom + 0.004), colour=_DARK),
+        Visual("post", post, at=(0.0, 0.0, bottom + length / 2), colour=_METAL),
+        Visual("foot", foot, at=(0.0, 0.0, bottom + 0.004), colour=_DARK),
     ]
 
 
@@ -224,9 +218,9 @@ def _Mount(x: float, y: float) -> list[Visual]:
     """Return the visuals of two rails behind the slab, and a plate between them."""
     rail, plate = Box(0.72 * x, 0.03, 0.014), Box(0.16 * x, 0.5 * y + 0.03, 0.012)
     return [
-        Visual("rail_1", rail, position=(0, 0.25 * y, -0.027), colour=_METAL),
-        Visual("rail_2", rail, position=(0, -0.25 * y, -0.027), colour=_METAL),
-        Visual("plate", plate, position=(0, 0, -0.040), colour=_DARK),
+        Visual("rail_1", rail, at=(0, 0.25 * y, -0.027), colour=_METAL),
+        Visual("rail_2", rail, at=(0, -0.25 * y, -0.027), colour=_METAL),
+        Visual("plate", plate, at=(0, 0, -0.040), colour=_DARK),
     ]
 
 
@@ -312,8 +306,8 @@ def _CurvedSlab(config: BoardConfig) -> list[Visual | Collision]:
     shape = Mesh(InMemoryMesh(mesh_file=MemoryFile(_obj(*mesh), ".obj", "slab")))
     friction = config.friction
     return [
-        Collision("slab", shape, position=_ORIGIN, modulus=math.inf, friction=friction),
-        Visual("slab", shape, position=_ORIGIN, colour=_WHITE),
+        Collision("slab", shape, at=_ORIGIN, modulus=math.inf, friction=friction),
+        Visual("slab", shape, at=_ORIGIN, colour=_WHITE),
     ]
 
 

@@ -125,7 +125,7 @@ class TrackingPredictor:
         before, samples = q, []
         inverse = _inverse(M, J, damping[:, 0])
         for k in range(path.shape[1]):
-            row = min(max(k - _LEAD_IN - _SETTLE, 0), R_WB.shape[1] - 1)
+            i = min(max(k - _LEAD_IN - _SETTLE, 0), R_WB.shape[1] - 1)
             posture_error = _limited(q_posture - q, config.max_posture_error)
             u = (u + pull * posture_error) / (1 + brake + step * pull)
             u -= _times(inverse, _times(J, u))
@@ -135,7 +135,7 @@ class TrackingPredictor:
                 most = np.minimum(upper, q + step * speed)
             q = q + step * u
             for _ in range(_CORRECTIONS):
-                pose_error = _errors(self._poses(q), path[:, k], R_WE[:, row])
+                pose_error = _errors(self._poses(q), path[:, k], R_WE[:, i])
                 dq = _limited(_times(inverse, pose_error), _LONGEST_STEP)
                 # Other joints compensate for a joint at its limit.
                 limited = np.clip(q + dq, least, most)
@@ -145,18 +145,16 @@ class TrackingPredictor:
                     free, J_rows = is_free[rows], J[rows]
                     fixed = np.where(free, 0.0, (limited - q)[rows])
                     rest = pose_error[rows] - _times(J_rows, fixed)
-                    inverse_rows = _inverse(M[rows], J_rows, damping[rows, row], free)
+                    inverse_rows = _inverse(M[rows], J_rows, damping[rows, i], free)
                     dq[rows] = fixed + _limited(
                         _times(inverse_rows, rest), _LONGEST_STEP
                     )
                 q = np.clip(q + dq, least, most)
             v, before = (q - before) / step, q
             M, Cv, X, J = self._read(q, v)
-            inverse = _inverse(M, J, damping[:, row])
-            error = (
-                _errors(X, path[:, k], R_WE[:, row]).reshape(-1, 2, 3) @ R_WB[:, row]
-            )
-            force_torque = _times(J[:, 3:].mT, -R_WB[:, row, :, 2])
+            inverse = _inverse(M, J, damping[:, i])
+            error = _errors(X, path[:, k], R_WE[:, i]).reshape(-1, 2, 3) @ R_WB[:, i]
+            force_torque = _times(J[:, 3:].mT, -R_WB[:, i, :, 2])
             squared = np.maximum(np.linalg.det(J @ J.mT), 0.0)
             samples.append((q, v, M, Cv, force_torque, error, np.sqrt(squared)))
         parts = zip(*samples[-p_WE.shape[1] :], strict=True)

@@ -82,13 +82,9 @@ def desired_motion(
         In T, and for the last three in W.
     """
     d = len(motion) // 3
-    values, rates, second_rates = motion[:d], motion[d : 2 * d], motion[2 * d :]
+    y, dy, ddy = motion[:d], motion[d : 2 * d], motion[2 * d :]
     out = np.zeros(39)
-    p, v, a = (
-        values[channels.position],
-        rates[channels.position],
-        second_rates[channels.position],
-    )
+    p, v, a = y[channels.position], dy[channels.position], ddy[channels.position]
     is_plane = surface.kx == 0 and surface.ky == 0
     first = 2 if not is_plane else 0
     out[first:3], out[3 + first : 6], out[6 + first : 9] = (
@@ -98,13 +94,13 @@ def desired_motion(
     )
     out[9:13] = channels.reference
     if len(channels.rotation):
-        phi = values[channels.rotation]
+        phi = y[channels.rotation]
         out[9:13] = quaternion_product(quaternion(phi), channels.reference)
         out[13:16], out[16:19] = angular_motion(
-            phi, rates[channels.rotation], second_rates[channels.rotation]
+            phi, dy[channels.rotation], ddy[channels.rotation]
         )
     if channels.force >= 0:
-        out[19] = max(values[channels.force], 0.0)
+        out[19] = max(y[channels.force], 0.0)
     R_WS, p_WS = frame[:9].copy().reshape(3, 3), frame[9:12]
     V_WS, A_WS = frame[12:18], frame[18:]
     if is_plane:

@@ -121,14 +121,12 @@ def _joint_states(
     rates = set[int]()
     for i, name in enumerate(keys):
         match = _JOINT_STATE.fullmatch(name)
-        companions = (
-            [f"{match[1]}_{kind}" for kind in _RATES_OF_JOINTS] if match else []
-        )
-        companions = [other for other in companions if other in keys]
-        if companions:
+        peers = [f"{match[1]}_{kind}" for kind in _RATES_OF_JOINTS] if match else []
+        peers = [other for other in peers if other in keys]
+        if peers:
             parts = re.split(r"[/.]", names[i])
             joints[parts[-2] if len(parts) > 1 else names[i]] = i
-            rates |= {keys.index(other) for other in companions}
+            rates |= {keys.index(other) for other in peers}
     if joints:
         yield _joints(list(joints), list(joints.values()), rates, values)
 

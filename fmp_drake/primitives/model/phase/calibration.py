@@ -119,9 +119,8 @@ class Calibration:
 
     def playback_covariance(self, horizon: float) -> Array:
         """Return the interpolated `playback_covariances` (D, D); 0 for observed samples."""
-        covariances = self.playback_covariances
-        if covariances is None:
-            covariances = self.error_covariances
+        played, errors = self.playback_covariances, self.error_covariances
+        covariances = errors if played is None else played
         growth = float(np.clip(horizon / self.horizons[0], 0, 1))
         return growth * _interpolated(np.asarray(horizon), self.horizons, covariances)
 
@@ -429,6 +428,8 @@ def _calibration(
     error_fraction = 1 / (1 + (cycles / _MODEL_CYCLES) ** 2) if weight > 0 else 1.0
     # A model of many cycles replays none of them.
     local_fraction = _LOCAL_FRACTION if weight < 1 else 0.0
+    scale = growth * error_fraction * (1 - local_fraction)
+    background = _BACKGROUND * _BACKGROUND_CYCLES / (_BACKGROUND_CYCLES + cycles)
     return Calibration(
         horizons=horizons.astype(float),
         factors=growth
@@ -437,17 +438,12 @@ def _calibration(
         * factors
         if weight > 0
         else np.ones(a),
-        error_covariances=(growth * error_fraction * (1 - local_fraction))[
-            :, None, None
-        ]
-        * covariances,
+        error_covariances=scale[:, None, None] * covariances,
         change_covariances=changes / change_variances[:, None, None],
         model_weight=weight,
         local_factor=error_fraction * local_fraction,
         degrees_of_freedom=_DEGREES + _DEGREES_OF_CYCLES * cycles**2,
-        background_weight=_BACKGROUND
-        * _BACKGROUND_CYCLES
-        / (_BACKGROUND_CYCLES + cycles),
+        background_weight=background,
     )
 
 
@@ -483,7 +479,8 @@ def _cross_validation(
     k = reference_step
     d = track.cycle.coefficients.shape[1]
     has_few_cycles = track.cycles < MANY_CYCLES
-    least = k + min(_BLEND_HORIZON, int(horizons[-1])) + 4
+    longest = int(horizons[-1])
+    least = k + min(_BLEND_HORIZON, longest) + 4
     splits = [
         split
         for split in _splits(track, least)
@@ -514,9 +511,7 @@ def _cross_validation(
             noise=np.full(k * d, _NOISE),
             channels=d,
         )
-        replay = (
-            Replay(rest.recordings, k, int(horizons[-1])) if has_few_cycles else None
-        )
+        replay = Replay(rest.recordings, k, longest) if has_few_cycles else None
         for window in trials:
             mean, covariance = conditioning.predict(window[:k])
             replay_mean = mean
@@ -541,11 +536,9 @@ def _windows(
     least = int(np.argmax(np.diff(steps, append=steps[-1] + 2) > 1)) + 1
     last = max(len(values) - 1 - int(steps[min(least, len(steps) - 1)]), 0)
     first = np.unique(np.linspace(0, last, min(places, last + 1)).astype(int))
-    indices = first[:, None] + steps
+    i = first[:, None] + steps
     out = np.where(
-        (indices < len(values))[..., None],
-        values[np.minimum(indices, len(values) - 1)],
-        np.nan,
+        (i < len(values))[..., None], values[np.minimum(i, len(values) - 1)], np.nan
     )
     return out, first
 

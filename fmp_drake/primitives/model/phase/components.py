@@ -264,9 +264,9 @@ def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
     """
     first = len(covariance) - len(growth)
     observed = covariance[:first, :first] + _WHITE_NOISE * np.eye(first)
-    cross_covariance = covariance[:first, first:]
-    conditional = covariance[first:, first:] - cross_covariance.T @ np.linalg.solve(
-        observed, cross_covariance
+    cross = covariance[:first, first:]
+    conditional = covariance[first:, first:] - cross.T @ np.linalg.solve(
+        observed, cross
     )
     conditional *= growth
     conditional += added

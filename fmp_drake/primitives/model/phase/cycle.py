@@ -169,11 +169,9 @@ class CycleHistory:
 
 def _end_weights(phase: Array) -> Array:
     """Return weights (n,) that fall towards both ends of phases (n,)."""
-    progress = np.maximum.accumulate(phase) - phase[0]
-    ramp = max(min(_RAMP, progress[-1] / 2), 1e-9)
-    margin = np.minimum(progress, progress[-1] - progress) + 0.5 * progress[-1] / len(
-        phase
-    )
+    path = np.maximum.accumulate(phase) - phase[0]
+    ramp = max(min(_RAMP, path[-1] / 2), 1e-9)
+    margin = np.minimum(path, path[-1] - path) + 0.5 * path[-1] / len(phase)
     out: Array = np.sin(np.pi / 2 * np.minimum(margin / ramp, 1.0)) ** 2
     return out
 

@@ -181,14 +181,12 @@ class PhaseModel:
         k, d = past.shape
         steps = np.arange(float(k)) - self.reference_step
         path = self.grid.phases[component] + self.velocity.mean * steps
-        tangents = self.cycle.values(path, 1)
+        rates = self.cycle.values(path, 1)
         noise = self.velocity.phase_noise(k) + _PHASE_DEVIATION**2
-        cross = noise[:, :, None] * tangents
+        cross = noise[:, :, None] * rates
         v = self.residual.process.covariance(np.arange(k))
         covariance = self.residual.shaped_covariance(path, v) + _NOISE * np.eye(k * d)
-        covariance += (tangents[:, :, None, None] * cross[:, None]).reshape(
-            k * d, k * d
-        )
+        covariance += (rates[:, :, None, None] * cross[:, None]).reshape(k * d, k * d)
         error = (past - self.cycle.values(path)).ravel()
         out: Array = path + cross.reshape(k, k * d) @ np.linalg.solve(covariance, error)
         return out
