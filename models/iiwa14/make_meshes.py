@@ -1,7 +1,8 @@
 """Make the visual meshes of the arm: python models/iiwa14/make_meshes.py [FOLDER].
 
 Shapes of our own around the arm's joints. All lengths in m, in each link's frame, whose
-axes are those of the world while all angles are 0: the joints turn about z and y by turns.
+axes are those of the world while all angles are 0: the joints turn about z and y
+alternately.
 """
 
 import sys

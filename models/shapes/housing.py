@@ -44,7 +44,7 @@ def flange(foot, top):
 
 
 def shell(solid, low, high, *hidden: Disc, material="white", step=0.0036):
-    """Return the skin of a solid in a box, without what other parts hide.
+    """Return the skin of a solid in a box, without the triangles that other parts hide.
 
     `step` is the side of the cubes of the grid that finds the surface.
     """
@@ -52,7 +52,7 @@ def shell(solid, low, high, *hidden: Disc, material="white", step=0.0036):
 
 
 def write_meshes(links: Sequence[Callable[[], Parts]], folder: Path) -> None:
-    """Write one file for each link, and say how large it is."""
+    """Write one file for each link, and report its size."""
     folder.mkdir(parents=True, exist_ok=True)
     total = 0
     for make in links:

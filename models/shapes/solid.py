@@ -1,4 +1,4 @@
-"""Signed distances of simple solids, and how to join them (NumPy only).
+"""Signed distances of simple solids, and their combinations (NumPy only).
 
 A solid is a function of points, shape (..., 3), m, that is negative inside, zero on
 the surface and near it about the distance, m. Blends have a radius: the larger, the
@@ -65,7 +65,7 @@ def block(centre: Point, half: Point, edge: float) -> Solid:
 
 
 def half_space(point: Point, normal: Point) -> Solid:
-    """Return everything behind a plane."""
+    """Return the half space behind a plane."""
     n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
     return lambda p: (p - np.asarray(point)) @ n
 
@@ -88,7 +88,7 @@ def blend(k: float, *solids: Solid) -> Solid:
 
 
 def common(k: float, *solids: Solid) -> Solid:
-    """Return what all solids share, its outer edges rounded."""
+    """Return the intersection of solids, its outer edges rounded."""
     joined = blend(k, *[lambda p, s=solid: -s(p) for solid in solids])
     return lambda p: -joined(p)
 

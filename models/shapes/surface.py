@@ -127,7 +127,7 @@ class Disc:
 
 
 def without(mesh: Mesh, hidden: list[Disc]) -> Mesh:
-    """Leave out the triangles that lie within 2.5 mm of a disc: nobody sees them."""
+    """Leave out the triangles within 2.5 mm of a disc, which are hidden."""
     vertices, normals, faces = mesh
     gone = np.zeros(len(faces), dtype=bool)
     for disc in hidden:

@@ -78,13 +78,13 @@ def drums(
     Parameters
     ----------
     length : float
-        Place of the far drum on x.
+        Position of the far drum on x.
     tube : float
         Radius of the tube.
     near, far : tuple of float
-        From where to where along z the drums reach.
+        Intervals of the drums along z.
     along : float
-        Of the tube's axis, along z.
+        Offset of the tube's axis along z.
     radii : tuple of float
         Of the drums.
     """
