@@ -1,4 +1,4 @@
-"""A bus in this process with a simulated arm on it, and the clock of both its sides."""
+"""A bus in this process with a simulated arm, and the clock of both sides."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""An arm and its controller on two buses, and a network between them that fails."""
+"""An arm and its controller on two buses, connected by a network with faults."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Headless Chromium, for the tests that look at pages and use them."""
+"""Headless Chromium, for the tests of pages."""
 
 import base64
 import fcntl

@@ -1,4 +1,4 @@
-"""Shared fixtures: demonstrations of a simulated hand, and skills learned of them.
+"""Shared fixtures: demonstrations of a simulated hand, and skills learned from them.
 
 The skills are shared by all tests of a run: treat them as read-only.
 """
@@ -22,7 +22,7 @@ os.environ["MPLBACKEND"] = "Agg"
 # run time of these tests.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# What a shell starts in the background ignores it, and so would all that tests start.
+# Background processes of a shell ignore it, and so would the processes of tests.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from dataclasses import dataclass

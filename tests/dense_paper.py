@@ -1,4 +1,4 @@
-"""The equations of the paper, written down literally: slow, dense, the oracle.
+"""Literal, dense and slow transcription of the paper's equations, as the oracle.
 
 Kulak, Silverio and Calinon, "Fourier movement primitives: an approach for
 learning rhythmic robot skills from demonstrations", RSS 2020. Every function

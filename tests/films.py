@@ -1,4 +1,4 @@
-"""Reading films back."""
+"""Readers of films."""
 
 import subprocess
 

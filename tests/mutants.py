@@ -1,4 +1,4 @@
-"""Break the package one line at a time: which changes does no test notice?
+"""Break the package one line at a time, and list the changes that no test detects.
 
     python tests/mutants.py [--each 20] [--seed 0] [MODULE ...]
 

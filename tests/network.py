@@ -1,4 +1,4 @@
-"""A network of its own for processes that speak LCM, never outside of it."""
+"""A separate network for processes that use LCM."""
 
 import json
 import os

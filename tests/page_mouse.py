@@ -1,4 +1,4 @@
-"""A page without a browser: what Meshcat's page says while somebody drags a body."""
+"""The messages of Meshcat's page while somebody drags a body, without a browser."""
 
 from collections import deque
 

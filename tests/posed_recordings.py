@@ -1,4 +1,4 @@
-"""Made-up recordings with orientation and force."""
+"""Synthetic recordings with orientation and force."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -1,4 +1,4 @@
-"""Writers of one recording in the forms that people have it in.
+"""Writers of one recording in many file formats.
 
 Each gets a folder and returns the file, and the options that it needs.
 """

@@ -1,4 +1,4 @@
-"""Synthetic recordings of which it is known what is rhythm and what is not."""
+"""Synthetic recordings with known rhythmic and other parts."""
 
 from dataclasses import dataclass
 

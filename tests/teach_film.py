@@ -1,4 +1,4 @@
-"""Makes the film and the picture at the top of the README, on the real pages.
+"""Make the film and the picture at the top of the README, on the real pages.
 
     python tests/teach_film.py examples/teaching.webp   # teach, learn, wipe
     python tests/teach_film.py examples/page.png        # the page of `wipe`

@@ -1,4 +1,4 @@
-"""Facts about the threads of BLAS while small matrices are multiplied."""
+"""Facts about the threads of BLAS in products of small matrices."""
 
 import numpy as np
 from threadpoolctl import ThreadpoolController

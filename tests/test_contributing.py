@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md names only files and things that exist."""
+"""Facts about CONTRIBUTING.md: its files, names and commands exist."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""The examples in the docstrings of what the front doors offer do what they say."""
+"""Facts about the examples in the docstrings of public names."""
 
 import doctest
 import importlib

@@ -1,4 +1,4 @@
-"""Every example runs, headless, as its first lines say."""
+"""Facts about the examples: each runs headless, with its documented output."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""Facts about the rooms: who imports whom, what is in them, what their doors offer."""
+"""Facts about the rooms: their imports, their modules and their public names."""
 
 import ast
 import importlib

@@ -1,4 +1,4 @@
-"""What the README says of the checkout is so; ``make readme`` runs its commands."""
+"""Facts about the README; ``make readme`` runs its commands."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""Facts about dataclasses of settings whose numbers say their ranges."""
+"""Facts about dataclasses of settings that declare the ranges of their numbers."""
 
 import time
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The site says what the package does: its programs run, its commands are understood."""
+"""Facts about the site: its programs run, and its commands are valid."""
 
 import re
 import runpy

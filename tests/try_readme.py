@@ -1,4 +1,4 @@
-"""Does what the README says, as a newcomer would: ``make readme``.
+"""Follow the README, as a newcomer would: ``make readme``.
 
 The wheel of this checkout is installed into an environment of its own, beside nothing else
 in an empty folder. There every Python block and every command of the README is run, as it

@@ -1,4 +1,4 @@
-"""Measures whether a played skill returns to where it was demonstrated, and stays.
+"""Measure whether a played skill returns to the demonstrated movement, and stays there.
 
 Two measures. The tube of a component at a time of its window is the ellipsoid that holds
 99 % of its values there: squared Mahalanobis distance, with the covariance (18), up to the

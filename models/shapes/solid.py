@@ -14,7 +14,7 @@ Point = Sequence[float]
 
 
 def _along(p: np.ndarray, a: Point, b: Point) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the share (...) from a to b, the distance (...) to that line, |b - a|."""
+    """Return the fraction from a to b, the distance to that line, and |b - a|."""
     start, axis = np.asarray(a, dtype=float), np.subtract(b, a).astype(float)
     length = float(np.linalg.norm(axis))
     w = p - start

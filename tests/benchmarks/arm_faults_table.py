@@ -1,4 +1,4 @@
-"""Write a table of what an arm does after each of many faults behind its messages.
+"""Write a table of an arm's reactions to many faults of its messages.
 
 ``python tests/benchmarks/arm_faults_table.py out/arm_faults.md``
 """

@@ -1,4 +1,4 @@
-"""A readable table of what the benchmarks measured: printed, and out/benchmark.md."""
+"""A readable table of the benchmarks' results: printed, and in out/benchmark.md."""
 
 import os
 import platform

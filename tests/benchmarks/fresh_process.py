@@ -1,4 +1,4 @@
-"""Runs `learn_large.py` in a fresh process."""
+"""Run `learn_large.py` in a fresh process."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""Learns from a large demonstration in a process of its own; prints figures as JSON.
+"""Learn from a large demonstration in a separate process; print the figures as JSON.
 
 Arguments: T D N M, for N windows of T samples of D channels and M components.
 """

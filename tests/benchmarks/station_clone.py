@@ -1,4 +1,4 @@
-"""Clones the Context of a station, and of its plant and scene graph alone.
+"""Clone the Context of a station, and of its plant and scene graph alone.
 
 Argument: the scenario. Prints milliseconds and MB resident of a clone, each for the
 station and the scene, as JSON; in a process of its own, whose memory nobody else uses.

@@ -1,4 +1,4 @@
-"""Wipes a board in a process of its own; prints its memory as JSON.
+"""Wipe a board in a separate process; print its memory as JSON.
 
 Arguments: the scenario and the minutes, and `log` to keep all signals. MB resident after
 every minute.

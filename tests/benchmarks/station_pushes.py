@@ -1,4 +1,4 @@
-"""Pushes the arm of a scenario at its eraser, and says how it takes that.
+"""Push the arm of a scenario at its eraser, and report its reaction.
 
     python station_pushes.py table_top --force 34 80 --direction=0,0,-1 --direction=1,1,-1
 

@@ -1,4 +1,4 @@
-"""The whole station and its bare plant side by side, and who takes the time.
+"""The whole station beside its bare plant, and the time of each system.
 
 The bare plant is the same plant with the same scene graph and contact, fed with the
 torques that the closed loop commanded at every millisecond.

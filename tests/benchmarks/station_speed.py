@@ -1,4 +1,4 @@
-"""Times a station, also with a page, and its bare plant in turns.
+"""Measure the time of a station, also with a page, and of its bare plant in turns.
 
 Arguments: the scenario, the seconds to begin with and the number of slices. Prints the
 seconds of every slice (station, bare plant, station with a page and no browser), and

@@ -1,4 +1,4 @@
-"""Teaches by a synthetic mouse, learns, plays, and says how well, as a table.
+"""Teach by a synthetic mouse, learn, play, and write a table of the results.
 
     python teach_by_mouse.py --duration 30 --play 60 --frames 60
     python teach_by_mouse.py --shape eight --board vertical --frames 10 --play 0

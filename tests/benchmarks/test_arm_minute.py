@@ -1,4 +1,4 @@
-"""A minute of wiping over LCM: as clean, as near to the path and as gentle as without it.
+"""A minute of wiping over LCM, compared with a run without LCM.
 
 In one process over `memq://`, and in two over multicast, in a network of their own. There
 both have precedence. With a clock that runs at a quarter of the time other work on the

@@ -1,4 +1,4 @@
-"""How long one update of the controller takes, and its share of the whole step.
+"""Time of one update of the controller, and its fraction of the whole step.
 
 No limit is asserted: the figures depend on the machine. Save them by `make bench`.
 """

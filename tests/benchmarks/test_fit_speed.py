@@ -1,4 +1,4 @@
-"""How long learning takes, and how well it describes what comes next.
+"""Time of learning, and the held-out log-likelihood.
 
 The literal model is scikit-learn's full-covariance mixture on the paper's 2TD = 720
 weights (6) of a window. It has a density over weights, half of whose dimensions

@@ -1,4 +1,4 @@
-"""How time and memory grow with the sizes of a skill."""
+"""Growth of time and memory with the sizes of a skill."""
 
 import matplotlib as mpl
 import numpy as np

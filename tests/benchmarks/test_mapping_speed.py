@@ -1,4 +1,4 @@
-"""How long one mapping takes, beside the paper's formula, and one evaluation."""
+"""Time of one mapping, compared with the paper's formula, and of one evaluation."""
 
 from time import perf_counter
 

@@ -1,4 +1,4 @@
-"""The share of 1000 random starts that return, and how they play on for 10 minutes."""
+"""Fraction of 1000 random starts that return, and their playback for 10 minutes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""How fast the station runs beside its bare plant, and what takes the time.
+"""Speed of the station compared with its bare plant, and the time of its systems.
 
 No limit is asserted: the figures depend on the machine. Station and bare plant run in
 turns, so that a busy machine slows both.

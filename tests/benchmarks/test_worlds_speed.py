@@ -1,4 +1,4 @@
-"""How many trials an hour of one core runs."""
+"""Number of trials in an hour of one core."""
 
 from dataclasses import replace
 

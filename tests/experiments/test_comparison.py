@@ -1,3 +1,5 @@
+"""Facts about heatmaps, divergences and distances of section V."""
+
 import numpy as np
 import pytest
 

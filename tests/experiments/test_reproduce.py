@@ -1,3 +1,5 @@
+"""Facts about the reproduction of the paper's section V."""
+
 import json
 import re
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Whatever is given: a finite result, or an error that names what is wrong and why."""
+"""Facts about random inputs: a finite result, or an error that names the reason."""
 
 import json
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""A station that nobody holds any more gives its memory back.
+"""Facts about the memory of a station without references.
 
 Not always so one with a page or behind LCM: Drake ties parts of it to Meshcat or the bus.
 """

@@ -1,4 +1,4 @@
-"""The four laws of the diagram, for the whole station.
+"""Facts about the four laws of the diagram, for the whole station.
 
 Who looks changes nothing; the state is the state; one datum has one owner; the law of
 the arm is computed at every control period.

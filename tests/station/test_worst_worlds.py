@@ -1,4 +1,4 @@
-"""Worlds in which something once went wrong, for some seconds each."""
+"""Facts about randomised scenarios that once failed, for some seconds each."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a user would measure of the impedance: stiffness, damping, energy, limits.
+"""Facts about the measured impedance: stiffness, damping, energy, limits.
 
 The figures are saved as a table in out/impedance.md. Configurations of the arm,
 task frames and the axes of the stiffness are random, from fixed seeds.

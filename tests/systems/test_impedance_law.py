@@ -1,3 +1,5 @@
+"""Facts about the impedance law as a function of arrays."""
+
 import math
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The arm under inputs that are wrong: its joint speeds, and the stop that follows."""
+"""Facts about an arm with invalid inputs: its joint speeds, and its protective stop."""
 
 import numpy as np
 import pytest

@@ -1,3 +1,5 @@
+"""Facts about the operational-space impedance controller as a system."""
+
 import copy
 import gc
 from collections.abc import Callable
