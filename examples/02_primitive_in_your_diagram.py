@@ -3,7 +3,7 @@ The primitive in your diagram
 =============================
 
 `FourierPrimitiveSystem` is a `LeafSystem` with ports for position, velocity, acceleration and
-covariance. Here a spring and a damper pull a point mass of 1 kg along its path; they stand for
+covariance. Here a spring and a damper pull a point mass of 1 kg along its path; they represent
 your controller and your plant.
 """
 

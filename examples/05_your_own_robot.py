@@ -2,7 +2,7 @@
 Your own robot arm
 ==================
 
-The primitive and the controller do not depend on the Panda. Here they move an arm of six joints,
+The primitive and the controller work with any arm. Here they move an arm of six joints,
 whose URDF this script writes; replace it with yours. Each joint needs limits and an actuator, each
 link a mass and an inertia. The controller reads everything else from the model.
 """
