@@ -2,9 +2,9 @@
 Phase of a movement
 ===================
 
-From a recording of about 1.5 cycles or more, the phase model learns a mean cycle, a phase of varying
-velocity, and a residual. It gives the period, the phase of a movement, and a prediction with a
-calibrated covariance.
+From a recording of about 1.5 cycles or more, the phase model learns a mean cycle, a phase of
+varying velocity, and a residual. It gives the period, the phase of a movement, and a prediction
+with a calibrated covariance.
 """
 
 import matplotlib.pyplot as plt
