@@ -87,7 +87,7 @@ def demonstrated_inside(skill, demonstration):
 
 
 class Nearness:
-    """How near values are to a demonstration.
+    """Distance of values to a demonstration.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ def tube_of(skill):
 
 
 class Return(NamedTuple):
-    """What playing from many starts showed.
+    """Results of playback from many starts.
 
     `at` and `after` are the shares of starts inside at two periods, and at every tick
     from then on; `ever_after` is the share of all ticks from then on; `near` is the share

@@ -73,7 +73,7 @@ def shown():
 
 @pytest.fixture(scope="module")
 def skills(shown):
-    """What was learned of them: T = 24 at 10 Hz, M = 3."""
+    """Skill learned from them: T = 24 at 10 Hz, M = 3."""
     return {d: learn(demonstration) for d, demonstration in shown.items()}
 
 

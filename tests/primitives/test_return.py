@@ -122,7 +122,7 @@ def test_ten_minutes_stay_in_the_tube(skill, task, demonstration):
 def test_samples_stay_where_demonstrations_are(
     model, near, task, demonstration, request
 ):
-    """Of samples from anywhere, two periods later and from then on.
+    """Fractions of samples from anywhere, two periods later and from then on.
 
     They are in the tube as often as the demonstration, going on from K samples that are
     mapped, is in it: more often would say nothing, as every sample of a mixture is

@@ -28,7 +28,7 @@ PUSHES = {
 
 @pytest.fixture(scope="module")
 def period(bundled_demonstration):
-    """Of a stroke, s."""
+    """Period of a stroke, s."""
     strokes = bundled_demonstration.select(["y"])
     return fundamental_period([strokes.values]) / 20
 

@@ -37,7 +37,7 @@ def metrics_of(name):
 
 
 class Run:
-    """What holds in every scenario."""
+    """Facts about every scenario."""
 
     @pytest.fixture(scope="class")
     @classmethod
@@ -60,7 +60,7 @@ class Run:
 
 
 class FreeRun(Run):
-    """What holds in free space, too."""
+    """Facts about scenarios in free space."""
 
     def test_follows_positions_and_orientations(self, metrics):
         assert metrics["tracking_rms_m"] < 1.5e-3
@@ -68,7 +68,7 @@ class FreeRun(Run):
 
 
 class BoardRun(Run):
-    """What holds on a board, too."""
+    """Facts about scenarios with a board."""
 
     def test_presses_as_desired_in_contact(self, metrics):
         assert FORCE_TOLERANCE == 5.0
@@ -80,7 +80,7 @@ class BoardRun(Run):
 
 
 class FixedBoardRun(BoardRun):
-    """What holds on a board that stands still, too."""
+    """Facts about scenarios with a board at rest."""
 
     def test_cleans_most_of_the_demonstrated_area(self, metrics):
         assert metrics["cleaned_fraction_of_demonstrated_area"] >= 0.6
