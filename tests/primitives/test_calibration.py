@@ -199,6 +199,21 @@ def test_many_cycles_of_a_stationary_noise_need_little_correction():
     assert np.mean(found.factors) < 2.0
 
 
+def test_covariances_are_enlarged_where_left_out_parts_were_not_foreseen():
+    """The last fifth of many cycles is ten times as noisy as the others."""
+    track, rng = moving(24, noise=0.01), np.random.default_rng(3)
+    values = track.recordings[0].copy()
+    fifth = len(values) // 5
+    values[-fifth:] += 0.1 * smooth(fifth, rng)
+    noisy = calibrated(track_of(values, track.phases[0]))
+    assert np.all(noisy.factors > 2 * calibrated(track).factors)
+
+
+def test_variances_of_cycles_too_few_to_leave_out_are_enlarged():
+    once, twice = (calibrated(moving(cycles)).at(10) for cycles in (1.3, 2.0))
+    assert once.factors[-1] > 1.2 * twice.factors[-1] > 1.2**2
+
+
 class FakeReplay:
     """Replay whose error a test gives, as the whole movement is known to it."""
 

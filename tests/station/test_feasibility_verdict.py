@@ -513,6 +513,29 @@ def test_torques_of_the_press_count_with_their_signs_in_each_sample(
     assert found.values["largest_torque_ratio"] == pytest.approx(TORQUE)
 
 
+@pytest.mark.parametrize("count", [1, 60])
+def test_torques_that_are_hardly_ever_needed_do_not_count(
+    predicted, restless_skill, count
+):
+    effort = limits().upper_effort[1]
+
+    def change(motion, **_):
+        motion.torque[few(count, motion), 1] = 0.8 * effort
+        motion.force_torque[few(count, motion), 1] = 0.02 * effort
+        motion.force_torque[few(COUNT, motion), 3] = 0.01 * effort
+
+    predicted.change = change
+    scenario = Scenario()
+    pressed_without_friction(scenario)
+    scenario.press.force = 2.0
+    values = CheckFeasibility(scenario, restless_skill).values
+    expected = TORQUE if count == 1 else 0.84
+    assert values["largest_torque_ratio"] == pytest.approx(expected)
+    # At 5 N that joint has 90 % of its torque; without it the other one has at 90 N.
+    expected = 90.0 if count == 1 else 5.0
+    assert values["largest_press"] == pytest.approx(expected)
+
+
 def test_force_of_a_skill_counts_between_none_and_its_largest_one(predicted):
     shown = demonstration(height=-0.004, force=(10.0, 12.0))
     skill = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4).fit(shown)

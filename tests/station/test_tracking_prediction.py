@@ -270,3 +270,18 @@ def test_deviations_are_lengths_of_the_errors(arm):
             assert values.shape == (2, 4)
             assert values[1, 2] == pytest.approx(expected)
             assert np.sum(values) == pytest.approx(expected)
+
+
+def test_an_error_that_a_braked_joint_leaves_is_the_equilibrium_of_the_springs(arm):
+    """The springs of the pose load the joint that is braked, and no other one."""
+    path = np.minimum(np.arange(120), 40)[:, None] * np.array([-1e-3, 2e-3, 2e-3])
+    for joint in range(len(arm.posture)):
+        speed = np.full(len(arm.posture), np.inf)
+        speed[joint] = 1e-6
+        motion = arm.follow(path, speed=speed)
+        _, J = arm.at(motion.q[-1])
+        error = motion.error[-1].reshape(2, 3) @ TILT.T
+        stiffness = np.diagonal(arm.config.stiffness()).reshape(2, 3)
+        force = ((error @ TILT) * stiffness) @ TILT.T
+        torque = J.T @ force.reshape(6)
+        assert np.all(np.abs(np.delete(torque, joint)) < 0.02)  # Nm; it bears up to 12.
