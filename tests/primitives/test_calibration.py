@@ -309,13 +309,32 @@ def test_replay_predicts_several_parts_of_each_recording_without_them(monkeypatc
 
 
 def test_phases_that_are_shown_once_cannot_be_validated():
-    """Of less than a cycle the prior is left, as of recordings that are too short."""
-    phase = 2 * np.pi * np.arange(60) / 64
-    once = calibrated(track_of(curve(phase), phase))
-    short = calibrated(moving(1.2))
-    assert once.weight == short.weight
-    several = calibrated(moving(3.3))
-    assert several.weight != once.weight
+    """The prior is left, as of a recording that is too short; of several passes it is not."""
+    prior = calibrated(moving(1.2)).weight
+    slow = 2 * np.pi * np.arange(200) / 200
+    values = curve(slow) + 0.03 * smooth(200, np.random.default_rng(0))
+    assert calibrated(track_of(values, slow)).weight == prior
+    # Twenty samples of a cycle have gaps between them, which do not matter.
+    quick = 2 * np.pi * np.arange(200) / 20
+    values = curve(quick) + 0.03 * smooth(200, np.random.default_rng(0))
+    assert calibrated(track_of(values, quick)).weight != prior
+
+
+def test_errors_that_no_part_reaches_grow_as_the_movement_changes():
+    """Two parts of 25 samples, of which 10 are known, reach 14 samples ahead and not 20."""
+    path = autoregressive(50, 5, 0.95)
+    found = calibrate_replay([path], SEEN, HORIZON).at(HORIZON)
+    changes = [np.sum(np.mean((path[h:] - path[:-h]) ** 2, axis=0)) for h in (14, 20)]
+    growth = sizes(found.errors)[19] / sizes(found.errors)[13]
+    assert 1 < growth / (changes[1] / changes[0]) < 1.3
+
+
+def test_an_exact_movement_has_a_calibration():
+    phase = 2 * np.pi * np.arange(241) / PERIOD
+    found = calibrated(track_of(curve(phase), phase))
+    for values in (found.factors, found.errors, found.changes):
+        assert np.all(np.isfinite(values))
+    assert np.all(found.factors > 0)
 
 
 def test_whole_turns_and_cuts_of_the_recordings_do_not_matter():
