@@ -43,7 +43,7 @@ def look(monitor, p_B):
     before = context.get_discrete_state(0).value().copy()
     assert not before.any()
     simulator = Simulator(monitor, context)
-    simulator.AdvanceTo(0.021)
+    simulator.AdvanceTo(0.03)
     context = simulator.get_context()
     status = monitor.GetOutputPort("status").Eval(context)
     depth = monitor.GetOutputPort("penetration").Eval(context)[0]
@@ -109,6 +109,25 @@ def test_half_the_thickness_of_the_board_is_tolerated(below, is_below):
     depth, flags = look(make_monitor(), [0.1, 0.1, 0.02 - below])
     assert depth == pytest.approx(below)
     assert flags == StatusFlag.BELOW_SURFACE * is_below
+
+
+def test_what_goes_below_the_surface_is_reported_within_20_ms():
+    monitor = make_monitor()
+    context = monitor.CreateDefaultContext()
+    port = monitor.get_input_port()
+    above, below = (
+        RigidTransform((X_BOARD @ X_BOARD_B).rotation(), X_BOARD @ X_BOARD_B @ p)
+        for p in (np.array([0.1, 0.1, 0.5]), np.array([0.1, 0.1, -0.03]))
+    )
+    port.FixValue(context, [RigidTransform(), X_BOARD, above])
+    simulator = Simulator(monitor, context)
+    simulator.AdvanceTo(0.001)
+    context = simulator.get_mutable_context()
+    depth = monitor.GetOutputPort("penetration")
+    assert depth.Eval(context)[0] == 0.0
+    port.FixValue(context, [RigidTransform(), X_BOARD, below])
+    simulator.AdvanceTo(0.021)
+    assert depth.Eval(context)[0] == pytest.approx(0.05)
 
 
 def test_an_arm_in_the_board_is_below_it_and_touches_it():
